@@ -1,0 +1,23 @@
+"""jhd: Hausdorff distances with a proof and with a gradient."""
+
+import os as _os
+
+import jax as _jax
+
+# Bounds to 1e-10 of the size need float64, and jax has it only as a global switch; JAX_ENABLE_X64=0 keeps float32.
+if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "off"):
+    _jax.config.update("jax_enable_x64", True)
+
+from jhd.shapes import BezierSegments, circle, points, polyline  # noqa: E402
+from jhd.solution import (  # noqa: E402
+    DIRECTIONS,
+    EVENTS,
+    RESULTS,
+    HausdorffSolution,
+    NotProvenError,
+    Projection,
+    StationaryPoints,
+    Witness,
+)
+
+__version__ = "0.1.0"

@@ -1,0 +1,3 @@
+"""Shapes: what a user hands in."""
+
+from jhd.shapes.curve import AbstractCurve, BezierSegments, circle, points, polyline

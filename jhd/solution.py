@@ -1,0 +1,211 @@
+"""What the entries return: results, events, witnesses and solutions.
+
+Every class is a pytree of arrays, so solutions pass through jit and vmap; a batch of solutions is a solution whose
+leaves have leading axes.
+"""
+
+import json
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int
+
+from jhd.arrays import is_traced
+
+
+class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
+    """How a computation ended; `RESULTS.successful` means that everything that was asked for holds."""
+
+    gap_not_closed = "The bounds are true but wider than the tolerance asked for: raise max_steps, or atol or rtol."
+    capacity_reached = "A queue of fixed length was full, so the answer is true but wider or incomplete: raise capacity."
+    nonfinite_value = "An input that was not known when the program was compiled holds a NaN or an infinity: check it."
+
+
+class EVENTS(eqx.Enumeration):
+    """How the maximum of the distance from a to b arises (Elber & Grandine 2008; Cao et al. 2014)."""
+
+    a_end = "It is attained at a free end of a."
+    corner = "It is attained at a joint of a where the tangent jumps."
+    b_end = "Its foot is a free end or a corner of b, and its distance is stationary along a."
+    antipodal = "The joining line is normal to both curves."
+    one_to_two = "Two feet on b are equally near: a crosses the self-bisector of b."
+    coincident = "The distance is zero: a lies on b."
+
+
+class DIRECTIONS(eqx.Enumeration):
+    """Which curve carries the point whose distance to the other one is the Hausdorff distance."""
+
+    a_to_b = "The point lies on a, its feet on b."
+    b_to_a = "The point lies on b, its feet on a."
+
+
+def name_of(item: Any) -> str:
+    """The name of a member of RESULTS, EVENTS or DIRECTIONS; the members themselves print their sentence."""
+    index = int(item._value)
+    for name, member in item._enumeration._name_to_item.items():
+        if int(member._value) == index:
+            return name
+    raise ValueError(f"{index} is no member of {item._enumeration.__name__}.")
+
+
+class Witness(eqx.Module):
+    """Where a directed Hausdorff distance is attained.
+
+    Args:
+        segment: index of the segment of the first curve.
+        t: parameter on it, in [0, 1].
+        point: the point of the first curve there.
+        feet: the active feet on the other curve, two rows; a single foot is repeated with multiplier 0.
+        foot_segments: their segments.
+        foot_params: their parameters.
+        multipliers: weights of the feet in the gradient, non-negative with sum one (0.5 each where they are undefined).
+        event: a member of EVENTS.
+        direction: a member of DIRECTIONS.
+    """
+
+    segment: Int[Array, "*batch"]
+    t: Float[Array, "*batch"]
+    point: Float[Array, "*batch dim"]
+    feet: Float[Array, "*batch feet dim"]
+    foot_segments: Int[Array, "*batch feet"]
+    foot_params: Float[Array, "*batch feet"]
+    multipliers: Float[Array, "*batch feet"]
+    event: Any
+    direction: Any
+
+
+class HausdorffSolution(eqx.Module):
+    """A Hausdorff distance with its bounds: lower <= exact <= upper.
+
+    `value` is what to differentiate. upper is inf where the method proves no upper bound, lower 0 where it proves no
+    lower one. `stats` counts work (never seconds). `float(solution)` is the value.
+    """
+
+    value: Float[Array, "*batch"]
+    lower: Float[Array, "*batch"]
+    upper: Float[Array, "*batch"]
+    witness: Witness
+    result: Any
+    stats: dict[str, Array]
+
+    @property
+    def event(self) -> Any:
+        """The event of the witness."""
+        return self.witness.event
+
+    @property
+    def direction(self) -> Any:
+        """The direction of the witness."""
+        return self.witness.direction
+
+    def __float__(self) -> float:
+        return float(self.value)
+
+    def __repr__(self) -> str:
+        if is_traced(self.value) or np.ndim(self.value) > 0:
+            return f"HausdorffSolution(value={eqx.tree_pformat(self.value)},\n  a batch or traced; index or vmap it)"
+        place = ", ".join(f"{x:.6g}" for x in np.asarray(self.witness.point))
+        return (
+            f"HausdorffSolution(value={float(self.value):.16g}, lower={float(self.lower):.16g}, "
+            f"upper={float(self.upper):.16g},\n  {name_of(self.event)} at ({place}), {name_of(self.direction)}, "
+            f"{name_of(self.result)})"
+        )
+
+    def to_json(self, **options: Any) -> str:
+        """The solution as JSON text: bounds that are not proven are null, enumerations are names.
+
+        Args:
+            options: handed to json.dumps, for example indent=2.
+        """
+        return json.dumps(to_plain(self), **options)
+
+
+class Projection(eqx.Module):
+    """Nearest points of a shape: distances with bounds, feet and their places; the shape of the queries is kept.
+
+    Args:
+        distance: distance to the foot.
+        lower: proven lower bound of the distance to the whole shape; 0 for the local methods.
+        upper: proven upper bound.
+        foot: the nearest point found.
+        segment: its segment.
+        t: its parameter there.
+        result: a member of RESULTS for each query.
+    """
+
+    distance: Float[Array, "*batch"]
+    lower: Float[Array, "*batch"]
+    upper: Float[Array, "*batch"]
+    foot: Float[Array, "*batch dim"]
+    segment: Int[Array, "*batch"]
+    t: Float[Array, "*batch"]
+    result: Any
+
+
+class StationaryPoints(eqx.Module):
+    """All stationary parameters of the distance from a point to a curve, in order along the curve, padded and masked.
+
+    Where the distance is constant along a stretch (the centre of a circle), the stretch comes as one interval.
+
+    Args:
+        segment: the segment of each.
+        t: a parameter inside the enclosure.
+        lower: proven lower end of the parameter.
+        upper: proven upper end of the parameter.
+        distance: distance of the point at t.
+        valid: which entries hold a stationary parameter.
+        result: capacity_reached where some did not fit.
+    """
+
+    segment: Int[Array, "*batch capacity"]
+    t: Float[Array, "*batch capacity"]
+    lower: Float[Array, "*batch capacity"]
+    upper: Float[Array, "*batch capacity"]
+    distance: Float[Array, "*batch capacity"]
+    valid: Bool[Array, "*batch capacity"]
+    result: Any
+
+
+class NotProvenError(RuntimeError):
+    """The algorithm ended without what was asked for; `solution` holds the bounds reached, which are still true."""
+
+    def __init__(self, message: str, solution: Any):
+        super().__init__(message)
+        self.solution = solution
+
+
+def throw_unless_successful(solution: Any) -> None:
+    """Raises NotProvenError carrying the solution unless every result in it is successful; tracers pass."""
+    result = solution.result
+    if is_traced(result):
+        return
+    failed = np.ravel(np.asarray(result._value) != np.asarray(RESULTS.successful._value))
+    if failed.any():
+        index = int(np.ravel(np.asarray(result._value))[np.argmax(failed)])
+        raise NotProvenError(RESULTS._index_to_message[index], solution)
+
+
+def to_plain(value: Any) -> Any:
+    """Nested dictionaries, lists, numbers and names of a result, as JSON can hold them; non-finite numbers are None."""
+    if isinstance(value, eqx.Module):
+        return {name: to_plain(getattr(value, name)) for name in value.__dataclass_fields__}
+    if isinstance(value, dict):
+        return {name: to_plain(item) for name, item in value.items()}
+    if hasattr(value, "_enumeration"):
+        return _names(value)
+    if isinstance(value, jax.Array | np.ndarray):
+        return to_plain(np.asarray(value).tolist())
+    if isinstance(value, list):
+        return [to_plain(item) for item in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def _names(item: Any) -> Any:
+    by_index = {int(member._value): name for name, member in item._enumeration._name_to_item.items()}
+    values = np.asarray(item._value)
+    return by_index[int(values)] if values.ndim == 0 else [by_index[int(i)] for i in np.ravel(values)]
