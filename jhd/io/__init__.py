@@ -1,0 +1,15 @@
+"""Files to shapes and back: outlines of fonts, SVG, curves as JSON, and results."""
+
+from jhd.io.curves import curve_from_dict as curve_from_dict
+from jhd.io.curves import curve_to_dict as curve_to_dict
+from jhd.io.curves import load_curve as load_curve
+from jhd.io.curves import save_curve as save_curve
+from jhd.io.errors import ParseError as ParseError
+from jhd.io.load import load_shape as load_shape
+from jhd.io.outlines import outline as outline
+from jhd.io.outlines import parse_font_spec as parse_font_spec
+from jhd.io.results import load_result as load_result
+from jhd.io.results import save_result as save_result
+from jhd.io.svg import path as path
+from jhd.io.svg import read_svg as read_svg
+from jhd.io.svg import write_svg as write_svg

@@ -7,7 +7,7 @@ several contours, polylines and point sets (degree 0) are the same thing.
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -18,17 +18,16 @@ from jaxtyping import Array, Float, Int
 
 from jhd.arithmetic import bernstein
 from jhd.arrays import is_traced, real_array
-
-# Ends that agree to this many ulp of the largest coordinate are one joint: conversions between curve formats and knot
-# insertion leave differences of one to four.
-_JOINT_ULPS = 8
+from jhd.shapes import convert
+from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
+from jhd.shapes.joints import completed, joints
 
 
 class AbstractCurve(eqx.Module):
     """A curve in the plane or in space. Points are rows; parameters are scalars or arrays of any shape."""
 
     @abstractmethod
-    def __call__(self, t: ArrayLike) -> Array:
+    def __call__(self, t: Numbers) -> Array:
         """Points at the parameters t: shape (*t.shape, dim)."""
 
     @abstractmethod
@@ -40,42 +39,25 @@ class AbstractCurve(eqx.Module):
         """The hodograph: the curve of the first derivatives, over the same parameter."""
 
     @abstractmethod
-    def split(self, t: ArrayLike) -> tuple[Any, Any]:
+    def split(self, t: Numbers) -> tuple[Any, Any]:
         """The parts before and after the parameter t."""
 
     @abstractmethod
-    def transform(self, matrix: ArrayLike, offset: ArrayLike = 0.0) -> Self:
+    def reverse(self) -> "AbstractCurve":
+        """The same point set traversed the other way."""
+
+    @abstractmethod
+    def elevate(self, degree: int) -> "AbstractCurve":
+        """The same curve written in a higher degree."""
+
+    @abstractmethod
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "AbstractCurve":
         """The image under x -> matrix x + offset; differentiable in both."""
 
-
-def check_control_points(control_points: Array, weights: Array | None, axes: tuple[str, ...]) -> None:
-    """Raises ValueError unless the arrays have these axes, two or three coordinates and positive weights to match."""
-    shape = control_points.shape
-    if len(shape) != len(axes):
-        raise ValueError(f"control_points has shape {shape}; needs ({', '.join(axes)}).")
-    if 0 in shape:
-        raise ValueError(f"control_points is empty: its shape is {shape}.")
-    if shape[-1] not in (2, 3):
-        raise ValueError(f"control_points has {shape[-1]} coordinates a point; needs 2 or 3.")
-    if weights is None:
-        return
-    if weights.shape != shape[:-1]:
-        raise ValueError(
-            f"weights has {_count(weights.shape)}; control_points has {_count(shape[:-1])} points."
-            if len(shape) > 2 or weights.ndim != 1
-            else f"weights has {weights.shape[0]} entries; control_points has {shape[0]} points."
-        )
-    if is_traced(weights):
-        return
-    bad = np.argwhere(np.asarray(weights) <= 0)
-    if bad.size:
-        place = tuple(int(i) for i in bad[0])
-        value = float(np.asarray(weights)[place])
-        raise ValueError(f"weights[{', '.join(map(str, place))}] is not positive: {value:g}.")
-
-
-def _count(shape: tuple[int, ...]) -> str:
-    return " x ".join(map(str, shape)) if shape else "no axis"
+    def box(self) -> tuple[Array, Array]:
+        """Lower and upper corner of the box of all control points; the curve lies inside, as weights are positive."""
+        control_points = self.segments().control_points
+        return jnp.min(control_points, axis=(-3, -2)), jnp.max(control_points, axis=(-3, -2))
 
 
 class BezierSegments(AbstractCurve):
@@ -97,11 +79,21 @@ class BezierSegments(AbstractCurve):
     weights: Float[Array, "segments points"] | None
     following: Int[Array, " segments"]
 
-    def __init__(self, control_points: ArrayLike, weights: ArrayLike | None = None, following: ArrayLike | None = None):
+    def __init__(self, control_points: Numbers, weights: Numbers | None = None, following: Numbers | None = None):
         self.control_points = real_array("control_points", control_points)
         self.weights = None if weights is None else real_array("weights", weights)
         check_control_points(self.control_points, self.weights, ("segments", "points", "dim"))
-        self.following = _joints(self.control_points) if following is None else jnp.asarray(following, dtype=int)
+        self.following = joints(self.control_points) if following is None else self._checked(jnp.asarray(following))
+
+    def _checked(self, following: Array) -> Array:
+        if following.shape != (self.count,) or not jnp.issubdtype(following.dtype, jnp.integer):
+            raise ValueError(
+                f"following has shape {following.shape} and dtype {following.dtype}; needs ({self.count},) integers."
+            )
+        bad = [] if is_traced(following) else np.flatnonzero((following < -1) | (following >= self.count))
+        if len(bad):
+            raise ValueError(f"following[{bad[0]}] is {following[bad[0]]}; needs -1 or a segment below {self.count}.")
+        return following.astype(int)
 
     @property
     def count(self) -> int:
@@ -121,25 +113,50 @@ class BezierSegments(AbstractCurve):
     @property
     def homogeneous(self) -> Float[Array, "segments points width"]:
         """The control points times their weights, and the weights as one more coordinate where there are any."""
-        if self.weights is None:
-            return self.control_points
-        return jnp.concatenate([self.control_points * self.weights[..., None], self.weights[..., None]], axis=-1)
+        return homogeneous(self.control_points, self.weights)
 
     def with_homogeneous(self, homogeneous: Array, following: Array | None = None) -> "BezierSegments":
         """Segments from control points in the form of `homogeneous`, polynomial or rational as this curve is."""
-        if self.weights is None:
-            return BezierSegments(homogeneous, None, following)
-        weights = homogeneous[..., -1]
-        return BezierSegments(homogeneous[..., :-1] / weights[..., None], weights, following)
+        return BezierSegments(*cartesian(homogeneous, self.weights is not None), following)
+
+    @staticmethod
+    def from_path(path: Any) -> "BezierSegments":
+        """The contours of a matplotlib Path, written in the largest of their degrees.
+
+        Open contours stay open. CLOSEPOLY adds the closing line unless it has length zero.
+
+        Args:
+            path: an object with `vertices` and `codes`; codes None stands for one polyline.
+
+        Raises:
+            TypeError: another object.
+            ValueError: no segment, NaN or infinity, a code that is unknown, out of place or short of vertices.
+        """
+        control_points, following = convert.outline_arrays(convert.path_contours(path))
+        return BezierSegments(control_points, None, completed(following, jnp.asarray(control_points)))
+
+    @staticmethod
+    def from_shapely(geometry: Any) -> "BezierSegments":
+        """The points and lines of a shapely geometry; polygons give the rings that bound them, not their inside.
+
+        Args:
+            geometry: of any type; z coordinates are kept, measures are not.
+
+        Raises:
+            TypeError: another object.
+            ValueError: an empty geometry, NaN or infinity, plane and space members in one collection.
+        """
+        control_points, following = convert.outline_arrays(convert.geometry_contours(geometry))
+        return BezierSegments(control_points, None, completed(following, jnp.asarray(control_points)))
 
     def point(self, segment: ArrayLike, t: ArrayLike) -> Array:
         """Points of the named segments at local parameters in [0, 1]; both arrays broadcast."""
         segment, t = jnp.broadcast_arrays(jnp.asarray(segment), jnp.asarray(t, dtype=float))
         pieces = self.homogeneous[segment]
         value = bernstein.evaluate(jnp.moveaxis(pieces, -2, 0), t[..., None], axis=0)
-        return value if self.weights is None else value[..., :-1] / value[..., -1:]
+        return cartesian(value, self.weights is not None)[0]
 
-    def __call__(self, t: ArrayLike) -> Array:
+    def __call__(self, t: Numbers) -> Array:
         """Points at global parameters in [0, segments]: segment k carries [k, k + 1]."""
         t = real_array("t", t)
         segment = jnp.clip(jnp.floor(t).astype(int), 0, self.count - 1)
@@ -154,7 +171,7 @@ class BezierSegments(AbstractCurve):
         points, weights = hodograph(self.control_points, self.weights)
         return BezierSegments(points, weights)
 
-    def split(self, t: ArrayLike) -> tuple["BezierSegments", "BezierSegments"]:
+    def split(self, t: Numbers) -> tuple["BezierSegments", "BezierSegments"]:
         """The parts before and after the global parameter t, strictly between 0 and the number of segments.
 
         Raises:
@@ -163,20 +180,26 @@ class BezierSegments(AbstractCurve):
         """
         if is_traced(t):
             raise TypeError("split of BezierSegments needs a concrete t: the numbers of segments depend on it.")
-        t = float(np.asarray(t))
-        if not 0.0 < t < self.count:
-            raise ValueError(f"t is {t:g}; needs 0 < t < {self.count}.")
-        whole = int(t)
-        h = self.homogeneous
-        if t == whole:
-            return self.with_homogeneous(h[:whole]), self.with_homogeneous(h[whole:])
-        left, right = bernstein.split(h[whole], t - whole, axis=-2)
-        first, last = jnp.concatenate([h[:whole], left[None]]), jnp.concatenate([right[None], h[whole + 1 :]])
-        return self.with_homogeneous(first), self.with_homogeneous(last)
+        t = float(checked_between("t", t, 0.0, self.count))
+        whole, cut = int(t), int(t != int(t))
+        h, following = self.homogeneous, self.following
+        first, last = h[: whole + cut], h[whole:]
+        if cut:
+            left, right = bernstein.split(h[whole], t - whole, axis=-2)
+            first, last = first.at[-1].set(left), last.at[0].set(right)
+        before, after = following[: whole + cut], following[whole:] - whole
+        before = jnp.where(before < whole + cut, before, -1)
+        if cut:
+            before = before.at[-1].set(-1)
+        return self._completed(first, before), self._completed(last, jnp.where(after >= cut, after, -1))
 
-    def restrict(self, t0: ArrayLike, t1: ArrayLike) -> "BezierSegments":
-        """Every segment cut to local parameters [t0, t1]; scalars, or one value a segment."""
-        ends = [jnp.broadcast_to(jnp.asarray(t, dtype=float), (self.count,)) for t in (t0, t1)]
+    def _completed(self, homogeneous: Array, following: Array) -> "BezierSegments":
+        control_points, weights = cartesian(homogeneous, self.weights is not None)
+        return BezierSegments(control_points, weights, completed(following, control_points))
+
+    def restrict(self, t0: Numbers, t1: Numbers) -> "BezierSegments":
+        """Every segment cut to local parameters [t0, t1]; scalars, or one value a segment. t1 < t0 reverses."""
+        ends = [jnp.broadcast_to(checked_parameter(name, t), (self.count,)) for name, t in (("t0", t0), ("t1", t1))]
         cut = jax.vmap(lambda h, u0, u1: bernstein.restrict(h, u0, u1, axis=-2))
         return self.with_homogeneous(cut(self.homogeneous, *ends))
 
@@ -186,12 +209,16 @@ class BezierSegments(AbstractCurve):
 
     def reverse(self) -> "BezierSegments":
         """The same point set traversed the other way."""
-        weights = None if self.weights is None else self.weights[::-1, ::-1]
-        return BezierSegments(self.control_points[::-1, ::-1], weights)
+        count = self.count
+        target = jnp.where(self.following >= 0, self.following, count)
+        preceding = jnp.full((count,), -1).at[target].set(jnp.arange(count), mode="drop")
+        following = jnp.where(preceding >= 0, count - 1 - preceding, -1)[::-1]
+        return self._completed(self.homogeneous[::-1, ::-1], following)
 
-    def transform(self, matrix: ArrayLike, offset: ArrayLike = 0.0) -> "BezierSegments":
-        """The image under x -> matrix x + offset; differentiable in both."""
-        return BezierSegments(affine_image(self.control_points, matrix, offset), self.weights)
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierSegments":
+        """The image under x -> matrix x + offset; differentiable in both. Joints stay joints."""
+        control_points = affine_image(self.control_points, matrix, offset)
+        return BezierSegments(control_points, self.weights, completed(self.following, control_points))
 
     def pad(self, count: int) -> "BezierSegments":
         """The same point set with `count` segments: the last one is repeated, so ragged curves fit one batch.
@@ -224,22 +251,40 @@ class BezierSegments(AbstractCurve):
         degree = max(part.degree for part in parts)
         parts = [part.elevate(degree) for part in parts]
         points = jnp.concatenate([part.control_points for part in parts])
+        first = np.cumsum([0] + [part.count for part in parts])
+        shifted = [jnp.where(part.following < 0, -1, part.following + first[k]) for k, part in enumerate(parts)]
+        following = completed(jnp.concatenate(shifted), points)
         if all(part.weights is None for part in parts):
-            return BezierSegments(points)
+            return BezierSegments(points, None, following)
         ones = [jnp.ones(part.control_points.shape[:-1]) if part.weights is None else part.weights for part in parts]
-        return BezierSegments(points, jnp.concatenate(ones))
+        return BezierSegments(points, jnp.concatenate(ones), following)
+
+
+def homogeneous(control_points: Array, weights: Array | None) -> Array:
+    """The points times their weights with the weights as one more coordinate, or the points where there are none."""
+    if weights is None:
+        return control_points
+    return jnp.concatenate([control_points * weights[..., None], weights[..., None]], axis=-1)
+
+
+def cartesian(homogeneous: Array, rational: bool) -> tuple[Array, Array | None]:
+    """Points and weights of an array in homogeneous form; the weights are None where it is not rational."""
+    if not rational:
+        return homogeneous, None
+    weights = homogeneous[..., -1]
+    return homogeneous[..., :-1] / weights[..., None], weights
 
 
 def check_curve(name: str, value: object) -> None:
     """Raises TypeError unless the value is a curve."""
     if not isinstance(value, AbstractCurve):
         raise TypeError(
-            f"{name} must be a curve (BezierCurve, BSplineCurve, BezierSegments; see also jhd.points and jhd.polyline); "
+            f"{name} must be a curve (BezierCurve, BSplineCurve, BezierSegments; see also jhd.points, jhd.polyline); "
             f"got {type(value).__name__}."
         )
 
 
-def affine_image(points: Array, matrix: ArrayLike, offset: ArrayLike) -> Array:
+def affine_image(points: Array, matrix: Numbers, offset: Numbers) -> Array:
     """Rows x of `points` mapped to matrix x + offset.
 
     Raises:
@@ -284,24 +329,7 @@ def wronskian(control_points: Array, weights: Array) -> Array:
     return jnp.stack(rows, axis=-2)
 
 
-def _joints(control_points: Array) -> Array:
-    """For each segment the one that starts where it ends: the next if it does, else the first, else itself, else -1."""
-    count, points = control_points.shape[-3], control_points.shape[-2]
-    if points == 1:
-        return jnp.full((count,), -1)
-    ends, starts = control_points[:, -1], control_points[:, 0]
-    tolerance = _JOINT_ULPS * jnp.finfo(control_points.dtype).eps * jnp.max(jnp.abs(control_points))
-    xp = jnp if is_traced(control_points) else np
-    ends, starts, tolerance = (value if xp is jnp else np.asarray(value) for value in (ends, starts, tolerance))
-    meets = xp.max(xp.abs(ends[:, None] - starts[None]), axis=-1) <= tolerance
-    index = xp.arange(count)
-    # Rank of each candidate: itself last, otherwise by distance along the list, so the next segment comes first.
-    rank = xp.where(meets, (index[None] - index[:, None] - 1) % count, count)
-    best = xp.argmin(rank, axis=-1)
-    return jnp.asarray(xp.where(xp.min(rank, axis=-1) < count, best, -1))
-
-
-def points(array: ArrayLike) -> BezierSegments:
+def points(array: Numbers) -> BezierSegments:
     """A point set as a curve of degree 0: one segment a point.
 
     Args:
@@ -314,7 +342,7 @@ def points(array: ArrayLike) -> BezierSegments:
     return BezierSegments(rows[:, None, :])
 
 
-def polyline(points: ArrayLike, closed: bool = False) -> BezierSegments:
+def polyline(points: Any, closed: bool = False) -> BezierSegments:
     """The straight segments that join the points in order, and the last to the first where closed.
 
     Args:
@@ -339,7 +367,7 @@ def _rows(name: str, value: object, least: int) -> Array:
     return rows
 
 
-def circle(centre: ArrayLike, radius: ArrayLike) -> BezierSegments:
+def circle(centre: Numbers, radius: Numbers) -> BezierSegments:
     """A circle as four rational quadratic quarters, counter-clockwise from angle 0.
 
     The weights 1, sqrt(1/2), 1 are rounded, so the stored curve leaves the true circle by about an ulp of the radius.

@@ -1,0 +1,150 @@
+"""The command line: `jhd` or `python -m jhd`; without a command it is the demonstration.
+
+Exit status: 0 done and what was asked for holds; 1 the bounds are true but wider than asked for (or the self-check of
+`jhd doctor` fails); 2 bad input, with one line on stderr; 130 interrupted; 141 the reader of the output went away.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NoReturn
+
+import jax
+
+import jhd
+
+_SHAPE_HELP = "a curve: a JSON or SVG file, or font:NAME:LETTER"
+_METHOD_HELP = "the method, a class of jhd; an unknown name lists those there are"
+_EPILOG = """\
+examples:
+  jhd                                                 the demonstration; writes jhd-demo.png here
+  jhd distance a.svg b.json --plot distance.png
+  jhd distance "font:DejaVu Sans:a" "font:DejaVu Serif:a" --json
+  jhd project a.svg 10 -2.5
+  jhd doctor
+
+exit status: 0 done, 1 bounds not closed, 2 bad input
+JHD_CACHE=0 switches the cache of compiled programs off, JHD_CACHE=FOLDER moves it; JAX_ENABLE_X64=0 means float32.
+"""
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Runs one command and returns the exit status.
+
+    Args:
+        argv: the arguments without the name of the program; those of the process by default.
+    """
+    try:
+        status = _run(sys.argv[1:] if argv is None else argv)
+        sys.stdout.flush()  # here, so that a reader who went away is noticed while it can be answered
+        return status
+    except KeyboardInterrupt:
+        print("jhd: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # What is left in the buffer has nowhere to go; Python would complain about it at its exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except OSError as error:
+        known = error.strerror is not None and error.filename is not None
+        return _bad_input(f"{error.filename}: {error.strerror}." if known else str(error))
+    except (ValueError, TypeError, ImportError) as error:
+        return _bad_input(str(error))
+
+
+def _run(argv: list[str]) -> int:
+    try:
+        options = _parser().parse_args([_number_or_word(word) for word in argv])
+    except SystemExit:  # argparse's way out of --help and --version; of errors it is ours
+        return 0
+    _switch_cache_on()
+    # Imported here, because fonts, readers and pictures would double the time of --help.
+    from jhd import commands
+
+    return getattr(commands, options.command)(options)
+
+
+def _bad_input(message: str) -> int:
+    print("jhd: error:", " ".join(message.split()), file=sys.stderr)
+    return 2
+
+
+def _number_or_word(word: str) -> str:
+    """The word, with a space before a negative number: argparse takes -1e-3 for an option otherwise."""
+    try:
+        float(word)
+    except ValueError:
+        return word
+    return f" {word}" if word.startswith("-") else word
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are ours: one line, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        raise ValueError(f"{message} (see {self.prog} --help)")
+
+
+def _parser() -> argparse.ArgumentParser:
+    """The parser; options.command names the function in jhd.commands."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = _Parser("jhd", description=jhd.__doc__, epilog=_EPILOG, formatter_class=raw)
+    parser.add_argument("--version", action="version", version=f"jhd {jhd.__version__}")
+    parser.set_defaults(command="demo")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
+
+    distance = commands.add_parser("distance", help="the Hausdorff distance of two curves")
+    distance.add_argument("a", metavar="A", help=_SHAPE_HELP)
+    distance.add_argument("b", metavar="B", help="the other one")
+    distance.add_argument("--directed", action="store_true", help="only the largest distance of points of A to B")
+    distance.add_argument("--method", metavar="NAME", help=_METHOD_HELP)
+    distance.add_argument("--atol", type=float, metavar="LENGTH", help="tolerance on upper - lower, in input units")
+    distance.add_argument("--plot", metavar="FILE", help="draw both curves, the witness and the distance profiles")
+    distance.set_defaults(command="distance")
+
+    project = commands.add_parser("project", help="the nearest point of a curve to points")
+    project.add_argument("shape", metavar="SHAPE", help=_SHAPE_HELP)
+    project.add_argument("coordinates", metavar="X", nargs="*", type=float, help="the point: X Y or X Y Z")
+    project.add_argument("--points", metavar="FILE", help="points in rows instead; without X or with -, standard input")
+    project.add_argument("--method", metavar="NAME", help=_METHOD_HELP)
+    project.set_defaults(command="project")
+
+    doctor = commands.add_parser("doctor", help="versions, devices, precision, cache, and a check with a known answer")
+    doctor.set_defaults(command="doctor")
+    for command in (distance, project, doctor):
+        command.add_argument("--json", action="store_true", help="print JSON and nothing else")
+    return parser
+
+
+def _switch_cache_on() -> None:
+    """Lets JAX keep compiled programs between runs, in a folder that was set before or in ours, if that can be made."""
+    chosen = os.environ.get("JHD_CACHE", "")
+    if chosen == "0":
+        jax.config.update("jax_compilation_cache_dir", None)
+        return
+    if jax.config.jax_compilation_cache_dir and not chosen:  # pyright: ignore[reportAttributeAccessIssue]
+        return
+    try:
+        folder = Path(chosen).expanduser() if chosen else cache_folder(sys.platform, os.environ)
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):  # RuntimeError: the user has no home folder
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def cache_folder(platform: str, environment: Mapping[str, str]) -> Path:
+    """The folder for compiled programs, where the platform keeps caches; a relative XDG_CACHE_HOME is void."""
+    named = Path(environment.get("XDG_CACHE_HOME", ""))
+    if named.is_absolute():
+        return named / "jhd"
+    if platform == "win32" and environment.get("LOCALAPPDATA"):
+        return Path(environment["LOCALAPPDATA"]) / "jhd" / "Cache"
+    return Path.home() / ("Library/Caches" if platform == "darwin" else ".cache") / "jhd"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

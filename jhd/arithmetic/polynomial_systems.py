@@ -1,0 +1,411 @@
+"""All roots of polynomial systems in Bernstein form: the projected polyhedron method, with proven enclosures.
+
+A box is kept as long as the hulls of the coefficients, projected on the plane of each variable and each equation, leave
+room for a root; it shrinks to what they leave, and is halved where that is less than a fifth. Every step rounds
+outward and counts the rounding of the coefficients, so **no root is ever lost**: each lies in a returned box. The
+converse is not proven: a box holds one root, several, a stretch of a curve of roots, or, where the equations vanish to
+within their rounding, none.
+
+Boxes are examined first come, first served and live in one table of fixed length. So they are of about equal size when
+the table is full, and a curve of roots ends as a coarse cover with the code capacity_reached instead of exhausting the
+search at one of its ends.
+
+Source: Sherbrooke & Patrikalakis, Computation of the solutions of nonlinear polynomial systems, CAGD 10 (1993);
+Patrikalakis & Maekawa, Shape Interrogation for Computer Aided Design and Manufacturing (2002), chapter 4; for the
+combination of equations Mourrain & Pavone, Subdivision methods for solving polynomial equations, JSC 44 (2009).
+"""
+
+import math
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.custom_batching import custom_vmap
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float, Int
+
+from jhd.arithmetic import rounding
+from jhd.solution import RESULTS
+
+# A box that keeps more than this part of its largest side is halved: Sherbrooke & Patrikalakis, section 4.
+KEPT = 0.8
+# A box tells nothing more when its coefficients are within this many error bounds. Shrinking leaves about one bound on
+# each side of a simple root; with 1 here such boxes were halved into eight.
+EXHAUSTED = 2.0
+# Numbers a block of lanes holds in its inner loop, about half a megabyte: past the second-level cache of one core a
+# round costs 36 times as much for 10 times the lanes.
+BLOCK_NUMBERS = 1 << 16
+# Keys of table entries; smaller keys are pending boxes, the smallest is the next one.
+FINAL, EMPTY = 1 << 30, (1 << 30) + 1
+
+
+class Roots(eqx.Module):
+    """Boxes that together contain every root in the unit box; disjoint, in lexicographic order, padded and masked.
+
+    Args:
+        lower: lower corners; 1 in the padding.
+        upper: upper corners; 0 in the padding, so that it contains nothing.
+        valid: which entries hold a box.
+        boxes: number of boxes examined.
+        result: capacity_reached or gap_not_closed where boxes were left wider than asked for; they are among those
+            returned. nonfinite_value where an input was not finite: the whole unit box is returned.
+    """
+
+    lower: Float[Array, "capacity variables"]
+    upper: Float[Array, "capacity variables"]
+    valid: Bool[Array, " capacity"]
+    boxes: Int[Array, ""]
+    result: Any
+
+
+def solve(
+    coefficients: Float[Array, "equations ..."],
+    errors: ArrayLike = 0.0,
+    *,
+    capacity: int = 64,
+    max_steps: int = 4096,
+    atol: ArrayLike | None = None,
+) -> Roots:
+    """All roots in the unit box of polynomials in as many variables as the coefficients have further axes.
+
+    A root of the exact polynomials, whose coefficients differ from those given by at most `errors`, lies in one of the
+    boxes. A box is final when its sides are at most `atol`, or when every coefficient on it is within two
+    rounding bounds: there is no more to learn. So a double root comes as one box of about the square root of the unit roundoff,
+    and equations that vanish identically as the box itself. Final boxes that touch are merged.
+
+    Write it for one system and map it: under vmap the systems are solved side by side, in blocks. Not differentiable:
+    the roots are constants to derivatives.
+
+    >>> roots = solve(jnp.array([[-0.25, 0.25, 0.75]]))  # t - 1/4 in degree two
+    >>> int(roots.valid.sum()), bool((roots.lower[0] <= 0.25) & (0.25 <= roots.upper[0]))
+    (1, True)
+
+    Args:
+        coefficients: one Bernstein tensor for each equation, all of the same degree in each variable. There may be more
+            equations than variables, or fewer (then the roots are curves, see above).
+        errors: absolute error of the coefficients, one number or one for each equation.
+        capacity: length of the table of boxes, pending and final ones. In one variable twice the degree is enough; in
+            two and three a simple root needs about four.
+        max_steps: most boxes examined; a simple root takes about six, a double root fifty.
+        atol: largest side of a final box, in parameters; None means 64 times the spacing of floats at one. Zero is
+            allowed.
+
+    Raises:
+        ValueError: coefficients without an axis for a variable, or a capacity below one.
+    """
+    c = lax.stop_gradient(jnp.asarray(coefficients))
+    if c.ndim < 2 or c.size == 0:
+        raise ValueError(f"coefficients needs axes (equations, degree + 1, ...); its shape is {c.shape}.")
+    if capacity < 1:
+        raise ValueError(f"capacity must be at least 1; it is {capacity}.")
+    errors = jnp.broadcast_to(lax.stop_gradient(jnp.asarray(errors, c.dtype)), c.shape[:1])
+    atol = jnp.asarray(64 * jnp.finfo(c.dtype).eps if atol is None else atol, c.dtype)
+    tensors = jnp.moveaxis(c, 0, -1)[..., None]
+    found = _solver(capacity, max_steps)(tensors, errors[:, None], lax.stop_gradient(atol)[None])
+    found = jax.tree.map(lambda x: x[..., 0], found)
+    result = RESULTS.where(found.pending, RESULTS.gap_not_closed, RESULTS.successful)
+    result = RESULTS.where(found.full, RESULTS.capacity_reached, result)
+    result = RESULTS.where(found.nonfinite, RESULTS.nonfinite_value, result)
+    return Roots(found.lower, found.upper, found.valid, found.boxes, result)
+
+
+class _Found(NamedTuple):
+    """What the search of each lane (last axis) found."""
+
+    lower: Array
+    upper: Array
+    valid: Array
+    boxes: Array
+    pending: Array
+    full: Array
+    nonfinite: Array
+
+
+class _Table(NamedTuple):
+    """Boxes of each lane: corners (capacity, variables, lanes), keys (capacity, lanes), boxes examined, overflow."""
+
+    lower: Array
+    upper: Array
+    key: Array
+    boxes: Array
+    full: Array
+
+
+@cache
+def _solver(capacity: int, max_steps: int) -> Callable[..., _Found]:
+    """The search with lanes as the last axis; vmap makes more lanes of it.
+
+    Mapped from outside, a loop would carry its lanes first, and arrays with a short last axis do not vectorise.
+    """
+
+    @custom_vmap
+    def search(c: Array, errors: Array, atol: Array) -> _Found:
+        return _in_blocks(partial(_search, capacity=capacity, max_steps=max_steps), capacity, c, errors, atol)
+
+    @search.def_vmap
+    def _(size: int, batched: list[bool], *args: Array):
+        lanes = args[-1].shape[-1]
+
+        def flatten(x: Array, is_batched: bool) -> Array:
+            x = jnp.moveaxis(x, 0, -2) if is_batched else jnp.repeat(x[..., None, :], size, axis=-2)
+            return x.reshape(*x.shape[:-2], size * lanes)
+
+        found = search(*(flatten(x, b) for x, b in zip(args, batched, strict=True)))
+        split = jax.tree.map(lambda x: jnp.moveaxis(x.reshape(*x.shape[:-1], size, lanes), -2, 0), found)
+        return split, jax.tree.map(lambda _: True, split)
+
+    return search
+
+
+def _in_blocks(search: Callable[..., _Found], capacity: int, c: Array, *rest: Array) -> _Found:
+    """The search over blocks of lanes, one after another: each stays in the cache and ends with its own slowest lane.
+
+    Lanes are filled up with zero polynomials, which end at once. On an accelerator there is one block.
+    """
+    lanes, variables = c.shape[-1], c.ndim - 2
+    a_lane = 3 * math.prod(c.shape[:-1]) + capacity * (2 * variables + 1)
+    block = max(16, 1 << (BLOCK_NUMBERS // a_lane).bit_length() - 1) if BLOCK_NUMBERS > a_lane else 16
+    if lanes <= block or jax.default_backend() != "cpu":
+        return search(c, *rest)
+    count = -(-lanes // block)
+
+    def cut(x: Array) -> Array:
+        x = jnp.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, count * block - lanes)])
+        return jnp.moveaxis(x.reshape(*x.shape[:-1], count, block), -2, 0)
+
+    found = lax.map(lambda args: search(*args), tuple(cut(x) for x in (c, *rest)))
+    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -2).reshape(*x.shape[1:-1], -1)[..., :lanes], found)
+
+
+def _search(c: Array, errors: Array, atol: Array, *, capacity: int, max_steps: int) -> _Found:
+    """Examines boxes until no lane has a pending one; then merges the final ones.
+
+    Args:
+        c: coefficients (d1 + 1, ..., dn + 1, equations, lanes).
+        errors: their absolute errors (equations, lanes).
+        atol: (lanes,).
+        capacity: length of the table.
+        max_steps: most boxes examined in a lane.
+    """
+    variables, lanes = c.ndim - 2, c.shape[-1]
+    tensor_axes = tuple(range(variables))
+    nonfinite = ~jnp.all(jnp.isfinite(c), axis=(*tensor_axes, -2)) | ~jnp.all(jnp.isfinite(errors), axis=0)
+    c, errors = _scaled(jnp.where(nonfinite, 0.0, c), jnp.where(nonfinite, 0.0, errors))
+    key = jnp.full((capacity, lanes), EMPTY, jnp.int32).at[0].set(jnp.where(nonfinite, FINAL, 0))
+    corner = jnp.zeros((capacity, variables, lanes), c.dtype)
+    table = _Table(corner, corner + 1, key, jnp.zeros(lanes, jnp.int32), jnp.zeros(lanes, bool))
+    table = lax.while_loop(
+        lambda t: jnp.any(_active(t, max_steps)), lambda t: _examine(t, c, errors, atol, max_steps), table
+    )
+    lower, upper, valid = _merged(table.lower, table.upper, table.key < EMPTY)
+    return _Found(lower, upper, valid, table.boxes, jnp.any(table.key < FINAL, axis=0), table.full, nonfinite)
+
+
+def _active(table: _Table, max_steps: int) -> Array:
+    return (jnp.min(table.key, axis=0) < FINAL) & (table.boxes < max_steps)
+
+
+def _scaled(c: Array, errors: Array) -> tuple[Array, Array]:
+    """Coefficients divided by a power of two so that the largest is in [1, 2), and their errors on every box.
+
+    The error has three parts: `errors` and nu (subnormal coefficients count as zero) divided by the same power, nu for
+    results of the division that are flushed, and the rounding of a restriction to a box, see `_restrict`.
+    """
+    tensor_axes = tuple(range(c.ndim - 2))
+    nu = rounding.smallest_normal(c.dtype)
+    scale = rounding.power_of_two(jnp.max(jnp.abs(c), axis=tensor_axes))
+    given = rounding.round_up(rounding.round_up(rounding.flush_up(errors) + nu) / scale)
+    c = c / scale
+    operations = 9 * sum(size - 1 for size in c.shape[:-2]) + 1
+    restricted = rounding.absolute_error(operations, jnp.max(jnp.abs(c), axis=tensor_axes))
+    return c, rounding.round_up(given + restricted)
+
+
+def _restrict(c: Array, t0: Array, t1: Array, axis: int) -> Array:
+    """Coefficients on [t0, t1], 0 <= t0 <= t1 <= 1, of each lane, along one axis; from the original coefficients.
+
+    As `bernstein.restrict`, whose blossoms take n^3 / 2 operations: here two passes of de Casteljau's algorithm take
+    2 n^2. The first gives the blossoms with n - j arguments t0 and j arguments 1; the second moves the ones to t1, by
+    t1 = a t0 + b 1 with a = (1 - t1) / (1 - t0) and b = (t1 - t0) / (1 - t0), which may both be computed with small
+    relative errors. All weights are non-negative. A level of the first pass costs three roundings, one of the second
+    six (two differences, a quotient of two roundings, product, sum): the error is at most `absolute_error(9 n, m)` for
+    coefficients of magnitude m. For t0 = 1 every blossom is the last coefficient already.
+    """
+    n = c.shape[axis] - 1
+    index = jnp.arange(n + 1).reshape((-1,) + (1,) * (c.ndim - axis - 1))
+    inner = t0 < 1
+    rest = jnp.where(inner, 1 - t0, 1.0)
+    a, b = jnp.where(inner, (1 - t1) / rest, 1.0), jnp.where(inner, (t1 - t0) / rest, 0.0)
+
+    def to_the_right(level: Array, c: Array) -> Array:
+        following = jnp.concatenate([part(c, 1, n + 1), part(c, n, n + 1)], axis=axis)
+        return jnp.where(index < n - level, (1 - t0) * c + t0 * following, c)
+
+    def to_the_left(level: Array, c: Array) -> Array:
+        preceding = jnp.concatenate([part(c, 0, 1), part(c, 0, n)], axis=axis)
+        return jnp.where(index > level, a * preceding + b * c, c)
+
+    part = partial(lax.slice_in_dim, axis=axis)
+    return lax.fori_loop(0, n, to_the_left, lax.fori_loop(0, n, to_the_right, c))
+
+
+def _with_combinations(c: Array, errors: Array) -> tuple[Array, Array]:
+    """The equations and, where they are as many as the variables, their combinations by the adjugate of the Jacobian.
+
+    Each combination depends on one variable only, up to second order, so that boxes shrink quadratically at simple
+    roots whatever the directions of the curves; at a tangency the combinations are the equations without their linear
+    part, which keeps the number of boxes bounded there. Any matrix A is safe: roots of F are roots of A F. The error
+    of a combination is sum |A_e| (error_e + gamma m_e), with m_e the largest coefficient of equation e on this box.
+    """
+    variables, equations = c.ndim - 2, c.shape[-2]
+    if equations != variables or variables not in (2, 3):
+        return c, errors
+    jacobian = jnp.stack([_mean_slope(c, axis) for axis in range(variables)])  # (variables, equations, lanes)
+    matrix = _adjugate(jacobian)
+    matrix = matrix / rounding.power_of_two(jnp.max(jnp.abs(matrix), axis=1, keepdims=True))
+    rows = sum(c[..., e, None, :] * matrix[:, e] for e in range(equations))
+    gamma = rounding.gamma(16, c.dtype)
+    size = errors + gamma * jnp.max(jnp.abs(c), axis=tuple(range(variables)))
+    bound = (1 + gamma) * jnp.sum(jnp.abs(matrix) * size, axis=1)
+    bound = rounding.round_up(bound + 16 * rounding.smallest_normal(c.dtype))
+    return jnp.concatenate([c, jnp.asarray(rows)], axis=-2), jnp.concatenate([errors, bound])
+
+
+def _mean_slope(c: Array, axis: int) -> Array:
+    """Mean over the box of the derivative in one variable: the mean over the other indices of last minus first."""
+    ends = jnp.take(c, -1, axis=axis) - jnp.take(c, 0, axis=axis)
+    return jnp.mean(ends, axis=tuple(range(ends.ndim - 2)))
+
+
+def _adjugate(columns: Array) -> Array:
+    """Adjugate of the matrices whose columns are given, (variables, equations, lanes), as rows; two or three rows."""
+    if columns.shape[0] == 2:
+        (a, b), (c, d) = columns
+        return jnp.stack([jnp.stack([d, -c]), jnp.stack([-b, a])])
+    return jnp.stack([jnp.cross(columns[k - 2], columns[k - 1], axis=0) for k in range(3)])
+
+
+def _room(c: Array, errors: Array) -> tuple[Array, Array]:
+    """Parts of each side of the box, from its lower and from its upper end, that hold no root; infinite: none at all.
+
+    For one equation and one variable let v_i be the smallest coefficient with index i in that variable, less the
+    error. On the box the polynomial is at least the lower hull of the points (i / d, v_i), so above the line through
+    the first of them with the smallest slope. If v_0 > 0 that line is positive before
+
+        x_0 = min over j with v_j < v_0 of (j / d) v_0 / (v_0 - v_j),
+
+    and if all v_i > 0 there is no root. The same holds for the largest coefficients with signs changed, and from the
+    other end. (The line replaces the hull's own crossing: a division for each point instead of each pair; random
+    polynomials need 1 % more boxes in degree 5 and 6 % more in degree 28.)
+
+    x_0 costs seven roundings on non-negative numbers, so it is reduced by gamma(8). A difference v_0 - v_j that is
+    flushed to zero is below nu; nu in its place makes x_0 smaller.
+
+    Returns:
+        Two arrays (variables, lanes).
+    """
+    variables = c.ndim - 2
+    starts, ends = [], []
+    for axis in range(variables):
+        others = tuple(other for other in range(variables) if other != axis)
+        low = rounding.round_down(jnp.min(c, axis=others) - errors)
+        high = rounding.round_down(-jnp.max(c, axis=others) - errors)
+        values = jnp.concatenate([low, high], axis=-2)
+        starts.append(_first_crossing(values))
+        ends.append(_first_crossing(values[::-1]))
+    return jnp.stack(starts), jnp.stack(ends)
+
+
+def _first_crossing(v: Array) -> Array:
+    """The largest x_0 of `_room` over the rows, for points v (degree + 1, rows, lanes)."""
+    degree = v.shape[0] - 1
+    part = jnp.arange(degree + 1, dtype=v.dtype)[:, None, None] * ((1 - rounding.gamma(8, v.dtype)) / max(degree, 1))
+    falls = jnp.maximum(v[0] - v, rounding.smallest_normal(v.dtype))
+    x = jnp.min(jnp.where(v < v[0], part * v[0] / falls, jnp.inf), axis=0)
+    x = jnp.where(jnp.min(v, axis=0) > 0, jnp.inf, jnp.where(v[0] > 0, x, 0.0))
+    return jnp.max(x, axis=0)
+
+
+def _shrunk(c: Array, errors: Array, lower: Array, upper: Array) -> tuple[Array, Array, Array]:
+    """The part of a box where `_room` leaves a root, and whether there is one; c is restricted to the box.
+
+    The new lower end is lower + x (upper - lower), for x that is too small if anything: the product of non-negative
+    numbers is reduced by gamma(4) for its two roundings, the sum is rounded down. The upper end is found from the other
+    end alike. No end leaves the box.
+    """
+    start, end = _room(*_with_combinations(c, errors))
+    none = jnp.any(jnp.isinf(start) | jnp.isinf(end), axis=0)
+    side = (upper - lower) * (1 - rounding.gamma(4, c.dtype))
+    new_lower = jnp.maximum(lower, rounding.round_down(lower + jnp.minimum(start, 1.0) * side))
+    new_upper = jnp.minimum(upper, rounding.round_up(upper - jnp.minimum(end, 1.0) * side))
+    return new_lower, new_upper, none | jnp.any(new_lower > new_upper, axis=0)
+
+
+def _examine(table: _Table, c: Array, errors: Array, atol: Array, max_steps: int) -> _Table:
+    """One step of every active lane: the oldest pending box is dropped, kept, shrunk or halved.
+
+    Writes are masks over the whole table: scatters by lane are slow on every backend.
+    """
+    key, variables = table.key, c.ndim - 2
+    active = _active(table, max_steps)
+    current = (key == jnp.min(key, axis=0)) & active
+    lower, upper = (jnp.sum(jnp.where(current[:, None], x, 0.0), axis=0) for x in (table.lower, table.upper))
+    on_box = c
+    for axis in range(variables):
+        on_box = _restrict(on_box, lower[axis], upper[axis], axis)
+    new_lower, new_upper, gone = _shrunk(on_box, errors, lower, upper)
+
+    sides = new_upper - new_lower
+    longest = jnp.max(sides, axis=0)
+    cut = jnp.arange(variables)[:, None] == jnp.argmax(sides, axis=0)
+    middle = new_lower + 0.5 * sides
+    exhausted = jnp.all(jnp.max(jnp.abs(on_box), axis=tuple(range(variables))) <= EXHAUSTED * errors, axis=0)
+    indivisible = jnp.any(cut & ((middle <= new_lower) | (middle >= new_upper)), axis=0)
+    final = exhausted | indivisible | (longest <= atol)
+    halve = active & ~gone & ~final & (longest > KEPT * jnp.max(upper - lower, axis=0))
+
+    slots = jnp.arange(key.shape[0], dtype=jnp.int32)[:, None]
+    free = (slots == jnp.min(jnp.where(key == EMPTY, slots, key.shape[0]), axis=0)) & halve
+    no_room = halve & ~jnp.any(free, axis=0)
+    halve &= ~no_room
+    first_key = jnp.where(gone, EMPTY, jnp.where(final | no_room, FINAL, 2 * table.boxes + 1))
+    first_upper, second_lower = jnp.where(cut & halve, middle, new_upper), jnp.where(cut, middle, new_lower)
+    return _Table(
+        lower=jnp.where(current[:, None], new_lower, jnp.where(free[:, None], second_lower, table.lower)),
+        upper=jnp.where(current[:, None], first_upper, jnp.where(free[:, None], new_upper, table.upper)),
+        key=jnp.where(current, first_key, jnp.where(free, 2 * table.boxes + 2, key)),
+        boxes=table.boxes + active,
+        full=table.full | no_room,
+    )
+
+
+def _merged(lower: Array, upper: Array, valid: Array) -> tuple[Array, Array, Array]:
+    """Boxes that touch replaced by their hull, until none touch; then sorted, the valid ones first."""
+    lower = jnp.where(valid[:, None], lower, jnp.inf)
+    upper = jnp.where(valid[:, None], upper, -jnp.inf)
+
+    def grow(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        lower, upper, _ = state
+        touch = _touch(lower, upper)[:, :, None]
+        new_lower = jnp.min(jnp.where(touch, lower, jnp.inf), axis=1)
+        new_upper = jnp.max(jnp.where(touch, upper, -jnp.inf), axis=1)
+        return new_lower, new_upper, jnp.any((new_lower != lower) | (new_upper != upper))
+
+    lower, upper, _ = lax.while_loop(lambda state: state[2], grow, (lower, upper, jnp.array(True)))
+    index = jnp.arange(lower.shape[0])
+    repeated = jnp.any(_touch(lower, upper) & (index[:, None] > index)[..., None], axis=1)
+    valid = (valid & ~repeated)[:, None]
+    corners = jnp.concatenate([jnp.where(valid, lower, 1.0), jnp.where(valid, upper, 0.0)], axis=1)
+    variables = lower.shape[1]
+    operands = (~valid[:, 0], *(corners[:, k] for k in range(2 * variables)))
+    absent, *columns = lax.sort(operands, dimension=0, num_keys=1 + variables)
+    return jnp.stack(columns[:variables], axis=1), jnp.stack(columns[variables:], axis=1), ~absent
+
+
+def _touch(lower: Array, upper: Array) -> Array:
+    """Which boxes share a point, (capacity, capacity, lanes); empty ones touch nothing."""
+    return jnp.all((lower[:, None] <= upper[None]) & (lower[None] <= upper[:, None]), axis=2)

@@ -1,0 +1,310 @@
+"""What the commands of the command line do: each takes the parsed options, prints, and returns the exit status.
+
+Numbers are printed in full, so that a bound that is read back is still the bound that was proven.
+"""
+
+import inspect
+import json
+import os
+import platform
+import sys
+import time
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+import jhd
+from jhd import plot
+from jhd.distance.method import AbstractHausdorffMethod
+from jhd.distance.projection import AbstractProjectionMethod
+from jhd.io import load_shape
+from jhd.shapes.curve import AbstractCurve
+from jhd.solution import RESULTS, HausdorffSolution, name_of, to_plain
+
+_DEMO_FONTS = {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}
+_DEMO_LETTER = "a"
+_DEMO_FILE = "jhd-demo.png"
+_MILLIMETRES = 1 / 25.4
+_PICTURE_SIZE = 180 * _MILLIMETRES, 102 * _MILLIMETRES  # two columns of a journal
+_DPI = 200
+_PACKAGES = "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib"
+
+
+def demo(options: Namespace) -> int:
+    """Both directed distances between one letter in two fonts, in print and as a picture."""
+    specs = [f"font:{font}:{_DEMO_LETTER}" for font in _DEMO_FONTS.values()]
+    a, b = (load_shape(spec) for spec in specs)
+    print(f"The letter {_DEMO_LETTER} in two fonts, in font units\n")
+    print(_shape_line("A", specs[0], a), _shape_line("B", specs[1], b), sep="\n", end="\n\n")
+
+    def both() -> list[HausdorffSolution]:
+        return [jhd.directed_hausdorff(a, b, throw=False), jhd.directed_hausdorff(b, a, throw=False)]
+
+    with _busy("computing; the first run compiles"):
+        (there, back), first = _timed(both)
+        _, again = _timed(both)
+    print(_solution_text("directed distance from A to B", there, "A", "B"), end="\n\n")
+    print(_solution_text("directed distance from B to A", back, "B", "A"), end="\n\n")
+    larger, name = max((there, "from A to B"), (back, "from B to A"), key=lambda pair: float(pair[0]))
+    print(f"Hausdorff distance, the larger of the two: {float(larger)!r} {name}")
+    print(f"time       {first:.2f} s with compilation, {again:.3f} s once compiled (both directions)")
+    print(f"device     {_device()}, {_precision()}")
+    with _busy("drawing"):
+        _picture(_DEMO_FILE, a, b, (there, back), list(_DEMO_FONTS), "font units")
+    print(f"picture    {Path(_DEMO_FILE).resolve()}")
+    return _status(there, back)
+
+
+def distance(options: Namespace) -> int:
+    """The Hausdorff distance of two curves, or the directed one."""
+    a, b = load_shape(options.a), load_shape(options.b)
+    entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
+    method = _method(options.method, options.atol, AbstractHausdorffMethod)
+    with _busy("computing; a first run compiles"):
+        solution, seconds = _timed(lambda: entry(a, b, method, throw=False))
+    if options.plot:
+        with _busy("drawing"):
+            pairs = [(a, b)] if options.directed else [(a, b), (b, a)]
+            _picture(options.plot, a, b, [jhd.directed_hausdorff(*pair, method, throw=False) for pair in pairs])
+    if options.json:
+        asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": _method_name(method)}
+        _print_json(solution, **asked, seconds=seconds)
+        return _status(solution)
+    print(_shape_line("A", options.a, a), _shape_line("B", options.b, b), sep="\n", end="\n\n")
+    title = "directed distance from A to B" if options.directed else "Hausdorff distance"
+    names = ("A", "B") if name_of(solution.direction) == "a_to_b" else ("B", "A")
+    print(_solution_text(title, solution, *names), end="\n\n")
+    print(f"method     {_method_name(method)}")
+    print(f"time       {seconds:.2f} s with compilation")
+    print(f"device     {_device()}, {_precision()}")
+    if options.plot:
+        print(f"picture    {Path(options.plot).resolve()}")
+    return _status(solution)
+
+
+def project(options: Namespace) -> int:
+    """The nearest points of a curve to given points, one row each."""
+    shape = load_shape(options.shape)
+    points = _points(options)
+    method = _method(options.method, None, AbstractProjectionMethod)
+    with _busy("computing; a first run compiles"):
+        found = jhd.project(points, shape, method=method)
+    if options.json:
+        _print_json(found, shape=options.shape, points=points.tolist(), method=_method_name(method))
+        return _status(found)
+    columns = ["distance", "lower", "upper", "segment", "t", *(f"foot {axis}" for axis in "xyz"[: points.shape[1]])]
+    print("\t".join(columns))
+    rows = zip(found.distance, found.lower, found.upper, found.segment, found.t, found.foot, strict=True)
+    for *numbers, foot in rows:
+        print("\t".join(_number(x) for x in (*numbers, *foot)))
+    return _status(found)
+
+
+def doctor(options: Namespace) -> int:
+    """Versions, devices, precision, compile cache, and one distance with a known answer."""
+    facts = {
+        "jhd": jhd.__version__,
+        "python": f"{platform.python_version()} on {platform.platform()}",
+        **{name: _version(name) for name in _PACKAGES},
+        "devices": ", ".join(str(device) for device in jax.devices()) + f" ({jax.default_backend()})",
+        "precision": _precision(),
+        "compile cache": _cache(),
+    }
+    # The diagonal of a rectangle 4 by 3 against its base: the upper corner is 3 away, every other point less.
+    base, diagonal = jhd.polyline([(0.0, 0.0), (4.0, 0.0)]), jhd.polyline([(0.0, 0.0), (4.0, 3.0)])
+    solution = jhd.hausdorff(base, diagonal, throw=False)
+    good = bool(float(solution.lower) <= 3.0 <= float(solution.upper)) and abs(float(solution) - 3.0) <= 1e-5
+    facts["self-check"] = f"{'passed' if good else 'FAILED'}: the distance is 3, found {float(solution)!r}"
+    if options.json:
+        print(json.dumps({**facts, "passed": good}, indent=2))
+    else:
+        width = max(map(len, facts))
+        print("\n".join(f"{name:<{width}}  {fact}" for name, fact in facts.items()))
+    return 0 if good else 1
+
+
+def _method(name: str | None, atol: float | None, kind: Any) -> Any:
+    """The method of that name, with the tolerance if there is one; None, the default of the entries, without both.
+
+    Raises:
+        ValueError: an unknown name, or a tolerance for a method that has none.
+    """
+    if name is None and atol is None:
+        return None
+    known = {key: item for key, item in vars(jhd).items() if inspect.isclass(item) and issubclass(item, kind)}
+    chosen = known
+    if name is not None:
+        plain = name.replace("-", "").replace("_", "").lower()
+        chosen = {key: item for key, item in known.items() if key.lower() == plain}
+    if not chosen:
+        raise ValueError(f"unknown method {name!r}; there are {', '.join(sorted(known))}.")
+    if atol is None:
+        return next(iter(chosen.values()))()
+    tolerant = {key: item for key, item in chosen.items() if "atol" in inspect.signature(item).parameters}
+    if not tolerant:
+        raise ValueError(f"--atol: {' and '.join(chosen)} proves no bounds to a tolerance; leave it out.")
+    if len(tolerant) > 1:
+        raise ValueError(f"--atol needs --method, one of {', '.join(tolerant)}.")
+    return next(iter(tolerant.values()))(atol=atol)
+
+
+def _method_name(method: Any) -> str:
+    return "the default" if method is None else type(method).__name__
+
+
+def _points(options: Namespace) -> np.ndarray:
+    """The points of the command line, of the file, or of standard input; rows of numbers apart by spaces or commas."""
+    if options.coordinates and options.points:
+        raise ValueError("give the point as X Y [Z] or by --points, not both.")
+    if options.coordinates:
+        return np.array([options.coordinates])
+    name = options.points or "-"
+    if name == "-" and sys.stdin.isatty():
+        raise ValueError("no point: give X Y [Z], --points FILE, or rows on standard input.")
+    text = sys.stdin.read() if name == "-" else Path(name).read_text(encoding="utf-8-sig")
+    rows = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split("#")[0].replace(",", " ").split()
+        try:
+            row = [float(word) for word in words]
+        except ValueError as error:
+            raise ValueError(f"{name}:{number}: {error}.") from None
+        if rows and row and len(row) != len(rows[0]):
+            raise ValueError(f"{name}:{number}: {len(row)} coordinates; the rows before have {len(rows[0])}.")
+        rows += [row] if row else []
+    if not rows:
+        raise ValueError(f"{name} holds no points.")
+    return np.array(rows)
+
+
+def _picture(
+    file: str,
+    a: AbstractCurve,
+    b: AbstractCurve,
+    directed: Sequence[HausdorffSolution],
+    labels: Sequence[str] = ("A", "B"),
+    unit: str = "input units",
+) -> None:
+    """Writes the curves with the larger of the directed distances, and beside them the profile of each."""
+    # A figure without pyplot: no window, and the backend that the user has set stays as it is.
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_PICTURE_SIZE, layout="constrained")
+    left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1, 1.15))[0]
+    space: dict[str, Any] = {"projection": "3d"} if a.segments().dim == 3 else {}
+    plot.solution(a, b, max(directed, key=float), left.add_subplot(**space), labels=labels, control_polygon=False)
+    panels = np.atleast_1d(right.subplots(len(directed)))
+    plot.profile(a, b, panels[0], directed[0], labels=labels, unit=unit)
+    for panel, back in zip(panels[1:], directed[1:], strict=True):
+        plot.profile(b, a, panel, back, labels=labels[::-1], unit=unit, colour=plot.ORANGE)
+    figure.savefig(file, dpi=_DPI)
+
+
+def _solution_text(title: str, solution: HausdorffSolution, name: str, other: str) -> str:
+    """One solution in lines; the point lies on the curve `name`, its feet on `other`."""
+    w = solution.witness
+    upper = repr(float(solution.upper)) if np.isfinite(solution.upper) else "not proven by this method"
+    lines = [
+        title,
+        f"  value    {float(solution)!r}",
+        f"  lower    {float(solution.lower)!r}",
+        f"  upper    {upper}",
+        f"  event    {_with_sentence(solution.event)}",
+        f"  witness  {name} segment {int(w.segment)}, t = {float(w.t):.9g}, at {_place(w.point)}",
+    ]
+    seen: list[tuple[float, ...]] = []
+    for foot, segment, t, weight in zip(w.feet, w.foot_segments, w.foot_params, w.multipliers, strict=True):
+        if (here := tuple(np.asarray(foot).tolist())) not in seen:
+            shown = f"{other} segment {int(segment)}, t = {float(t):.9g}, at {_place(foot)}"
+            lines.append(f"  foot     {shown}, multiplier {float(weight):.4g}")
+            seen.append(here)
+    if not _successful(solution):
+        lines.append(f"  result   {_with_sentence(solution.result)}")
+    return "\n".join(lines)
+
+
+def _with_sentence(item: Any) -> str:
+    """The name of a member of an enumeration and the sentence that it stands for."""
+    return f"{name_of(item)}: {item._enumeration._index_to_message[int(item._value)]}"
+
+
+def _place(point: Any) -> str:
+    return "(" + ", ".join(f"{float(x):.9g}" for x in point) + ")"
+
+
+def _number(value: Any) -> str:
+    return repr(np.asarray(value).item())
+
+
+def _shape_line(name: str, spec: str, shape: AbstractCurve) -> str:
+    pieces = shape.segments()
+    kind = "rational " if pieces.weights is not None else ""
+    return f"{name}  {spec}: {pieces.count} {kind}segments of degree {pieces.degree}"
+
+
+def _print_json(solution: Any, **context: Any) -> None:
+    """Prints the result as `jhd.io.save_result` writes it, so that `jhd.io.load_result` reads it."""
+    context |= {"version": jhd.__version__, "device": _device(), "precision": _precision()}
+    content = {"type": type(solution).__name__, "solution": to_plain(solution), "context": context}
+    print(json.dumps(content, indent=2, allow_nan=False))
+
+
+def _status(*solutions: Any) -> int:
+    return 0 if all(_successful(solution) for solution in solutions) else 1
+
+
+def _successful(solution: Any) -> bool:
+    return bool(np.all(np.asarray(solution.result._value) == np.asarray(RESULTS.successful._value)))
+
+
+def _timed(action: Callable[[], Any]) -> tuple[Any, float]:
+    """What the action returns, when all of it has been computed, and the seconds that took."""
+    start = time.perf_counter()
+    value = jax.block_until_ready(action())
+    return value, time.perf_counter() - start
+
+
+@contextmanager
+def _busy(message: str) -> Iterator[None]:
+    """Shows the message while the block runs, on a terminal only."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    print(f"{message} ...", end="", file=sys.stderr, flush=True)
+    try:
+        yield
+    finally:
+        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def _device() -> str:
+    return jax.devices()[0].device_kind
+
+
+def _precision() -> str:
+    return "float64" if jax.config.jax_enable_x64 else "float32"  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _cache() -> str:
+    """The folder of compiled programs and what it holds."""
+    folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    if not folder:
+        return "off"
+    try:
+        sizes = [entry.stat().st_size for entry in os.scandir(folder) if entry.is_file()]
+    except OSError:
+        return f"{folder} (not there yet)"
+    return f"{folder} ({sum(sizes) / 1e6:.1f} MB in {len(sizes)} files)"

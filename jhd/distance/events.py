@@ -1,0 +1,227 @@
+"""Residuals of the events at which the distance from a to b is maximal, and the witness that tells them apart.
+
+A foot is free, where (A - B).B' = 0, or pinned at an end or corner of b, where its parameter is fixed. With that one
+switch a pair of feet covers foot and foot, foot and end, end and end.
+
+Source: Elber & Grandine, Hausdorff and minimal distances between parametric freeforms in R^2 and R^3, GMP 2008; Cao et
+al. 2014, section 3.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jhd.distance.jets import jet
+from jhd.shapes.curve import BezierSegments
+from jhd.solution import DIRECTIONS, EVENTS, Witness
+
+# The distance of two feet that count as equally near, relative to the size of the pair: refined maxima reach 1e-12.
+_TIE = 1e-9
+# Feet closer than this share of the size are one foot; two feet of one maximum merge only at a centre of curvature.
+_SAME_FOOT = 1e-6
+# A foot at an end of its segment is free when its residual is below this share of |A - B| |B'|.
+_STATIONARY = 1e-7
+# Tangents that differ by more than this angle (radians) make a joint a corner.
+_CORNER = 1e-6
+# Starts of Newton's method on each segment when the feet of a witness are gathered.
+_STARTS = 8
+_NEWTON_STEPS = 12
+
+
+class Piece(NamedTuple):
+    """One segment: control points and weights."""
+
+    control_points: Float[Array, "points dim"]
+    weights: Float[Array, " points"] | None
+
+
+class Branch(NamedTuple):
+    """A foot on b that is followed along a: its piece, and where it is pinned."""
+
+    piece: Piece
+    pinned: Array
+    s: Array
+
+
+def piece_of(curve: BezierSegments, segment: Array) -> Piece:
+    """The segment with this index."""
+    return Piece(curve.control_points[segment], None if curve.weights is None else curve.weights[segment])
+
+
+def antipodal(y: Float[Array, "2"], args: tuple[Piece, Branch]) -> Float[Array, "2"]:
+    """Residual ((A-B).A', (A-B).B') at y = (t, s): the joining line is normal to both curves (Cao14, equation 12)."""
+    piece, branch = args
+    a, b = jet(*piece, y[0]), jet(*branch.piece, y[1])
+    c = a.point - b.point
+    return jnp.stack([c @ a.first, _foot_residual(c, b.first, y[1], branch)])
+
+
+def one_to_two(y: Float[Array, "3"], args: tuple[Piece, Branch, Branch]) -> Float[Array, "3"]:
+    """Residual (|A-B(s)|^2 - |A-B(r)|^2, (A-B(s)).B'(s), (A-B(r)).B'(r)) at y = (t, s, r) (Cao14, equation 13)."""
+    piece, first, second = args
+    a, b, d = jet(*piece, y[0]), jet(*first.piece, y[1]), jet(*second.piece, y[2])
+    c, e = a.point - b.point, a.point - d.point
+    # (c + e).(c - e) with c - e = d - b: the difference of the squares without cancellation.
+    difference = (c + e) @ (d.point - b.point)
+    return jnp.stack([difference, _foot_residual(c, b.first, y[1], first), _foot_residual(e, d.first, y[2], second)])
+
+
+def _foot_residual(c: Array, tangent: Array, s: Array, branch: Branch) -> Array:
+    return jnp.where(branch.pinned, s - branch.s, c @ tangent)
+
+
+def preceding(following: Array) -> Array:
+    """For each segment the one that ends where it starts, -1 at a free start: `following` turned round."""
+    index = jnp.arange(following.shape[-1])
+    starts_where = following[None, :] == index[:, None]
+    return jnp.where(jnp.any(starts_where, axis=1), jnp.argmax(starts_where, axis=1), -1)
+
+
+class FootState(NamedTuple):
+    """A local foot on b: its place, the point, and whether it is held at an end or corner."""
+
+    segment: Array
+    s: Array
+    point: Array
+    pinned: Array
+
+
+def follow_foot(point: Array, b: BezierSegments, before: Array, segment: Array, s: Array, steps: int) -> FootState:
+    """The local foot of the point reached from (segment, s) by Newton's method, across the joints of b.
+
+    Args:
+        point: the query.
+        b: the curve that carries the foot.
+        before: `preceding(b.following)`.
+        segment: where to start.
+        s: where to start.
+        steps: number of Newton steps.
+    """
+
+    def newton(_: int, foot: tuple[Array, Array]) -> tuple[Array, Array]:
+        segment, s = foot
+        s = s + _newton_step(point, piece_of(b, segment), s)
+        nxt, last = b.following[segment], before[segment]
+        forward, backward = (s > 1) & (nxt >= 0), (s < 0) & (last >= 0)
+        segment = jnp.where(forward, nxt, jnp.where(backward, last, segment))
+        s = jnp.where(forward, 0.0, jnp.where(backward, 1.0, jnp.clip(s, 0.0, 1.0)))
+        return segment, s
+
+    segment, s = jax.lax.fori_loop(0, steps, newton, (segment, s))
+    foot, pinned = _foot_at(point, b, segment, s)
+    return FootState(segment, s, foot, pinned)
+
+
+def _newton_step(point: Array, piece: Piece, s: Array) -> Array:
+    """Newton's step of (B - P).B' = 0, downhill by a quarter where the distance is not convex, at most a half."""
+    b = jet(*piece, s)
+    c = b.point - point
+    residual, slope = c @ b.first, b.first @ b.first + c @ b.second
+    step = jnp.where(slope > 0, -residual / jnp.where(slope > 0, slope, 1.0), -0.25 * jnp.sign(residual))
+    return jnp.clip(step, -0.5, 0.5)
+
+
+def _foot_at(point: Array, b: BezierSegments, segment: Array, s: Array) -> tuple[Array, Array]:
+    foot = jet(*piece_of(b, segment), s)
+    c = foot.point - point
+    scale = jnp.sqrt((c @ c) * (foot.first @ foot.first))
+    moving = jnp.abs(c @ foot.first) > _STATIONARY * scale
+    return foot.point, ((s <= 0) | (s >= 1)) & moving
+
+
+def describe(a: BezierSegments, b: BezierSegments, segment: Array, t: Array, size: Array) -> Witness:
+    """The witness at the parameter (segment, t) of a: nearest feet on b, multipliers and the kind of event.
+
+    All local feet that are equally near are gathered. Where two of them pull the distance opposite ways along a, the
+    maximum is one-to-two and its multipliers solve lambda_1 g_1 + lambda_2 g_2 = 0, g_i = d/dt |A - B(s_i)|; otherwise
+    the nearest foot alone is active. The first foot in the order of segments and parameters is named first.
+
+    Args:
+        a: the curve that carries the maximum.
+        b: the other one.
+        segment: index of the segment of a.
+        t: its parameter.
+        size: largest extent of the pair, for the tolerances.
+    """
+    here = jet(*piece_of(a, segment), t)
+    segments, params = _local_feet(here.point, b)
+    feet = jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point)(segments, params)
+    distances = jnp.sqrt(jnp.sum((here.point - feet) ** 2, axis=-1))
+    least = jnp.min(distances)
+    active = distances <= least + _TIE * size
+    safe = jnp.where(distances > 0, distances, 1.0)
+    slopes = (here.point - feet) @ here.first / safe
+    up = jnp.argmax(jnp.where(active, slopes, -jnp.inf))
+    down = jnp.argmin(jnp.where(active, slopes, jnp.inf))
+    nearest = jnp.argmin(distances)
+    end, corner = _end_or_corner(a, segment, t)
+    apart = jnp.sum((feet[up] - feet[down]) ** 2) > (_SAME_FOOT * size) ** 2
+    two = (slopes[up] > 0) & (slopes[down] < 0) & apart & ~end & ~corner
+    order = jnp.sort(jnp.stack([up, down]))
+    chosen = jnp.where(two, order, jnp.stack([nearest, nearest]))
+    g = slopes[chosen]
+    spread = jnp.where(two, g[0] - g[1], 1.0)
+    multipliers = jnp.where(two, jnp.stack([-g[1], g[0]]) / spread, jnp.array([1.0, 0.0]))
+    _, pinned = _foot_at(here.point, b, segments[nearest], params[nearest])
+    event = EVENTS.where(pinned, EVENTS.b_end, EVENTS.antipodal)
+    event = EVENTS.where(two, EVENTS.one_to_two, event)
+    event = EVENTS.where(corner, EVENTS.corner, event)
+    event = EVENTS.where(end, EVENTS.a_end, event)
+    event = EVENTS.where(least <= _TIE**1.5 * size, EVENTS.coincident, event)
+    return Witness(
+        segment=segment,
+        t=t,
+        point=here.point,
+        feet=feet[chosen],
+        foot_segments=segments[chosen],
+        foot_params=params[chosen],
+        multipliers=multipliers,
+        event=event,
+        direction=DIRECTIONS.a_to_b,
+    )
+
+
+def _local_feet(point: Array, b: BezierSegments) -> tuple[Array, Array]:
+    """Local feet from several starts on every segment, ends included: (segments * starts,) indices and parameters."""
+    starts = jnp.linspace(0.0, 1.0, _STARTS)
+
+    def feet_on(segment: Array) -> tuple[Array, Array]:
+        piece = piece_of(b, segment)
+
+        def foot(s: Array) -> Array:
+            return jax.lax.fori_loop(
+                0, _NEWTON_STEPS, lambda _, s: jnp.clip(s + _newton_step(point, piece, s), 0.0, 1.0), s
+            )
+
+        return jnp.full((_STARTS,), segment), jax.vmap(foot)(starts)
+
+    segments, params = jax.vmap(feet_on)(jnp.arange(b.count))
+    return segments.ravel(), params.ravel()
+
+
+def _end_or_corner(a: BezierSegments, segment: Array, t: Array) -> tuple[Array, Array]:
+    """Whether (segment, t) is a free end of a, and whether it is a joint where the tangent jumps."""
+    nxt, last = a.following[segment], preceding(a.following)[segment]
+    neighbour = jnp.where(t >= 1, nxt, jnp.where(t <= 0, last, segment))
+    at_end = (t <= 0) | (t >= 1)
+    first = _direction(a, segment, t)
+    second = _direction(a, neighbour, jnp.where(t >= 1, 0.0, jnp.where(t <= 0, 1.0, t)))
+    # The angle between unit vectors is nearly the length of their difference.
+    jump = jnp.sum((first - second) ** 2) > _CORNER**2
+    joined = at_end & (neighbour >= 0)
+    return at_end & (neighbour < 0), joined & jump
+
+
+def _direction(a: BezierSegments, segment: Array, t: Array) -> Array:
+    """Unit tangent of a segment; at an end with zero speed that of the chord to a point a little inside."""
+    piece = piece_of(a, segment)
+    here = jet(*piece, t)
+    inside = jet(*piece, jnp.clip(t, 1e-4, 1 - 1e-4)).point - here.point
+    inside = jnp.where(t >= 1, -inside, inside)
+    extent = jnp.max(jnp.abs(piece.control_points - piece.control_points[0]))
+    slow = jnp.max(jnp.abs(here.first)) <= 1e-9 * extent
+    vector = jnp.where(slow, inside, here.first)
+    length = jnp.sqrt(jnp.sum(vector**2))
+    return vector / jnp.where(length > 0, length, 1.0)

@@ -1,0 +1,102 @@
+"""The entries: directed and two-sided Hausdorff distances of two shapes."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jhd.distance.method import AbstractHausdorffMethod
+from jhd.distance.prepare import Frame, prepare
+from jhd.distance.two_step import TwoStep
+from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd.solution import DIRECTIONS, HausdorffSolution, throw_unless_successful
+
+
+def directed_hausdorff(
+    a: AbstractCurve, b: AbstractCurve, method: AbstractHausdorffMethod | None = None, *, throw: bool = True
+) -> HausdorffSolution:
+    """Directed Hausdorff distance: the maximum over a of the minimum over b of the distance.
+
+    The distance is that of the stored Bezier segments taken as real numbers. Works under jit and vmap, where checks of
+    values are left out and `throw` is ignored: read `result`.
+
+    Args:
+        a: the curve whose farthest point is looked for.
+        b: the curve that distances are taken to, of the same dimension.
+        method: how; by default TwoStep().
+        throw: whether to raise where the method did not reach what it promises.
+
+    Returns:
+        The distance with its bounds, in the unit of the coordinates.
+
+    Raises:
+        TypeError: a shape or a method of another kind.
+        ValueError: curves of different dimensions.
+        NotProvenError: the method failed and throw is True; it carries the solution.
+    """
+    method = _checked(a, b, method)
+    p, q, frame = prepare(a.segments(), b.segments())
+    return _finish(frame.solution(_directed(method, p, q)), throw)
+
+
+def hausdorff(
+    a: AbstractCurve, b: AbstractCurve, method: AbstractHausdorffMethod | None = None, *, throw: bool = True
+) -> HausdorffSolution:
+    """Hausdorff distance: the larger of both directed distances; the witness's `direction` says which, a_to_b at a tie.
+
+    Args:
+        a: a curve.
+        b: a curve of the same dimension.
+        method: how; by default TwoStep().
+        throw: whether to raise where the method did not reach what it promises.
+
+    Returns:
+        The distance with its bounds, in the unit of the coordinates.
+
+    Raises:
+        TypeError: a shape or a method of another kind.
+        ValueError: curves of different dimensions.
+        NotProvenError: the method failed and throw is True; it carries the solution.
+    """
+    method = _checked(a, b, method)
+    p, q, frame = prepare(a.segments(), b.segments())
+    there, back = _directed(method, p, q), _directed(method, q, p)
+    return _finish(frame.solution(_larger(there, back)), throw)
+
+
+@eqx.filter_jit
+def _directed(method: AbstractHausdorffMethod, a: BezierSegments, b: BezierSegments) -> HausdorffSolution:
+    return method.directed(a, b)
+
+
+@eqx.filter_jit
+def _larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+    back = eqx.tree_at(lambda s: s.witness.direction, back, DIRECTIONS.b_to_a)
+    turned = back.value > there.value
+    larger = jax.tree_util.tree_map(lambda x, y: jnp.where(turned, x, y), back, there)
+    stats = {f"{name}_{key}": x for name, s in (("a_to_b", there), ("b_to_a", back)) for key, x in s.stats.items()}
+    return HausdorffSolution(
+        value=larger.value,
+        lower=jnp.maximum(there.lower, back.lower),
+        upper=jnp.maximum(there.upper, back.upper),
+        witness=larger.witness,
+        result=larger.result,
+        stats=stats,
+    )
+
+
+def _checked(a: object, b: object, method: object) -> AbstractHausdorffMethod:
+    check_curve("a", a)
+    check_curve("b", b)
+    method = TwoStep() if method is None else method
+    if not isinstance(method, AbstractHausdorffMethod):
+        raise TypeError(f"method must be a Hausdorff method such as TwoStep(); got {type(method).__name__}.")
+    dims = [shape.segments().dim for shape in (a, b)]
+    if dims[0] != dims[1]:
+        raise ValueError(f"a has {dims[0]} coordinates a point and b has {dims[1]}; needs the same.")
+    return method
+
+
+def _finish(solution: HausdorffSolution, throw: bool) -> HausdorffSolution:
+    if throw:
+        throw_unless_successful(solution)
+    return solution

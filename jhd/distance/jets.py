@@ -1,0 +1,40 @@
+"""Position, velocity and acceleration of one (rational) Bezier segment at one parameter."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+class Jet(NamedTuple):
+    """A point of a curve with its first two derivatives."""
+
+    point: Float[Array, " dim"]
+    first: Float[Array, " dim"]
+    second: Float[Array, " dim"]
+
+
+def jet(control_points: Array, weights: Array | None, t: Array) -> Jet:
+    """The jet of one segment (points, dim) at the scalar t.
+
+    For C = n/w the quotient rule gives C' = (n' - C w')/w and C'' = (n'' - 2 C' w' - C w'')/w.
+    """
+    if weights is None:
+        return _polynomial_jet(control_points, t)
+    n = _polynomial_jet(control_points * weights[:, None], t)
+    w = _polynomial_jet(weights, t)
+    point = n.point / w.point
+    first = (n.first - point * w.first) / w.point
+    return Jet(point, first, (n.second - 2 * first * w.first - point * w.second) / w.point)
+
+
+def _polynomial_jet(c: Array, t: Array) -> Jet:
+    degree = c.shape[0] - 1
+    second = first = jnp.zeros_like(c[0])
+    for level in range(degree, 0, -1):
+        if level == 2:
+            second = degree * (degree - 1) * (c[2] - 2 * c[1] + c[0])
+        if level == 1:
+            first = degree * (c[1] - c[0])
+        c = (1 - t) * c[:-1] + t * c[1:]
+    return Jet(c[0], first, second)

@@ -1,0 +1,153 @@
+"""A pair of curves in common coordinates: moved to the origin, scaled by a power of two, padded to a few sizes.
+
+The exact distance is the one of the stored arrays, so every step has a bound: scaling by a power of two is exact
+(flushed subnormals aside), and `preparation_error` covers moving and raising the degree.
+"""
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array
+
+from jhd.arithmetic.bernstein import product_weights
+from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arrays import is_traced
+from jhd.shapes.curve import BezierSegments
+from jhd.solution import HausdorffSolution
+
+# Numbers of segments and degrees that programs are compiled for. Small curves share one size, where the cost of the
+# repetition does not show; from 48 on at most a half is repetition.
+_COUNTS = (4, 16, *(factor * 2**k for k in range(4, 26) for factor in (3,)))
+_DEGREES = (3, 6, 10)
+
+
+def padded_count(count: int) -> int:
+    """The smallest number of segments that programs are compiled for and that holds `count`."""
+    return next(bucket for bucket in _COUNTS if bucket >= count)
+
+
+def raised_degree(degree: int) -> int:
+    """The smallest degree that programs are compiled for and that holds `degree`; beyond ten each is its own."""
+    return next((bucket for bucket in _DEGREES if bucket >= degree), degree)
+
+
+def trusted(control_points: Any, weights: Any, following: Any) -> BezierSegments:
+    """Segments from arrays that need no check; NumPy arrays and tracers are stored as they are."""
+    leaves = [control_points, following] if weights is None else [control_points, weights, following]
+    return jax.tree_util.tree_unflatten(_structure(weights is not None), leaves)
+
+
+@lru_cache(maxsize=2)
+def _structure(rational: bool) -> Any:
+    one = BezierSegments(np.zeros((1, 1, 2)), np.ones((1, 1)) if rational else None)
+    return jax.tree_util.tree_structure(one)
+
+
+@lru_cache(maxsize=64)
+def elevation_matrix(degree: int, target: int) -> np.ndarray:
+    """The (target + 1, degree + 1) matrix of raising the degree: C(n,i) C(m-n,k-i) / C(m,k), non-negative rows of sum one."""
+    weights = product_weights(degree, target - degree)
+    matrix = np.zeros((target + 1, degree + 1))
+    for i in range(degree + 1):
+        matrix[i : i + target - degree + 1, i] = weights[i]
+    return matrix
+
+
+class Frame(eqx.Module):
+    """Where the common coordinates lie in the user's: x_user = (2^second x + centre) 2^first."""
+
+    centre: Any
+    first: Any
+    second: Any
+
+    def place(self, x: Array) -> Array:
+        """Points in the user's coordinates."""
+        xp = jnp if is_traced(x, self) else np
+        return jnp.asarray(xp.ldexp(xp.ldexp(xp.asarray(x), self.second) + self.centre, self.first))
+
+    def length(self, x: Array, toward: float | None = None) -> Array:
+        """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
+        xp = jnp if is_traced(x, self) else np
+        x = xp.asarray(x)
+        scaled = xp.ldexp(x, self.first + self.second)
+        if toward is None:
+            return jnp.asarray(scaled)
+        outward = xp.nextafter(scaled, xp.asarray(toward, scaled.dtype))
+        exact = (xp.abs(scaled) > 2 * smallest_normal(scaled.dtype)) | (x == 0)
+        return jnp.asarray(xp.where(exact, scaled, outward))
+
+    def solution(self, solution: HausdorffSolution) -> HausdorffSolution:
+        """A solution found in the common coordinates, in the user's."""
+        return eqx.tree_at(
+            lambda s: (s.value, s.lower, s.upper, s.witness.point, s.witness.feet),
+            solution,
+            (
+                self.length(solution.value),
+                self.length(solution.lower, 0.0),
+                self.length(solution.upper, np.inf),
+                self.place(solution.witness.point),
+                self.place(solution.witness.feet),
+            ),
+        )
+
+
+def prepare(a: BezierSegments, b: BezierSegments) -> tuple[BezierSegments, BezierSegments, Frame]:
+    """Both curves padded and with coordinates in [-1, 1] about the origin, and the frame that leads back.
+
+    The common centre is subtracted between two scalings by powers of two: the first keeps the centre from overflowing,
+    the second brings the remaining extent to order one. On concrete curves this runs in NumPy, which keeps subnormals.
+    """
+    xp = jnp if is_traced(a, b) else np
+    x, y = (xp.asarray(curve.control_points) for curve in (a, b))
+    first = _exponent(xp, x, y)
+    x, y = xp.ldexp(x, -first), xp.ldexp(y, -first)
+    low = xp.minimum(xp.min(x, axis=(0, 1)), xp.min(y, axis=(0, 1)))
+    high = xp.maximum(xp.max(x, axis=(0, 1)), xp.max(y, axis=(0, 1)))
+    centre = 0.5 * (low + high)
+    x, y = x - centre, y - centre
+    second = _exponent(xp, x, y)
+    x, y = xp.ldexp(x, -second), xp.ldexp(y, -second)
+    degree = raised_degree(max(a.degree, b.degree))
+    return _bucketed(xp, a, x, degree), _bucketed(xp, b, y, degree), Frame(centre, first, second)
+
+
+def preparation_error(degree: int, dim: int, dtype: DTypeLike) -> float:
+    """Bound on how far `prepare` moves any point of one curve, in the common coordinates.
+
+    Subtracting the centre rounds each coordinate once. Raising the degree forms convex combinations of at most
+    degree + 1 products, with weights of two roundings; on rational curves numerator and denominator each err by a
+    relative gamma(degree + 6), and so does the position of the point, twice, in units of coordinates of at most one.
+    """
+    return math.sqrt(dim) * gamma(4 * (degree + 7) + 1, dtype)
+
+
+def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int) -> BezierSegments:
+    """The curve with these control points, raised to `degree` and padded by repetition of its last segment.
+
+    The weights of each segment are first scaled to a largest one in [1/2, 1), which changes no point.
+    """
+    index = np.minimum(np.arange(padded_count(curve.count)), curve.count - 1)
+    weights = curve.weights
+    if weights is not None:
+        weights = xp.asarray(weights)
+        weights = xp.ldexp(weights, -xp.frexp(xp.max(weights, axis=-1, keepdims=True))[1])
+        points = points * weights[..., None]
+    if degree > curve.degree:
+        raising = elevation_matrix(curve.degree, degree).astype(points.dtype)
+        points = xp.sum(raising[:, :, None] * points[:, None], axis=-2)
+        weights = None if weights is None else xp.sum(raising * weights[:, None], axis=-1)
+    if weights is not None:
+        points, weights = (points / weights[..., None])[index], weights[index]
+        return trusted(points, weights, xp.asarray(curve.following)[index])
+    return trusted(points[index], None, xp.asarray(curve.following)[index])
+
+
+def _exponent(xp: Any, *arrays: Any) -> Any:
+    """The k for which 2^-k times the largest entry lies in [1/2, 1); 0 where all entries are zero."""
+    return xp.frexp(xp.max(xp.stack([xp.max(xp.abs(x)) for x in arrays])))[1]

@@ -1,0 +1,437 @@
+"""The two-step method: sample a, then refine the local maxima of the distance by root finding.
+
+Step 1 samples every segment of a and finds the nearest point of b for each sample. An interval between two samples is
+kept where the distance rises at its left and falls at its right end, where its ends have different feet, or where it
+touches a sample above both neighbours ("small-large-small").
+Step 2 follows the feet of both ends as branches. Where the branches differ, bisection on the difference of their
+distances finds the crossing, and Newton's method solves the three equations of a one-to-two event; on either side of
+it, or on the whole interval where the branches are one, bisection on (A - B).A' and Newton's method on two equations
+give an antipodal event. Every candidate is then measured by the proven nearest point; where a third branch turns out to
+be nearer than the two that were followed, the interval is cut there and both parts are refined again.
+
+Changes to the source: a maximum at an end of b is a maximum along a, not a minimum; branches are followed by
+continuation instead of ranked by length; corners of both curves and feet at ends are events. The method proves a lower
+bound only: it can miss a maximum that lies between samples.
+
+Source: Cao et al. 2014, A two-step method for the Hausdorff distance between planar curves, sections 3 and 4.
+"""
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Literal, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array
+
+from jhd.arithmetic.rounding import gamma
+from jhd.distance.events import (
+    Branch,
+    FootState,
+    antipodal,
+    describe,
+    follow_foot,
+    one_to_two,
+    piece_of,
+    preceding,
+)
+from jhd.distance.jets import jet
+from jhd.distance.method import AbstractHausdorffMethod
+from jhd.distance.nearest import Nearest, nearest
+from jhd.distance.prepare import preparation_error
+from jhd.shapes.curve import BezierSegments
+from jhd.solution import RESULTS, HausdorffSolution
+
+# Samples of the whole curve when their number is left open: shared among the segments, within these limits for each.
+_SAMPLES, _LEAST, _MOST = 512, 6, 128
+# Intervals refined together; most pairs need one or two rounds of so many.
+_LANES = 8
+# Free places for the halves of intervals that a third branch cuts.
+_EXTRA = 32
+# Samples whose nearest points are searched together: more wait for the slowest of them, fewer do not fill the vector units.
+_CHUNK = 128
+# Newton steps that follow a foot over an interval, and those of a polish.
+_FOLLOW, _POLISH = 6, 16
+# Share of an interval at which bisection hands over to Newton's method, and where it ends if Newton fails.
+_COARSE, _FINE = 2.0**-8, 2.0**-44
+# Arc length of an interval in units of its chord, for ranking only.
+_ARC = 1.25
+# Differences of squared distances below this are none: rounding leaves about 1e-15 in the common coordinates.
+_EQUAL = 1e-14
+# Residual of the equations, in the common coordinates, that a polished event leaves.
+_RESIDUAL = 1e-13
+_NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
+
+
+class TwoStep(AbstractHausdorffMethod):
+    """Sampling and root finding; fast, and good to about 1e-12 of the size, but without a proven upper bound.
+
+    Args:
+        samples: intervals a segment of a; by default 512 in all, at least 6 and at most 128 a segment. More samples
+            find narrower maxima.
+        spacing: "uniform" in the parameter, or "curvature": denser where the tangent turns.
+        max_rounds: limit on rounds of refinement, eight intervals each, largest possible distance first.
+    """
+
+    samples: int | None = eqx.field(static=True, default=None)
+    spacing: Literal["uniform", "curvature"] = eqx.field(static=True, default="uniform")
+    max_rounds: int = eqx.field(static=True, default=16)
+
+    def __check_init__(self) -> None:
+        if self.samples is not None and (not isinstance(self.samples, int) or self.samples < 2):
+            raise ValueError(f"samples is {self.samples!r}; needs a whole number of at least 2.")
+        if self.spacing not in ("uniform", "curvature"):
+            raise ValueError(f"spacing is {self.spacing!r}; needs 'uniform' or 'curvature'.")
+        if not isinstance(self.max_rounds, int) or self.max_rounds < 0:
+            raise ValueError(f"max_rounds is {self.max_rounds!r}; needs a whole number of at least 0.")
+
+    def directed(self, a: BezierSegments, b: BezierSegments) -> HausdorffSolution:
+        """One direction in common coordinates."""
+        pair = _Pair(a, b, preceding(b.following))
+        samples = _sampled(pair, self._parameters(a))
+        brackets = _brackets(samples)
+        best = _best_sample(samples)
+        state = jax.lax.while_loop(
+            lambda s: (jnp.max(s.brackets.key) > s.best.distance) & (s.rounds < self.max_rounds),
+            lambda s: _round(pair, s),
+            _State(brackets, best, jnp.array(0), jnp.array(0)),
+        )
+        best = state.best
+        witness = describe(a, b, best.segment, best.t, jnp.ones(()))
+        lower = jnp.maximum(best.lower - _evaluation_error(a, b), 0.0)
+        stats = {
+            "samples": jnp.array(samples.t.size),
+            "intervals": jnp.sum(jnp.isfinite(brackets.key)),
+            "rounds": state.rounds,
+            "cuts": state.cuts,
+        }
+        value = jnp.maximum(best.distance, lower)
+        return HausdorffSolution(value, lower, jnp.full_like(lower, jnp.inf), witness, RESULTS.successful, stats)
+
+    def _parameters(self, a: BezierSegments) -> Array:
+        """Sample parameters, (segments, samples + 1), from 0 to 1."""
+        count = self.samples or min(max(math.ceil(_SAMPLES / a.count), _LEAST), _MOST)
+        uniform = jnp.linspace(0.0, 1.0, count + 1)
+        if self.spacing == "uniform" or a.degree < 2:
+            return jnp.broadcast_to(uniform, (a.count, count + 1))
+        return jax.vmap(lambda k: _by_curvature(a, k, count))(jnp.arange(a.count))
+
+
+class _Pair(NamedTuple):
+    a: BezierSegments
+    b: BezierSegments
+    before: Array
+
+
+class _Samples(NamedTuple):
+    """Feet and distances of the samples of a; axes (segments, samples + 1)."""
+
+    t: Array
+    distance: Array
+    lower: Array
+    foot_segment: Array
+    foot_s: Array
+    slope: Array
+    point: Array
+    foot: Array
+
+
+class _Bracket(NamedTuple):
+    """An interval of a segment of a with the feet of both ends, and the largest distance that it may hold."""
+
+    key: Array
+    segment: Array
+    t0: Array
+    t1: Array
+    k0: Array
+    s0: Array
+    k1: Array
+    s1: Array
+
+
+class _Best(NamedTuple):
+    distance: Array
+    lower: Array
+    segment: Array
+    t: Array
+
+
+class _State(NamedTuple):
+    brackets: _Bracket
+    best: _Best
+    rounds: Array
+    cuts: Array
+
+
+def _evaluation_error(a: BezierSegments, b: BezierSegments) -> float:
+    """Bound on how far the computed witness is from a point of a, and both curves from the stored ones.
+
+    De Casteljau's algorithm costs three roundings a level and the quotient of a rational segment two products and a
+    division more, each relative to coordinates of at most one.
+    """
+    dtype = a.control_points.dtype
+    evaluation = math.sqrt(a.dim) * gamma(3 * a.degree + 6, dtype)
+    return evaluation + sum(preparation_error(curve.degree, curve.dim, dtype) for curve in (a, b))
+
+
+def _by_curvature(a: BezierSegments, segment: Array, count: int) -> Array:
+    """Parameters between which the curve goes on and turns by equal shares: half arc length, half angle."""
+    t = jnp.linspace(0.0, 1.0, 8 * count + 1)
+    tangents = jax.vmap(lambda t: jet(*piece_of(a, segment), t).first)(t)
+    speed = jnp.sqrt(jnp.sum(tangents**2, axis=-1))
+    unit = tangents / jnp.where(speed > 0, speed, 1.0)[:, None]
+    turn = jnp.sqrt(jnp.sum((unit[1:] - unit[:-1]) ** 2, axis=-1))
+    length = 0.5 * (speed[1:] + speed[:-1])
+    share = _normalised(length) + _normalised(turn)
+    # A small uniform part keeps the parameters apart where the curve neither moves nor turns.
+    grown = jnp.concatenate([jnp.zeros(1), jnp.cumsum(share + 0.1 / t.size)])
+    inner = jnp.interp(jnp.linspace(0.0, 1.0, count + 1), grown / grown[-1], t)
+    return inner.at[0].set(0.0).at[-1].set(1.0)
+
+
+def _normalised(x: Array) -> Array:
+    total = jnp.sum(x)
+    return x / jnp.where(total > 0, total, 1.0)
+
+
+def _nearest_all(pair: _Pair, points: Array) -> Nearest:
+    """Proven nearest points for rows of points, in chunks."""
+    b = pair.b
+    return jax.lax.map(lambda p: nearest(p, b.control_points, b.weights), points, batch_size=_CHUNK)
+
+
+def _sampled(pair: _Pair, t: Array) -> _Samples:
+    a, b = pair.a, pair.b
+    segments = jnp.arange(a.count)
+    jets = jax.vmap(lambda k, ts: jax.vmap(lambda u: jet(*piece_of(a, k), u))(ts))(segments, t)
+    found = _nearest_all(pair, jets.point.reshape(-1, a.dim))
+    found = jax.tree_util.tree_map(lambda x: x.reshape(t.shape), found)
+    foot = jax.vmap(jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point))(found.segment, found.t)
+    slope = jnp.sum((jets.point - foot) * jets.first, axis=-1)
+    return _Samples(t, found.distance, found.lower, found.segment, found.t, slope, jets.point, foot)
+
+
+def _best_sample(samples: _Samples) -> _Best:
+    index = jnp.argmax(samples.distance)
+    segment = index // samples.t.shape[1]
+    return _Best(samples.distance.ravel()[index], samples.lower.ravel()[index], segment, samples.t.ravel()[index])
+
+
+def _brackets(samples: _Samples) -> _Bracket:
+    """Intervals between samples that may hold a local maximum, followed by free places."""
+    d, left, right = samples.distance, slice(None, -1), slice(1, None)
+    chord = _norm(samples.point[:, right] - samples.point[:, left])
+    feet_apart = _norm(samples.foot[:, right] - samples.foot[:, left])
+    rises_and_falls = (samples.slope[:, left] > 0) & (samples.slope[:, right] < 0)
+    peak = (d[:, 1:-1] > d[:, :-2]) & (d[:, 1:-1] >= d[:, 2:]) | (d[:, 1:-1] >= d[:, :-2]) & (d[:, 1:-1] > d[:, 2:])
+    peak = jnp.pad(peak, ((0, 0), (1, 1)), constant_values=True)
+    # Feet of one branch move about as fast as the samples, unless a centre of curvature of b is near.
+    wanted = rises_and_falls | (feet_apart > 4 * chord) | peak[:, left] | peak[:, right]
+    key = jnp.where(wanted, 0.5 * (d[:, left] + d[:, right] + _ARC * chord), -jnp.inf)
+    segment = jnp.broadcast_to(jnp.arange(d.shape[0])[:, None], key.shape)
+    grids = (samples.t, samples.foot_segment, samples.foot_s)
+    ends = [x[:, part] for x in grids for part in (left, right)]
+    fields = (key, segment, ends[0], ends[1], ends[2], ends[4], ends[3], ends[5])
+    fill = (-jnp.inf, 0, 0.0, 0.0, 0, 0.0, 0, 0.0)
+    flat = (jnp.pad(x.ravel(), (0, _EXTRA), constant_values=v) for x, v in zip(fields, fill, strict=True))
+    return _Bracket(*flat)
+
+
+def _norm(x: Array) -> Array:
+    return jnp.sqrt(jnp.sum(x * x, axis=-1))
+
+
+def _round(pair: _Pair, state: _State) -> _State:
+    """Refines the intervals with the largest keys and takes the best of their candidates."""
+    brackets, best = state.brackets, state.best
+    keys, index = jax.lax.top_k(brackets.key, _LANES)
+    lanes = _Bracket(*(x[index] for x in brackets))
+    live = keys > best.distance
+    t, tracked = _candidates(pair, lanes)
+    points = jax.vmap(lambda k, ts: jax.vmap(lambda u: jet(*piece_of(pair.a, k), u).point)(ts))(lanes.segment, t)
+    found = _nearest_all(pair, points.reshape(-1, pair.a.dim))
+    found = jax.tree_util.tree_map(lambda x: x.reshape(t.shape), found)
+    distance = jnp.where(live[:, None], found.distance, -jnp.inf)
+    at = jnp.argmax(distance)
+    lane = at // t.shape[1]
+    top = _Best(distance.ravel()[at], found.lower.ravel()[at], lanes.segment[lane], t.ravel()[at])
+    better = top.distance > best.distance
+    best = jax.tree_util.tree_map(lambda new, old: jnp.where(better, new, old), top, best)
+    brackets = brackets._replace(key=brackets.key.at[index].set(-jnp.inf))
+    halves, cut = _halves(pair, lanes, t, tracked, found, points)
+    halves = halves._replace(key=jnp.where(jnp.tile(live & cut, 2), halves.key, -jnp.inf))
+    return _State(_stored(brackets, halves), best, state.rounds + 1, state.cuts + jnp.sum(live & cut))
+
+
+def _stored(brackets: _Bracket, new: _Bracket) -> _Bracket:
+    """Puts the new intervals where the smallest keys are, unless those are larger."""
+    _, worst = jax.lax.top_k(-brackets.key, new.key.shape[0])
+    take = new.key > brackets.key[worst]
+    return _Bracket(*(old.at[worst].set(jnp.where(take, x, old[worst])) for old, x in zip(brackets, new, strict=True)))
+
+
+def _halves(
+    pair: _Pair, lanes: _Bracket, t: Array, tracked: Array, found: Nearest, points: Array
+) -> tuple[_Bracket, Array]:
+    """The two parts of each interval about its best candidate, wanted where a branch not followed is nearer there."""
+    which = jnp.argmax(tracked, axis=1)
+    pick = lambda x: jnp.take_along_axis(x, which[:, None], axis=1)[:, 0]  # noqa: E731
+    cut_at, true, followed = pick(t), pick(found.distance), pick(tracked)
+    k, s = pick(found.segment), pick(found.t)
+    width = lanes.t1 - lanes.t0
+    inside = (cut_at > lanes.t0 + _COARSE * width) & (cut_at < lanes.t1 - _COARSE * width)
+    cut = (followed > true + 1e-13) & inside & (width > _COARSE**4)
+    left = lanes._replace(t1=cut_at, k1=k, s1=s)
+    right = lanes._replace(t0=cut_at, k0=k, s0=s)
+    both = _Bracket(*(jnp.concatenate([x, y]) for x, y in zip(left, right, strict=True)))
+    # What was followed bounds what the parts can hold, beside their keys.
+    return both._replace(key=jnp.tile(jnp.minimum(lanes.key, followed), 2)), cut
+
+
+def _candidates(pair: _Pair, lanes: _Bracket) -> tuple[Array, Array]:
+    """Refined parameters of the three candidates of each interval, and the distances of the feet that were followed.
+
+    The candidates are the crossing of the two branches, and an antipodal event of each branch on its side of it.
+    """
+    # A second, finer pass only where Newton's method failed for some candidate; a loop, so that it is compiled once.
+
+    def refine(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        turn, t, ok = state
+        refined = _refined(pair, lanes, jnp.where(turn == 0, _COARSE, _FINE))
+        polished, good = jax.vmap(_polished, in_axes=(None, 0, 0))(pair, lanes, refined)
+        return turn + 1, jnp.where(ok, t, polished), ok | good
+
+    shape = (lanes.t0.shape[0], 3)
+    start = (jnp.array(0), jnp.zeros(shape, lanes.t0.dtype), jnp.zeros(shape, bool))
+    _, t, _ = jax.lax.while_loop(lambda s: (s[0] == 0) | ((s[0] == 1) & ~jnp.all(s[2])), refine, start)
+    return t, jax.vmap(_followed, in_axes=(None, 0, 0))(pair, lanes, t)
+
+
+class _Refined(NamedTuple):
+    """Bisected candidates of one interval: parameter, whether there is an event, and the feet of both branches."""
+
+    t: Array
+    wanted: Array
+    x: FootState
+    y: FootState
+
+
+def _point(pair: _Pair, bracket: _Bracket, t: Array) -> Array:
+    return jet(*piece_of(pair.a, bracket.segment), t).point
+
+
+def _branch(pair: _Pair, bracket: _Bracket, t: Array, from_right: Array) -> FootState:
+    """The foot at t on the branch of the left or of the right end."""
+    k, s = jnp.where(from_right, bracket.k1, bracket.k0), jnp.where(from_right, bracket.s1, bracket.s0)
+    return follow_foot(_point(pair, bracket, t), pair.b, pair.before, k, s, _FOLLOW)
+
+
+def _lead(t: Array, args: tuple[_Pair, _Bracket]) -> Array:
+    """How much farther (squared) the right end's branch is than the left end's; positive before the crossing."""
+    pair, bracket = args
+    feet = jax.vmap(lambda right: _branch(pair, bracket, t, right))(jnp.array([False, True])).point
+    return (2 * _point(pair, bracket, t) - feet[0] - feet[1]) @ (feet[0] - feet[1])
+
+
+def _rise(t: Array, args: tuple[_Pair, _Bracket, Array]) -> Array:
+    """(A - B).A' on one branch: the sign of the slope of its distance."""
+    pair, bracket, from_right = args
+    here = jet(*piece_of(pair.a, bracket.segment), t)
+    return (here.point - _branch(pair, bracket, t, from_right).point) @ here.first
+
+
+def _refined(pair: _Pair, lanes: _Bracket, width: Array) -> _Refined:
+    """Bisection of all intervals to a share `width` of each."""
+
+    def crossing(bracket: _Bracket) -> tuple[Array, Array]:
+        args = (pair, bracket)
+        at0, at1 = _lead(bracket.t0, args), _lead(bracket.t1, args)
+        tau = _bisected(_lead, bracket.t0, bracket.t1, at0, at1, args, width)
+        # Branches that meet at one end are one foot there; which of them leads at the other end then holds throughout.
+        apart = (at0 > _EQUAL) & (at1 < -_EQUAL)
+        return jnp.where(apart, tau, jnp.where(at1 < -_EQUAL, bracket.t0, bracket.t1)), apart
+
+    tau, apart = jax.vmap(crossing)(lanes)
+
+    def side(bracket: _Bracket, tau: Array, from_right: Array) -> tuple[Array, Array]:
+        args = (pair, bracket, from_right)
+        low, high = jnp.where(from_right, tau, bracket.t0), jnp.where(from_right, bracket.t1, tau)
+        at_low, at_high = _rise(low, args), _rise(high, args)
+        found = (at_low > 0) & (at_high < 0)
+        t = _bisected(_rise, low, high, at_low, at_high, args, width)
+        # Without a change of sign the larger end of the side stands in.
+        return jnp.where(found, t, jnp.where(at_low > 0, high, low)), found
+
+    both = jnp.array([False, True])
+    sides, found = jax.vmap(jax.vmap(side, in_axes=(None, None, 0)), in_axes=(0, 0, None))(lanes, tau, both)
+    t = jnp.concatenate([tau[:, None], sides], axis=1)
+    wanted = jnp.concatenate([apart[:, None], found], axis=1)
+    at = jax.vmap(lambda bracket, ts, right: jax.vmap(lambda u: _branch(pair, bracket, u, right))(ts), (0, 0, None))
+    return _Refined(t, wanted, at(lanes, t, jnp.array(False)), at(lanes, t, jnp.array(True)))
+
+
+def _bisected(
+    residual: Callable, low: Array, high: Array, at_low: Array, at_high: Array, args: tuple, width: Array
+) -> Array:
+    """The place where a residual falls from positive to negative, to a share `width` of the interval.
+
+    The solver wants the interval and the residual below one tolerance, so both are scaled to order one.
+    """
+    scale = jnp.maximum(jnp.maximum(jnp.abs(at_low), jnp.abs(at_high)), jnp.finfo(low.dtype).tiny)
+    solution = optx.root_find(
+        partial(_scaled, residual),
+        optx.Bisection(rtol=0.0, atol=width, flip=True),
+        jnp.full_like(low, 0.5),
+        (low, high, scale, args),
+        options={"lower": jnp.zeros_like(low), "upper": jnp.ones_like(low)},
+        max_steps=64,
+        throw=False,
+    )
+    return low + jnp.clip(solution.value, 0.0, 1.0) * (high - low)
+
+
+def _scaled(residual: Callable, share: Array, args: tuple) -> Array:
+    low, high, scale, inner = args
+    return residual(low + share * (high - low), inner) / scale
+
+
+def _polished(pair: _Pair, bracket: _Bracket, refined: _Refined) -> tuple[Array, Array]:
+    """Newton's method from the bisected candidates; returns parameters and whether each can be trusted."""
+    piece = piece_of(pair.a, bracket.segment)
+
+    def branch(foot: FootState, index: int) -> Branch:
+        return Branch(piece_of(pair.b, foot.segment[index]), foot.pinned[index], foot.s[index])
+
+    x, y = refined.x, refined.y
+    starts = [
+        (one_to_two, (piece, branch(x, 0), branch(y, 0)), jnp.stack([refined.t[0], x.s[0], y.s[0]])),
+        (antipodal, (piece, branch(x, 1)), jnp.stack([refined.t[1], x.s[1]])),
+        (antipodal, (piece, branch(y, 2)), jnp.stack([refined.t[2], y.s[2]])),
+    ]
+    t, good = (jnp.stack(z) for z in zip(*(_newton(bracket, *start) for start in starts), strict=True))
+    near = jnp.abs(t - refined.t) <= 4 * _COARSE * (bracket.t1 - bracket.t0)
+    use = refined.wanted & good & near
+    return jnp.where(use, t, refined.t), use | ~refined.wanted
+
+
+def _newton(bracket: _Bracket, residual: Callable, args: tuple, start: Array) -> tuple[Array, Array]:
+    lower = jnp.zeros_like(start).at[0].set(bracket.t0)
+    upper = jnp.ones_like(start).at[0].set(bracket.t1)
+    solution = optx.root_find(
+        residual, _NEWTON, start, args, options={"lower": lower, "upper": upper}, max_steps=_POLISH, throw=False
+    )
+    left = jnp.max(jnp.abs(residual(solution.value, args)))
+    return solution.value[0], jnp.isfinite(left) & (left <= _RESIDUAL)
+
+
+def _followed(pair: _Pair, bracket: _Bracket, t: Array) -> Array:
+    """Distance to the nearer of the two branches at each parameter."""
+
+    def one(t: Array) -> Array:
+        feet = jax.vmap(lambda right: _branch(pair, bracket, t, right))(jnp.array([False, True])).point
+        return jnp.min(_norm(_point(pair, bracket, t) - feet))
+
+    return jax.vmap(one)(t)

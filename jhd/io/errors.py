@@ -1,0 +1,57 @@
+"""Opening files to read, and what reading them raises."""
+
+from pathlib import Path
+
+
+class ParseError(ValueError):
+    """Text or a file that cannot be read; the message is one line that begins with the place, as compilers write it.
+
+    Args:
+        message: what was found and what was needed.
+        file: the file; None for text that comes from no file.
+        line: its line, from 1; None where it is not known.
+        column: the column in that line, from 1; for text of no file the place in the text.
+    """
+
+    def __init__(self, message: str, file: object = None, line: int | None = None, column: int | None = None):
+        self.file = None if file is None else str(file)
+        self.line = line
+        self.column = column
+        self.reason = message
+        if self.file is None:
+            named = [f"{name} {number}" for name, number in (("line", line), ("column", column)) if number is not None]
+            place = ", ".join(named)
+        else:
+            place = ":".join(str(part) for part in (self.file, line, column) if part is not None)
+        super().__init__(f"{place}: {message}" if place else message)
+
+
+def place_in(text: str, index: int) -> tuple[int, int]:
+    """Line and column, both from 1, of the character `index` of the text."""
+    before = text[:index]
+    return before.count("\n") + 1, index - before.rfind("\n")
+
+
+def read_bytes(file: str | Path) -> bytes:
+    """The bytes of a file.
+
+    Raises:
+        FileNotFoundError: there is no such file; one line.
+    """
+    try:
+        return Path(file).read_bytes()
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{file}: no such file.") from None
+
+
+def read_text(file: str | Path) -> str:
+    """The text of a UTF-8 file, a byte order mark left out.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ParseError: the bytes are no UTF-8 text.
+    """
+    try:
+        return read_bytes(file).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ParseError(f"byte {error.start} is not UTF-8 text.", file) from error

@@ -1,0 +1,156 @@
+"""Outlines of letters as curves, from the fonts that matplotlib knows and from font files.
+
+TrueType outlines are lines and quadratics, with the on-curve points that the format implies written out; those of CFF
+fonts are lines and cubics. Coordinates are font units with y up, exact: integers, and halves where lines are raised to
+quadratics (in CFF fonts lines raised to cubics round by an ulp). No hinting, kerning or ligatures.
+
+Source: Apple, TrueType Reference Manual, chapter "Digitizing letterform designs".
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fontTools.pens.basePen import BasePen
+from fontTools.ttLib import TTFont, TTLibError
+from matplotlib import font_manager, get_data_path
+
+from jhd.io.contours import Contour, assemble
+from jhd.io.errors import ParseError
+from jhd.shapes.curve import BezierSegments
+
+_SUFFIXES = (".ttf", ".otf", ".ttc", ".otc")
+_NORMAL_WEIGHT = 400
+
+
+def outline(font: str | Path, text: str, *, size: float | None = None) -> BezierSegments:
+    """The outline of a letter, or of a text set without kerning: every contour of it as one curve, y up.
+
+    >>> outline("DejaVu Sans", "l").control_points[0].tolist()
+    [[193.0, 1556.0], [377.0, 1556.0]]
+
+    Args:
+        font: a family that matplotlib knows (`DejaVu Sans`; its regular face), the name of a font file without suffix
+            (`DejaVuSans-Bold`), or a path to a .ttf or .otf file.
+        text: one letter or several; the first begins at x = 0 on the line y = 0.
+        size: length of the em, in the unit wanted; None keeps font units (1000 or 2048 an em as a rule).
+
+    Raises:
+        FileNotFoundError: a path to no file.
+        ParseError: a file that is no font.
+        ValueError: an unknown font (some known names follow), a letter that the font does not have, a text without
+            outline (spaces), a size that is not positive.
+    """
+    if not text:
+        raise ValueError("text is empty; needs at least one letter.")
+    if size is not None and not size > 0:
+        raise ValueError(f"size is {size}; needs a positive length.")
+    file = _font_file(str(font))
+    try:
+        with TTFont(file, fontNumber=0) as opened:
+            contours, units = _draw(opened, str(font), text)
+    except TTLibError as error:
+        raise ParseError(f"is no font that can be read ({error}).", file) from error
+    if size is not None:
+        scale = np.diag([size / units, size / units, 0.0])[:2]
+        contours = [contour.transformed(scale) for contour in contours]
+    curve = assemble(contours)
+    if curve is None:
+        raise ValueError(f"{text!r} has no outline in {font}.")
+    return curve
+
+
+def parse_font_spec(spec: str) -> tuple[str, str]:
+    """Font and text of `font:NAME:TEXT`; the name may hold colons, and the text may be a colon.
+
+    >>> parse_font_spec("font:DejaVu Sans:a")
+    ('DejaVu Sans', 'a')
+
+    Raises:
+        ParseError: anything else.
+    """
+    if spec.startswith("font:"):
+        name, _, text = spec.removeprefix("font:").rpartition(":")
+        if not text and name.endswith(":"):
+            name, text = name[:-1], ":"
+        if name and text:
+            return name, text
+    raise ParseError(f"{spec!r} is no letter of a font; needs font:NAME:LETTER, for example 'font:DejaVu Sans:a'.")
+
+
+def _font_file(font: str) -> str:
+    """The file of a font given by path, family or file name."""
+    if font.lower().endswith(_SUFFIXES):
+        if not Path(font).is_file():
+            raise FileNotFoundError(f"{font}: no such file.")
+        return font
+    entries = font_manager.fontManager.ttflist
+    wanted = font.casefold()
+    matching = [entry for entry in entries if wanted in (entry.name.casefold(), Path(entry.fname).stem.casefold())]
+    if not matching:
+        raise ValueError(f"{font!r} is no font known to matplotlib; some that are: {_some_families()}.")
+    return min(matching, key=_preference).fname
+
+
+def _preference(entry: Any) -> tuple[bool, int, bool, bool, str]:
+    """Regular faces first, and of two files of one face the one that matplotlib carries, which is alike everywhere."""
+    style = entry.style != "normal"
+    stretch = entry.stretch != "normal"
+    return style, abs(int(entry.weight) - _NORMAL_WEIGHT), stretch, not _is_carried(entry), entry.fname
+
+
+def _is_carried(entry: Any) -> bool:
+    return Path(entry.fname).is_relative_to(get_data_path())
+
+
+def _some_families() -> str:
+    carried = {entry.name for entry in font_manager.fontManager.ttflist if _is_carried(entry)}
+    return ", ".join(sorted(carried)[:8])
+
+
+def _draw(font: TTFont, name: str, text: str) -> tuple[list[Contour], float]:
+    """The contours of the text, each letter moved by the advances before it, and the font units of an em."""
+    glyphs = font.getGlyphSet()
+    named = font.getBestCmap() or {}
+    contours: list[Contour] = []
+    advance = 0.0
+    for letter in text:
+        if ord(letter) not in named:
+            raise ValueError(f"{name} has no glyph for {letter!r} (U+{ord(letter):04X}).")
+        glyph = glyphs[named[ord(letter)]]
+        pen = _ContourPen(glyphs, advance)
+        glyph.draw(pen)
+        contours += pen.contours
+        advance += glyph.width
+    return contours, float(font["head"].unitsPerEm)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+class _ContourPen(BasePen):
+    """A fontTools pen that collects contours; components of composite glyphs are drawn in place by the base class."""
+
+    def __init__(self, glyphs: Any, advance: float):
+        BasePen.__init__(self, glyphs)
+        self.contours: list[Contour] = []
+        self.advance = advance
+
+    def _place(self, point: tuple[float, float]) -> complex:
+        return complex(point[0] + self.advance, point[1])
+
+    def _moveTo(self, pt: tuple[float, float]) -> None:
+        self.contours.append(Contour(self._place(pt)))
+
+    def _lineTo(self, pt: tuple[float, float]) -> None:
+        self.contours[-1].append(self._place(pt))
+
+    def _qCurveToOne(self, pt1: tuple[float, float], pt2: tuple[float, float]) -> None:
+        self.contours[-1].append(self._place(pt1), self._place(pt2))
+
+    def _curveToOne(self, pt1: tuple[float, float], pt2: tuple[float, float], pt3: tuple[float, float]) -> None:
+        self.contours[-1].append(self._place(pt1), self._place(pt2), self._place(pt3))
+
+    def _closePath(self) -> None:
+        self.contours[-1].close()
+
+    def _endPath(self) -> None:
+        # Outlines bound ink: a contour that a font leaves open is closed by every renderer.
+        self.contours[-1].close()

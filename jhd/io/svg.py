@@ -1,0 +1,153 @@
+"""SVG: path data and files to curves, curves to files.
+
+Coordinates are those of the file: y points down, as in all of SVG, unless `y_up` asks for the mirror image.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from jhd.io.contours import Contour, assemble, contours_of
+from jhd.io.errors import ParseError, read_bytes
+from jhd.io.path_data import parse_path
+from jhd.io.svg_document import Drawn, drawn_shapes
+from jhd.io.svg_elements import parse_document
+from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
+
+_MIRROR = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_LETTERS = {1: "L", 2: "Q", 3: "C"}
+# Margin around a written drawing and width of its lines, as parts of its larger side.
+_MARGIN, _STROKE = 0.05, 0.004
+
+
+def path(d: str) -> BezierSegments:
+    """The curve of SVG path data, the text of an attribute `d`.
+
+    Arcs are exact up to rounding, as rational quadratics of at most a quarter turn; lines and polynomial segments keep
+    their numbers, and are raised to the largest degree of the whole. y is the second number, whichever way it points.
+
+    >>> path("M0 0 H4 V2 Z").control_points[:, 0].tolist()
+    [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0]]
+
+    Args:
+        d: path data; every command of SVG 1.1, with several contours.
+
+    Raises:
+        TypeError: not a string.
+        ParseError: text that is no path data, with line and column; or it draws nothing.
+    """
+    if not isinstance(d, str):
+        raise TypeError(f"d must be a string of SVG path data; got {type(d).__name__}.")
+    curve = assemble(parse_path(d))
+    if curve is None:
+        raise ParseError("path data: draws nothing.")
+    return curve
+
+
+def read_svg(file: str | Path, ids: str | Sequence[str] | None = None, *, y_up: bool = False) -> BezierSegments:
+    """All shapes that an SVG file draws, as one curve: outlines of fills and centre lines of strokes.
+
+    Coordinates are user units of the root element: transforms of groups and elements are applied; viewBox and size of
+    the root are not, so a drawing without groups keeps its numbers. Nested viewBoxes are. Absolute units become
+    pixels of 1/96 inch. Lengths relative to a font, style sheets, text, images, clipping and masks are not read.
+
+    Args:
+        file: the file.
+        ids: only the elements of these ids, groups included; a `use` counts as its own id and as that of its target.
+        y_up: whether to mirror, (x, y) -> (x, -y), so that y points up as in plots and fonts.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ParseError: the file is no SVG, something in it cannot be placed exactly (with its line and column), it draws
+            nothing, or nothing of the ids asked for.
+    """
+    content = read_bytes(file)
+    try:
+        drawn = list(drawn_shapes(parse_document(content)))
+    except ParseError as error:
+        raise ParseError(error.reason, file, error.line, error.column) from error
+    contours = [contour for shape in _select(drawn, ids, file) for contour in shape.contours]
+    curve = assemble([contour.transformed(_MIRROR) for contour in contours] if y_up else contours)
+    if curve is None:
+        raise ParseError("draws no path, rect, circle, ellipse, line, polyline or polygon.", file)
+    return curve
+
+
+def _select(drawn: list[Drawn], ids: str | Sequence[str] | None, file: str | Path) -> list[Drawn]:
+    if ids is None:
+        return drawn
+    wanted = [ids] if isinstance(ids, str) else list(ids)
+    known = sorted(frozenset().union(*(shape.ids for shape in drawn)))
+    for name in wanted:
+        if name not in known:
+            raise ParseError(f"draws nothing of id {name!r}; ids that draw: {_some(known)}.", file)
+    return [shape for shape in drawn if not shape.ids.isdisjoint(wanted)]
+
+
+def _some(names: list[str]) -> str:
+    """The first names, for messages."""
+    return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "none"
+
+
+def write_svg(file: str | Path | None, curves: AbstractCurve | Sequence[AbstractCurve], *, y_up: bool = False) -> str:
+    """Writes polynomial plane curves of degree 1 to 3 as SVG paths, and returns the text of the file.
+
+    Numbers are written so that `read_svg` gets the same floats back (with the same `y_up`); it leaves out segments that
+    stay at one point. Each curve is one path, of id curve0, curve1, ...; the viewBox is the box of the control points
+    with a margin.
+
+    Args:
+        file: where to write; None only returns the text.
+        curves: one curve or several.
+        y_up: whether y of the curves points up: the file holds (x, -y), which viewers show upright.
+
+    Raises:
+        TypeError: not a curve.
+        ValueError: no curve; rational segments, degrees other than 1 to 3, or curves in space, which path data cannot
+            hold exactly.
+    """
+    several = [curves] if isinstance(curves, AbstractCurve) else list(curves)
+    if not several:
+        raise ValueError("curves is empty; needs at least one curve.")
+    drawings = [_drawing(f"curves[{index}]", curve, y_up) for index, curve in enumerate(several)]
+    points = [p for drawing in drawings for contour in drawing for part in contour.segments for p in part.points]
+    x, y = np.array([p.real for p in points]), np.array([p.imag for p in points])
+    # A single point has no size; any positive one makes a valid viewBox.
+    side = float(max(np.ptp(x), np.ptp(y))) or 1.0
+    margin = _MARGIN * side
+    box = (x.min() - margin, y.min() - margin, np.ptp(x) + 2 * margin, np.ptp(y) + 2 * margin)
+    paths = [f'  <path id="curve{index}" d="{_path_data(drawing)}"/>' for index, drawing in enumerate(drawings)]
+    style = f'fill="none" stroke="black" stroke-width="{_STROKE * side:.6g}"'
+    view_box = " ".join(f"{number:.9g}" for number in box)
+    opening = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{view_box}" {style}>'
+    text = "\n".join([opening, *paths, "</svg>", ""])
+    if file is not None:
+        Path(file).write_text(text, encoding="utf-8")
+    return text
+
+
+def _drawing(name: str, curve: AbstractCurve, y_up: bool) -> list[Contour]:
+    check_curve(name, curve)
+    segments = curve.segments()
+    if segments.dim != 2:
+        raise ValueError(f"{name} has {segments.dim} coordinates a point; SVG needs 2.")
+    if segments.weights is not None:
+        raise ValueError(f"{name} is rational; SVG paths hold polynomial segments of degree 1 to 3 only.")
+    if segments.degree not in _LETTERS:
+        raise ValueError(f"{name} has degree {segments.degree}; SVG paths hold degrees 1 to 3.")
+    contours = contours_of(segments)
+    return [contour.transformed(_MIRROR) for contour in contours] if y_up else contours
+
+
+def _path_data(contours: list[Contour]) -> str:
+    words = []
+    for contour in contours:
+        words.append("M" + _pair(contour.start))
+        words += [_LETTERS[len(points) - 1] + " ".join(map(_pair, points[1:])) for points, _ in contour.segments]
+        words += ["Z"] if contour.closed else []
+    return " ".join(words)
+
+
+def _pair(point: complex) -> str:
+    return f"{point.real!r},{point.imag!r}"

@@ -1,0 +1,155 @@
+"""SVG documents: which shapes are drawn, and where.
+
+Read: groups, links, `switch` (all of its children), nested `svg` and `use` (also of symbols) with viewBox and
+preserveAspectRatio, and the shapes of `svg_shapes`; `display: none` on the element is heeded. Not read: text, images,
+style sheets, stroke widths, clipping and masks.
+"""
+
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from jhd.io.contours import Contour
+from jhd.io.svg_elements import Element, Viewport, compose, translation
+from jhd.io.svg_shapes import SHAPES, contours_of_shape
+
+_CONTAINERS = frozenset(("svg", "g", "a", "switch"))
+
+
+class Drawn(NamedTuple):
+    """The contours of one shape in the coordinates of the root, and the ids of it and of all that it is inside."""
+
+    contours: list[Contour]
+    ids: frozenset[str]
+
+
+class _Place(NamedTuple):
+    """Where an element is drawn: its coordinates, the ids around it and the `use` elements it came through."""
+
+    matrix: np.ndarray
+    viewport: Viewport
+    ids: frozenset[str]
+    uses: tuple[str, ...]
+
+
+def drawn_shapes(root: Element) -> Iterator[Drawn]:
+    """Every shape that is drawn, in order, in user units of the root.
+
+    viewBox and size of the root itself set the scale of the paper and not the drawing: they are not applied, and only
+    say what percentages refer to.
+
+    Raises:
+        ParseError: whatever cannot be placed exactly, with the line and column of its element.
+    """
+    named: dict[str, Element] = {}
+    _collect_ids(root, named)
+    box = _view_box(root)
+    viewport = (box[2], box[3]) if box else None
+    if box is None and {"width", "height"} <= root.attributes.keys():
+        width, height = root.attributes["width"], root.attributes["height"]
+        if "%" not in width + height:
+            viewport = (root.length("width", None), root.length("height", None))
+    place = _enter(root, _Place(translation(0.0, 0.0), viewport, frozenset(), ()))
+    for child in root.children:
+        yield from _draw(child, place, named)
+
+
+def _collect_ids(element: Element, named: dict[str, Element]) -> None:
+    for child in element.children:
+        if "id" in child.attributes:
+            named.setdefault(child.attributes["id"], child)
+        _collect_ids(child, named)
+
+
+def _enter(element: Element, place: _Place) -> _Place:
+    """The place inside an element: its transform applied, its id added."""
+    name = element.attributes.get("id")
+    ids = place.ids if name is None else place.ids | {name}
+    return place._replace(matrix=compose(place.matrix, element.transform()), ids=ids)
+
+
+def _draw(element: Element, place: _Place, named: dict[str, Element]) -> Iterator[Drawn]:
+    if element.tag not in _CONTAINERS and element.tag not in SHAPES and element.tag != "use" or _is_off(element):
+        return
+    place = _enter(element, place)
+    if element.tag in SHAPES:
+        contours = contours_of_shape(element, place.viewport)
+        yield Drawn([contour.transformed(place.matrix) for contour in contours], place.ids)
+        return
+    if element.tag == "use":
+        target, place = _used(element, place, named)
+        yield from _draw(target, place, named)
+        return
+    if element.tag == "svg":
+        place = _enter_viewport(element, place)
+    for child in element.children:
+        yield from _draw(child, place, named)
+
+
+def _is_off(element: Element) -> bool:
+    style = re.search(r"(?:^|;)\s*display\s*:\s*([a-z-]+)", element.attributes.get("style", ""))
+    return (style.group(1) if style else element.attributes.get("display")) == "none"
+
+
+def _used(element: Element, place: _Place, named: dict[str, Element]) -> tuple[Element, _Place]:
+    """What a `use` draws, and where. A symbol is drawn as a nested `svg` of the size that the `use` gives."""
+    href = element.attributes.get("href") or element.attributes.get("http://www.w3.org/1999/xlink href", "")
+    name = href[1:]
+    if not href.startswith("#"):
+        raise element.error(f"refers to {href!r}; only elements of the same file, #id, can be used.")
+    if name not in named:
+        raise element.error(f"refers to {href!r}; the file has no element of that id.")
+    if name in place.uses:
+        raise element.error(f"refers to {href!r}, which uses itself.")
+    shift = translation(element.length("x", place.viewport), element.length("y", place.viewport))
+    place = place._replace(matrix=compose(place.matrix, shift), uses=(*place.uses, name))
+    target = named[name]
+    if target.tag not in ("symbol", "svg"):
+        return target, place
+    size = {key: element.attributes[key] for key in ("width", "height") if key in element.attributes}
+    copy = Element("svg", target.attributes | size, target.line, target.column)
+    copy.children = target.children
+    return copy, place
+
+
+def _enter_viewport(element: Element, place: _Place) -> _Place:
+    """The coordinates inside a nested `svg`: moved by its x and y, scaled from its viewBox to its size."""
+    outside = place.viewport
+    shift = translation(element.length("x", outside), element.length("y", outside))
+    box = _view_box(element)
+    if box is None and not {"width", "height"} & element.attributes.keys():
+        return place._replace(matrix=compose(place.matrix, shift))
+    width, height = element.length("width", outside, "100%"), element.length("height", outside, "100%")
+    if box is None:
+        return place._replace(matrix=compose(place.matrix, shift), viewport=(width, height))
+    matrix = compose(shift, _view_box_matrix(element, box, width, height))
+    return place._replace(matrix=compose(place.matrix, matrix), viewport=(box[2], box[3]))
+
+
+def _view_box(element: Element) -> list[float] | None:
+    if "viewBox" not in element.attributes:
+        return None
+    box = element.numbers("viewBox")
+    if len(box) != 4 or min(box[2:]) <= 0:
+        text = element.attributes["viewBox"]
+        raise element.error(f"has viewBox {text!r}; needs x, y and a positive width and height.")
+    return box
+
+
+def _view_box_matrix(element: Element, box: list[float], width: float, height: float) -> np.ndarray:
+    """The map of the viewBox into the rectangle from 0, 0 to width, height (SVG 2, section 8.2)."""
+    aspect = element.attributes.get("preserveAspectRatio", "xMidYMid")
+    match = re.fullmatch(r"\s*(?:none|x(Min|Mid|Max)Y(Min|Mid|Max))(\s+meet|\s+slice)?\s*", aspect)
+    if match is None:
+        raise element.error(f"has preserveAspectRatio {aspect!r}; needs for example 'xMidYMid meet' or 'none'.")
+    scales = [width / box[2], height / box[3]]
+    if match.group(1) is not None:
+        scales = [max(scales) if "slice" in aspect else min(scales)] * 2
+    shares = [{"Min": 0.0, "Mid": 0.5, "Max": 1.0, None: 0.0}[part] for part in match.groups()[:2]]
+    shift = [
+        share * (size - scale * extent) - scale * low
+        for share, size, scale, low, extent in zip(shares, (width, height), scales, box[:2], box[2:], strict=True)
+    ]
+    return np.array([[scales[0], 0.0, shift[0]], [0.0, scales[1], shift[1]]])

@@ -1,0 +1,110 @@
+"""A single Bezier curve, polynomial or rational.
+
+Source: Farin, Curves and Surfaces for CAGD, 5th edition (2002), chapters 4, 5 and 13.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jhd.arithmetic import bernstein
+from jhd.arrays import real_array
+from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
+from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image, cartesian, hodograph, homogeneous
+
+
+class BezierCurve(AbstractCurve):
+    """A Bezier curve of degree points - 1: c(t) = sum w_i B_i(t) p_i / sum w_i B_i(t) for t in [0, 1].
+
+    Outside [0, 1] the polynomial is extended. Degree 0, a single point, is allowed.
+
+    >>> curve = BezierCurve([[0, 0], [1, 2], [2, 0]])
+    >>> curve(0.5).tolist()
+    [1.0, 1.0]
+
+    Args:
+        control_points: coordinates, in any unit of length.
+        weights: positive weights, or None for a polynomial curve.
+
+    Raises:
+        ValueError: wrong number of axes, no point, other than two or three coordinates, NaN or infinity, weights that
+            are not positive or do not match.
+        TypeError: entries that are not real numbers.
+    """
+
+    control_points: Float[Array, "points dim"]
+    weights: Float[Array, " points"] | None
+
+    def __init__(self, control_points: Numbers, weights: Numbers | None = None):
+        self.control_points = real_array("control_points", control_points)
+        self.weights = None if weights is None else real_array("weights", weights)
+        check_control_points(self.control_points, self.weights, ("points", "dim"))
+
+    @property
+    def degree(self) -> int:
+        """Degree of the curve."""
+        return self.control_points.shape[-2] - 1
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates."""
+        return self.control_points.shape[-1]
+
+    @property
+    def homogeneous(self) -> Float[Array, "points width"]:
+        """The control points times their weights, and the weights as one more coordinate where there are any."""
+        return homogeneous(self.control_points, self.weights)
+
+    def with_homogeneous(self, homogeneous: Array) -> "BezierCurve":
+        """A curve from control points in the form of `homogeneous`, polynomial or rational as this one is."""
+        return BezierCurve(*cartesian(homogeneous, self.weights is not None))
+
+    def __call__(self, t: Numbers) -> Array:
+        """Points at parameters t of any shape, in [0, 1] for the curve itself."""
+        t = real_array("t", t)[..., None]
+        h = self.homogeneous
+        value = bernstein.evaluate(h.reshape(h.shape[0], *(1,) * (t.ndim - 1), h.shape[1]), t, axis=0)
+        value = jnp.broadcast_to(value, (*t.shape[:-1], h.shape[1]))
+        return cartesian(value, self.weights is not None)[0]
+
+    def segments(self) -> BezierSegments:
+        """The curve as one segment."""
+        weights = None if self.weights is None else self.weights[None]
+        return BezierSegments(self.control_points[None], weights)
+
+    def derivative(self) -> "BezierCurve":
+        """The hodograph; of degree 2 n where the curve is rational."""
+        return BezierCurve(*hodograph(self.control_points, self.weights))
+
+    def split(self, t: Numbers) -> tuple["BezierCurve", "BezierCurve"]:
+        """The parts before and after t, strictly between 0 and 1; t may be traced.
+
+        Raises:
+            ValueError: t is outside.
+        """
+        left, right = bernstein.split(self.homogeneous, checked_between("t", t, 0.0, 1.0), axis=-2)
+        return self.with_homogeneous(left), self.with_homogeneous(right)
+
+    def restrict(self, t0: Numbers, t1: Numbers) -> "BezierCurve":
+        """The part on [t0, t1] within [0, 1], over its own [0, 1]; t1 < t0 reverses it. Both may be traced.
+
+        Raises:
+            ValueError: an end outside [0, 1].
+        """
+        ends = checked_parameter("t0", t0), checked_parameter("t1", t1)
+        return self.with_homogeneous(bernstein.restrict(self.homogeneous, *ends, axis=-2))
+
+    def elevate(self, degree: int) -> "BezierCurve":
+        """The same curve written in a higher degree.
+
+        Raises:
+            ValueError: degree is below the one of the curve.
+        """
+        return self.with_homogeneous(bernstein.elevate(self.homogeneous, degree, axis=-2))
+
+    def reverse(self) -> "BezierCurve":
+        """The same point set traversed the other way: t becomes 1 - t."""
+        return BezierCurve(self.control_points[::-1], None if self.weights is None else self.weights[::-1])
+
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierCurve":
+        """The image under x -> matrix x + offset; differentiable in both."""
+        return BezierCurve(affine_image(self.control_points, matrix, offset), self.weights)

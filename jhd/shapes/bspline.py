@@ -1,0 +1,347 @@
+"""B-spline curves, polynomial or rational (NURBS), open or periodic.
+
+Every polynomial is reached by blossoms (`knots.py`), so evaluation, conversion to Bezier segments and knot insertion
+are convex combinations inside the domain, and knots of any multiplicity are allowed.
+
+Source: Piegl & Tiller, The NURBS Book (1997), chapters 2 to 5.
+"""
+
+import operator
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jhd.arrays import is_traced, real_array
+from jhd.shapes.checks import Numbers, check_control_points, checked_between
+from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image, cartesian, hodograph, homogeneous
+from jhd.shapes.joints import completed
+from jhd.shapes.knots import bezier_pieces, evaluate, insert, ratio
+
+# Knots of a periodic spline repeat to this many ulp of the largest knot: one subtraction and one addition each way.
+_KNOT_ULPS = 8
+
+
+class BSplineCurve(AbstractCurve):
+    """A B-spline curve of degree len(knots) - points - 1, with p for the degree and n for the number of points.
+
+    Open: the parameter runs over [knots[p], knots[n]]; outside, the end polynomials are extended. Periodic: over
+    [knots[p], knots[p] + period] with period = knots[n] - knots[0]; outside, it wraps. A periodic spline stores each
+    point once; knots[n:] repeat knots[: p + 1], one period later.
+
+    At a knot of multiplicity p + 1 or more the curve may jump; it then takes the value from the right.
+
+    >>> curve = BSplineCurve([[0, 0], [1, 2], [2, 0]], knots=[0, 0, 0, 1, 1, 1])
+    >>> curve(0.5).tolist()
+    [1.0, 1.0]
+
+    Args:
+        control_points: coordinates, in any unit of length; at least p + 1 of them, periodic at least max(p, 1).
+        knots: non-decreasing parameters, n + p + 1 of them; differentiable like the points.
+        weights: positive weights, or None for a polynomial spline.
+        periodic: whether the curve is closed as the papers' closed B-splines are.
+
+    Raises:
+        ValueError: wrong number of axes, no point, other than two or three coordinates, NaN or infinity, weights that
+            are not positive or do not match, too few points for the degree, knots that decrease, span no length, or do
+            not repeat.
+        TypeError: entries that are not real numbers.
+    """
+
+    control_points: Float[Array, "points dim"]
+    knots: Float[Array, " knots"]
+    weights: Float[Array, " points"] | None
+    periodic: bool = eqx.field(static=True)
+
+    def __init__(self, control_points: Numbers, knots: Numbers, weights: Numbers | None = None, periodic: bool = False):
+        self.control_points = real_array("control_points", control_points)
+        self.knots = real_array("knots", knots)
+        self.weights = None if weights is None else real_array("weights", weights)
+        self.periodic = bool(periodic)
+        check_control_points(self.control_points, self.weights, ("points", "dim"))
+        _check_counts(self.control_points.shape[0], self.knots.shape, self.periodic)
+        if not is_traced(self.knots):
+            _check_knots(np.asarray(self.knots), self.control_points.shape[0], self.periodic)
+
+    @classmethod
+    def uniform(
+        cls, control_points: Numbers, degree: int = 3, closed: bool = False, weights: Numbers | None = None
+    ) -> "BSplineCurve":
+        """The spline with the knots 0, 1, ..., points + degree; closed: periodic, one piece for each point.
+
+        >>> BSplineCurve.uniform([[0, 0], [6, 0], [6, 6], [0, 6]], closed=True)(3.0).tolist()
+        [5.0, 1.0]
+
+        Args:
+            control_points: coordinates; at least degree + 1 points, closed at least max(degree, 1).
+            degree: 3 gives continuous curvature.
+            closed: whether the last point is followed by the first.
+            weights: positive weights, or None.
+
+        Raises:
+            ValueError: as the class, or a negative degree.
+            TypeError: as the class, or a degree that is not an integer.
+        """
+        points, degree = _rows(control_points), _checked_degree(degree)
+        return cls(points, np.arange(points.shape[0] + degree + 1.0), weights, closed)
+
+    @classmethod
+    def clamped(cls, control_points: Numbers, degree: int = 3, weights: Numbers | None = None) -> "BSplineCurve":
+        """The spline from the first point to the last with knots 0, ..., 0, 1, 2, ..., points - degree, repeated too.
+
+        >>> BSplineCurve.clamped([[0, 0], [1, 2], [3, 2], [4, 0]], degree=2).knots.tolist()
+        [0.0, 0.0, 0.0, 1.0, 2.0, 2.0, 2.0]
+
+        Args:
+            control_points: coordinates; at least degree + 1 points.
+            degree: 3 gives continuous curvature.
+            weights: positive weights, or None.
+
+        Raises:
+            ValueError: as the class, or a negative degree.
+            TypeError: as the class, or a degree that is not an integer.
+        """
+        points, degree = _rows(control_points), _checked_degree(degree)
+        count = points.shape[0]
+        return cls(points, np.clip(np.arange(count + degree + 1.0) - degree, 0, max(count - degree, 0)), weights)
+
+    @classmethod
+    def from_scipy(cls, spline: Any) -> "BSplineCurve":
+        """The curve of a `scipy.interpolate.BSpline` whose coefficients are points.
+
+        One with extrapolate="periodic" becomes periodic if its knots and coefficients repeat; otherwise scipy wraps
+        only the parameter, and the same curve comes as an open spline.
+
+        Args:
+            spline: an object with t (knots), c (coefficients, (points, 2) or (points, 3)) and k (degree).
+
+        Raises:
+            TypeError: another object.
+            ValueError: coefficients that are not points in the plane or in space, or as the class.
+        """
+        if not all(hasattr(spline, name) for name in ("t", "c", "k")):
+            raise TypeError(f"spline must be a scipy.interpolate.BSpline (t, c and k); got {type(spline).__name__}.")
+        knots, degree = np.asarray(spline.t, dtype=float), _checked_degree(spline.k)
+        # scipy ignores coefficients beyond the number that the knots ask for.
+        points = np.asarray(spline.c)[: len(knots) - degree - 1]
+        if points.ndim != 2 or points.shape[1] not in (2, 3):
+            raise ValueError(f"spline.c has shape {points.shape}; needs (points, 2) or (points, 3).")
+        pieces = len(points) - degree
+        if getattr(spline, "extrapolate", None) == "periodic" and _repeats(points, knots, degree):
+            return cls(points[:pieces], knots[: pieces + degree + 1], None, True)
+        return cls(points, knots)
+
+    @property
+    def degree(self) -> int:
+        """Degree of the pieces."""
+        return self.knots.shape[-1] - self.control_points.shape[-2] - 1
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates."""
+        return self.control_points.shape[-1]
+
+    @property
+    def domain(self) -> tuple[Array, Array]:
+        """First and last parameter of the curve."""
+        last = self.knots.shape[-1] - 1
+        return self.knots[..., self.degree], self.knots[..., last if self.periodic else last - self.degree]
+
+    @property
+    def homogeneous(self) -> Float[Array, "points width"]:
+        """The control points times their weights, and the weights as one more coordinate where there are any."""
+        return homogeneous(self.control_points, self.weights)
+
+    def opened(self) -> "BSplineCurve":
+        """The same curve as an open spline: a periodic one repeats its first points and knots at the end."""
+        return self._open(*self._unrolled())
+
+    def _open(self, h: Array, knots: Array) -> "BSplineCurve":
+        points, weights = cartesian(h, self.weights is not None)
+        return BSplineCurve(points, knots, weights)
+
+    def _unrolled(self) -> tuple[Array, Array]:
+        """Homogeneous points and knots of the open spline with the same curve over the same domain."""
+        h, knots, p = self.homogeneous, self.knots, self.degree
+        if not self.periodic:
+            return h, knots
+        # Relative to the last knot, so that rounding cannot make the knots decrease.
+        tail = knots[-1] + (knots[p + 1 : 2 * p + 1] - knots[p])
+        return jnp.concatenate([h, h[:p]]), jnp.concatenate([knots, tail])
+
+    def __call__(self, t: Numbers) -> Array:
+        """Points at parameters t of any shape, by de Boor's algorithm."""
+        t = real_array("t", t)
+        p, (h, knots), (start, stop) = self.degree, self._unrolled(), self.domain
+        if self.periodic:
+            period = jnp.where(stop > start, stop - start, 1.0)
+            t = t - period * jnp.floor((t - start) / period)
+        value = evaluate(h, knots, p, self.periodic, t.ravel())
+        return cartesian(value.reshape(*t.shape, h.shape[-1]), self.weights is not None)[0]
+
+    def segments(self) -> BezierSegments:
+        """One Bezier segment for each knot span of the domain; an empty span gives a segment that is one point.
+
+        Consecutive segments share their joint bit by bit, and are marked as joined, wherever the multiplicity of the
+        knot leaves the curve continuous; elsewhere where the points agree.
+        """
+        p, (h, knots) = self.degree, self._unrolled()
+        pieces, jumps = bezier_pieces(h, knots, p, self.periodic)
+        points, weights = cartesian(pieces, self.weights is not None)
+        index = jnp.arange(1, pieces.shape[0] + 1) % pieces.shape[0]
+        return BezierSegments(points, weights, completed(jnp.where(jumps[index], -1, index), points))
+
+    def derivative(self) -> "BSplineCurve":
+        """The hodograph over the same parameter.
+
+        Polynomial: degree p - 1 with the points p (d_{j+1} - d_j) / (t_{j+p+1} - t_{j+1}). Rational: degree 2 p, every
+        knot of the domain 2 p + 1 times. Where the curve jumps, the derivative says nothing of the jump.
+        """
+        p, points = self.degree, self.control_points
+        if p == 0:
+            return BSplineCurve(jnp.zeros_like(points), self.knots, None, self.periodic)
+        if self.weights is not None:
+            pieces = self.segments()
+            hodographs, weights = hodograph(pieces.control_points, pieces.weights)
+            breaks = self._breaks()
+            return self._from_pieces(ratio(hodographs, jnp.diff(breaks)[:, None, None]), weights, breaks)
+        steps = jnp.roll(points, -1, axis=0) - points if self.periodic else jnp.diff(points, axis=0)
+        widths = (self.knots[p + 1 :] - self.knots[1:-p])[: steps.shape[0], None]
+        knots = self.knots[1:] if self.periodic else self.knots[1:-1]
+        return BSplineCurve(p * ratio(steps, widths), knots, None, self.periodic)
+
+    def _breaks(self) -> Array:
+        knots = self._unrolled()[1]
+        return knots[self.degree : knots.shape[0] - self.degree]
+
+    def _from_pieces(self, points: Array, weights: Array | None, breaks: Array) -> "BSplineCurve":
+        """The spline of Bezier pieces (pieces, points, dim) between breaks, each a knot of multiplicity degree + 1."""
+        count, dim = points.shape[-2:]
+        flat = None if weights is None else weights.ravel()
+        return BSplineCurve(points.reshape(-1, dim), jnp.repeat(breaks, count), flat, self.periodic)
+
+    def elevate(self, degree: int) -> "BSplineCurve":
+        """The same curve in a higher degree; its knots then have multiplicity degree + 1, one for each Bezier piece.
+
+        Raises:
+            ValueError: degree is below the one of the curve.
+        """
+        if degree == self.degree:
+            return self
+        pieces = self.segments().elevate(degree)
+        return self._from_pieces(pieces.control_points, pieces.weights, self._breaks())
+
+    def split(self, t: Numbers) -> tuple["BSplineCurve", "BSplineCurve"]:
+        """The parts before and after t, strictly inside the domain; both open, and clamped at the cut.
+
+        Raises:
+            ValueError: t is outside.
+            TypeError: t or the knots are traced; the numbers of control points of the parts depend on them.
+        """
+        if is_traced(t, self.knots):
+            raise TypeError("split of a BSplineCurve needs concrete t and knots: the numbers of points depend on them.")
+        u = checked_between("t", t, *self.domain)
+        p, (h, knots) = self.degree, self._unrolled()
+        for _ in range(p - int(jnp.sum(knots == u))):
+            h, knots = insert(h, knots, p, u)
+        below, through = int(jnp.sum(knots < u)), int(jnp.sum(knots <= u))
+        cut = jnp.full((p + 1,), u)
+        left = self._open(h[:below], jnp.concatenate([knots[:below], cut]))
+        return left, self._open(h[through - 1 - p :], jnp.concatenate([cut, knots[through:]]))
+
+    def insert_knot(self, t: Numbers) -> "BSplineCurve":
+        """The same curve with one more knot at t, strictly inside the domain, and one more point; t may be traced.
+
+        Raises:
+            ValueError: t is outside.
+        """
+        u = checked_between("t", t, *self.domain)
+        n, p, (h, knots) = self.control_points.shape[-2], self.degree, self._unrolled()
+        h, refined = insert(h, knots, p, u)
+        if not self.periodic:
+            return self._open(h, refined)
+        # Points before the first one of the domain feel the new knot one period earlier: read them one period later.
+        index = jnp.arange(n + 1)
+        span = jnp.searchsorted(knots, u, side="right") - 1
+        points, weights = cartesian(h[jnp.where(index + n + 1 <= span, index + n + 1, index)], self.weights is not None)
+        head = refined[p] - (refined[n + p + 1] - refined[n + 1 : n + p + 1])
+        return BSplineCurve(points, jnp.concatenate([head, refined[p : n + p + 2]]), weights, True)
+
+    def reverse(self) -> "BSplineCurve":
+        """The same point set traversed the other way over the same domain."""
+        h, knots = self._unrolled()
+        start, stop = self.domain
+        turned = (start + stop - knots[::-1])[: self.knots.shape[-1]]
+        points, weights = cartesian(h[::-1][: self.control_points.shape[-2]], self.weights is not None)
+        return BSplineCurve(points, turned, weights, self.periodic)
+
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BSplineCurve":
+        """The image under x -> matrix x + offset; differentiable in both."""
+        points = affine_image(self.control_points, matrix, offset)
+        return BSplineCurve(points, self.knots, self.weights, self.periodic)
+
+
+def _rows(control_points: Numbers) -> Array:
+    points = real_array("control_points", control_points)
+    check_control_points(points, None, ("points", "dim"))
+    return points
+
+
+def _checked_degree(degree: Any) -> int:
+    try:
+        value = operator.index(degree)
+    except TypeError as error:
+        raise TypeError(f"degree must be an integer; got {degree!r}.") from error
+    if value < 0:
+        raise ValueError(f"degree is {value}; needs at least 0.")
+    return value
+
+
+def _check_counts(count: int, shape: tuple[int, ...], periodic: bool) -> None:
+    if len(shape) != 1:
+        raise ValueError(f"knots has shape {shape}; needs (knots,).")
+    degree = shape[0] - count - 1
+    if degree < 0:
+        raise ValueError(f"knots has {shape[0]} entries; {count} control points need at least {count + 1}.")
+    needed = max(degree, 1) if periodic else degree + 1
+    if count < needed:
+        kind = "periodic degree" if periodic else "degree"
+        raise ValueError(
+            f"control_points has {count} points; {kind} {degree} ({shape[0]} knots) needs at least {needed}."
+        )
+
+
+def _check_knots(knots: np.ndarray, count: int, periodic: bool) -> None:
+    degree = len(knots) - count - 1
+    down = np.flatnonzero(np.diff(knots) < 0)
+    if len(down):
+        k = int(down[0])
+        raise ValueError(f"knots[{k + 1}] is {knots[k + 1]:g}; needs at least knots[{k}] = {knots[k]:g}.")
+    first, last = degree, len(knots) - 1 if periodic else count
+    if knots[first] == knots[last]:
+        raise ValueError(f"knots[{first}] and knots[{last}] are both {knots[first]:g}; the domain has length zero.")
+    if not periodic:
+        return
+    wanted = knots[: degree + 1] + (knots[count] - knots[0])
+    bad = np.flatnonzero(np.abs(knots[count:] - wanted) > _tolerance(knots))
+    if len(bad):
+        k = int(bad[0])
+        raise ValueError(
+            f"knots[{count + k}] is {knots[count + k]:g}; a periodic spline needs knots[{k}] + period = {wanted[k]:g}."
+        )
+
+
+def _tolerance(values: np.ndarray) -> float:
+    return _KNOT_ULPS * float(jnp.finfo(float).eps) * float(np.max(np.abs(values)))
+
+
+def _repeats(points: np.ndarray, knots: np.ndarray, degree: int) -> bool:
+    """Whether an open spline is the unrolled form of a periodic one."""
+    pieces = len(points) - degree
+    if pieces < max(degree, 1):
+        return False
+    same_points = np.abs(points[pieces:] - points[:degree]) <= _tolerance(points)
+    same_knots = np.abs(knots[pieces:] - knots[: 2 * degree + 1] - (knots[pieces] - knots[0])) <= _tolerance(knots)
+    return bool(np.all(same_points) and np.all(same_knots))

@@ -1,0 +1,59 @@
+"""Checks of control points, weights and parameters that the curves share."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array
+
+from jhd.arrays import is_traced, real_array
+
+# What may be handed in as an array of numbers: nested lists and tuples too, which jax's ArrayLike leaves out.
+Numbers = ArrayLike | Sequence[Any]
+
+
+def check_control_points(control_points: Array, weights: Array | None, axes: tuple[str, ...]) -> None:
+    """Raises ValueError unless the arrays have these axes, two or three coordinates and positive weights to match."""
+    shape = control_points.shape
+    if len(shape) != len(axes):
+        raise ValueError(f"control_points has shape {shape}; needs ({', '.join(axes)}).")
+    if 0 in shape:
+        raise ValueError(f"control_points is empty: its shape is {shape}.")
+    if shape[-1] not in (2, 3):
+        raise ValueError(f"control_points has {shape[-1]} coordinates a point; needs 2 or 3.")
+    if weights is None:
+        return
+    if weights.shape != shape[:-1]:
+        came = f"{weights.size} entries" if weights.ndim == 1 and len(axes) == 2 else _count(weights.shape)
+        raise ValueError(f"weights has {came}; control_points has {_count(shape[:-1])} points.")
+    if is_traced(weights):
+        return
+    bad = np.argwhere(np.asarray(weights) <= 0)
+    if bad.size:
+        place = tuple(int(i) for i in bad[0])
+        value = float(np.asarray(weights)[place])
+        raise ValueError(f"weights[{', '.join(map(str, place))}] is not positive: {value:g}.")
+
+
+def _count(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape)) if shape else "no axis"
+
+
+def checked_between(name: str, t: Numbers, lower: float | Array, upper: float | Array) -> Array:
+    """The scalar t as an array; ValueError unless it lies strictly between the bounds; tracers pass."""
+    value = real_array(name, t)
+    if value.ndim:
+        raise ValueError(f"{name} has shape {value.shape}; needs a scalar.")
+    if not is_traced(value, lower, upper) and not lower < value < upper:
+        raise ValueError(f"{name} is {float(value):g}; needs {float(lower):g} < {name} < {float(upper):g}.")
+    return value
+
+
+def checked_parameter(name: str, t: Numbers) -> Array:
+    """Parameters of a Bezier segment as an array; ValueError unless all are in [0, 1]; tracers pass."""
+    value = real_array(name, t)
+    if not is_traced(value) and not bool(jnp.all((value >= 0) & (value <= 1))):
+        raise ValueError(f"{name} is {np.asarray(value)}; needs 0 <= {name} <= 1.")
+    return value

@@ -1,0 +1,102 @@
+"""Knot spans and blossoms: the kernels of B-spline curves.
+
+On a non-empty span every step is a combination (1 - a) x + a y with a = (u - left) / (right - left) and left < right,
+convex for u in the span. An empty span has no polynomial of its own; it borrows the one of the last non-empty span
+before it, which makes it a point of the curve.
+
+Source: Ramshaw, Blossoms are polar forms, CAGD 6 (1989); Boehm, Inserting new knots into B-spline curves, CAD 12
+(1980).
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+
+def blossom(
+    points: Float[Array, "points width"], knots: Float[Array, " knots"], arguments: Float[Array, " arguments"]
+) -> Float[Array, " width"]:
+    """The blossom of the polynomial on one knot span; with all arguments equal to u, its value at u (de Boor).
+
+    Args:
+        points: the p + 1 control points d_{i-p}, ..., d_i of the span [t_i, t_{i+1}].
+        knots: the 2 p knots t_{i-p+1}, ..., t_{i+p}, with t_i < t_{i+1}.
+        arguments: p parameters; every step is convex for those in the span.
+    """
+    p = arguments.shape[0]
+    for r in range(p):
+        left, right = knots[r:p], knots[p : 2 * p - r]
+        a = ratio(arguments[r] - left, right - left)[:, None]
+        points = (1 - a) * points[:-1] + a * points[1:]
+    return points[0]
+
+
+def ratio(numerator: Array, width: Array) -> Array:
+    """Numerator over width, zero where the width is not positive: no NaN in the value or in its derivatives."""
+    positive = width > 0
+    return jnp.where(positive, numerator / jnp.where(positive, width, 1.0), 0.0)
+
+
+def local_arrays(h: Array, knots: Array, p: int, span: Int[Array, ""]) -> tuple[Array, Array]:
+    """The p + 1 points and 2 p knots of one span, counted from the first of the domain."""
+    return h[span + np.arange(p + 1)], knots[span + np.arange(1, 2 * p + 1)]
+
+
+def bezier_points(points: Array, knots: Array, lower: Array, upper: Array) -> Array:
+    """Bezier points of a span's polynomial between two parameters: blossoms at p - j times lower, j times upper."""
+    p = points.shape[0] - 1
+    arguments = jnp.where(np.arange(p)[None] < p - np.arange(p + 1)[:, None], lower, upper)
+    return jax.vmap(lambda row: blossom(points, knots, row))(arguments)
+
+
+def spans(knots: Array, p: int, periodic: bool) -> tuple[Array, Array, Array]:
+    """For each piece of the domain the non-empty span that carries it, and the parameters of its ends.
+
+    An empty span is carried by the last non-empty one before it, at whose upper end it sits. Where there is none before
+    it, a periodic curve goes on from its last span, and an open one starts from its first.
+    """
+    pieces = knots.shape[0] - 1 - 2 * p
+    lower, upper = knots[p : p + pieces], knots[p + 1 : p + 1 + pieces]
+    full = upper > lower
+    marks = jnp.where(full, jnp.arange(pieces), -1)
+    before = lax.cummax(marks)
+    leading = before < 0
+    span = jnp.where(leading, jnp.max(marks) if periodic else jnp.argmax(full), before)
+    point = jnp.where(leading & (not periodic), lower[span], upper[span])
+    return span, jnp.where(full, lower, point), jnp.where(full, upper, point)
+
+
+@partial(jax.jit, static_argnames=("p", "periodic"))
+def evaluate(h: Array, knots: Array, p: int, periodic: bool, t: Float[Array, " samples"]) -> Array:
+    """Points of an unrolled spline at parameters t; before and after the domain the end polynomials are extended."""
+    span = spans(knots, p, periodic)[0]
+    piece = jnp.searchsorted(knots[p : p + span.shape[0]], t, side="right") - 1
+    local = span[jnp.clip(piece, 0, span.shape[0] - 1)]
+    return jax.vmap(lambda k, u: blossom(*local_arrays(h, knots, p, k), jnp.full((p,), u)))(local, t)
+
+
+@partial(jax.jit, static_argnames=("p", "periodic"))
+def bezier_pieces(h: Array, knots: Array, p: int, periodic: bool) -> tuple[Array, Array]:
+    """Bezier points of all pieces of an unrolled spline, and before which pieces it may jump.
+
+    It may where the multiplicity of the knot exceeds p, and before the first piece of an open curve there is nothing.
+    Elsewhere a piece starts with the very numbers with which the one before it ends.
+    """
+    span, lower, upper = spans(knots, p, periodic)
+    pieces = jax.vmap(lambda k, u, v: bezier_points(*local_arrays(h, knots, p, k), u, v))(span, lower, upper)
+    jumps = knots[p : p + span.shape[0]] == knots[: span.shape[0]]
+    jumps = jumps if periodic else jumps.at[0].set(True)
+    starts = jnp.where(jumps[:, None], pieces[:, 0], jnp.roll(pieces[:, -1], 1, axis=0))
+    return pieces.at[:, 0].set(starts), jumps
+
+
+def insert(h: Array, knots: Array, p: int, u: Array) -> tuple[Array, Array]:
+    """Points and knots of an open spline after one more knot at u inside the domain, by Boehm's algorithm."""
+    left, right = knots[: h.shape[0] + 1], knots[p : p + h.shape[0] + 1]
+    a = jnp.where(right <= u, 1.0, jnp.where(left >= u, 0.0, ratio(u - left, right - left)))[:, None]
+    points = (1 - a) * jnp.concatenate([h[:1], h]) + a * jnp.concatenate([h, h[-1:]])
+    return points, jnp.sort(jnp.append(knots, u))
