@@ -8,6 +8,18 @@ import jax as _jax
 if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "off"):
     _jax.config.update("jax_enable_x64", True)
 
+from jhd.distance import (  # noqa: E402
+    HybridProjection,
+    IntervalHalving,
+    NearestSearch,
+    NewtonProjection,
+    ProjectedPolyhedron,
+    TwoStep,
+    directed_hausdorff,
+    hausdorff,
+    project,
+    stationary_points,
+)
 from jhd.shapes import BezierCurve, BezierSegments, BSplineCurve, circle, points, polyline  # noqa: E402
 from jhd.solution import (  # noqa: E402
     DIRECTIONS,

@@ -33,6 +33,7 @@ _DEMO_FILE = "jhd-demo.png"
 _MILLIMETRES = 1 / 25.4
 _PICTURE_SIZE = 180 * _MILLIMETRES, 102 * _MILLIMETRES  # two columns of a journal
 _DPI = 200
+_SPEC_WIDTH = 60  # path data can be pages long
 _PACKAGES = "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib"
 
 
@@ -66,6 +67,8 @@ def distance(options: Namespace) -> int:
     a, b = load_shape(options.a), load_shape(options.b)
     entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
     method = _method(options.method, options.atol, AbstractHausdorffMethod)
+    if options.plot:
+        _check_picture_file(options.plot)
     with _busy("computing; a first run compiles"):
         solution, seconds = _timed(lambda: entry(a, b, method, throw=False))
     if options.plot:
@@ -92,17 +95,27 @@ def project(options: Namespace) -> int:
     """The nearest points of a curve to given points, one row each."""
     shape = load_shape(options.shape)
     points = _points(options)
+    if points.shape[1] != shape.segments().dim:
+        raise ValueError(f"a point has {points.shape[1]} coordinates; the curve has {shape.segments().dim}.")
     method = _method(options.method, None, AbstractProjectionMethod)
     with _busy("computing; a first run compiles"):
-        found = jhd.project(points, shape, method=method)
+        found = jhd.project(points, shape, method=method, throw=False)
     if options.json:
         _print_json(found, shape=options.shape, points=points.tolist(), method=_method_name(method))
         return _status(found)
-    columns = ["distance", "lower", "upper", "segment", "t", *(f"foot {axis}" for axis in "xyz"[: points.shape[1]])]
+    columns = [
+        "distance",
+        "lower",
+        "upper",
+        "segment",
+        "t",
+        *(f"foot {axis}" for axis in "xyz"[: points.shape[1]]),
+        "result",
+    ]
     print("\t".join(columns))
-    rows = zip(found.distance, found.lower, found.upper, found.segment, found.t, found.foot, strict=True)
-    for *numbers, foot in rows:
-        print("\t".join(_number(x) for x in (*numbers, *foot)))
+    rows = [found.distance, found.lower, found.upper, found.segment, found.t, found.foot]
+    for *numbers, foot, result in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
+        print("\t".join([*(repr(x.item()) for x in (*numbers, *foot)), result]))
     return _status(found)
 
 
@@ -137,7 +150,9 @@ def _method(name: str | None, atol: float | None, kind: Any) -> Any:
     """
     if name is None and atol is None:
         return None
-    known = {key: item for key, item in vars(jhd).items() if inspect.isclass(item) and issubclass(item, kind)}
+    known: dict[str, Any] = {
+        key: item for key, item in vars(jhd).items() if inspect.isclass(item) and issubclass(item, kind)
+    }
     chosen = known
     if name is not None:
         plain = name.replace("-", "").replace("_", "").lower()
@@ -183,6 +198,18 @@ def _points(options: Namespace) -> np.ndarray:
     return np.array(rows)
 
 
+def _check_picture_file(file: str) -> None:
+    """Raises ValueError unless a picture can have this name: better known before a long computation than after it."""
+    from matplotlib.figure import Figure
+
+    formats = Figure().canvas.get_supported_filetypes()
+    suffix = Path(file).suffix
+    if suffix.removeprefix(".").lower() not in formats:
+        raise ValueError(f"{file}: the suffix is {suffix!r}; pictures are stored as {', '.join(formats)}.")
+    if not Path(file).absolute().parent.is_dir():
+        raise ValueError(f"{file}: no such folder.")
+
+
 def _picture(
     file: str,
     a: AbstractCurve,
@@ -215,7 +242,7 @@ def _solution_text(title: str, solution: HausdorffSolution, name: str, other: st
         f"  value    {float(solution)!r}",
         f"  lower    {float(solution.lower)!r}",
         f"  upper    {upper}",
-        f"  event    {_with_sentence(solution.event)}",
+        f"  event    {name_of(solution.event)}",
         f"  witness  {name} segment {int(w.segment)}, t = {float(w.t):.9g}, at {_place(w.point)}",
     ]
     seen: list[tuple[float, ...]] = []
@@ -238,14 +265,14 @@ def _place(point: Any) -> str:
     return "(" + ", ".join(f"{float(x):.9g}" for x in point) + ")"
 
 
-def _number(value: Any) -> str:
-    return repr(np.asarray(value).item())
-
-
 def _shape_line(name: str, spec: str, shape: AbstractCurve) -> str:
     pieces = shape.segments()
+    shown = spec if len(spec) <= _SPEC_WIDTH else f"{spec[: _SPEC_WIDTH - 3]}..."
+    plural = "" if pieces.count == 1 else "s"
+    if pieces.degree == 0:
+        return f"{name}  {shown}: {pieces.count} point{plural}"
     kind = "rational " if pieces.weights is not None else ""
-    return f"{name}  {spec}: {pieces.count} {kind}segments of degree {pieces.degree}"
+    return f"{name}  {shown}: {pieces.count} {kind}segment{plural} of degree {pieces.degree}"
 
 
 def _print_json(solution: Any, **context: Any) -> None:

@@ -175,7 +175,7 @@ def profile(
         raise ValueError(f"samples is {steps}; needs at least 1.")
     ax = _axes(ax, 2)
     t = np.linspace(0.0, 1.0, steps + 1) if pieces.degree > 0 else np.zeros(1)
-    distances = np.asarray(project(_sample(pieces, t), b).distance)
+    distances = np.asarray(project(_sample(pieces, t), b, throw=False).distance)
     place = np.arange(pieces.count)[:, None] + t
     line = _with_gaps(pieces, np.stack([place, distances], axis=-1))
     style = {"linewidth": 1.2} if pieces.degree else {"linestyle": "none", "marker": "."}

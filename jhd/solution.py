@@ -20,7 +20,9 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     """How a computation ended; `RESULTS.successful` means that everything that was asked for holds."""
 
     gap_not_closed = "The bounds are true but wider than the tolerance asked for: raise max_steps, or atol or rtol."
-    capacity_reached = "A queue of fixed length was full, so the answer is true but wider or incomplete: raise capacity."
+    capacity_reached = (
+        "A queue of fixed length was full, so the answer is true but wider or incomplete: raise capacity."
+    )
     nonfinite_value = "An input that was not known when the program was compiled holds a NaN or an infinity: check it."
 
 
@@ -190,12 +192,12 @@ def throw_unless_successful(solution: Any) -> None:
 
 def to_plain(value: Any) -> Any:
     """Nested dictionaries, lists, numbers and names of a result, as JSON can hold them; non-finite numbers are None."""
+    if hasattr(value, "_enumeration"):  # a member of an enumeration is a Module too
+        return _names(value)
     if isinstance(value, eqx.Module):
         return {name: to_plain(getattr(value, name)) for name in value.__dataclass_fields__}
     if isinstance(value, dict):
         return {name: to_plain(item) for name, item in value.items()}
-    if hasattr(value, "_enumeration"):
-        return _names(value)
     if isinstance(value, jax.Array | np.ndarray):
         return to_plain(np.asarray(value).tolist())
     if isinstance(value, list):

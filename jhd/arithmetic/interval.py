@@ -29,7 +29,7 @@ class Interval(eqx.Module):
     """The numbers x with lower <= x <= upper, elementwise; lower > upper says that there are none.
 
     Arithmetic with floats takes them as exact. Ends are zero, normal or infinite: subnormal ones are moved outward,
-    since XLA computes with them as if they were zero.
+    since XLA computes with them as if they were zero, and a NaN becomes an infinite end.
 
     >>> third = Interval.exact(1.0) / 3.0
     >>> bool((3.0 * third).contains(1.0)), bool(third.width < 1e-15)
@@ -57,7 +57,8 @@ class Interval(eqx.Module):
         with np.errstate(over="ignore"):
             near = given.astype(jnp.result_type(float))
         # Python's comparison of an integer with a float is exact, NumPy's converts the integer first.
-        below, above = given.astype(object) < near.astype(object), given.astype(object) > near.astype(object)
+        with np.errstate(invalid="ignore"):
+            below, above = given.astype(object) < near.astype(object), given.astype(object) > near.astype(object)
         lower = np.where(below.astype(bool), np.nextafter(near, -np.inf), near)
         upper = np.where(above.astype(bool), np.nextafter(near, np.inf), near)
         return cls._of_ends(jnp.asarray(lower), jnp.asarray(upper))
@@ -74,8 +75,7 @@ class Interval(eqx.Module):
     @classmethod
     def _of_ends(cls, lower: Array, upper: Array) -> "Interval":
         top = rounding.largest(lower.dtype)
-        lower, upper = jnp.minimum(lower, top), jnp.maximum(upper, -top)
-        return cls(jnp.where(jnp.isnan(lower), -jnp.inf, lower), jnp.where(jnp.isnan(upper), jnp.inf, upper))
+        return cls(jnp.minimum(lower, top), jnp.maximum(upper, -top))
 
     @classmethod
     def whole(cls, shape: tuple[int, ...] = ()) -> "Interval":

@@ -36,6 +36,10 @@ KEPT = 0.8
 # A box tells nothing more when its coefficients are within this many error bounds. Shrinking leaves about one bound on
 # each side of a simple root; with 1 here such boxes were halved into eight.
 EXHAUSTED = 2.0
+# At most this wide, a box is final when the combinations of `_combinations` tell nothing more: at a tangency the
+# equations are told from zero down to slivers 1e-8 long and 1e-16 wide. Wider boxes go on, for on a curve of common
+# roots the combinations vanish everywhere.
+COARSE = 2.0**-20
 # Numbers a block of lanes holds in its inner loop, about half a megabyte: past the second-level cache of one core a
 # round costs 36 times as much for 10 times the lanes.
 BLOCK_NUMBERS = 1 << 16
@@ -73,8 +77,8 @@ def solve(
     """All roots in the unit box of polynomials in as many variables as the coefficients have further axes.
 
     A root of the exact polynomials, whose coefficients differ from those given by at most `errors`, lies in one of the
-    boxes. A box is final when its sides are at most `atol`, or when every coefficient on it is within two
-    rounding bounds: there is no more to learn. So a double root comes as one box of about the square root of the unit roundoff,
+    boxes. A box is final when its sides are at most `atol`, or when every coefficient on it is within two rounding
+    bounds: there is no more to learn. So a double root comes as one box of about the square root of the unit roundoff,
     and equations that vanish identically as the box itself. Final boxes that touch are merged.
 
     Write it for one system and map it: under vmap the systems are solved side by side, in blocks. Not differentiable:
@@ -88,9 +92,9 @@ def solve(
         coefficients: one Bernstein tensor for each equation, all of the same degree in each variable. There may be more
             equations than variables, or fewer (then the roots are curves, see above).
         errors: absolute error of the coefficients, one number or one for each equation.
-        capacity: length of the table of boxes, pending and final ones. In one variable twice the degree is enough; in
-            two and three a simple root needs about four.
-        max_steps: most boxes examined; a simple root takes about six, a double root fifty.
+        capacity: length of the table of boxes, pending and final ones. In one variable three times the degree was
+            enough in every trial; in two and three variables ten for each root were.
+        max_steps: most boxes examined; a simple root takes about five, a double root thirty.
         atol: largest side of a final box, in parameters; None means 64 times the spacing of floats at one. Zero is
             allowed.
 
@@ -107,7 +111,7 @@ def solve(
     tensors = jnp.moveaxis(c, 0, -1)[..., None]
     found = _solver(capacity, max_steps)(tensors, errors[:, None], lax.stop_gradient(atol)[None])
     found = jax.tree.map(lambda x: x[..., 0], found)
-    result = RESULTS.where(found.pending, RESULTS.gap_not_closed, RESULTS.successful)
+    result = RESULTS.where(found.pending, RESULTS.gap_not_closed, RESULTS.successful)  # pyright: ignore[reportArgumentType]
     result = RESULTS.where(found.full, RESULTS.capacity_reached, result)
     result = RESULTS.where(found.nonfinite, RESULTS.nonfinite_value, result)
     return Roots(found.lower, found.upper, found.valid, found.boxes, result)
@@ -158,7 +162,8 @@ def _solver(capacity: int, max_steps: int) -> Callable[..., _Found]:
         split = jax.tree.map(lambda x: jnp.moveaxis(x.reshape(*x.shape[:-1], size, lanes), -2, 0), found)
         return split, jax.tree.map(lambda _: True, split)
 
-    return search
+    # Called outside of a jitted function, the loop is compiled once for each shape instead of at each call.
+    return jax.jit(search)
 
 
 def _in_blocks(search: Callable[..., _Found], capacity: int, c: Array, *rest: Array) -> _Found:
@@ -210,19 +215,32 @@ def _active(table: _Table, max_steps: int) -> Array:
 
 
 def _scaled(c: Array, errors: Array) -> tuple[Array, Array]:
-    """Coefficients divided by a power of two so that the largest is in [1, 2), and their errors on every box.
+    """Coefficients divided by a power of two so that the largest is in [1, 2), and their errors.
 
-    The error has three parts: `errors` and nu (subnormal coefficients count as zero) divided by the same power, nu for
-    results of the division that are flushed, and the rounding of a restriction to a box, see `_restrict`.
+    The errors have three parts: `errors` and nu (subnormal coefficients count as zero) divided by the same power, and
+    nu for results of the division that are flushed.
     """
-    tensor_axes = tuple(range(c.ndim - 2))
     nu = rounding.smallest_normal(c.dtype)
-    scale = rounding.power_of_two(jnp.max(jnp.abs(c), axis=tensor_axes))
+    scale = rounding.power_of_two(jnp.max(jnp.abs(c), axis=tuple(range(c.ndim - 2))))
     given = rounding.round_up(rounding.round_up(rounding.flush_up(errors) + nu) / scale)
-    c = c / scale
-    operations = 9 * sum(size - 1 for size in c.shape[:-2]) + 1
-    restricted = rounding.absolute_error(operations, jnp.max(jnp.abs(c), axis=tensor_axes))
-    return c, rounding.round_up(given + restricted)
+    return c / scale, rounding.round_up(given + nu)
+
+
+def _on_box(c: Array, errors: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Coefficients on a box and a bound of their errors, one for each equation.
+
+    `errors` stay what they are, for the weights of a restriction sum to one. Its rounding, 9 n operations in a variable
+    of degree n (`_restrict`), acts on sums of weights times |c|, which the restriction of |c| computes. So the bound
+    follows the size of the equations on the box, and roots next to a corner where the coefficients are tiny stay
+    apart. One more operation in the count covers the rounding of the restriction of |c|.
+    """
+    both = jnp.concatenate([c, jnp.abs(c)], axis=-2)
+    for axis in range(c.ndim - 2):
+        both = _restrict(both, lower[axis], upper[axis], axis)
+    on_box, size = jnp.split(both, 2, axis=-2)
+    operations = 9 * sum(n - 1 for n in c.shape[:-2]) + 1
+    size = jnp.max(size, axis=tuple(range(c.ndim - 2)))
+    return on_box, rounding.round_up(errors + rounding.absolute_error(operations, size))
 
 
 def _restrict(c: Array, t0: Array, t1: Array, axis: int) -> Array:
@@ -253,8 +271,8 @@ def _restrict(c: Array, t0: Array, t1: Array, axis: int) -> Array:
     return lax.fori_loop(0, n, to_the_left, lax.fori_loop(0, n, to_the_right, c))
 
 
-def _with_combinations(c: Array, errors: Array) -> tuple[Array, Array]:
-    """The equations and, where they are as many as the variables, their combinations by the adjugate of the Jacobian.
+def _combinations(c: Array, errors: Array) -> tuple[Array, Array]:
+    """Combinations of the equations by the adjugate of the Jacobian, with error bounds; none unless square, n = 2, 3.
 
     Each combination depends on one variable only, up to second order, so that boxes shrink quadratically at simple
     roots whatever the directions of the curves; at a tangency the combinations are the equations without their linear
@@ -263,7 +281,7 @@ def _with_combinations(c: Array, errors: Array) -> tuple[Array, Array]:
     """
     variables, equations = c.ndim - 2, c.shape[-2]
     if equations != variables or variables not in (2, 3):
-        return c, errors
+        return c[..., :0, :], errors[:0]
     jacobian = jnp.stack([_mean_slope(c, axis) for axis in range(variables)])  # (variables, equations, lanes)
     matrix = _adjugate(jacobian)
     matrix = matrix / rounding.power_of_two(jnp.max(jnp.abs(matrix), axis=1, keepdims=True))
@@ -272,7 +290,7 @@ def _with_combinations(c: Array, errors: Array) -> tuple[Array, Array]:
     size = errors + gamma * jnp.max(jnp.abs(c), axis=tuple(range(variables)))
     bound = (1 + gamma) * jnp.sum(jnp.abs(matrix) * size, axis=1)
     bound = rounding.round_up(bound + 16 * rounding.smallest_normal(c.dtype))
-    return jnp.concatenate([c, jnp.asarray(rows)], axis=-2), jnp.concatenate([errors, bound])
+    return jnp.asarray(rows), bound
 
 
 def _mean_slope(c: Array, axis: int) -> Array:
@@ -330,6 +348,11 @@ def _first_crossing(v: Array) -> Array:
     return jnp.max(x, axis=0)
 
 
+def _vanish(c: Array, errors: Array) -> Array:
+    """Where every coefficient of every row is within EXHAUSTED of its error bounds."""
+    return jnp.all(jnp.max(jnp.abs(c), axis=tuple(range(c.ndim - 2))) <= EXHAUSTED * errors, axis=0)
+
+
 def _shrunk(c: Array, errors: Array, lower: Array, upper: Array) -> tuple[Array, Array, Array]:
     """The part of a box where `_room` leaves a root, and whether there is one; c is restricted to the box.
 
@@ -337,7 +360,7 @@ def _shrunk(c: Array, errors: Array, lower: Array, upper: Array) -> tuple[Array,
     numbers is reduced by gamma(4) for its two roundings, the sum is rounded down. The upper end is found from the other
     end alike. No end leaves the box.
     """
-    start, end = _room(*_with_combinations(c, errors))
+    start, end = _room(c, errors)
     none = jnp.any(jnp.isinf(start) | jnp.isinf(end), axis=0)
     side = (upper - lower) * (1 - rounding.gamma(4, c.dtype))
     new_lower = jnp.maximum(lower, rounding.round_down(lower + jnp.minimum(start, 1.0) * side))
@@ -354,16 +377,18 @@ def _examine(table: _Table, c: Array, errors: Array, atol: Array, max_steps: int
     active = _active(table, max_steps)
     current = (key == jnp.min(key, axis=0)) & active
     lower, upper = (jnp.sum(jnp.where(current[:, None], x, 0.0), axis=0) for x in (table.lower, table.upper))
-    on_box = c
-    for axis in range(variables):
-        on_box = _restrict(on_box, lower[axis], upper[axis], axis)
-    new_lower, new_upper, gone = _shrunk(on_box, errors, lower, upper)
+    on_box, bounds = _on_box(c, errors, lower, upper)
+    combined, combined_bounds = _combinations(on_box, bounds)
+    rows, row_bounds = jnp.concatenate([on_box, combined], axis=-2), jnp.concatenate([bounds, combined_bounds])
+    new_lower, new_upper, gone = _shrunk(rows, row_bounds, lower, upper)
 
     sides = new_upper - new_lower
     longest = jnp.max(sides, axis=0)
     cut = jnp.arange(variables)[:, None] == jnp.argmax(sides, axis=0)
     middle = new_lower + 0.5 * sides
-    exhausted = jnp.all(jnp.max(jnp.abs(on_box), axis=tuple(range(variables))) <= EXHAUSTED * errors, axis=0)
+    exhausted = _vanish(on_box, bounds)
+    if combined.shape[-2] > 0:
+        exhausted |= _vanish(combined, combined_bounds) & (longest <= COARSE)
     indivisible = jnp.any(cut & ((middle <= new_lower) | (middle >= new_upper)), axis=0)
     final = exhausted | indivisible | (longest <= atol)
     halve = active & ~gone & ~final & (longest > KEPT * jnp.max(upper - lower, axis=0))
@@ -385,19 +410,28 @@ def _examine(table: _Table, c: Array, errors: Array, atol: Array, max_steps: int
 
 def _merged(lower: Array, upper: Array, valid: Array) -> tuple[Array, Array, Array]:
     """Boxes that touch replaced by their hull, until none touch; then sorted, the valid ones first."""
+    index = jnp.arange(valid.shape[0])
     lower = jnp.where(valid[:, None], lower, jnp.inf)
     upper = jnp.where(valid[:, None], upper, -jnp.inf)
 
+    used = jnp.max(jnp.where(valid, index[:, None] + 1, 0))
+
+    def absorb(j: Array, boxes: tuple[Array, Array]) -> tuple[Array, Array]:
+        touch = _touch(*boxes, boxes[0][j], boxes[1][j])[:, None]
+        return (
+            jnp.where(touch, jnp.minimum(boxes[0], boxes[0][j]), boxes[0]),
+            jnp.where(touch, jnp.maximum(boxes[1], boxes[1][j]), boxes[1]),
+        )
+
     def grow(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        lower, upper, _ = state
-        touch = _touch(lower, upper)[:, :, None]
-        new_lower = jnp.min(jnp.where(touch, lower, jnp.inf), axis=1)
-        new_upper = jnp.max(jnp.where(touch, upper, -jnp.inf), axis=1)
-        return new_lower, new_upper, jnp.any((new_lower != lower) | (new_upper != upper))
+        new_lower, new_upper = lax.fori_loop(0, used, absorb, state[:2])
+        return new_lower, new_upper, jnp.any((new_lower != state[0]) | (new_upper != state[1]))
+
+    def repeat(j: Array, repeated: Array) -> Array:
+        return repeated | (_touch(lower, upper, lower[j], upper[j]) & (index > j)[:, None])
 
     lower, upper, _ = lax.while_loop(lambda state: state[2], grow, (lower, upper, jnp.array(True)))
-    index = jnp.arange(lower.shape[0])
-    repeated = jnp.any(_touch(lower, upper) & (index[:, None] > index)[..., None], axis=1)
+    repeated = lax.fori_loop(0, used, repeat, jnp.zeros_like(valid))
     valid = (valid & ~repeated)[:, None]
     corners = jnp.concatenate([jnp.where(valid, lower, 1.0), jnp.where(valid, upper, 0.0)], axis=1)
     variables = lower.shape[1]
@@ -406,6 +440,6 @@ def _merged(lower: Array, upper: Array, valid: Array) -> tuple[Array, Array, Arr
     return jnp.stack(columns[:variables], axis=1), jnp.stack(columns[variables:], axis=1), ~absent
 
 
-def _touch(lower: Array, upper: Array) -> Array:
-    """Which boxes share a point, (capacity, capacity, lanes); empty ones touch nothing."""
-    return jnp.all((lower[:, None] <= upper[None]) & (lower[None] <= upper[:, None]), axis=2)
+def _touch(lower: Array, upper: Array, other_lower: Array, other_upper: Array) -> Array:
+    """Which boxes (capacity, variables, lanes) share a point with one other in each lane; empty ones never do."""
+    return jnp.all((lower <= other_upper) & (other_lower <= upper), axis=1)

@@ -8,11 +8,12 @@ compiles to, is
 for operands that are zero or normal, with u the unit roundoff (2^-53 or 2^-24) and nu the smallest normal number: XLA
 flushes subnormal operands and results to zero. A flushed *operand* is an error of its own, which a factor enlarges:
 where operands come from outside, `flush_down` and `flush_up` make them normal first, outward. Multiply-adds may be
-fused and sums reordered; a fused operation rounds once instead of twice, so the model with separate roundings covers it.
+fused and sums reordered; a fused operation rounds once instead of twice, so separate roundings cover it.
 
 A division counts as **two** roundings: XLA replaces x / y by x * (1 / y) where y is constant or broadcast (measured:
 one third of the results of x / 3 differ in the last bit). There 1 / y is flushed to zero for |y| > 1 / nu, so that
-x / y becomes 0; `quotient` avoids that.
+x / y becomes 0; `quotient` avoids that. It also merges constant factors, (x * a) * b into x * (a * b), so a factor
+that guards against underflow must not be a constant.
 
 Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), sections 2.2 and 3.1.
 """
@@ -110,17 +111,17 @@ def flush_down(x: ArrayLike) -> Array:
     """Largest number not above x that is zero, normal or infinite: the identity except for subnormal x.
 
     The processor compares subnormal numbers as zeros, so they are told apart by their bits, which no backend changes.
+    NaN, of which nothing is known, gives -inf.
     """
     x = jnp.asarray(x)
     positive, negative = _subnormal(x)
-    return jnp.where(negative, -smallest_normal(x.dtype), jnp.where(positive, 0.0, x)).astype(x.dtype)
+    x = jnp.where(negative, -smallest_normal(x.dtype), jnp.where(positive, 0.0, x)).astype(x.dtype)
+    return jnp.where(jnp.isnan(x), -jnp.inf, x)
 
 
 def flush_up(x: ArrayLike) -> Array:
-    """Smallest number not below x that is zero, normal or infinite: the identity except for subnormal x."""
-    x = jnp.asarray(x)
-    positive, negative = _subnormal(x)
-    return jnp.where(positive, smallest_normal(x.dtype), jnp.where(negative, 0.0, x)).astype(x.dtype)
+    """Smallest number not below x that is zero, normal or infinite: -flush_down(-x)."""
+    return -flush_down(-jnp.asarray(x))
 
 
 def _subnormal(x: Array) -> tuple[Array, Array]:
@@ -148,11 +149,12 @@ def power_of_two(x: ArrayLike) -> Array:
 def quotient(x: ArrayLike, y: ArrayLike) -> Array:
     """The quotient x / y of normal or zero x and normal y, with at most two roundings, ready for round_down.
 
-    Both are divided by 16 where |y| > 1 / nu, so that 1 / y, which XLA may form, is never flushed. An x that is
-    flushed by that has |x / y| < nu.
+    Where both are at least one they are divided by 16, exactly, so that 1 / y, which XLA may form, is not flushed.
+    Elsewhere it is flushed only if |y| > 1 / nu, and then |x| < 1, so the quotient is below nu. The factor depends on
+    x because XLA merges constant factors: x * (1 / 16) / (constant / 16) becomes x * (1 / constant) again.
     """
     x, y = jnp.asarray(x), jnp.asarray(y)
-    scale = jnp.where(jnp.abs(y) > 1 / smallest_normal(y.dtype), 1 / 16, 1.0).astype(y.dtype)
+    scale = jnp.where((jnp.abs(x) >= 1) & (jnp.abs(y) >= 1), 1 / 16, 1.0).astype(y.dtype)
     return (x * scale) / (y * scale)
 
 

@@ -1,0 +1,13 @@
+"""Distances: projection, the Hausdorff methods and the entries."""
+
+from jhd.distance.hausdorff import directed_hausdorff, hausdorff
+from jhd.distance.projection import (
+    HybridProjection,
+    IntervalHalving,
+    NearestSearch,
+    NewtonProjection,
+    ProjectedPolyhedron,
+    project,
+    stationary_points,
+)
+from jhd.distance.two_step import TwoStep

@@ -50,26 +50,33 @@ def piece_of(curve: BezierSegments, segment: Array) -> Piece:
     return Piece(curve.control_points[segment], None if curve.weights is None else curve.weights[segment])
 
 
-def antipodal(y: Float[Array, "2"], args: tuple[Piece, Branch]) -> Float[Array, "2"]:
-    """Residual ((A-B).A', (A-B).B') at y = (t, s): the joining line is normal to both curves (Cao14, equation 12)."""
-    piece, branch = args
-    a, b = jet(*piece, y[0]), jet(*branch.piece, y[1])
-    c = a.point - b.point
-    return jnp.stack([c @ a.first, _foot_residual(c, b.first, y[1], branch)])
+@jax.jit
+def event_residual(y: Float[Array, "3"], args: tuple[Piece, Branch, Branch, Array]) -> Float[Array, "3"]:
+    """Residual of both refined events at y = (t, s, r), so that one solver serves them.
 
+    One-to-two: |A - B(s)|^2 = |A - B(r)|^2 with both feet stationary (Cao14, equation 13). Antipodal: (A - B(s)).A' = 0
+    with the foot stationary (Cao14, equation 12), and r pinned to its start.
 
-def one_to_two(y: Float[Array, "3"], args: tuple[Piece, Branch, Branch]) -> Float[Array, "3"]:
-    """Residual (|A-B(s)|^2 - |A-B(r)|^2, (A-B(s)).B'(s), (A-B(r)).B'(r)) at y = (t, s, r) (Cao14, equation 13)."""
-    piece, first, second = args
+    Args:
+        y: the parameter of a and those of the two feet.
+        args: the piece of a, the two branches, and whether the event is one-to-two.
+    """
+    piece, first, second, two = args
     a, b, d = jet(*piece, y[0]), jet(*first.piece, y[1]), jet(*second.piece, y[2])
     c, e = a.point - b.point, a.point - d.point
     # (c + e).(c - e) with c - e = d - b: the difference of the squares without cancellation.
     difference = (c + e) @ (d.point - b.point)
-    return jnp.stack([difference, _foot_residual(c, b.first, y[1], first), _foot_residual(e, d.first, y[2], second)])
+    return jnp.stack(
+        [
+            jnp.where(two, difference, c @ a.first),
+            _foot_residual(c @ b.first, y[1], first),
+            jnp.where(two, _foot_residual(e @ d.first, y[2], second), y[2] - second.s),
+        ]
+    )
 
 
-def _foot_residual(c: Array, tangent: Array, s: Array, branch: Branch) -> Array:
-    return jnp.where(branch.pinned, s - branch.s, c @ tangent)
+def _foot_residual(stationarity: Array, s: Array, branch: Branch) -> Array:
+    return jnp.where(branch.pinned, s - branch.s, stationarity)
 
 
 def preceding(following: Array) -> Array:
@@ -114,6 +121,7 @@ def follow_foot(point: Array, b: BezierSegments, before: Array, segment: Array, 
     return FootState(segment, s, foot, pinned)
 
 
+@jax.jit
 def _newton_step(point: Array, piece: Piece, s: Array) -> Array:
     """Newton's step of (B - P).B' = 0, downhill by a quarter where the distance is not convex, at most a half."""
     b = jet(*piece, s)
@@ -128,7 +136,9 @@ def _foot_at(point: Array, b: BezierSegments, segment: Array, s: Array) -> tuple
     c = foot.point - point
     scale = jnp.sqrt((c @ c) * (foot.first @ foot.first))
     moving = jnp.abs(c @ foot.first) > _STATIONARY * scale
-    return foot.point, ((s <= 0) | (s >= 1)) & moving
+    controls = b.control_points[segment]
+    isolated = jnp.all(controls == controls[0])
+    return foot.point, (((s <= 0) | (s >= 1)) & moving) | isolated
 
 
 def describe(a: BezierSegments, b: BezierSegments, segment: Array, t: Array, size: Array) -> Witness:

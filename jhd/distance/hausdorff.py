@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 
 from jhd.distance.method import AbstractHausdorffMethod
-from jhd.distance.prepare import Frame, prepare
+from jhd.distance.prepare import prepare
 from jhd.distance.two_step import TwoStep
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.solution import DIRECTIONS, HausdorffSolution, throw_unless_successful

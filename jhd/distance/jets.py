@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -14,8 +15,9 @@ class Jet(NamedTuple):
     second: Float[Array, " dim"]
 
 
+@jax.jit
 def jet(control_points: Array, weights: Array | None, t: Array) -> Jet:
-    """The jet of one segment (points, dim) at the scalar t.
+    """The jet of one segment (points, dim) at the scalar t; jitted so that its many uses are traced once.
 
     For C = n/w the quotient rule gives C' = (n' - C w')/w and C'' = (n'' - 2 C' w' - C w'')/w.
     """

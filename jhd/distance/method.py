@@ -3,7 +3,6 @@
 from abc import abstractmethod
 
 import equinox as eqx
-from jaxtyping import Array
 
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import HausdorffSolution

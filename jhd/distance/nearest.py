@@ -22,10 +22,13 @@ Source: the hull bound and its quadratic convergence are in Farouki & Rajan, CAG
 """
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 
@@ -74,11 +77,13 @@ class _State(eqx.Module):
     steps: Array
 
 
+@jax.jit
 def nearest(
     point: Float[Array, " dim"],
     control_points: Float[Array, "segments points dim"],
     weights: Float[Array, "segments points"] | None,
-    tolerance: Float[Array, ""] | None = None,
+    tolerance: Float[Array, ""] | float = 0.0,
+    skip: Bool[Array, " segments"] | None = None,
 ) -> Nearest:
     """Proven nearest point of all segments to one point.
 
@@ -86,19 +91,19 @@ def nearest(
         point: the query.
         control_points: the segments, scaled so that squares neither overflow nor vanish.
         weights: positive, or None.
-        tolerance: the search stops at upper - lower <= tolerance; by default and at the least at eight times the
-            rounding error.
+        tolerance: the search stops at upper - lower <= tolerance, and at eight times the rounding error at the least.
+        skip: segments that repeat others and need no search; see `repeated`.
     """
     count = control_points.shape[0]
     offsets = point - control_points
     radius = jnp.max(jnp.abs(offsets), axis=(1, 2))
     floor = _resolution(offsets.shape[1] - 1, offsets.shape[2], jnp.max(radius))
-    tolerance = floor if tolerance is None else jnp.maximum(floor, tolerance)
-    lower, start = jax.vmap(_cell_bound)(*_homogeneous(offsets, weights), radius)
+    tolerance = jnp.maximum(floor, tolerance)
+    lower, start = jax.vmap(cell_bound)(*_homogeneous(offsets, weights), radius)
     state = _State(
-        whole=lower,
+        whole=lower if skip is None else jnp.where(skip, jnp.inf, lower),
         cells=_empty_cells(point.dtype),
-        best=_best_end(offsets, radius),
+        best=best_end(offsets, radius),
         settled=jnp.array(jnp.inf, point.dtype),
         steps=jnp.array(0),
     )
@@ -116,7 +121,9 @@ def nearest(
         cell = jax.tree_util.tree_map(lambda x, y: jnp.where(is_whole, x, y), fresh, taken)
         whole = jnp.where(jnp.arange(count) == index, jnp.inf, state.whole)
         freed = jnp.where(jnp.arange(_CAPACITY) == slot, jnp.inf, state.cells.lower)
-        state = _State(whole, eqx.tree_at(lambda c: c.lower, state.cells, freed), state.best, state.settled, state.steps + 1)
+        state = _State(
+            whole, eqx.tree_at(lambda c: c.lower, state.cells, freed), state.best, state.settled, state.steps + 1
+        )
         return _cut(state, cell, offsets[segment], None if weights is None else weights[segment], tolerance)
 
     state = jax.lax.while_loop(unfinished, step, state)
@@ -132,6 +139,27 @@ def _resolution(degree: int, dim: int, size: Array) -> Array:
     return 8 * (math.sqrt(dim) * gamma(3 * degree + 8, size.dtype) * size + _flushed(degree, size.dtype))
 
 
+def in_chunks(function: Callable[[Any], Any], rows: Any, chunk: int) -> Any:
+    """The function of every row (first axis of all leaves), `chunk` of them side by side.
+
+    Rows are repeated up to whole chunks: a remainder would be compiled a second time.
+    """
+    count = jax.tree_util.tree_leaves(rows)[0].shape[0]
+    if count <= chunk:
+        return jax.vmap(function)(rows)
+    index = np.minimum(np.arange(-(-count // chunk) * chunk), count - 1).reshape(-1, chunk)
+    found = jax.lax.map(jax.vmap(function), jax.tree_util.tree_map(lambda x: x[index], rows))
+    return jax.tree_util.tree_map(lambda x: x.reshape((-1, *x.shape[2:]))[:count], found)
+
+
+def repeated(control_points: Array, weights: Array | None) -> Bool[Array, " segments"]:
+    """Which segments are the same numbers as the one before: what padding adds."""
+    same = jnp.all(control_points[1:] == control_points[:-1], axis=(1, 2))
+    if weights is not None:
+        same &= jnp.all(weights[1:] == weights[:-1], axis=1)
+    return jnp.concatenate([jnp.zeros((1,), bool), same])
+
+
 def _open_lower(state: _State) -> Array:
     return jnp.minimum(jnp.min(state.whole), jnp.min(state.cells.lower))
 
@@ -140,7 +168,8 @@ def _homogeneous(offsets: Array, weights: Array | None) -> tuple[Array, Array | 
     return (offsets, None) if weights is None else (offsets * weights[..., None], weights)
 
 
-def _cell_bound(n: Array, w: Array | None, radius: Array) -> tuple[Array, Array]:
+@jax.jit
+def cell_bound(n: Array, w: Array | None, radius: Array) -> tuple[Array, Array]:
     """Lower bound of the distance over one cell, and the local parameter of its smallest coefficient."""
     q, dim, dtype = n.shape[0] - 1, n.shape[1], n.dtype
     squares = bernstein.dot(n, n)
@@ -161,7 +190,7 @@ def _flushed(degree: int, dtype: DTypeLike) -> float:
     return 40 * (degree + 2) * smallest_normal(dtype)
 
 
-def _upper(vector: Array, degree: int, radius: Array) -> tuple[Array, Array]:
+def length_bound(vector: Array, degree: int, radius: Array) -> tuple[Array, Array]:
     """Length of the computed vector from a point of the curve to the query, and a bound of the true distance."""
     dim = vector.shape[-1]
     # Scaled by the largest component: squares of tiny vectors would be flushed.
@@ -171,10 +200,10 @@ def _upper(vector: Array, degree: int, radius: Array) -> tuple[Array, Array]:
     return length, length * (1 + gamma(3 * degree + dim + 6, vector.dtype)) + _eta(degree, dim, radius)
 
 
-def _best_end(offsets: Array, radius: Array) -> Nearest:
+def best_end(offsets: Array, radius: Array) -> Nearest:
     """The nearest of all segment ends: there the offset is rounded once and nothing is evaluated."""
     ends = offsets[:, jnp.array([0, -1])]
-    distance, upper = _upper(ends, 0, jnp.max(jnp.abs(ends), axis=-1))
+    distance, upper = length_bound(ends, 0, jnp.max(jnp.abs(ends), axis=-1))
     index = jnp.argmin(upper)
     unset = jnp.zeros((), offsets.dtype)
     return Nearest(
@@ -212,7 +241,7 @@ def _cut(state: _State, cell: _Cell, e: Array, w: Array | None, tolerance: Array
     """Improves the foot inside the cell, cuts there, and keeps the halves that may still hold a nearer point."""
     degree, radius = e.shape[0] - 1, jnp.max(jnp.abs(e))
     foot = _local_foot(e, w, cell)
-    distance, upper = _upper(jet(e, w, foot).point, degree, radius)
+    distance, upper = length_bound(jet(e, w, foot).point, degree, radius)
     best = state.best
     nearer = upper < best.upper
     best = Nearest(
@@ -232,7 +261,7 @@ def _cut(state: _State, cell: _Cell, e: Array, w: Array | None, tolerance: Array
 
     def half(s0: Array, s1: Array) -> _Cell:
         part = bernstein.restrict(n, s0, s1, axis=0)
-        lower, start = _cell_bound(part, None if w is None else bernstein.restrict(w, s0, s1), radius)
+        lower, start = cell_bound(part, None if w is None else bernstein.restrict(w, s0, s1), radius)
         return _Cell(jnp.maximum(lower, cell.lower), cell.segment, s0, s1, s0 + start * (s1 - s0))
 
     halves = jax.vmap(half)(ends[:-1], ends[1:])

@@ -31,16 +31,15 @@ from jhd.arithmetic.rounding import gamma
 from jhd.distance.events import (
     Branch,
     FootState,
-    antipodal,
     describe,
+    event_residual,
     follow_foot,
-    one_to_two,
     piece_of,
     preceding,
 )
 from jhd.distance.jets import jet
 from jhd.distance.method import AbstractHausdorffMethod
-from jhd.distance.nearest import Nearest, nearest
+from jhd.distance.nearest import Nearest, in_chunks, nearest, repeated
 from jhd.distance.prepare import preparation_error
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import RESULTS, HausdorffSolution
@@ -90,7 +89,8 @@ class TwoStep(AbstractHausdorffMethod):
 
     def directed(self, a: BezierSegments, b: BezierSegments) -> HausdorffSolution:
         """One direction in common coordinates."""
-        pair = _Pair(a, b, preceding(b.following))
+        skip = (repeated(curve.control_points, curve.weights) for curve in (a, b))
+        pair = _Pair(a, b, preceding(b.following), *skip)
         samples = _sampled(pair, self._parameters(a))
         brackets = _brackets(samples)
         best = _best_sample(samples)
@@ -124,6 +124,8 @@ class _Pair(NamedTuple):
     a: BezierSegments
     b: BezierSegments
     before: Array
+    skip_a: Array
+    skip_b: Array
 
 
 class _Samples(NamedTuple):
@@ -197,21 +199,27 @@ def _normalised(x: Array) -> Array:
     return x / jnp.where(total > 0, total, 1.0)
 
 
-def _nearest_all(pair: _Pair, points: Array) -> Nearest:
-    """Proven nearest points for rows of points, in chunks."""
+def _nearest_all(pair: _Pair, points: Array, skip: Array) -> Nearest:
+    """Proven nearest points for rows of points, in chunks; rows to skip get bounds that are true and wide."""
     b = pair.b
-    return jax.lax.map(lambda p: nearest(p, b.control_points, b.weights), points, batch_size=_CHUNK)
+
+    def search(query: tuple[Array, Array]) -> Nearest:
+        point, tolerance = query
+        return nearest(point, b.control_points, b.weights, tolerance, pair.skip_b)
+
+    return in_chunks(search, (points, jnp.where(skip, jnp.inf, 0.0)), _CHUNK)
 
 
 def _sampled(pair: _Pair, t: Array) -> _Samples:
     a, b = pair.a, pair.b
     segments = jnp.arange(a.count)
     jets = jax.vmap(lambda k, ts: jax.vmap(lambda u: jet(*piece_of(a, k), u))(ts))(segments, t)
-    found = _nearest_all(pair, jets.point.reshape(-1, a.dim))
+    found = _nearest_all(pair, jets.point.reshape(-1, a.dim), jnp.repeat(pair.skip_a, t.shape[1]))
     found = jax.tree_util.tree_map(lambda x: x.reshape(t.shape), found)
     foot = jax.vmap(jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point))(found.segment, found.t)
     slope = jnp.sum((jets.point - foot) * jets.first, axis=-1)
-    return _Samples(t, found.distance, found.lower, found.segment, found.t, slope, jets.point, foot)
+    distance = jnp.where(pair.skip_a[:, None], -jnp.inf, found.distance)
+    return _Samples(t, distance, found.lower, found.segment, found.t, slope, jets.point, foot)
 
 
 def _best_sample(samples: _Samples) -> _Best:
@@ -252,7 +260,7 @@ def _round(pair: _Pair, state: _State) -> _State:
     live = keys > best.distance
     t, tracked = _candidates(pair, lanes)
     points = jax.vmap(lambda k, ts: jax.vmap(lambda u: jet(*piece_of(pair.a, k), u).point)(ts))(lanes.segment, t)
-    found = _nearest_all(pair, points.reshape(-1, pair.a.dim))
+    found = _nearest_all(pair, points.reshape(-1, pair.a.dim), jnp.repeat(~live, t.shape[1]))
     found = jax.tree_util.tree_map(lambda x: x.reshape(t.shape), found)
     distance = jnp.where(live[:, None], found.distance, -jnp.inf)
     at = jnp.argmax(distance)
@@ -323,12 +331,14 @@ def _point(pair: _Pair, bracket: _Bracket, t: Array) -> Array:
     return jet(*piece_of(pair.a, bracket.segment), t).point
 
 
+@jax.jit
 def _branch(pair: _Pair, bracket: _Bracket, t: Array, from_right: Array) -> FootState:
     """The foot at t on the branch of the left or of the right end."""
     k, s = jnp.where(from_right, bracket.k1, bracket.k0), jnp.where(from_right, bracket.s1, bracket.s0)
     return follow_foot(_point(pair, bracket, t), pair.b, pair.before, k, s, _FOLLOW)
 
 
+@jax.jit
 def _lead(t: Array, args: tuple[_Pair, _Bracket]) -> Array:
     """How much farther (squared) the right end's branch is than the left end's; positive before the crossing."""
     pair, bracket = args
@@ -336,6 +346,7 @@ def _lead(t: Array, args: tuple[_Pair, _Bracket]) -> Array:
     return (2 * _point(pair, bracket, t) - feet[0] - feet[1]) @ (feet[0] - feet[1])
 
 
+@jax.jit
 def _rise(t: Array, args: tuple[_Pair, _Bracket, Array]) -> Array:
     """(A - B).A' on one branch: the sign of the slope of its distance."""
     pair, bracket, from_right = args
@@ -348,7 +359,7 @@ def _refined(pair: _Pair, lanes: _Bracket, width: Array) -> _Refined:
 
     def crossing(bracket: _Bracket) -> tuple[Array, Array]:
         args = (pair, bracket)
-        at0, at1 = _lead(bracket.t0, args), _lead(bracket.t1, args)
+        at0, at1 = jax.vmap(_lead, in_axes=(0, None))(jnp.stack([bracket.t0, bracket.t1]), args)
         tau = _bisected(_lead, bracket.t0, bracket.t1, at0, at1, args, width)
         # Branches that meet at one end are one foot there; which of them leads at the other end then holds throughout.
         apart = (at0 > _EQUAL) & (at1 < -_EQUAL)
@@ -359,7 +370,7 @@ def _refined(pair: _Pair, lanes: _Bracket, width: Array) -> _Refined:
     def side(bracket: _Bracket, tau: Array, from_right: Array) -> tuple[Array, Array]:
         args = (pair, bracket, from_right)
         low, high = jnp.where(from_right, tau, bracket.t0), jnp.where(from_right, bracket.t1, tau)
-        at_low, at_high = _rise(low, args), _rise(high, args)
+        at_low, at_high = jax.vmap(_rise, in_axes=(0, None))(jnp.stack([low, high]), args)
         found = (at_low > 0) & (at_high < 0)
         t = _bisected(_rise, low, high, at_low, at_high, args, width)
         # Without a change of sign the larger end of the side stands in.
@@ -369,8 +380,12 @@ def _refined(pair: _Pair, lanes: _Bracket, width: Array) -> _Refined:
     sides, found = jax.vmap(jax.vmap(side, in_axes=(None, None, 0)), in_axes=(0, 0, None))(lanes, tau, both)
     t = jnp.concatenate([tau[:, None], sides], axis=1)
     wanted = jnp.concatenate([apart[:, None], found], axis=1)
-    at = jax.vmap(lambda bracket, ts, right: jax.vmap(lambda u: _branch(pair, bracket, u, right))(ts), (0, 0, None))
-    return _Refined(t, wanted, at(lanes, t, jnp.array(False)), at(lanes, t, jnp.array(True)))
+
+    def feet(bracket: _Bracket, ts: Array, right: Array) -> FootState:
+        return jax.vmap(lambda u: _branch(pair, bracket, u, right))(ts)
+
+    at = jax.vmap(jax.vmap(feet, in_axes=(0, 0, None)), in_axes=(None, None, 0))(lanes, t, both)
+    return _Refined(t, wanted, FootState(*(x[0] for x in at)), FootState(*(x[1] for x in at)))
 
 
 def _bisected(
@@ -402,29 +417,31 @@ def _polished(pair: _Pair, bracket: _Bracket, refined: _Refined) -> tuple[Array,
     """Newton's method from the bisected candidates; returns parameters and whether each can be trusted."""
     piece = piece_of(pair.a, bracket.segment)
 
-    def branch(foot: FootState, index: int) -> Branch:
-        return Branch(piece_of(pair.b, foot.segment[index]), foot.pinned[index], foot.s[index])
+    def branch(foot: FootState) -> Branch:
+        return Branch(piece_of(pair.b, foot.segment), foot.pinned, foot.s)
 
-    x, y = refined.x, refined.y
-    starts = [
-        (one_to_two, (piece, branch(x, 0), branch(y, 0)), jnp.stack([refined.t[0], x.s[0], y.s[0]])),
-        (antipodal, (piece, branch(x, 1)), jnp.stack([refined.t[1], x.s[1]])),
-        (antipodal, (piece, branch(y, 2)), jnp.stack([refined.t[2], y.s[2]])),
-    ]
-    t, good = (jnp.stack(z) for z in zip(*(_newton(bracket, *start) for start in starts), strict=True))
+    def newton(t: Array, first: FootState, second: FootState, two: Array) -> tuple[Array, Array]:
+        start = jnp.stack([t, first.s, second.s])
+        args = (piece, branch(first), branch(second), two)
+        options = {
+            "lower": jnp.zeros_like(start).at[0].set(bracket.t0),
+            "upper": jnp.ones_like(start).at[0].set(bracket.t1),
+        }
+        solution = optx.root_find(event_residual, _NEWTON, start, args, options=options, max_steps=_POLISH, throw=False)
+        left = jnp.max(jnp.abs(event_residual(solution.value, args)))
+        return solution.value[0], jnp.isfinite(left) & (left <= _RESIDUAL)
+
+    # The crossing has both branches as feet; the antipodal candidates one, of the left and of the right end.
+    turned = jnp.array([False, False, True])
+    first = _chosen(turned, refined.y, refined.x)
+    t, good = jax.vmap(newton)(refined.t, first, refined.y, jnp.array([True, False, False]))
     near = jnp.abs(t - refined.t) <= 4 * _COARSE * (bracket.t1 - bracket.t0)
     use = refined.wanted & good & near
     return jnp.where(use, t, refined.t), use | ~refined.wanted
 
 
-def _newton(bracket: _Bracket, residual: Callable, args: tuple, start: Array) -> tuple[Array, Array]:
-    lower = jnp.zeros_like(start).at[0].set(bracket.t0)
-    upper = jnp.ones_like(start).at[0].set(bracket.t1)
-    solution = optx.root_find(
-        residual, _NEWTON, start, args, options={"lower": lower, "upper": upper}, max_steps=_POLISH, throw=False
-    )
-    left = jnp.max(jnp.abs(residual(solution.value, args)))
-    return solution.value[0], jnp.isfinite(left) & (left <= _RESIDUAL)
+def _chosen(turned: Array, x: FootState, y: FootState) -> FootState:
+    return FootState(*(jnp.where(turned.reshape(-1, *[1] * (u.ndim - 1)), u, v) for u, v in zip(x, y, strict=True)))
 
 
 def _followed(pair: _Pair, bracket: _Bracket, t: Array) -> Array:

@@ -62,7 +62,7 @@ def curve_to_dict(curve: AbstractCurve) -> dict[str, Any]:
     }
 
 
-def curve_from_dict(content: Mapping[str, Any]) -> AbstractCurve:
+def curve_from_dict(content: Any) -> AbstractCurve:
     """The curve that such a dictionary describes; see the table of this module.
 
     >>> curve_from_dict({"type": "polyline", "points": [[0, 0], [1, 0], [1, 1]], "closed": True}).segments().count
@@ -82,8 +82,9 @@ def curve_from_dict(content: Mapping[str, Any]) -> AbstractCurve:
     kind = _KINDS[name]
     given = {key: value for key, value in content.items() if key not in ("type", "comment") and value is not None}
     _check_keys(name, kind, given)
+    positional = [given.pop(key) for key in kind.needed]
     try:
-        return kind.build(*(given.pop(key) for key in kind.needed), **given)
+        return kind.build(*positional, **given)
     except TypeError as error:
         raise ValueError(str(error)) from error
 

@@ -22,8 +22,11 @@ from jhd.shapes.curve import BezierSegments
 _SUFFIXES = (".ttf", ".otf", ".ttc", ".otc")
 _NORMAL_WEIGHT = 400
 
+# A point as fontTools hands it to pens.
+Point = tuple[float | int, float | int]
 
-def outline(font: str | Path, text: str, *, size: float | None = None) -> BezierSegments:
+
+def outline(font: str | Path, text: str, *, size: float | int | None = None) -> BezierSegments:
     """The outline of a letter, or of a text set without kerning: every contour of it as one curve, y up.
 
     >>> outline("DejaVu Sans", "l").control_points[0].tolist()
@@ -133,19 +136,19 @@ class _ContourPen(BasePen):
         self.contours: list[Contour] = []
         self.advance = advance
 
-    def _place(self, point: tuple[float, float]) -> complex:
+    def _place(self, point: Point) -> complex:
         return complex(point[0] + self.advance, point[1])
 
-    def _moveTo(self, pt: tuple[float, float]) -> None:
+    def _moveTo(self, pt: Point) -> None:
         self.contours.append(Contour(self._place(pt)))
 
-    def _lineTo(self, pt: tuple[float, float]) -> None:
+    def _lineTo(self, pt: Point) -> None:
         self.contours[-1].append(self._place(pt))
 
-    def _qCurveToOne(self, pt1: tuple[float, float], pt2: tuple[float, float]) -> None:
+    def _qCurveToOne(self, pt1: Point, pt2: Point) -> None:
         self.contours[-1].append(self._place(pt1), self._place(pt2))
 
-    def _curveToOne(self, pt1: tuple[float, float], pt2: tuple[float, float], pt3: tuple[float, float]) -> None:
+    def _curveToOne(self, pt1: Point, pt2: Point, pt3: Point) -> None:
         self.contours[-1].append(self._place(pt1), self._place(pt2), self._place(pt3))
 
     def _closePath(self) -> None:

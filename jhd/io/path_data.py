@@ -88,7 +88,7 @@ class Scanner:
         values = []
         for index, kind in enumerate(kinds):
             self.skip(_SEPARATOR if index else _SPACE)
-            values.append(self.flag() if kind == "f" else self.number())
+            values.append(float(self.flag()) if kind == "f" else self.number())
         return values
 
     def rest(self) -> list[float]:

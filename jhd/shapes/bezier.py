@@ -6,10 +6,10 @@ Source: Farin, Curves and Surfaces for CAGD, 5th edition (2002), chapters 4, 5 a
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jhd.arithmetic import bernstein
 from jhd.arrays import real_array
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
-from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image, cartesian, hodograph, homogeneous
+from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
+from jhd.shapes.homogeneous import cartesian, elevate, evaluate, hodograph, homogeneous, restrict, split
 
 
 class BezierCurve(AbstractCurve):
@@ -62,7 +62,7 @@ class BezierCurve(AbstractCurve):
         """Points at parameters t of any shape, in [0, 1] for the curve itself."""
         t = real_array("t", t)[..., None]
         h = self.homogeneous
-        value = bernstein.evaluate(h.reshape(h.shape[0], *(1,) * (t.ndim - 1), h.shape[1]), t, axis=0)
+        value = evaluate(h.reshape(h.shape[0], *(1,) * (t.ndim - 1), h.shape[1]), t)
         value = jnp.broadcast_to(value, (*t.shape[:-1], h.shape[1]))
         return cartesian(value, self.weights is not None)[0]
 
@@ -81,7 +81,7 @@ class BezierCurve(AbstractCurve):
         Raises:
             ValueError: t is outside.
         """
-        left, right = bernstein.split(self.homogeneous, checked_between("t", t, 0.0, 1.0), axis=-2)
+        left, right = split(self.homogeneous, checked_between("t", t, 0.0, 1.0))
         return self.with_homogeneous(left), self.with_homogeneous(right)
 
     def restrict(self, t0: Numbers, t1: Numbers) -> "BezierCurve":
@@ -91,7 +91,7 @@ class BezierCurve(AbstractCurve):
             ValueError: an end outside [0, 1].
         """
         ends = checked_parameter("t0", t0), checked_parameter("t1", t1)
-        return self.with_homogeneous(bernstein.restrict(self.homogeneous, *ends, axis=-2))
+        return self.with_homogeneous(restrict(self.homogeneous, *ends))
 
     def elevate(self, degree: int) -> "BezierCurve":
         """The same curve written in a higher degree.
@@ -99,7 +99,7 @@ class BezierCurve(AbstractCurve):
         Raises:
             ValueError: degree is below the one of the curve.
         """
-        return self.with_homogeneous(bernstein.elevate(self.homogeneous, degree, axis=-2))
+        return self.with_homogeneous(elevate(self.homogeneous, degree))
 
     def reverse(self) -> "BezierCurve":
         """The same point set traversed the other way: t becomes 1 - t."""

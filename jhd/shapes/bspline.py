@@ -16,7 +16,8 @@ from jaxtyping import Array, Float
 
 from jhd.arrays import is_traced, real_array
 from jhd.shapes.checks import Numbers, check_control_points, checked_between
-from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image, cartesian, hodograph, homogeneous
+from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
+from jhd.shapes.homogeneous import cartesian, elevate, hodograph, homogeneous
 from jhd.shapes.joints import completed
 from jhd.shapes.knots import bezier_pieces, evaluate, insert, ratio
 
@@ -173,12 +174,15 @@ class BSplineCurve(AbstractCurve):
 
     def __call__(self, t: Numbers) -> Array:
         """Points at parameters t of any shape, by de Boor's algorithm."""
-        t = real_array("t", t)
-        p, (h, knots), (start, stop) = self.degree, self._unrolled(), self.domain
+        return self._values(real_array("t", t))
+
+    @eqx.filter_jit
+    def _values(self, t: Array) -> Array:
+        (h, knots), (start, stop) = self._unrolled(), self.domain
         if self.periodic:
             period = jnp.where(stop > start, stop - start, 1.0)
             t = t - period * jnp.floor((t - start) / period)
-        value = evaluate(h, knots, p, self.periodic, t.ravel())
+        value = evaluate(h, knots, self.degree, self.periodic, t.ravel())
         return cartesian(value.reshape(*t.shape, h.shape[-1]), self.weights is not None)[0]
 
     def segments(self) -> BezierSegments:
@@ -187,12 +191,17 @@ class BSplineCurve(AbstractCurve):
         Consecutive segments share their joint bit by bit, and are marked as joined, wherever the multiplicity of the
         knot leaves the curve continuous; elsewhere where the points agree.
         """
-        p, (h, knots) = self.degree, self._unrolled()
-        pieces, jumps = bezier_pieces(h, knots, p, self.periodic)
-        points, weights = cartesian(pieces, self.weights is not None)
-        index = jnp.arange(1, pieces.shape[0] + 1) % pieces.shape[0]
-        return BezierSegments(points, weights, completed(jnp.where(jumps[index], -1, index), points))
+        points, weights, jumps = self._pieces()
+        xp = jnp if is_traced(jumps) else np
+        index = np.arange(1, points.shape[0] + 1) % points.shape[0]
+        return BezierSegments(points, weights, completed(xp.where(xp.asarray(jumps)[index], -1, index), points))
 
+    @eqx.filter_jit
+    def _pieces(self) -> tuple[Array, Array | None, Array]:
+        pieces, jumps = bezier_pieces(*self._unrolled(), self.degree, self.periodic)
+        return *cartesian(pieces, self.weights is not None), jumps
+
+    @eqx.filter_jit
     def derivative(self) -> "BSplineCurve":
         """The hodograph over the same parameter.
 
@@ -203,8 +212,7 @@ class BSplineCurve(AbstractCurve):
         if p == 0:
             return BSplineCurve(jnp.zeros_like(points), self.knots, None, self.periodic)
         if self.weights is not None:
-            pieces = self.segments()
-            hodographs, weights = hodograph(pieces.control_points, pieces.weights)
+            hodographs, weights = hodograph(*self._pieces()[:2])
             breaks = self._breaks()
             return self._from_pieces(ratio(hodographs, jnp.diff(breaks)[:, None, None]), weights, breaks)
         steps = jnp.roll(points, -1, axis=0) - points if self.periodic else jnp.diff(points, axis=0)
@@ -230,8 +238,13 @@ class BSplineCurve(AbstractCurve):
         """
         if degree == self.degree:
             return self
-        pieces = self.segments().elevate(degree)
-        return self._from_pieces(pieces.control_points, pieces.weights, self._breaks())
+        return self._elevated(degree)
+
+    @eqx.filter_jit
+    def _elevated(self, degree: int) -> "BSplineCurve":
+        points, weights = self._pieces()[:2]
+        raised = elevate(homogeneous(points, weights), degree)
+        return self._from_pieces(*cartesian(raised, weights is not None), self._breaks())
 
     def split(self, t: Numbers) -> tuple["BSplineCurve", "BSplineCurve"]:
         """The parts before and after t, strictly inside the domain; both open, and clamped at the cut.
@@ -243,11 +256,16 @@ class BSplineCurve(AbstractCurve):
         if is_traced(t, self.knots):
             raise TypeError("split of a BSplineCurve needs concrete t and knots: the numbers of points depend on them.")
         u = checked_between("t", t, *self.domain)
+        knots = np.asarray(self._unrolled()[1])
+        below, present = int(np.sum(knots < np.asarray(u))), int(np.sum(knots == np.asarray(u)))
+        return self._parts(u, below, present)
+
+    @eqx.filter_jit
+    def _parts(self, u: Array, below: int, present: int) -> tuple["BSplineCurve", "BSplineCurve"]:
         p, (h, knots) = self.degree, self._unrolled()
-        for _ in range(p - int(jnp.sum(knots == u))):
+        for _ in range(p - present):
             h, knots = insert(h, knots, p, u)
-        below, through = int(jnp.sum(knots < u)), int(jnp.sum(knots <= u))
-        cut = jnp.full((p + 1,), u)
+        cut, through = jnp.full((p + 1,), u), below + max(p, present)
         left = self._open(h[:below], jnp.concatenate([knots[:below], cut]))
         return left, self._open(h[through - 1 - p :], jnp.concatenate([cut, knots[through:]]))
 
@@ -258,6 +276,10 @@ class BSplineCurve(AbstractCurve):
             ValueError: t is outside.
         """
         u = checked_between("t", t, *self.domain)
+        return self._refined(u)
+
+    @eqx.filter_jit
+    def _refined(self, u: Array) -> "BSplineCurve":
         n, p, (h, knots) = self.control_points.shape[-2], self.degree, self._unrolled()
         h, refined = insert(h, knots, p, u)
         if not self.periodic:
@@ -269,6 +291,7 @@ class BSplineCurve(AbstractCurve):
         head = refined[p] - (refined[n + p + 1] - refined[n + 1 : n + p + 1])
         return BSplineCurve(points, jnp.concatenate([head, refined[p : n + p + 2]]), weights, True)
 
+    @eqx.filter_jit
     def reverse(self) -> "BSplineCurve":
         """The same point set traversed the other way over the same domain."""
         h, knots = self._unrolled()

@@ -34,7 +34,8 @@ def outline_arrays(contours: list[list[np.ndarray]]) -> tuple[np.ndarray, np.nda
     first = 0
     for contour in contours:
         last = first + len(contour) - 1
-        closed = degree > 0 and np.array_equal(contour[0][0], contour[-1][-1])
+        start = contour[0][0]
+        closed = np.array_equal(start, contour[-1][-1]) and any(np.any(piece != start) for piece in contour)
         following[last] = first if closed else -1
         first = last + 1
     return control_points, following

@@ -16,11 +16,12 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
-from jhd.arithmetic import bernstein
 from jhd.arrays import is_traced, real_array
 from jhd.shapes import convert
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
-from jhd.shapes.joints import completed, joints
+from jhd.shapes.homogeneous import cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
+from jhd.shapes.homogeneous import wronskian as wronskian
+from jhd.shapes.joints import completed, joints, turned
 
 
 class AbstractCurve(eqx.Module):
@@ -153,8 +154,7 @@ class BezierSegments(AbstractCurve):
         """Points of the named segments at local parameters in [0, 1]; both arrays broadcast."""
         segment, t = jnp.broadcast_arrays(jnp.asarray(segment), jnp.asarray(t, dtype=float))
         pieces = self.homogeneous[segment]
-        value = bernstein.evaluate(jnp.moveaxis(pieces, -2, 0), t[..., None], axis=0)
-        return cartesian(value, self.weights is not None)[0]
+        return cartesian(evaluate(jnp.moveaxis(pieces, -2, 0), t[..., None]), self.weights is not None)[0]
 
     def __call__(self, t: Numbers) -> Array:
         """Points at global parameters in [0, segments]: segment k carries [k, k + 1]."""
@@ -181,39 +181,32 @@ class BezierSegments(AbstractCurve):
         if is_traced(t):
             raise TypeError("split of BezierSegments needs a concrete t: the numbers of segments depend on it.")
         t = float(checked_between("t", t, 0.0, self.count))
-        whole, cut = int(t), int(t != int(t))
-        h, following = self.homogeneous, self.following
-        first, last = h[: whole + cut], h[whole:]
-        if cut:
-            left, right = bernstein.split(h[whole], t - whole, axis=-2)
-            first, last = first.at[-1].set(left), last.at[0].set(right)
-        before, after = following[: whole + cut], following[whole:] - whole
-        before = jnp.where(before < whole + cut, before, -1)
-        if cut:
-            before = before.at[-1].set(-1)
-        return self._completed(first, before), self._completed(last, jnp.where(after >= cut, after, -1))
+        whole, inside = int(t), int(t != int(t))
+        first, last = cut(self.homogeneous, t - whole, whole, inside)
+        xp = jnp if is_traced(self.following) else np
+        following = xp.asarray(self.following)
+        before, after = following[: whole + inside], following[whole:] - whole
+        # The last segment before the cut leads to the cut, and none after it leads back to the cut.
+        kept = (before < whole + inside) & (np.arange(whole + inside) < whole)
+        before, after = xp.where(kept, before, -1), xp.where(after >= inside, after, -1)
+        return self._completed(first, before), self._completed(last, after)
 
-    def _completed(self, homogeneous: Array, following: Array) -> "BezierSegments":
+    def _completed(self, homogeneous: Array, following: Any) -> "BezierSegments":
         control_points, weights = cartesian(homogeneous, self.weights is not None)
         return BezierSegments(control_points, weights, completed(following, control_points))
 
     def restrict(self, t0: Numbers, t1: Numbers) -> "BezierSegments":
         """Every segment cut to local parameters [t0, t1]; scalars, or one value a segment. t1 < t0 reverses."""
         ends = [jnp.broadcast_to(checked_parameter(name, t), (self.count,)) for name, t in (("t0", t0), ("t1", t1))]
-        cut = jax.vmap(lambda h, u0, u1: bernstein.restrict(h, u0, u1, axis=-2))
-        return self.with_homogeneous(cut(self.homogeneous, *ends))
+        return self.with_homogeneous(jax.vmap(restrict)(self.homogeneous, *ends))
 
     def elevate(self, degree: int) -> "BezierSegments":
         """The same curve written in a higher degree."""
-        return self.with_homogeneous(bernstein.elevate(self.homogeneous, degree, axis=-2), self.following)
+        return self.with_homogeneous(elevate(self.homogeneous, degree), self.following)
 
     def reverse(self) -> "BezierSegments":
         """The same point set traversed the other way."""
-        count = self.count
-        target = jnp.where(self.following >= 0, self.following, count)
-        preceding = jnp.full((count,), -1).at[target].set(jnp.arange(count), mode="drop")
-        following = jnp.where(preceding >= 0, count - 1 - preceding, -1)[::-1]
-        return self._completed(self.homogeneous[::-1, ::-1], following)
+        return self._completed(self.homogeneous[::-1, ::-1], turned(self.following))
 
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierSegments":
         """The image under x -> matrix x + offset; differentiable in both. Joints stay joints."""
@@ -252,27 +245,14 @@ class BezierSegments(AbstractCurve):
         parts = [part.elevate(degree) for part in parts]
         points = jnp.concatenate([part.control_points for part in parts])
         first = np.cumsum([0] + [part.count for part in parts])
-        shifted = [jnp.where(part.following < 0, -1, part.following + first[k]) for k, part in enumerate(parts)]
-        following = completed(jnp.concatenate(shifted), points)
+        xp = jnp if is_traced([part.following for part in parts]) else np
+        known = [xp.asarray(part.following) for part in parts]
+        shifted = [xp.where(rows < 0, -1, rows + first[k]) for k, rows in enumerate(known)]
+        following = completed(xp.concatenate(shifted), points)
         if all(part.weights is None for part in parts):
             return BezierSegments(points, None, following)
         ones = [jnp.ones(part.control_points.shape[:-1]) if part.weights is None else part.weights for part in parts]
         return BezierSegments(points, jnp.concatenate(ones), following)
-
-
-def homogeneous(control_points: Array, weights: Array | None) -> Array:
-    """The points times their weights with the weights as one more coordinate, or the points where there are none."""
-    if weights is None:
-        return control_points
-    return jnp.concatenate([control_points * weights[..., None], weights[..., None]], axis=-1)
-
-
-def cartesian(homogeneous: Array, rational: bool) -> tuple[Array, Array | None]:
-    """Points and weights of an array in homogeneous form; the weights are None where it is not rational."""
-    if not rational:
-        return homogeneous, None
-    weights = homogeneous[..., -1]
-    return homogeneous[..., :-1] / weights[..., None], weights
 
 
 def check_curve(name: str, value: object) -> None:
@@ -297,36 +277,6 @@ def affine_image(points: Array, matrix: Numbers, offset: Numbers) -> Array:
         raise ValueError(f"offset has shape {offset.shape}; needs ({matrix.shape[0]},).")
     # A sum of products in full precision: matrix products may run in reduced precision on accelerators.
     return jnp.sum(points[..., None, :] * matrix, axis=-1) + offset
-
-
-def hodograph(control_points: Array, weights: Array | None) -> tuple[Array, Array | None]:
-    """Control points and weights of the derivative of Bezier segments (..., points, dim).
-
-    For x/w it is (x'w - xw') / w^2 with the numerator raised from degree 2 n - 2 to 2 n.
-    """
-    if weights is None:
-        return bernstein.derivative(control_points, axis=-2), None
-    n = control_points.shape[-2] - 1
-    denominator = bernstein.multiply(weights, weights)
-    numerator = bernstein.elevate(wronskian(control_points, weights), 2 * n, axis=-2) if n else control_points * 0.0
-    return numerator / denominator[..., None], denominator
-
-
-def wronskian(control_points: Array, weights: Array) -> Array:
-    """Coefficients of x'w - xw' for x = w p, in degree 2 n - 2 (the leading terms of degree 2 n - 1 cancel), n >= 1.
-
-    B_i B_j' - B_i' B_j = C(n,i) C(n,j) (j - i) s^(i+j-1) (1-s)^(2n-1-i-j), so coefficient i + j - 1 collects
-    (j - i) w_i w_j (p_j - p_i) for i < j: differences of control points, no cancellation of large coordinates.
-    """
-    n = control_points.shape[-2] - 1
-    pairs = [(i, j) for i in range(n + 1) for j in range(i + 1, n + 1)]
-    i, j = (np.array(column) for column in zip(*pairs, strict=True))
-    factor = np.array([(b - a) * math.comb(n, a) * math.comb(n, b) / math.comb(2 * n - 2, a + b - 1) for a, b in pairs])
-    terms = (factor * weights[..., i] * weights[..., j])[..., None] * (
-        control_points[..., j, :] - control_points[..., i, :]
-    )
-    rows = [jnp.sum(terms[..., np.flatnonzero(i + j - 1 == k), :], axis=-2) for k in range(2 * n - 1)]
-    return jnp.stack(rows, axis=-2)
 
 
 def points(array: Numbers) -> BezierSegments:

@@ -51,6 +51,23 @@ def _meeting(xp: Any, rows: Any, ends: Any, starts: Any, single: Any, tolerance:
 
 def completed(following: Any, control_points: Array) -> Int[Array, " segments"]:
     """`following` as it is known, and where it is -1 the segment that `joints` finds."""
-    if not is_traced(following) and bool(np.all(np.asarray(following) >= 0)):
+    if is_traced(following):
+        return jnp.where(following < 0, joints(control_points), following)
+    if np.all(np.asarray(following) >= 0):
         return jnp.asarray(following)
-    return jnp.where(jnp.asarray(following) < 0, joints(control_points), following)
+    found = joints(control_points)
+    xp = jnp if is_traced(found) else np
+    return jnp.asarray(xp.where(np.asarray(following) < 0, xp.asarray(found), np.asarray(following)))
+
+
+def turned(following: Any) -> Any:
+    """`following` of the segments in the opposite order and direction; where two lead to one, one of them counts."""
+    count = following.shape[0]
+    index = np.arange(count)
+    # The free ends, -1, all write to the slot behind the last.
+    if is_traced(following):
+        preceding = jnp.full(count + 1, -1).at[following].set(index)
+        return jnp.where(preceding[:-1] >= 0, count - 1 - preceding[:-1], -1)[::-1]
+    preceding = np.full(count + 1, -1)
+    preceding[np.asarray(following)] = index
+    return np.where(preceding[:-1] >= 0, count - 1 - preceding[:-1], -1)[::-1]

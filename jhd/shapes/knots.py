@@ -8,8 +8,6 @@ Source: Ramshaw, Blossoms are polar forms, CAGD 6 (1989); Boehm, Inserting new k
 (1980).
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -70,7 +68,6 @@ def spans(knots: Array, p: int, periodic: bool) -> tuple[Array, Array, Array]:
     return span, jnp.where(full, lower, point), jnp.where(full, upper, point)
 
 
-@partial(jax.jit, static_argnames=("p", "periodic"))
 def evaluate(h: Array, knots: Array, p: int, periodic: bool, t: Float[Array, " samples"]) -> Array:
     """Points of an unrolled spline at parameters t; before and after the domain the end polynomials are extended."""
     span = spans(knots, p, periodic)[0]
@@ -79,7 +76,6 @@ def evaluate(h: Array, knots: Array, p: int, periodic: bool, t: Float[Array, " s
     return jax.vmap(lambda k, u: blossom(*local_arrays(h, knots, p, k), jnp.full((p,), u)))(local, t)
 
 
-@partial(jax.jit, static_argnames=("p", "periodic"))
 def bezier_pieces(h: Array, knots: Array, p: int, periodic: bool) -> tuple[Array, Array]:
     """Bezier points of all pieces of an unrolled spline, and before which pieces it may jump.
 

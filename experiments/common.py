@@ -1,0 +1,114 @@
+"""What all experiments share: arguments, the compile cache, timing, and files with their origin.
+
+An experiment NAME.py writes NAME.json (every number, full precision) and NAME.md (the table to read).
+"""
+
+import argparse
+import json
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jhd.solution import to_plain
+
+_HERE = Path(__file__).resolve().parent
+_PACKAGES = ("jhd", "jax", "equinox", "optimistix", "numpy", "scipy")
+
+
+class Run:
+    """One run of an experiment: its options, its random numbers and where its files go.
+
+    Args:
+        file: the experiment's `__file__`.
+        text: its docstring, shown by --help.
+        one_core: whether the process is kept on one core, where speeds are compared; not in a smoke run.
+    """
+
+    def __init__(self, file: str, text: str | None, one_core: bool = False):
+        parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+        parser.add_argument("--smoke", action="store_true", help="shrink everything: a test that it runs")
+        parser.add_argument("--out", type=Path, help="folder of the files (default: experiments/output)")
+        parser.add_argument("--seed", type=int, default=0, help="seed of the random numbers (default: 0)")
+        options = parser.parse_args()
+        self.name = Path(file).stem
+        self.smoke: bool = options.smoke
+        self.seed: int = options.seed
+        # Numbers of a smoke run must never stand where the full ones are looked for.
+        self.folder: Path = options.out or _HERE / "output" / ("smoke" if options.smoke else "")
+        self.random = np.random.default_rng(options.seed)
+        self.started = time.perf_counter()
+        _use_cache()
+        self.cores = _keep_to_one_core() if one_core and not options.smoke else os.cpu_count()
+
+    def save(self, numbers: dict[str, Any], table: str) -> None:
+        """Writes NAME.json and NAME.md, and prints the table."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        content = {"context": self.context(), **plain(numbers)}
+        (self.folder / f"{self.name}.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        (self.folder / f"{self.name}.md").write_text(table + "\n", encoding="utf-8")
+        print(table)
+
+    def context(self) -> dict[str, Any]:
+        """Where the numbers come from."""
+        return {
+            "experiment": self.name,
+            "smoke": self.smoke,
+            "seed": self.seed,
+            "versions": {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}},
+            "device": f"{jax.devices()[0].device_kind} ({platform.machine()}, {self.cores} core(s) used)",
+            "command": " ".join(["python", f"experiments/{self.name}.py", *sys.argv[1:]]),
+            "date": datetime.now(UTC).isoformat(timespec="seconds"),
+            "seconds": time.perf_counter() - self.started,
+        }
+
+
+def _use_cache() -> None:
+    """JAX's persistent compile cache, so that a second run compiles nothing."""
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    jax.config.update("jax_compilation_cache_dir", os.environ.get("JAX_COMPILATION_CACHE_DIR") or str(home / "jhd"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+
+
+def _keep_to_one_core() -> int | None:
+    """Keeps this process on one core where the system can; returns the number of cores it may use."""
+    if not hasattr(os, "sched_setaffinity"):
+        return os.cpu_count()
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    return 1
+
+
+def plain(value: Any) -> Any:
+    """Numbers, names, lists and dictionaries of anything an experiment finds; non-finite numbers are None."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return to_plain(np.asarray(value) if isinstance(value, np.generic) else value)
+
+
+def seconds(function: Callable[[], Any], repeats: int) -> float:
+    """Median wall time of a call, after one that is not counted."""
+    jax.block_until_ready(function())
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        jax.block_until_ready(function())
+        times.append(time.perf_counter() - start)
+    return float(np.median(times))
+
+
+def markdown(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A table in Markdown, columns aligned."""
+    cells = [list(header), *([str(cell) for cell in row] for row in rows)]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
+    lines = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |" for row in cells]
+    return "\n".join([lines[0], "|" + "|".join("-" * (width + 2) for width in widths) + "|", *lines[1:]])

@@ -1,0 +1,157 @@
+"""The two examples of Cao et al. 2014, rebuilt with data of our own: curves, the steps of the method, the table.
+
+The source prints no control points. These curves are of the same kind and size (millimetres, 90 control points).
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from common import markdown, plain
+from common_curves import directed_reference
+
+import jhd
+
+# Both curves are a mean radius (mm), a stretch in x, waves (number, share of the radius, phase), an offset and a turn.
+_RINGS = {
+    "example_1_b": (110.0, 1.25, ((2, 0.10, 0.3), (3, 0.22, 1.1), (5, 0.12, 2.0), (8, 0.05, 0.5)), (0.0, 0.0), 0.0),
+    "example_2_a": (105.0, 1.20, ((2, 0.20, 1.3), (3, 0.14, 2.9), (4, 0.10, 0.2), (7, 0.06, 1.0)), (15.0, 5.0), 0.4),
+    "example_2_b": (100.0, 1.25, ((2, 0.12, 0.2), (3, 0.25, 1.0), (5, 0.12, 2.2), (9, 0.04, 0.5)), (0.0, 0.0), 0.0),
+}
+_OPEN = ((-70, -70), (-60, 150), (0, 170), (40, -60), (120, -200), (400, -200), (110, 60))
+
+
+def ring(name: str, count: int) -> jhd.BSplineCurve:
+    """A closed uniform cubic B-spline with this many control points."""
+    radius, stretch, waves, offset, turn = _RINGS[name]
+    angle = 2 * np.pi * np.arange(count) / count
+    r = radius * (1 + sum(share * np.cos(number * angle + phase) for number, share, phase in waves))
+    x, y = stretch * r * np.cos(angle), r * np.sin(angle)
+    c, s = np.cos(turn), np.sin(turn)
+    return jhd.BSplineCurve.uniform(np.stack([c * x - s * y, s * x + c * y], axis=-1) + offset, closed=True)
+
+
+def open_curve() -> jhd.BezierCurve:
+    """An open Bezier curve of degree six that starts inside the closed one and leaves it."""
+    return jhd.BezierCurve(_OPEN)
+
+
+class Example:
+    """Curves a and b, sampled and solved step by step.
+
+    Both curves are padded to one number of segments, by repeating the last, so that both directions and every
+    interval run one compiled program; the point sets are unchanged.
+
+    Args:
+        a: the curve that is sampled.
+        b: a closed curve.
+        samples: steps in each segment of a.
+        method: of the exact distances.
+    """
+
+    def __init__(self, a: jhd.BezierSegments, b: jhd.BezierSegments, samples: int, method: jhd.TwoStep):
+        self.a, self.b, self.method = a, b, method
+        self.count = max(a.count, b.count)
+        self.closed = bool(np.all(np.asarray(a.following) >= 0))
+        self.t = np.arange(a.count * samples + (not self.closed)) / samples
+        self.points = np.asarray(_at(a, self.t))
+        # A closed curve has no ends, so the nearest of the stationary points is the foot.
+        self.stationary = jhd.stationary_points(self.points, b)
+        best = np.argmin(np.asarray(self.stationary.distance), axis=-1)
+        rows = np.arange(len(self.t))
+        self.distance = np.asarray(self.stationary.distance)[rows, best]
+        places = (np.asarray(x)[rows, best] for x in (self.stationary.segment, self.stationary.t))
+        self.feet = np.asarray(b.point(*places))
+
+    def directed(self, a: jhd.BezierSegments, b: jhd.BezierSegments) -> jhd.HausdorffSolution:
+        """The directed distance of padded curves."""
+        return jhd.directed_hausdorff(a.pad(self.count), b.pad(self.count), self.method)
+
+    def peaks(self) -> np.ndarray:
+        """Samples not below their neighbours ("small-large-small"), largest first; ends of a are no peaks."""
+        d = self.distance
+        left, right = np.roll(d, 1), np.roll(d, -1)
+        inner = np.ones(len(d), bool)
+        inner[[0, -1]] = self.closed
+        found = np.flatnonzero((d > left) & (d >= right) & inner)
+        return found[np.argsort(-d[found])]
+
+    def candidate(self, k: int) -> dict[str, Any]:
+        """One peak: the sample, its neighbours, their feet, and the maximum between them."""
+        around = [(k - 1) % len(self.t), k, (k + 1) % len(self.t)]
+        solution = self.directed(self._stretch(around), self.b)
+        return {
+            "sample": k,
+            "around": around,
+            "distance": self.distance[k],
+            "solution": solution,
+        }
+
+    def _stretch(self, around: list[int]) -> jhd.BezierSegments:
+        """The part of a from the first to the last of three samples in a row."""
+        step = self.t[1] - self.t[0]
+        parts = []
+        for start in self.t[around[:2]]:
+            k = int(start)
+            piece = jhd.BezierSegments(self.a.control_points[k : k + 1])
+            parts.append(piece.restrict(start - k, min(start - k + step, 1.0)))
+        return jhd.BezierSegments.join(parts)
+
+    def record(self, shown: int, candidates: int) -> dict[str, Any]:
+        """All numbers: samples, stationary points of sample `shown`, candidates and both directed distances."""
+        valid = np.asarray(self.stationary.valid)[shown]
+        places = (np.asarray(x)[shown][valid] for x in (self.stationary.segment, self.stationary.t))
+        stationary = np.asarray(self.b.point(*places))
+        return {
+            "unit": "mm",
+            "a": self.a.control_points,
+            "b": self.b.control_points,
+            "samples": {"t": self.t, "points": self.points, "feet": self.feet, "distance": self.distance},
+            "stationary": {
+                "sample": shown,
+                "points": stationary,
+                "distance": np.asarray(self.stationary.distance)[shown][valid],
+            },
+            "candidates": [self.candidate(int(k)) for k in self.peaks()[:candidates]],
+            "directions": {
+                "a_to_b": checked(self.directed(self.a, self.b), self.a, self.b),
+                "b_to_a": checked(self.directed(self.b, self.a), self.b, self.a),
+            },
+        }
+
+
+def _at(curve: jhd.BezierSegments, t: np.ndarray) -> jax.Array:
+    """Points at global parameters."""
+    return curve(jnp.asarray(t))
+
+
+def checked(solution: jhd.HausdorffSolution, a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
+    """A solution beside the reference, and its error in units of the coordinates and of the size of the pair."""
+    points = [np.asarray(curve.control_points) for curve in (a, b)]
+    both = np.concatenate([p.reshape(-1, 2) for p in points])
+    size = float(np.linalg.norm(both.max(axis=0) - both.min(axis=0)))
+    value, t = directed_reference(*points)
+    error = abs(float(solution.value) - value)
+    return {"solution": solution, "reference": value, "reference_t": t, "error": error, "relative_error": error / size}
+
+
+def table(record: dict[str, Any]) -> str:
+    """Both directed distances and the candidates, lengths in mm to 1e-10."""
+    record = plain(record)
+    rows = [
+        [name, *_row(entry["solution"]), f"{entry['error']:.1e}"]
+        for name, entry in (("h(A,B)", record["directions"]["a_to_b"]), ("h(B,A)", record["directions"]["b_to_a"]))
+    ]
+    rows += [[f"sample {entry['sample']}", *_row(entry["solution"]), ""] for entry in record["candidates"]]
+    header = ["", "distance (mm)", "lower (mm)", "event", "point (mm)", "feet (mm)", "error (mm)"]
+    return markdown(header, rows)
+
+
+def _row(solution: dict[str, Any]) -> list[str]:
+    witness = solution["witness"]
+    feet = [f"({x:.6f}, {y:.6f})" for x, y in witness["feet"]]
+    distinct = feet[:1] if feet[0] == feet[1] else feet
+    x, y = witness["point"]
+    event = witness["event"].replace("_", " ")
+    return [f"{solution['value']:.10f}", f"{solution['lower']:.10f}", event, f"({x:.6f}, {y:.6f})", " ".join(distinct)]

@@ -1,0 +1,448 @@
+"""Foot points of a curve: the nearest one by four methods and a search of our own, and all stationary ones.
+
+The stationary parameters are the roots of f(s) = (P - B).B', in Bernstein form of degree 2 n - 1, or 3 n - 2 for
+rational curves; the nearest point is one of them or an end of a segment. `NearestSearch` and `ProjectedPolyhedron` are
+global and proven. Interval halving, Newton's method and their hybrid start at the control point that is nearest to P
+and are kept for comparison: they are wrong on one to two queries in twenty, prove nothing, and no bound rests on them.
+
+Source: Cao et al. 2014, equation (10), with its indices corrected; PointBezier (halving, Newton, hybrid); Patrikalakis &
+Maekawa, Shape Interrogation (2002), chapter 4.
+"""
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.arithmetic import bernstein, polynomial_systems
+from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arrays import is_traced, real_array
+from jhd.distance.events import piece_of
+from jhd.distance.jets import jet
+from jhd.distance.nearest import Nearest, best_end, cell_bound, in_chunks, length_bound, nearest, repeated
+from jhd.distance.prepare import Frame, padded_count, trusted
+from jhd.shapes.checks import Numbers
+from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd.shapes.homogeneous import wronskian
+from jhd.solution import RESULTS, Projection, StationaryPoints, throw_unless_successful
+
+# Numbers of queries that programs are compiled for; more are done in blocks of the last size.
+_BLOCKS = (1, 16, 128, 1024)
+# Numbers of segments likewise; a single curve is worth a program of its own.
+_COUNTS = (1, 4, 16)
+# Queries that are searched side by side: more wait for the slowest of them, fewer leave vector units idle.
+_CHUNK = 128
+
+
+class AbstractProjectionMethod(eqx.Module):
+    """How the nearest point is found; fields are options."""
+
+    @abstractmethod
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+        """The nearest point to one query, in scaled coordinates; `skip` marks repeated segments."""
+
+
+class NearestSearch(AbstractProjectionMethod):
+    """Best-first search with Bernstein bounds: global, proven, the fastest (see jhd.distance.nearest)."""
+
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+        """The nearest point to one query."""
+        found = nearest(point, curve.control_points, curve.weights, 0.0, skip)
+        return found, RESULTS.where(found.closed, RESULTS.successful, RESULTS.gap_not_closed)
+
+
+class ProjectedPolyhedron(AbstractProjectionMethod):
+    """All stationary parameters by the projected-polyhedron solver, then the nearest of them and of the ends.
+
+    Global and proven. Every segment is solved, so a curve of many segments is better served by NearestSearch.
+
+    Args:
+        capacity: boxes that the solver can keep for one segment.
+    """
+
+    capacity: int = eqx.field(static=True, default=32)
+
+    def __check_init__(self) -> None:
+        _check_whole("capacity", self.capacity, 1)
+
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+        """The nearest point to one query."""
+        roots = jax.vmap(lambda k: _roots(point, curve, k, self.capacity))(jnp.arange(curve.count))
+        return _nearest_of_roots(point, curve, roots, skip)
+
+
+class IntervalHalving(AbstractProjectionMethod):
+    """Steps left and right by an interval that is halved when the middle is best; a local method.
+
+    Args:
+        interval: first interval of the parameter.
+        tolerance: the interval at which it stops.
+        max_steps: limit on steps.
+    """
+
+    interval: float = eqx.field(static=True, default=0.1)
+    tolerance: float = eqx.field(static=True, default=1e-8)
+    max_steps: int = eqx.field(static=True, default=200)
+
+    def __check_init__(self) -> None:
+        _check_whole("max_steps", self.max_steps, 1)
+        _check_positive("interval", self.interval)
+        _check_positive("tolerance", self.tolerance)
+
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+        """The foot reached from the nearest control point of each segment, the best of all segments."""
+        return _best_local(point, curve, lambda e, w, s: _halve(e, w, s, self.interval, self.tolerance, self.max_steps))
+
+
+class NewtonProjection(AbstractProjectionMethod):
+    """Newton's method on (P - B).B' = 0 from the nearest control point's parameter; a local method.
+
+    Args:
+        tolerance: the step at which it stops.
+        max_steps: limit on steps.
+    """
+
+    tolerance: float = eqx.field(static=True, default=1e-14)
+    max_steps: int = eqx.field(static=True, default=32)
+
+    def __check_init__(self) -> None:
+        _check_whole("max_steps", self.max_steps, 1)
+        _check_positive("tolerance", self.tolerance)
+
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+        """The foot reached from the nearest control point of each segment, the best of all segments."""
+        return _best_local(point, curve, lambda e, w, s: _newton(e, w, s, self.tolerance, self.max_steps))
+
+
+class HybridProjection(AbstractProjectionMethod):
+    """Interval halving to a rough parameter, then Newton's method; a local method.
+
+    Args:
+        interval: first interval of the halving.
+        rough: interval at which Newton's method takes over.
+        tolerance: the Newton step at which it stops.
+        max_steps: limit on steps of each.
+    """
+
+    interval: float = eqx.field(static=True, default=0.1)
+    rough: float = eqx.field(static=True, default=1e-2)
+    tolerance: float = eqx.field(static=True, default=1e-14)
+    max_steps: int = eqx.field(static=True, default=64)
+
+    def __check_init__(self) -> None:
+        _check_whole("max_steps", self.max_steps, 1)
+        for name in ("interval", "rough", "tolerance"):
+            _check_positive(name, getattr(self, name))
+
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+        """The foot reached from the nearest control point of each segment, the best of all segments."""
+
+        def local(e: Array, w: Array | None, s: Array) -> tuple[Array, Array]:
+            rough, first = _halve(e, w, s, self.interval, self.rough, self.max_steps)
+            fine, second = _newton(e, w, rough, self.tolerance, self.max_steps)
+            # From a foot at an end, which is no root, Newton's method runs away.
+            return jnp.where(_height(e, w, fine) <= _height(e, w, rough), fine, rough), first + second
+
+        return _best_local(point, curve, local)
+
+
+def project(
+    points: Numbers, shape: AbstractCurve, method: AbstractProjectionMethod | None = None, *, throw: bool = True
+) -> Projection:
+    """Nearest points of a curve, with proven lower and upper distances.
+
+    Works under jit and vmap, where checks of values are left out and `throw` is ignored: read `result`.
+
+    Args:
+        points: queries (..., dim); the batch shape is kept, and a single point has none.
+        shape: the curve.
+        method: NearestSearch() by default; ProjectedPolyhedron() is as safe, the others are local.
+        throw: whether to raise where the bounds were not closed.
+
+    Returns:
+        Distances with bounds, feet, segments and parameters. Local methods prove no lower bound: it is 0.
+
+    Raises:
+        TypeError: points that are not real numbers, a shape or a method of another kind.
+        ValueError: points that are not finite, empty, or of another dimension than the curve.
+        NotProvenError: bounds not closed and throw is True.
+    """
+    method = NearestSearch() if method is None else method
+    if not isinstance(method, AbstractProjectionMethod):
+        accepted = "NearestSearch, ProjectedPolyhedron, IntervalHalving, NewtonProjection, HybridProjection"
+        raise TypeError(f"method must be one of {accepted}; got {type(method).__name__}.")
+    queries, curve = _checked(points, shape)
+    projection = _in_blocks(_project_block, method, queries, curve)
+    if throw:
+        throw_unless_successful(projection)
+    return projection
+
+
+def stationary_points(
+    points: Numbers, curve: AbstractCurve, *, capacity: int = 32, throw: bool = True
+) -> StationaryPoints:
+    """All parameters at which the distance to each point is stationary: roots of (P - B).B', with proven enclosures.
+
+    They are sorted along the curve; a multiple root comes once, and a stretch of constant distance as one interval. A
+    root at a joint comes once for each of the two segments.
+
+    Args:
+        points: queries (..., dim); the batch shape is kept.
+        curve: the curve.
+        capacity: room for the stationary parameters of one query over the whole curve.
+        throw: whether to raise where some did not fit.
+
+    Raises:
+        TypeError: points that are not real numbers, or a shape that is no curve.
+        ValueError: points that are not finite, empty, or of another dimension than the curve.
+        NotProvenError: capacity reached and throw is True; the solution holds those that fit.
+    """
+    _check_whole("capacity", capacity, 1)
+    queries, segments = _checked(points, curve)
+    found = _in_blocks(_stationary_block, capacity, queries, segments)
+    if throw:
+        throw_unless_successful(found)
+    return found
+
+
+def _check_whole(name: str, value: object, least: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{name} is {value!r}; needs a whole number of at least {least}.")
+
+
+def _check_positive(name: str, value: float) -> None:
+    if not (isinstance(value, int | float) and 0 < value < math.inf):
+        raise ValueError(f"{name} is {value!r}; needs a positive number.")
+
+
+def _checked(points: Numbers, shape: object) -> tuple[Array, BezierSegments]:
+    check_curve("shape", shape)
+    curve = shape.segments()  # pyright: ignore[reportAttributeAccessIssue]
+    queries = real_array("points", points)
+    if queries.ndim == 0 or queries.shape[-1] != curve.dim:
+        raise ValueError(f"points has shape {queries.shape}; needs (..., {curve.dim}).")
+    if queries.size == 0:
+        raise ValueError(f"points is empty: its shape is {queries.shape}.")
+    return queries, curve
+
+
+def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: BezierSegments) -> Any:
+    """Results of a jitted kernel for all queries: scaled by a power of two, in blocks of a few sizes when concrete."""
+    batch, traced = queries.shape[:-1], is_traced(queries, curve)
+    xp = jnp if traced else np
+    flat, points = xp.asarray(queries).reshape(-1, curve.dim), xp.asarray(curve.control_points)
+    exponent = xp.frexp(xp.maximum(xp.max(xp.abs(flat)), xp.max(xp.abs(points))))[1]
+    flat, points = xp.ldexp(flat, -exponent), xp.ldexp(points, -exponent)
+    count = curve.count if traced else next((c for c in _COUNTS if c >= curve.count), padded_count(curve.count))
+    index = np.minimum(np.arange(count), curve.count - 1)
+    weights = None if curve.weights is None else xp.asarray(curve.weights)[index]
+    scaled = trusted(points[index], weights, xp.asarray(curve.following)[index])
+    if traced:
+        found = [kernel(option, flat, scaled)]
+    else:
+        size = next((b for b in _BLOCKS if b >= len(flat)), _BLOCKS[-1])
+        padded = flat[np.minimum(np.arange(-(-len(flat) // size) * size), len(flat) - 1)]
+        found = [kernel(option, rows, scaled) for rows in padded.reshape(-1, size, curve.dim)]
+    joined = jax.tree_util.tree_map(lambda *parts: xp.concatenate(parts)[: len(flat)], *found)
+    joined = jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), joined)
+    frame = Frame(xp.zeros(curve.dim), xp.zeros((), int), exponent)
+    return jax.tree_util.tree_map(jnp.asarray, _unscaled(joined, frame))
+
+
+def _unscaled(found: Any, frame: Frame) -> Any:
+    if isinstance(found, StationaryPoints):
+        return eqx.tree_at(lambda s: s.distance, found, frame.length(found.distance))
+    lengths = (frame.length(found.distance), frame.length(found.lower, 0.0), frame.length(found.upper, math.inf))
+    where = lambda p: (p.distance, p.lower, p.upper, p.foot)  # noqa: E731
+    return eqx.tree_at(where, found, (*lengths, frame.place(found.foot)))
+
+
+@eqx.filter_jit
+def _project_block(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments) -> Projection:
+    skip = repeated(curve.control_points, curve.weights)
+
+    def one(point: Array) -> Projection:
+        found, result = method.one(point, curve, skip)
+        foot = jet(*piece_of(curve, found.segment), found.t).point
+        return Projection(found.distance, found.lower, found.upper, foot, found.segment, found.t, result)
+
+    return in_chunks(one, queries, _CHUNK)
+
+
+@eqx.filter_jit
+def _stationary_block(capacity: int, queries: Array, curve: BezierSegments) -> StationaryPoints:
+    skip = repeated(curve.control_points, curve.weights)
+    return in_chunks(lambda p: _stationary_of(p, curve, skip, capacity), queries, _CHUNK)
+
+
+def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: int) -> StationaryPoints:
+    """Stationary parameters of one query over all segments, the first `capacity` of them."""
+    per_segment = min(capacity, 4 * (curve.degree + 1)) if curve.degree else 2
+    roots = jax.vmap(lambda k: _roots(point, curve, k, max(per_segment, 16)))(jnp.arange(curve.count))
+    valid = (roots.valid & ~skip[:, None]).ravel()
+    order = jnp.argsort(~valid, stable=True)[:capacity]
+    segment = jnp.repeat(jnp.arange(curve.count), roots.valid.shape[1])
+    lower, upper = roots.lower[..., 0].ravel(), roots.upper[..., 0].ravel()
+    pick = lambda x, fill: _padded(jnp.where(valid[order], x[order], fill), capacity)  # noqa: E731
+    middle = pick(0.5 * (lower + upper), 0.0)
+    chosen = pick(segment, 0)
+    at = jax.vmap(lambda k, s: jet(*piece_of(curve, k), s).point)(chosen, middle)
+    distance = jnp.where(_padded(valid[order], capacity), jnp.sqrt(jnp.sum((at - point) ** 2, axis=-1)), jnp.inf)
+    full = (jnp.sum(valid) > capacity) | jnp.any(_failed(roots.result))
+    result = RESULTS.where(full, RESULTS.capacity_reached, RESULTS.successful)
+    return StationaryPoints(
+        chosen, middle, pick(lower, 1.0), pick(upper, 0.0), distance, _padded(valid[order], capacity), result
+    )
+
+
+def _padded(x: Array, capacity: int) -> Array:
+    return jnp.pad(x, (0, capacity - x.shape[0]))
+
+
+def _failed(result: Any) -> Array:
+    return result != RESULTS.successful
+
+
+def _roots(point: Array, curve: BezierSegments, segment: Array, capacity: int) -> polynomial_systems.Roots:
+    """Enclosures of the roots of (P - B).B' on one segment."""
+    coefficients, error = stationarity(point, *piece_of(curve, segment))
+    return polynomial_systems.solve(coefficients[None], error[None], capacity=capacity)
+
+
+def stationarity(point: Array, control_points: Array, weights: Array | None) -> tuple[Array, Array]:
+    """Bernstein coefficients of (P - B).B', times w^3 on rational segments, and a bound of their absolute error.
+
+    With e = P - b and h the control points of the hodograph (or of x'w - xw'), each coefficient is a sum of products
+    e_i.h_j with weights c_ij that are non-negative and sum to one. Rounding: e, h and the product table err by a few
+    relative u each (h sums at most degree + 1 terms, all rounded from exact differences), so a coefficient is off by
+    at most gamma(4 n + dim + 16) times max |e| max sum |h terms|; components are summed, not rooted.
+    Source: Cao et al. 2014, equation (10) with its indices corrected.
+    """
+    n = control_points.shape[0] - 1
+    e = point - control_points
+    if n == 0:
+        return jnp.zeros((2,), e.dtype), jnp.zeros((), e.dtype)
+    if weights is None:
+        h, size = bernstein.derivative(control_points, axis=0), _difference_size(control_points)
+    else:
+        # The factor w > 0 of P w - x = w (P - b) leaves the roots alone; so does a common scale.
+        e = e * weights[:, None]
+        h, size = wronskian(control_points, weights), _wronskian_size(control_points, weights)
+    error = gamma(4 * n + point.shape[0] + 16, e.dtype) * jnp.sum(jnp.max(jnp.abs(e), axis=0) * size)
+    return bernstein.dot(e, h), error + 64 * (n + 1) * smallest_normal(e.dtype)
+
+
+def _difference_size(control_points: Array) -> Array:
+    return (control_points.shape[0] - 1) * jnp.max(jnp.abs(jnp.diff(control_points, axis=0)), axis=0)
+
+
+def _wronskian_size(control_points: Array, weights: Array) -> Array:
+    """Largest sum of absolute terms of the coefficients of x'w - xw', per component."""
+    return jnp.max(wronskian(control_points, weights, absolute=True), axis=0)
+
+
+def _nearest_of_roots(
+    point: Array, curve: BezierSegments, roots: polynomial_systems.Roots, skip: Array
+) -> tuple[Nearest, Any]:
+    """The nearest among the stationary parameters and the ends, with bounds over the enclosures."""
+    offsets = point - curve.control_points
+    radius = jnp.max(jnp.abs(offsets), axis=(1, 2))
+    best = best_end(offsets, radius)
+
+    def of_segment(e: Array, w: Array | None, r: Array, lower: Array, upper: Array, valid: Array) -> tuple:
+        def of_root(s0: Array, s1: Array) -> tuple:
+            s = 0.5 * (s0 + s1)
+            n = e if w is None else e * w[:, None]
+            part = bernstein.restrict(n, s0, s1, axis=0)
+            least, _ = cell_bound(part, None if w is None else bernstein.restrict(w, s0, s1), r)
+            distance, most = length_bound(jet(e, w, s).point, e.shape[0] - 1, r)
+            return s, distance, least, most
+
+        s, distance, least, most = jax.vmap(of_root)(lower, upper)
+        return s, distance, jnp.where(valid, least, jnp.inf), jnp.where(valid, most, jnp.inf)
+
+    valid = roots.valid & ~skip[:, None]
+    s, distance, least, most = jax.vmap(of_segment)(
+        offsets, curve.weights, radius, roots.lower[..., 0], roots.upper[..., 0], valid
+    )
+    at = jnp.argmin(most)
+    nearer = most.ravel()[at] < best.upper
+    pick = lambda new, old: jnp.where(nearer, new, old)  # noqa: E731
+    upper = pick(most.ravel()[at], best.upper)
+    # The nearest end errs by as much below as above.
+    end = 2 * best.distance - best.upper
+    lower = jnp.clip(jnp.minimum(end, jnp.min(least)), 0.0, upper)
+    found = Nearest(
+        distance=pick(distance.ravel()[at], best.distance),
+        lower=lower,
+        upper=upper,
+        segment=pick(at // s.shape[1], best.segment),
+        t=pick(s.ravel()[at], best.t),
+        closed=~jnp.any(_failed(roots.result)),
+        steps=jnp.sum(roots.boxes),
+    )
+    return found, RESULTS.where(found.closed, RESULTS.successful, RESULTS.capacity_reached)
+
+
+def _best_local(
+    point: Array, curve: BezierSegments, local: Callable[[Array, Array | None, Array], tuple[Array, Array]]
+) -> tuple[Nearest, Any]:
+    """The best of all ends and of one foot a segment by a local method that returns parameter and number of steps."""
+    offsets = point - curve.control_points
+    radius = jnp.max(jnp.abs(offsets), axis=(1, 2))
+
+    def of_segment(e: Array, w: Array | None, r: Array) -> tuple:
+        start = jnp.argmin(jnp.sum(e * e, axis=-1)) / max(e.shape[0] - 1, 1)
+        s, steps = local(e, w, start.astype(e.dtype))
+        return s, steps, *length_bound(jet(e, w, s).point, e.shape[0] - 1, r)
+
+    s, steps, distance, upper = jax.vmap(of_segment)(offsets, curve.weights, radius)
+    k = jnp.argmin(upper)
+    inner = Nearest(distance[k], jnp.zeros_like(radius[k]), upper[k], k, s[k], jnp.array(True), jnp.sum(steps))
+    end = best_end(offsets, radius)
+    nearer = inner.upper < end.upper
+    best = jax.tree_util.tree_map(lambda x, y: jnp.where(nearer, x, y), inner, end)
+    return eqx.tree_at(lambda n: (n.closed, n.steps), best, (inner.closed, inner.steps)), RESULTS.successful
+
+
+def _height(e: Array, w: Array | None, s: Array) -> Array:
+    c = jet(e, w, s).point
+    return c @ c
+
+
+def _halve(
+    e: Array, w: Array | None, start: Array, interval: float, tolerance: float, max_steps: int
+) -> tuple[Array, Array]:
+    """Interval halving: move to the better neighbour, or halve the interval where the middle is best."""
+
+    def step(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        s, width, count = state
+        around = jnp.clip(jnp.stack([s, s - width, s + width]), 0.0, 1.0)
+        best = jnp.argmin(jax.vmap(lambda s: _height(e, w, s))(around))
+        return around[best], jnp.where(best == 0, 0.5 * width, width), count + 1
+
+    state = (start, jnp.full_like(start, interval), jnp.array(0))
+    s, _, count = jax.lax.while_loop(lambda x: (x[1] > tolerance) & (x[2] < max_steps), step, state)
+    return s, count
+
+
+def _newton(e: Array, w: Array | None, start: Array, tolerance: float, max_steps: int) -> tuple[Array, Array]:
+    """Newton's method on C.C' = 0, kept in [0, 1]; where the slope vanishes it stays."""
+
+    def step(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        s, _, count = state
+        c = jet(e, w, s)
+        slope = c.first @ c.first + c.point @ c.second
+        moved = jnp.where(slope != 0, s - c.point @ c.first / jnp.where(slope != 0, slope, 1.0), s)
+        moved = jnp.clip(moved, 0.0, 1.0)
+        return moved, jnp.abs(moved - s), count + 1
+
+    state = (start, jnp.full_like(start, jnp.inf), jnp.array(0))
+    s, _, count = jax.lax.while_loop(lambda x: (x[1] > tolerance) & (x[2] < max_steps), step, state)
+    return s, count

@@ -1,0 +1,79 @@
+"""Arrays of (rational) Bezier control points in homogeneous form, and their derivatives.
+
+Homogeneous form: the points times their weights with the weights as one more coordinate; without weights the points.
+"""
+
+import math
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array
+
+from jhd.arithmetic import bernstein
+
+
+def homogeneous(control_points: Array, weights: Array | None) -> Array:
+    """The points times their weights with the weights as one more coordinate, or the points where there are none."""
+    if weights is None:
+        return control_points
+    return jnp.concatenate([control_points * weights[..., None], weights[..., None]], axis=-1)
+
+
+def cartesian(homogeneous: Array, rational: bool) -> tuple[Array, Array | None]:
+    """Points and weights of an array in homogeneous form; the weights are None where it is not rational."""
+    if not rational:
+        return homogeneous, None
+    weights = homogeneous[..., -1]
+    return homogeneous[..., :-1] / weights[..., None], weights
+
+
+# Each of these is many small operations, which take longer to compile one by one than together.
+evaluate = jax.jit(partial(bernstein.evaluate, axis=0))
+restrict = jax.jit(partial(bernstein.restrict, axis=-2))
+split = jax.jit(partial(bernstein.split, axis=-2))
+elevate = jax.jit(partial(bernstein.elevate, axis=-2), static_argnames="target")
+
+
+@partial(jax.jit, static_argnames=("whole", "inside"))
+def cut(h: Array, t: ArrayLike, whole: int, inside: int) -> tuple[Array, Array]:
+    """The segments before and after the cut, at t of the segment `whole` or, where inside is 0, at its start."""
+    if not inside:
+        return h[:whole], h[whole:]
+    left, right = split(h[whole], t)
+    return jnp.concatenate([h[:whole], left[None]]), jnp.concatenate([right[None], h[whole + 1 :]])
+
+
+@jax.jit
+def hodograph(control_points: Array, weights: Array | None) -> tuple[Array, Array | None]:
+    """Control points and weights of the derivative of Bezier segments (..., points, dim).
+
+    For x/w it is (x'w - xw') / w^2 with the numerator raised from degree 2 n - 2 to 2 n.
+    """
+    if weights is None:
+        return bernstein.derivative(control_points, axis=-2), None
+    n = control_points.shape[-2] - 1
+    denominator = bernstein.multiply(weights, weights)
+    numerator = bernstein.elevate(wronskian(control_points, weights), 2 * n, axis=-2) if n else control_points * 0.0
+    return numerator / denominator[..., None], denominator
+
+
+def wronskian(control_points: Array, weights: Array, absolute: bool = False) -> Array:
+    """Coefficients of x'w - xw' for x = w p, in degree 2 n - 2 (the leading terms of degree 2 n - 1 cancel), n >= 1.
+
+    B_i B_j' - B_i' B_j = C(n,i) C(n,j) (j - i) s^(i+j-1) (1-s)^(2n-1-i-j), so coefficient i + j - 1 collects
+    (j - i) w_i w_j (p_j - p_i) for i < j: differences of control points, no cancellation of large coordinates.
+    With `absolute` the terms are summed by their size, for bounds of rounding.
+    """
+    n = control_points.shape[-2] - 1
+    pairs = [(i, j) for i in range(n + 1) for j in range(i + 1, n + 1)]
+    i, j = (np.array(column) for column in zip(*pairs, strict=True))
+    factor = np.array([(b - a) * math.comb(n, a) * math.comb(n, b) / math.comb(2 * n - 2, a + b - 1) for a, b in pairs])
+    terms = (factor * weights[..., i] * weights[..., j])[..., None] * (
+        control_points[..., j, :] - control_points[..., i, :]
+    )
+    terms = jnp.abs(terms) if absolute else terms
+    rows = [jnp.sum(terms[..., np.flatnonzero(i + j - 1 == k), :], axis=-2) for k in range(2 * n - 1)]
+    return jnp.stack(rows, axis=-2)

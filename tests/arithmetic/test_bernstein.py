@@ -1,0 +1,201 @@
+"""Every function on Bernstein forms against exact rational arithmetic, within the error that its docstring proves."""
+
+import math
+from fractions import Fraction
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jhd.arithmetic import bernstein, rounding
+
+ATTEMPTS = settings(max_examples=25, deadline=None, derandomize=True)
+DEGREES = (0, 1, 3, 6)
+PRECISIONS = ("float64", "float32")
+NUMBERS = st.floats(-1e3, 1e3, width=32) | st.sampled_from([0.0, 1e-310, -1e-310, 1e-40, 2.3e-308, 1e15, -1e15, 1 / 3])
+UNIT = st.floats(0, 1, width=32) | st.sampled_from([0.0, 1.0, 1 / 3, 1e-300, 1 - 2**-53])
+
+
+def forms(degree: int) -> st.SearchStrategy[list[float]]:
+    return st.lists(NUMBERS, min_size=degree + 1, max_size=degree + 1)
+
+
+def exactly(values) -> list[Fraction]:
+    return [Fraction(float(x)) for x in np.ravel(np.asarray(values))]
+
+
+def value(c: list[Fraction], t: Fraction) -> Fraction:
+    while len(c) > 1:
+        c = [(1 - t) * a + t * b for a, b in zip(c[:-1], c[1:], strict=True)]
+    return c[0]
+
+
+def blossoms(c: list[Fraction], t0: Fraction, t1: Fraction) -> list[Fraction]:
+    n, result = len(c) - 1, []
+    for j in range(n + 1):
+        row = c
+        for t in [t0] * (n - j) + [t1] * j:
+            row = [(1 - t) * a + t * b for a, b in zip(row[:-1], row[1:], strict=True)]
+        result.append(row[0])
+    return result
+
+
+def product(f: list[Fraction], g: list[Fraction]) -> list[Fraction]:
+    n, m = len(f) - 1, len(g) - 1
+    result = [Fraction(0)] * (n + m + 1)
+    for i, a in enumerate(f):
+        for j, b in enumerate(g):
+            result[i + j] += Fraction(math.comb(n, i) * math.comb(m, j), math.comb(n + m, i + j)) * a * b
+    return result
+
+
+def assert_within(computed, exact: list[Fraction], bound) -> None:
+    for x, z in zip(exactly(computed), exact, strict=True):
+        assert abs(x - z) <= bound, (float(x), float(z), float(bound))
+
+
+def bound_of(operations: int, magnitude, dtype) -> Fraction:
+    """The proven bound, with nu for a subnormal coefficient."""
+    m = max([abs(x) for x in magnitude], default=Fraction(0))
+    k, nu = operations + 1, Fraction(rounding.smallest_normal(dtype))
+    return Fraction(rounding.gamma(k, dtype)) * m + (2 * k + 1) * nu
+
+
+@cache
+def compiled(name: str, *static: int):
+    function = getattr(bernstein, name)
+    return jax.jit(lambda *args: function(*args, *static))
+
+
+@pytest.mark.parametrize("dtype", PRECISIONS)
+@pytest.mark.parametrize("degree", DEGREES)
+@ATTEMPTS
+@given(data=st.data(), t0=UNIT, t1=UNIT)
+def test_values_parts_and_halves_are_within_their_bound(degree, dtype, data, t0, t1):
+    c, (t0, t1) = np.array(data.draw(forms(degree)), dtype), np.array([t0, t1], dtype)
+    exact, t, bound = exactly(c), Fraction(float(t0)), bound_of(3 * degree, exactly(c), dtype)
+    assert_within(compiled("evaluate")(c, t0), [value(exact, t)], bound)
+    assert_within(compiled("restrict")(c, t0, t1), blossoms(exact, t, Fraction(float(t1))), bound)
+    left, right = compiled("split")(c, t0)
+    assert_within(left, blossoms(exact, Fraction(0), t), bound)
+    assert_within(right, blossoms(exact, t, Fraction(1)), bound)
+
+
+@pytest.mark.parametrize("dtype", PRECISIONS)
+@pytest.mark.parametrize("degree", DEGREES)
+@ATTEMPTS
+@given(data=st.data())
+def test_products_and_elevated_forms_are_within_their_bound(degree, dtype, data):
+    f, g = np.array(data.draw(forms(degree)), dtype), np.array(data.draw(forms(3)), dtype)
+    largest = [max(map(abs, exactly(f))), max(map(abs, exactly(g)))]
+    subnormal = Fraction(rounding.smallest_normal(dtype)) * sum(largest)
+    bound = bound_of(3 + min(degree, 3), [largest[0] * largest[1]], dtype) + subnormal
+    assert_within(compiled("multiply")(f, g), product(exactly(f), exactly(g)), bound)
+    elevated = product(exactly(f), [Fraction(1)] * 3)
+    assert_within(compiled("elevate", degree + 2)(f), elevated, bound_of(5, exactly(f), dtype))
+
+
+@pytest.mark.parametrize("dtype", PRECISIONS)
+@pytest.mark.parametrize("degree", DEGREES)
+@ATTEMPTS
+@given(data=st.data())
+def test_derivatives_are_within_two_roundings(degree, dtype, data):
+    c = np.array(data.draw(forms(degree)), dtype)
+    exact = exactly(c)
+    slopes = [degree * (b - a) for a, b in zip(exact[:-1], exact[1:], strict=True)] or [Fraction(0)]
+    nu = Fraction(rounding.smallest_normal(dtype))
+    assert_within(compiled("derivative")(c), slopes, bound_of(2, slopes, dtype) + 2 * (degree + 1) * nu)
+
+
+@pytest.mark.parametrize("variables", (1, 2, 3))
+@ATTEMPTS
+@given(data=st.data())
+def test_the_hull_of_the_coefficients_holds_every_value(variables, data):
+    shape = (3, 4, 2)[:variables]
+    c = np.array(data.draw(st.lists(NUMBERS, min_size=math.prod(shape), max_size=math.prod(shape)))).reshape(shape)
+    error = data.draw(st.sampled_from([0.0, 1e-320, 1e-3]))
+    place = [data.draw(st.fractions(0, 1, max_denominator=16)) for _ in shape]
+    rows = np.array(exactly(c), dtype=object).reshape(shape)
+    for t in place:
+        rows = np.array([value(list(row), t) for row in np.moveaxis(rows, 0, -1).reshape(-1, rows.shape[0])])
+        shape = shape[1:]
+        rows = rows.reshape(shape)
+    enclosure = bernstein.enclose(jnp.asarray(c), tuple(range(c.ndim)), error)
+    exact = Fraction(rows.item() if isinstance(rows, np.ndarray) else rows)
+    assert Fraction(float(enclosure.lower)) <= exact - Fraction(error)
+    assert exact + Fraction(error) <= Fraction(float(enclosure.upper))
+
+
+@ATTEMPTS
+@given(
+    data=st.data(),
+    weights=st.lists(st.floats(0.0009765625, 1000, width=32), min_size=4, max_size=4),
+    errors=st.sampled_from([(0.0, 0.0), (1e-3, 0.0), (0.0, 2.0**-11), (1e-3, 2.0**-11)]),
+    t=st.fractions(0, 1, max_denominator=16),
+    signs=st.tuples(st.sampled_from([-1, 1]), st.sampled_from([-1, 1])),
+)
+def test_a_quotient_holds_every_value(data, weights, errors, t, signs):
+    numerator = data.draw(forms(3))
+    enclosure = bernstein.enclose_quotient(jnp.array(numerator), jnp.array(weights), -1, *errors)
+    top = value([x + signs[0] * Fraction(errors[0]) for x in exactly(numerator)], t)
+    bottom = value([x + signs[1] * Fraction(errors[1]) for x in exactly(weights)], t)
+    assert Fraction(float(enclosure.lower)) <= top / bottom <= Fraction(float(enclosure.upper))
+
+
+@pytest.mark.parametrize("weights", ([1.0, 0.0], [1.0, -1.0], [1.0, 1e-310], [1.0, np.nan]))
+def test_a_quotient_by_weights_that_are_not_positive_is_the_whole_line(weights):
+    enclosure = bernstein.enclose_quotient(jnp.array([1.0, 2.0]), jnp.array(weights))
+    assert float(enclosure.lower) == -np.inf and float(enclosure.upper) == np.inf
+
+
+def test_a_quotient_of_points_broadcasts_the_weights():
+    points, weights = jnp.array([[1.0, 0.0], [1.0, 1.0], [0.0, 2.0]]), jnp.array([1.0, 1.0, 2.0])
+    enclosure = bernstein.enclose_quotient(points, weights[:, None], axes=-2)
+    assert enclosure.shape == (2,) and bool(jnp.all(enclosure.contains(jnp.array([0.5, 0.5]))))
+
+
+def test_enclose_is_exact_where_the_coefficients_are():
+    enclosure = bernstein.enclose(jnp.array([[1.0, -2.0], [0.0, 5e-324]]), axes=(-2, -1))
+    assert float(enclosure.lower) == -2.0 and float(enclosure.upper) == 1.0
+    tiny = bernstein.enclose(jnp.array([0.0, -5e-324]))
+    assert float(tiny.lower) < 0.0 == float(tiny.upper)
+
+
+def test_the_tables_of_binomials_are_exact_as_far_as_promised():
+    for degree in (0, 1, 30, 56):
+        assert exactly(bernstein.binomials(degree)) == [math.comb(degree, i) for i in range(degree + 1)]
+    table = bernstein.product_weights(7, 5)
+    assert table[3, 2] == math.comb(7, 3) * math.comb(5, 2) / math.comb(12, 5)
+
+
+def test_axes_are_those_asked_for():
+    c = jnp.asarray(np.random.default_rng(3).uniform(-1, 1, (4, 4, 4)))
+    for axis in (-3, -2, -1):
+        last = jnp.moveaxis(c, axis, -1)
+        for name, args in (("evaluate", (0.3,)), ("derivative", ()), ("elevate", (5,)), ("restrict", (0.2, 0.7))):
+            function = getattr(bernstein, name)
+            found, expected = function(c, *args, axis=axis), function(last, *args)
+            np.testing.assert_allclose(
+                found, expected if name == "evaluate" else jnp.moveaxis(expected, -1, axis), rtol=1e-14
+            )
+        assert bernstein.degree(c, axis) == c.shape[axis] - 1
+
+
+def test_the_scalar_product_is_the_sum_of_products_of_coordinates():
+    f, g = (jnp.asarray(np.random.default_rng(k).uniform(-1, 1, (3 + k, 2))) for k in (0, 1))
+    expected = sum(bernstein.multiply(f[:, k], g[:, k]) for k in range(2))
+    np.testing.assert_allclose(bernstein.dot(f, g), jnp.asarray(expected), rtol=1e-14)
+
+
+def test_a_form_is_not_elevated_downward():
+    with pytest.raises(ValueError, match="degree is 3"):
+        bernstein.elevate(jnp.zeros(4), 2)
+
+
+def test_mixed_precisions_keep_the_finer_one():
+    f, g = np.array([1, 2, 3], np.float32), np.array([1 / 3, 1 / 7])
+    assert_within(bernstein.multiply(jnp.asarray(f), jnp.asarray(g)), product(exactly(f), exactly(g)), Fraction(1e-15))

@@ -1,0 +1,75 @@
+"""One text to one curve, and one line for every text that is none."""
+
+import numpy as np
+import pytest
+
+from jhd.io.curves import save_curve
+from jhd.io.errors import ParseError
+from jhd.io.load import load_shape
+from jhd.io.outlines import outline
+from jhd.io.svg import write_svg
+from jhd.shapes.bezier import BezierCurve
+from jhd.shapes.curve import polyline
+
+
+def test_json_files_are_read(tmp_path):
+    curve = BezierCurve([[0, 0], [1, 2], [2, 0]])
+    save_curve(tmp_path / "M1.json", curve)
+    again = load_shape(str(tmp_path / "M1.json"))
+    assert isinstance(again, BezierCurve)
+    np.testing.assert_array_equal(again.control_points, curve.control_points)
+
+
+def test_svg_files_are_read_whatever_the_case_of_the_suffix(tmp_path):
+    write_svg(tmp_path / "a.SVG", polyline([[0, 0], [1, 2]]))
+    assert load_shape(str(tmp_path / "a.SVG")).segments().count == 1
+
+
+def test_letters_of_fonts_are_read():
+    expected = outline("DejaVu Sans", "a").control_points
+    np.testing.assert_array_equal(load_shape("font:DejaVu Sans:a").segments().control_points, expected)
+
+
+@pytest.mark.parametrize("text", ["M0 0L1 1", " m.5-1 2 3", "M\n+1,2 3 4"])
+def test_path_data_is_read(text):
+    assert load_shape(text).segments().count == 1
+
+
+def test_a_name_that_looks_like_path_data_is_a_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save_curve("M1.json", polyline([[0, 0], [1, 2]]))
+    assert load_shape("M1.json").segments().count == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        ("none.json", FileNotFoundError, r"none\.json: no such file\.$"),
+        ("none.svg", FileNotFoundError, r"none\.svg: no such file\.$"),
+        (
+            "none.txt",
+            FileNotFoundError,
+            r"none\.txt: no such file; a curve is a \.json or \.svg file",
+        ),
+        ("nothing", FileNotFoundError, "nothing: no such file; a curve is"),
+        ("", FileNotFoundError, ": no such file; a curve is"),
+        ("Mary", FileNotFoundError, "Mary: no such file"),
+        ("x" * 5000, FileNotFoundError, "no such file"),
+        ("M0 0 L1", ParseError, "^line 1, column 8: path data: needs a number; found the end"),
+        ("M0 0", ParseError, "path data: draws nothing"),
+        ("font:DejaVu Sans", ParseError, "needs font:NAME:LETTER"),
+        ("font:Nowhere:a", ValueError, "'Nowhere' is no font known to matplotlib"),
+    ],
+)
+def test_other_texts_are_refused_in_one_line(tmp_path, monkeypatch, text, error, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=message) as caught:
+        load_shape(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_suffix_names_what_is_accepted(tmp_path):
+    file = tmp_path / "curve.csv"
+    file.write_text("0,0", encoding="utf-8")
+    with pytest.raises(ParseError, match=r"curve\.csv: the suffix is '\.csv'; a curve is a \.json or \.svg file"):
+        load_shape(str(file))

@@ -1,0 +1,242 @@
+"""The command line: each command in this process, and two runs as a user makes them."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import jhd
+from jhd.__main__ import cache_folder, main
+from jhd.io import load_result
+
+# The base and the diagonal of a rectangle 4 by 3: the upper corner is 3 away from the base, the lower right corner
+# 2.4 from the diagonal.
+BASE, DIAGONAL = "M0 0 L4 0", "M0 0 L4 3"
+SPACE = '{"type": "BezierSegments", "control_points": [[[0, 0, 0], [1, 1, 1]]]}'
+ROUNDING = 1e-12
+
+
+@pytest.fixture
+def run(capsys, monkeypatch, tmp_path):
+    """Runs one command in a folder of its own: exit status, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("JHD_CACHE", raising=False)
+    settings = dict(mpl.rcParams)
+
+    def call(*arguments):
+        status = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    yield call
+    assert dict(mpl.rcParams) == settings
+
+
+def unsuccessful(entry):
+    """The entry, its result replaced by one that is not successful."""
+
+    def call(*arguments, **options):
+        return eqx.tree_at(lambda s: s.result, entry(*arguments, **options), jhd.RESULTS.gap_not_closed)
+
+    return call
+
+
+def subprocess_run(*arguments, cwd):
+    cache = getattr(jax.config, "jax_compilation_cache_dir", None) or str(Path(__file__).parents[1] / ".jax_cache")
+    environment = {**os.environ, "JHD_CACHE": cache, "PYTHONPATH": str(Path(jhd.__file__).parents[1])}
+    command = [sys.executable, "-m", "jhd", *arguments]
+    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=300)
+
+
+def test_the_distance_is_printed_with_bounds_event_and_witness(run):
+    status, out, err = run("distance", BASE, DIAGONAL)
+    assert (status, err) == (0, "")
+    lines = {line.split()[0]: line.split(maxsplit=1)[1] for line in out.splitlines() if line.strip()}
+    assert float(lines["value"]) == pytest.approx(3.0, abs=ROUNDING)
+    assert float(lines["lower"]) <= 3.0
+    assert lines["upper"] == "not proven by this method" or float(lines["upper"]) >= 3.0
+    assert lines["event"] == "a_end"
+    assert lines["witness"] == "B segment 0, t = 1, at (4, 3)"
+    assert lines["foot"].startswith("A segment 0, t = 1, at (4, 0)")
+    assert "float64" in lines["device"]
+
+
+def test_the_directed_distance_goes_from_a_to_b(run):
+    status, out, _ = run("distance", BASE, DIAGONAL, "--directed", "--json")
+    content = json.loads(out)
+    assert status == 0
+    assert content["solution"]["value"] == pytest.approx(2.4, abs=ROUNDING)
+    assert content["solution"]["witness"]["point"] == [4.0, 0.0]
+
+
+def test_json_on_standard_output_is_a_saved_result(run):
+    _, out, err = run("distance", BASE, DIAGONAL, "--json")
+    assert err == ""
+    Path("result.json").write_text(out)
+    content = load_result("result.json")
+    assert content["type"] == "HausdorffSolution"
+    assert content["solution"]["witness"]["direction"] == "b_to_a"
+    assert (content["context"]["a"], content["context"]["precision"]) == (BASE, "float64")
+
+
+def test_a_method_is_chosen_by_name_in_any_spelling(run):
+    for name in ("TwoStep", "two-step", "two_step"):
+        status, out, _ = run("distance", BASE, DIAGONAL, "--method", name, "--json")
+        assert (status, json.loads(out)["context"]["method"]) == (0, "TwoStep")
+
+
+@pytest.mark.parametrize(("name", "starts"), [("picture.png", b"\x89PNG"), ("picture.pdf", b"%PDF")])
+def test_a_picture_is_written_on_request(run, name, starts):
+    status, out, _ = run("distance", BASE, DIAGONAL, "--plot", name)
+    assert status == 0
+    assert Path(name).read_bytes().startswith(starts)
+    assert str(Path(name).resolve()) in out
+
+
+@pytest.mark.slow  # one more program for three coordinates
+def test_curves_in_space_have_a_picture_too(run):
+    Path("a.json").write_text(SPACE)
+    status, _, _ = run("distance", "a.json", "a.json", "--directed", "--json", "--plot", "space.png")
+    assert status == 0
+    assert Path("space.png").exists()
+
+
+def test_bounds_that_are_not_closed_are_printed_with_status_one(run, monkeypatch):
+    monkeypatch.setattr(jhd, "hausdorff", unsuccessful(jhd.hausdorff))
+    status, out, err = run("distance", BASE, DIAGONAL)
+    assert (status, err) == (1, "")
+    assert "  lower    " in out
+    assert "  result   gap_not_closed: The bounds are true" in out
+    status, out, _ = run("distance", BASE, DIAGONAL, "--json")
+    assert (status, json.loads(out)["solution"]["result"]) == (1, "gap_not_closed")
+
+
+def test_an_interrupt_ends_with_one_line(run, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(jhd, "hausdorff", interrupted)
+    assert run("distance", BASE, DIAGONAL) == (130, "", "jhd: interrupted\n")
+
+
+def test_points_are_projected(run):
+    status, out, err = run("project", BASE, "1", "-2.5e0")
+    assert (status, err) == (0, "")
+    header, row = (line.split("\t") for line in out.splitlines())
+    assert header == ["distance", "lower", "upper", "segment", "t", "foot x", "foot y", "result"]
+    assert row.pop() == "successful"
+    np.testing.assert_allclose([float(x) for x in row], [2.5, 2.5, 2.5, 0, 0.25, 1, 0], atol=1e-9)
+
+
+def test_points_come_from_a_file_or_standard_input(run, monkeypatch):
+    rows = "# x y\n1 2\n\n3, -1  # below\n"
+    Path("points.txt").write_text(rows)
+    _, from_file, _ = run("project", BASE, "--points", "points.txt", "--json")
+    with open("points.txt") as stream:
+        monkeypatch.setattr(sys, "stdin", stream)
+        _, from_input, _ = run("project", BASE, "--json")
+    content = json.loads(from_file)
+    assert content == json.loads(from_input)
+    assert content["context"]["points"] == [[1.0, 2.0], [3.0, -1.0]]
+    np.testing.assert_allclose(content["solution"]["foot"], [[1.0, 0.0], [3.0, 0.0]], atol=1e-9)
+
+
+def test_the_doctor_names_versions_devices_and_precision_and_checks_itself(run):
+    status, out, err = run("doctor")
+    assert (status, err) == (0, "")
+    named = [line.split("  ")[0] for line in out.splitlines()]
+    assert named[:2] == ["jhd", "python"]
+    assert {"jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib", "devices", "compile cache"} <= set(named)
+    assert "self-check     passed" in out
+    status, out, _ = run("doctor", "--json")
+    assert (status, json.loads(out)["passed"]) == (0, True)
+
+
+def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypatch):
+    right, wrong = jhd.hausdorff, jnp.array(2.0)
+    monkeypatch.setattr(jhd, "hausdorff", lambda a, b, throw: eqx.tree_at(lambda s: s.value, right(a, b), wrong))
+    status, out, _ = run("doctor")
+    assert status == 1
+    assert "FAILED" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["measure"], "invalid choice: 'measure'"),
+        (["distance", BASE], "the following arguments are required: B"),
+        (["distance", BASE, DIAGONAL, "--atol", "small"], "argument --atol: invalid float value"),
+        (["distance", BASE, "missing.svg"], "missing.svg: no such file"),
+        (["distance", BASE, "broken.svg"], "broken.svg:"),
+        (["distance", BASE, "notes.txt"], "notes.txt: the suffix is '.txt'"),
+        (["distance", BASE, "font:No Such Font:a"], "No Such Font"),
+        (["distance", BASE, "space.json"], "needs the same"),
+        (["distance", BASE, DIAGONAL, "--method", "Guess"], "unknown method 'Guess'; there are "),
+        (["distance", BASE, DIAGONAL, "--plot", "no/folder/a.png"], "no/folder/a.png: no such folder"),
+        (
+            ["distance", BASE, DIAGONAL, "--method", "TwoStep", "--atol", "-1"],
+            "TwoStep proves no bounds",
+        ),
+        (["distance", BASE, DIAGONAL, "--plot", "a.xyz"], "a.xyz: the suffix is '.xyz'; pictures are stored as "),
+        (["project", BASE, "1"], "a point has 1 coordinates; the curve has 2"),
+        (["project", BASE, "1", "2", "3"], "a point has 3 coordinates; the curve has 2"),
+        (["project", BASE, "1", "nan"], "not finite"),
+        (["project", BASE, "1", "two"], "invalid float value: 'two'"),
+        (["project", BASE, "1", "2", "--points", "notes.txt"], "not both"),
+        (["project", BASE, "--points", "notes.txt"], "notes.txt:2: could not convert"),
+        (["project", BASE, "--points", "ragged.txt"], "ragged.txt:2: 3 coordinates; the rows before have 2"),
+        (["project", BASE, "--points", "empty.txt"], "empty.txt holds no points"),
+        (["project", BASE, "1", "2", "--method", "Guess"], "unknown method 'Guess'; there are "),
+    ],
+)
+def test_bad_input_is_one_line_on_standard_error_with_status_two(run, arguments, message):
+    Path("broken.svg").write_text("<svg><path d='M 0 0 L 1'")
+    Path("notes.txt").write_text("1 2\nthree four\n")
+    Path("ragged.txt").write_text("1 2\n1 2 3\n")
+    Path("empty.txt").write_text("# nothing\n")
+    Path("space.json").write_text(SPACE)
+    status, out, err = run(*arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith("jhd: error: ")
+    assert err.count("\n") == 1
+    assert message in err
+
+
+def test_the_version_is_printed(run):
+    assert run("--version") == (0, f"jhd {jhd.__version__}\n", "")
+
+
+def test_the_cache_lies_where_the_platform_keeps_caches(monkeypatch):
+    monkeypatch.setattr(Path, "home", lambda: Path("/home/me"))
+    assert cache_folder("linux", {}) == Path("/home/me/.cache/jhd")
+    assert cache_folder("darwin", {}) == Path("/home/me/Library/Caches/jhd")
+    assert cache_folder("win32", {"LOCALAPPDATA": "/local"}) == Path("/local/jhd/Cache")
+    if os.name == "posix":
+        assert cache_folder("linux", {"XDG_CACHE_HOME": "/cache"}) == Path("/cache/jhd")
+        assert cache_folder("linux", {"XDG_CACHE_HOME": "relative"}) == Path("/home/me/.cache/jhd")
+
+
+def test_help_names_the_commands(tmp_path):
+    done = subprocess_run("--help", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert all(command in done.stdout for command in ("distance", "project", "doctor"))
+
+
+def test_the_demonstration_prints_both_distances_and_writes_its_picture(tmp_path):
+    done = subprocess_run(cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    there, back = done.stdout.index("directed distance from A to B"), done.stdout.index("directed distance from B to A")
+    assert there < back < done.stdout.index("Hausdorff distance, the larger of the two")
+    assert done.stdout.count("  lower    ") == done.stdout.count("  upper    ") == 2
+    assert str(tmp_path / "jhd-demo.png") in done.stdout
+    height, width, _ = imread(tmp_path / "jhd-demo.png").shape
+    assert min(height, width) > 700

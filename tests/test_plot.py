@@ -1,0 +1,225 @@
+"""Pictures: what the artists hold, and that nothing global changes."""
+
+import jax.numpy as jnp
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import jhd
+from jhd import plot
+
+# An arch over a base line: the top of the arch, at t = 1/2, is 1 above the line.
+ARCH = jhd.BezierSegments([[[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]]])
+BASE = jhd.polyline([(0.0, 0.0), (2.0, 0.0)])
+# Two squares, one contour each; and a cubic with a joint, in space.
+SQUARES = jhd.BezierSegments.join(
+    [jhd.polyline([(x, 0.0), (x + 1, 0.0), (x + 1, 1.0), (x, 1.0)], closed=True) for x in (0.0, 3.0)]
+)
+SPACE = jhd.BezierSegments(np.arange(24.0).reshape(2, 4, 3) % 7)
+
+
+def a_solution(point, feet, lower, upper, t=0.5, **changes):
+    point, feet = jnp.array(point), jnp.array(feet)
+    witness = jhd.Witness(
+        segment=jnp.array(0),
+        t=jnp.array(t),
+        point=point,
+        feet=feet,
+        foot_segments=jnp.zeros(2, dtype=int),
+        foot_params=jnp.array([0.5, 0.5]),
+        multipliers=jnp.array([1.0, 0.0]),
+        event=jhd.EVENTS.antipodal,
+        direction=jhd.DIRECTIONS.a_to_b,
+    )
+    value = jnp.linalg.norm(point - feet[0])
+    fields = {"value": value, "lower": jnp.array(lower), "upper": jnp.array(upper), "witness": witness}
+    return jhd.HausdorffSolution(**{**fields, **changes}, result=jhd.RESULTS.successful, stats={})
+
+
+TOP = a_solution([1.0, 1.0], [[1.0, 0.0], [1.0, 0.0]], 1.0, 1.0)
+IN_SPACE = a_solution([1.0, 1.0, 3.0], [[1.0, 0.0, 3.0], [1.0, 2.0, 3.0]], 1.0, 1.0)
+
+
+def axes(dim=2):
+    figure = Figure()
+    return figure.add_subplot(projection="3d") if dim == 3 else figure.add_subplot()
+
+
+def artist(ax, gid):
+    (found,) = [a for a in ax.get_children() if a.get_gid() == gid]
+    return found
+
+
+def data(ax, gid):
+    line = artist(ax, gid)
+    columns = line.get_data_3d() if ax.name == "3d" else line.get_data()
+    return np.column_stack([np.asarray(column, dtype=float) for column in columns])
+
+
+@pytest.fixture(autouse=True)
+def nothing_global_changes():
+    settings = dict(mpl.rcParams)
+    yield
+    assert dict(mpl.rcParams) == settings
+    assert plt.get_fignums() == []
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda ax: plot.curve(ARCH, ax),
+        lambda ax: plot.witness(TOP, ax),
+        lambda ax: plot.solution(ARCH, BASE, TOP, ax),
+        lambda ax: plot.profile(ARCH, BASE, ax, TOP, samples=8),
+    ],
+)
+def test_the_axes_given_are_returned_with_legible_text_and_can_be_drawn(draw):
+    ax = axes()
+    assert draw(ax) is ax
+    ax.figure.canvas.draw()
+    texts = [ax.xaxis.label, ax.yaxis.label, *ax.get_xticklabels(), *ax.texts]
+    assert {text.get_fontsize() for text in texts} == {8}
+
+
+def test_without_axes_a_figure_one_column_wide_is_made():
+    with mpl.rc_context():
+        plt.switch_backend("agg")
+        for shape, name in ((ARCH, "rectilinear"), (SPACE, "3d")):
+            ax = plot.curve(shape)
+            assert ax.name == name
+            assert ax.figure.get_size_inches()[0] * 25.4 == pytest.approx(85)
+            plt.close(ax.figure)
+
+
+def test_a_curve_is_drawn_through_its_points_with_its_control_polygon():
+    ax = plot.curve(ARCH, axes(), samples=4)
+    drawn = data(ax, "curve")
+    np.testing.assert_allclose(drawn[:-1], ARCH(np.linspace(0, 1, 5)), atol=1e-15)
+    np.testing.assert_array_equal(data(ax, "control_polygon")[:-1], ARCH.control_points[0])
+    assert ax.get_aspect() == 1
+
+
+def test_a_rational_curve_is_drawn_on_the_curve():
+    drawn = data(plot.curve(jhd.circle((1.0, 2.0), 3.0), axes()), "curve")
+    radius = np.linalg.norm(drawn - [1.0, 2.0], axis=1)
+    np.testing.assert_allclose(radius[np.isfinite(radius)], 3.0, rtol=1e-14)
+
+
+def test_contours_are_closed_and_not_joined_by_false_lines():
+    drawn = data(plot.curve(SQUARES, axes()), "curve")
+    gaps = np.flatnonzero(np.isnan(drawn[:, 0]))
+    assert gaps.tolist() == [8, 17]
+    for contour in (drawn[:8], drawn[9:17]):
+        np.testing.assert_array_equal(contour[0], contour[-1])
+        assert np.max(np.linalg.norm(np.diff(contour, axis=0), axis=1)) == 1
+
+
+def test_a_space_curve_needs_space_axes():
+    drawn = data(plot.curve(SPACE, axes(3), samples=4), "curve")
+    assert drawn.shape[1] == 3
+    np.testing.assert_allclose(drawn[:5], SPACE.point(0, np.linspace(0, 1, 5)), atol=1e-13)
+    with pytest.raises(ValueError, match="projection='3d'"):
+        plot.curve(SPACE, axes())
+
+
+def test_points_are_dots_without_lines():
+    points = [(0.0, 0.0), (1.0, 2.0), (3.0, 1.0)]
+    ax = plot.curve(jhd.points(points), axes())
+    np.testing.assert_array_equal(data(ax, "curve"), points)
+    assert artist(ax, "curve").get_linestyle() == "None"
+
+
+def test_the_witness_lies_where_the_solution_says():
+    ax = plot.witness(TOP, axes())
+    np.testing.assert_array_equal(data(ax, "witness"), [TOP.witness.point])
+    np.testing.assert_array_equal(data(ax, "feet"), [[1.0, 0.0]])  # the repeated foot is drawn once
+    np.testing.assert_array_equal(data(ax, "joining_lines")[:2], [[1.0, 1.0], [1.0, 0.0]])
+    np.testing.assert_allclose(np.linalg.norm(data(ax, "empty_circle") - [1.0, 1.0], axis=1), 1.0)
+    assert artist(ax, "distance").get_text() == "$d$ = 1"
+
+
+def test_a_witness_in_space_has_two_feet_and_no_circle():
+    ax = plot.witness(IN_SPACE, axes(3))
+    np.testing.assert_array_equal(data(ax, "feet"), IN_SPACE.witness.feet)
+    assert not [a for a in ax.get_children() if a.get_gid() == "empty_circle"]
+    with pytest.raises(ValueError, match="projection='3d'"):
+        plot.witness(IN_SPACE, axes())
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "text"),
+    [
+        (2.0, 2.0 + 1e-12, "$d$ = 2"),
+        (61.806132, np.inf, "$d$ ≥ 61.80"),
+        (0.123456, 0.126543, "0.1234 ≤ $d$ ≤ 0.1266"),
+        (0.0, 0.0, "$d$ = 0"),
+    ],
+)
+def test_the_distance_is_written_as_what_is_proven(lower, upper, text):
+    ax = plot.witness(a_solution([1.0, 1.0], [[1.0, 0.0], [1.0, 0.0]], lower, upper), axes())
+    assert artist(ax, "distance").get_text() == text
+
+
+def test_a_distance_of_zero_can_be_drawn():
+    ax = plot.witness(a_solution([1.0, 1.0], [[1.0, 1.0], [1.0, 1.0]], 0.0, 0.0), axes())
+    ax.figure.draw_without_rendering()
+
+
+def test_a_batch_is_refused():
+    batch = a_solution([1.0, 1.0], [[1.0, 0.0], [1.0, 0.0]], 1.0, 1.0, value=jnp.ones(3))
+    with pytest.raises(ValueError, match=r"batch of shape \(3,\)"):
+        plot.witness(batch, axes())
+
+
+def test_both_curves_have_their_own_colour_and_line_style():
+    ax = plot.solution(ARCH, BASE, TOP, axes(), labels=("arch", "base"))
+    first, second = [a for a in ax.get_children() if a.get_gid() == "curve"]
+    assert first.get_color() != second.get_color()
+    assert (first.get_linestyle(), second.get_linestyle()) == ("-", "--")
+    named = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert named == ["arch", "base", "witness", "foot", "$d$ = 1"]
+    assert plot.solution(ARCH, BASE, TOP, axes(), legend=False).get_legend() is None
+
+
+def test_curves_of_different_dimensions_are_refused():
+    with pytest.raises(ValueError, match="a has 2 coordinates; b has 3"):
+        plot.solution(ARCH, SPACE, TOP, axes(3))
+    with pytest.raises(ValueError, match="a has 3 coordinates; b has 2"):
+        plot.profile(SPACE, ARCH, axes())
+
+
+def test_the_profile_is_the_distance_along_a_with_its_maximum_and_the_witness():
+    ax = plot.profile(ARCH, BASE, axes(), TOP, samples=8)
+    t = np.linspace(0, 1, 9)
+    np.testing.assert_allclose(data(ax, "profile")[:-1], np.column_stack([t, 4 * t * (1 - t)]), atol=1e-12)
+    np.testing.assert_allclose(data(ax, "candidates"), [[0.5, 1.0]], atol=1e-12)
+    np.testing.assert_array_equal(data(ax, "witness"), [[0.5, 1.0]])
+    assert artist(ax, "level").get_ydata() == [1.0, 1.0]
+    assert ax.get_ylabel() == "distance to B (input units)"
+
+
+def test_a_witness_on_the_other_curve_is_a_level_only():
+    ax = plot.profile(BASE, ARCH, axes(), TOP, samples=8)
+    assert not [a for a in ax.get_children() if a.get_gid() == "witness"]
+    artist(ax, "level")
+
+
+def test_the_profile_of_closed_contours_has_no_candidates_from_their_seams():
+    # Along a square about the origin the distance to the origin has its maxima at the corners, sqrt(2) away.
+    square = jhd.polyline([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)], closed=True)
+    ax = plot.profile(square, jhd.points([(0.0, 0.0)]), axes(), samples=8)
+    np.testing.assert_allclose(data(ax, "candidates"), [[k, np.sqrt(2)] for k in range(4)], rtol=1e-12)
+    assert len([a for a in ax.get_children() if a.get_gid() == "segment_boundary"]) == 3
+
+
+def test_the_profile_of_a_point_set_has_one_dot_a_point():
+    ax = plot.profile(jhd.points([(0.0, 1.0), (1.0, 2.0)]), BASE, axes())
+    drawn = data(ax, "profile")
+    np.testing.assert_allclose(drawn[np.isfinite(drawn[:, 0])], [[0.0, 1.0], [1.0, 2.0]], atol=1e-12)
+
+
+def test_the_profile_needs_a_step():
+    with pytest.raises(ValueError, match="samples is 0"):
+        plot.profile(ARCH, BASE, axes(), samples=0)
