@@ -1,25 +1,28 @@
 """Checks of what a user hands in: real, finite arrays, with messages that name what came and what was needed."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
 
 def is_traced(*values: object) -> bool:
     """Whether any leaf is a tracer, so that its values are not known yet."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree_util.tree_leaves(values))
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree_util.tree_leaves(values))
 
 
-def real_array(name: str, value: object) -> Array:
+def real_array(name: str, value: Any) -> Array:
     """The value as a floating-point array of the default precision; tracers and derivatives pass through.
 
     Raises:
         TypeError: not numbers, or complex ones.
         ValueError: ragged nesting, or an entry that is not finite (not checked under tracing).
     """
-    if isinstance(value, jax.core.Tracer):
+    if isinstance(value, Tracer):
         if jnp.issubdtype(value.dtype, jnp.complexfloating):
             raise TypeError(f"{name} must be real numbers; its dtype is {value.dtype}.")
         return value.astype(float)

@@ -187,7 +187,14 @@ def profile(
     if pieces.degree:
         tops = _local_maxima(distances, np.asarray(pieces.following))
         rings = {"marker": "o", "markersize": 4, "markerfacecolor": "white", "markeredgecolor": colour}
-        _plot(ax, np.stack([place[tops], distances[tops]], axis=-1), "candidates", linestyle="none", **rings)
+        _plot(
+            ax,
+            np.stack([place[tops], distances[tops]], axis=-1),
+            "candidates",
+            linestyle="none",
+            clip_on=False,
+            **rings,
+        )
     if solution is not None:
         _mark_level(ax, pieces, solution)
     ax.set_xlim((0, pieces.count) if pieces.degree else (-0.5, pieces.count - 0.5))
@@ -214,7 +221,8 @@ def _axes(ax: Any, dim: int) -> Any:
 
         size = _COLUMN_INCHES, _COLUMN_INCHES
         if dim == 3:
-            return plt.figure(figsize=size).add_subplot(projection="3d")
+            # No layout engine sees the labels of space axes: room for that of z is left at the right.
+            return plt.figure(figsize=size).add_axes((0.02, 0.1, 0.84, 0.78), projection="3d")
         return plt.figure(figsize=size, layout="constrained").add_subplot()
     if dim == 3 and ax.name != "3d":
         raise ValueError("ax has two dimensions; a space curve needs axes made with projection='3d'.")
@@ -224,6 +232,8 @@ def _axes(ax: Any, dim: int) -> Any:
 def _finish(ax: Any) -> None:
     ax.set_aspect("equal")
     ax.tick_params(labelsize=_POINTS)
+    if ax.name == "3d":
+        ax.locator_params(nbins=4)  # the shorter axes are seen at a slant, where more labels run into each other
     for name in "xyz" if ax.name == "3d" else "xy":
         getattr(ax, f"set_{name}label")(f"${name}$", fontsize=_POINTS)
 

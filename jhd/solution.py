@@ -44,6 +44,11 @@ class DIRECTIONS(eqx.Enumeration):
     b_to_a = "The point lies on b, its feet on a."
 
 
+def result_where(condition: Array, yes: Any, no: Any) -> Any:
+    """RESULTS.where, which type checkers take for a method of a plain enumeration."""
+    return RESULTS.where(condition, yes, no)
+
+
 def name_of(item: Any) -> str:
     """The name of a member of RESULTS, EVENTS or DIRECTIONS; the members themselves print their sentence."""
     index = int(item._value)

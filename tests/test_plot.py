@@ -1,5 +1,6 @@
 """Pictures: what the artists hold, and that nothing global changes."""
 
+import jax
 import jax.numpy as jnp
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -20,7 +21,7 @@ SQUARES = jhd.BezierSegments.join(
 SPACE = jhd.BezierSegments(np.arange(24.0).reshape(2, 4, 3) % 7)
 
 
-def a_solution(point, feet, lower, upper, t=0.5, **changes):
+def a_solution(point, feet, lower, upper, t=0.5):
     point, feet = jnp.array(point), jnp.array(feet)
     witness = jhd.Witness(
         segment=jnp.array(0),
@@ -34,8 +35,8 @@ def a_solution(point, feet, lower, upper, t=0.5, **changes):
         direction=jhd.DIRECTIONS.a_to_b,
     )
     value = jnp.linalg.norm(point - feet[0])
-    fields = {"value": value, "lower": jnp.array(lower), "upper": jnp.array(upper), "witness": witness}
-    return jhd.HausdorffSolution(**{**fields, **changes}, result=jhd.RESULTS.successful, stats={})
+    bounds = {"lower": jnp.array(lower), "upper": jnp.array(upper)}
+    return jhd.HausdorffSolution(value=value, **bounds, witness=witness, result=jhd.RESULTS.successful, stats={})
 
 
 TOP = a_solution([1.0, 1.0], [[1.0, 0.0], [1.0, 0.0]], 1.0, 1.0)
@@ -84,13 +85,11 @@ def test_the_axes_given_are_returned_with_legible_text_and_can_be_drawn(draw):
 
 
 def test_without_axes_a_figure_one_column_wide_is_made():
-    with mpl.rc_context():
-        plt.switch_backend("agg")
-        for shape, name in ((ARCH, "rectilinear"), (SPACE, "3d")):
-            ax = plot.curve(shape)
-            assert ax.name == name
-            assert ax.figure.get_size_inches()[0] * 25.4 == pytest.approx(85)
-            plt.close(ax.figure)
+    for shape, name in ((ARCH, "rectilinear"), (SPACE, "3d")):
+        ax = plot.curve(shape)
+        assert ax.name == name
+        assert ax.figure.get_size_inches()[0] * 25.4 == pytest.approx(85)
+        plt.close(ax.figure)
 
 
 def test_a_curve_is_drawn_through_its_points_with_its_control_polygon():
@@ -168,7 +167,7 @@ def test_a_distance_of_zero_can_be_drawn():
 
 
 def test_a_batch_is_refused():
-    batch = a_solution([1.0, 1.0], [[1.0, 0.0], [1.0, 0.0]], 1.0, 1.0, value=jnp.ones(3))
+    batch = jax.tree_util.tree_map(lambda leaf: jnp.stack([leaf] * 3), TOP)
     with pytest.raises(ValueError, match=r"batch of shape \(3,\)"):
         plot.witness(batch, axes())
 

@@ -1,0 +1,1 @@
+"""Numbers and polynomials that carry a proof."""

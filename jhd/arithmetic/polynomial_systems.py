@@ -67,7 +67,7 @@ class Roots(eqx.Module):
 
 
 def solve(
-    coefficients: Float[Array, "equations ..."],
+    coefficients: Float[ArrayLike, "equations ..."],
     errors: ArrayLike = 0.0,
     *,
     capacity: int = 64,

@@ -84,7 +84,7 @@ def _larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolut
     )
 
 
-def _checked(a: object, b: object, method: object) -> AbstractHausdorffMethod:
+def _checked(a: AbstractCurve, b: AbstractCurve, method: object) -> AbstractHausdorffMethod:
     check_curve("a", a)
     check_curve("b", b)
     method = TwoStep() if method is None else method

@@ -1,9 +1,9 @@
 """The proven nearest point: distance from one point to all segments of a curve, from both sides.
 
 A best-first search over cells (a segment and an interval of its parameter). With e_i = P - b_i restricted to the cell,
-|e(s)|^2 is a polynomial whose smallest Bernstein coefficient bounds the squared distance from below; cutting the cell at
-a local foot makes the bound exact up to the error of the foot, because each half is then monotone near the cut. One to
-three cuts close a segment that holds the nearest point, none or one a segment that does not.
+|e(s)|^2 is a polynomial whose smallest Bernstein coefficient bounds the squared distance from below. Cutting the cell
+at a local foot makes the bound exact up to the error of the foot, because each half is then monotone near the cut. One
+to three cuts close a segment that holds the nearest point, none or one a segment that does not.
 
 Rounding. P, b_i and w_i are exact floats. Write r for the largest |P - b_i| component of the segment, g(k) for
 rounding.gamma(k), q for the degree, d for the dimension.

@@ -51,7 +51,7 @@ def _structure(rational: bool) -> Any:
 
 @lru_cache(maxsize=64)
 def elevation_matrix(degree: int, target: int) -> np.ndarray:
-    """The (target + 1, degree + 1) matrix of raising the degree: C(n,i) C(m-n,k-i) / C(m,k), non-negative rows of sum one."""
+    """The (target + 1, degree + 1) matrix of raising the degree, C(n,i) C(m-n,k-i) / C(m,k): convex combinations."""
     weights = product_weights(degree, target - degree)
     matrix = np.zeros((target + 1, degree + 1))
     for i in range(degree + 1):
@@ -74,12 +74,12 @@ class Frame(eqx.Module):
     def length(self, x: Array, toward: float | None = None) -> Array:
         """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
         xp = jnp if is_traced(x, self) else np
-        x = xp.asarray(x)
-        scaled = xp.ldexp(x, self.first + self.second)
+        given = xp.asarray(x)
+        scaled = xp.ldexp(given, self.first + self.second)
         if toward is None:
             return jnp.asarray(scaled)
         outward = xp.nextafter(scaled, xp.asarray(toward, scaled.dtype))
-        exact = (xp.abs(scaled) > 2 * smallest_normal(scaled.dtype)) | (x == 0)
+        exact = (xp.abs(scaled) > 2 * smallest_normal(scaled.dtype)) | (given == 0)
         return jnp.asarray(xp.where(exact, scaled, outward))
 
     def solution(self, solution: HausdorffSolution) -> HausdorffSolution:
@@ -133,7 +133,7 @@ def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int) -> Bezie
     The weights of each segment are first scaled to a largest one in [1/2, 1), which changes no point.
     """
     index = np.minimum(np.arange(padded_count(curve.count)), curve.count - 1)
-    weights = curve.weights
+    weights: Any = curve.weights
     if weights is not None:
         weights = xp.asarray(weights)
         weights = xp.ldexp(weights, -xp.frexp(xp.max(weights, axis=-1, keepdims=True))[1])

@@ -5,8 +5,8 @@ rational curves; the nearest point is one of them or an end of a segment. `Neare
 global and proven. Interval halving, Newton's method and their hybrid start at the control point that is nearest to P
 and are kept for comparison: they are wrong on one to two queries in twenty, prove nothing, and no bound rests on them.
 
-Source: Cao et al. 2014, equation (10), with its indices corrected; PointBezier (halving, Newton, hybrid); Patrikalakis &
-Maekawa, Shape Interrogation (2002), chapter 4.
+Source: Cao et al. 2014, equation (10), with its indices corrected; Shortest distance from a point to a Bezier curve
+(halving, Newton, hybrid); Patrikalakis & Maekawa, Shape Interrogation (2002), chapter 4.
 """
 
 import math
@@ -21,16 +21,16 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic import bernstein, polynomial_systems
-from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arrays import is_traced, real_array
 from jhd.distance.events import piece_of
 from jhd.distance.jets import jet
+from jhd.distance.local_feet import best_local, halve, height, newton
 from jhd.distance.nearest import Nearest, best_end, cell_bound, in_chunks, length_bound, nearest, repeated
 from jhd.distance.prepare import Frame, padded_count, trusted
+from jhd.distance.stationarity import roots_on
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
-from jhd.shapes.homogeneous import wronskian
-from jhd.solution import RESULTS, Projection, StationaryPoints, throw_unless_successful
+from jhd.solution import RESULTS, Projection, StationaryPoints, result_where, throw_unless_successful
 
 # Numbers of queries that programs are compiled for; more are done in blocks of the last size.
 _BLOCKS = (1, 16, 128, 1024)
@@ -54,7 +54,7 @@ class NearestSearch(AbstractProjectionMethod):
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
         """The nearest point to one query."""
         found = nearest(point, curve.control_points, curve.weights, 0.0, skip)
-        return found, RESULTS.where(found.closed, RESULTS.successful, RESULTS.gap_not_closed)
+        return found, result_where(found.closed, RESULTS.successful, RESULTS.gap_not_closed)
 
 
 class ProjectedPolyhedron(AbstractProjectionMethod):
@@ -73,7 +73,7 @@ class ProjectedPolyhedron(AbstractProjectionMethod):
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
         """The nearest point to one query."""
-        roots = jax.vmap(lambda k: _roots(point, curve, k, self.capacity))(jnp.arange(curve.count))
+        roots = jax.vmap(lambda k: roots_on(point, curve, k, self.capacity))(jnp.arange(curve.count))
         return _nearest_of_roots(point, curve, roots, skip)
 
 
@@ -97,7 +97,7 @@ class IntervalHalving(AbstractProjectionMethod):
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
         """The foot reached from the nearest control point of each segment, the best of all segments."""
-        return _best_local(point, curve, lambda e, w, s: _halve(e, w, s, self.interval, self.tolerance, self.max_steps))
+        return best_local(point, curve, lambda e, w, s: halve(e, w, s, self.interval, self.tolerance, self.max_steps))
 
 
 class NewtonProjection(AbstractProjectionMethod):
@@ -117,7 +117,7 @@ class NewtonProjection(AbstractProjectionMethod):
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
         """The foot reached from the nearest control point of each segment, the best of all segments."""
-        return _best_local(point, curve, lambda e, w, s: _newton(e, w, s, self.tolerance, self.max_steps))
+        return best_local(point, curve, lambda e, w, s: newton(e, w, s, self.tolerance, self.max_steps))
 
 
 class HybridProjection(AbstractProjectionMethod):
@@ -144,12 +144,12 @@ class HybridProjection(AbstractProjectionMethod):
         """The foot reached from the nearest control point of each segment, the best of all segments."""
 
         def local(e: Array, w: Array | None, s: Array) -> tuple[Array, Array]:
-            rough, first = _halve(e, w, s, self.interval, self.rough, self.max_steps)
-            fine, second = _newton(e, w, rough, self.tolerance, self.max_steps)
+            rough, first = halve(e, w, s, self.interval, self.rough, self.max_steps)
+            fine, second = newton(e, w, rough, self.tolerance, self.max_steps)
             # From a foot at an end, which is no root, Newton's method runs away.
-            return jnp.where(_height(e, w, fine) <= _height(e, w, rough), fine, rough), first + second
+            return jnp.where(height(e, w, fine) <= height(e, w, rough), fine, rough), first + second
 
-        return _best_local(point, curve, local)
+        return best_local(point, curve, local)
 
 
 def project(
@@ -284,7 +284,7 @@ def _stationary_block(capacity: int, queries: Array, curve: BezierSegments) -> S
 def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: int) -> StationaryPoints:
     """Stationary parameters of one query over all segments, the first `capacity` of them."""
     per_segment = min(capacity, 4 * (curve.degree + 1)) if curve.degree else 2
-    roots = jax.vmap(lambda k: _roots(point, curve, k, max(per_segment, 16)))(jnp.arange(curve.count))
+    roots = jax.vmap(lambda k: roots_on(point, curve, k, max(per_segment, 16)))(jnp.arange(curve.count))
     valid = (roots.valid & ~skip[:, None]).ravel()
     order = jnp.argsort(~valid, stable=True)[:capacity]
     segment = jnp.repeat(jnp.arange(curve.count), roots.valid.shape[1])
@@ -295,7 +295,7 @@ def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: i
     at = jax.vmap(lambda k, s: jet(*piece_of(curve, k), s).point)(chosen, middle)
     distance = jnp.where(_padded(valid[order], capacity), jnp.sqrt(jnp.sum((at - point) ** 2, axis=-1)), jnp.inf)
     full = (jnp.sum(valid) > capacity) | jnp.any(_failed(roots.result))
-    result = RESULTS.where(full, RESULTS.capacity_reached, RESULTS.successful)
+    result = result_where(full, RESULTS.capacity_reached, RESULTS.successful)
     return StationaryPoints(
         chosen, middle, pick(lower, 1.0), pick(upper, 0.0), distance, _padded(valid[order], capacity), result
     )
@@ -307,44 +307,6 @@ def _padded(x: Array, capacity: int) -> Array:
 
 def _failed(result: Any) -> Array:
     return result != RESULTS.successful
-
-
-def _roots(point: Array, curve: BezierSegments, segment: Array, capacity: int) -> polynomial_systems.Roots:
-    """Enclosures of the roots of (P - B).B' on one segment."""
-    coefficients, error = stationarity(point, *piece_of(curve, segment))
-    return polynomial_systems.solve(coefficients[None], error[None], capacity=capacity)
-
-
-def stationarity(point: Array, control_points: Array, weights: Array | None) -> tuple[Array, Array]:
-    """Bernstein coefficients of (P - B).B', times w^3 on rational segments, and a bound of their absolute error.
-
-    With e = P - b and h the control points of the hodograph (or of x'w - xw'), each coefficient is a sum of products
-    e_i.h_j with weights c_ij that are non-negative and sum to one. Rounding: e, h and the product table err by a few
-    relative u each (h sums at most degree + 1 terms, all rounded from exact differences), so a coefficient is off by
-    at most gamma(4 n + dim + 16) times max |e| max sum |h terms|; components are summed, not rooted.
-    Source: Cao et al. 2014, equation (10) with its indices corrected.
-    """
-    n = control_points.shape[0] - 1
-    e = point - control_points
-    if n == 0:
-        return jnp.zeros((2,), e.dtype), jnp.zeros((), e.dtype)
-    if weights is None:
-        h, size = bernstein.derivative(control_points, axis=0), _difference_size(control_points)
-    else:
-        # The factor w > 0 of P w - x = w (P - b) leaves the roots alone; so does a common scale.
-        e = e * weights[:, None]
-        h, size = wronskian(control_points, weights), _wronskian_size(control_points, weights)
-    error = gamma(4 * n + point.shape[0] + 16, e.dtype) * jnp.sum(jnp.max(jnp.abs(e), axis=0) * size)
-    return bernstein.dot(e, h), error + 64 * (n + 1) * smallest_normal(e.dtype)
-
-
-def _difference_size(control_points: Array) -> Array:
-    return (control_points.shape[0] - 1) * jnp.max(jnp.abs(jnp.diff(control_points, axis=0)), axis=0)
-
-
-def _wronskian_size(control_points: Array, weights: Array) -> Array:
-    """Largest sum of absolute terms of the coefficients of x'w - xw', per component."""
-    return jnp.max(wronskian(control_points, weights, absolute=True), axis=0)
 
 
 def _nearest_of_roots(
@@ -387,62 +349,4 @@ def _nearest_of_roots(
         closed=~jnp.any(_failed(roots.result)),
         steps=jnp.sum(roots.boxes),
     )
-    return found, RESULTS.where(found.closed, RESULTS.successful, RESULTS.capacity_reached)
-
-
-def _best_local(
-    point: Array, curve: BezierSegments, local: Callable[[Array, Array | None, Array], tuple[Array, Array]]
-) -> tuple[Nearest, Any]:
-    """The best of all ends and of one foot a segment by a local method that returns parameter and number of steps."""
-    offsets = point - curve.control_points
-    radius = jnp.max(jnp.abs(offsets), axis=(1, 2))
-
-    def of_segment(e: Array, w: Array | None, r: Array) -> tuple:
-        start = jnp.argmin(jnp.sum(e * e, axis=-1)) / max(e.shape[0] - 1, 1)
-        s, steps = local(e, w, start.astype(e.dtype))
-        return s, steps, *length_bound(jet(e, w, s).point, e.shape[0] - 1, r)
-
-    s, steps, distance, upper = jax.vmap(of_segment)(offsets, curve.weights, radius)
-    k = jnp.argmin(upper)
-    inner = Nearest(distance[k], jnp.zeros_like(radius[k]), upper[k], k, s[k], jnp.array(True), jnp.sum(steps))
-    end = best_end(offsets, radius)
-    nearer = inner.upper < end.upper
-    best = jax.tree_util.tree_map(lambda x, y: jnp.where(nearer, x, y), inner, end)
-    return eqx.tree_at(lambda n: (n.closed, n.steps), best, (inner.closed, inner.steps)), RESULTS.successful
-
-
-def _height(e: Array, w: Array | None, s: Array) -> Array:
-    c = jet(e, w, s).point
-    return c @ c
-
-
-def _halve(
-    e: Array, w: Array | None, start: Array, interval: float, tolerance: float, max_steps: int
-) -> tuple[Array, Array]:
-    """Interval halving: move to the better neighbour, or halve the interval where the middle is best."""
-
-    def step(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        s, width, count = state
-        around = jnp.clip(jnp.stack([s, s - width, s + width]), 0.0, 1.0)
-        best = jnp.argmin(jax.vmap(lambda s: _height(e, w, s))(around))
-        return around[best], jnp.where(best == 0, 0.5 * width, width), count + 1
-
-    state = (start, jnp.full_like(start, interval), jnp.array(0))
-    s, _, count = jax.lax.while_loop(lambda x: (x[1] > tolerance) & (x[2] < max_steps), step, state)
-    return s, count
-
-
-def _newton(e: Array, w: Array | None, start: Array, tolerance: float, max_steps: int) -> tuple[Array, Array]:
-    """Newton's method on C.C' = 0, kept in [0, 1]; where the slope vanishes it stays."""
-
-    def step(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        s, _, count = state
-        c = jet(e, w, s)
-        slope = c.first @ c.first + c.point @ c.second
-        moved = jnp.where(slope != 0, s - c.point @ c.first / jnp.where(slope != 0, slope, 1.0), s)
-        moved = jnp.clip(moved, 0.0, 1.0)
-        return moved, jnp.abs(moved - s), count + 1
-
-    state = (start, jnp.full_like(start, jnp.inf), jnp.array(0))
-    s, _, count = jax.lax.while_loop(lambda x: (x[1] > tolerance) & (x[2] < max_steps), step, state)
-    return s, count
+    return found, result_where(found.closed, RESULTS.successful, RESULTS.capacity_reached)

@@ -13,34 +13,24 @@ Changes to the source: a maximum at an end of b is a maximum along a, not a mini
 continuation instead of ranked by length; corners of both curves and feet at ends are events. The method proves a lower
 bound only: it can miss a maximum that lies between samples.
 
-Source: Cao et al. 2014, A two-step method for the Hausdorff distance between planar curves, sections 3 and 4.
+Source: Cao, Dong and Cao, Computation of Hausdorff distance between planar curves, 2014, sections 3 and 4.
 """
 
 import math
-from collections.abc import Callable
-from functools import partial
 from typing import Literal, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma
-from jhd.distance.events import (
-    Branch,
-    FootState,
-    describe,
-    event_residual,
-    follow_foot,
-    piece_of,
-    preceding,
-)
+from jhd.distance.events import describe, piece_of, preceding
 from jhd.distance.jets import jet
 from jhd.distance.method import AbstractHausdorffMethod
 from jhd.distance.nearest import Nearest, in_chunks, nearest, repeated
 from jhd.distance.prepare import preparation_error
+from jhd.distance.refinement import COARSE, Bracket, Pair, candidates, lengths
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import RESULTS, HausdorffSolution
 
@@ -50,19 +40,10 @@ _SAMPLES, _LEAST, _MOST = 512, 6, 128
 _LANES = 8
 # Free places for the halves of intervals that a third branch cuts.
 _EXTRA = 32
-# Samples whose nearest points are searched together: more wait for the slowest of them, fewer do not fill the vector units.
+# Samples searched side by side: more wait for the slowest of them, fewer do not fill the vector units.
 _CHUNK = 128
-# Newton steps that follow a foot over an interval, and those of a polish.
-_FOLLOW, _POLISH = 6, 16
-# Share of an interval at which bisection hands over to Newton's method, and where it ends if Newton fails.
-_COARSE, _FINE = 2.0**-8, 2.0**-44
 # Arc length of an interval in units of its chord, for ranking only.
 _ARC = 1.25
-# Differences of squared distances below this are none: rounding leaves about 1e-15 in the common coordinates.
-_EQUAL = 1e-14
-# Residual of the equations, in the common coordinates, that a polished event leaves.
-_RESIDUAL = 1e-13
-_NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
 
 
 class TwoStep(AbstractHausdorffMethod):
@@ -90,7 +71,7 @@ class TwoStep(AbstractHausdorffMethod):
     def directed(self, a: BezierSegments, b: BezierSegments) -> HausdorffSolution:
         """One direction in common coordinates."""
         skip = (repeated(curve.control_points, curve.weights) for curve in (a, b))
-        pair = _Pair(a, b, preceding(b.following), *skip)
+        pair = Pair(a, b, preceding(b.following), *skip)
         samples = _sampled(pair, self._parameters(a))
         brackets = _brackets(samples)
         best = _best_sample(samples)
@@ -120,14 +101,6 @@ class TwoStep(AbstractHausdorffMethod):
         return jax.vmap(lambda k: _by_curvature(a, k, count))(jnp.arange(a.count))
 
 
-class _Pair(NamedTuple):
-    a: BezierSegments
-    b: BezierSegments
-    before: Array
-    skip_a: Array
-    skip_b: Array
-
-
 class _Samples(NamedTuple):
     """Feet and distances of the samples of a; axes (segments, samples + 1)."""
 
@@ -141,19 +114,6 @@ class _Samples(NamedTuple):
     foot: Array
 
 
-class _Bracket(NamedTuple):
-    """An interval of a segment of a with the feet of both ends, and the largest distance that it may hold."""
-
-    key: Array
-    segment: Array
-    t0: Array
-    t1: Array
-    k0: Array
-    s0: Array
-    k1: Array
-    s1: Array
-
-
 class _Best(NamedTuple):
     distance: Array
     lower: Array
@@ -162,7 +122,7 @@ class _Best(NamedTuple):
 
 
 class _State(NamedTuple):
-    brackets: _Bracket
+    brackets: Bracket
     best: _Best
     rounds: Array
     cuts: Array
@@ -199,7 +159,7 @@ def _normalised(x: Array) -> Array:
     return x / jnp.where(total > 0, total, 1.0)
 
 
-def _nearest_all(pair: _Pair, points: Array, skip: Array) -> Nearest:
+def _nearest_all(pair: Pair, points: Array, skip: Array) -> Nearest:
     """Proven nearest points for rows of points, in chunks; rows to skip get bounds that are true and wide."""
     b = pair.b
 
@@ -210,7 +170,7 @@ def _nearest_all(pair: _Pair, points: Array, skip: Array) -> Nearest:
     return in_chunks(search, (points, jnp.where(skip, jnp.inf, 0.0)), _CHUNK)
 
 
-def _sampled(pair: _Pair, t: Array) -> _Samples:
+def _sampled(pair: Pair, t: Array) -> _Samples:
     a, b = pair.a, pair.b
     segments = jnp.arange(a.count)
     jets = jax.vmap(lambda k, ts: jax.vmap(lambda u: jet(*piece_of(a, k), u))(ts))(segments, t)
@@ -228,11 +188,11 @@ def _best_sample(samples: _Samples) -> _Best:
     return _Best(samples.distance.ravel()[index], samples.lower.ravel()[index], segment, samples.t.ravel()[index])
 
 
-def _brackets(samples: _Samples) -> _Bracket:
+def _brackets(samples: _Samples) -> Bracket:
     """Intervals between samples that may hold a local maximum, followed by free places."""
     d, left, right = samples.distance, slice(None, -1), slice(1, None)
-    chord = _norm(samples.point[:, right] - samples.point[:, left])
-    feet_apart = _norm(samples.foot[:, right] - samples.foot[:, left])
+    chord = lengths(samples.point[:, right] - samples.point[:, left])
+    feet_apart = lengths(samples.foot[:, right] - samples.foot[:, left])
     rises_and_falls = (samples.slope[:, left] > 0) & (samples.slope[:, right] < 0)
     peak = (d[:, 1:-1] > d[:, :-2]) & (d[:, 1:-1] >= d[:, 2:]) | (d[:, 1:-1] >= d[:, :-2]) & (d[:, 1:-1] > d[:, 2:])
     peak = jnp.pad(peak, ((0, 0), (1, 1)), constant_values=True)
@@ -245,20 +205,16 @@ def _brackets(samples: _Samples) -> _Bracket:
     fields = (key, segment, ends[0], ends[1], ends[2], ends[4], ends[3], ends[5])
     fill = (-jnp.inf, 0, 0.0, 0.0, 0, 0.0, 0, 0.0)
     flat = (jnp.pad(x.ravel(), (0, _EXTRA), constant_values=v) for x, v in zip(fields, fill, strict=True))
-    return _Bracket(*flat)
+    return Bracket(*flat)
 
 
-def _norm(x: Array) -> Array:
-    return jnp.sqrt(jnp.sum(x * x, axis=-1))
-
-
-def _round(pair: _Pair, state: _State) -> _State:
+def _round(pair: Pair, state: _State) -> _State:
     """Refines the intervals with the largest keys and takes the best of their candidates."""
     brackets, best = state.brackets, state.best
     keys, index = jax.lax.top_k(brackets.key, _LANES)
-    lanes = _Bracket(*(x[index] for x in brackets))
+    lanes = Bracket(*(x[index] for x in brackets))
     live = keys > best.distance
-    t, tracked = _candidates(pair, lanes)
+    t, tracked = candidates(pair, lanes)
     points = jax.vmap(lambda k, ts: jax.vmap(lambda u: jet(*piece_of(pair.a, k), u).point)(ts))(lanes.segment, t)
     found = _nearest_all(pair, points.reshape(-1, pair.a.dim), jnp.repeat(~live, t.shape[1]))
     found = jax.tree_util.tree_map(lambda x: x.reshape(t.shape), found)
@@ -274,181 +230,26 @@ def _round(pair: _Pair, state: _State) -> _State:
     return _State(_stored(brackets, halves), best, state.rounds + 1, state.cuts + jnp.sum(live & cut))
 
 
-def _stored(brackets: _Bracket, new: _Bracket) -> _Bracket:
+def _stored(brackets: Bracket, new: Bracket) -> Bracket:
     """Puts the new intervals where the smallest keys are, unless those are larger."""
     _, worst = jax.lax.top_k(-brackets.key, new.key.shape[0])
     take = new.key > brackets.key[worst]
-    return _Bracket(*(old.at[worst].set(jnp.where(take, x, old[worst])) for old, x in zip(brackets, new, strict=True)))
+    return Bracket(*(old.at[worst].set(jnp.where(take, x, old[worst])) for old, x in zip(brackets, new, strict=True)))
 
 
 def _halves(
-    pair: _Pair, lanes: _Bracket, t: Array, tracked: Array, found: Nearest, points: Array
-) -> tuple[_Bracket, Array]:
+    pair: Pair, lanes: Bracket, t: Array, tracked: Array, found: Nearest, points: Array
+) -> tuple[Bracket, Array]:
     """The two parts of each interval about its best candidate, wanted where a branch not followed is nearer there."""
     which = jnp.argmax(tracked, axis=1)
     pick = lambda x: jnp.take_along_axis(x, which[:, None], axis=1)[:, 0]  # noqa: E731
     cut_at, true, followed = pick(t), pick(found.distance), pick(tracked)
     k, s = pick(found.segment), pick(found.t)
     width = lanes.t1 - lanes.t0
-    inside = (cut_at > lanes.t0 + _COARSE * width) & (cut_at < lanes.t1 - _COARSE * width)
-    cut = (followed > true + 1e-13) & inside & (width > _COARSE**4)
+    inside = (cut_at > lanes.t0 + COARSE * width) & (cut_at < lanes.t1 - COARSE * width)
+    cut = (followed > true + 1e-13) & inside & (width > COARSE**4)
     left = lanes._replace(t1=cut_at, k1=k, s1=s)
     right = lanes._replace(t0=cut_at, k0=k, s0=s)
-    both = _Bracket(*(jnp.concatenate([x, y]) for x, y in zip(left, right, strict=True)))
+    both = Bracket(*(jnp.concatenate([x, y]) for x, y in zip(left, right, strict=True)))
     # What was followed bounds what the parts can hold, beside their keys.
     return both._replace(key=jnp.tile(jnp.minimum(lanes.key, followed), 2)), cut
-
-
-def _candidates(pair: _Pair, lanes: _Bracket) -> tuple[Array, Array]:
-    """Refined parameters of the three candidates of each interval, and the distances of the feet that were followed.
-
-    The candidates are the crossing of the two branches, and an antipodal event of each branch on its side of it.
-    """
-    # A second, finer pass only where Newton's method failed for some candidate; a loop, so that it is compiled once.
-
-    def refine(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        turn, t, ok = state
-        refined = _refined(pair, lanes, jnp.where(turn == 0, _COARSE, _FINE))
-        polished, good = jax.vmap(_polished, in_axes=(None, 0, 0))(pair, lanes, refined)
-        return turn + 1, jnp.where(ok, t, polished), ok | good
-
-    shape = (lanes.t0.shape[0], 3)
-    start = (jnp.array(0), jnp.zeros(shape, lanes.t0.dtype), jnp.zeros(shape, bool))
-    _, t, _ = jax.lax.while_loop(lambda s: (s[0] == 0) | ((s[0] == 1) & ~jnp.all(s[2])), refine, start)
-    return t, jax.vmap(_followed, in_axes=(None, 0, 0))(pair, lanes, t)
-
-
-class _Refined(NamedTuple):
-    """Bisected candidates of one interval: parameter, whether there is an event, and the feet of both branches."""
-
-    t: Array
-    wanted: Array
-    x: FootState
-    y: FootState
-
-
-def _point(pair: _Pair, bracket: _Bracket, t: Array) -> Array:
-    return jet(*piece_of(pair.a, bracket.segment), t).point
-
-
-@jax.jit
-def _branch(pair: _Pair, bracket: _Bracket, t: Array, from_right: Array) -> FootState:
-    """The foot at t on the branch of the left or of the right end."""
-    k, s = jnp.where(from_right, bracket.k1, bracket.k0), jnp.where(from_right, bracket.s1, bracket.s0)
-    return follow_foot(_point(pair, bracket, t), pair.b, pair.before, k, s, _FOLLOW)
-
-
-@jax.jit
-def _lead(t: Array, args: tuple[_Pair, _Bracket]) -> Array:
-    """How much farther (squared) the right end's branch is than the left end's; positive before the crossing."""
-    pair, bracket = args
-    feet = jax.vmap(lambda right: _branch(pair, bracket, t, right))(jnp.array([False, True])).point
-    return (2 * _point(pair, bracket, t) - feet[0] - feet[1]) @ (feet[0] - feet[1])
-
-
-@jax.jit
-def _rise(t: Array, args: tuple[_Pair, _Bracket, Array]) -> Array:
-    """(A - B).A' on one branch: the sign of the slope of its distance."""
-    pair, bracket, from_right = args
-    here = jet(*piece_of(pair.a, bracket.segment), t)
-    return (here.point - _branch(pair, bracket, t, from_right).point) @ here.first
-
-
-def _refined(pair: _Pair, lanes: _Bracket, width: Array) -> _Refined:
-    """Bisection of all intervals to a share `width` of each."""
-
-    def crossing(bracket: _Bracket) -> tuple[Array, Array]:
-        args = (pair, bracket)
-        at0, at1 = jax.vmap(_lead, in_axes=(0, None))(jnp.stack([bracket.t0, bracket.t1]), args)
-        tau = _bisected(_lead, bracket.t0, bracket.t1, at0, at1, args, width)
-        # Branches that meet at one end are one foot there; which of them leads at the other end then holds throughout.
-        apart = (at0 > _EQUAL) & (at1 < -_EQUAL)
-        return jnp.where(apart, tau, jnp.where(at1 < -_EQUAL, bracket.t0, bracket.t1)), apart
-
-    tau, apart = jax.vmap(crossing)(lanes)
-
-    def side(bracket: _Bracket, tau: Array, from_right: Array) -> tuple[Array, Array]:
-        args = (pair, bracket, from_right)
-        low, high = jnp.where(from_right, tau, bracket.t0), jnp.where(from_right, bracket.t1, tau)
-        at_low, at_high = jax.vmap(_rise, in_axes=(0, None))(jnp.stack([low, high]), args)
-        found = (at_low > 0) & (at_high < 0)
-        t = _bisected(_rise, low, high, at_low, at_high, args, width)
-        # Without a change of sign the larger end of the side stands in.
-        return jnp.where(found, t, jnp.where(at_low > 0, high, low)), found
-
-    both = jnp.array([False, True])
-    sides, found = jax.vmap(jax.vmap(side, in_axes=(None, None, 0)), in_axes=(0, 0, None))(lanes, tau, both)
-    t = jnp.concatenate([tau[:, None], sides], axis=1)
-    wanted = jnp.concatenate([apart[:, None], found], axis=1)
-
-    def feet(bracket: _Bracket, ts: Array, right: Array) -> FootState:
-        return jax.vmap(lambda u: _branch(pair, bracket, u, right))(ts)
-
-    at = jax.vmap(jax.vmap(feet, in_axes=(0, 0, None)), in_axes=(None, None, 0))(lanes, t, both)
-    return _Refined(t, wanted, FootState(*(x[0] for x in at)), FootState(*(x[1] for x in at)))
-
-
-def _bisected(
-    residual: Callable, low: Array, high: Array, at_low: Array, at_high: Array, args: tuple, width: Array
-) -> Array:
-    """The place where a residual falls from positive to negative, to a share `width` of the interval.
-
-    The solver wants the interval and the residual below one tolerance, so both are scaled to order one.
-    """
-    scale = jnp.maximum(jnp.maximum(jnp.abs(at_low), jnp.abs(at_high)), jnp.finfo(low.dtype).tiny)
-    solution = optx.root_find(
-        partial(_scaled, residual),
-        optx.Bisection(rtol=0.0, atol=width, flip=True),
-        jnp.full_like(low, 0.5),
-        (low, high, scale, args),
-        options={"lower": jnp.zeros_like(low), "upper": jnp.ones_like(low)},
-        max_steps=64,
-        throw=False,
-    )
-    return low + jnp.clip(solution.value, 0.0, 1.0) * (high - low)
-
-
-def _scaled(residual: Callable, share: Array, args: tuple) -> Array:
-    low, high, scale, inner = args
-    return residual(low + share * (high - low), inner) / scale
-
-
-def _polished(pair: _Pair, bracket: _Bracket, refined: _Refined) -> tuple[Array, Array]:
-    """Newton's method from the bisected candidates; returns parameters and whether each can be trusted."""
-    piece = piece_of(pair.a, bracket.segment)
-
-    def branch(foot: FootState) -> Branch:
-        return Branch(piece_of(pair.b, foot.segment), foot.pinned, foot.s)
-
-    def newton(t: Array, first: FootState, second: FootState, two: Array) -> tuple[Array, Array]:
-        start = jnp.stack([t, first.s, second.s])
-        args = (piece, branch(first), branch(second), two)
-        options = {
-            "lower": jnp.zeros_like(start).at[0].set(bracket.t0),
-            "upper": jnp.ones_like(start).at[0].set(bracket.t1),
-        }
-        solution = optx.root_find(event_residual, _NEWTON, start, args, options=options, max_steps=_POLISH, throw=False)
-        left = jnp.max(jnp.abs(event_residual(solution.value, args)))
-        return solution.value[0], jnp.isfinite(left) & (left <= _RESIDUAL)
-
-    # The crossing has both branches as feet; the antipodal candidates one, of the left and of the right end.
-    turned = jnp.array([False, False, True])
-    first = _chosen(turned, refined.y, refined.x)
-    t, good = jax.vmap(newton)(refined.t, first, refined.y, jnp.array([True, False, False]))
-    near = jnp.abs(t - refined.t) <= 4 * _COARSE * (bracket.t1 - bracket.t0)
-    use = refined.wanted & good & near
-    return jnp.where(use, t, refined.t), use | ~refined.wanted
-
-
-def _chosen(turned: Array, x: FootState, y: FootState) -> FootState:
-    return FootState(*(jnp.where(turned.reshape(-1, *[1] * (u.ndim - 1)), u, v) for u, v in zip(x, y, strict=True)))
-
-
-def _followed(pair: _Pair, bracket: _Bracket, t: Array) -> Array:
-    """Distance to the nearer of the two branches at each parameter."""
-
-    def one(t: Array) -> Array:
-        feet = jax.vmap(lambda right: _branch(pair, bracket, t, right))(jnp.array([False, True])).point
-        return jnp.min(_norm(_point(pair, bracket, t) - feet))
-
-    return jax.vmap(one)(t)

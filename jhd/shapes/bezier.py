@@ -3,7 +3,6 @@
 Source: Farin, Curves and Surfaces for CAGD, 5th edition (2002), chapters 4, 5 and 13.
 """
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jhd.arrays import real_array
@@ -60,11 +59,8 @@ class BezierCurve(AbstractCurve):
 
     def __call__(self, t: Numbers) -> Array:
         """Points at parameters t of any shape, in [0, 1] for the curve itself."""
-        t = real_array("t", t)[..., None]
-        h = self.homogeneous
-        value = evaluate(h.reshape(h.shape[0], *(1,) * (t.ndim - 1), h.shape[1]), t)
-        value = jnp.broadcast_to(value, (*t.shape[:-1], h.shape[1]))
-        return cartesian(value, self.weights is not None)[0]
+        weights = None if self.weights is None else self.weights[None]
+        return evaluate(self.control_points[None], weights, 0, real_array("t", t))
 
     def segments(self) -> BezierSegments:
         """The curve as one segment."""

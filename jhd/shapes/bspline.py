@@ -19,7 +19,7 @@ from jhd.shapes.checks import Numbers, check_control_points, checked_between
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
 from jhd.shapes.homogeneous import cartesian, elevate, hodograph, homogeneous
 from jhd.shapes.joints import completed
-from jhd.shapes.knots import bezier_pieces, evaluate, insert, ratio
+from jhd.shapes.knots import bezier_pieces, evaluate, insert, ratio, unrolled
 
 # Knots of a periodic spline repeat to this many ulp of the largest knot: one subtraction and one addition each way.
 _KNOT_ULPS = 8
@@ -165,12 +165,9 @@ class BSplineCurve(AbstractCurve):
 
     def _unrolled(self) -> tuple[Array, Array]:
         """Homogeneous points and knots of the open spline with the same curve over the same domain."""
-        h, knots, p = self.homogeneous, self.knots, self.degree
-        if not self.periodic:
-            return h, knots
-        # Relative to the last knot, so that rounding cannot make the knots decrease.
-        tail = knots[-1] + (knots[p + 1 : 2 * p + 1] - knots[p])
-        return jnp.concatenate([h, h[:p]]), jnp.concatenate([knots, tail])
+        h, p = self.homogeneous, self.degree
+        repeated = jnp.concatenate([h, h[:p]]) if self.periodic else h
+        return repeated, unrolled(self.knots, p, self.periodic)
 
     def __call__(self, t: Numbers) -> Array:
         """Points at parameters t of any shape, by de Boor's algorithm."""
@@ -188,8 +185,8 @@ class BSplineCurve(AbstractCurve):
     def segments(self) -> BezierSegments:
         """One Bezier segment for each knot span of the domain; an empty span gives a segment that is one point.
 
-        Consecutive segments share their joint bit by bit, and are marked as joined, wherever the multiplicity of the
-        knot leaves the curve continuous; elsewhere where the points agree.
+        A segment starts with the end of the one before it, and is marked as joined to it, wherever the multiplicity of
+        the knot leaves the curve continuous; elsewhere where the points agree.
         """
         points, weights, jumps = self._pieces()
         xp = jnp if is_traced(jumps) else np
@@ -221,7 +218,7 @@ class BSplineCurve(AbstractCurve):
         return BSplineCurve(p * ratio(steps, widths), knots, None, self.periodic)
 
     def _breaks(self) -> Array:
-        knots = self._unrolled()[1]
+        knots = unrolled(self.knots, self.degree, self.periodic)
         return knots[self.degree : knots.shape[0] - self.degree]
 
     def _from_pieces(self, points: Array, weights: Array | None, breaks: Array) -> "BSplineCurve":
@@ -231,7 +228,9 @@ class BSplineCurve(AbstractCurve):
         return BSplineCurve(points.reshape(-1, dim), jnp.repeat(breaks, count), flat, self.periodic)
 
     def elevate(self, degree: int) -> "BSplineCurve":
-        """The same curve in a higher degree; its knots then have multiplicity degree + 1, one for each Bezier piece.
+        """The same curve in a higher degree, with every knot of the domain degree + 1 times.
+
+        Where Bezier segments are wanted, raise `segments()` instead: the knots of this spline have many empty spans.
 
         Raises:
             ValueError: degree is below the one of the curve.
@@ -255,10 +254,10 @@ class BSplineCurve(AbstractCurve):
         """
         if is_traced(t, self.knots):
             raise TypeError("split of a BSplineCurve needs concrete t and knots: the numbers of points depend on them.")
-        u = checked_between("t", t, *self.domain)
-        knots = np.asarray(self._unrolled()[1])
-        below, present = int(np.sum(knots < np.asarray(u))), int(np.sum(knots == np.asarray(u)))
-        return self._parts(u, below, present)
+        knots, p = unrolled(np.asarray(self.knots), self.degree, self.periodic), self.degree
+        u = checked_between("t", t, knots[p], knots[len(knots) - 1 - p])
+        place = np.asarray(t, dtype=knots.dtype)
+        return self._parts(u, int(np.sum(knots < place)), int(np.sum(knots == place)))
 
     @eqx.filter_jit
     def _parts(self, u: Array, below: int, present: int) -> tuple["BSplineCurve", "BSplineCurve"]:

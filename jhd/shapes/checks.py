@@ -41,13 +41,17 @@ def _count(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape)) if shape else "no axis"
 
 
-def checked_between(name: str, t: Numbers, lower: float | Array, upper: float | Array) -> Array:
+def checked_between(name: str, t: Numbers, lower: ArrayLike, upper: ArrayLike) -> Array:
     """The scalar t as an array; ValueError unless it lies strictly between the bounds; tracers pass."""
     value = real_array(name, t)
     if value.ndim:
         raise ValueError(f"{name} has shape {value.shape}; needs a scalar.")
-    if not is_traced(value, lower, upper) and not lower < value < upper:
-        raise ValueError(f"{name} is {float(value):g}; needs {float(lower):g} < {name} < {float(upper):g}.")
+    if is_traced(t, lower, upper):
+        return value
+    # From t and not from the array, which is a tracer wherever a function is being compiled.
+    number, low, high = (float(np.asarray(x)) for x in (t, lower, upper))
+    if not low < number < high:
+        raise ValueError(f"{name} is {number:g}; needs {low:g} < {name} < {high:g}.")
     return value
 
 

@@ -13,7 +13,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from jhd.arrays import is_traced, real_array
@@ -150,17 +149,15 @@ class BezierSegments(AbstractCurve):
         control_points, following = convert.outline_arrays(convert.geometry_contours(geometry))
         return BezierSegments(control_points, None, completed(following, jnp.asarray(control_points)))
 
-    def point(self, segment: ArrayLike, t: ArrayLike) -> Array:
+    def point(self, segment: Numbers, t: Numbers) -> Array:
         """Points of the named segments at local parameters in [0, 1]; both arrays broadcast."""
-        segment, t = jnp.broadcast_arrays(jnp.asarray(segment), jnp.asarray(t, dtype=float))
-        pieces = self.homogeneous[segment]
-        return cartesian(evaluate(jnp.moveaxis(pieces, -2, 0), t[..., None]), self.weights is not None)[0]
+        return evaluate(self.control_points, self.weights, jnp.asarray(segment), real_array("t", t))
 
     def __call__(self, t: Numbers) -> Array:
         """Points at global parameters in [0, segments]: segment k carries [k, k + 1]."""
         t = real_array("t", t)
-        segment = jnp.clip(jnp.floor(t).astype(int), 0, self.count - 1)
-        return self.point(segment, t - segment)
+        segment = jnp.clip(jnp.floor(t), 0, self.count - 1)
+        return evaluate(self.control_points, self.weights, segment.astype(int), t - segment)
 
     def segments(self) -> "BezierSegments":
         """The curve itself."""
@@ -180,7 +177,8 @@ class BezierSegments(AbstractCurve):
         """
         if is_traced(t):
             raise TypeError("split of BezierSegments needs a concrete t: the numbers of segments depend on it.")
-        t = float(checked_between("t", t, 0.0, self.count))
+        checked_between("t", t, 0.0, float(self.count))
+        t = float(np.asarray(t))
         whole, inside = int(t), int(t != int(t))
         first, last = cut(self.homogeneous, t - whole, whole, inside)
         xp = jnp if is_traced(self.following) else np

@@ -15,6 +15,7 @@ from jaxtyping import Array
 from jhd.arithmetic import bernstein
 
 
+@jax.jit
 def homogeneous(control_points: Array, weights: Array | None) -> Array:
     """The points times their weights with the weights as one more coordinate, or the points where there are none."""
     if weights is None:
@@ -24,17 +25,28 @@ def homogeneous(control_points: Array, weights: Array | None) -> Array:
 
 def cartesian(homogeneous: Array, rational: bool) -> tuple[Array, Array | None]:
     """Points and weights of an array in homogeneous form; the weights are None where it is not rational."""
-    if not rational:
-        return homogeneous, None
+    return _quotient(homogeneous) if rational else (homogeneous, None)
+
+
+@jax.jit
+def _quotient(homogeneous: Array) -> tuple[Array, Array]:
     weights = homogeneous[..., -1]
     return homogeneous[..., :-1] / weights[..., None], weights
 
 
 # Each of these is many small operations, which take longer to compile one by one than together.
-evaluate = jax.jit(partial(bernstein.evaluate, axis=0))
 restrict = jax.jit(partial(bernstein.restrict, axis=-2))
 split = jax.jit(partial(bernstein.split, axis=-2))
 elevate = jax.jit(partial(bernstein.elevate, axis=-2), static_argnames="target")
+
+
+@jax.jit
+def evaluate(control_points: Array, weights: Array | None, segment: ArrayLike, t: ArrayLike) -> Array:
+    """Points of the named ones of the segments (segments, points, dim) at t; both arrays broadcast."""
+    segment, t = jnp.broadcast_arrays(jnp.asarray(segment), jnp.asarray(t))
+    pieces = homogeneous(control_points, weights)[segment]
+    value = bernstein.evaluate(jnp.moveaxis(pieces, -2, 0), t[..., None], axis=0)
+    return cartesian(value, weights is not None)[0]
 
 
 @partial(jax.jit, static_argnames=("whole", "inside"))

@@ -8,6 +8,8 @@ Source: Ramshaw, Blossoms are polar forms, CAGD 6 (1989); Boehm, Inserting new k
 (1980).
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -51,6 +53,15 @@ def bezier_points(points: Array, knots: Array, lower: Array, upper: Array) -> Ar
     return jax.vmap(lambda row: blossom(points, knots, row))(arguments)
 
 
+def unrolled(knots: Any, p: int, periodic: bool) -> Any:
+    """Knots of the open spline over the same domain, as NumPy or JAX arrays, whichever came."""
+    if not periodic:
+        return knots
+    xp = np if isinstance(knots, np.ndarray) else jnp
+    # Relative to the last knot, so that rounding cannot make the knots decrease.
+    return xp.concatenate([knots, knots[-1] + (knots[p + 1 : 2 * p + 1] - knots[p])])
+
+
 def spans(knots: Array, p: int, periodic: bool) -> tuple[Array, Array, Array]:
     """For each piece of the domain the non-empty span that carries it, and the parameters of its ends.
 
@@ -80,7 +91,7 @@ def bezier_pieces(h: Array, knots: Array, p: int, periodic: bool) -> tuple[Array
     """Bezier points of all pieces of an unrolled spline, and before which pieces it may jump.
 
     It may where the multiplicity of the knot exceeds p, and before the first piece of an open curve there is nothing.
-    Elsewhere a piece starts with the very numbers with which the one before it ends.
+    Elsewhere a piece starts with the end of the one before it, so that rounding leaves no gap.
     """
     span, lower, upper = spans(knots, p, periodic)
     pieces = jax.vmap(lambda k, u, v: bezier_points(*local_arrays(h, knots, p, k), u, v))(span, lower, upper)
