@@ -81,10 +81,13 @@ class Example:
         """One peak: the sample, its neighbours, their feet, and the maximum between them."""
         around = [(k - 1) % len(self.t), k, (k + 1) % len(self.t)]
         solution = self.directed(self._stretch(around), self.b)
+        steps = float(solution.witness.segment + solution.witness.t)
+        t = (self.t[around[0]] + steps * (self.t[1] - self.t[0])) % (self.a.count if self.closed else np.inf)
         return {
             "sample": k,
             "around": around,
             "distance": self.distance[k],
+            "t": t,
             "solution": solution,
         }
 
@@ -133,25 +136,28 @@ def checked(solution: jhd.HausdorffSolution, a: jhd.BezierSegments, b: jhd.Bezie
     size = float(np.linalg.norm(both.max(axis=0) - both.min(axis=0)))
     value, t = directed_reference(*points)
     error = abs(float(solution.value) - value)
-    return {"solution": solution, "reference": value, "reference_t": t, "error": error, "relative_error": error / size}
+    found = {"solution": solution, "t": solution.witness.segment + solution.witness.t}
+    return {**found, "reference": value, "reference_t": t, "error": error, "relative_error": error / size}
 
 
 def table(record: dict[str, Any]) -> str:
     """Both directed distances and the candidates, lengths in mm to 1e-10."""
     record = plain(record)
     rows = [
-        [name, *_row(entry["solution"]), f"{entry['error']:.1e}"]
+        [name, *_row(entry), f"{entry['error']:.1e}"]
         for name, entry in (("h(A,B)", record["directions"]["a_to_b"]), ("h(B,A)", record["directions"]["b_to_a"]))
     ]
-    rows += [[f"sample {entry['sample']}", *_row(entry["solution"]), ""] for entry in record["candidates"]]
-    header = ["", "distance (mm)", "lower (mm)", "event", "point (mm)", "feet (mm)", "error (mm)"]
+    rows += [[f"sample {entry['sample']}", *_row(entry), ""] for entry in record["candidates"]]
+    header = ["", "distance (mm)", "lower (mm)", "event", "t", "point (mm)", "feet (mm)", "error (mm)"]
     return markdown(header, rows)
 
 
-def _row(solution: dict[str, Any]) -> list[str]:
+def _row(entry: dict[str, Any]) -> list[str]:
+    solution = entry["solution"]
     witness = solution["witness"]
     feet = [f"({x:.6f}, {y:.6f})" for x, y in witness["feet"]]
     distinct = feet[:1] if feet[0] == feet[1] else feet
     x, y = witness["point"]
     event = witness["event"].replace("_", " ")
-    return [f"{solution['value']:.10f}", f"{solution['lower']:.10f}", event, f"({x:.6f}, {y:.6f})", " ".join(distinct)]
+    lengths = [f"{solution[key]:.10f}" for key in ("value", "lower")]
+    return [*lengths, event, f"{entry['t']:.10f}", f"({x:.6f}, {y:.6f})", " ".join(distinct)]

@@ -7,7 +7,7 @@ reference is no proof: it samples densely, polishes every foot and climbs to the
 from math import comb, sqrt
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 # Samples of a segment in the search for feet, and of a whole curve in the search for maxima.
 _FEET, _MAXIMA = 64, 40_000
@@ -77,7 +77,7 @@ def directed_reference(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
     """Directed Hausdorff distance from a to b and its global parameter on a, to about 1e-14 of the size."""
     feet = Feet(b)
     t = np.linspace(0, len(a), len(a) * (_MAXIMA // len(a)) + 1)
-    d = cKDTree(sample(b, _MAXIMA // len(b))).query(evaluate(a, t))[0]
+    d = KDTree(sample(b, _MAXIMA // len(b))).query(evaluate(a, t))[0]
     wide = np.pad(d, 1, constant_values=-np.inf)
     tops = np.flatnonzero((d >= wide[:-2]) & (d >= wide[2:]))
     tops = tops[np.argsort(-d[tops])][:_CLIMBED]
@@ -108,4 +108,4 @@ def _climb(a: np.ndarray, feet: Feet, low: float, high: float) -> tuple[float, f
 
 def sampled_directed(a: np.ndarray, b: np.ndarray) -> float:
     """The largest distance from rows of a to the nearest row of b, by a k-d tree: what is done without curves."""
-    return float(cKDTree(b).query(a)[0].max())
+    return float(KDTree(b).query(a)[0].max())

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 
 from jhd.distance.method import AbstractHausdorffMethod
-from jhd.distance.prepare import prepare
+from jhd.distance.prepare import Frame, prepare
 from jhd.distance.two_step import TwoStep
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.solution import DIRECTIONS, HausdorffSolution, throw_unless_successful
@@ -35,7 +35,7 @@ def directed_hausdorff(
     """
     method = _checked(a, b, method)
     p, q, frame = prepare(a.segments(), b.segments())
-    return _finish(frame.solution(_directed(method, p, q)), throw)
+    return _finish(frame.solution(_directed(method, p, q, frame)), throw)
 
 
 def hausdorff(
@@ -59,13 +59,13 @@ def hausdorff(
     """
     method = _checked(a, b, method)
     p, q, frame = prepare(a.segments(), b.segments())
-    there, back = _directed(method, p, q), _directed(method, q, p)
+    there, back = _directed(method, p, q, frame), _directed(method, q, p, frame)
     return _finish(frame.solution(_larger(there, back)), throw)
 
 
 @eqx.filter_jit
-def _directed(method: AbstractHausdorffMethod, a: BezierSegments, b: BezierSegments) -> HausdorffSolution:
-    return method.directed(a, b)
+def _directed(method: AbstractHausdorffMethod, a: BezierSegments, b: BezierSegments, frame: Frame) -> HausdorffSolution:
+    return method.directed(a, b, frame)
 
 
 @eqx.filter_jit

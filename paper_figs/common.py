@@ -1,0 +1,164 @@
+"""What all figures share: arguments, numbers, sizes and colours for print.
+
+Sizes are those of a journal: 85 mm for one column, 175 mm for two, 8 pt text. Colours are those of Okabe & Ito; line
+styles, markers and labels tell the same things apart in grey. Nothing global is changed: figures are made inside the
+context `style()`.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
+
+import jhd
+
+BLACK, BLUE, ORANGE, GREEN, VERMILLION = "#000000", "#0072B2", "#E69F00", "#009E73", "#D55E00"
+PURPLE, GREY = "#CC79A7", "#707070"
+MM = 1 / 25.4
+TEXT = 8
+
+_HERE = Path(__file__).resolve().parent
+_STYLE: dict[Any, Any] = {
+    "font.size": TEXT,
+    "axes.titlesize": TEXT,
+    "axes.labelsize": TEXT,
+    "xtick.labelsize": TEXT,
+    "ytick.labelsize": TEXT,
+    "legend.fontsize": TEXT,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    # Text stays text in PDF files.
+    "pdf.fonttype": 42,
+}
+
+
+def style() -> AbstractContextManager:
+    """The context in which figures are made."""
+    return mpl.rc_context(_STYLE)
+
+
+class Picture:
+    """One run of a figure: the numbers of the experiment of the same name, and where the pictures go.
+
+    Args:
+        file: the figure's `__file__`.
+        text: its docstring, shown by --help.
+    """
+
+    def __init__(self, file: str, text: str | None):
+        parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+        parser.add_argument("--smoke", action="store_true", help="shrink everything: a test that it runs")
+        parser.add_argument("--out", type=Path, help="folder of pictures and numbers (default: the output folders)")
+        options = parser.parse_args()
+        self.name = Path(file).stem
+        self.smoke: bool = options.smoke
+        part = "smoke" if options.smoke else ""
+        self.folder: Path = options.out or _HERE / "output" / part
+        self.folder.mkdir(parents=True, exist_ok=True)
+        source = options.out or _HERE.parent / "experiments" / "output" / part
+        self.numbers = self._numbers(source / f"{self.name}.json")
+
+    def _numbers(self, file: Path) -> dict[str, Any]:
+        if not file.exists():
+            script = _HERE.parent / "experiments" / f"{self.name}.py"
+            flags = ["--smoke"] if self.smoke else []
+            subprocess.run([sys.executable, str(script), "--out", str(file.parent), *flags], check=True)
+        return json.loads(file.read_text(encoding="utf-8"))
+
+    def path(self, suffix: str) -> Path:
+        """NAME with a suffix such as `.gif` or `_errors.png`, in the folder of the pictures."""
+        return self.folder / f"{self.name}{suffix}"
+
+    def save(self, figure: Figure, part: str = "") -> None:
+        """Writes the figure as .png and .pdf, and says where."""
+        with style():
+            figure.savefig(self.path(part + ".png"), dpi=300)
+            # No date in the file: the same numbers give the same bytes.
+            figure.savefig(self.path(part + ".pdf"), metadata={"CreationDate": None})
+        print(self.path(part + ".png"))
+
+
+def letter(ax: Axes, text: str, title: str = "") -> None:
+    """The letter of a panel, bold, and what it shows, above its left edge."""
+    ax.set_title(f"$\\bf{{({text})}}$ {title}", loc="left", pad=3)
+
+
+def freeze(figure: Figure) -> None:
+    """Fixes the layout, so that what is placed afterwards by pixels stays in its place."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    figure.draw_without_rendering()
+
+
+def place_label(ax: Axes, point: Any, text: str, distance: float = 7.0) -> None:
+    """Writes beside a point, on whichever side the text covers the least of what is drawn (the layout is fixed)."""
+    halo = [withStroke(linewidth=2.0, foreground="white")]
+    note = ax.annotate(text, point, (0, 0), textcoords="offset points", path_effects=halo, zorder=9, linespacing=1.15)
+    others = [child for child in ax.texts if child is not note]
+    lines = np.concatenate([_dense(ax, line) for line in ax.lines])
+    best = np.inf
+    chosen = (0.0, 0.0, "center", "center")
+    for angle in np.arange(16) * np.pi / 8:
+        x, y = np.cos(angle), np.sin(angle)
+        ha = ("right", "center", "left")[int(np.sign(round(2 * x))) + 1]
+        va = ("top", "center", "bottom")[int(np.sign(round(2 * y))) + 1]
+        for reach in (1.0, 1.8, 3.0, 4.2):
+            note.set(position=(reach * distance * x, reach * distance * y), ha=ha, va=va)
+            box = note.get_window_extent().padded(3)
+            cost = box.count_contains(lines) + reach
+            cost += 1e4 * sum(box.overlaps(other.get_window_extent()) for other in others)
+            cost += 1e3 * (4 - ax.bbox.count_contains(box.corners()))
+            if cost < best:
+                best, chosen = cost, (reach * distance * x, reach * distance * y, ha, va)
+    note.set(position=chosen[:2], ha=chosen[2], va=chosen[3])
+
+
+def _dense(ax: Axes, line: Line2D) -> np.ndarray:
+    """Points along a drawn line in pixels, about two pixels apart."""
+    pixels = line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float))
+    if line.get_linestyle() == "None":
+        return pixels[np.isfinite(pixels).all(axis=1)]
+    steps = np.linspace(0, 1, 65)[:, None, None]
+    dense = ((1 - steps) * pixels[:-1] + steps * pixels[1:]).reshape(-1, 2)
+    return 2 * np.unique(np.round(dense[np.isfinite(dense).all(axis=1)] / 2), axis=0)
+
+
+def scale_bar(ax: Axes, length: float, unit: str, place: tuple[float, float]) -> None:
+    """A bar of this length in data units, centred at a place in axes coordinates, with its length in writing."""
+    x, y = ax.transData.inverted().transform(ax.transAxes.transform(place))
+    ends = [x - length / 2, x + length / 2]
+    ax.plot(ends, [y, y], color=BLACK, linewidth=1.6, solid_capstyle="butt", gid="scale_bar")
+    ax.annotate(f"{length:g} {unit}", (x, y), (0, -2.5), textcoords="offset points", ha="center", va="top")
+
+
+def bezier(control_points: Any) -> jhd.BezierSegments:
+    """The stored segments."""
+    return jhd.BezierSegments(np.asarray(control_points, dtype=float))
+
+
+def solution(stored: dict[str, Any]) -> jhd.HausdorffSolution:
+    """A solution from its stored numbers, for the parts of jhd.plot that take one."""
+    witness = dict(stored["witness"])
+    kinds = {"event": jhd.EVENTS, "direction": jhd.DIRECTIONS}
+    members = {key: getattr(kind, witness.pop(key)) for key, kind in kinds.items()}
+    arrays = {key: jnp.asarray(value) for key, value in witness.items()}
+    bounds = {key: jnp.asarray(jnp.inf if stored[key] is None else stored[key]) for key in ("value", "lower", "upper")}
+    result = getattr(jhd.RESULTS, stored["result"])
+    stats = {key: jnp.asarray(value) for key, value in stored["stats"].items()}
+    return jhd.HausdorffSolution(**bounds, witness=jhd.Witness(**arrays, **members), result=result, stats=stats)

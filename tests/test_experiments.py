@@ -1,0 +1,144 @@
+"""Experiments and figures: each has its namesake, says what it is for, runs small, and what it claims holds."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+# Modules that experiments or figures share.
+SHARED = "common"
+# What TwoStep and the proven projections promise, in units of the coordinates (some hundred, and some).
+ERROR = 1e-10
+
+
+def scripts(folder):
+    return sorted(p for p in (ROOT / folder).glob("*.py") if not p.stem.startswith(SHARED))
+
+
+EXPERIMENTS, FIGURES = scripts("experiments"), scripts("paper_figs")
+
+
+def names(paths):
+    return [path.stem for path in paths]
+
+
+def run(script, folder):
+    command = [sys.executable, str(script.relative_to(ROOT)), "--smoke", "--out", str(folder)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+def test_there_are_experiments():
+    assert len(EXPERIMENTS) >= 3
+
+
+def test_every_experiment_has_its_figure_and_every_figure_its_experiment():
+    assert names(EXPERIMENTS) == names(FIGURES)
+
+
+@pytest.mark.parametrize("script", EXPERIMENTS, ids=names(EXPERIMENTS))
+def test_an_experiment_states_question_claim_what_it_feeds_and_the_minutes(script):
+    text = ast.get_docstring(ast.parse(script.read_text(encoding="utf-8"))) or ""
+    assert text.split("\n")[0].endswith("?")
+    assert re.search(r"Claims?:", text)
+    assert re.search(r"^Feeds: ", text, re.MULTILINE)
+    assert re.search(r"^Takes: .*(minute|second)", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("script", FIGURES, ids=names(FIGURES))
+def test_a_figure_says_what_it_shows(script):
+    assert ast.get_docstring(ast.parse(script.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("script", [*EXPERIMENTS, *FIGURES], ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_a_script_computes_nothing_when_it_is_imported(script):
+    body = ast.parse(script.read_text(encoding="utf-8")).body
+    assert isinstance(body[-1], ast.If) and ast.unparse(body[-1].test) == "__name__ == '__main__'"
+
+
+def check_origin(numbers, name):
+    context = numbers["context"]
+    assert context["experiment"] == name and context["smoke"] is True
+    assert context["command"].startswith(f"python experiments/{name}.py --smoke")
+    assert isinstance(context["seed"], int) and context["device"]
+    assert {"python", "jhd", "jax", "numpy", "scipy"} <= context["versions"].keys()
+
+
+def check_directed(numbers):
+    for entry in numbers["directions"].values():
+        found = entry["solution"]
+        assert entry["error"] < ERROR
+        assert 0 < found["value"] - ERROR <= found["lower"] <= found["value"]
+        assert found["upper"] is None and found["result"] == "successful"
+    # Candidates lie on the curve, so none is farther than the farthest point; the best of them is that one.
+    best = max(c["solution"]["value"] for c in numbers["candidates"])
+    chosen = numbers["directions"]["a_to_b"]
+    assert abs(best - chosen["reference"]) < ERROR
+    # The maximum may be flat: its place is known to the root of its error.
+    assert min(abs(c["t"] - chosen["t"]) for c in numbers["candidates"]) < ERROR**0.5
+    for candidate in numbers["candidates"]:
+        assert candidate["solution"]["value"] >= candidate["distance"] - ERROR
+    shown = numbers["stationary"]
+    nearest = numbers["samples"]["distance"][shown["sample"]]
+    assert abs(min(shown["distance"]) - nearest) < ERROR
+
+
+def check_cao14_open_closed(numbers):
+    check_directed(numbers)
+    assert len(numbers["samples"]["t"]) == 11
+    assert {c["solution"]["witness"]["event"] for c in numbers["candidates"]} == {"antipodal", "one_to_two"}
+
+
+def check_cao14_closed_closed(numbers):
+    check_directed(numbers)
+    ours = [s for s in numbers["speeds"] if s["name"] == "TwoStep"]
+    samples = [s for s in numbers["speeds"] if s["name"] != "TwoStep"]
+    assert ours and samples
+    assert all(max(s["errors"]) < ERROR for s in ours)
+    assert all(min(s["errors"]) > ERROR for s in samples)
+    assert all(s["seconds"] > 0 and s["ratio"] > 0 for s in numbers["speeds"])
+
+
+def check_point_bezier(numbers):
+    for name, entries in numbers["random"]["methods"].items():
+        proven = name in ("ProjectedPolyhedron", "NearestSearch")
+        for entry in entries:
+            assert entry["lower_above"] < ERROR
+            assert entry["wrong"] == 0 if proven else 0.01 < entry["wrong"] < 0.3
+            assert not proven or entry["largest_error"] < ERROR
+    for name in ("ProjectedPolyhedron", "NearestSearch"):
+        assert np.max(np.abs(numbers["path"]["errors"][name])) < ERROR
+    ours, *samples = numbers["speed"]["entries"]
+    assert ours["error"] < ERROR and all(s["error"] > ERROR for s in samples)
+
+
+CHECKS = {name.removeprefix("check_"): f for name, f in list(globals().items()) if name.startswith("check_")}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", EXPERIMENTS, ids=names(EXPERIMENTS))
+def test_an_experiment_runs_small_and_its_claims_hold(script, tmp_path):
+    name = script.stem
+    printed = run(script, tmp_path)
+    assert (tmp_path / f"{name}.md").read_text(encoding="utf-8").strip() == printed.strip()
+    numbers = json.loads((tmp_path / f"{name}.json").read_text(encoding="utf-8"))
+    check_origin(numbers, name)
+    CHECKS.get(name, lambda _: None)(numbers)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", FIGURES, ids=names(FIGURES))
+def test_a_figure_runs_its_experiment_and_draws(script, tmp_path):
+    run(script, tmp_path)
+    assert (tmp_path / f"{script.stem}.json").exists()
+    assert (tmp_path / f"{script.stem}.png").read_bytes()[:4] == b"\x89PNG"
+    assert (tmp_path / f"{script.stem}.pdf").read_bytes()[:4] == b"%PDF"
+    if script.stem == "point_bezier":
+        assert (tmp_path / "point_bezier.gif").read_bytes()[:6] == b"GIF89a"
