@@ -9,6 +9,7 @@ if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "of
     _jax.config.update("jax_enable_x64", True)
 
 from jhd.distance import (  # noqa: E402
+    BranchAndBound,
     HybridProjection,
     IntervalHalving,
     NearestSearch,

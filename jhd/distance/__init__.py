@@ -1,5 +1,6 @@
 """Distances: projection, the Hausdorff methods and the entries."""
 
+from jhd.distance.branch_and_bound import BranchAndBound
 from jhd.distance.hausdorff import directed_hausdorff, hausdorff
 from jhd.distance.projection import (
     HybridProjection,

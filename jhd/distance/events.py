@@ -37,6 +37,13 @@ class Piece(NamedTuple):
     weights: Float[Array, " points"] | None
 
 
+class Place(NamedTuple):
+    """A point of a curve by its segment and parameter."""
+
+    segment: Array
+    t: Array
+
+
 class Branch(NamedTuple):
     """A foot on b that is followed along a: its piece, and where it is pinned."""
 
@@ -141,7 +148,7 @@ def _foot_at(point: Array, b: BezierSegments, segment: Array, s: Array) -> tuple
     return foot.point, (((s <= 0) | (s >= 1)) & moving) | isolated
 
 
-def describe(a: BezierSegments, b: BezierSegments, segment: Array, t: Array, size: Array) -> Witness:
+def describe(a: BezierSegments, b: BezierSegments, at: Place, foot: Place, size: Array) -> Witness:
     """The witness at the parameter (segment, t) of a: nearest feet on b, multipliers and the kind of event.
 
     All local feet that are equally near are gathered. Where two of them pull the distance opposite ways along a, the
@@ -151,12 +158,14 @@ def describe(a: BezierSegments, b: BezierSegments, segment: Array, t: Array, siz
     Args:
         a: the curve that carries the maximum.
         b: the other one.
-        segment: index of the segment of a.
-        t: its parameter.
+        at: the place of the maximum on a.
+        foot: its nearest point on b, as proven; it stands in where the local feet miss it, as at a cusp.
         size: largest extent of the pair, for the tolerances.
     """
+    segment, t = at
     here = jet(*piece_of(a, segment), t)
     segments, params = _local_feet(here.point, b)
+    segments, params = jnp.append(segments, foot.segment), jnp.append(params, foot.t)
     feet = jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point)(segments, params)
     distances = jnp.sqrt(jnp.sum((here.point - feet) ** 2, axis=-1))
     least = jnp.min(distances)

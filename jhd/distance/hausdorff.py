@@ -4,11 +4,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from jhd.distance.branch_and_bound import BranchAndBound
 from jhd.distance.method import AbstractHausdorffMethod
 from jhd.distance.prepare import Frame, prepare
-from jhd.distance.two_step import TwoStep
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
-from jhd.solution import DIRECTIONS, HausdorffSolution, throw_unless_successful
+from jhd.solution import DIRECTIONS, RESULTS, HausdorffSolution, result_where, throw_unless_successful
 
 
 def directed_hausdorff(
@@ -22,7 +22,7 @@ def directed_hausdorff(
     Args:
         a: the curve whose farthest point is looked for.
         b: the curve that distances are taken to, of the same dimension.
-        method: how; by default TwoStep().
+        method: how; by default BranchAndBound().
         throw: whether to raise where the method did not reach what it promises.
 
     Returns:
@@ -46,7 +46,7 @@ def hausdorff(
     Args:
         a: a curve.
         b: a curve of the same dimension.
-        method: how; by default TwoStep().
+        method: how; by default BranchAndBound().
         throw: whether to raise where the method did not reach what it promises.
 
     Returns:
@@ -79,7 +79,7 @@ def _larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolut
         lower=jnp.maximum(there.lower, back.lower),
         upper=jnp.maximum(there.upper, back.upper),
         witness=larger.witness,
-        result=larger.result,
+        result=result_where(there.result == RESULTS.successful, back.result, there.result),
         stats=stats,
     )
 
@@ -87,9 +87,9 @@ def _larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolut
 def _checked(a: AbstractCurve, b: AbstractCurve, method: object) -> AbstractHausdorffMethod:
     check_curve("a", a)
     check_curve("b", b)
-    method = TwoStep() if method is None else method
+    method = BranchAndBound() if method is None else method
     if not isinstance(method, AbstractHausdorffMethod):
-        raise TypeError(f"method must be a Hausdorff method such as TwoStep(); got {type(method).__name__}.")
+        raise TypeError(f"method must be BranchAndBound() or TwoStep(); got {type(method).__name__}.")
     dims = [shape.segments().dim for shape in (a, b)]
     if dims[0] != dims[1]:
         raise ValueError(f"a has {dims[0]} coordinates a point and b has {dims[1]}; needs the same.")

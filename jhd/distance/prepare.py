@@ -141,7 +141,8 @@ def evaluation_error(a: BezierSegments, b: BezierSegments) -> float:
 def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int, rational: bool) -> BezierSegments:
     """The curve with these control points, raised to `degree` and padded by repetition of its last segment.
 
-    A polynomial curve gets weights of one where the other curve is rational. The weights of each segment are first scaled to a largest one in [1/2, 1), which changes no point.
+    A polynomial curve gets weights of one where the other curve is rational. The weights of each segment are first
+    scaled to a largest one in [1/2, 1), which changes no point.
     """
     index = np.minimum(np.arange(padded_count(curve.count)), curve.count - 1)
     weights: Any = curve.weights

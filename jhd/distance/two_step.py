@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.distance.events import describe, piece_of, preceding
+from jhd.distance.events import Place, describe, piece_of, preceding
 from jhd.distance.jets import jet
 from jhd.distance.method import AbstractHausdorffMethod
 from jhd.distance.nearest import Nearest, in_chunks, nearest, repeated
@@ -80,7 +80,7 @@ class TwoStep(AbstractHausdorffMethod):
             _State(brackets, best, jnp.array(0), jnp.array(0)),
         )
         best = state.best
-        witness = describe(a, b, best.segment, best.t, jnp.ones(()))
+        witness = describe(a, b, best.place, best.foot, jnp.ones(()))
         lower = jnp.maximum(best.lower - evaluation_error(a, b), 0.0)
         stats = {
             "samples": jnp.array(samples.t.size),
@@ -116,8 +116,8 @@ class _Samples(NamedTuple):
 class _Best(NamedTuple):
     distance: Array
     lower: Array
-    segment: Array
-    t: Array
+    place: Place
+    foot: Place
 
 
 class _State(NamedTuple):
@@ -172,8 +172,11 @@ def _sampled(pair: Pair, t: Array) -> _Samples:
 
 def _best_sample(samples: _Samples) -> _Best:
     index = jnp.argmax(samples.distance)
-    segment = index // samples.t.shape[1]
-    return _Best(samples.distance.ravel()[index], samples.lower.ravel()[index], segment, samples.t.ravel()[index])
+    pick = lambda x: x.ravel()[index]  # noqa: E731
+    place = Place(index // samples.t.shape[1], pick(samples.t))
+    return _Best(
+        pick(samples.distance), pick(samples.lower), place, Place(pick(samples.foot_segment), pick(samples.foot_s))
+    )
 
 
 def _brackets(samples: _Samples) -> Bracket:
@@ -209,7 +212,8 @@ def _round(pair: Pair, state: _State) -> _State:
     distance = jnp.where(live[:, None], found.distance, -jnp.inf)
     at = jnp.argmax(distance)
     lane = at // t.shape[1]
-    top = _Best(distance.ravel()[at], found.lower.ravel()[at], lanes.segment[lane], t.ravel()[at])
+    foot = Place(found.segment.ravel()[at], found.t.ravel()[at])
+    top = _Best(distance.ravel()[at], found.lower.ravel()[at], Place(lanes.segment[lane], t.ravel()[at]), foot)
     better = top.distance > best.distance
     best = jax.tree_util.tree_map(lambda new, old: jnp.where(better, new, old), top, best)
     brackets = brackets._replace(key=brackets.key.at[index].set(-jnp.inf))
