@@ -5,10 +5,14 @@ The type checks of jaxtyping must be switched on before the package is imported,
 
 import os
 from pathlib import Path
+from typing import Any
 
+import beartype
 import hypothesis
 import jax
 import jaxtyping
+import numpy as np
+import pytest
 
 os.environ["MPLBACKEND"] = "Agg"
 
@@ -21,11 +25,26 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 # An int serves where a float is asked for, as PEP 484 has it; counters of loops are ints where a loop is unrolled and
-# arrays where it is compiled; preparation of concrete curves runs on NumPy arrays.
-_TYPES = "{int: int | jax.Array, float: float | int | jax.Array, jax.Array: jax.Array | numpy.ndarray}"
-_RULES = f"beartype.BeartypeConf(hint_overrides=beartype.BeartypeHintOverrides({_TYPES}))"
-_RULES = _RULES.replace("jax.", "__import__('jax').").replace("numpy.", "__import__('numpy').")
-jaxtyping.install_import_hook("jhd", f"beartype.beartype(conf={_RULES})")
+# arrays where it is compiled; the preparation of concrete curves runs on NumPy arrays.
+_WIDER = {int: int | jax.Array, float: float | int | jax.Array, jax.Array: jax.Array | np.ndarray}
+_FROZEN: Any = getattr(beartype, "FrozenDict", None) or beartype.BeartypeHintOverrides
+
+
+def checked(function):
+    """The function or class with its annotations checked at every call."""
+    return beartype.beartype(conf=beartype.BeartypeConf(hint_overrides=_FROZEN(_WIDER)))(function)
+
+
+# The hook takes the name of a checker, not the checker.
+jaxtyping.install_import_hook("jhd", f"{__name__}.checked")
 
 hypothesis.settings.register_profile("jhd", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("jhd")
+
+
+@pytest.fixture
+def as_a_user():
+    """The package without checked annotations: what it refuses then, it refuses by itself."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)

@@ -1,0 +1,76 @@
+"""The cases of the table as curves of the package, grouped by the compiled programs that they share."""
+
+from decimal import Decimal
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import pytest
+
+import jhd
+from jhd.distance.prepare import padded_count, raised_degree
+from tests import reference
+from tests.cases import CASES
+
+BY_NAME = {case.name: case for case in CASES}
+# Sizes whose programs the quick tests compile: segments of at most degree 3, at most four of them.
+QUICK_DEGREE, QUICK_COUNT = 3, 4
+
+
+def curve(shape, rational=False):
+    """The stored arrays as a curve; weights of one are added where asked for, which change no point."""
+    weights = shape.weights
+    if rational and weights is None:
+        weights = np.ones(shape.control_points.shape[:-1])
+    return jhd.BezierSegments(shape.control_points, weights)
+
+
+def both(case):
+    """The two curves, both rational if one is."""
+    rational = case.a.weights is not None or case.b.weights is not None
+    return curve(case.a, rational), curve(case.b, rational)
+
+
+def is_quick(case):
+    """Whether the pair runs in one of the few programs that the quick tests compile."""
+    a, b = case.a.control_points.shape, case.b.control_points.shape
+    small = max(a[1], b[1]) <= QUICK_DEGREE + 1 and max(a[0], b[0]) <= QUICK_COUNT
+    assert (raised_degree(3), padded_count(4)) == (QUICK_DEGREE, QUICK_COUNT)
+    return small and (a[2] == 2 or (case.a.weights is None and case.b.weights is None))
+
+
+def parameters(cases, directions=("ab", "ba")):
+    """Pairs of a name and a direction, slow where they need a program of their own."""
+    return [
+        pytest.param(
+            case.name, direction, id=f"{case.name}-{direction}", marks=() if is_quick(case) else pytest.mark.slow
+        )
+        for case in cases
+        for direction in directions
+    ]
+
+
+def in_order(name, direction):
+    """Both shapes of a case in the order of the direction, and what the table knows of their directed distance."""
+    case = BY_NAME[name]
+    return (case.a, case.b, case.exact_ab) if direction == "ab" else (case.b, case.a, case.exact_ba)
+
+
+def bounds(exact):
+    """The known value as an interval of fractions; decimals of 30 digits are taken as they are."""
+    if isinstance(exact, tuple):
+        return Fraction(exact[0]), Fraction(exact[1])
+    return Fraction(Decimal(exact)), Fraction(Decimal(exact))
+
+
+@cache
+def solved(name, direction="ab"):
+    """The directed distance of a case by the default method, once for all tests."""
+    a, b = both(BY_NAME[name])
+    return jhd.directed_hausdorff(a, b) if direction == "ab" else jhd.directed_hausdorff(b, a)
+
+
+def diagonal(name):
+    """The unit of the accuracies: the diagonal of the box of both curves."""
+    case = BY_NAME[name]
+    return reference.diagonal(case.a, case.b)

@@ -1,0 +1,178 @@
+"""Certified distances: lower <= exact <= upper with no tolerance and no exception, and what the search costs."""
+
+import os
+import subprocess
+import sys
+from fractions import Fraction
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jhd
+from jhd.solution import name_of
+from tests import reference
+from tests.cases import CASES, EVENTS
+from tests.distance import pairs
+
+# The default tolerance, in diagonals.
+GAP = 1e-10
+# No pair of the table takes more cells than this; the most is a folded segment with about 900.
+MOST_CELLS = 5000
+
+EVERY = pairs.parameters(CASES)
+WITH_EVENT = pairs.parameters([case for case in CASES if case.tags & set(EVENTS)], ("ab",))
+# Shapes of one compiled program for the sweeps.
+SAME = [case.name for case in CASES if pairs.is_quick(case) and case.a.weights is None and case.b.weights is None]
+SAME = [name for name in SAME if pairs.BY_NAME[name].a.control_points.shape[2] == 2]
+
+
+@cache
+def certified(name, direction="ab"):
+    """The directed distance of a case with the default options."""
+    a, b = pairs.both(pairs.BY_NAME[name])
+    return jhd.directed_hausdorff(*((a, b) if direction == "ab" else (b, a)), jhd.BranchAndBound())
+
+
+@pytest.mark.parametrize(("name", "direction"), EVERY)
+def test_the_bounds_enclose_the_exact_distance(name, direction):
+    least, most = pairs.bounds(pairs.in_order(name, direction)[2])
+    solution = certified(name, direction)
+    assert Fraction(float(solution.lower)) <= most
+    assert least <= Fraction(float(solution.upper))
+    assert solution.lower <= solution.value <= solution.upper
+
+
+@pytest.mark.parametrize(("name", "direction"), EVERY)
+def test_the_default_gap_is_met_within_few_cells(name, direction):
+    solution = certified(name, direction)
+    assert name_of(solution.result) == "successful"
+    assert solution.upper - solution.lower <= GAP * pairs.diagonal(name) * (1 + 1e-12)
+    assert solution.stats["cells"] <= MOST_CELLS
+
+
+@pytest.mark.parametrize(("name", "direction"), WITH_EVENT)
+def test_the_event_is_that_of_the_table(name, direction):
+    assert name_of(certified(name, direction).event) in pairs.BY_NAME[name].tags
+
+
+@pytest.mark.parametrize("name", SAME)
+@pytest.mark.parametrize("atol", [1e-1, 1e-4, 1e-8])
+def test_every_tolerance_is_met_and_true(name, atol):
+    a, b = pairs.both(pairs.BY_NAME[name])
+    atol = atol * pairs.diagonal(name)
+    solution = jhd.directed_hausdorff(a, b, jhd.BranchAndBound(atol=atol))
+    least, most = pairs.bounds(pairs.BY_NAME[name].exact_ab)
+    assert Fraction(float(solution.lower)) <= most
+    assert least <= Fraction(float(solution.upper))
+    assert solution.upper - solution.lower <= atol * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("steps", [0, 1, 2, 3])
+@pytest.mark.parametrize("name", ["segment_over_parabola", "cusp_over_chord", "arch_and_wave", "degrees_3_and_3"])
+def test_bounds_are_true_whenever_the_search_is_stopped(name, steps):
+    a, b = pairs.both(pairs.BY_NAME[name])
+    solution = jhd.directed_hausdorff(a, b, jhd.BranchAndBound(max_steps=steps), throw=False)
+    least, most = pairs.bounds(pairs.BY_NAME[name].exact_ab)
+    assert Fraction(float(solution.lower)) <= most
+    assert least <= Fraction(float(solution.upper))
+
+
+def test_a_full_table_is_folded_into_the_upper_bound():
+    name = "segment_folded"
+    a, b = pairs.both(pairs.BY_NAME[name])
+    solution = jhd.directed_hausdorff(b, a, jhd.BranchAndBound(capacity=16), throw=False)
+    assert name_of(solution.result) == "capacity_reached"
+    assert solution.upper >= 0 == float(pairs.BY_NAME[name].exact_ba)
+    with pytest.raises(jhd.NotProvenError, match="raise capacity") as caught:
+        jhd.directed_hausdorff(b, a, jhd.BranchAndBound(capacity=16))
+    assert caught.value.solution.upper == solution.upper
+
+
+def test_a_relative_tolerance_saves_steps():
+    a, b = pairs.both(pairs.BY_NAME["degrees_3_and_3"])
+    rough = jhd.directed_hausdorff(a, b, jhd.BranchAndBound(rtol=0.2))
+    assert rough.upper - rough.lower <= 0.2 * rough.upper
+    assert rough.stats["steps"] <= certified("degrees_3_and_3").stats["steps"]
+
+
+@st.composite
+def lattice_cubics(draw):
+    """Control points on half integers: ties, cusps, straight and pointlike cubics are frequent."""
+    number = st.integers(-4, 4).map(lambda n: n / 2)
+    rows = draw(st.lists(st.tuples(number, number), min_size=8, max_size=8))
+    return np.array(rows).reshape(2, 1, 4, 2)
+
+
+@given(lattice_cubics(), st.sampled_from([0.0, 1e6, -3e8]), st.sampled_from([1.0, 2.0**-40, 2.0**40]))
+@settings(max_examples=60)
+def test_bounds_of_lattice_cubics_hold_against_the_reference(pair, offset, scale):
+    a, b = (rows * scale + offset * scale for rows in pair)
+    solution = jhd.directed_hausdorff(jhd.BezierSegments(a), jhd.BezierSegments(b), throw=False)
+    # The reference rounds too, by a few units of its coordinates.
+    found = reference.directed_hausdorff((a, None), (b, None), accuracy=1e-6, budget=300)
+    rounding = 1e-14 * max(np.abs(a).max(), np.abs(b).max()) if offset == 0 else 1e-15 * np.abs(a).max() * 64
+    assert solution.lower <= found.upper + rounding
+    assert found.value - rounding <= solution.upper
+    diagonal = reference.diagonal((a, None), (b, None))
+    assert name_of(solution.result) == "successful" or solution.upper - solution.lower > GAP * diagonal
+
+
+def test_options_are_leaves_and_a_new_tolerance_does_not_compile_again():
+    a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
+    traced = []
+
+    @jax.jit
+    def upper(atol):
+        traced.append(None)
+        return jhd.directed_hausdorff(a, b, jhd.BranchAndBound(atol=atol)).upper
+
+    assert upper(1e-3) >= upper(1e-9)
+    assert len(traced) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"atol": -1e-3}, "atol is -0.001; needs a number of at least 0"),
+        ({"rtol": -1.0}, "rtol is -1; needs a number of at least 0"),
+        ({"atol": float("nan")}, "atol is not finite: nan"),
+        ({"atol": [1.0, 2.0]}, r"atol has shape \(2,\); needs a scalar"),
+        ({"max_steps": -1}, "max_steps is -1; needs a whole number of at least 0"),
+        ({"capacity": 3}, "capacity is 3; needs a whole number of at least 16"),
+    ],
+)
+def test_options_out_of_range_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        jhd.BranchAndBound(**options)
+
+
+SINGLE = """
+import numpy as np
+import jhd
+from fractions import Fraction
+from tests.distance import pairs
+for name in {names!r}:
+    case = pairs.BY_NAME[name]
+    a, b = (np.asarray(x.control_points, np.float32).astype(float) for x in (case.a, case.b))
+    if not (np.array_equal(a, case.a.control_points) and np.array_equal(b, case.b.control_points)):
+        continue
+    solution = jhd.directed_hausdorff(jhd.BezierSegments(a), jhd.BezierSegments(b), throw=False)
+    assert solution.upper.dtype == np.float32
+    least, most = pairs.bounds(case.exact_ab)
+    assert Fraction(float(solution.lower)) <= most, name
+    assert least <= Fraction(float(solution.upper)), name
+    print(name)
+"""
+
+
+@pytest.mark.slow
+def test_bounds_hold_in_single_precision():
+    environment = {**os.environ, "JAX_ENABLE_X64": "0"}
+    program = [sys.executable, "-c", SINGLE.format(names=SAME)]
+    done = subprocess.run(program, env=environment, capture_output=True, text=True, timeout=500)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert len(done.stdout.split()) >= 20

@@ -1,0 +1,121 @@
+"""Every refusal of what is no array of finite real numbers, and what passes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jhd.arrays import check_finite, is_traced, real_array
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        1,
+        2.5,
+        True,
+        [1, 2],
+        ((1, 2), (3, 4)),
+        np.float32(1.5),
+        np.arange(3),
+        jnp.ones((2, 3)),
+        np.array(3, dtype=np.uint8),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_real_numbers_become_arrays_of_the_default_precision(value):
+    array = real_array("x", value)
+    assert array.dtype == jnp.zeros(()).dtype
+    np.testing.assert_array_equal(array, np.asarray(value, dtype=float))
+
+
+def test_numbers_of_half_precision_pass():
+    np.testing.assert_array_equal(real_array("x", jnp.array([1.5, 2.0], dtype=jnp.bfloat16)), [1.5, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("value", "dtype"),
+    [
+        (1j, "complex128"),
+        ([1.0, 2j], "complex128"),
+        ("1.0", "<U3"),
+        (["a", "b"], "<U1"),
+        (None, "object"),
+        ([object()], "object"),
+        ([1.0, None], "object"),
+        (np.array(["2020-01-01"], dtype="datetime64[D]"), "datetime64[D]"),
+    ],
+    ids=str,
+)
+def test_what_is_no_real_number_is_refused_with_its_type(value, dtype):
+    with pytest.raises(TypeError) as caught:
+        real_array("weights", value)
+    assert str(caught.value) == f"weights must be real numbers; its dtype is {dtype}."
+
+
+def test_ragged_rows_are_refused():
+    with pytest.raises(ValueError) as caught:
+        real_array("points", [[1.0, 2.0], [3.0]])
+    assert str(caught.value) == "points must be a rectangular array of numbers; its rows differ in length."
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (np.nan, "x is not finite: nan."),
+        (-np.inf, "x is not finite: -inf."),
+        ([0.0, 1.0, np.inf], "x[2] is not finite: inf."),
+        ([[0.0, 1.0], [np.nan, 0.5]], "x[1] is not finite: (nan, 0.5)."),
+        ([[[0.0, 1.0]], [[2.0, -np.inf]]], "x[1, 0] is not finite: (2, -inf)."),
+        (np.float32("inf"), "x is not finite: inf."),
+        ([0, float("nan")], "x[1] is not finite: nan."),
+    ],
+    ids=str,
+)
+def test_the_first_row_that_is_not_finite_is_named(value, message):
+    with pytest.raises(ValueError) as caught:
+        real_array("x", value)
+    assert str(caught.value) == message
+
+
+def test_numbers_too_large_for_the_precision_are_refused():
+    with pytest.raises((ValueError, TypeError), match="^x "):
+        real_array("x", [10**400])
+
+
+def test_empty_arrays_are_left_to_the_caller():
+    assert real_array("x", []).shape == (0,)
+
+
+def test_tracers_pass_unchecked_and_complex_ones_do_not():
+    np.testing.assert_array_equal(jax.jit(lambda x: real_array("x", x))(jnp.array([jnp.nan, 1.0])), [np.nan, 1.0])
+    assert jax.jit(lambda x: real_array("x", x))(jnp.arange(3)).dtype == jnp.zeros(()).dtype
+    with pytest.raises(TypeError, match=r"^x must be real numbers; its dtype is complex"):
+        jax.jit(lambda x: real_array("x", x))(1j)
+
+
+def test_derivatives_pass():
+    value, slope = jax.value_and_grad(lambda x: jnp.sum(real_array("x", x) ** 2))(jnp.array([1.0, 2.0]))
+    assert value == 5
+    np.testing.assert_array_equal(slope, [2.0, 4.0])
+
+
+def test_lists_of_tracers_pass():
+    np.testing.assert_array_equal(jax.jit(lambda x, y: real_array("x", [x, y]))(1.0, 2.0), [1.0, 2.0])
+
+
+def test_whether_a_leaf_is_traced_is_known():
+    seen = []
+
+    @jax.jit
+    def look(x):
+        seen.append((is_traced(x), is_traced({"a": [1.0, x]}), is_traced(1.0, "text", None, np.ones(2))))
+        return x
+
+    look(1.0)
+    assert seen == [(True, True, False)]
+
+
+def test_finiteness_of_tracers_is_not_checked():
+    assert jax.jit(lambda x: check_finite("x", x) is None and x)(jnp.nan) is not None
+    assert check_finite("x", np.ones((2, 2))) is None

@@ -1,0 +1,135 @@
+"""The public names are there, documented and light to import; the precision is what the environment says."""
+
+import inspect
+import os
+import re
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+import jhd
+import jhd.distance
+import jhd.io
+import jhd.shapes
+
+# Names of the public interface that are built, with the parameters that they take.
+PARAMETERS = {
+    "BezierCurve": ["control_points", "weights"],
+    "BSplineCurve": ["control_points", "knots", "weights"],
+    "BSplineCurve.uniform": ["control_points", "degree", "closed", "weights"],
+    "BSplineCurve.clamped": ["control_points", "degree", "weights"],
+    "BezierSegments": ["control_points", "weights", "following"],
+    "BezierSegments.join": ["curves"],
+    "BezierSegments.pad": ["self", "count"],
+    "BezierSegments.elevate": ["self", "degree"],
+    "BezierSegments.split": ["self", "t"],
+    "BezierSegments.transform": ["self", "matrix", "offset"],
+    "points": ["array"],
+    "polyline": ["points", "closed"],
+    "circle": ["centre", "radius"],
+    "project": ["points", "shape", "method", "throw"],
+    "stationary_points": ["points", "curve", "capacity", "throw"],
+    "directed_hausdorff": ["a", "b", "method", "throw"],
+    "hausdorff": ["a", "b", "method", "throw"],
+    "TwoStep": ["samples", "spacing", "max_rounds"],
+    "NearestSearch": [],
+    "ProjectedPolyhedron": ["capacity"],
+    "IntervalHalving": ["interval", "tolerance", "max_steps"],
+    "NewtonProjection": ["tolerance", "max_steps"],
+    "HybridProjection": ["interval", "rough", "tolerance", "max_steps"],
+    "HausdorffSolution": ["value", "lower", "upper", "witness", "result", "stats"],
+    "Witness": ["segment", "t", "point", "feet", "foot_segments", "foot_params", "multipliers", "event", "direction"],
+    "Projection": ["distance", "lower", "upper", "foot", "segment", "t", "result"],
+    "StationaryPoints": ["segment", "t", "lower", "upper", "distance", "valid", "result"],
+    "NotProvenError": ["message", "solution"],
+}
+KEYWORD_ONLY = {
+    "project": ["throw"],
+    "stationary_points": ["capacity", "throw"],
+    "directed_hausdorff": ["throw"],
+    "hausdorff": ["throw"],
+}
+MODULES = [jhd, jhd.shapes, jhd.distance, jhd.io]
+
+
+def found(path):
+    thing: Any = jhd
+    for part in path.split("."):
+        thing = getattr(thing, part)
+    return thing
+
+
+def public(module):
+    """The names that are no modules and have no leading underscore."""
+    return [(n, x) for n, x in vars(module).items() if not n.startswith("_") and not inspect.ismodule(x)]
+
+
+@pytest.mark.parametrize("path", PARAMETERS)
+def test_a_public_name_takes_its_parameters_in_this_order(path):
+    signature = inspect.signature(found(path))
+    names = list(signature.parameters)
+    assert [name for name in names if name in PARAMETERS[path]] == PARAMETERS[path]
+    for name in KEYWORD_ONLY.get(path, []):
+        assert signature.parameters[name].kind is inspect.Parameter.KEYWORD_ONLY
+
+
+@pytest.mark.parametrize(("module", "name"), [(m.__name__, n) for m in MODULES for n, _ in public(m)])
+def test_a_public_name_has_a_docstring_of_its_own(module, name):
+    thing = getattr(sys.modules[module], name)
+    doc = vars(thing).get("__doc__") if inspect.isclass(thing) else thing.__doc__
+    # A dataclass without a docstring gets its signature in place of one.
+    assert doc and not doc.startswith(f"{name}("), f"{module}.{name}"
+
+
+@pytest.mark.parametrize("name", [n for n, x in public(jhd) if inspect.isclass(x)])
+def test_every_public_method_is_documented_and_annotated(name):
+    for member, value in vars(getattr(jhd, name)).items():
+        if member.startswith("_") or not callable(getattr(value, "__func__", value)):
+            continue
+        function = getattr(value, "__func__", value)
+        if inspect.isfunction(function):
+            assert inspect.getdoc(getattr(getattr(jhd, name), member)), f"{name}.{member}"
+            assert "return" in function.__annotations__, f"{name}.{member}"
+
+
+def test_names_below_are_those_on_top():
+    for module in (jhd.shapes, jhd.distance):
+        for name, thing in public(module):
+            # Abstract classes and the like, which few need, are public in their folder alone.
+            assert getattr(jhd, name, thing) is thing, name
+
+
+def test_the_version_is_one_of_pep_440():
+    pattern = r"(\d+!)?\d+(\.\d+)*((a|b|rc)\d+)?(\.post\d+)?(\.dev\d+)?(\+[a-z0-9]+(\.[a-z0-9]+)*)?"
+    assert re.fullmatch(pattern, jhd.__version__)
+
+
+def in_process(code, **environment):
+    """What a fresh interpreter prints; JAX_ENABLE_X64 is unset unless given."""
+    variables = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"} | environment
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], env=variables, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_importing_is_light():
+    heavy = ("matplotlib.pyplot", "scipy.spatial", "trimesh", "skimage", "svgelements", "shapely", "sympy")
+    code = f"import jhd, sys; print([name for name in {heavy!r} if name in sys.modules])"
+    assert in_process(code) == "[]"
+
+
+@pytest.mark.parametrize("value", [None, "1"])
+def test_importing_switches_float64_on(value):
+    environment = {} if value is None else {"JAX_ENABLE_X64": value}
+    code = "import jhd; print(jhd.points([[0, 1]]).control_points.dtype)"
+    assert in_process(code, **environment) == "float64"
+
+
+@pytest.mark.parametrize("value", ["0", "False"])
+def test_the_environment_keeps_float32(value):
+    code = "import jhd; print(jhd.points([[0, 1]]).control_points.dtype)"
+    assert in_process(code, JAX_ENABLE_X64=value) == "float32"

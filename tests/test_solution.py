@@ -1,0 +1,195 @@
+"""Results, events, witnesses and solutions: what they say, and that they pass through transformations and JSON."""
+
+import json
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+
+import jhd
+from jhd.solution import name_of, result_where, throw_unless_successful, to_plain
+
+RESULTS_OF_OUR_OWN = ("gap_not_closed", "capacity_reached", "nonfinite_value")
+EVENTS = ("a_end", "corner", "b_end", "antipodal", "one_to_two", "coincident")
+
+
+def a_solution(result=jhd.RESULTS.successful, upper=2.5, event=jhd.EVENTS.antipodal):
+    witness = jhd.Witness(
+        segment=jnp.array(3),
+        t=jnp.array(0.25),
+        point=jnp.array([1.0, -2.0]),
+        feet=jnp.array([[1.0, 0.0], [1.0, 0.0]]),
+        foot_segments=jnp.array([0, 0]),
+        foot_params=jnp.array([0.5, 0.5]),
+        multipliers=jnp.array([1.0, 0.0]),
+        event=event,
+        direction=jhd.DIRECTIONS.a_to_b,
+    )
+    stats = {"rounds": jnp.array(2)}
+    return jhd.HausdorffSolution(jnp.array(2.0), jnp.array(1.5), jnp.array(upper), witness, result, stats)
+
+
+# ---- enumerations --------------------------------------------------------------------------------
+
+
+def sentence_of(name):
+    return jhd.RESULTS[getattr(jhd.RESULTS, name)]
+
+
+def members(enumeration, names):
+    return [(name, getattr(enumeration, name)) for name in names]
+
+
+@pytest.mark.parametrize(
+    ("name", "member"),
+    members(jhd.RESULTS, RESULTS_OF_OUR_OWN)
+    + members(jhd.EVENTS, EVENTS)
+    + members(jhd.DIRECTIONS, ["a_to_b", "b_to_a"]),
+)
+def test_a_member_is_a_sentence_and_knows_its_name(name, member):
+    sentence = str(member)
+    assert sentence.split("<")[-1].rstrip(">")
+    assert name_of(member) == name
+
+
+@pytest.mark.parametrize("enumeration", [jhd.RESULTS, jhd.EVENTS, jhd.DIRECTIONS])
+def test_sentences_are_complete_and_differ(enumeration):
+    sentences = [text for text in enumeration._index_to_message if text]
+    assert len(set(sentences)) == len(sentences)
+    own = sentences if enumeration is not jhd.RESULTS else [sentence_of(name) for name in RESULTS_OF_OUR_OWN]
+    for sentence in own:
+        assert sentence[0].isupper() and sentence.endswith("."), sentence
+
+
+@pytest.mark.parametrize("name", RESULTS_OF_OUR_OWN[:2])
+def test_a_result_names_the_knob_to_turn(name):
+    assert "raise " in sentence_of(name)
+
+
+def test_results_extend_those_of_optimistix():
+    assert jhd.RESULTS.promote(optx.RESULTS.successful) == jhd.RESULTS.successful
+    assert name_of(jhd.RESULTS.successful) == "successful"
+    promoted = jhd.RESULTS.promote(optx.RESULTS.nonlinear_max_steps_reached)
+    assert name_of(promoted) == "nonlinear_max_steps_reached"
+
+
+def test_events_are_chosen_under_jit():
+    chosen = jax.jit(lambda x: jhd.EVENTS.where(x > 0, jhd.EVENTS.corner, jhd.EVENTS.b_end))
+    assert name_of(chosen(1.0)) == "corner"
+    assert name_of(chosen(-1.0)) == "b_end"
+
+
+# ---- pytrees -------------------------------------------------------------------------------------
+
+
+def test_a_solution_passes_through_jit():
+    solution = jax.jit(lambda s: eqx.tree_at(lambda s: s.value, s, 2 * s.value))(a_solution())
+    assert float(solution) == 4.0
+    assert name_of(solution.event) == "antipodal"
+    assert name_of(solution.result) == "successful"
+
+
+def test_a_batch_of_solutions_is_a_solution_with_leading_axes():
+    batch = jax.vmap(lambda x: eqx.tree_at(lambda s: s.value, a_solution(), x))(jnp.arange(3.0))
+    np.testing.assert_array_equal(batch.value, [0.0, 1.0, 2.0])
+    assert batch.witness.point.shape == (3, 2)
+    assert repr(batch).count("\n") == 1 and "batch" in repr(batch)
+    second = jax.tree_util.tree_map(lambda x: x[1], batch)
+    assert float(second) == 1.0 and repr(second).startswith("HausdorffSolution(value=1,")
+
+
+def test_a_batch_holds_results_of_several_kinds():
+    batch = jax.vmap(lambda full: a_solution(result_where(full, jhd.RESULTS.capacity_reached, jhd.RESULTS.successful)))
+    plain = json.loads(batch(jnp.array([False, True])).to_json())
+    assert plain["result"] == ["successful", "capacity_reached"]
+    assert plain["witness"]["event"] == ["antipodal", "antipodal"]
+
+
+# ---- what is shown -------------------------------------------------------------------------------
+
+
+def test_a_solution_is_shown_in_two_lines():
+    assert repr(a_solution()).split("\n") == [
+        "HausdorffSolution(value=2, lower=1.5, upper=2.5,",
+        "  antipodal at (1, -2), a_to_b, successful)",
+    ]
+
+
+def test_a_traced_solution_can_be_shown():
+    shown = []
+    jax.jit(lambda s: shown.append(repr(s)))(a_solution())
+    assert shown[0].startswith("HausdorffSolution(value=") and "traced" in shown[0]
+
+
+def test_the_float_of_a_solution_is_its_value():
+    assert float(a_solution()) == 2.0
+    with pytest.raises(TypeError):
+        float(jax.tree_util.tree_map(lambda x: jnp.stack([x, x]), a_solution()))
+
+
+def test_event_and_direction_are_those_of_the_witness():
+    solution = a_solution()
+    assert solution.event == jhd.EVENTS.antipodal
+    assert solution.direction == jhd.DIRECTIONS.a_to_b
+
+
+def test_json_holds_every_field_and_null_for_what_is_not_proven():
+    plain = json.loads(a_solution(upper=jnp.inf).to_json())
+    assert plain == {
+        "value": 2.0,
+        "lower": 1.5,
+        "upper": None,
+        "witness": {
+            "segment": 3,
+            "t": 0.25,
+            "point": [1.0, -2.0],
+            "feet": [[1.0, 0.0], [1.0, 0.0]],
+            "foot_segments": [0, 0],
+            "foot_params": [0.5, 0.5],
+            "multipliers": [1.0, 0.0],
+            "event": "antipodal",
+            "direction": "a_to_b",
+        },
+        "result": "successful",
+        "stats": {"rounds": 2},
+    }
+
+
+def test_json_takes_the_options_of_json_dumps():
+    assert a_solution().to_json(indent=2).startswith('{\n  "value": 2.0')
+
+
+def test_nan_and_infinity_become_null_wherever_they_are():
+    assert to_plain({"x": jnp.array([[1.0, jnp.inf], [jnp.nan, -jnp.inf]]), "y": np.inf, "z": [np.float64("nan")]}) == {
+        "x": [[1.0, None], [None, None]],
+        "y": None,
+        "z": [None],
+    }
+
+
+# ---- throw ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", RESULTS_OF_OUR_OWN)
+def test_an_error_says_the_sentence_and_carries_the_solution(name):
+    solution = a_solution(getattr(jhd.RESULTS, name))
+    with pytest.raises(jhd.NotProvenError) as caught:
+        throw_unless_successful(solution)
+    assert caught.value.solution is solution
+    assert str(caught.value) == sentence_of(name)
+    assert isinstance(caught.value, RuntimeError)
+
+
+def test_one_failure_in_a_batch_is_thrown():
+    batch = jax.vmap(lambda wide: a_solution(result_where(wide, jhd.RESULTS.gap_not_closed, jhd.RESULTS.successful)))
+    with pytest.raises(jhd.NotProvenError, match="raise max_steps"):
+        throw_unless_successful(batch(jnp.array([False, True, False])))
+    throw_unless_successful(batch(jnp.array([False, False])))
+
+
+def test_success_and_tracers_are_not_thrown():
+    throw_unless_successful(a_solution())
+    jax.jit(lambda s: throw_unless_successful(s) or s.value)(a_solution(jhd.RESULTS.gap_not_closed))
