@@ -326,23 +326,41 @@ DIGITS: dict[str, tuple[str | None, str | None]] = {
 
 def closed_forms():
     add(
-        "segment_over_parabola", bezier((-0.5, 2), (0.5, 2)), PARABOLA, "one_to_two foot_and_foot",
-        "1.32287565553229529525080787682", "2.5", "y = x^2 from (0, 2): sqrt(7)/2; back from its ends"
+        "segment_over_parabola",
+        bezier((-0.5, 2), (0.5, 2)),
+        PARABOLA,
+        "one_to_two foot_and_foot",
+        "1.32287565553229529525080787682",
+        "2.5",
+        "y = x^2 from (0, 2): sqrt(7)/2; back from its ends",
     )
     add(
-        "segment_over_parabola_in_space", bezier((-0.5, 2, 0), (0.5, 2, 0)), bezier((-2, 4, 1), (0, -4, 1), (2, 4, 1)),
-        "one_to_two foot_and_foot space", "1.65831239517769992455746636834", "2.69258240356725201562535524577",
-        "the same a unit apart: sqrt(7/4 + 1), sqrt(25/4 + 1)"
+        "segment_over_parabola_in_space",
+        bezier((-0.5, 2, 0), (0.5, 2, 0)),
+        bezier((-2, 4, 1), (0, -4, 1), (2, 4, 1)),
+        "one_to_two foot_and_foot space",
+        "1.65831239517769992455746636834",
+        "2.69258240356725201562535524577",
+        "the same a unit apart: sqrt(7/4 + 1), sqrt(25/4 + 1)",
     )
     add("cusp_over_chord", CUSP, bezier((0, 0), (1, 0)), "antipodal cusp", "0.75", None, "height 3 t (1-t) at 1/2")
     add("chord_under_cusp", bezier((0, 0), (1, 0)), CUSP, "one_to_two foot_and_foot cusp", None, "0.75")
     add(
-        "circle_in_ellipse", UNIT, ellipse((0, 0), 2, 1), "one_to_two foot_and_foot tie rational closed",
-        "0.816496580927726032732428024902", "1", "from (1, 0) to cos = 2/3: sqrt(2/3)"
+        "circle_in_ellipse",
+        UNIT,
+        ellipse((0, 0), 2, 1),
+        "one_to_two foot_and_foot tie rational closed",
+        "0.816496580927726032732428024902",
+        "1",
+        "from (1, 0) to cos = 2/3: sqrt(2/3)",
     )
     add(
-        "ellipse_round_circle", ellipse((0, 0), 2, 1), UNIT, "antipodal tie rational closed", "1",
-        "0.816496580927726032732428024902"
+        "ellipse_round_circle",
+        ellipse((0, 0), 2, 1),
+        UNIT,
+        "antipodal tie rational closed",
+        "1",
+        "0.816496580927726032732428024902",
     )
     add("concentric_circles", UNIT, circle((0, 0), 2), "antipodal flat rational closed", "1", "1")
     add("disjoint_circles", UNIT, circle((3, 0), 1), "antipodal rational closed", "3", "3")
@@ -352,106 +370,216 @@ def closed_forms():
     add("circle_around_a_point", UNIT, point_set((0.5, 0)), "b_end rational closed degree_0", "1.5", "0.5")
     add("circle_around_a_segment", circle((0, 0), 2), bezier((0.5, 0), (1, 0)), "b_end rational closed", "2.5", "1.5")
     add(
-        "chord_through_centre", bezier((-0.5, 0), (0.75, 0)), UNIT, "centre rational line", "1", "1",
-        "1 - |x| inside the circle"
+        "chord_through_centre",
+        bezier((-0.5, 0), (0.75, 0)),
+        UNIT,
+        "centre rational line",
+        "1",
+        "1",
+        "1 - |x| inside the circle",
     )
     add(
-        "parabola_through_centre", bezier((-0.5, 0.25), (0, -0.25), (0.5, 0.25)), UNIT, "centre rational", "1", None,
-        "1 - |p| inside the circle"
+        "parabola_through_centre",
+        bezier((-0.5, 0.25), (0, -0.25), (0.5, 0.25)),
+        UNIT,
+        "centre rational",
+        "1",
+        None,
+        "1 - |p| inside the circle",
     )
     add(
-        "polyline_with_corner_at_centre", polyline((-0.5, 0.5), (0, 0), (0.5, 0.5)), UNIT, "centre rational corner",
-        "1", "1", "1 - |p| inside the circle"
+        "polyline_with_corner_at_centre",
+        polyline((-0.5, 0.5), (0, 0), (0.5, 0.5)),
+        UNIT,
+        "centre rational corner",
+        "1",
+        "1",
+        "1 - |p| inside the circle",
     )
     add(
-        "square_round_circle", SQUARE, UNIT, "corner tie rational closed", "0.414213562373095048801688724210",
-        "0.292893218813452475599155637895", "sqrt(2) - 1 and 1 - sqrt(1/2)"
+        "square_round_circle",
+        SQUARE,
+        UNIT,
+        "corner tie rational closed",
+        "0.414213562373095048801688724210",
+        "0.292893218813452475599155637895",
+        "sqrt(2) - 1 and 1 - sqrt(1/2)",
     )
     add(
-        "circle_in_square", UNIT, SQUARE, "one_to_two foot_and_foot tie rational closed polyline",
-        "0.292893218813452475599155637895", "0.414213562373095048801688724210", "1 - sqrt(1/2) and sqrt(2) - 1"
+        "circle_in_square",
+        UNIT,
+        SQUARE,
+        "one_to_two foot_and_foot tie rational closed polyline",
+        "0.292893218813452475599155637895",
+        "0.414213562373095048801688724210",
+        "1 - sqrt(1/2) and sqrt(2) - 1",
     )
     add(
-        "circles_across_in_space", space(UNIT, 0, 1), space(UNIT, 0, 2), "centre tie rational closed space", SQRT_2,
-        SQRT_2, "d^2 = 2 - 2 |cos|; all of b is equally far from (0, 1, 0)"
+        "circles_across_in_space",
+        space(UNIT, 0, 1),
+        space(UNIT, 0, 2),
+        "centre tie rational closed space",
+        SQRT_2,
+        SQRT_2,
+        "d^2 = 2 - 2 |cos|; all of b is equally far from (0, 1, 0)",
     )
     add(
-        "linked_circles", space(UNIT, 0, 1), shift(space(UNIT, 0, 2), 1, 0, 0), "flat rational closed space", "1", "1",
-        "d^2 = cos^2 + sin^2 everywhere on either"
+        "linked_circles",
+        space(UNIT, 0, 1),
+        shift(space(UNIT, 0, 2), 1, 0, 0),
+        "flat rational closed space",
+        "1",
+        "1",
+        "d^2 = cos^2 + sin^2 everywhere on either",
     )
     add(
-        "coaxial_circles", space(UNIT, 0, 1), shift(space(circle((0, 0), 4), 0, 1), 0, 0, 4),
-        "antipodal flat rational closed space", "5", "5", "3 in the plane, 4 along the axis"
+        "coaxial_circles",
+        space(UNIT, 0, 1),
+        shift(space(circle((0, 0), 4), 0, 1), 0, 0, 4),
+        "antipodal flat rational closed space",
+        "5",
+        "5",
+        "3 in the plane, 4 along the axis",
     )
     add("parallel_segments", bezier((0, 0), (4, 0)), bezier((0, 1), (4, 1)), "flat line", "1", "1")
     add("crossing_segments", bezier((-1, 0), (1, 0)), bezier((0, -1), (0, 1)), "a_end tie line", "1", "1")
     add("overlapping_segments", bezier((0, 0), (2, 0)), bezier((1, 0), (3, 0)), "a_end line", "1", "1")
     add(
-        "segment_beyond_segment", bezier((0, 0), (1, 0)), bezier((4, 4), (4, 9)), "a_end line",
-        "5.65685424949238019520675489684", "9.48683298050513799599668063330", "4 sqrt(2) and sqrt(9 + 81)"
+        "segment_beyond_segment",
+        bezier((0, 0), (1, 0)),
+        bezier((4, 4), (4, 9)),
+        "a_end line",
+        "5.65685424949238019520675489684",
+        "9.48683298050513799599668063330",
+        "4 sqrt(2) and sqrt(9 + 81)",
     )
     add(
-        "skew_segments", bezier((0, 0, 0), (4, 0, 0)), bezier((1, 0, 2), (1, 3, 2)), "a_end line space",
-        "3.60555127546398929311922126747", "3.60555127546398929311922126747", "sqrt(13) both ways"
+        "skew_segments",
+        bezier((0, 0, 0), (4, 0, 0)),
+        bezier((1, 0, 2), (1, 3, 2)),
+        "a_end line space",
+        "3.60555127546398929311922126747",
+        "3.60555127546398929311922126747",
+        "sqrt(13) both ways",
     )
     add(
-        "points_scipy", point_set((1, 0), (0, 1), (-1, 0), (0, -1)), point_set((2, 0), (0, 2), (-2, 0), (0, -4)),
-        "a_end degree_0", "2.23606797749978969640917366873", "3",
-        "example of scipy.spatial.distance.directed_hausdorff"
+        "points_scipy",
+        point_set((1, 0), (0, 1), (-1, 0), (0, -1)),
+        point_set((2, 0), (0, 2), (-2, 0), (0, -4)),
+        "a_end degree_0",
+        "2.23606797749978969640917366873",
+        "3",
+        "example of scipy.spatial.distance.directed_hausdorff",
     )
     add(
-        "points_to_segment", point_set((0, 2), (5, 1), (-1, -1)), bezier((0, 0), (4, 0)), "a_end degree_0 line", "2",
-        None
+        "points_to_segment",
+        point_set((0, 2), (5, 1), (-1, -1)),
+        bezier((0, 0), (4, 0)),
+        "a_end degree_0 line",
+        "2",
+        None,
     )
     add(
-        "segment_to_points", bezier((0, 0), (4, 0)), point_set((0, 1), (3, 1)), "one_to_two end_and_end degree_0 line",
-        "1.80277563773199464655961063374", "1", "at 3/2: sqrt(13)/2"
+        "segment_to_points",
+        bezier((0, 0), (4, 0)),
+        point_set((0, 1), (3, 1)),
+        "one_to_two end_and_end degree_0 line",
+        "1.80277563773199464655961063374",
+        "1",
+        "at 3/2: sqrt(13)/2",
     )
     add(
-        "jts_lines_1", bezier((0, 0), (2, 1)), bezier((0, 0), (2, 0)), "a_end line", "1",
-        "0.894427190999915878563669467493", "JTS DiscreteHausdorffDistanceTest; back 2/sqrt(5)"
+        "jts_lines_1",
+        bezier((0, 0), (2, 1)),
+        bezier((0, 0), (2, 0)),
+        "a_end line",
+        "1",
+        "0.894427190999915878563669467493",
+        "JTS DiscreteHausdorffDistanceTest; back 2/sqrt(5)",
     )
     add(
-        "jts_lines_2", bezier((0, 0), (2, 0)), polyline((0, 1), (1, 2), (2, 1)), "one_to_two end_and_end polyline",
-        SQRT_2, "2", "JTS DiscreteHausdorffDistanceTest, whose 2 is the other direction"
+        "jts_lines_2",
+        bezier((0, 0), (2, 0)),
+        polyline((0, 1), (1, 2), (2, 1)),
+        "one_to_two end_and_end polyline",
+        SQRT_2,
+        "2",
+        "JTS DiscreteHausdorffDistanceTest, whose 2 is the other direction",
     )
     add(
-        "jts_lines_and_points", bezier((0, 0), (2, 0)), point_set((0, 1), (1, 0), (2, 1)), "a_end tie degree_0", "1",
-        "1", "JTS DiscreteHausdorffDistanceTest"
+        "jts_lines_and_points",
+        bezier((0, 0), (2, 0)),
+        point_set((0, 1), (1, 0), (2, 1)),
+        "a_end tie degree_0",
+        "1",
+        "1",
+        "JTS DiscreteHausdorffDistanceTest",
     )
     add(
-        "jts_lines_densified", polyline((10, 10), (10, 150), (130, 10)), polyline((130, 0), (0, 0), (0, 150)),
-        "one_to_two foot_and_foot polyline", "74.6153846153846153846153846154", None,
-        "JTS reports 14.14, and 70 when densified by 1/2: those are samples; the truth is 970/13"
+        "jts_lines_densified",
+        polyline((10, 10), (10, 150), (130, 10)),
+        polyline((130, 0), (0, 0), (0, 150)),
+        "one_to_two foot_and_foot polyline",
+        "74.6153846153846153846153846154",
+        None,
+        "JTS reports 14.14, and 70 when densified by 1/2: those are samples; the truth is 970/13",
     )
     add("roof_over_segment", polyline((0, 0), (2, 3), (4, 0)), bezier((0, 0), (4, 0)), "corner polyline", "3", None)
     add(
-        "spike_over_parabola", polyline((-1, 4), (0, -2), (1, 4)), PARABOLA, "corner polyline", "2", None,
-        "below the vertex"
+        "spike_over_parabola",
+        polyline((-1, 4), (0, -2), (1, 4)),
+        PARABOLA,
+        "corner polyline",
+        "2",
+        None,
+        "below the vertex",
     )
     add("hook", polyline((0, 0), (8, 0), (8, 5), (6, 5)), polyline((0, 0), (8, 0)), "flat polyline", "5", "0")
     add(
-        "point_curve_over_parabola", bezier((0, 2), (0, 2), (0, 2), (0, 2)), PARABOLA, "point_curve",
-        "1.32287565553229529525080787682", None, "sqrt(7)/2"
+        "point_curve_over_parabola",
+        bezier((0, 2), (0, 2), (0, 2), (0, 2)),
+        PARABOLA,
+        "point_curve",
+        "1.32287565553229529525080787682",
+        None,
+        "sqrt(7)/2",
     )
     add(
-        "segment_to_point_curve", bezier((0, 0), (4, 0)), bezier((1, 1), (1, 1), (1, 1)), "a_end point_curve",
-        "3.16227766016837933199889354443", "1", "sqrt(10)"
+        "segment_to_point_curve",
+        bezier((0, 0), (4, 0)),
+        bezier((1, 1), (1, 1), (1, 1)),
+        "a_end point_curve",
+        "3.16227766016837933199889354443",
+        "1",
+        "sqrt(10)",
     )
     add("two_point_curves", bezier((0, 0), (0, 0)), bezier((3, 4), (3, 4), (3, 4), (3, 4)), "point_curve", "5", "5")
     add("two_points", point_set((0, 0, 0)), point_set((2, 3, 6)), "a_end degree_0 space", "7", "7")
     add(
-        "two_holes", together(circle((0, 0), 3), UNIT), circle((0, 0), 3), "antipodal flat contours rational closed",
-        "2", "0"
+        "two_holes",
+        together(circle((0, 0), 3), UNIT),
+        circle((0, 0), 3),
+        "antipodal flat contours rational closed",
+        "2",
+        "0",
     )
     add(
-        "letter_contours", together(SQUARE, scale(SQUARE, 0.5)), scale(SQUARE, 2), "contours polyline closed flat",
-        "1.5", SQRT_2, "the inner sides are 3/2 away; back from a corner"
+        "letter_contours",
+        together(SQUARE, scale(SQUARE, 0.5)),
+        scale(SQUARE, 2),
+        "contours polyline closed flat",
+        "1.5",
+        SQRT_2,
+        "the inner sides are 3/2 away; back from a corner",
     )
     add(
-        "focus_line_of_parabola", bezier((0.25, 0.5), (0.25, 3)),
+        "focus_line_of_parabola",
+        bezier((0.25, 0.5), (0.25, 3)),
         together(bezier((-1, 0), (0, 0), (1, 0)), bezier((0.25, 2), (1, 3), (0, 5))),
-        "one_to_two foot_and_end contours", "1", None, "halfway between (1/4, 0) and (1/4, 2)"
+        "one_to_two foot_and_end contours",
+        "1",
+        None,
+        "halfway between (1/4, 0) and (1/4, 2)",
     )
 
 
@@ -466,46 +594,86 @@ def coincidences():
     add("circle_in_two_parametrisations", UNIT, circle((0, 0), 1, weights=(2, 1, 1)), **same_set("rational closed"))
     add("identical_spline_12", SPLINE_12, part(SPLINE_12, np.r_[5:12, 0:5]), **same_set("spline closed"))
     add(
-        "part_of_a_wave", part(halves(halves(WAVE)), slice(1, 3)), WAVE, "coincident subdivided", "0", None,
-        "a is a part of b"
+        "part_of_a_wave",
+        part(halves(halves(WAVE)), slice(1, 3)),
+        WAVE,
+        "coincident subdivided",
+        "0",
+        None,
+        "a is a part of b",
     )
     add(
-        "wave_and_its_part", WAVE, part(halves(halves(WAVE)), slice(1, 3)), "a_end subdivided", None, "0",
-        "b is a part of a"
+        "wave_and_its_part",
+        WAVE,
+        part(halves(halves(WAVE)), slice(1, 3)),
+        "a_end subdivided",
+        None,
+        "0",
+        "b is a part of a",
     )
     add("segment_folded", bezier((0, 0), (2, 0), (0, 0)), bezier((0, 0), (1, 0)), **same_set("line cusp"))
     add(
-        "shared_stretch", polyline((0, 0), (4, 0), (4, 3)), polyline((0, 0), (4, 0), (7, 0)), "a_end polyline", "3",
-        "3"
+        "shared_stretch", polyline((0, 0), (4, 0), (4, 3)), polyline((0, 0), (4, 0), (7, 0)), "a_end polyline", "3", "3"
     )
     add(
-        "shared_stretch_of_waves", halves(WAVE),
-        together(part(halves(WAVE), slice(0, 1)), part(halves(ARCH), slice(1, 2))), "one_to_two foot_and_end contours"
+        "shared_stretch_of_waves",
+        halves(WAVE),
+        together(part(halves(WAVE), slice(0, 1)), part(halves(ARCH), slice(1, 2))),
+        "one_to_two foot_and_end contours",
     )
     add(
-        "circle_rounded", UNIT, rounded_circle((0, 0), 1, 4, 0.0), "rational closed close", ROUNDED, ROUNDED,
-        "rounding of b"
+        "circle_rounded",
+        UNIT,
+        rounded_circle((0, 0), 1, 4, 0.0),
+        "rational closed close",
+        ROUNDED,
+        ROUNDED,
+        "rounding of b",
     )
     add(
-        "circle_in_thirds", UNIT, rounded_circle((0, 0), 1, 3, 0.0), "rational closed close", ROUNDED, ROUNDED,
-        "rounding of b"
+        "circle_in_thirds",
+        UNIT,
+        rounded_circle((0, 0), 1, 3, 0.0),
+        "rational closed close",
+        ROUNDED,
+        ROUNDED,
+        "rounding of b",
     )
     add(
-        "circle_turned", rounded_circle((0, 0), 1, 4, 0.0), rounded_circle((0, 0), 1, 4, pi / 18),
-        "rational closed close", ROUNDED, ROUNDED, "rounding of both"
+        "circle_turned",
+        rounded_circle((0, 0), 1, 4, 0.0),
+        rounded_circle((0, 0), 1, 4, pi / 18),
+        "rational closed close",
+        ROUNDED,
+        ROUNDED,
+        "rounding of both",
     )
     add(
-        "shifted_spline", SPLINE_12, shift(SPLINE_12, 2.0**-30, 0), "antipodal close spline closed tie",
-        "9.31322574615478515625e-10", "9.31322574615478515625e-10",
-        "where the normal is the shift, the distance is its length 2^-30; nowhere can it be more"
+        "shifted_spline",
+        SPLINE_12,
+        shift(SPLINE_12, 2.0**-30, 0),
+        "antipodal close spline closed tie",
+        "9.31322574615478515625e-10",
+        "9.31322574615478515625e-10",
+        "where the normal is the shift, the distance is its length 2^-30; nowhere can it be more",
     )
     add(
-        "shifted_circle", UNIT, shift(UNIT, 3 * 2.0**-32, 4 * 2.0**-32), "antipodal close rational closed tie",
-        "1.16415321826934814453125e-9", "1.16415321826934814453125e-9", "the shift has the length 5 * 2^-32"
+        "shifted_circle",
+        UNIT,
+        shift(UNIT, 3 * 2.0**-32, 4 * 2.0**-32),
+        "antipodal close rational closed tie",
+        "1.16415321826934814453125e-9",
+        "1.16415321826934814453125e-9",
+        "the shift has the length 5 * 2^-32",
     )
     add(
-        "grown_circle", circle((0, 0), 1 + 2.0**-40), UNIT, "antipodal close flat rational closed",
-        "9.094947017729282379150390625e-13", "9.094947017729282379150390625e-13", "radii differ by 2^-40"
+        "grown_circle",
+        circle((0, 0), 1 + 2.0**-40),
+        UNIT,
+        "antipodal close flat rational closed",
+        "9.094947017729282379150390625e-13",
+        "9.094947017729282379150390625e-13",
+        "radii differ by 2^-40",
     )
 
 
@@ -513,16 +681,21 @@ def pairs_with_digits():
     add(
         "quarter_circle_cubic",
         bezier((1, 0), (1, 0.551915024493510570743562722793), (0.551915024493510570743562722793, 1), (0, 1)),
-        part(UNIT, slice(0, 1)), "antipodal close rational near_tie",
-        source="best cubic with fixed ends: its deviations at 1/2 and at 0.21, 0.79 differ by 2e-17, the latter larger"
+        part(UNIT, slice(0, 1)),
+        "antipodal close rational near_tie",
+        source="best cubic with fixed ends: its deviations at 1/2 and at 0.21, 0.79 differ by 2e-17, the latter larger",
     )
     add(
-        "quarter_circle_kappa", bezier((1, 0), (1, 0.5522847498), (0.5522847498, 1), (0, 1)), part(UNIT, slice(0, 1)),
-        "antipodal close rational tie"
+        "quarter_circle_kappa",
+        bezier((1, 0), (1, 0.5522847498), (0.5522847498, 1), (0, 1)),
+        part(UNIT, slice(0, 1)),
+        "antipodal close rational tie",
     )
     add(
-        "twisted_cubic", bezier((0, 0, 0), (1 / 4, 0, 0), (1 / 2, 1 / 4, 0), (3 / 4, 3 / 4, 3 / 4)),
-        bezier((0, 0, 0), (3 / 4, 3 / 4, 3 / 4)), "antipodal space"
+        "twisted_cubic",
+        bezier((0, 0, 0), (1 / 4, 0, 0), (1 / 2, 1 / 4, 0), (3 / 4, 3 / 4, 3 / 4)),
+        bezier((0, 0, 0), (3 / 4, 3 / 4, 3 / 4)),
+        "antipodal space",
     )
     add("wave_over_line", WAVE, bezier((0, 0), (4, 1)), "antipodal smooth")
     add("line_under_wave", bezier((0, 0), (4, 1)), WAVE, "one_to_two foot_and_foot smooth line")
@@ -534,109 +707,155 @@ def pairs_with_digits():
     add("cusp_and_loop", scale(CUSP, 4), LOOP, "one_to_two foot_and_foot loop cusp tie")
     add("segment_inside_loop", bezier((1, 1.25), (3, 2.25)), LOOP, "a_end loop line")
     add(
-        "evolute_of_parabola", bezier((0, 0.25), (0, 0.5)), PARABOLA, "a_end centre", "0.5", None,
-        "the centre of curvature of the vertex, a triple root, is the end (0, 1/2)"
+        "evolute_of_parabola",
+        bezier((0, 0.25), (0, 0.5)),
+        PARABOLA,
+        "a_end centre",
+        "0.5",
+        None,
+        "the centre of curvature of the vertex, a triple root, is the end (0, 1/2)",
     )
     add(
-        "along_evolute", bezier((-0.25, 0.5), (0.25, 0.5)), PARABOLA, "centre", "0.5", None,
-        "through the centre of curvature of the vertex, a triple root"
+        "along_evolute",
+        bezier((-0.25, 0.5), (0.25, 0.5)),
+        PARABOLA,
+        "centre",
+        "0.5",
+        None,
+        "through the centre of curvature of the vertex, a triple root",
     )
     add("across_evolute", bezier((0, 0), (0.125, 1)), PARABOLA, "a_end centre")
     add("line_along_axis", bezier((-1, 1.5), (1.25, 1.625)), PARABOLA, "one_to_two foot_and_foot line")
     add(
-        "wide_valley", bezier((-3, 1), (4, 1.5)),
-        together(graph(0, 0, 0.25, start=-4, stop=4), graph(4, 0, -0.25, start=-4, stop=4)), "antipodal contours"
+        "wide_valley",
+        bezier((-3, 1), (4, 1.5)),
+        together(graph(0, 0, 0.25, start=-4, stop=4), graph(4, 0, -0.25, start=-4, stop=4)),
+        "antipodal contours",
     )
     add("between_two_arches", bezier((0, 1.5), (2, 2.5), (4, 1.5)), together(ARCH, shift(ARCH, 0, 2)), "a_end contours")
     add(
-        "between_two_circles", bezier((-2, -1), (0, 3), (2.5, -1.5)),
-        together(circle((-3, 0), 1), circle((3, 0.5), 1)), "one_to_two foot_and_foot contours rational"
+        "between_two_circles",
+        bezier((-2, -1), (0, 3), (2.5, -1.5)),
+        together(circle((-3, 0), 1), circle((3, 0.5), 1)),
+        "one_to_two foot_and_foot contours rational",
     )
     add(
-        "foot_and_end_1", bezier((-1, 0.25), (0.5, 2.75)),
-        together(bezier((-5, 0), (5, 0.5)), bezier((0.25, 3), (0.5, 6))), "one_to_two foot_and_end contours"
+        "foot_and_end_1",
+        bezier((-1, 0.25), (0.5, 2.75)),
+        together(bezier((-5, 0), (5, 0.5)), bezier((0.25, 3), (0.5, 6))),
+        "one_to_two foot_and_end contours",
     )
     add(
-        "foot_and_end_2", bezier((-1, 0.5), (1, 3.5)),
+        "foot_and_end_2",
+        bezier((-1, 0.5), (1, 3.5)),
         together(bezier((-4, 0), (0, 0.5), (4, 0)), bezier((1, 4), (2, 5), (4, 3.5))),
-        "one_to_two foot_and_end contours"
+        "one_to_two foot_and_end contours",
     )
     add(
-        "foot_and_end_3", bezier((0, 0, 0), (1, 1, 3)),
+        "foot_and_end_3",
+        bezier((0, 0, 0), (1, 1, 3)),
         together(bezier((-2, 0, 0), (2, 0.5, 0)), bezier((1, 1, 3), (2, 3, 4))),
-        "one_to_two foot_and_end contours space"
+        "one_to_two foot_and_end contours space",
     )
     add(
-        "foot_and_end_of_hook", bezier((2, 0.25), (2.125, 1.75)), bezier((0, 0), (8, -1), (6, 4), (2, 2)),
-        "one_to_two foot_and_end"
+        "foot_and_end_of_hook",
+        bezier((2, 0.25), (2.125, 1.75)),
+        bezier((0, 0), (8, -1), (6, 4), (2, 2)),
+        "one_to_two foot_and_end",
     )
     add("end_and_end_1", bezier((-0.75, 1), (1.25, 0.75)), bezier((-1, 0), (0, -4), (1.5, 0)), "one_to_two end_and_end")
     add(
-        "end_and_end_2", ARCH, together(bezier((0, 0), (0.5, 0.25)), bezier((3.5, 0.5), (4, 0))),
-        "one_to_two end_and_end contours"
+        "end_and_end_2",
+        ARCH,
+        together(bezier((0, 0), (0.5, 0.25)), bezier((3.5, 0.5), (4, 0))),
+        "one_to_two end_and_end contours",
     )
     add(
-        "end_and_end_of_horseshoe", bezier((-1, 4), (0, 3.5), (1.5, 3.5)),
-        bezier((-1, 3), (-3, -3), (4, -3), (1.5, 2.5)), "one_to_two end_and_end"
+        "end_and_end_of_horseshoe",
+        bezier((-1, 4), (0, 3.5), (1.5, 3.5)),
+        bezier((-1, 3), (-3, -3), (4, -3), (1.5, 2.5)),
+        "one_to_two end_and_end",
     )
     add(
-        "end_and_end_in_space", bezier((0, 0, 0), (4, 1, 2)), point_set((0, 1, 0), (4, 0, 3), (1, 5, 5)),
-        "one_to_two end_and_end degree_0 space"
+        "end_and_end_in_space",
+        bezier((0, 0, 0), (4, 1, 2)),
+        point_set((0, 1, 0), (4, 0, 3), (1, 5, 5)),
+        "one_to_two end_and_end degree_0 space",
     )
     add("b_end_of_ray", bezier((0, 1.5), (-6, 0), (0, -1)), bezier((1, 0), (4, 1)), "b_end")
     add("b_end_of_arch", ellipse((-0.5, 0.25), 3, 2), scale(ARCH, 0.125), "b_end rational closed")
     add(
-        "b_end_in_space", bezier((0, 3, 1), (-5, 0, 2), (0, -3, 0)), bezier((1, 0, 0), (4, 1, 1), (5, 0, 0)),
-        "b_end space"
+        "b_end_in_space",
+        bezier((0, 3, 1), (-5, 0, 2), (0, -3, 0)),
+        bezier((1, 0, 0), (4, 1, 1), (5, 0, 0)),
+        "b_end space",
     )
     add("b_end_at_corner", bezier((-3, 1), (0, 6), (3, 1.5)), polyline((-4, -2), (0, 1), (4, -2)), "b_end polyline")
     add(
-        "b_end_at_cusp_joint", bezier((-2, 2), (0, 7), (2, 1)),
-        Shape(np.array([[(-4, 0), (-1, 0), (0, 2)], [(0, 2), (1, 0), (4, 0)]], float)), "b_end"
+        "b_end_at_cusp_joint",
+        bezier((-2, 2), (0, 7), (2, 1)),
+        Shape(np.array([[(-4, 0), (-1, 0), (0, 2)], [(0, 2), (1, 0), (4, 0)]], float)),
+        "b_end",
     )
     add("a_end_of_wave", WAVE, bezier((0, 0), (1, 1), (2, 0)), "a_end smooth")
     add(
-        "a_end_in_space", bezier((0, 0, 0), (1, 2, 1), (5, 5, 5)), bezier((0, 0, 0), (2, 0, 0), (2, 2, 1), (0, 2, 3)),
-        "a_end space"
+        "a_end_in_space",
+        bezier((0, 0, 0), (1, 2, 1), (5, 5, 5)),
+        bezier((0, 0, 0), (2, 0, 0), (2, 2, 1), (0, 2, 3)),
+        "a_end space",
     )
     add("a_end_of_rational", bezier((0, 0), (2, 3), (6, 5), weights=(1, 3, 0.5)), ARCH, "a_end rational")
     add(
         "corner_of_cubics",
         Shape(np.array([[(0, 0), (1, 0), (2, 1), (2, 4)], [(2, 4), (2, 1), (3, 0), (5, 0)]], float)),
-        bezier((0, 0), (2.5, -1), (5, 0)), "corner cusp"
+        bezier((0, 0), (2.5, -1), (5, 0)),
+        "corner cusp",
     )
     add("corner_of_polyline", polyline((0, 0), (3, 1), (4, 4), (6, -1)), WAVE, "corner polyline")
     add(
-        "corner_in_space", polyline((0, 0, 0), (1, 2, 3), (4, 0, 0)), bezier((0, 0, 0), (2, -1, 0), (4, 0, 0)),
-        "corner polyline space"
+        "corner_in_space",
+        polyline((0, 0, 0), (1, 2, 3), (4, 0, 0)),
+        bezier((0, 0, 0), (2, -1, 0), (4, 0, 0)),
+        "corner polyline space",
     )
     add("corner_inside_circle", polyline((1, 0), (0.25, 0.125), (0, 1)), UNIT, "corner polyline rational")
     add(
-        "star_in_ellipse", polyline((3, 0), (0.5, 0.5), (0, 2), (-0.5, 0.375), (-2, -0.5), closed=True),
-        ellipse((0, 0), 4, 2), "one_to_two foot_and_foot polyline rational closed"
+        "star_in_ellipse",
+        polyline((3, 0), (0.5, 0.5), (0, 2), (-0.5, 0.375), (-2, -0.5), closed=True),
+        ellipse((0, 0), 4, 2),
+        "one_to_two foot_and_foot polyline rational closed",
     )
     add("ellipse_and_offset", ellipse((0, 0), 4, 2), ellipse((0.25, 0.125), 5, 3), "antipodal rational closed")
     add("ellipses_crossed", ellipse((0, 0), 3, 1), ellipse((0.125, 0.0625), 1, 3), "antipodal rational closed")
     add(
-        "light_and_heavy_weights", bezier((0, 0), (2, 6), (4, 0), weights=(1, 1e-3, 1)),
-        bezier((0, 0), (2, 6), (4, 0), weights=(1, 1e3, 1)), "one_to_two foot_and_foot rational weights"
+        "light_and_heavy_weights",
+        bezier((0, 0), (2, 6), (4, 0), weights=(1, 1e-3, 1)),
+        bezier((0, 0), (2, 6), (4, 0), weights=(1, 1e3, 1)),
+        "one_to_two foot_and_foot rational weights",
     )
     add(
-        "heavy_and_light_weights", bezier((0, 0), (2, 6), (4, 0), weights=(1, 1e3, 1)),
-        bezier((0, 0), (2, 6), (4, 0), weights=(1, 1e-3, 1)), "antipodal rational weights"
+        "heavy_and_light_weights",
+        bezier((0, 0), (2, 6), (4, 0), weights=(1, 1e3, 1)),
+        bezier((0, 0), (2, 6), (4, 0), weights=(1, 1e-3, 1)),
+        "antipodal rational weights",
     )
     add(
-        "weights_in_the_thousands", bezier((0, 0), (1, 4), (3, -4), (4, 0), weights=(1e3, 1, 1e-3, 1)),
+        "weights_in_the_thousands",
+        bezier((0, 0), (1, 4), (3, -4), (4, 0), weights=(1e3, 1, 1e-3, 1)),
         bezier((0, 1), (1, -2), (3, 3), (4, -1), weights=(1e-3, 1e3, 1, 1e3)),
-        "one_to_two foot_and_foot rational weights"
+        "one_to_two foot_and_foot rational weights",
     )
     add(
-        "rational_against_polynomial", bezier((0, 0), (1, 4), (3, -4), (4, 0), weights=(1, 4, 2, 1)), WAVE,
-        "antipodal rational"
+        "rational_against_polynomial",
+        bezier((0, 0), (1, 4), (3, -4), (4, 0), weights=(1, 4, 2, 1)),
+        WAVE,
+        "antipodal rational",
     )
     add(
-        "rational_space_curves", random_bezier(11, 3, dim=3, weight_exponent=1),
-        random_bezier(12, 4, dim=3, weight_exponent=0.5), "a_end rational space"
+        "rational_space_curves",
+        random_bezier(11, 3, dim=3, weight_exponent=1),
+        random_bezier(12, 4, dim=3, weight_exponent=0.5),
+        "a_end rational space",
     )
     add("degrees_1_and_10", random_bezier(101, 1), random_bezier(210, 10), "a_end random")
     add("degrees_2_and_5", random_bezier(102, 2), random_bezier(205, 5), "a_end random")
@@ -649,17 +868,23 @@ def pairs_with_digits():
     add("degrees_9_and_3", random_bezier(109, 9), random_bezier(203, 3), "a_end random")
     add("degrees_10_and_10", random_bezier(110, 10), random_bezier(210, 10), "a_end random")
     add(
-        "degrees_0_and_9", Shape(random_bezier(31, 5).control_points.reshape(6, 1, 2)), random_bezier(32, 9),
-        "a_end degree_0 random"
+        "degrees_0_and_9",
+        Shape(random_bezier(31, 5).control_points.reshape(6, 1, 2)),
+        random_bezier(32, 9),
+        "a_end degree_0 random",
     )
     add(
-        "degrees_9_and_0", random_bezier(32, 9), Shape(random_bezier(31, 5).control_points.reshape(6, 1, 2)),
-        "a_end degree_0 random"
+        "degrees_9_and_0",
+        random_bezier(32, 9),
+        Shape(random_bezier(31, 5).control_points.reshape(6, 1, 2)),
+        "a_end degree_0 random",
     )
     add("space_cubics", random_bezier(41, 3, dim=3), random_bezier(42, 3, dim=3), "a_end space random")
     add(
-        "space_cubic_chains", random_bezier(43, 3, dim=3, segments=4), random_bezier(44, 3, dim=3, segments=3),
-        "corner space random"
+        "space_cubic_chains",
+        random_bezier(43, 3, dim=3, segments=4),
+        random_bezier(44, 3, dim=3, segments=3),
+        "corner space random",
     )
     add("cubic_chains", random_bezier(45, 3, segments=5), random_bezier(46, 3, segments=4), "a_end random")
     add("degree_10_in_space", random_bezier(47, 10, dim=3), random_bezier(48, 8, dim=3), "antipodal space random")
@@ -667,53 +892,85 @@ def pairs_with_digits():
     add("splines_30", SPLINE_30, SPLINE_30_B, "antipodal spline closed")
     add("splines_90", SPLINE_90, SPLINE_90_B, "one_to_two foot_and_foot spline closed")
     add(
-        "curve_and_spline_90", bezier((-1.25, 0), (0, 2), (0.25, -2), (1, 0.5)), SPLINE_90,
-        "one_to_two foot_and_foot spline"
+        "curve_and_spline_90",
+        bezier((-1.25, 0), (0, 2), (0.25, -2), (1, 0.5)),
+        SPLINE_90,
+        "one_to_two foot_and_foot spline",
     )
     add(
-        "splines_12_far_million", shift(SPLINE_12, 2.0**20, 2.0**20), shift(SPLINE_12_B, 2.0**20, 2.0**20),
-        "antipodal spline closed far"
+        "splines_12_far_million",
+        shift(SPLINE_12, 2.0**20, 2.0**20),
+        shift(SPLINE_12_B, 2.0**20, 2.0**20),
+        "antipodal spline closed far",
     )
     add(
-        "arch_and_wave_far_million", shift(scale(ARCH, 2.0**-10), 1e6, -1e6), shift(scale(WAVE, 2.0**-10), 1e6, -1e6),
-        "one_to_two foot_and_end far"
+        "arch_and_wave_far_million",
+        shift(scale(ARCH, 2.0**-10), 1e6, -1e6),
+        shift(scale(WAVE, 2.0**-10), 1e6, -1e6),
+        "one_to_two foot_and_end far",
     )
     add(
-        "parabola_far_hundred_million", shift(bezier((-0.5, 2), (0.5, 2)), 1e8, 1e8), shift(PARABOLA, 1e8, 1e8),
-        "one_to_two foot_and_foot far", "1.32287565553229529525080787682", "2.5", "a shift of segment_over_parabola"
+        "parabola_far_hundred_million",
+        shift(bezier((-0.5, 2), (0.5, 2)), 1e8, 1e8),
+        shift(PARABOLA, 1e8, 1e8),
+        "one_to_two foot_and_foot far",
+        "1.32287565553229529525080787682",
+        "2.5",
+        "a shift of segment_over_parabola",
     )
     add(
-        "loop_far_hundred_million", shift(LOOP, -1e8, 3e8), shift(scale(CUSP, 4), -1e8, 3e8),
-        "one_to_two foot_and_foot loop cusp far"
+        "loop_far_hundred_million",
+        shift(LOOP, -1e8, 3e8),
+        shift(scale(CUSP, 4), -1e8, 3e8),
+        "one_to_two foot_and_foot loop cusp far",
     )
     add(
-        "circles_far", shift(UNIT, 1e8, 0), shift(circle((0.5, 0), 3), 1e8, 0), "antipodal rational far closed", "2.5",
-        "2.5"
+        "circles_far",
+        shift(UNIT, 1e8, 0),
+        shift(circle((0.5, 0), 3), 1e8, 0),
+        "antipodal rational far closed",
+        "2.5",
+        "2.5",
     )
     add("arch_and_wave_small", scale(ARCH, 2.0**-40), scale(WAVE, 2.0**-40), "one_to_two foot_and_end scale smooth")
     add("arch_and_wave_large", scale(ARCH, 2.0**40), scale(WAVE, 2.0**40), "one_to_two foot_and_end scale smooth")
     add(
-        "circle_in_ellipse_small", scale(UNIT, 2.0**-40), scale(ellipse((0, 0), 2, 1), 2.0**-40),
-        "one_to_two foot_and_foot tie rational closed scale"
+        "circle_in_ellipse_small",
+        scale(UNIT, 2.0**-40),
+        scale(ellipse((0, 0), 2, 1), 2.0**-40),
+        "one_to_two foot_and_foot tie rational closed scale",
     )
     add(
-        "circle_in_ellipse_large", scale(UNIT, 2.0**40), scale(ellipse((0, 0), 2, 1), 2.0**40),
-        "one_to_two foot_and_foot tie rational closed scale"
+        "circle_in_ellipse_large",
+        scale(UNIT, 2.0**40),
+        scale(ellipse((0, 0), 2, 1), 2.0**40),
+        "one_to_two foot_and_foot tie rational closed scale",
     )
     add(
-        "parabola_and_shifted", PARABOLA, shift(PARABOLA, 2.0**-30, 0), "a_end close smooth",
-        "9.31322574615478515625e-10", "9.31322574615478515625e-10",
-        "2^-30: the end of the other curve is the foot of an end"
+        "parabola_and_shifted",
+        PARABOLA,
+        shift(PARABOLA, 2.0**-30, 0),
+        "a_end close smooth",
+        "9.31322574615478515625e-10",
+        "9.31322574615478515625e-10",
+        "2^-30: the end of the other curve is the foot of an end",
     )
     add(
         "figure_eight",
         Shape(np.array([[(0, 0), (3, 3), (3, -3), (0, 0)], [(0, 0), (-3, 3), (-3, -3), (0, 0)]], float)),
-        scale(UNIT, 1.5), "loop closed rational centre", "1.5", None, "3/2 - |p| where a meets the centre"
+        scale(UNIT, 1.5),
+        "loop closed rational centre",
+        "1.5",
+        None,
+        "3/2 - |p| where a meets the centre",
     )
     add(
-        "circle_and_figure_eight", scale(UNIT, 1.5),
+        "circle_and_figure_eight",
+        scale(UNIT, 1.5),
         Shape(np.array([[(0, 0), (3, 3), (3, -3), (0, 0)], [(0, 0), (-3, 3), (-3, -3), (0, 0)]], float)),
-        "one_to_two foot_and_foot loop closed rational", None, "1.5"
+        "one_to_two foot_and_foot loop closed rational",
+        None,
+        "1.5",
     )
 
 

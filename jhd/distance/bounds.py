@@ -28,7 +28,7 @@ Source: the hull property is in Farouki & Rajan, CAGD 5 (1988); the split at tau
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -138,7 +138,7 @@ def first_upper_bound(a: BezierSegments, b: BezierSegments, cell: Cell) -> Array
 def local_foot(point: Array, piece: Piece, s: Array, steps: int) -> Array:
     """A parameter in [0, 1] near s where (B - P).B' is small: Newton's method, Gauss-Newton where it is not convex."""
 
-    def newton(_: int, s: Array) -> Array:
+    def newton(_: Any, s: Array) -> Array:
         b = jet(*piece, s)
         c = b.point - point
         square = b.first @ b.first
@@ -239,7 +239,7 @@ def _peak(both: _Branch) -> tuple[Array, Array, Array]:
     u = best.astype(both.e.dtype) / (_NODES - 1)
     low, high = jnp.maximum(u - 1 / (_NODES - 1), 0.0), jnp.minimum(u + 1 / (_NODES - 1), 1.0)
 
-    def step(_: int, state: tuple[Array, Array]) -> tuple[Array, Array]:
+    def step(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
         u, top = state
         f, f1, f2 = heights(u)
         tops = u - f1 / jnp.where(f2 < 0, f2, -jnp.inf)

@@ -36,6 +36,8 @@ _SEEDS = 4
 _SEED_STEPS = 3
 # A peak nearer than this share of the cell to an end does not serve as a cut; the middle does.
 _NEAR_END = 0.02
+# Least gap in units of the error of the common coordinates: both bounds take it, and those of the cells as much again.
+_FLOOR = 8
 # Default tolerance in units of the diagonal.
 _DEFAULT = 1e-10
 
@@ -73,13 +75,28 @@ class BranchAndBound(AbstractHausdorffMethod):
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame) -> HausdorffSolution:
         """One direction in common coordinates."""
         dtype = a.control_points.dtype
+        # Closer than a few times the error of the common coordinates the bounds cannot get.
+        floor = jnp.asarray(_FLOOR * evaluation_error(a, b), dtype)
         if self.atol is None:
             rows = jnp.concatenate([a.control_points.reshape(-1, a.dim), b.control_points.reshape(-1, a.dim)])
             diagonal = jnp.sqrt(jnp.sum((jnp.max(rows, axis=0) - jnp.min(rows, axis=0)) ** 2))
-            atol = max(_DEFAULT, 64 * float(jnp.finfo(dtype).eps)) * diagonal
+            atol = jnp.maximum(max(_DEFAULT, 64 * float(jnp.finfo(dtype).eps)) * diagonal, floor)
         else:
             atol = jnp.ldexp(self.atol.astype(dtype), -(frame.first + frame.second))
-        return _search(a, b, atol, self.rtol.astype(dtype), self.max_steps, max(self.capacity, 2 * a.count))
+        tolerances = _Tolerances(atol, self.rtol.astype(dtype), floor)
+        return _search(a, b, tolerances, self.max_steps, max(self.capacity, 2 * a.count))
+
+
+class _Tolerances(NamedTuple):
+    """What was asked for, in the common coordinates, and what can be reached."""
+
+    atol: Array
+    rtol: Array
+    floor: Array
+
+    def wanted(self, distance: Array) -> Array:
+        """The tolerance at a distance."""
+        return jnp.maximum(self.atol, self.rtol * distance)
 
 
 class _Table(NamedTuple):
@@ -108,7 +125,7 @@ class _State(NamedTuple):
 
 
 def _search(
-    a: BezierSegments, b: BezierSegments, atol: Array, rtol: Array, max_steps: int, capacity: int
+    a: BezierSegments, b: BezierSegments, tolerances: _Tolerances, max_steps: int, capacity: int
 ) -> HausdorffSolution:
     dtype = a.control_points.dtype
     skip_b = repeated(b.control_points, b.weights)
@@ -117,7 +134,7 @@ def _search(
     state = _start(a, b, seeds, error, capacity)
 
     def goal(state: _State) -> Array:
-        return state.lower + jnp.maximum(atol, rtol * state.lower)
+        return state.lower + jnp.maximum(tolerances.floor, tolerances.wanted(state.lower))
 
     def unfinished(state: _State) -> Array:
         return (jnp.max(state.table.upper) > goal(state)) & (state.steps < max_steps)
@@ -151,7 +168,8 @@ def _search(
     left = jnp.max(state.table.upper)
     upper = jnp.maximum(jnp.maximum(left, state.closed), state.lower)
     lower = state.lower
-    closed = upper <= goal(state) * (1 + 4 * jnp.finfo(dtype).eps)
+    # Four units for the rounding of this comparison itself.
+    closed = upper - lower <= tolerances.wanted(upper) * (1 + 4 * jnp.finfo(dtype).eps)
     result = result_where(closed, RESULTS.successful, RESULTS.gap_not_closed)
     result = result_where(~closed & state.dropped, RESULTS.capacity_reached, result)
     witness = describe(a, b, state.at, state.foot, jnp.ones((), dtype))

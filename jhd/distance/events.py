@@ -7,7 +7,7 @@ Source: Elber & Grandine, Hausdorff and minimal distances between parametric fre
 al. 2014, section 3.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -114,7 +114,7 @@ def follow_foot(point: Array, b: BezierSegments, before: Array, segment: Array, 
         steps: number of Newton steps.
     """
 
-    def newton(_: int, foot: tuple[Array, Array]) -> tuple[Array, Array]:
+    def newton(_: Any, foot: tuple[Array, Array]) -> tuple[Array, Array]:
         segment, s = foot
         s = s + _newton_step(point, piece_of(b, segment), s)
         nxt, last = b.following[segment], before[segment]

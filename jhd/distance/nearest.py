@@ -74,6 +74,7 @@ class _State(eqx.Module):
     cells: _Cell  # the stack; a free slot has lower = inf
     best: Nearest
     settled: Array  # smallest lower bound of the cells that were closed
+    overflowed: Array  # whether a cell had to be closed for want of room
     steps: Array
 
 
@@ -105,6 +106,7 @@ def nearest(
         cells=_empty_cells(point.dtype),
         best=best_end(offsets, radius),
         settled=jnp.array(jnp.inf, point.dtype),
+        overflowed=jnp.array(False),
         steps=jnp.array(0),
     )
 
@@ -122,13 +124,19 @@ def nearest(
         whole = jnp.where(jnp.arange(count) == index, jnp.inf, state.whole)
         freed = jnp.where(jnp.arange(_CAPACITY) == slot, jnp.inf, state.cells.lower)
         state = _State(
-            whole, eqx.tree_at(lambda c: c.lower, state.cells, freed), state.best, state.settled, state.steps + 1
+            whole,
+            eqx.tree_at(lambda c: c.lower, state.cells, freed),
+            state.best,
+            state.settled,
+            state.overflowed,
+            state.steps + 1,
         )
         return _cut(state, cell, offsets[segment], None if weights is None else weights[segment], tolerance)
 
     state = jax.lax.while_loop(unfinished, step, state)
     lower = jnp.minimum(jnp.minimum(_open_lower(state), state.settled), state.best.upper)
-    closed = state.best.upper - lower <= tolerance
+    # Closed as far as floating-point parameters go: cells of a few ulp are settled with the bounds they have.
+    closed = (_open_lower(state) >= state.best.upper - tolerance) & ~state.overflowed
     return eqx.tree_at(
         lambda n: (n.lower, n.closed, n.steps), state.best, (jnp.maximum(lower, 0.0), closed, state.steps)
     )
@@ -225,7 +233,7 @@ def _empty_cells(dtype: DTypeLike) -> _Cell:
 def _local_foot(e: Array, w: Array | None, cell: _Cell) -> Array:
     """A parameter of the cell where C.C' is small for C = P - B, by Newton's method kept inside the cell."""
 
-    def newton(_: int, s: Array) -> Array:
+    def newton(_: Any, s: Array) -> Array:
         c = jet(e, w, s)
         residual = jnp.sum(c.point * c.first)
         slope = jnp.sum(c.first * c.first) + jnp.sum(c.point * c.second)
@@ -268,10 +276,12 @@ def _cut(state: _State, cell: _Cell, e: Array, w: Array | None, tolerance: Array
     # A cell of a few ulp cannot be cut again.
     keep = (halves.lower < best.upper - _CLOSE * tolerance) & (halves.s1 - halves.s0 > 8 * jnp.finfo(e.dtype).eps)
     cells, settled = state.cells, jnp.minimum(state.settled, jnp.min(jnp.where(keep, jnp.inf, halves.lower)))
+    overflowed = state.overflowed
     for k in range(2):
         new = jax.tree_util.tree_map(lambda x, k=k: x[k], halves)
         free = jnp.isinf(cells.lower)
         here = (jnp.arange(_CAPACITY) == jnp.argmax(free)) & free & keep[k]
         cells = jax.tree_util.tree_map(lambda old, x, here=here: jnp.where(here, x, old), cells, new)
-        settled = jnp.where(keep[k] & ~jnp.any(free), jnp.minimum(settled, new.lower), settled)
-    return _State(state.whole, cells, best, settled, state.steps)
+        lost = keep[k] & ~jnp.any(free)
+        settled, overflowed = jnp.where(lost, jnp.minimum(settled, new.lower), settled), overflowed | lost
+    return _State(state.whole, cells, best, settled, overflowed, state.steps)

@@ -19,12 +19,14 @@ from jhd.arithmetic.bernstein import product_weights
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arrays import is_traced
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import HausdorffSolution
+from jhd.solution import RESULTS, HausdorffSolution, result_where
 
 # Numbers of segments and degrees that programs are compiled for. Small curves share one size, where the cost of the
 # repetition does not show; from 48 on at most a half is repetition.
 _COUNTS = (4, 16, *(factor * 2**k for k in range(4, 26) for factor in (3,)))
 _DEGREES = (3, 6, 10)
+# Power of two that stands for no extent at all.
+_VANISHING = 1000
 
 
 def padded_count(count: int) -> int:
@@ -65,13 +67,14 @@ class Frame(eqx.Module):
     centre: Any
     first: Any
     second: Any
+    usable: Any = True  # whether all numbers were; under tracing this is known only now
 
-    def place(self, x: Array) -> Array:
+    def place(self, x: Any) -> Array:
         """Points in the user's coordinates."""
         xp = jnp if is_traced(x, self) else np
         return jnp.asarray(xp.ldexp(xp.ldexp(xp.asarray(x), self.second) + self.centre, self.first))
 
-    def length(self, x: Array, toward: float | None = None) -> Array:
+    def length(self, x: Any, toward: float | None = None) -> Array:
         """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
         xp = jnp if is_traced(x, self) else np
         given = xp.asarray(x)
@@ -84,7 +87,7 @@ class Frame(eqx.Module):
 
     def solution(self, solution: HausdorffSolution) -> HausdorffSolution:
         """A solution found in the common coordinates, in the user's."""
-        return eqx.tree_at(
+        solution = eqx.tree_at(
             lambda s: (s.value, s.lower, s.upper, s.witness.point, s.witness.feet),
             solution,
             (
@@ -95,6 +98,29 @@ class Frame(eqx.Module):
                 self.place(solution.witness.feet),
             ),
         )
+        if not is_traced(self.usable):
+            return solution
+        numbers = (solution.value, solution.lower, solution.upper)
+        instead = (jnp.inf, 0.0, jnp.inf)
+        chosen = tuple(jnp.where(self.usable, x, y) for x, y in zip(numbers, instead, strict=True))
+        result = result_where(self.usable, solution.result, RESULTS.nonfinite_value)
+        return eqx.tree_at(lambda s: (s.value, s.lower, s.upper, s.result), solution, (*chosen, result))
+
+
+def usable(curve: BezierSegments) -> Any:
+    """Whether all control points are finite and all weights finite and positive; True for concrete curves, checked."""
+    if not is_traced(curve):
+        return True
+    good = jnp.all(jnp.isfinite(curve.control_points))
+    return good if curve.weights is None else good & jnp.all((curve.weights > 0) & jnp.isfinite(curve.weights))
+
+
+def replaced(curve: BezierSegments, good: Any) -> BezierSegments:
+    """The curve, with harmless numbers where it is not good, so that no NaN enters a search."""
+    if not is_traced(good):
+        return curve
+    weights = None if curve.weights is None else jnp.where(good, curve.weights, 1.0)
+    return trusted(jnp.where(good, curve.control_points, 0.0), weights, curve.following)
 
 
 def prepare(a: BezierSegments, b: BezierSegments) -> tuple[BezierSegments, BezierSegments, Frame]:
@@ -104,6 +130,8 @@ def prepare(a: BezierSegments, b: BezierSegments) -> tuple[BezierSegments, Bezie
     the second brings the remaining extent to order one. On concrete curves this runs in NumPy, which keeps subnormals.
     """
     xp = jnp if is_traced(a, b) else np
+    good = usable(a) & usable(b)
+    a, b = replaced(a, good), replaced(b, good)
     x, y = (xp.asarray(curve.control_points) for curve in (a, b))
     first = _exponent(xp, x, y)
     x, y = xp.ldexp(x, -first), xp.ldexp(y, -first)
@@ -111,10 +139,16 @@ def prepare(a: BezierSegments, b: BezierSegments) -> tuple[BezierSegments, Bezie
     high = xp.maximum(xp.max(x, axis=(0, 1)), xp.max(y, axis=(0, 1)))
     centre = 0.5 * (low + high)
     x, y = x - centre, y - centre
-    second = _exponent(xp, x, y)
+    # Where all points are one, every difference is an exact zero: nothing is left that an error could be relative to.
+    extent = xp.max(xp.abs(xp.concatenate([x.reshape(-1, x.shape[-1]), y.reshape(-1, y.shape[-1])])))
+    second = xp.where(extent > 0, _exponent(xp, x, y), -_VANISHING)
     x, y = xp.ldexp(x, -second), xp.ldexp(y, -second)
     degree, rational = raised_degree(max(a.degree, b.degree)), a.weights is not None or b.weights is not None
-    return _bucketed(xp, a, x, degree, rational), _bucketed(xp, b, y, degree, rational), Frame(centre, first, second)
+    return (
+        _bucketed(xp, a, x, degree, rational),
+        _bucketed(xp, b, y, degree, rational),
+        Frame(centre, first, second, good),
+    )
 
 
 def preparation_error(degree: int, dim: int, dtype: DTypeLike) -> float:

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.events import describe, follow_foot, piece_of, preceding
+from jhd.distance.events import Place, describe, follow_foot, piece_of, preceding
+from jhd.distance.jets import jet
+from jhd.distance.nearest import nearest
 from jhd.distance.prepare import prepare
 from jhd.solution import name_of
 
@@ -21,8 +23,12 @@ _follow = jax.jit(follow_foot, static_argnums=5)
 
 def witness(a, b, segment, t):
     """The witness of a pair in common coordinates, and the frame that leads back."""
-    p, q, frame = prepare(a, b)
-    return _describe(p, q, jnp.array(segment), jnp.array(t), jnp.ones(())), frame
+    *both, frame = prepare(a, b)
+    p, q = jax.tree_util.tree_map(jnp.asarray, both)
+    at = Place(jnp.array(segment), jnp.array(t))
+    point = jet(*piece_of(p, at.segment), at.t).point
+    found = nearest(point, q.control_points, q.weights)
+    return _describe(p, q, at, Place(found.segment, found.t), jnp.ones(())), frame
 
 
 @pytest.mark.parametrize(

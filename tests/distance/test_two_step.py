@@ -60,13 +60,9 @@ def numbers(x):
     return np.asarray(x, dtype=float)
 
 
-# Newton's method creeps towards a cusp, so the feet gathered for the witness there are off by 1e-6.
-FEET_AT_CUSPS = pytest.mark.xfail(strict=True, reason="the feet of a witness at a cusp are not those of the proof")
-
-
 @pytest.mark.parametrize(
     ("name", "direction"),
-    [pytest.param(*p.values, id=p.id, marks=FEET_AT_CUSPS) if p.id == "identical_cusp-ba" else p for p in EVERY],
+    EVERY,
 )
 def test_the_witness_lies_on_both_curves_at_the_distance(name, direction):
     a, b, _ = pairs.in_order(name, direction)
@@ -243,7 +239,6 @@ def test_a_batch_is_solved_under_jit_and_vmap():
         assert name_of(jax.tree_util.tree_map(lambda x, k=k: x[k], found).direction) == name_of(one.direction)
 
 
-@pytest.mark.xfail(strict=True, reason="the methods do not set RESULTS.nonfinite_value yet")
 def test_what_is_not_finite_and_known_at_run_time_only_never_looks_like_a_distance():
     a, b = np.random.default_rng(3).normal(size=(2, 3, 1, 4, 2))
     a[1, 0, 0, 0] = np.nan
