@@ -18,14 +18,17 @@ from jhd.distance import (  # noqa: E402
     TwoStep,
     directed_hausdorff,
     hausdorff,
+    hausdorff_at_most,
     project,
     stationary_points,
 )
 from jhd.shapes import BezierCurve, BezierSegments, BSplineCurve, circle, points, polyline  # noqa: E402
 from jhd.solution import (  # noqa: E402
+    ANSWERS,
     DIRECTIONS,
     EVENTS,
     RESULTS,
+    Decision,
     HausdorffSolution,
     NotProvenError,
     Projection,

@@ -37,6 +37,14 @@ class EVENTS(eqx.Enumeration):
     coincident = "The distance is zero: a lies on b."
 
 
+class ANSWERS(eqx.Enumeration):
+    """Whether a distance is at most a threshold."""
+
+    yes = "Proven: the distance is at most the threshold."
+    no = "Proven: the distance is larger than the threshold."
+    undecided = "The bounds reached lie on both sides of the threshold."
+
+
 class DIRECTIONS(eqx.Enumeration):
     """Which curve carries the point whose distance to the other one is the Hausdorff distance."""
 
@@ -173,6 +181,22 @@ class StationaryPoints(eqx.Module):
     upper: Float[Array, "*batch capacity"]
     distance: Float[Array, "*batch capacity"]
     valid: Bool[Array, "*batch capacity"]
+    result: Any
+
+
+class Decision(eqx.Module):
+    """The answer to whether a distance is at most a threshold, with the bounds that were reached.
+
+    Args:
+        answer: a member of ANSWERS.
+        lower: proven lower bound of the distance.
+        upper: proven upper bound.
+        result: why it is undecided where it is.
+    """
+
+    answer: Any
+    lower: Float[Array, "*batch"]
+    upper: Float[Array, "*batch"]
     result: Any
 
 

@@ -33,6 +33,7 @@ PARAMETERS = {
     "stationary_points": ["points", "curve", "capacity", "throw"],
     "directed_hausdorff": ["a", "b", "method", "throw"],
     "hausdorff": ["a", "b", "method", "throw"],
+    "hausdorff_at_most": ["a", "b", "threshold", "method"],
     "BranchAndBound": ["atol", "rtol", "max_steps", "capacity"],
     "TwoStep": ["samples", "spacing", "max_rounds"],
     "NearestSearch": [],

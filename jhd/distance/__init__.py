@@ -1,7 +1,7 @@
 """Distances: projection, the Hausdorff methods and the entries."""
 
 from jhd.distance.branch_and_bound import BranchAndBound
-from jhd.distance.hausdorff import directed_hausdorff, hausdorff
+from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
 from jhd.distance.projection import (
     HybridProjection,
     IntervalHalving,

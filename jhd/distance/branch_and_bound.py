@@ -23,7 +23,7 @@ from jhd.arrays import is_traced, real_array
 from jhd.distance.bounds import Cell, CellBound, cell_upper_bound, first_upper_bound, local_foot
 from jhd.distance.events import Place, describe, piece_of
 from jhd.distance.jets import jet
-from jhd.distance.method import AbstractHausdorffMethod
+from jhd.distance.method import AbstractHausdorffMethod, Aim
 from jhd.distance.nearest import Nearest, nearest, repeated
 from jhd.distance.prepare import Frame, evaluation_error
 from jhd.shapes.curve import BezierSegments
@@ -72,7 +72,7 @@ class BranchAndBound(AbstractHausdorffMethod):
             if not isinstance(value, int) or isinstance(value, bool) or value < least:
                 raise ValueError(f"{name} is {value!r}; needs a whole number of at least {least}.")
 
-    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame) -> HausdorffSolution:
+    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """One direction in common coordinates."""
         dtype = a.control_points.dtype
         # Closer than a few times the error of the common coordinates the bounds cannot get.
@@ -84,7 +84,7 @@ class BranchAndBound(AbstractHausdorffMethod):
         else:
             atol = jnp.ldexp(self.atol.astype(dtype), -(frame.first + frame.second))
         tolerances = _Tolerances(atol, self.rtol.astype(dtype), floor)
-        return _search(a, b, tolerances, self.max_steps, max(self.capacity, 2 * a.count))
+        return _search(a, b, tolerances, aim, self.max_steps, max(self.capacity, 2 * a.count))
 
 
 class _Tolerances(NamedTuple):
@@ -125,7 +125,7 @@ class _State(NamedTuple):
 
 
 def _search(
-    a: BezierSegments, b: BezierSegments, tolerances: _Tolerances, max_steps: int, capacity: int
+    a: BezierSegments, b: BezierSegments, tolerances: _Tolerances, aim: Aim, max_steps: int, capacity: int
 ) -> HausdorffSolution:
     dtype = a.control_points.dtype
     skip_b = repeated(b.control_points, b.weights)
@@ -134,10 +134,11 @@ def _search(
     state = _start(a, b, seeds, error, capacity)
 
     def goal(state: _State) -> Array:
-        return state.lower + jnp.maximum(tolerances.floor, tolerances.wanted(state.lower))
+        return jnp.maximum(aim.level, state.lower + jnp.maximum(tolerances.floor, tolerances.wanted(state.lower)))
 
     def unfinished(state: _State) -> Array:
-        return (jnp.max(state.table.upper) > goal(state)) & (state.steps < max_steps)
+        open_ = (jnp.max(state.table.upper) > goal(state)) & (state.lower <= aim.ceiling)
+        return open_ & (state.steps < max_steps)
 
     def step(state: _State) -> _State:
         taken, uppers, rest = _largest(state.table)
@@ -169,7 +170,8 @@ def _search(
     upper = jnp.maximum(jnp.maximum(left, state.closed), state.lower)
     lower = state.lower
     # Four units for the rounding of this comparison itself.
-    closed = upper - lower <= tolerances.wanted(upper) * (1 + 4 * jnp.finfo(dtype).eps)
+    gap = upper - jnp.maximum(lower, aim.level)
+    closed = gap <= tolerances.wanted(upper) * (1 + 4 * jnp.finfo(dtype).eps)
     result = result_where(closed, RESULTS.successful, RESULTS.gap_not_closed)
     result = result_where(~closed & state.dropped, RESULTS.capacity_reached, result)
     witness = describe(a, b, state.at, state.foot, jnp.ones((), dtype))

@@ -3,12 +3,24 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
 
+from jhd.arrays import is_traced, real_array
 from jhd.distance.branch_and_bound import BranchAndBound
-from jhd.distance.method import AbstractHausdorffMethod
+from jhd.distance.method import AbstractHausdorffMethod, Aim
 from jhd.distance.prepare import Frame, prepare
+from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
-from jhd.solution import DIRECTIONS, RESULTS, HausdorffSolution, result_where, throw_unless_successful
+from jhd.solution import (
+    ANSWERS,
+    DIRECTIONS,
+    RESULTS,
+    Decision,
+    HausdorffSolution,
+    result_where,
+    throw_unless_successful,
+)
 
 
 def directed_hausdorff(
@@ -35,7 +47,7 @@ def directed_hausdorff(
     """
     method = _checked(a, b, method)
     p, q, frame = prepare(a.segments(), b.segments())
-    return _finish(frame.solution(_directed(method, p, q, frame)), throw)
+    return _finish(frame.solution(_directed(method, p, q, frame, _everything(p))), throw)
 
 
 def hausdorff(
@@ -59,13 +71,66 @@ def hausdorff(
     """
     method = _checked(a, b, method)
     p, q, frame = prepare(a.segments(), b.segments())
-    there, back = _directed(method, p, q, frame), _directed(method, q, p, frame)
+    there = _directed(method, p, q, frame, _everything(p))
+    # In the other direction only what exceeds the first one's lower bound matters.
+    back = _directed(method, q, p, frame, _everything(p)._replace(level=there.lower))
     return _finish(frame.solution(_larger(there, back)), throw)
 
 
+def hausdorff_at_most(
+    a: AbstractCurve, b: AbstractCurve, threshold: Numbers, method: AbstractHausdorffMethod | None = None
+) -> Decision:
+    """Whether the Hausdorff distance is at most the threshold: proven yes, proven no, or undecided at the tolerance.
+
+    The same search as for the distance, ended as soon as the bounds are on one side of the threshold, which takes a few
+    steps where the threshold is not close to the distance.
+
+    Args:
+        a: a curve.
+        b: a curve of the same dimension.
+        threshold: a length of at least 0, in the unit of the coordinates.
+        method: options of the search; its tolerance says when it gives up.
+
+    Returns:
+        The answer with the bounds of the distance that were reached; `result` says why where it is undecided.
+
+    Raises:
+        TypeError: a shape of another kind, or another method than BranchAndBound.
+        ValueError: curves of different dimensions, or a threshold that is no length.
+    """
+    method = _checked(a, b, method)
+    if not isinstance(method, BranchAndBound):
+        raise TypeError(f"method must be BranchAndBound(), which proves both bounds; got {type(method).__name__}.")
+    limit = real_array("threshold", threshold)
+    if limit.shape != () or (not is_traced(limit) and float(limit) < 0):
+        raise ValueError(f"threshold is {limit}; needs one number of at least 0.")
+    p, q, frame = prepare(a.segments(), b.segments())
+    aim = Aim(*(frame.common(limit),) * 2)
+    there = _directed(method, p, q, frame, aim)
+    back = _directed(method, q, p, frame, aim)
+    return _decided(frame.solution(_larger(there, back)), limit)
+
+
 @eqx.filter_jit
-def _directed(method: AbstractHausdorffMethod, a: BezierSegments, b: BezierSegments, frame: Frame) -> HausdorffSolution:
-    return method.directed(a, b, frame)
+def _decided(solution: HausdorffSolution, limit: Array) -> Decision:
+    below, above = solution.upper <= limit, solution.lower > limit
+    answer = ANSWERS.where(below, ANSWERS.yes, ANSWERS.where(above, ANSWERS.no, ANSWERS.undecided))
+    ended = result_where(solution.result == RESULTS.successful, RESULTS.gap_not_closed, solution.result)
+    result = result_where(below | above, RESULTS.successful, ended)
+    return Decision(answer, solution.lower, solution.upper, result)
+
+
+def _everything(curve: BezierSegments) -> Aim:
+    """The aim of a plain distance."""
+    infinity = np.asarray(np.inf, curve.control_points.dtype)
+    return Aim(-infinity, infinity)
+
+
+@eqx.filter_jit
+def _directed(
+    method: AbstractHausdorffMethod, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim
+) -> HausdorffSolution:
+    return method.directed(a, b, frame, aim)
 
 
 @eqx.filter_jit

@@ -25,8 +25,8 @@ from jhd.solution import RESULTS, HausdorffSolution, result_where
 # repetition does not show; from 48 on at most a half is repetition.
 _COUNTS = (4, 16, *(factor * 2**k for k in range(4, 26) for factor in (3,)))
 _DEGREES = (3, 6, 10)
-# Power of two that stands for no extent at all.
-_VANISHING = 1000
+# Power of two that stands for no extent at all; single precision ends at 2^-126.
+_VANISHING = 100
 
 
 def padded_count(count: int) -> int:
@@ -73,6 +73,11 @@ class Frame(eqx.Module):
         """Points in the user's coordinates."""
         xp = jnp if is_traced(x, self) else np
         return jnp.asarray(xp.ldexp(xp.ldexp(xp.asarray(x), self.second) + self.centre, self.first))
+
+    def common(self, x: Any) -> Any:
+        """A length of the user's in the common coordinates."""
+        xp = jnp if is_traced(x, self) else np
+        return xp.ldexp(xp.asarray(x), -(self.first + self.second))
 
     def length(self, x: Any, toward: float | None = None) -> Array:
         """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""

@@ -26,7 +26,7 @@ from jaxtyping import Array
 
 from jhd.distance.events import Place, describe, piece_of, preceding
 from jhd.distance.jets import jet
-from jhd.distance.method import AbstractHausdorffMethod
+from jhd.distance.method import AbstractHausdorffMethod, Aim
 from jhd.distance.nearest import Nearest, in_chunks, nearest, repeated
 from jhd.distance.prepare import Frame, evaluation_error
 from jhd.distance.refinement import COARSE, Bracket, Pair, candidates, lengths
@@ -67,7 +67,7 @@ class TwoStep(AbstractHausdorffMethod):
         if not isinstance(self.max_rounds, int) or self.max_rounds < 0:
             raise ValueError(f"max_rounds is {self.max_rounds!r}; needs a whole number of at least 0.")
 
-    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame) -> HausdorffSolution:
+    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """One direction in common coordinates."""
         skip = (repeated(curve.control_points, curve.weights) for curve in (a, b))
         pair = Pair(a, b, preceding(b.following), *skip)

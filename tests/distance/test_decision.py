@@ -1,0 +1,83 @@
+"""Whether a distance is at most a threshold: proven answers, and steps saved far from the distance."""
+
+import jax
+import numpy as np
+import pytest
+
+import jhd
+from jhd.distance.hausdorff import _directed, _everything
+from jhd.distance.method import Aim
+from jhd.distance.prepare import prepare
+from jhd.solution import name_of
+from tests.distance import pairs
+
+SOME = ("segment_over_parabola", "cusp_over_chord", "arch_and_wave", "loop_and_line", "degrees_3_and_3", "hook")
+# The larger of both exact distances, as a float: thresholds keep away from it by far more than its rounding.
+EXACT = {
+    name: max(float(pairs.bounds(e)[0]) for e in _exacts)
+    for name, _exacts in ((name, (pairs.BY_NAME[name].exact_ab, pairs.BY_NAME[name].exact_ba)) for name in SOME)
+}
+
+
+@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize(("factor", "answer"), [(0.5, "no"), (1 - 1e-6, "no"), (1 + 1e-6, "yes"), (2.0, "yes")])
+def test_answers_are_right_on_both_sides(name, factor, answer):
+    decision = jhd.hausdorff_at_most(*pairs.both(pairs.BY_NAME[name]), EXACT[name] * factor)
+    assert name_of(decision.answer) == answer
+    assert name_of(decision.result) == "successful"
+    assert decision.lower <= EXACT[name] * (1 + 1e-15)
+    assert EXACT[name] * (1 - 1e-15) <= decision.upper
+
+
+def test_a_threshold_inside_the_gap_is_undecided():
+    a, b = pairs.both(pairs.BY_NAME["degrees_3_and_3"])
+    decision = jhd.hausdorff_at_most(a, b, EXACT["degrees_3_and_3"])
+    assert name_of(decision.answer) == "undecided"
+    assert name_of(decision.result) == "gap_not_closed"
+    assert decision.lower <= EXACT["degrees_3_and_3"] <= decision.upper
+
+
+def test_zero_is_an_answer():
+    a = jhd.BezierCurve([(0, 0), (1, 1), (2, 0)])
+    assert name_of(jhd.hausdorff_at_most(a, a.transform(np.eye(2), (0, 1)), 0).answer) == "no"
+
+
+def steps(a, b, threshold):
+    """Steps of both directions for a threshold; an infinite level and ceiling ask for the whole distance."""
+    p, q, frame = prepare(a, b)
+    plain = _everything(p)
+    aim = plain if threshold is None else Aim(frame.common(threshold), frame.common(threshold))
+    both = (_directed(jhd.BranchAndBound(), *pair, frame, aim) for pair in ((p, q), (q, p)))
+    return sum(int(s.stats["steps"]) for s in both)
+
+
+def test_far_thresholds_take_far_fewer_steps():
+    # Two wavy closed curves: their full distance takes several steps in each direction.
+    angle = 2 * np.pi * np.arange(30) / 30
+    ring = [
+        np.stack([(1 + w * np.cos(k * angle)) * np.cos(angle), (1 + w * np.sin(k * angle)) * np.sin(angle)], axis=1)
+        for w, k in ((0.1, 5), (0.15, 7))
+    ]
+    a, b = (jhd.BSplineCurve.uniform(rows, closed=True).segments() for rows in ring)
+    full = steps(a, b, None)
+    distance = float(jhd.hausdorff(a, b))
+    assert full >= 6
+    assert steps(a, b, np.float64(3 * distance)) <= full / 3
+    assert steps(a, b, np.float64(distance / 3)) <= full / 3
+
+
+def test_it_works_under_jit():
+    a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
+    decide = jax.jit(lambda threshold: jhd.hausdorff_at_most(a, b, threshold))
+    assert name_of(decide(1e-3).answer) == "no"
+    assert name_of(decide(1e3).answer) == "yes"
+
+
+def test_bad_thresholds_and_methods_are_refused():
+    a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
+    with pytest.raises(ValueError, match="needs one number of at least 0"):
+        jhd.hausdorff_at_most(a, b, -1.0)
+    with pytest.raises(ValueError, match="threshold is not finite"):
+        jhd.hausdorff_at_most(a, b, float("nan"))
+    with pytest.raises(TypeError, match=r"method must be BranchAndBound\(\)"):
+        jhd.hausdorff_at_most(a, b, 1.0, jhd.TwoStep())
