@@ -8,6 +8,7 @@ import jax as _jax
 if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "off"):
     _jax.config.update("jax_enable_x64", True)
 
+from jhd import plot  # noqa: E402
 from jhd.distance import (  # noqa: E402
     BranchAndBound,
     HybridProjection,

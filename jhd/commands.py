@@ -143,13 +143,13 @@ def doctor(options: Namespace) -> int:
 
 
 def _method(name: str | None, atol: float | None, kind: Any) -> Any:
-    """The method of that name, with the tolerance if there is one; None, the default of the entries, without both.
+    """The method of that name, with the tolerance if there is one; the default of the entries without both.
 
     Raises:
         ValueError: an unknown name, or a tolerance for a method that has none.
     """
     if name is None and atol is None:
-        return None
+        return jhd.BranchAndBound() if kind is AbstractHausdorffMethod else jhd.NearestSearch()
     known: dict[str, Any] = {
         key: item for key, item in vars(jhd).items() if inspect.isclass(item) and issubclass(item, kind)
     }
@@ -170,7 +170,7 @@ def _method(name: str | None, atol: float | None, kind: Any) -> Any:
 
 
 def _method_name(method: Any) -> str:
-    return "the default" if method is None else type(method).__name__
+    return type(method).__name__
 
 
 def _points(options: Namespace) -> np.ndarray:

@@ -23,7 +23,10 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     capacity_reached = (
         "A queue of fixed length was full, so the answer is true but wider or incomplete: raise capacity."
     )
-    nonfinite_value = "An input that was not known when the program was compiled holds a NaN or an infinity: check it."
+    nonfinite_value = (
+        "An input that was not known when the program was compiled cannot be used: it holds a NaN or an infinity, or "
+        "weights that are not positive or differ by too large a ratio."
+    )
 
 
 class EVENTS(eqx.Enumeration):
@@ -67,12 +70,12 @@ def name_of(item: Any) -> str:
 
 
 class Witness(eqx.Module):
-    """Where a directed Hausdorff distance is attained.
+    """Where a directed Hausdorff distance is attained; `direction` says which curve carries it and which the feet.
 
     Args:
-        segment: index of the segment of the first curve.
+        segment: index of the segment that carries the point.
         t: parameter on it, in [0, 1].
-        point: the point of the first curve there.
+        point: the point there.
         feet: the active feet on the other curve, two rows; a single foot is repeated with multiplier 0.
         foot_segments: their segments.
         foot_params: their parameters.
@@ -90,6 +93,15 @@ class Witness(eqx.Module):
     multipliers: Float[Array, "*batch feet"]
     event: Any
     direction: Any
+
+    def __repr__(self) -> str:
+        if is_traced(self.t) or np.ndim(self.t) > 0:
+            return f"Witness(t={eqx.tree_pformat(self.t)}, a batch or traced; index or vmap it)"
+        numbers = {name: np.asarray(getattr(self, name)).tolist() for name in ("segment", "t", "point", "feet")}
+        numbers |= {name: np.asarray(getattr(self, name)).tolist() for name in ("foot_segments", "foot_params")}
+        shown = ", ".join(f"{name}={value}" for name, value in numbers.items())
+        ends = f"multipliers={np.asarray(self.multipliers).tolist()}, event={name_of(self.event)}"
+        return f"Witness({shown}, {ends}, direction={name_of(self.direction)})"
 
 
 class HausdorffSolution(eqx.Module):
@@ -124,8 +136,8 @@ class HausdorffSolution(eqx.Module):
             return f"HausdorffSolution(value={eqx.tree_pformat(self.value)},\n  a batch or traced; index or vmap it)"
         place = ", ".join(f"{x:.6g}" for x in np.asarray(self.witness.point))
         return (
-            f"HausdorffSolution(value={float(self.value):.16g}, lower={float(self.lower):.16g}, "
-            f"upper={float(self.upper):.16g},\n  {name_of(self.event)} at ({place}), {name_of(self.direction)}, "
+            f"HausdorffSolution(value={float(self.value)!r}, lower={float(self.lower)!r}, "
+            f"upper={float(self.upper)!r},\n  {name_of(self.event)} at ({place}), {name_of(self.direction)}, "
             f"{name_of(self.result)})"
         )
 

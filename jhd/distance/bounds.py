@@ -22,6 +22,8 @@ difference e, d the dimension, G(k) = rounding.gamma(k).
    eta = sqrt(d) G(3 p + q (g + 4) + 2 n + 20) times w(u); splitting at tau adds 3 n roundings of |e| <= 2 w.
  - |e|^2: as in jhd.distance.nearest, at most G(n + d + 8) rho^2 with rho the largest |e_i| / w_i of the half; the
    quotient by w^2 a relative G(2 (3 p + q (g + 4) + 5 n) + 20), none on polynomial curves.
+ - Flushed subnormals add a few hundred smallest normal numbers nu, on rational curves divided by the smallest weight
+   and, under the root, by its square; the ratio of weights is limited where curves are made, so w^2 is no subnormal.
  - So distance <= sqrt(max D_k (1 + that) + G(n + d + 8) rho^2) (1 + G(4)) + eta.
 
 Source: the hull property is in Farouki & Rajan, CAGD 5 (1988); the split at tau and the maps are ours.
@@ -123,8 +125,11 @@ def first_upper_bound(a: BezierSegments, b: BezierSegments, cell: Cell) -> Array
     def bound(k: Array, s0: Array, s1: Array) -> Array:
         sigma = jnp.stack([s0, s1])
         e, w = _difference(part, piece_of(b, k), sigma, 1 - sigma)
-        lengths = jnp.sqrt(jnp.sum(e * e, axis=-1))
-        return jnp.max(lengths if w is None else lengths / w)
+        flushed = 200 * (a.degree + b.degree + 2) * smallest_normal(e.dtype)
+        # Divided before they are squared: squares of small weights would be flushed.
+        vectors = e if w is None else e / w[:, None]
+        lost = flushed if w is None else flushed * (1 + 1 / jnp.min(w))
+        return jnp.sqrt(jnp.max(jnp.sum(vectors * vectors, axis=-1)) + flushed) + lost
 
     ks = jnp.stack([cell.k0, cell.k1])
     firsts = jnp.stack([cell.s0, jnp.where(same, cell.s0, cell.s1)])
@@ -264,12 +269,15 @@ def _split_bound(both: _Branch, u: Array, p: int, q: int) -> Array:
 
     def bound(e: Array, w: Array | None) -> Array:
         squares, rho_sq = bernstein.dot(e, e), jnp.sum(e * e, axis=-1)
-        relative = 0.0
+        relative, lost = 0.0, flushed
         if w is not None:
-            squares, rho_sq = squares / bernstein.multiply(w, w), rho_sq / (w * w)
+            weight_sq = bernstein.multiply(w, w)
+            # What is flushed in e, w and their squares counts in units of the weight.
+            lost = flushed * (1 + 1 / jnp.min(w)) / jnp.min(weight_sq)
+            squares, rho_sq = squares / weight_sq, rho_sq / (w * w)
             relative = gamma(2 * (3 * p + q * (g + 4) + 5 * n) + 20, dtype)
         most = jnp.max(squares) * (1 + relative) + gamma(n + dim + 8, dtype) * jnp.max(rho_sq) * (1 + relative)
-        return jnp.sqrt(jnp.maximum(most, 0.0) + flushed) * (1 + gamma(4, dtype)) + eta + flushed
+        return jnp.sqrt(jnp.maximum(most, 0.0) + lost) * (1 + gamma(4, dtype)) + eta + flushed
 
     def halves(e: Array, w: Array | None) -> Array:
         e0, e1 = bernstein.split(e, u, axis=0)

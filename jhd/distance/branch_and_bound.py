@@ -47,7 +47,8 @@ class BranchAndBound(AbstractHausdorffMethod):
 
     Args:
         atol: absolute tolerance on upper - lower, in the unit of the coordinates; by default 1e-10 (in float32: 64
-            units of roundoff) of the diagonal of the box of both shapes' control points.
+            units of roundoff) of the diagonal of the box of both shapes' control points, or what rounding leaves where
+            that is more.
         rtol: tolerance relative to upper; the larger of both tolerances counts.
         max_steps: most steps, of four cells each.
         capacity: least length of the table of cells; twice the number of segments of a where that is more.
@@ -154,9 +155,9 @@ def _search(
         point = jet(*piece_of(a, segment), t).point
         wanted = first | (hope[best] > state.lower)
         measured = nearest(point, b.control_points, b.weights, jnp.where(wanted, 0.0, jnp.inf), skip_b)
-        raised = wanted & (measured.lower - error > state.lower)
+        raised = wanted & (measured.distance > state.value)
         state = state._replace(
-            lower=jnp.where(raised, measured.lower - error, state.lower),
+            lower=jnp.where(wanted, jnp.maximum(measured.lower - error, state.lower), state.lower),
             value=jnp.where(raised, measured.distance, state.value),
             at=_where(raised, Place(segment, t), state.at),
             foot=_where(raised, Place(measured.segment, measured.t), state.foot),
@@ -217,7 +218,7 @@ def _start(a: BezierSegments, b: BezierSegments, seeds: _Seeds, error: float, ca
     zero = jnp.array(0)
     # Until a place is measured the first one of a stands for it; its foot is met among the local ones.
     start = Place(zero, zeros[0])
-    return _State(table, zeros[0], zeros[0], start, start, none, jnp.array(False), pending, zero)
+    return _State(table, zeros[0], none, start, start, none, jnp.array(False), pending, zero)
 
 
 def _largest(table: _Table) -> tuple[Cell, Array, _Table]:
@@ -253,7 +254,11 @@ def _pushed(
         best = jnp.argmin(jnp.sum((feet - point) ** 2, axis=-1))
         return ks[best], ss[best]
 
-    starts = [jnp.stack(x, axis=1) for x in ((found.k, cell.k0, cell.k1), (found.s, cell.s0, cell.s1))]
+    # The proven foot is offered to all cells: several of them may follow the same wrong one.
+    near = (jnp.full_like(cell.k0, measured.segment), jnp.full_like(cell.s0, measured.t))
+    starts = [
+        jnp.stack(x, axis=1) for x in ((found.k, cell.k0, cell.k1, near[0]), (found.s, cell.s0, cell.s1, near[1]))
+    ]
     at_both = jax.vmap(jax.vmap(foot), in_axes=(None, 0, None, None))
     (k, peak_k), (s, peak_s) = at_both(cell.segment, jnp.stack([cut, found.t]), *starts)
     # The measured foot is proven to be the nearest.

@@ -16,7 +16,8 @@ rounding.gamma(k), q for the degree, d for the dimension.
  - So distance >= sqrt(min N_k / W_k - g(q + d + 7) rho^2) (1 - g(7 q + 12)) - eta, and at a point
    distance <= |n| / w (1 + g(3 q + d + 6)) + eta.
 Flushed subnormals add at most a few smallest normal numbers a step, 40 (q + 2) nu in all where lengths are added, and
-the same under the root where squares are. The callers scale by a power of two, so these do not show.
+the same under the root where squares are, on rational curves divided by the smallest weight and its square. The callers
+scale by a power of two and the ratio of weights is limited where curves are made, so these do not show.
 
 Source: the hull bound and its quadratic convergence are in Farouki & Rajan, CAGD 5 (1988); the cut at the foot is ours.
 """
@@ -182,9 +183,12 @@ def cell_bound(n: Array, w: Array | None, radius: Array) -> tuple[Array, Array]:
     q, dim, dtype = n.shape[0] - 1, n.shape[1], n.dtype
     squares = bernstein.dot(n, n)
     rho_sq = jnp.sum(n * n, axis=-1)
+    lost = _flushed(q, dtype)
     if w is not None:
-        squares, rho_sq = squares / bernstein.multiply(w, w), rho_sq / (w * w)
-    least = jnp.min(squares) - gamma(q + dim + 7, dtype) * jnp.max(rho_sq) - _flushed(q, dtype)
+        weight_sq = bernstein.multiply(w, w)
+        lost = lost * (1 + 1 / jnp.min(w)) / jnp.min(weight_sq)
+        squares, rho_sq = squares / weight_sq, rho_sq / (w * w)
+    least = jnp.min(squares) - gamma(q + dim + 7, dtype) * jnp.max(rho_sq) - lost
     distance = jnp.sqrt(jnp.maximum(least, 0.0)) * (1 - gamma(7 * q + 12, dtype))
     start = jnp.argmin(squares) / max(2 * q, 1)
     return distance - _eta(q, dim, radius), start.astype(dtype)

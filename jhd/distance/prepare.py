@@ -18,6 +18,7 @@ from jaxtyping import Array
 from jhd.arithmetic.bernstein import product_weights
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arrays import is_traced
+from jhd.shapes.checks import largest_weight_ratio
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import RESULTS, HausdorffSolution, result_where
 
@@ -83,9 +84,16 @@ class Frame(eqx.Module):
         """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
         xp = jnp if is_traced(x, self) else np
         given = xp.asarray(x)
-        scaled = xp.ldexp(given, self.first + self.second)
+        with np.errstate(over="ignore"):
+            scaled = xp.ldexp(given, self.first + self.second)
         if toward is None:
             return jnp.asarray(scaled)
+        if toward == 0:  # a lower bound that overflows is at least the largest float
+            scaled = xp.where(xp.isfinite(given), xp.minimum(scaled, xp.finfo(scaled.dtype).max), scaled)
+        if is_traced(given, self):
+            # Compiled programs flush the subnormals of the input: that moves a distance by a few of the smallest.
+            flushed = 32 * smallest_normal(scaled.dtype)
+            return jnp.maximum(scaled - flushed, 0.0) if toward == 0 else jnp.asarray(scaled + flushed)
         outward = xp.nextafter(scaled, xp.asarray(toward, scaled.dtype))
         exact = (xp.abs(scaled) > 2 * smallest_normal(scaled.dtype)) | (given == 0)
         return jnp.asarray(xp.where(exact, scaled, outward))
@@ -117,7 +125,10 @@ def usable(curve: BezierSegments) -> Any:
     if not is_traced(curve):
         return True
     good = jnp.all(jnp.isfinite(curve.control_points))
-    return good if curve.weights is None else good & jnp.all((curve.weights > 0) & jnp.isfinite(curve.weights))
+    if curve.weights is None:
+        return good
+    least, most = jnp.min(curve.weights), jnp.max(curve.weights)
+    return good & (least > 0) & (most < jnp.inf) & (most / largest_weight_ratio(curve.weights.dtype) <= least)
 
 
 def replaced(curve: BezierSegments, good: Any) -> BezierSegments:
@@ -169,11 +180,11 @@ def preparation_error(degree: int, dim: int, dtype: DTypeLike) -> float:
 def evaluation_error(a: BezierSegments, b: BezierSegments) -> float:
     """Bound on how far the computed witness is from a point of a, and both curves from the stored ones.
 
-    De Casteljau's algorithm costs three roundings a level and the quotient of a rational segment two products and a
-    division more, each relative to coordinates of at most one.
+    De Casteljau's algorithm costs three roundings a level, in numerator and denominator of a rational segment, whose
+    quotient adds a product and a division, each relative to coordinates of at most one.
     """
     dtype = a.control_points.dtype
-    evaluation = math.sqrt(a.dim) * gamma(3 * a.degree + 6, dtype)
+    evaluation = math.sqrt(a.dim) * gamma(6 * a.degree + 6, dtype)
     return evaluation + sum(preparation_error(curve.degree, curve.dim, dtype) for curve in (a, b))
 
 

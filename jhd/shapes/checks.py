@@ -5,7 +5,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
+from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 
 from jhd.arrays import is_traced, real_array
@@ -35,6 +35,15 @@ def check_control_points(control_points: Array, weights: Array | None, axes: tup
         place = tuple(int(i) for i in bad[0])
         value = float(np.asarray(weights)[place])
         raise ValueError(f"weights[{', '.join(map(str, place))}] is not positive: {value:g}.")
+    least, most = (float(f(np.asarray(weights))) for f in (np.min, np.max))
+    limit = largest_weight_ratio(weights.dtype)
+    if most / limit > least:
+        raise ValueError(f"weights range from {least:g} to {most:g}; their ratio must be at most {limit:g}.")
+
+
+def largest_weight_ratio(dtype: DTypeLike) -> float:
+    """Largest ratio of the weights of a curve: bounds meet its fourth power, which must stay a normal number."""
+    return 1e50 if np.dtype(dtype).itemsize >= 8 else 1e9
 
 
 def _count(shape: tuple[int, ...]) -> str:

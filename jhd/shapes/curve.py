@@ -216,7 +216,10 @@ class BezierSegments(AbstractCurve):
 
         Raises:
             ValueError: count is below the number of segments.
+            TypeError: count is not a whole number.
         """
+        if not isinstance(count, int | np.integer):
+            raise TypeError(f"count must be a whole number; got {type(count).__name__}.")
         if count < self.count:
             raise ValueError(f"count is {count}; the curve has {self.count} segments.")
         index = np.minimum(np.arange(count), self.count - 1)
@@ -231,11 +234,13 @@ class BezierSegments(AbstractCurve):
             ValueError: no curve, or curves of different dimensions.
             TypeError: an entry that is not a curve.
         """
+        if isinstance(curves, AbstractCurve):
+            raise TypeError(f"curves must be a sequence of curves; got one {type(curves).__name__}.")
         curves = list(curves)
         if not curves:
             raise ValueError("join needs at least one curve; got none.")
-        for curve in curves:
-            check_curve("curves", curve)
+        for k, curve in enumerate(curves):
+            check_curve(f"curves[{k}]", curve)
         parts = [curve.segments() for curve in curves]
         if len({part.dim for part in parts}) > 1:
             raise ValueError(f"join needs curves of one dimension; got {[part.dim for part in parts]}.")

@@ -176,3 +176,71 @@ def test_bounds_hold_in_single_precision():
     done = subprocess.run(program, env=environment, capture_output=True, text=True, timeout=500)
     assert done.returncode == 0, done.stderr[-2000:]
     assert len(done.stdout.split()) >= 20
+
+
+# Input on which several cells followed one wrong foot until they could not be cut any more.
+WRONG_FEET = {
+    "point beside a loop": (
+        [[[0.0, 0.0], [0.0, 0.0]]],
+        [
+            [
+                [-0.16562128497504833, -0.6399333061634052],
+                [-0.4057032590245457, 0.04938460226862738],
+                [0.33075594543170794, 1.3916958141835247],
+                [0.19010351305384077, -1.7112966367125264],
+            ]
+        ],
+    ),
+    "part of a parabola": (
+        [
+            [
+                [0.011553658356274546, 0.3887912280821764],
+                [-0.04600608435845748, 0.38193087899062117],
+                [-0.09374308138254589, 0.376687781818159],
+            ]
+        ],
+        [
+            [
+                [1.3829317964295942, 0.5762263434216522],
+                [-1.4907249200742059, 0.16113477350383856],
+                [0.4685626766846063, 0.5417564096134483],
+            ]
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_FEET)
+def test_wrong_feet_are_repaired(name):
+    a, b = (jhd.BezierSegments(rows) for rows in WRONG_FEET[name])
+    solution = jhd.directed_hausdorff(a, b)
+    assert name_of(solution.result) == "successful"
+    assert solution.stats["cells"] <= 40
+
+
+@pytest.mark.parametrize("weight", [1e-8, 1e-30, 1e-49])
+def test_tiny_weights_do_not_vanish(weight):
+    # The nearest point of the segment is its end at the origin, where the arch's middle is 0.3 away.
+    a = jhd.BezierSegments([[[0.1, -0.1], [0.5, 0.0], [0.1, 0.1]]])
+    b = jhd.BezierSegments([[[0.0, 0.0], [-1.0, 0.0]]], [[weight, 1.0]])
+    solution = jhd.directed_hausdorff(a, b)
+    assert solution.lower <= 0.3 <= solution.upper
+    assert solution.upper <= 0.3 + 1e-9
+
+
+def test_weights_of_too_large_a_ratio_are_refused():
+    with pytest.raises(ValueError, match="weights range from 1e-60 to 1; their ratio must be at most 1e"):
+        jhd.BezierCurve([[0.0, 0.0], [1.0, 0.0]], [1e-60, 1.0])
+
+
+def test_a_distance_beyond_the_largest_float_has_a_finite_lower_bound():
+    far = 1.7e308
+    a, b = (jhd.polyline([[x, 0.0], [x, 1e300]]) for x in (-far, far))
+    assert jhd.directed_hausdorff(a, b, throw=False).lower == np.finfo(float).max
+
+
+@pytest.mark.parametrize("scale", [1e-307, 1e-310])
+def test_upper_bounds_of_subnormal_coordinates_are_true_under_jit(scale):
+    low, high = np.array([[[0.0, 0.0], [1.0, 0.0]]]) * scale, np.array([[[0.0, 2.0], [1.0, 2.0]]]) * scale
+    upper = jax.jit(lambda p, q: jhd.directed_hausdorff(jhd.BezierSegments(p), jhd.BezierSegments(q)).upper)
+    assert float(np.asarray(upper(low, high))) >= 2 * scale * (1 - 1e-15)
