@@ -98,7 +98,7 @@ def test_a_batch_of_solutions_is_a_solution_with_leading_axes():
     assert batch.witness.point.shape == (3, 2)
     assert repr(batch).count("\n") == 1 and "batch" in repr(batch)
     second = jax.tree_util.tree_map(lambda x: x[1], batch)
-    assert float(second) == 1.0 and repr(second).startswith("HausdorffSolution(value=1,")
+    assert float(second) == 1.0 and repr(second).startswith("HausdorffSolution(value=1.0,")
 
 
 def test_a_batch_holds_results_of_several_kinds():
@@ -113,7 +113,7 @@ def test_a_batch_holds_results_of_several_kinds():
 
 def test_a_solution_is_shown_in_two_lines():
     assert repr(a_solution()).split("\n") == [
-        "HausdorffSolution(value=2, lower=1.5, upper=2.5,",
+        "HausdorffSolution(value=2.0, lower=1.5, upper=2.5,",
         "  antipodal at (1, -2), a_to_b, successful)",
     ]
 
@@ -193,3 +193,18 @@ def test_one_failure_in_a_batch_is_thrown():
 def test_success_and_tracers_are_not_thrown():
     throw_unless_successful(a_solution())
     jax.jit(lambda s: throw_unless_successful(s) or s.value)(a_solution(jhd.RESULTS.gap_not_closed))
+
+
+def test_a_printed_bound_is_the_bound():
+    a, b = jhd.polyline([(0, 0), (1, 0)]), jhd.polyline([(0, 1), (1, 2)])
+    solution = jhd.directed_hausdorff(a, b)
+    assert f"lower={float(solution.lower)!r}" in repr(solution)
+    assert f"upper={float(solution.upper)!r}" in repr(solution)
+
+
+def test_a_witness_is_shown_in_numbers():
+    a, b = jhd.polyline([(0, 0), (1, 0)]), jhd.polyline([(0, 1), (1, 2)])
+    shown = repr(jhd.directed_hausdorff(a, b).witness)
+    assert "point=[1.0, 0.0]" in shown
+    assert "event=a_end" in shown
+    assert "direction=a_to_b" in shown
