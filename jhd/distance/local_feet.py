@@ -1,6 +1,6 @@
 """Local foot points as published: interval halving and Newton's method from the nearest control point's parameter.
 
-They are wrong on one to two queries in twenty, prove nothing, and no bound rests on them.
+They miss the nearest point on 3 to 16 % of random queries, prove nothing, and no bound rests on them.
 
 Source: Shortest distance from a point to a Bezier curve (halving, Newton, hybrid), listed in the README.
 """

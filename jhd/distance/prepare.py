@@ -24,7 +24,7 @@ from jhd.solution import RESULTS, HausdorffSolution, result_where
 
 # Numbers of segments and degrees that programs are compiled for. Small curves share one size, where the cost of the
 # repetition does not show; from 48 on at most a half is repetition.
-_COUNTS = (4, 16, *(factor * 2**k for k in range(4, 26) for factor in (3,)))
+_COUNTS = (4, 16, *(3 * 2**k for k in range(4, 26)))
 _DEGREES = (3, 6, 10)
 # Power of two that stands for no extent at all; single precision ends at 2^-126.
 _VANISHING = 100

@@ -3,7 +3,8 @@
 The stationary parameters are the roots of f(s) = (P - B).B', in Bernstein form of degree 2 n - 1, or 3 n - 2 for
 rational curves; the nearest point is one of them or an end of a segment. `NearestSearch` and `ProjectedPolyhedron` are
 global and proven. Interval halving, Newton's method and their hybrid start at the control point that is nearest to P
-and are kept for comparison: they are wrong on one to two queries in twenty, prove nothing, and no bound rests on them.
+and are kept for comparison: they miss the nearest point on 3 to 16 % of random queries, prove nothing, and no bound
+rests on them.
 
 Source: Cao et al. 2014, equation (10), with its indices corrected; Shortest distance from a point to a Bezier curve
 (halving, Newton, hybrid); Patrikalakis & Maekawa, Shape Interrogation (2002), chapter 4.

@@ -19,7 +19,6 @@ from jhd.arrays import is_traced, real_array
 from jhd.shapes import convert
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
 from jhd.shapes.homogeneous import cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
-from jhd.shapes.homogeneous import wronskian as wronskian
 from jhd.shapes.joints import completed, joints, turned
 
 
