@@ -11,17 +11,22 @@ if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "of
 from jhd import plot  # noqa: E402
 from jhd.distance import (  # noqa: E402
     BranchAndBound,
+    Certificate,
+    CertificateError,
     HybridProjection,
     IntervalHalving,
     NearestSearch,
     NewtonProjection,
+    Progress,
     ProjectedPolyhedron,
     TwoStep,
+    certify,
     directed_hausdorff,
     hausdorff,
     hausdorff_at_most,
     project,
     stationary_points,
+    verify,
 )
 from jhd.shapes import BezierCurve, BezierSegments, BSplineCurve, circle, points, polyline  # noqa: E402
 from jhd.solution import (  # noqa: E402

@@ -1,7 +1,8 @@
 """The command line: `jhd` or `python -m jhd`; without a command it is the demonstration.
 
 Exit status: 0 done and what was asked for holds; 1 the bounds are true but wider than asked for (or the self-check of
-`jhd doctor` fails); 2 bad input, with one line on stderr; 130 interrupted; 141 the reader of the output went away.
+`jhd doctor` fails, or `jhd verify` refuses a certificate); 2 bad input, with one line on stderr; 130 interrupted; 141
+the reader of the output went away.
 """
 
 import argparse
@@ -21,11 +22,13 @@ _EPILOG = """\
 examples:
   jhd                                                 the demonstration; writes jhd-demo.png here
   jhd distance a.svg b.json --plot distance.png
+  jhd distance a.svg b.json --certificate proof.json
+  jhd verify proof.json
   jhd distance "font:DejaVu Sans:a" "font:DejaVu Serif:a" --json
   jhd project a.svg 10 -2.5
   jhd doctor
 
-exit status: 0 done, 1 bounds not closed, 2 bad input
+exit status: 0 done, 1 bounds not closed or certificate refused, 2 bad input
 JHD_CACHE=0 switches the cache of compiled programs off, JHD_CACHE=FOLDER moves it; JAX_ENABLE_X64=0 means float32.
 """
 
@@ -102,7 +105,12 @@ def _parser() -> argparse.ArgumentParser:
     distance.add_argument("--method", metavar="NAME", help=_METHOD_HELP)
     distance.add_argument("--atol", type=float, metavar="LENGTH", help="tolerance on upper - lower, in input units")
     distance.add_argument("--plot", metavar="FILE", help="draw both curves, the witness and the distance profiles")
+    distance.add_argument("--certificate", metavar="FILE", help="write what proves the bounds, for jhd verify")
     distance.set_defaults(command="distance")
+
+    verify = commands.add_parser("verify", help="check a certificate in exact arithmetic")
+    verify.add_argument("file", metavar="FILE", help="what jhd distance --certificate wrote")
+    verify.set_defaults(command="verify")
 
     project = commands.add_parser("project", help="the nearest point of a curve to points")
     project.add_argument("shape", metavar="SHAPE", help=_SHAPE_HELP)
@@ -113,7 +121,7 @@ def _parser() -> argparse.ArgumentParser:
 
     doctor = commands.add_parser("doctor", help="versions, devices, precision, cache, and a check with a known answer")
     doctor.set_defaults(command="doctor")
-    for command in (distance, project, doctor):
+    for command in (distance, verify, project, doctor):
         command.add_argument("--json", action="store_true", help="print JSON and nothing else")
     return parser
 

@@ -34,7 +34,9 @@ def real_array(name: str, value: Any) -> Array:
         raise ValueError(f"{name} must be a rectangular array of numbers; its rows differ in length.") from error
     if given.dtype.kind not in "fiub" and given.dtype.name != "bfloat16":
         raise TypeError(f"{name} must be real numbers; its dtype is {given.dtype}.")
-    array = jnp.asarray(given, dtype=float)
+    # An array of ours already: making another one costs more than all of the checks.
+    kept = isinstance(value, jax.Array) and value.dtype == jnp.result_type(float)
+    array = value if kept else jnp.asarray(given, dtype=float)
     check_finite(name, array)
     return array
 

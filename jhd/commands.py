@@ -23,7 +23,7 @@ import jhd
 from jhd import plot
 from jhd.distance.method import AbstractHausdorffMethod
 from jhd.distance.projection import AbstractProjectionMethod
-from jhd.io import load_shape
+from jhd.io import load_certificate, load_shape
 from jhd.shapes.curve import AbstractCurve
 from jhd.solution import RESULTS, HausdorffSolution, name_of, to_plain
 
@@ -69,26 +69,54 @@ def distance(options: Namespace) -> int:
     method = _method(options.method, options.atol, AbstractHausdorffMethod)
     if options.plot:
         _check_picture_file(options.plot)
-    with _busy("computing; a first run compiles"):
-        solution, seconds = _timed(lambda: entry(a, b, method, throw=False))
+    if options.certificate and not Path(options.certificate).absolute().parent.is_dir():
+        raise ValueError(f"{options.certificate}: no such folder.")
+    with _busy("computing; a first run compiles") as show:
+        solution, seconds = _timed(lambda: entry(a, b, method, throw=False, progress=show))
+    if name_of(solution.result) == "interrupted":
+        print(_solution_text("the bounds reached", solution, *_names(solution)))
+        return 1
     if options.plot:
         with _busy("drawing"):
             pairs = [(a, b)] if options.directed else [(a, b), (b, a)]
             _picture(options.plot, a, b, [jhd.directed_hausdorff(*pair, method, throw=False) for pair in pairs])
+    written = bool(options.certificate) and _certified(options.certificate, a, b, solution)
+    status = 1 if options.certificate and not written else _status(solution)
     if options.json:
         asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": _method_name(method)}
         _print_json(solution, **asked, seconds=seconds)
-        return _status(solution)
+        return status
     print(_shape_line("A", options.a, a), _shape_line("B", options.b, b), sep="\n", end="\n\n")
     title = "directed distance from A to B" if options.directed else "Hausdorff distance"
-    names = ("A", "B") if name_of(solution.direction) == "a_to_b" else ("B", "A")
-    print(_solution_text(title, solution, *names), end="\n\n")
+    print(_solution_text(title, solution, *_names(solution)), end="\n\n")
     print(f"method     {_method_name(method)}")
     print(f"time       {seconds:.2f} s with compilation")
     print(f"device     {_device()}, {_precision()}")
     if options.plot:
         print(f"picture    {Path(options.plot).resolve()}")
-    return _status(solution)
+    if written:
+        print(f"proof      {Path(options.certificate).resolve()}")
+    return status
+
+
+def verify(options: Namespace) -> int:
+    """Checks a certificate in exact arithmetic and prints what it proves."""
+    start = time.perf_counter()
+    try:
+        certificate = load_certificate(options.file)
+        proven = certificate.verify()
+    except jhd.CertificateError as error:
+        print(f"jhd: refused: {options.file}: {error}", file=sys.stderr)
+        return 1
+    seconds = time.perf_counter() - start
+    if options.json:
+        print(json.dumps({"proven": proven._asdict(), "seconds": seconds}, indent=2))
+        return 0
+    name = "h(A, B)" if certificate.directed else "H(A, B)"
+    upper = "" if proven.upper is None else f" <= {proven.upper!r}"
+    plural = "" if proven.cells == 1 else "s"
+    print(f"proven: {proven.lower!r} <= {name}{upper}, {proven.cells} cell{plural}, checked exactly in {seconds:.3f} s")
+    return 0
 
 
 def project(options: Namespace) -> int:
@@ -140,6 +168,18 @@ def doctor(options: Namespace) -> int:
         width = max(map(len, facts))
         print("\n".join(f"{name:<{width}}  {fact}" for name, fact in facts.items()))
     return 0 if good else 1
+
+
+def _certified(file: str, a: AbstractCurve, b: AbstractCurve, solution: HausdorffSolution) -> bool:
+    """Writes the certificate of the solution; False, after a line on stderr, where its bounds could not be proven."""
+    try:
+        with _busy("certifying"):
+            certificate = jhd.certify(a, b, solution)
+    except jhd.NotProvenError as error:
+        print(f"jhd: no certificate: {error}", file=sys.stderr)
+        return False
+    certificate.save(file)
+    return True
 
 
 def _method(name: str | None, atol: float | None, kind: Any) -> Any:
@@ -233,6 +273,10 @@ def _picture(
     figure.savefig(file, dpi=_DPI)
 
 
+def _names(solution: HausdorffSolution) -> tuple[str, str]:
+    return ("A", "B") if name_of(solution.direction) == "a_to_b" else ("B", "A")
+
+
 def _solution_text(title: str, solution: HausdorffSolution, name: str, other: str) -> str:
     """One solution in lines; the point lies on the curve `name`, its feet on `other`."""
     w = solution.witness
@@ -298,16 +342,20 @@ def _timed(action: Callable[[], Any]) -> tuple[Any, float]:
 
 
 @contextmanager
-def _busy(message: str) -> Iterator[None]:
-    """Shows the message while the block runs, on a terminal only."""
+def _busy(message: str) -> Iterator[Callable[[jhd.Progress], None]]:
+    """Shows the message while the block runs, and the progress handed to what it yields; on a terminal only."""
     if not sys.stderr.isatty():
-        yield
+        yield lambda _: None
         return
-    print(f"{message} ...", end="", file=sys.stderr, flush=True)
+
+    def show(text: str) -> None:
+        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+
+    show(f"{message} ...")
     try:
-        yield
+        yield lambda p: show(f"{p.direction}: {p.lower:.9g} to {p.upper:.9g}, step {p.steps}, {p.waiting} cells wait")
     finally:
-        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+        show("")
 
 
 def _device() -> str:

@@ -23,6 +23,7 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     capacity_reached = (
         "A queue of fixed length was full, so the answer is true but wider or incomplete: raise capacity."
     )
+    interrupted = "The search was interrupted: the bounds are those it had reached."
     nonfinite_value = (
         "An input that was not known when the program was compiled cannot be used: it holds a NaN or an infinity, or "
         "weights that are not positive or differ by too large a ratio."
@@ -108,7 +109,8 @@ class HausdorffSolution(eqx.Module):
     """A Hausdorff distance with its bounds: lower <= exact <= upper.
 
     `value` is what to differentiate. upper is inf where the method proves no upper bound, lower 0 where it proves no
-    lower one. `stats` counts work (never seconds). `float(solution)` is the value.
+    lower one. `stats` counts work (never seconds). `directed` says whether it is the distance from a to b alone.
+    `float(solution)` is the value.
     """
 
     value: Float[Array, "*batch"]
@@ -117,6 +119,7 @@ class HausdorffSolution(eqx.Module):
     witness: Witness
     result: Any
     stats: dict[str, Array]
+    directed: bool = eqx.field(static=True, default=True)
 
     @property
     def event(self) -> Any:
@@ -204,12 +207,14 @@ class Decision(eqx.Module):
         lower: proven lower bound of the distance.
         upper: proven upper bound.
         result: why it is undecided where it is.
+        stats: counts of the work in both directions.
     """
 
     answer: Any
     lower: Float[Array, "*batch"]
     upper: Float[Array, "*batch"]
     result: Any
+    stats: dict[str, Array]
 
 
 class NotProvenError(RuntimeError):

@@ -158,7 +158,7 @@ def solution(stored: dict[str, Any]) -> jhd.HausdorffSolution:
     kinds = {"event": jhd.EVENTS, "direction": jhd.DIRECTIONS}
     members = {key: getattr(kind, witness.pop(key)) for key, kind in kinds.items()}
     arrays = {key: jnp.asarray(value) for key, value in witness.items()}
-    bounds = {key: jnp.asarray(jnp.inf if stored[key] is None else stored[key]) for key in ("value", "lower", "upper")}
+    bounds = (jnp.asarray(jnp.inf if stored[key] is None else stored[key]) for key in ("value", "lower", "upper"))
     result = getattr(jhd.RESULTS, stored["result"])
     stats = {key: jnp.asarray(value) for key, value in stored["stats"].items()}
-    return jhd.HausdorffSolution(**bounds, witness=jhd.Witness(**arrays, **members), result=result, stats=stats)
+    return jhd.HausdorffSolution(*bounds, witness=jhd.Witness(**arrays, **members), result=result, stats=stats)

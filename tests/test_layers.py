@@ -27,7 +27,8 @@ LAYERS: list[list[list[str]]] = [
             f"distance.{name}"
             for name in (
                 "jets prepare method nearest events local_feet stationarity projection refinement two_step trimming "
-                "algebraic bounds branch_and_bound cube_intervals hausdorff minimum"
+                "algebraic bounds search branch_and_bound driver cube_intervals hausdorff minimum "
+                "verification host covering certificate"
             ).split()
         ]
     ],
@@ -37,7 +38,8 @@ LAYERS: list[list[list[str]]] = [
         [
             f"io.{name}"
             for name in (
-                "errors contours outlines path_data svg_elements svg_shapes svg_document svg curves load meshes results"
+                "errors contours outlines path_data svg_elements svg_shapes svg_document svg curves load meshes "
+                "results certificates"
             ).split()
         ],
     ],

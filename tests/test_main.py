@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import equinox as eqx
@@ -118,6 +119,32 @@ def test_bounds_that_are_not_closed_are_printed_with_status_one(run, monkeypatch
     assert "  result   gap_not_closed: The bounds are true" in out
     status, out, _ = run("distance", BASE, DIAGONAL, "--json")
     assert (status, json.loads(out)["solution"]["result"]) == (1, "gap_not_closed")
+
+
+def test_an_interrupted_search_prints_the_bounds_reached(run, monkeypatch):
+    @contextmanager
+    def interrupting(_):
+        def interrupt(_):
+            raise KeyboardInterrupt
+
+        yield interrupt
+
+    monkeypatch.setattr("jhd.commands._busy", interrupting)
+    # Zero is below what rounding leaves, so the search would go on.
+    status, out, err = run("distance", BASE, DIAGONAL, "--atol", "0", "--plot", "no.png")
+    assert (status, err) == (1, "")
+    assert "the bounds reached" in out
+    assert "interrupted: The search was interrupted" in out
+    assert "upper    inf" not in out
+
+
+def test_progress_is_shown_on_a_terminal_and_wiped(run, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    status, _, err = run("distance", BASE, DIAGONAL)
+    assert status == 0
+    assert "a_to_b: " in err
+    assert "b_to_a: " in err
+    assert err.endswith("\r\x1b[K")
 
 
 def test_an_interrupt_ends_with_one_line(run, monkeypatch):

@@ -35,8 +35,8 @@ def a_solution(point, feet, lower, upper, t=0.5):
         direction=jhd.DIRECTIONS.a_to_b,
     )
     value = jnp.linalg.norm(point - feet[0])
-    bounds = {"lower": jnp.array(lower), "upper": jnp.array(upper)}
-    return jhd.HausdorffSolution(value=value, **bounds, witness=witness, result=jhd.RESULTS.successful, stats={})
+    bounds = value, jnp.array(lower), jnp.array(upper)
+    return jhd.HausdorffSolution(*bounds, witness=witness, result=jhd.RESULTS.successful, stats={})
 
 
 TOP = a_solution([1.0, 1.0], [[1.0, 0.0], [1.0, 0.0]], 1.0, 1.0)

@@ -155,6 +155,7 @@ def test_json_holds_every_field_and_null_for_what_is_not_proven():
         },
         "result": "successful",
         "stats": {"rounds": 2},
+        "directed": True,
     }
 
 

@@ -1,6 +1,8 @@
 """Distances: projection, the Hausdorff methods and the entries."""
 
 from jhd.distance.branch_and_bound import BranchAndBound
+from jhd.distance.certificate import Certificate, certify
+from jhd.distance.driver import Progress
 from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
 from jhd.distance.projection import (
     HybridProjection,
@@ -12,3 +14,4 @@ from jhd.distance.projection import (
     stationary_points,
 )
 from jhd.distance.two_step import TwoStep
+from jhd.distance.verification import CertificateError, verify

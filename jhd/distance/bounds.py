@@ -45,6 +45,8 @@ from jhd.shapes.curve import BezierSegments
 
 # Newton steps that carry a foot to the other end of its cell, from a start of second order.
 _CARRY = 3
+# Newton's step is short below a quarter of the segment: four times the residual must be below the slope.
+_SHORT = 4.0
 # Samples of the cell among which the peak is looked for, and steps that refine it; two reach full precision.
 _NODES, _PEAK_STEPS = 9, 2
 # Ratio of the foot speeds at the ends of a cell beyond which a Moebius map would only do harm.
@@ -96,10 +98,10 @@ def cell_upper_bound(a: BezierSegments, b: BezierSegments, cell: Cell) -> CellBo
         near = jax.tree_util.tree_map(lambda x: jnp.where(from_right, x[1], x[0]), jets)
         far = jax.tree_util.tree_map(lambda x: jnp.where(from_right, x[0], x[1]), jets)
         foot = piece_of(b, k)
-        speed = _foot_speed(near.point, near.first, foot, s)
+        speed = _foot_speed(near.point, near.first, width, foot, s)
         guess = jnp.clip(s + speed * jnp.where(from_right, -width, width), 0.0, 1.0)
         other = local_foot(far.point, foot, guess, _CARRY)
-        far_speed = _foot_speed(far.point, far.first, foot, other)
+        far_speed = _foot_speed(far.point, far.first, width, foot, other)
         s0, s1 = jnp.where(from_right, other, s), jnp.where(from_right, s, other)
         v0, v1 = jnp.where(from_right, far_speed, speed), jnp.where(from_right, speed, far_speed)
         e, w = _difference(part, foot, *_sigma(s0, s1, v0 * width, v1 * width, part.weights is not None))
@@ -141,27 +143,45 @@ def first_upper_bound(a: BezierSegments, b: BezierSegments, cell: Cell) -> Array
 
 
 def local_foot(point: Array, piece: Piece, s: Array, steps: int) -> Array:
-    """A parameter in [0, 1] near s where (B - P).B' is small: Newton's method, Gauss-Newton where it is not convex."""
+    """A parameter in [0, 1] near s where (B - P).B' is small: Newton's method, Gauss-Newton where it is not convex.
 
-    def newton(_: Any, s: Array) -> Array:
+    Next to the centre of curvature the distance is convex but hardly so; there Newton's step is taken if it is short.
+    The nearest of all the points passed is returned: at a cusp of b the steps lead anywhere.
+    """
+
+    def newton(_: Any, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        s, best, least = state
         b = jet(*piece, s)
         c = b.point - point
-        square = b.first @ b.first
+        best, least = _nearer(s, c @ c, best, least)
+        square, residual = b.first @ b.first, c @ b.first
         slope = square + c @ b.second
-        slope = jnp.where(slope > 0.05 * square, slope, square)
-        return jnp.clip(s - c @ b.first / jnp.where(slope > 0, slope, 1.0), 0.0, 1.0)
+        slope = jnp.where(slope > jnp.minimum(0.05 * square, _SHORT * jnp.abs(residual)), slope, square)
+        return jnp.clip(s - residual / jnp.where(slope > 0, slope, 1.0), 0.0, 1.0), best, least
 
-    return jax.lax.fori_loop(0, steps, newton, s)
+    last, best, least = jax.lax.fori_loop(0, steps, newton, (s, s, jnp.full_like(s, jnp.inf)))
+    c = jet(*piece, last).point - point
+    return _nearer(last, c @ c, best, least)[0]
 
 
-def _foot_speed(point: Array, velocity: Array, piece: Piece, s: Array) -> Array:
-    """ds/dt of the foot of a moving point: A'.B' / (B'.B' + (B - P).B''); 0 where the foot is held at an end."""
+def _nearer(s: Array, square: Array, best: Array, least: Array) -> tuple[Array, Array]:
+    # At a tie the later one, which Newton's method has improved beyond what the squares can tell.
+    nearer = square <= least
+    return jnp.where(nearer, s, best), jnp.where(nearer, square, least)
+
+
+def _foot_speed(point: Array, velocity: Array, width: Array, piece: Piece, s: Array) -> Array:
+    """ds/dt of the foot of a moving point: A'.B' / (B'.B' + (B - P).B''); 0 where the foot is held at an end.
+
+    Where the distance is not convex, or so little that the foot would run along all of b while the point runs along its
+    cell, the speed of the nearest point of the tangent stands in.
+    """
     b = jet(*piece, s)
     c = b.point - point
-    square = b.first @ b.first
+    square, common = b.first @ b.first, velocity @ b.first
     slope = square + c @ b.second
-    slope = jnp.where(slope > 1e-3 * square, slope, square)
-    speed = velocity @ b.first / jnp.where(slope > 0, slope, 1.0)
+    slope = jnp.where(slope > jnp.minimum(1e-3 * square, width * jnp.abs(common)), slope, square)
+    speed = common / jnp.where(slope > 0, slope, 1.0)
     held = ((s <= 0) | (s >= 1)) & (jnp.abs(c @ b.first) > _HELD * square)
     return jnp.where(held, 0.0, speed)
 

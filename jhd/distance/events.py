@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jhd.distance.jets import jet
+from jhd.distance.nearest import repeated, segment_bounds
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import DIRECTIONS, EVENTS, Witness
 
@@ -25,8 +26,9 @@ _SAME_FOOT = 1e-6
 _STATIONARY = 1e-7
 # Tangents that differ by more than this angle (radians) make a joint a corner.
 _CORNER = 1e-6
-# Starts of Newton's method on each segment when the feet of a witness are gathered.
-_STARTS = 8
+# Starts of Newton's method on each segment when the feet of a witness are gathered; of many segments those with the
+# smallest lower bounds are searched.
+_STARTS, _SEARCHED = 8, 32
 _NEWTON_STEPS = 12
 
 
@@ -203,8 +205,13 @@ def describe(a: BezierSegments, b: BezierSegments, at: Place, foot: Place, size:
 
 
 def _local_feet(point: Array, b: BezierSegments) -> tuple[Array, Array]:
-    """Local feet from several starts on every segment, ends included: (segments * starts,) indices and parameters."""
+    """Local feet from several starts on each of the nearest segments, ends included: indices and parameters, flat."""
     starts = jnp.linspace(0.0, 1.0, _STARTS)
+    segments = jnp.arange(b.count)
+    if b.count > _SEARCHED:
+        lower, _ = segment_bounds(point, b.control_points, b.weights)
+        lower = jnp.where(repeated(b.control_points, b.weights), jnp.inf, lower)
+        segments = jnp.sort(jax.lax.top_k(-lower.astype(jnp.float32), _SEARCHED)[1])
 
     def feet_on(segment: Array) -> tuple[Array, Array]:
         piece = piece_of(b, segment)
@@ -216,7 +223,7 @@ def _local_feet(point: Array, b: BezierSegments) -> tuple[Array, Array]:
 
         return jnp.full((_STARTS,), segment), jax.vmap(foot)(starts)
 
-    segments, params = jax.vmap(feet_on)(jnp.arange(b.count))
+    segments, params = jax.vmap(feet_on)(segments)
     return segments.ravel(), params.ravel()
 
 

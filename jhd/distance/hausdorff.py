@@ -1,5 +1,7 @@
 """The entries: directed and two-sided Hausdorff distances of two shapes."""
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,6 +10,7 @@ from jaxtyping import Array
 
 from jhd.arrays import is_traced, real_array
 from jhd.distance.branch_and_bound import BranchAndBound
+from jhd.distance.driver import Host, Progress
 from jhd.distance.method import AbstractHausdorffMethod, Aim
 from jhd.distance.prepare import Frame, prepare
 from jhd.shapes.checks import Numbers
@@ -24,7 +27,12 @@ from jhd.solution import (
 
 
 def directed_hausdorff(
-    a: AbstractCurve, b: AbstractCurve, method: AbstractHausdorffMethod | None = None, *, throw: bool = True
+    a: AbstractCurve,
+    b: AbstractCurve,
+    method: AbstractHausdorffMethod | None = None,
+    *,
+    throw: bool = True,
+    progress: Callable[[Progress], object] | None = None,
 ) -> HausdorffSolution:
     """Directed Hausdorff distance: the maximum over a of the minimum over b of the distance.
 
@@ -36,6 +44,8 @@ def directed_hausdorff(
         b: the curve that distances are taken to, of the same dimension.
         method: how; by default BranchAndBound().
         throw: whether to raise where the method did not reach what it promises.
+        progress: called with a Progress now and then while the search lasts; not under jit. Ctrl-C ends the search
+            with the bounds reached, as RESULTS.interrupted.
 
     Returns:
         The distance with its bounds, in the unit of the coordinates.
@@ -43,15 +53,20 @@ def directed_hausdorff(
     Raises:
         TypeError: a shape or a method of another kind.
         ValueError: curves of different dimensions.
-        NotProvenError: the method failed and throw is True; it carries the solution.
+        NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
-    method = _checked(a, b, method)
-    p, q, frame = prepare(a.segments(), b.segments())
-    return _finish(frame.solution(_directed(method, p, q, frame, _everything(p))), throw)
+    method, p, q, frame = _prepared(a, b, method)
+    there = Host(frame, progress).run(method, p, q, _everything(p), DIRECTIONS.a_to_b)
+    return _finish(frame.solution(there), throw)
 
 
 def hausdorff(
-    a: AbstractCurve, b: AbstractCurve, method: AbstractHausdorffMethod | None = None, *, throw: bool = True
+    a: AbstractCurve,
+    b: AbstractCurve,
+    method: AbstractHausdorffMethod | None = None,
+    *,
+    throw: bool = True,
+    progress: Callable[[Progress], object] | None = None,
 ) -> HausdorffSolution:
     """Hausdorff distance: the larger of both directed distances; the witness's `direction` says which, a_to_b at a tie.
 
@@ -60,6 +75,7 @@ def hausdorff(
         b: a curve of the same dimension.
         method: how; by default BranchAndBound().
         throw: whether to raise where the method did not reach what it promises.
+        progress: as for `directed_hausdorff`.
 
     Returns:
         The distance with its bounds, in the unit of the coordinates.
@@ -67,18 +83,23 @@ def hausdorff(
     Raises:
         TypeError: a shape or a method of another kind.
         ValueError: curves of different dimensions.
-        NotProvenError: the method failed and throw is True; it carries the solution.
+        NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
-    method = _checked(a, b, method)
-    p, q, frame = prepare(a.segments(), b.segments())
-    there = _directed(method, p, q, frame, _everything(p))
+    method, p, q, frame = _prepared(a, b, method)
+    host = Host(frame, progress)
+    there = host.run(method, p, q, _everything(p), DIRECTIONS.a_to_b)
     # In the other direction only what exceeds the first one's lower bound matters.
-    back = _directed(method, q, p, frame, _everything(p)._replace(level=there.lower))
+    back = host.run(method, q, p, _everything(p)._replace(level=there.lower), DIRECTIONS.b_to_a)
     return _finish(frame.solution(_larger(there, back)), throw)
 
 
 def hausdorff_at_most(
-    a: AbstractCurve, b: AbstractCurve, threshold: Numbers, method: AbstractHausdorffMethod | None = None
+    a: AbstractCurve,
+    b: AbstractCurve,
+    threshold: Numbers,
+    method: AbstractHausdorffMethod | None = None,
+    *,
+    progress: Callable[[Progress], object] | None = None,
 ) -> Decision:
     """Whether the Hausdorff distance is at most the threshold: proven yes, proven no, or undecided at the tolerance.
 
@@ -90,6 +111,7 @@ def hausdorff_at_most(
         b: a curve of the same dimension.
         threshold: a length of at least 0, in the unit of the coordinates.
         method: options of the search; its tolerance says when it gives up.
+        progress: as for `directed_hausdorff`.
 
     Returns:
         The answer with the bounds of the distance that were reached; `result` says why where it is undecided.
@@ -98,26 +120,25 @@ def hausdorff_at_most(
         TypeError: a shape of another kind, or another method than BranchAndBound.
         ValueError: curves of different dimensions, or a threshold that is no length.
     """
-    method = _checked(a, b, method)
+    method, p, q, frame = _prepared(a, b, method)
     if not isinstance(method, BranchAndBound):
         raise TypeError(f"method must be BranchAndBound(), which proves both bounds; got {type(method).__name__}.")
     limit = real_array("threshold", threshold)
     if limit.shape != () or (not is_traced(limit) and float(limit) < 0):
         raise ValueError(f"threshold is {limit}; needs one number of at least 0.")
-    p, q, frame = prepare(a.segments(), b.segments())
-    aim = Aim(*(frame.common(limit),) * 2)
-    there = _directed(method, p, q, frame, aim)
-    back = _directed(method, q, p, frame, aim)
+    aim, host = Aim(*(frame.common(limit),) * 2), Host(frame, progress)
+    there = host.run(method, p, q, aim, DIRECTIONS.a_to_b)
+    back = host.run(method, q, p, aim, DIRECTIONS.b_to_a)
     return _decided(frame.solution(_larger(there, back)), limit)
 
 
-@eqx.filter_jit
+@jax.jit
 def _decided(solution: HausdorffSolution, limit: Array) -> Decision:
     below, above = solution.upper <= limit, solution.lower > limit
     answer = ANSWERS.where(below, ANSWERS.yes, ANSWERS.where(above, ANSWERS.no, ANSWERS.undecided))
     ended = result_where(solution.result == RESULTS.successful, RESULTS.gap_not_closed, solution.result)
     result = result_where(below | above, RESULTS.successful, ended)
-    return Decision(answer, solution.lower, solution.upper, result)
+    return Decision(answer, solution.lower, solution.upper, result, solution.stats)
 
 
 def _everything(curve: BezierSegments) -> Aim:
@@ -126,14 +147,7 @@ def _everything(curve: BezierSegments) -> Aim:
     return Aim(-infinity, infinity)
 
 
-@eqx.filter_jit
-def _directed(
-    method: AbstractHausdorffMethod, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim
-) -> HausdorffSolution:
-    return method.directed(a, b, frame, aim)
-
-
-@eqx.filter_jit
+@jax.jit
 def _larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
     back = eqx.tree_at(lambda s: s.witness.direction, back, DIRECTIONS.b_to_a)
     turned = back.value > there.value
@@ -146,19 +160,23 @@ def _larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolut
         witness=larger.witness,
         result=result_where(there.result == RESULTS.successful, back.result, there.result),
         stats=stats,
+        directed=False,
     )
 
 
-def _checked(a: AbstractCurve, b: AbstractCurve, method: object) -> AbstractHausdorffMethod:
+def _prepared(
+    a: AbstractCurve, b: AbstractCurve, method: object
+) -> tuple[AbstractHausdorffMethod, BezierSegments, BezierSegments, Frame]:
+    """The checked method, and both curves in common coordinates."""
     check_curve("a", a)
     check_curve("b", b)
     method = BranchAndBound() if method is None else method
     if not isinstance(method, AbstractHausdorffMethod):
         raise TypeError(f"method must be BranchAndBound() or TwoStep(); got {type(method).__name__}.")
-    dims = [shape.segments().dim for shape in (a, b)]
-    if dims[0] != dims[1]:
-        raise ValueError(f"a has {dims[0]} coordinates a point and b has {dims[1]}; needs the same.")
-    return method
+    pair = a.segments(), b.segments()
+    if pair[0].dim != pair[1].dim:
+        raise ValueError(f"a has {pair[0].dim} coordinates a point and b has {pair[1].dim}; needs the same.")
+    return method, *prepare(*pair)
 
 
 def _finish(solution: HausdorffSolution, throw: bool) -> HausdorffSolution:

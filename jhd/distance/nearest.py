@@ -101,7 +101,7 @@ def nearest(
     radius = jnp.max(jnp.abs(offsets), axis=(1, 2))
     floor = _resolution(offsets.shape[1] - 1, offsets.shape[2], jnp.max(radius))
     tolerance = jnp.maximum(floor, tolerance)
-    lower, start = jax.vmap(cell_bound)(*_homogeneous(offsets, weights), radius)
+    lower, start = segment_bounds(point, control_points, weights)
     state = _State(
         whole=lower if skip is None else jnp.where(skip, jnp.inf, lower),
         cells=_empty_cells(point.dtype),
@@ -141,6 +141,12 @@ def nearest(
     return eqx.tree_at(
         lambda n: (n.lower, n.closed, n.steps), state.best, (jnp.maximum(lower, 0.0), closed, state.steps)
     )
+
+
+def segment_bounds(point: Array, control_points: Array, weights: Array | None) -> tuple[Array, Array]:
+    """Lower bounds of the distance from the point to each whole segment, and the parameters of their coefficients."""
+    offsets = point - control_points
+    return jax.vmap(cell_bound)(*_homogeneous(offsets, weights), jnp.max(jnp.abs(offsets), axis=(1, 2)))
 
 
 def _resolution(degree: int, dim: int, size: Array) -> Array:

@@ -5,6 +5,7 @@ The exact distance is the one of the stored arrays, so every step has a bound: s
 """
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -72,8 +73,11 @@ class Frame(eqx.Module):
 
     def place(self, x: Any) -> Array:
         """Points in the user's coordinates."""
+        return jnp.asarray(self._place(x))
+
+    def _place(self, x: Any) -> Any:
         xp = jnp if is_traced(x, self) else np
-        return jnp.asarray(xp.ldexp(xp.ldexp(xp.asarray(x), self.second) + self.centre, self.first))
+        return xp.ldexp(xp.ldexp(xp.asarray(x), self.second) + self.centre, self.first)
 
     def common(self, x: Any) -> Any:
         """A length of the user's in the common coordinates."""
@@ -82,42 +86,40 @@ class Frame(eqx.Module):
 
     def length(self, x: Any, toward: float | None = None) -> Array:
         """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
+        return jnp.asarray(self._length(x, toward))
+
+    def _length(self, x: Any, toward: float | None = None) -> Any:
         xp = jnp if is_traced(x, self) else np
         given = xp.asarray(x)
         with np.errstate(over="ignore"):
             scaled = xp.ldexp(given, self.first + self.second)
         if toward is None:
-            return jnp.asarray(scaled)
+            return scaled
         if toward == 0:  # a lower bound that overflows is at least the largest float
             scaled = xp.where(xp.isfinite(given), xp.minimum(scaled, xp.finfo(scaled.dtype).max), scaled)
         if is_traced(given, self):
             # Compiled programs flush the subnormals of the input: that moves a distance by a few of the smallest.
             flushed = 32 * smallest_normal(scaled.dtype)
-            return jnp.maximum(scaled - flushed, 0.0) if toward == 0 else jnp.asarray(scaled + flushed)
+            return jnp.maximum(scaled - flushed, 0.0) if toward == 0 else scaled + flushed
         outward = xp.nextafter(scaled, xp.asarray(toward, scaled.dtype))
         exact = (xp.abs(scaled) > 2 * smallest_normal(scaled.dtype)) | (given == 0)
-        return jnp.asarray(xp.where(exact, scaled, outward))
+        return xp.where(exact, scaled, outward)
 
     def solution(self, solution: HausdorffSolution) -> HausdorffSolution:
         """A solution found in the common coordinates, in the user's."""
-        solution = eqx.tree_at(
-            lambda s: (s.value, s.lower, s.upper, s.witness.point, s.witness.feet),
-            solution,
-            (
-                self.length(solution.value),
-                self.length(solution.lower, 0.0),
-                self.length(solution.upper, np.inf),
-                self.place(solution.witness.point),
-                self.place(solution.witness.feet),
-            ),
-        )
-        if not is_traced(self.usable):
-            return solution
-        numbers = (solution.value, solution.lower, solution.upper)
-        instead = (jnp.inf, 0.0, jnp.inf)
-        chosen = tuple(jnp.where(self.usable, x, y) for x, y in zip(numbers, instead, strict=True))
-        result = result_where(self.usable, solution.result, RESULTS.nonfinite_value)
-        return eqx.tree_at(lambda s: (s.value, s.lower, s.upper, s.result), solution, (*chosen, result))
+        witness, result = solution.witness, solution.result
+        value, lower = self._length(solution.value), self._length(solution.lower, 0.0)
+        upper, point, feet = self._length(solution.upper, np.inf), self._place(witness.point), self._place(witness.feet)
+        if is_traced(self.usable):
+            value, lower, upper = (
+                jnp.where(self.usable, x, y) for x, y in ((value, jnp.inf), (lower, 0.0), (upper, jnp.inf))
+            )
+            result = result_where(self.usable, result, RESULTS.nonfinite_value)
+        if not is_traced(value):
+            # All five together: one transfer takes as long as five.
+            value, lower, upper, point, feet = jax.device_put((value, lower, upper, point, feet))
+        witness = replace(witness, point=point, feet=feet)
+        return replace(solution, value=value, lower=lower, upper=upper, witness=witness, result=result)
 
 
 def usable(curve: BezierSegments) -> Any:

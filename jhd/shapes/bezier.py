@@ -3,9 +3,11 @@
 Source: Farin, Curves and Surfaces for CAGD, 5th edition (2002), chapters 4, 5 and 13.
 """
 
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from jhd.arrays import real_array
+from jhd.arrays import is_traced, real_array
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
 from jhd.shapes.homogeneous import cartesian, elevate, evaluate, hodograph, homogeneous, restrict, split
@@ -64,8 +66,10 @@ class BezierCurve(AbstractCurve):
 
     def segments(self) -> BezierSegments:
         """The curve as one segment."""
-        weights = None if self.weights is None else self.weights[None]
-        return BezierSegments(self.control_points[None], weights)
+        # Of known arrays NumPy takes the view: an operation of JAX costs more than the rest.
+        xp = jnp if is_traced(self) else np
+        weights = None if self.weights is None else xp.asarray(self.weights)[None]
+        return BezierSegments(xp.asarray(self.control_points)[None], weights)
 
     def derivative(self) -> "BezierCurve":
         """The hodograph; of degree 2 n where the curve is rational."""

@@ -84,11 +84,18 @@ def test_bounds_are_true_whenever_the_search_is_stopped(name, steps):
 def test_a_full_table_is_folded_into_the_upper_bound():
     name = "segment_folded"
     a, b = pairs.both(pairs.BY_NAME[name])
-    solution = jhd.directed_hausdorff(b, a, jhd.BranchAndBound(capacity=16), throw=False)
+    method = jhd.BranchAndBound(capacity=16)
+    solution = jax.jit(lambda b, a: jhd.directed_hausdorff(b, a, method))(b, a)
     assert name_of(solution.result) == "capacity_reached"
     assert pairs.bounds(pairs.BY_NAME[name].exact_ba)[0] <= Fraction(float(solution.upper))
-    with pytest.raises(jhd.NotProvenError, match="raise capacity") as caught:
-        jhd.directed_hausdorff(b, a, jhd.BranchAndBound(capacity=16))
+
+
+def test_bounds_that_stay_open_are_raised_with_the_solution():
+    b, a = pairs.both(pairs.BY_NAME["segment_folded"])
+    method = jhd.BranchAndBound(max_steps=5)
+    solution = jhd.directed_hausdorff(a, b, method, throw=False)
+    with pytest.raises(jhd.NotProvenError, match="raise max_steps") as caught:
+        jhd.directed_hausdorff(a, b, method)
     assert caught.value.solution.upper == solution.upper
 
 

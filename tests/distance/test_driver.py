@@ -1,0 +1,101 @@
+"""Searches from the host: progress, interruption, growing tables, and the same answer as in one program."""
+
+import jax
+import numpy as np
+import pytest
+
+import jhd
+from jhd.solution import name_of
+from tests.distance import pairs
+
+# Two directions that take many steps: a folded segment and the line it lies on.
+LINE, FOLDED = pairs.both(pairs.BY_NAME["segment_folded"])
+
+
+def test_progress_comes_with_shrinking_bounds_of_both_directions():
+    seen = []
+    solution = jhd.hausdorff(LINE, FOLDED, throw=False, progress=seen.append)
+    assert [p.direction for p in seen] == sorted(p.direction for p in seen)
+    assert {p.direction for p in seen} == {"a_to_b", "b_to_a"}
+    for direction in ("a_to_b", "b_to_a"):
+        mine = [p for p in seen if p.direction == direction]
+        steps = int(solution.stats[f"{direction}_steps"])
+        assert mine[-1].steps == steps
+        pairwise = list(zip(mine[:-1], mine[1:], strict=True))
+        assert all(p.steps <= q.steps and p.lower <= q.lower and q.upper <= p.upper for p, q in pairwise)
+        assert all(p.lower <= p.upper and p.waiting >= 0 for p in mine)
+    assert max(p.upper for p in seen if p.waiting == 0) >= float(solution.lower)
+
+
+def test_a_long_search_reports_more_than_once():
+    seen = []
+    jhd.directed_hausdorff(FOLDED, LINE, throw=False, progress=seen.append)
+    assert len(seen) >= 2
+    assert seen[-1].upper - seen[-1].lower < seen[0].upper - seen[0].lower
+
+
+def interrupt(_):
+    raise KeyboardInterrupt
+
+
+def test_an_interrupted_search_hands_back_the_bounds_it_had_reached():
+    whole = jhd.directed_hausdorff(FOLDED, LINE)
+    stopped = jhd.directed_hausdorff(FOLDED, LINE, throw=False, progress=interrupt)
+    assert name_of(stopped.result) == "interrupted"
+    assert stopped.lower <= whole.lower
+    assert whole.upper <= stopped.upper < np.inf
+    assert int(stopped.stats["steps"]) < int(whole.stats["steps"])
+
+
+def test_an_interruption_of_the_first_direction_ends_the_second_with_true_bounds():
+    a, b = FOLDED, LINE
+    stopped = jhd.hausdorff(a, b, throw=False, progress=interrupt)
+    assert name_of(stopped.result) == "interrupted"
+    assert int(stopped.stats["b_to_a_steps"]) == 0
+    whole = jhd.hausdorff(a, b)
+    assert stopped.lower <= whole.lower
+    assert whole.upper <= stopped.upper < np.inf
+
+
+def test_an_interruption_is_raised_with_the_solution():
+    with pytest.raises(jhd.NotProvenError, match="interrupted") as caught:
+        jhd.directed_hausdorff(FOLDED, LINE, progress=interrupt)
+    assert caught.value.solution.upper < np.inf
+
+
+def test_a_search_that_is_done_is_not_spoilt_by_an_interruption():
+    a, b = pairs.both(pairs.BY_NAME["segment_over_parabola"])
+    solution = jhd.directed_hausdorff(a, b, progress=interrupt)
+    assert name_of(solution.result) == "successful"
+
+
+def test_the_host_takes_a_longer_table_where_one_program_folds():
+    a, b = FOLDED, LINE
+    method = jhd.BranchAndBound(capacity=16)
+    folded = jax.jit(lambda a, b: jhd.directed_hausdorff(a, b, method, throw=False))(a, b)
+    grown = jhd.directed_hausdorff(a, b, method)
+    assert name_of(folded.result) == "capacity_reached"
+    assert name_of(grown.result) == "successful"
+    assert folded.lower <= grown.upper
+    assert grown.lower <= folded.upper
+
+
+def test_max_steps_holds_across_the_stretches():
+    method = jhd.BranchAndBound(max_steps=150)
+    solution = jhd.directed_hausdorff(FOLDED, LINE, method, throw=False)
+    assert int(solution.stats["steps"]) == 150
+    assert name_of(solution.result) == "gap_not_closed"
+
+
+def test_other_methods_report_once():
+    seen = []
+    a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
+    jhd.directed_hausdorff(a, b, jhd.TwoStep(), progress=seen.append)
+    assert [p.direction for p in seen] == ["a_to_b"]
+    assert seen[0].upper == np.inf
+
+
+def test_known_curves_inside_a_traced_function_take_the_traced_way():
+    a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
+    scaled = jax.jit(lambda x: x * jhd.hausdorff(a, b).value)(2.0)
+    assert float(scaled) == pytest.approx(2 * float(jhd.hausdorff(a, b)), rel=1e-12)

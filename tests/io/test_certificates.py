@@ -1,0 +1,123 @@
+"""Certificates in files and on the command line: exact round trips, and refusals with a status of their own."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jhd
+from jhd.__main__ import main
+from jhd.io import ParseError, load_certificate
+
+A = [[[0.1, 0.2], [1 / 3, 1.0], [0.7, 1.1], [1.0, 0.0]]]
+B = [[[0.0, -0.1], [0.3, 0.2], [0.6, 0.2], [1.2, 1e-17]]]
+
+
+@pytest.fixture(scope="module")
+def made():
+    a, b = jhd.BezierSegments(A), jhd.BezierSegments(B)
+    return jhd.certify(a, b, jhd.hausdorff(a, b))
+
+
+@pytest.fixture
+def file(made, tmp_path):
+    made.save(tmp_path / "proof.json")
+    return tmp_path / "proof.json"
+
+
+def edited(file, old, new):
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
+
+
+def run(capsys, *arguments):
+    status = main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def test_what_is_saved_is_loaded_bit_for_bit(made, file):
+    loaded = load_certificate(file)
+    assert loaded == made
+    assert loaded.verify() == made.verify()
+    assert loaded.matches(jhd.BezierSegments(A), jhd.BezierSegments(B))
+
+
+@pytest.mark.parametrize(
+    ("new", "reason"),
+    [
+        ('"version": NaN', "NaN is no number of JSON"),
+        ('"version": -Infinity', "-Infinity is no number of JSON"),
+        ('"version": ', ":3:12: JSON: "),
+        ('"version": ' + "[" * 100_000, "JSON: nested too deeply"),
+        ('"version": ' + "1" * 5000, "JSON: "),
+    ],
+)
+def test_what_is_no_json_is_no_certificate(file, new, reason):
+    edited(file, '"version": 1', new)
+    with pytest.raises(ParseError, match=reason):
+        load_certificate(file)
+
+
+def test_a_key_that_occurs_twice_is_refused(file):
+    edited(file, '"version": 1', '"version": 1, "version": 1')
+    with pytest.raises(jhd.CertificateError, match="'version' occurs twice"):
+        load_certificate(file)
+
+
+def test_verify_prints_what_is_proven(made, file, capsys):
+    status, out, err = run(capsys, "verify", file)
+    assert (status, err) == (0, "")
+    assert out.startswith(
+        f"proven: {made.lower!r} <= H(A, B) <= {made.upper!r}, {made.cells} cells, checked exactly in "
+    )
+    status, out, _ = run(capsys, "verify", file, "--json")
+    assert (status, json.loads(out)["proven"]) == (0, made.verify()._asdict())
+
+
+def test_verify_refuses_a_false_claim_with_status_one(file, capsys):
+    edited(file, '"lower": ', '"lower": 1')
+    status, out, err = run(capsys, "verify", file)
+    assert (status, out) == (1, "")
+    assert err.startswith(f"jhd: refused: {file}: witness: that the distance from the witness to segment 0 of ")
+    assert err.count("\n") == 1
+
+
+def test_verify_has_status_two_for_what_it_cannot_read(tmp_path, capsys):
+    (tmp_path / "broken.json").write_text("{")
+    for name, reason in (("broken.json", "JSON"), ("missing.json", "no such file")):
+        status, out, err = run(capsys, "verify", tmp_path / name)
+        assert (status, out) == (2, "")
+        assert reason in err
+
+
+@pytest.mark.parametrize("directed", [True, False])
+def test_distance_writes_a_certificate(tmp_path, capsys, monkeypatch, directed):
+    monkeypatch.setenv("JHD_CACHE", str(tmp_path / "unused"))
+    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
+    options = ["--directed"] if directed else []
+    status, out, err = run(capsys, "distance", "M0 0 L4 0", "M0 0 L4 3", "--certificate", tmp_path / "p.json", *options)
+    assert (status, err) == (0, "")
+    assert f"proof      {Path(tmp_path / 'p.json').resolve()}" in out
+    certificate = load_certificate(tmp_path / "p.json")
+    assert certificate.directed is directed
+    assert np.isclose(certificate.verify().lower, 2.4 if directed else 3.0)
+
+
+def test_distance_without_a_certificate_says_so_with_status_one(tmp_path, capsys, monkeypatch):
+    def refuse(*_):
+        raise jhd.NotProvenError("no place.", None)
+
+    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
+    monkeypatch.setattr(jhd, "certify", refuse)
+    status, out, err = run(capsys, "distance", "M0 0 L4 0", "M0 0 L4 3", "--certificate", tmp_path / "p.json")
+    assert (status, err) == (1, "jhd: no certificate: no place.\n")
+    assert "value" in out and not (tmp_path / "p.json").exists()
+
+
+def test_a_folder_that_is_missing_is_named_before_the_work(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
+    status, _, err = run(capsys, "distance", "M0 0 L4 0", "M0 0 L4 3", "--certificate", tmp_path / "nowhere" / "p.json")
+    assert status == 2 and "no such folder" in err
