@@ -1,0 +1,55 @@
+"""Letters of fonts, curves padded to few sizes, and what a decision says and takes.
+
+Programs are compiled for each number of segments, so everything here has 48 of them, or the next number that the
+package compiles for; what is added repeats the last segment and leaves the point set as it is.
+"""
+
+from typing import Any
+
+import numpy as np
+
+import jhd
+import jhd.io
+from jhd.distance.prepare import padded_count
+from jhd.solution import name_of
+
+_SEGMENTS = 48
+
+
+def padded(control_points: Any, following: Any = None) -> jhd.BezierSegments:
+    """The segments (segments, points, 2) with repetitions of the last one; a chain where nothing is said of joints."""
+    points = np.asarray(control_points, dtype=float)
+    joints = np.append(np.arange(1, len(points)), -1) if following is None else np.asarray(following)
+    index = np.minimum(np.arange(padded_count(max(len(points), _SEGMENTS))), len(points) - 1)
+    return jhd.BezierSegments(points[index], None, joints[index])
+
+
+def chain(points: Any) -> np.ndarray:
+    """The control points (segments, 2, 2) of a polyline."""
+    rows = np.asarray(points, dtype=float)
+    return np.stack([rows[:-1], rows[1:]], axis=1)
+
+
+def alphabet(font: str, letters: str) -> dict[str, jhd.BezierSegments]:
+    """The letters in units of the font's x-height (the top of its x), centred in x on their boxes, y = 0 the baseline.
+
+    The boxes are those of control points, and both steps round by an ulp: the curves are these arrays.
+    """
+    height = np.max(np.asarray(jhd.io.outline(font, "x").control_points)[..., 1])
+    found = {}
+    for letter in letters:
+        curve = jhd.io.outline(font, letter)
+        points = np.asarray(curve.control_points) / height
+        middle = (points[..., 0].min() + points[..., 0].max()) / 2
+        found[letter] = padded(points - [middle, 0.0], curve.following)
+    return found
+
+
+def steps_of(found: jhd.HausdorffSolution | jhd.Decision) -> int:
+    """The steps of both directions."""
+    return int(found.stats["a_to_b_steps"] + found.stats["b_to_a_steps"])
+
+
+def answer(decision: jhd.Decision) -> str:
+    """The name: yes, no or undecided."""
+    return name_of(decision.answer)

@@ -1,0 +1,73 @@
+"""Error against time of sampled, polygonal and proven distances; numbers by the experiment of the same name.
+
+The stars are the gaps that jhd has proven at a tolerance of 1e-10 of the diagonal.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, BLUE, GREEN, MM, ORANGE, VERMILLION, Picture, letter, style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+_TITLES = {
+    "splines": "two closed splines, 90 points each",
+    "cubics": "two cubics",
+    "parabola": "parabola with and without a bar",
+    "letters": "letter a in two fonts",
+}
+_EDGE: dict[str, Any] = {"markeredgecolor": BLACK, "markeredgewidth": 0.4}
+_SERIES: dict[str, dict[str, Any]] = {
+    "k-d tree": {"color": ORANGE, "marker": "D", "linestyle": "-", "label": "SciPy k-d tree"},
+    "shapely": {"color": BLUE, "marker": "s", "linestyle": (0, (4, 1.2)), "label": "shapely"},
+    "shapely, densify": {"color": GREEN, "marker": "^", "linestyle": (0, (1, 1)), "label": "shapely, densified"},
+}
+_STAR: dict[str, Any] = {"color": VERMILLION, "marker": "*", "markersize": 11, "linestyle": "none", **_EDGE}
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    """One panel for each pair."""
+    with style():
+        figure = Figure(figsize=(175 * MM, 128 * MM), layout="constrained")
+        axes = figure.subplots(2, 2, sharex=True, sharey=True)
+        for ax, (name, pair), number in zip(axes.flat, numbers["pairs"].items(), "abcd", strict=False):
+            _draw(ax, pair, numbers["chosen"])
+            letter(ax, number, _TITLES[name])
+        axes[0, 0].set_ylim(1e-15, 1)
+        axes[0, 0].set_yticks(10.0 ** np.arange(-15, 1, 3))
+        for ax in axes[-1]:
+            ax.set_xlabel("time (s)")
+        for ax in axes[:, 0]:
+            ax.set_ylabel("error (in diagonals of the box)")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        places: dict[str, Any] = {"loc": "outside lower center", "ncols": 5, "columnspacing": 1.1}
+        figure.legend(handles, labels, handlelength=1.9, handletextpad=0.5, **places)
+    return figure
+
+
+def _draw(ax: Axes, pair: dict[str, Any], chosen: float) -> None:
+    """Series of the peers, the tree's with the number of samples at its ends, and the proven gap."""
+    for method, line in _SERIES.items():
+        entries = [entry for entry in pair["entries"] if entry["method"] == method]
+        time, error = ([entry[key] for entry in entries] for key in ("seconds", "error"))
+        ax.loglog(time, error, markersize=3.6, **line, **_EDGE)
+        if method == "k-d tree":
+            for entry, offset, ha in ((entries[0], (5, 3), "left"), (entries[-1], (-4, -11), "right")):
+                text, place = f"{entry['samples']} a segment", (entry["seconds"], entry["error"])
+                note = ax.annotate(text, place, offset, textcoords="offset points", ha=ha)
+                note.set_path_effects([withStroke(linewidth=1.5, foreground="white")])
+    (ours,) = (e for e in pair["entries"] if e["method"] == "jhd" and e["tolerance"] == chosen)
+    ax.loglog([ours["seconds"]], [ours["gap"]], label="jhd: gap proven", zorder=5, **_STAR)
+    ax.axhline(chosen, color=BLACK, linewidth=0.6, linestyle=(0, (1, 1.5)), label="tolerance of jhd")
+    ax.minorticks_off()
+
+
+if __name__ == "__main__":
+    main()
