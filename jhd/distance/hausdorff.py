@@ -10,6 +10,7 @@ from jaxtyping import Array
 
 from jhd.arrays import is_traced, real_array
 from jhd.distance.branch_and_bound import BranchAndBound
+from jhd.distance.derivative import with_derivatives
 from jhd.distance.driver import Host, Progress
 from jhd.distance.method import AbstractHausdorffMethod, Aim
 from jhd.distance.prepare import Frame, prepare
@@ -55,9 +56,9 @@ def directed_hausdorff(
         ValueError: curves of different dimensions.
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
-    method, p, q, frame = _prepared(a, b, method)
+    method, curves, (p, q, frame) = _prepared(a, b, method)
     there = Host(frame, progress).run(method, p, q, _everything(p), DIRECTIONS.a_to_b)
-    return _finish(frame.solution(there), throw)
+    return _finish(with_derivatives(frame.solution(there), *curves, frame), throw)
 
 
 def hausdorff(
@@ -85,12 +86,12 @@ def hausdorff(
         ValueError: curves of different dimensions.
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
-    method, p, q, frame = _prepared(a, b, method)
+    method, curves, (p, q, frame) = _prepared(a, b, method)
     host = Host(frame, progress)
     there = host.run(method, p, q, _everything(p), DIRECTIONS.a_to_b)
     # In the other direction only what exceeds the first one's lower bound matters.
     back = host.run(method, q, p, _everything(p)._replace(level=there.lower), DIRECTIONS.b_to_a)
-    return _finish(frame.solution(_larger(there, back)), throw)
+    return _finish(with_derivatives(frame.solution(_larger(there, back)), *curves, frame), throw)
 
 
 def hausdorff_at_most(
@@ -120,7 +121,7 @@ def hausdorff_at_most(
         TypeError: a shape of another kind, or another method than BranchAndBound.
         ValueError: curves of different dimensions, or a threshold that is no length.
     """
-    method, p, q, frame = _prepared(a, b, method)
+    method, _, (p, q, frame) = _prepared(a, b, method)
     if not isinstance(method, BranchAndBound):
         raise TypeError(f"method must be BranchAndBound(), which proves both bounds; got {type(method).__name__}.")
     limit = real_array("threshold", threshold)
@@ -166,8 +167,12 @@ def _larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolut
 
 def _prepared(
     a: AbstractCurve, b: AbstractCurve, method: object
-) -> tuple[AbstractHausdorffMethod, BezierSegments, BezierSegments, Frame]:
-    """The checked method, and both curves in common coordinates."""
+) -> tuple[
+    AbstractHausdorffMethod,
+    tuple[BezierSegments, BezierSegments],
+    tuple[BezierSegments, BezierSegments, Frame],
+]:
+    """The checked method, both curves, and both in common coordinates, where nothing is differentiated."""
     check_curve("a", a)
     check_curve("b", b)
     method = BranchAndBound() if method is None else method
@@ -176,7 +181,7 @@ def _prepared(
     pair = a.segments(), b.segments()
     if pair[0].dim != pair[1].dim:
         raise ValueError(f"a has {pair[0].dim} coordinates a point and b has {pair[1].dim}; needs the same.")
-    return method, *prepare(*pair)
+    return method, pair, prepare(*jax.lax.stop_gradient(pair))
 
 
 def _finish(solution: HausdorffSolution, throw: bool) -> HausdorffSolution:

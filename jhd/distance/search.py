@@ -12,6 +12,7 @@ unproven lower bound.
 Source: the search and the bounds are ours; the events are those of Elber & Grandine, GMP 2008.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -19,6 +20,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
+from jhd.distance import active
 from jhd.distance.bounds import Cell, CellBound, cell_upper_bound, first_upper_bound, local_foot
 from jhd.distance.events import Place, describe, piece_of
 from jhd.distance.jets import jet
@@ -26,7 +28,7 @@ from jhd.distance.method import Aim
 from jhd.distance.nearest import Nearest, nearest, repeated
 from jhd.distance.prepare import evaluation_error
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import RESULTS, HausdorffSolution, result_where
+from jhd.solution import RESULTS, HausdorffSolution, Witness, result_where
 
 # Cells bounded in one step: two waste the vector units, eight bound cells that the first four would have closed.
 _LANES = 4
@@ -37,6 +39,8 @@ _SEED_STEPS = 3
 _NEAR_END = 0.02
 # Least gap in units of the error of the common coordinates: both bounds take it, and those of the cells as much again.
 _FLOOR = 8
+# Rounding of a distance, and of one whose foot has been refined, in units of roundoff of the common coordinates.
+_NOISE, _AGREEING = 4, 4096
 # Default tolerance in units of the diagonal.
 _DEFAULT = 1e-10
 
@@ -165,15 +169,39 @@ def advance(
 def solution_of(a: BezierSegments, b: BezierSegments, wanted: Wanted, state: State) -> HausdorffSolution:
     """The solution that a search stands at."""
     dtype = a.control_points.dtype
-    tolerances, lower, upper = _tolerances(a, b, wanted), state.lower, state.upper
+    tolerances, upper = _tolerances(a, b, wanted), state.upper
+    described = describe(a, b, state.at, state.foot, jnp.ones((), dtype))
+    witness, value, lower = _polished(a, b, described, state)
+    lower = jnp.minimum(lower, upper)
     # Four units for the rounding of this comparison itself.
     gap = upper - jnp.maximum(lower, wanted.aim.level)
     closed = gap <= tolerances.wanted(upper) * (1 + 4 * jnp.finfo(dtype).eps)
     result = result_where(closed, RESULTS.successful, RESULTS.gap_not_closed)
     result = result_where(~closed & state.dropped, RESULTS.capacity_reached, result)
-    witness = describe(a, b, state.at, state.foot, jnp.ones((), dtype))
     stats = {"steps": state.steps, "cells": state.steps * _LANES}
-    return HausdorffSolution(jnp.clip(state.value, lower, upper), lower, upper, witness, result, stats)
+    return HausdorffSolution(jnp.clip(value, lower, upper), lower, upper, witness, result, stats)
+
+
+def _polished(a: BezierSegments, b: BezierSegments, witness: Witness, state: State) -> tuple[Witness, Array, Array]:
+    """The witness at the solution of its equations, with value and lower bound: peaks are off by the root of the gap.
+
+    Accepted only where the place is measured to be as far and both feet to be its nearest points.
+    """
+    k, (k1, k2) = witness.segment, witness.foot_segments
+    y = jnp.concatenate([witness.t[None], witness.foot_params])
+    system = active.active(piece_of(a, k), piece_of(b, k1), piece_of(b, k2), y, witness.event)
+    y = active.polished(y, system)
+    y = y.at[2].set(jnp.where(system.two, y[2], y[1]))
+    point = jet(*system.a, y[0]).point
+    feet = jnp.stack([jet(*system.first, y[1]).point, jet(*system.second, y[2]).point])
+    found = nearest(point, b.control_points, b.weights, 0.0, repeated(b.control_points, b.weights))
+    off = jnp.max(jnp.abs(jnp.sqrt(jnp.sum((feet - point) ** 2, axis=1)) - found.distance))
+    eps = float(jnp.finfo(point.dtype).eps)
+    better = (found.distance >= state.value - _NOISE * eps) & (off <= _AGREEING * eps)
+    new = replace(witness, t=y[0], point=point, feet=feet, foot_params=y[1:], multipliers=active.multipliers(y, system))
+    witness = jax.tree_util.tree_map(lambda x, y: jnp.where(better, x, y), new, witness)
+    lower = jnp.where(better, jnp.maximum(state.lower, found.lower - evaluation_error(a, b)), state.lower)
+    return witness, jnp.where(better, jnp.maximum(found.distance, state.value), state.value), lower
 
 
 def _where(condition: Array, new: Place, old: Place) -> Place:
