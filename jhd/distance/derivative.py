@@ -1,7 +1,7 @@
-"""Derivatives of a Hausdorff distance and of its witness, in all arrays of both curves.
+"""Derivatives of a Hausdorff distance and of its witness, and of nearest points, in all arrays they depend on.
 
 The search is not differentiated: its answer is a function of both curves by the active system (jhd.distance.active),
-and its derivatives are those of that function, of all orders that two Newton steps carry, in forward and reverse mode.
+and its derivatives are those of that function, in forward and reverse mode, of first and higher order.
 
 Where several places are equally far the derivative is that of the witness named, one of the generalised derivatives of
 the maximum. Where the distance is zero it is not differentiable, and zero is taken.
@@ -19,7 +19,7 @@ from jhd.distance.events import Piece
 from jhd.distance.jets import jet
 from jhd.distance.prepare import Frame, elevation_matrix
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Witness
+from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness
 
 
 class _Answer(NamedTuple):
@@ -30,6 +30,17 @@ class _Answer(NamedTuple):
     point: Array
     feet: Array
     foot_params: Array
+
+    def scalars(self) -> tuple[Array, ...]:
+        """All numbers one by one; see jhd.distance.active on why."""
+        return self.value, self.t, *self.foot_params, *self.point, *self.feet.ravel()
+
+    @classmethod
+    def of_scalars(cls, scalars: tuple[Array, ...]) -> "_Answer":
+        """The inverse of `scalars`."""
+        value, t, first, second, *coordinates = scalars
+        rows = jnp.stack(coordinates).reshape(3, -1)
+        return cls(value, t, rows[0], rows[1:], jnp.stack([first, second]))
 
 
 def with_derivatives(solution: HausdorffSolution, a: BezierSegments, b: BezierSegments, frame: Frame) -> Any:
@@ -62,6 +73,45 @@ def attached(
     return answer.value, moving
 
 
+def projection_with_derivatives(found: Projection, queries: Array, curve: BezierSegments) -> Projection:
+    """Nearest points, their distances and parameters differentiable in the queries and in the curve."""
+    if not is_traced(queries, curve):
+        return found
+    distance, foot, t = _attached_to_feet(found, queries, curve)
+    return Projection(distance, found.lower, found.upper, foot, found.segment, t, found.result)
+
+
+@jax.jit
+def _attached_to_feet(found: Projection, queries: Array, curve: BezierSegments) -> tuple[Array, Array, Array]:
+    fixed = jax.lax.stop_gradient((queries, curve.control_points))
+    exponent = jnp.frexp(jnp.maximum(*(jnp.max(jnp.abs(x)) for x in fixed)))[1]
+    scale = jnp.ldexp(jnp.ones((), queries.dtype), -jnp.clip(exponent, -1000, 1000))
+    rational = curve.weights is not None
+
+    def one(query: Array, distance: Array, foot: Array, segment: Array, t: Array) -> tuple[Array, Array, Array]:
+        points, weights = _piece(curve, segment, curve.degree, rational)
+        piece, point = Piece(points * scale, weights), query * scale
+        held, s = jax.lax.stop_gradient((active.is_held(point, piece, t), t))
+        # Two steps carry the first two derivatives of the parameter.
+        for _ in range(2):
+            s = active.stationary(s, point, piece, held)
+        b = jet(*piece, s)
+        c = point - b.point
+        length = c @ active.direction(c, b.first, held)
+        return _with(distance, length / scale, distance > 0), _with(foot, b.point / scale), _with(t, s)
+
+    batch = queries.shape[:-1]
+    flat = jax.tree_util.tree_map(
+        lambda x: x.reshape(-1, *x.shape[len(batch) :]), (queries, found.distance, found.foot, found.segment, found.t)
+    )
+    return jax.tree_util.tree_map(lambda x: x.reshape(*batch, *x.shape[1:]), jax.vmap(one)(*flat))
+
+
+def _with(number: Array, other: Array, where: Array | bool = True) -> Array:
+    """The number, with the derivatives of the other one."""
+    return number + jnp.where(where, other - jax.lax.stop_gradient(other), 0.0)
+
+
 @jax.jit
 def _attached(answer: _Answer, a: BezierSegments, b: BezierSegments, frame: Frame, witness: Witness) -> _Answer:
     """The same numbers, with the derivatives of the active system of the witness."""
@@ -91,37 +141,59 @@ def _piece(curve: BezierSegments, k: Array, degree: int, rational: bool) -> Piec
     """One segment, written in this degree."""
     points = curve.control_points[k]
     weights = jnp.ones(points.shape[:-1], points.dtype) if curve.weights is None else curve.weights[k]
-    raising = jnp.asarray(elevation_matrix(curve.degree, degree), points.dtype)
     if not rational:
-        return Piece(raising @ points if degree > curve.degree else points, None)
+        return Piece(_raised(points, degree), None)
     if degree == curve.degree:
         return Piece(points, weights)
-    raised = raising @ weights
-    return Piece(raising @ (points * weights[:, None]) / raised[:, None], raised)
+    raised = _raised(weights[:, None], degree)
+    return Piece(_raised(points * weights[:, None], degree) / raised, raised[:, 0])
+
+
+def _raised(rows: Array, degree: int) -> Array:
+    if degree == rows.shape[0] - 1:
+        return rows
+    raising = jnp.asarray(elevation_matrix(rows.shape[0] - 1, degree), rows.dtype)
+    # No matrix product: under vmap that moves the batch axis, see jhd.distance.active.
+    return jnp.sum(raising[:, :, None] * rows, axis=1)
+
+
+def _with_rule(answer: _Answer, pieces: active.Pieces, scale: Array, event: Any) -> _Answer:
+    """The same answer, with the derivatives of the active system."""
+    return _Answer.of_scalars(_scalars_with_rule(answer.scalars(), pieces, scale, event))
 
 
 @jax.custom_jvp
-def _with_rule(answer: _Answer, pieces: tuple[Piece, Piece, Piece], scale: Array, event: Any) -> _Answer:
-    return answer
+def _scalars_with_rule(scalars: tuple, pieces: active.Pieces, scale: Array, event: Any) -> tuple:
+    return scalars
 
 
-@_with_rule.defjvp
-def _rule(primals: tuple, tangents: tuple) -> tuple[_Answer, _Answer]:
-    answer, pieces, scale, event = primals
+@_scalars_with_rule.defjvp
+def _rule(primals: tuple, tangents: tuple) -> tuple[tuple, tuple]:
+    scalars, pieces, scale, event = primals
+    answer = _Answer.of_scalars(scalars)
     a, first, second = pieces
     start = jax.lax.stop_gradient(jnp.concatenate([answer.t[None], answer.foot_params]))
-    system = jax.lax.stop_gradient(active.active(a, first, second, start, event))
+    held, two = jax.lax.stop_gradient(active.active(a, first, second, start, event)[3:])
     # At distance zero all derivatives are zero by convention; there they need not exist.
     apart = event != EVENTS.coincident
-
-    def solved(pieces: tuple[Piece, Piece, Piece]) -> _Answer:
-        here = system._replace(a=pieces[0], first=pieces[1], second=pieces[2])
-        y = active.newton(active.newton(start, here), here)
-        point = jet(*pieces[0], y[0]).point
-        feet = jnp.stack([jet(*piece, s).point for piece, s in zip(pieces[1:], y[1:], strict=True)])
-        # With two feet y[0] follows the crossing; a single one is given twice.
-        feet, params = jnp.where(system.two, feet, feet[:1]), jnp.where(system.two, y[1:], y[1])
-        return _Answer(active.distance(y, here) / scale, y[0], point / scale, feet / scale, params)
-
-    _, change = jax.jvp(solved, (pieces,), (tangents[1],))
-    return answer, jax.tree_util.tree_map(lambda x: jnp.where(apart, x, 0.0), change)
+    y, y_dot = jax.jvp(lambda p: active.solution(start, p, held, two), (pieces,), (tangents[1],))
+    system = active.Active(a, first, second, held, two)
+    jets = [jet(*piece, s) for piece, s in zip(pieces, y, strict=True)]
+    # How the three points move at fixed parameters.
+    at_rest = [
+        jax.jvp(lambda p, s=s: jet(*p, s).point, (piece,), (moved,))[1]
+        for piece, s, moved in zip(pieces, y, tangents[1], strict=True)
+    ]
+    units = [active.direction(jets[0].point - jets[i].point, jets[i].first, held[i]) for i in (1, 2)]
+    stretch = jnp.stack([unit @ (at_rest[0] - at_rest[i]) for i, unit in ((1, units[0]), (2, units[1]))])
+    points = [still + j.first * s for still, j, s in zip(at_rest, jets, y_dot, strict=True)]
+    # A single foot is given twice.
+    feet = jnp.where(two, jnp.stack(points[1:]), points[1])
+    change = _Answer(
+        value=active.multipliers(y, system) @ stretch / scale,
+        t=y_dot[0],
+        point=points[0] / scale,
+        feet=feet / scale,
+        foot_params=jnp.where(two, y_dot[1:], y_dot[1]),
+    )
+    return scalars, tuple(jnp.where(apart, x, 0.0) for x in change.scalars())

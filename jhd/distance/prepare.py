@@ -24,8 +24,8 @@ from jhd.shapes.curve import BezierSegments
 from jhd.solution import RESULTS, HausdorffSolution, result_where
 
 # Numbers of segments and degrees that programs are compiled for. Small curves share one size, where the cost of the
-# repetition does not show; from 48 on at most a half is repetition.
-_COUNTS = (4, 16, *(3 * 2**k for k in range(4, 26)))
+# repetition does not show; from 192 on, where it does, at most a third is repetition.
+_COUNTS = (4, 16, 48, 96, *(size for k in range(6, 24) for size in (3 * 2**k, 4 * 2**k)))
 _DEGREES = (3, 6, 10)
 # Power of two that stands for no extent at all; single precision ends at 2^-126.
 _VANISHING = 100

@@ -35,12 +35,14 @@ _LANES = 4
 # Samples of each segment of b for the first feet.
 _SEEDS = 4
 _SEED_STEPS = 3
+# Points whose nearest samples are looked for side by side.
+_BLOCK = 256
 # A peak nearer than this share of the cell to an end does not serve as a cut; the middle does.
 _NEAR_END = 0.02
 # Least gap in units of the error of the common coordinates: both bounds take it, and those of the cells as much again.
 _FLOOR = 8
 # Rounding of a distance, and of one whose foot has been refined, in units of roundoff of the common coordinates.
-_NOISE, _AGREEING = 4, 4096
+_NOISE, _AGREEING = 4, 64
 # Default tolerance in units of the diagonal.
 _DEFAULT = 1e-10
 
@@ -224,9 +226,17 @@ def _nearest_seed(seeds: _Seeds, points: Array) -> Array:
     rows = points.reshape(-1, points.shape[-1])
     count, integer = seeds.points.shape[0], jnp.int64 if points.dtype == jnp.float64 else jnp.int32
     last_bits = 2 ** (count - 1).bit_length() - 1
-    squares = jnp.sum(jnp.stack([(x[:, None] - y) ** 2 for x, y in zip(seeds.points.T, rows.T, strict=True)]), axis=0)
-    key = jax.lax.bitcast_convert_type(squares, integer) & ~last_bits | jnp.arange(count, dtype=integer)[:, None]
-    return (jnp.min(key, axis=0) & last_bits).reshape(points.shape[:-1])
+
+    def nearest_of(rows: Array) -> Array:
+        squares = sum(((x[:, None] - y) ** 2 for x, y in zip(seeds.points.T, rows.T, strict=True)), start=0.0)
+        key = jax.lax.bitcast_convert_type(squares, integer) & ~last_bits | jnp.arange(count, dtype=integer)[:, None]
+        return jnp.min(key, axis=0) & last_bits
+
+    if rows.shape[0] <= _BLOCK:
+        return nearest_of(rows).reshape(points.shape[:-1])
+    # In blocks, so that the table of all squares is never there.
+    blocks = jnp.pad(rows, ((0, -rows.shape[0] % _BLOCK), (0, 0))).reshape(-1, _BLOCK, rows.shape[1])
+    return jax.lax.map(nearest_of, blocks).ravel()[: rows.shape[0]].reshape(points.shape[:-1])
 
 
 def begin(a: BezierSegments, b: BezierSegments, capacity: int) -> State:

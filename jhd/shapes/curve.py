@@ -89,10 +89,13 @@ class BezierSegments(AbstractCurve):
             raise ValueError(
                 f"following has shape {following.shape} and dtype {following.dtype}; needs ({self.count},) integers."
             )
-        bad = [] if is_traced(following) else np.flatnonzero((following < -1) | (following >= self.count))
+        if is_traced(following):
+            return following.astype(int)
+        known = np.asarray(following)
+        bad = np.flatnonzero((known < -1) | (known >= self.count))
         if len(bad):
-            raise ValueError(f"following[{bad[0]}] is {following[bad[0]]}; needs -1 or a segment below {self.count}.")
-        return following.astype(int)
+            raise ValueError(f"following[{bad[0]}] is {known[bad[0]]}; needs -1 or a segment below {self.count}.")
+        return jnp.asarray(known.astype(int))
 
     @property
     def count(self) -> int:

@@ -1,0 +1,189 @@
+"""How many pairs a second are measured in a batch?
+
+Random pairs of two kinds: single cubics, with normal control points; and closed cubic B-splines of 30 control points,
+two noisy tracings of an ellipse each. For every pair the two-sided Hausdorff distance, proven to 1e-10 of the diagonal,
+
+- of a batch of 1 to 1 024 pairs (4 096 on an accelerator) by `jax.vmap` of `jhd.hausdorff` within `jax.jit`;
+- one by one, by one compiled program;
+- one by one, by plain calls.
+
+On a CPU the searches of a batch run one after the other by design (`jax.custom_batching.sequential_vmap`), since side
+by side each would last as long as the longest of them; on an accelerator they run side by side. The device is named in
+the numbers. Programs are compiled for 4, 16, 48, ... segments, so that a cubic is repeated four times, and 30 segments
+cost what 48 do. Beside it SciPy's k-d trees on the CPU, both directions, trees included, pair by pair, with 100 samples
+a segment, taken beforehand for free, and their error. The same 256 pairs each time, more in larger batches; arrays are
+stacked beforehand. All in one process, on one core where there is no accelerator; times are medians, warm.
+
+Claims: 256 pairs of 30 segments in a batch cost no more each than one by one within one program, and the answers are
+the same to rounding. On one core of a CPU a batch gains the overhead of the calls alone: a factor of two to three for
+single cubics, a third for curves of 30 segments. There the trees take several times as long as a batch, and half as
+long for single cubics, with errors of 1e-6.
+
+Feeds: figure and table "throughput".
+Takes: 5 minutes, 2 once compiled.
+"""
+
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from common import Run, markdown
+from common_curves import sample, sampled_directed
+
+import jhd
+from jhd.distance.prepare import padded_count
+
+_BATCHES = (1, 4, 16, 64, 256, 1024)
+_LARGER = 4096
+# All batches up to this size, and all that goes one by one, take the same pairs.
+_CLAIMED = 256
+_SEGMENTS = 30
+_SAMPLES = 100
+# Mean radius and stretch of the ellipses, and the standard deviation of the radius, in radii.
+_RADIUS, _STRETCH, _NOISE = 100.0, 1.2, 0.1
+# Everything is measured in turns, so that what else runs on the machine slows all of it; the first turn is not counted.
+_ROUNDS = 5
+
+Pair = tuple[jhd.BezierSegments, jhd.BezierSegments]
+
+
+class Answer(NamedTuple):
+    """What is kept of every solution: arrays of the batch's shape."""
+
+    value: Any
+    lower: Any
+    upper: Any
+    steps: Any
+
+
+def main() -> None:
+    """Computes, saves and prints."""
+    # Plugins of JAX are accelerators. To ask JAX itself would start its threads, before they are kept to one core.
+    run = Run(__file__, __doc__, one_core=find_spec("jax_plugins") is None)
+    platform = jax.default_backend()
+    batches = (1, 4) if run.smoke else (*_BATCHES, *([] if platform == "cpu" else [_LARGER]))
+    kinds = {"cubics": _cubic} if run.smoke else {"cubics": _cubic, "splines": _tracing}
+    found = {}
+    for name, draw in kinds.items():
+        pairs = [(draw(run.random), draw(run.random)) for _ in range(batches[-1])]
+        found[name] = _measured(pairs, batches)
+    device = {"platform": platform, "kind": jax.devices()[0].device_kind}
+    run.save({**device, "claimed": _CLAIMED, "kinds": found}, _tables(found, "{kind} ({platform})".format(**device)))
+
+
+def _cubic(random: np.random.Generator) -> jhd.BezierSegments:
+    return jhd.BezierCurve(random.standard_normal((4, 2))).segments()
+
+
+def _tracing(random: np.random.Generator) -> jhd.BezierSegments:
+    angle = 2 * np.pi * np.arange(_SEGMENTS) / _SEGMENTS
+    r = _RADIUS * (1 + _NOISE * random.standard_normal(_SEGMENTS))
+    points = np.stack([_STRETCH * r * np.cos(angle), r * np.sin(angle)], axis=-1)
+    return jhd.BSplineCurve.uniform(points, closed=True).segments()
+
+
+def _stacked(pairs: list[Pair]) -> Any:
+    """Both curves of all pairs, as one curve each with a leading axis."""
+    return jax.tree_util.tree_map(lambda *rows: jnp.stack(rows), *pairs)
+
+
+def _answer(a: jhd.BezierSegments, b: jhd.BezierSegments) -> Answer:
+    found = jhd.hausdorff(a, b)
+    return Answer(found.value, found.lower, found.upper, found.stats["a_to_b_steps"] + found.stats["b_to_a_steps"])
+
+
+_one = jax.jit(_answer)
+_batch = jax.jit(jax.vmap(_answer))
+
+
+def _measured(pairs: list[Pair], batches: tuple[int, ...]) -> dict[str, Any]:
+    """Seconds a pair of all batches and of what goes one by one, and whether the answers agree."""
+    few = pairs[:_CLAIMED]
+    samples = [[sample(np.asarray(curve.control_points), _SAMPLES) for curve in pair] for pair in few]
+    parts = {n: [_stacked(pairs[k : k + n]) for k in range(0, max(n, len(few)), n)] for n in batches}
+    calls: dict[Any, Callable[[], Any]] = {
+        **{n: lambda stacked=stacked: [_batch(*part) for part in stacked] for n, stacked in parts.items()},
+        # Answers are waited for at the end alone, which serves a device that works while Python goes on.
+        "one by one": lambda: [_one(*pair) for pair in few],
+        "plain": lambda: [jhd.hausdorff(*pair) for pair in few],
+        "k-d tree": lambda: [_trees(*rows) for rows in samples],
+    }
+    found = {name: jax.block_until_ready(call()) for name, call in calls.items()}
+    rounds = [[_seconds(call) for call in calls.values()] for _ in range(_ROUNDS)]
+    counts = [max(name, len(few)) if name in parts else len(few) for name in calls]
+    each = dict(zip(calls, np.median(rounds, axis=0) / counts, strict=True))
+    return {
+        "segments": pairs[0][0].count,
+        "padded": padded_count(pairs[0][0].count),
+        "batches": [
+            {"size": n, "seconds": each[n], "one by one to this": each["one by one"] / each[n]} for n in batches
+        ],
+        "loops": {name: {"seconds": each[name], "pairs": len(few)} for name in calls if name not in parts},
+        **_checked(few, _joined(found[batches[0]]), _joined(found["one by one"]), np.array(found["k-d tree"])),
+    }
+
+
+def _seconds(call: Callable[[], Any]) -> float:
+    start = time.perf_counter()
+    jax.block_until_ready(call())
+    return time.perf_counter() - start
+
+
+def _joined(answers: list[Answer]) -> Answer:
+    return Answer(*(np.concatenate([np.atleast_1d(x) for x in rows]) for rows in zip(*answers, strict=True)))
+
+
+def _checked(pairs: list[Pair], batch: Answer, alone: Answer, sampled: np.ndarray) -> dict[str, Any]:
+    """Steps, and proven gaps, differences of the answers and errors of the samples in diagonals."""
+    diagonals = np.array([_diagonal(pair) for pair in pairs])
+    error = np.abs(sampled - batch.value) / diagonals
+    return {
+        "steps": {"mean": np.mean(batch.steps), "most": np.max(batch.steps)},
+        "gap": np.max((batch.upper - batch.lower) / diagonals),
+        "difference": np.max(np.abs(batch.value - alone.value) / diagonals),
+        "error": {"median": np.median(error), "largest": np.max(error)},
+    }
+
+
+def _trees(a: np.ndarray, b: np.ndarray) -> float:
+    return max(sampled_directed(a, b), sampled_directed(b, a))
+
+
+def _diagonal(pair: Pair) -> float:
+    rows = np.concatenate([np.asarray(curve.control_points).reshape(-1, 2) for curve in pair])
+    return float(np.linalg.norm(np.ptp(rows, axis=0)))
+
+
+def _tables(kinds: dict[str, Any], device: str) -> str:
+    rows = [
+        [kind, found["segments"], name, f"{1 / each:.4g}", f"{1e3 * each:.3g}", f"{each / reference:.2f}"]
+        for kind, found in kinds.items()
+        for reference in [found["loops"]["one by one"]["seconds"]]
+        for name, each in _named(found).items()
+    ]
+    checks = [
+        [
+            kind,
+            f"{found['steps']['mean']:.1f}",
+            found["steps"]["most"],
+            *(f"{x:.1e}" for x in (found["gap"], found["difference"], *found["error"].values())),
+        ]
+        for kind, found in kinds.items()
+    ]
+    header = [device, "segments", "method", "pairs a second", "time a pair (ms)", "ratio to one by one"]
+    columns = ["steps, mean", "most", "largest gap", "batch to one by one", "error of the tree, median", "largest"]
+    return markdown(header, rows) + "\n\n" + markdown(["", *columns], checks)
+
+
+def _named(found: dict[str, Any]) -> dict[str, float]:
+    """Seconds a pair by a name to read."""
+    batches = {f"batch of {entry['size']}": entry["seconds"] for entry in found["batches"]}
+    return {**batches, **{name: entry["seconds"] for name, entry in found["loops"].items()}}
+
+
+if __name__ == "__main__":
+    main()

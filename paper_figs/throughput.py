@@ -1,0 +1,65 @@
+"""Pairs a second against the size of a batch; numbers by the experiment of the same name.
+
+Horizontal lines are what goes pair by pair.
+"""
+
+from typing import Any
+
+from common import BLACK, BLUE, GREEN, MM, ORANGE, VERMILLION, Picture, letter, style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, StrMethodFormatter
+
+_MARK: dict[str, Any] = {"markersize": 4.0, "markeredgecolor": BLACK, "markeredgewidth": 0.4}
+_LOOPS: dict[str, dict[str, Any]] = {
+    "one by one": {"color": BLUE, "linestyle": (0, (4, 1.2)), "label": "jhd, one by one, compiled"},
+    "plain": {"color": GREEN, "linestyle": (0, (1, 1)), "label": "jhd, plain calls"},
+    "k-d tree": {"color": ORANGE, "linestyle": (0, (6, 1.2, 1, 1.2)), "label": "SciPy k-d tree"},
+}
+_TITLES = {"cubics": "two cubics", "splines": "two closed splines, 30 segments"}
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    """One panel for each kind of pairs."""
+    with style():
+        figure = Figure(figsize=(175 * MM, 72 * MM), layout="constrained")
+        axes = figure.subplots(1, len(_TITLES), sharex=True, sharey=True)
+        device = "one CPU core" if numbers["platform"] == "cpu" else numbers["kind"]
+        for ax, (name, title), number in zip(axes, _TITLES.items(), "ab", strict=True):
+            if name in numbers["kinds"]:
+                _draw(ax, numbers["kinds"][name])
+            letter(ax, number, f"{title}, {device}")
+            ax.set_xlabel("pairs in a batch")
+        axes[0].set_ylabel("pairs a second")
+        low, high = axes[0].get_ylim()
+        # Room for the text.
+        axes[0].set_ylim(low / 3.5, 1.4 * high)
+        axes[0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes[0].yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=4, handlelength=2.4, columnspacing=1.4)
+    return figure
+
+
+def _draw(ax: Axes, found: dict[str, Any]) -> None:
+    """The batches, and levels of what goes one by one."""
+    size = [entry["size"] for entry in found["batches"]]
+    rate = [1 / entry["seconds"] for entry in found["batches"]]
+    ax.loglog(size, rate, color=VERMILLION, marker="o", label="jhd, batch", zorder=3, **_MARK)
+    levels = {name: 1 / found["loops"][name]["seconds"] for name in _LOOPS}
+    for name, line in _LOOPS.items():
+        ax.axhline(levels[name], linewidth=1.2, **{key: line[key] for key in ("color", "linestyle", "label")})
+    text = f"k-d tree: median error {found['error']['median']:.0e}\njhd: largest gap {found['gap']:.0e}, proven"
+    ax.text(0.03, 0.03, text, transform=ax.transAxes, linespacing=1.3)
+    ax.set_xticks(size, [f"{n}" for n in size])
+    ax.minorticks_off()
+
+
+if __name__ == "__main__":
+    main()
