@@ -181,7 +181,9 @@ def _prepared(
     pair = a.segments(), b.segments()
     if pair[0].dim != pair[1].dim:
         raise ValueError(f"a has {pair[0].dim} coordinates a point and b has {pair[1].dim}; needs the same.")
-    return method, pair, prepare(*jax.lax.stop_gradient(pair))
+    # The two-step method takes fewer samples of a segment where there are more of them.
+    sharing = isinstance(method, BranchAndBound)
+    return method, pair, prepare(*jax.lax.stop_gradient(pair), sharing=sharing)
 
 
 def _finish(solution: HausdorffSolution, throw: bool) -> HausdorffSolution:

@@ -27,6 +27,8 @@ from jhd.solution import RESULTS, HausdorffSolution, result_where
 # repetition does not show; from 192 on, where it does, at most a third is repetition.
 _COUNTS = (4, 16, 48, 96, *(size for k in range(6, 24) for size in (3 * 2**k, 4 * 2**k)))
 _DEGREES = (3, 6, 10)
+# Up to this number both curves of a pair may share one size.
+_SHARED = 96
 # Power of two that stands for no extent at all; single precision ends at 2^-126.
 _VANISHING = 100
 
@@ -141,11 +143,25 @@ def replaced(curve: BezierSegments, good: Any) -> BezierSegments:
     return trusted(jnp.where(good, curve.control_points, 0.0), weights, curve.following)
 
 
-def prepare(a: BezierSegments, b: BezierSegments) -> tuple[BezierSegments, BezierSegments, Frame]:
+def shared_count(first: int, second: int, degree: int) -> tuple[int, int]:
+    """The numbers of segments of two curves where programs are to be few: one for both, but for long curves.
+
+    Repeated segments cost a search little up to a hundred; degrees above three are rare, so they share a size as well.
+    """
+    least = _COUNTS[1] if degree > _DEGREES[0] else _COUNTS[0]
+    counts = padded_count(max(first, least)), padded_count(max(second, least))
+    most = max(counts)
+    return (most, most) if most <= _SHARED else counts
+
+
+def prepare(
+    a: BezierSegments, b: BezierSegments, *, sharing: bool = False
+) -> tuple[BezierSegments, BezierSegments, Frame]:
     """Both curves padded and with coordinates in [-1, 1] about the origin, and the frame that leads back.
 
     The common centre is subtracted between two scalings by powers of two: the first keeps the centre from overflowing,
     the second brings the remaining extent to order one. On concrete curves this runs in NumPy, which keeps subnormals.
+    `sharing` pads to the sizes of `shared_count`.
     """
     xp = jnp if is_traced(a, b) else np
     good = usable(a) & usable(b)
@@ -162,9 +178,10 @@ def prepare(a: BezierSegments, b: BezierSegments) -> tuple[BezierSegments, Bezie
     second = xp.where(extent > 0, _exponent(xp, x, y), -_VANISHING)
     x, y = xp.ldexp(x, -second), xp.ldexp(y, -second)
     degree, rational = raised_degree(max(a.degree, b.degree)), a.weights is not None or b.weights is not None
+    counts = shared_count(a.count, b.count, degree) if sharing else (padded_count(a.count), padded_count(b.count))
     return (
-        _bucketed(xp, a, x, degree, rational),
-        _bucketed(xp, b, y, degree, rational),
+        _bucketed(xp, a, x, degree, rational, counts[0]),
+        _bucketed(xp, b, y, degree, rational, counts[1]),
         Frame(centre, first, second, good),
     )
 
@@ -190,13 +207,13 @@ def evaluation_error(a: BezierSegments, b: BezierSegments) -> float:
     return evaluation + sum(preparation_error(curve.degree, curve.dim, dtype) for curve in (a, b))
 
 
-def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int, rational: bool) -> BezierSegments:
-    """The curve with these control points, raised to `degree` and padded by repetition of its last segment.
+def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int, rational: bool, count: int) -> BezierSegments:
+    """The curve with these control points, raised to `degree` and padded by repetition of its last segment to `count`.
 
     A polynomial curve gets weights of one where the other curve is rational. The weights of each segment are first
     scaled to a largest one in [1/2, 1), which changes no point.
     """
-    index = np.minimum(np.arange(padded_count(curve.count)), curve.count - 1)
+    index = np.minimum(np.arange(count), curve.count - 1)
     weights: Any = curve.weights
     if weights is None and rational:
         weights = xp.ones(points.shape[:-1], points.dtype)

@@ -9,8 +9,17 @@ import pytest
 
 import jhd
 from jhd.arithmetic.rounding import gamma
-from jhd.distance.prepare import Frame, elevation_matrix, padded_count, preparation_error, prepare, raised_degree
-from tests.distance import exact
+from jhd.distance.prepare import (
+    Frame,
+    elevation_matrix,
+    padded_count,
+    preparation_error,
+    prepare,
+    raised_degree,
+    shared_count,
+)
+from tests.cases import CASES
+from tests.distance import exact, pairs
 
 PARAMETERS = [Fraction(0), Fraction(1, 3), Fraction(5, 8), Fraction(1)]
 
@@ -163,3 +172,18 @@ def test_the_error_bound_grows_with_the_degree_and_the_dimension():
         preparation_error(3, 2, np.float64) < preparation_error(3, 3, np.float64) < preparation_error(10, 3, np.float64)
     )
     assert preparation_error(3, 2, np.float32) > gamma(40, np.float32)
+
+
+def test_the_whole_table_needs_at_most_twelve_programs():
+    sizes = set()
+    for case in CASES:
+        a, b, _ = prepare(*pairs.both(case), sharing=True)
+        for x, y in ((a, b), (b, a)):
+            sizes.add((x.control_points.shape, y.control_points.shape, x.weights is not None))
+    assert len(sizes) <= 12
+
+
+def test_long_curves_do_not_share_a_size():
+    assert shared_count(1, 90, 3) == (96, 96)
+    assert shared_count(1, 100, 3) == (4, 192)
+    assert shared_count(1, 1, 6) == (16, 16)
