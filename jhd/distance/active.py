@@ -118,12 +118,17 @@ def _jacobian(jets: _Jets, system: Active) -> Array:
 
 
 def _solve(rows: Array, right: Array) -> Array:
-    """The solution by Cramer's rule; zero where the determinant vanishes."""
-    determinant = _determinant(rows)
+    """The solution by Cramer's rule; zero where the determinant vanishes.
+
+    The inverse has the cross products of the rows as columns. It is formed apart from the right-hand side, in which
+    rules of derivatives must be linear term by term.
+    """
+    first, second, third = rows
+    columns = jnp.stack([jnp.cross(second, third), jnp.cross(third, first), jnp.cross(first, second)])
+    determinant = first @ columns[0]
     size = jnp.prod(jnp.sqrt(jnp.sum(jax.lax.stop_gradient(rows) ** 2, axis=1)))
     regular = jnp.abs(determinant) > _SINGULAR * size
-    columns = [_determinant(jnp.concatenate([rows[:, :i], right[:, None], rows[:, i + 1 :]], axis=1)) for i in range(3)]
-    return jnp.where(regular, jnp.stack(columns) / jnp.where(regular, determinant, 1.0), 0.0)
+    return jnp.where(regular, right @ (columns / jnp.where(regular, determinant, 1.0)), 0.0)
 
 
 def stationary(s: Array, point: Array, piece: Piece, held: Array) -> Array:
@@ -163,10 +168,6 @@ def _solution_rule(primals: tuple, tangents: tuple) -> tuple[tuple, tuple]:
     _, moved = jax.jvp(lambda p: _equations(_jets(y, p), system), (pieces,), (tangents[1],))
     change = -_solve(_jacobian(_jets(y, pieces), system), jnp.where(held, 0.0, moved))
     return found, (change[0], change[1], change[2])
-
-
-def _determinant(m: Array) -> Array:
-    return m[0] @ jnp.stack([_cross(m[1, 1:], m[2, 1:]), _cross(m[2, ::2], m[1, ::2]), _cross(m[1, :2], m[2, :2])])
 
 
 def direction(c: Array, velocity: Array, held: Array) -> Array:

@@ -180,7 +180,8 @@ def describe(a: BezierSegments, b: BezierSegments, at: Place, foot: Place, size:
     end, corner = _end_or_corner(a, segment, t)
     apart = jnp.sum((feet[up] - feet[down]) ** 2) > (_SAME_FOOT * size) ** 2
     two = (slopes[up] > 0) & (slopes[down] < 0) & apart & ~end & ~corner
-    order = jnp.sort(jnp.stack([up, down]))
+    turned = segments[up] + params[up] > segments[down] + params[down]
+    order = jnp.where(turned, jnp.stack([down, up]), jnp.stack([up, down]))
     chosen = jnp.where(two, order, jnp.stack([nearest, nearest]))
     g = slopes[chosen]
     spread = jnp.where(two, g[0] - g[1], 1.0)

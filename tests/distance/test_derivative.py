@@ -146,6 +146,14 @@ def test_the_hessian_agrees_with_differences_of_the_gradient(seed):
     np.testing.assert_allclose(product, difference, rtol=SECOND, atol=SECOND * float(jnp.max(jnp.abs(difference))))
 
 
+def test_reverse_mode_can_be_taken_twice():
+    rng = np.random.default_rng(21)
+    rows = jnp.asarray(np.stack([0.3 * rng.normal(size=(4, 2)), rng.normal(size=(4, 2))]))
+    direction = jnp.asarray(rng.normal(size=rows.shape))
+    twice = jax.grad(lambda x: jnp.vdot(_gradient(x), direction))(rows)
+    np.testing.assert_allclose(twice, _product(rows, direction), rtol=1e-9, atol=1e-12)
+
+
 def _value(rows):
     return jhd.directed_hausdorff(jhd.BezierCurve(rows[0]), jhd.BezierCurve(rows[1])).value
 

@@ -1,0 +1,88 @@
+"""An arc that crosses from one foot to two feet to an end, its distance, and derivatives right and naive.
+
+Numbers by gradient_check's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+_EVENTS = {"antipodal": (BLUE, "antipodal"), "one_to_two": (ORANGE, "one-to-two"), "a_end": (PURPLE, "end")}
+_SHOWN = 6
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers["path"]))
+
+
+def _figure(path: dict[str, Any]) -> Figure:
+    with style():
+        figure = Figure(figsize=(175 * MM, 120 * MM), layout="constrained")
+        shape, value, slope, error = figure.subplots(2, 2).ravel()
+        _draw_shapes(shape, path)
+        u, events = np.array(path["u"]), np.array(path["event"])
+        _bands([value, slope, error], u, events)
+        value.plot(u, path["value"], color=BLACK)
+        letter(value, "b", "distance of the arc from the parabola")
+        value.set_ylabel("distance $h$")
+        slope.plot(u, path["difference"], "o", color=GREY, markersize=3.6, markerfacecolor="none", label="differences")
+        slope.plot(u, path["rule"], color=GREEN, linewidth=1.4, label="jhd")
+        slope.plot(u, path["naive"], color=VERMILLION, linestyle="none", marker="x", markersize=2.6, label="naive")
+        letter(slope, "c", "its derivative along the path")
+        slope.set_ylabel("d$h$/d$u$")
+        slope.legend(loc="upper center", ncols=3, handletextpad=0.4, columnspacing=1.0)
+        slope.set_ylim(top=slope.get_ylim()[1] + 0.25 * np.ptp(slope.get_ylim()))
+        difference = np.array(path["difference"])
+        for key, colour, marker in (("rule", GREEN, "o"), ("naive", VERMILLION, "x")):
+            off = np.maximum(np.abs(np.array(path[key]) - difference), 1e-16)
+            error.semilogy(u, off, linestyle="none", marker=marker, color=colour, markersize=2.6)
+        letter(error, "d", "off from central differences")
+        error.set_ylabel("|error| of d$h$/d$u$")
+        error.text(0.02, 0.05, "naive and jhd agree where one foot is active", transform=error.transAxes, color=BLACK)
+        for ax in (value, slope, error):
+            ax.set_xlabel("place on the path $u$")
+            ax.set_xlim(0, 1)
+    return figure
+
+
+def _draw_shapes(ax: Axes, path: dict[str, Any]) -> None:
+    t = np.linspace(0, 1, 200)
+    ax.plot(*np.asarray(bezier([path["parabola"]])(t)).T, color=BLACK)
+    arcs = path["arcs"]
+    for k in np.unique(np.linspace(0, len(arcs) - 1, _SHOWN).astype(int)):
+        shade = 0.75 - 0.75 * k / (len(arcs) - 1)
+        line = np.asarray(bezier([arcs[k]])(t)).T
+        ax.plot(*line, color=(shade, shade, 1.0) if shade > 0 else BLUE)
+        ax.annotate(
+            f"{k / (len(arcs) - 1):.1f}", (line[0, -1], line[1, -1]), (3, 0), textcoords="offset points", va="center"
+        )
+    ax.set_xlim(-1.35, 1.35)
+    ax.set_ylim(-0.1, 1.85)
+    ax.set_aspect("equal")
+    ax.set_xlabel("$x$")
+    ax.set_ylabel("$y$")
+    letter(ax, "a", "the arc at places $u$, in a parabola")
+
+
+def _bands(axes: list[Axes], u: np.ndarray, events: np.ndarray) -> None:
+    """Bands in the colour of the event, named above the first panel."""
+    starts = np.flatnonzero(np.append(True, events[1:] != events[:-1]))
+    for start, stop in zip(starts, np.append(starts[1:], len(u)), strict=True):
+        left = 0.0 if start == 0 else 0.5 * float(u[start - 1] + u[start])
+        right = 1.0 if stop == len(u) else 0.5 * float(u[stop - 1] + u[stop])
+        colour, name = _EVENTS[events[start]]
+        for ax in axes:
+            ax.axvspan(left, right, color=colour, alpha=0.12, linewidth=0)
+        if right - left > 0.1:
+            turn = 90 if right - left < 0.2 else 0
+            ax, height = axes[0], 0.04
+            ax.text(0.5 * (left + right), height, name, transform=ax.get_xaxis_transform(), ha="center", rotation=turn)
+
+
+if __name__ == "__main__":
+    main()
