@@ -21,6 +21,7 @@ from jhd.distance import (  # noqa: E402
     ProjectedPolyhedron,
     TwoStep,
     certify,
+    critical_pairs,
     directed_hausdorff,
     hausdorff,
     hausdorff_at_most,
@@ -28,13 +29,16 @@ from jhd.distance import (  # noqa: E402
     stationary_points,
     verify,
 )
+from jhd.fit import fit_curve, minimise_hausdorff, soft_hausdorff  # noqa: E402
 from jhd.shapes import BezierCurve, BezierSegments, BSplineCurve, circle, points, polyline  # noqa: E402
 from jhd.solution import (  # noqa: E402
     ANSWERS,
     DIRECTIONS,
     EVENTS,
     RESULTS,
+    CriticalPairs,
     Decision,
+    FitSolution,
     HausdorffSolution,
     NotProvenError,
     Projection,

@@ -24,6 +24,22 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "A queue of fixed length was full, so the answer is true but wider or incomplete: raise capacity."
     )
     interrupted = "The search was interrupted: the bounds are those it had reached."
+    fit_steps_exhausted = "The fit was still improving when its steps were used up: raise max_steps."
+    fit_in_a_valley = (
+        "The fit creeps along a valley, by less than a thousandth a step: fix what slides (a parametrisation, a "
+        "weight), start elsewhere, or raise max_steps."
+    )
+    fit_at_a_kink = (
+        "No step lowers the distance although its maxima could be lowered to first order: two feet change places "
+        "there, or a maximum is born. Start elsewhere."
+    )
+    fit_missed_a_maximum = (
+        "The proven distance is above all maxima that the fit worked with: one is narrower than the samples are apart. "
+        "Split the curves, or start elsewhere."
+    )
+    fit_at_rounding = (
+        "What is left to gain is below the rounding of the coordinates: scale or centre them, or be content with it."
+    )
     nonfinite_value = (
         "An input that was not known when the program was compiled cannot be used: it holds a NaN or an infinity, or "
         "weights that are not positive or differ by too large a ratio."
@@ -199,6 +215,22 @@ class StationaryPoints(eqx.Module):
     result: Any
 
 
+class CriticalPairs(eqx.Module):
+    """Local maxima of the distance between two curves, in both directions, largest first, padded and masked.
+
+    Args:
+        value: the distances, which are what to differentiate; 0 where there is no further maximum.
+        witness: where they are attained, and in which direction.
+        valid: which entries hold a maximum.
+        result: capacity_reached where there were more.
+    """
+
+    value: Float[Array, "*batch capacity"]
+    witness: Witness
+    valid: Bool[Array, "*batch capacity"]
+    result: Any
+
+
 class Decision(eqx.Module):
     """The answer to whether a distance is at most a threshold, with the bounds that were reached.
 
@@ -215,6 +247,43 @@ class Decision(eqx.Module):
     upper: Float[Array, "*batch"]
     result: Any
     stats: dict[str, Array]
+
+
+class FitSolution(eqx.Module):
+    """A curve fitted by its Hausdorff distance, with the proven distance.
+
+    Args:
+        parameters: where the fit ended, in the form in which they were given.
+        shape: the curve that belongs to them.
+        error: the proven Hausdorff distance of the target and the shape.
+        optimality: length of sum mu_j g_j, with the gradients g_j of the largest maxima in the parameters and the best
+            multipliers mu_j >= 0 of sum one; zero at a stationary point.
+        multipliers: the mu_j of the critical pairs, largest distance first.
+        pairs: the critical pairs of (target, shape).
+        result: successful, or why the fit stopped where it is not stationary.
+        stats: counts of steps, of Newton steps among them, and of evaluations.
+        history: the distance at the start and after each step.
+    """
+
+    parameters: Any
+    shape: Any
+    error: HausdorffSolution
+    optimality: Float[Array, ""]
+    multipliers: Float[Array, " capacity"]
+    pairs: CriticalPairs
+    result: Any
+    stats: dict[str, Array]
+    history: Float[Array, " samples"]
+
+    def __float__(self) -> float:
+        return float(self.error.value)
+
+    def __repr__(self) -> str:
+        return (
+            f"FitSolution(error={float(self.error.value):.9g} in [{float(self.error.lower):.9g}, "
+            f"{float(self.error.upper):.9g}],\n  optimality={float(self.optimality):.1e}, "
+            f"steps={int(self.stats['steps'])}, {name_of(self.result)})"
+        )
 
 
 class NotProvenError(RuntimeError):

@@ -38,6 +38,10 @@ PARAMETERS = {
     "Certificate": ["content"],
     "Certificate.matches": ["self", "a", "b"],
     "hausdorff_at_most": ["a", "b", "threshold", "method"],
+    "critical_pairs": ["a", "b", "capacity"],
+    "minimise_hausdorff": ["build", "parameters", "target", "starts", "max_steps", "atol", "method", "progress"],
+    "fit_curve": ["target", "degree", "segments", "ends", "closed", "smooth", "max_steps", "atol", "method"],
+    "soft_hausdorff": ["a", "b", "temperature", "capacity"],
     "BranchAndBound": ["atol", "rtol", "max_steps", "capacity"],
     "TwoStep": ["samples", "spacing", "max_rounds"],
     "NearestSearch": [],
@@ -49,6 +53,8 @@ PARAMETERS = {
     "Witness": ["segment", "t", "point", "feet", "foot_segments", "foot_params", "multipliers", "event", "direction"],
     "Projection": ["distance", "lower", "upper", "foot", "segment", "t", "result"],
     "StationaryPoints": ["segment", "t", "lower", "upper", "distance", "valid", "result"],
+    "CriticalPairs": ["value", "witness", "valid", "result"],
+    "FitSolution": ["parameters", "shape", "error", "optimality", "result", "stats", "history"],
     "NotProvenError": ["message", "solution"],
 }
 KEYWORD_ONLY = {
@@ -57,6 +63,8 @@ KEYWORD_ONLY = {
     "stationary_points": ["capacity", "throw"],
     "directed_hausdorff": ["throw"],
     "hausdorff": ["throw"],
+    "minimise_hausdorff": ["starts", "seed", "max_steps", "atol", "method", "progress"],
+    "fit_curve": ["degree", "segments", "ends", "max_steps", "atol", "method"],
 }
 MODULES = [jhd, jhd.shapes, jhd.distance, jhd.io]
 

@@ -1,0 +1,232 @@
+"""Fitting by the Hausdorff distance itself: minimax fits with a proven error and a certificate of stationarity.
+
+At the optimum several maxima of the distance are equal, so descent on the largest one zigzags; here all of them take
+part in each step (jhd.fitting.minimax). A stationary point is a local minimum at best: start from several places.
+"""
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array
+
+from jhd.arrays import real_array
+from jhd.distance.critical import critical_pairs
+from jhd.distance.hausdorff import hausdorff
+from jhd.distance.method import AbstractHausdorffMethod
+from jhd.fitting.chain import Chain, Layout, divided, least_squares
+from jhd.fitting.minimax import Ended, FitProgress, Problem, minimise
+from jhd.shapes.checks import Numbers
+from jhd.shapes.curve import AbstractCurve, check_curve
+from jhd.solution import RESULTS, FitSolution
+
+# Pairs kept for a number of parameters: an error curve with p + 1 equal maxima has some more below.
+_CAPACITIES = ((14, 32), (40, 64))
+_LARGEST_CAPACITY = 128
+# A maximum was missed where the proven distance is larger by this share, or this share of the size.
+_MISSED = 1e-9
+# Other starts differ from the first by this share of the target's size.
+_SPREAD = 0.1
+
+
+def minimise_hausdorff(
+    build: Callable[[Any], AbstractCurve],
+    parameters: Any,
+    target: AbstractCurve,
+    *,
+    starts: Any = 1,
+    seed: int = 0,
+    max_steps: int = 60,
+    atol: float = 0.0,
+    capacity: int | None = None,
+    method: AbstractHausdorffMethod | None = None,
+    progress: Callable[[FitProgress], object] | None = None,
+) -> FitSolution:
+    """The parameters for which build(parameters) is nearest to the target, in the Hausdorff distance.
+
+    A local minimum near the start. What is to stay fixed (ends, tangents, closedness) is what `build` does not vary.
+
+    Args:
+        build: from the parameters to a curve; traced, so written in jax.numpy. A module-level function or a Module is
+            compiled once, a lambda at each call.
+        parameters: the start: an array or a pytree of arrays.
+        target: the curve to be near to.
+        starts: how many starts, the first at `parameters` and the others about it; or their parameters, stacked along
+            a new leading axis. The best end is returned.
+        seed: of the random starts.
+        max_steps: most steps from each start.
+        atol: a distance at which the fit is good enough; zero goes on to a stationary point.
+        capacity: how many maxima take part; by default enough for the number of parameters.
+        method: how the error is proven; by default BranchAndBound().
+        progress: called with a FitProgress after each step.
+
+    Raises:
+        TypeError: a target that is no curve.
+        ValueError: no parameter, or starts of another shape.
+    """
+    check_curve("target", target)
+    flat, unravel = ravel_pytree(jax.tree_util.tree_map(lambda x: jnp.asarray(x, dtype=float), parameters))
+    if flat.size == 0:
+        raise ValueError("parameters holds no number; needs at least one.")
+    capacity = _capacity(flat.size) if capacity is None else capacity
+    built = _Flat(build, unravel)
+    ends = []
+    for number, start in enumerate(_starts(built, np.asarray(flat), parameters, starts, seed, target)):
+
+        def report(step: int, value: float, optimality: float, number: int = number) -> None:
+            if progress is not None:
+                progress(FitProgress(number, step, value, optimality))
+
+        ends.append(minimise(Problem(built, target.segments(), capacity), start, max_steps, atol, report))
+    best = min(ends, key=lambda ended: ended.point.top)
+    return _solution(best, unravel, target, method)
+
+
+def fit_curve(
+    target: AbstractCurve,
+    *,
+    degree: int,
+    segments: int = 1,
+    ends: Literal["fixed", "free"] = "fixed",
+    closed: bool | None = None,
+    smooth: bool = False,
+    max_steps: int = 60,
+    atol: float = 0.0,
+    method: AbstractHausdorffMethod | None = None,
+    progress: Callable[[FitProgress], object] | None = None,
+) -> FitSolution:
+    """Polynomial Bezier segments that are nearest to a connected curve, in the Hausdorff distance.
+
+    The start is a least-squares fit to points of the target. A fit with free ends goes on from the one with fixed ends,
+    so it is never farther. A local minimum; its `parameters` are the free control points.
+
+    >>> from jhd.shapes.curve import BezierSegments, circle
+    >>> quarter = BezierSegments(circle([0, 0], 1).control_points[:1], circle([0, 0], 1).weights[:1])
+    >>> round(float(fit_curve(quarter, degree=3)), 9)
+    6.844e-05
+
+    Args:
+        target: one contour, its segments in order.
+        degree: of the segments; at least 3 with `smooth`, and 2 for one segment with fixed ends.
+        segments: how many; the target is divided at its corners, and evenly between them.
+        ends: "fixed" at those of the target, or "free".
+        closed: whether the last segment leads to the first; by default as the target is.
+        smooth: whether the tangent is continuous at the joints; without it they may be corners.
+        max_steps: most steps from each start.
+        atol: a distance at which the fit is good enough; zero goes on to a stationary point.
+        method: how the error is proven; by default BranchAndBound().
+        progress: called with a FitProgress after each step.
+
+    Raises:
+        TypeError: a target that is no curve.
+        ValueError: a target of several contours, or sizes that are too small.
+    """
+    check_curve("target", target)
+    curve = target.segments()
+    following = np.asarray(curve.following)
+    if np.any(following[:-1] != np.arange(1, curve.count)):
+        raise ValueError("target has several contours; needs one, with its segments in order.")
+    closed = bool(following[-1] == 0) if closed is None else closed
+    least = 3 if smooth else 2 if ends == "fixed" and segments == 1 and not closed else 1
+    if not degree >= least:
+        raise ValueError(f"degree is {degree}; needs at least {least}.")
+    if segments < 1:
+        raise ValueError(f"segments is {segments}; needs at least 1.")
+    if ends not in ("fixed", "free"):
+        raise ValueError(f"ends is {ends!r}; needs 'fixed' or 'free'.")
+    joints = divided(curve, segments)
+    layout = Layout(degree, segments, closed, ends == "fixed", smooth)
+    options = {"max_steps": max_steps, "atol": atol, "method": method, "progress": progress}
+    build, start = least_squares(layout, curve, joints)
+    if ends == "fixed" or closed:
+        return minimise_hausdorff(build, start, curve, **options)
+    held, free = least_squares(layout._replace(fixed_ends=True), curve, joints)
+    if free.size:
+        first = minimise_hausdorff(held, free, curve, **options).parameters
+        others = _points_of(build, np.asarray(held(first).control_points))
+        return minimise_hausdorff(build, start, curve, starts=np.stack([others, start]), **options)
+    return minimise_hausdorff(build, start, curve, **options)
+
+
+def _points_of(build: Chain, control_points: np.ndarray) -> np.ndarray:
+    """The free points that give these control points."""
+    matrix = np.asarray(build.matrix).reshape(-1, build.matrix.shape[-1])
+    return np.linalg.lstsq(matrix, control_points.reshape(len(matrix), -1), rcond=None)[0]
+
+
+class _Flat(eqx.Module):
+    """`build` as a function of a vector."""
+
+    build: Callable
+    unravel: Callable
+
+    def __call__(self, parameters: Array) -> AbstractCurve:
+        return self.build(self.unravel(parameters))
+
+
+def _capacity(count: int) -> int:
+    return next((capacity for most, capacity in _CAPACITIES if count <= most), _LARGEST_CAPACITY)
+
+
+def _starts(
+    build: Callable, first: np.ndarray, parameters: Any, starts: Any, seed: int, target: AbstractCurve
+) -> np.ndarray:
+    """Rows of parameters to start from."""
+    if not isinstance(starts, int):
+        rows = np.stack([np.asarray(ravel_pytree(row)[0]) for row in _rows(starts)])
+        if rows.shape[1:] != first.shape:
+            raise ValueError(f"starts holds {rows.shape[1]} parameters each; needs {first.size}.")
+        return rows
+    if starts < 1:
+        raise ValueError(f"starts is {starts}; needs at least 1.")
+    problem = Problem(build, target.segments(), 1)
+    low, high = target.box()
+    spread = _SPREAD * float(jnp.max(high - low)) * problem.scales(first)
+    noise = np.random.default_rng(seed).normal(size=(starts - 1, first.size))
+    return np.concatenate([first[None], first + spread * noise])
+
+
+def _rows(starts: Any) -> list[Any]:
+    count = jax.tree_util.tree_leaves(starts)[0].shape[0]
+    return [jax.tree_util.tree_map(lambda x, k=k: jnp.asarray(x, dtype=float)[k], starts) for k in range(count)]
+
+
+def _solution(
+    ended: Ended, unravel: Callable, target: AbstractCurve, method: AbstractHausdorffMethod | None
+) -> FitSolution:
+    point, pairs = ended.point, ended.point.pairs
+    mu = np.zeros(pairs.value.shape)
+    mu[: len(ended.multipliers)] = ended.multipliers
+    error = hausdorff(target, point.shape, method, throw=False)
+    missed = float(error.lower) > point.top * (1 + _MISSED) + _MISSED * point.size
+    return FitSolution(
+        parameters=unravel(jnp.asarray(point.parameters)),
+        shape=point.shape,
+        error=error,
+        optimality=jnp.asarray(ended.optimality),
+        multipliers=jnp.asarray(mu),
+        pairs=pairs,
+        result=RESULTS.fit_missed_a_maximum if missed else ended.result,
+        stats={name: jnp.asarray(count) for name, count in ended.counts.items()},
+        history=jnp.asarray(ended.history),
+    )
+
+
+def soft_hausdorff(a: AbstractCurve, b: AbstractCurve, temperature: Numbers, *, capacity: int = 16) -> Array:
+    """A smooth stand-in for the Hausdorff distance: temperature log sum exp(h_j / temperature) of the critical pairs.
+
+    It lies above the largest h_j by at most temperature log capacity and falls to it with the temperature; where one
+    maximum is born or dies far below the top it hardly jumps. For optimisers that want one smooth loss.
+
+    Args:
+        a: a curve.
+        b: a curve of the same dimension.
+        temperature: a positive length.
+        capacity: how many maxima take part.
+    """
+    pairs, heat = critical_pairs(a, b, capacity), real_array("temperature", temperature)
+    return heat * jax.nn.logsumexp(pairs.value / heat, b=pairs.valid)

@@ -1,0 +1,308 @@
+"""Minimising the largest of all critical pairs: a trust region with a quadratic model of each, then Newton's method.
+
+A step minimises max_i h_i + g_i d + d H_i d / 2 in a box, over the maxima of both directions, with the convex parts of
+their Hessians; a step is taken where the true maximum falls. Near the end Newton's method on the optimality system of
+the active pairs, h_j = z, sum mu_j g_j = 0, sum mu_j = 1, converges quadratically; its step is taken where the true
+maximum does not rise. Parameters are scaled so that each moves the control points by about as much.
+
+Source: trust regions for minimax problems are in Conn, Gould & Toint, Trust-Region Methods (2000), chapter 11.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jhd.distance.critical import critical_pairs
+from jhd.fitting.expansion import Expansion, FloatArray, Moving, expand
+from jhd.fitting.subproblem import model_step, multipliers
+from jhd.shapes.curve import AbstractCurve, BezierSegments
+from jhd.solution import RESULTS, CriticalPairs
+
+# Pairs are active within this share of the largest, or what rounding leaves of the size.
+_ACTIVE, _ROUNDING = 1e-8, 4e-16
+# A stationary point, and the residual at which no further step is tried.
+STATIONARY, _CONVERGED = 1e-8, 1e-13
+# First radius: this share of the size, or so many times the distance where that is less.
+_RADIUS, _DISTANCES = 0.1, 30.0
+# A step is taken from this share of the predicted gain on.
+_TAKEN = 0.02
+# Radii of parameters that no offending pair depends on grow, others shrink.
+_GROWTH, _SHRINKAGE = 2.5, 0.3
+# Share of the last gain that keeping parameters where they are is worth; scaled slopes below this one are none.
+_LAZY, _TOUCHED = 0.1, 1e-6
+# Attempts at a step with smaller radii before the fit gives up.
+_ATTEMPTS = 12
+# Newton's method is tried where the last step gained less than this share; it may move by this share of the size.
+_NEAR, _FAR = 0.3, 0.05
+# Newton's method needs the best combination of the gradients to be below this share of the longest.
+_CANCELLED = 0.1
+# Steps that gain less than this share are tried twice as long, and given up where the distance grows by so much.
+_CREEPING, _ASTRAY = 0.05, 1.5
+# A valley: so many steps in a row, each gaining less than this share.
+_VALLEY_STEPS, _VALLEY = 10, 1e-3
+# Pairs below this share of the largest take no part in a step.
+_LEAST = 1e-3
+
+
+class FitProgress(NamedTuple):
+    """How far a fit has come.
+
+    Args:
+        start: number of the start, from 0.
+        step: steps taken from there.
+        value: largest distance of the critical pairs, in the unit of the coordinates.
+        optimality: length of sum mu_j g_j.
+    """
+
+    start: int
+    step: int
+    value: float
+    optimality: float
+
+
+class Point(NamedTuple):
+    """Parameters with the critical pairs there."""
+
+    parameters: FloatArray
+    shape: AbstractCurve
+    pairs: CriticalPairs
+    expansion: Expansion
+    top: float
+    size: float
+
+
+class Ended(NamedTuple):
+    """The end of an iteration."""
+
+    point: Point
+    multipliers: FloatArray
+    optimality: float
+    result: Any
+    counts: dict[str, int]
+    history: list[float]
+
+
+@eqx.filter_jit
+def _moving(build: Callable, parameters: Any) -> tuple[AbstractCurve, Any, Any, Any]:
+    """The shape, its segments' homogeneous control points, their derivatives, and what follows what."""
+
+    def segments(p: Any) -> Any:
+        curve = build(p).segments()
+        return curve.homogeneous, (build(p), curve.following)
+
+    points, (shape, following) = segments(parameters)
+    tangent = jax.jacfwd(lambda p: segments(p)[0])(parameters)
+    return shape, points, tangent, following
+
+
+@eqx.filter_jit
+def _bending(build: Callable, parameters: Any, cotangent: Any) -> Any:
+    """Second derivatives of the control points, contracted."""
+    return jax.hessian(lambda p: jnp.sum(build(p).segments().homogeneous * cotangent))(parameters)
+
+
+@dataclass
+class Problem:
+    """A target and a family of curves, with counts of the work.
+
+    Args:
+        build: from a vector of parameters to a curve.
+        target: the curve to fit.
+        capacity: length of the list of pairs.
+    """
+
+    build: Callable
+    target: BezierSegments
+    capacity: int
+    counts: dict[str, int] = field(default_factory=lambda: {"steps": 0, "newton_steps": 0, "evaluations": 0})
+
+    def at(self, parameters: FloatArray) -> Point:
+        """The critical pairs at the parameters, expanded."""
+        self.counts["evaluations"] += 1
+        shape, points, tangent, following = _moving(self.build, jnp.asarray(parameters))
+        rational = points.shape[-1] > self.target.dim
+        pairs = critical_pairs(self.target, _curve(np.asarray(points), rational, following), self.capacity)
+        top = float(pairs.value[0])
+        fixed = Moving(np.asarray(self.target.homogeneous), None, self.target.weights is not None)
+        moving = Moving(np.asarray(points), np.asarray(tangent), rational)
+        size = float(np.max(np.ptp(np.asarray(self.target.control_points).reshape(-1, self.target.dim), axis=0)))
+        return Point(parameters, shape, pairs, expand(pairs, fixed, moving, _LEAST * top), top, size)
+
+    def scales(self, parameters: FloatArray) -> FloatArray:
+        """The change of each parameter that moves the control points by about one unit of length."""
+        tangent = np.asarray(_moving(self.build, jnp.asarray(parameters))[2])
+        moved = np.max(np.abs(tangent.reshape(-1, tangent.shape[-1])), axis=0)
+        return 1 / np.where(moved > 0, moved, 1.0)
+
+    def bending(self, point: Point, mu: FloatArray) -> FloatArray:
+        """What the second derivatives of the control points add to the Hessian of sum mu_j h_j."""
+        cotangent = np.tensordot(mu, point.expansion.cotangent, axes=1)
+        return np.asarray(_bending(self.build, jnp.asarray(point.parameters), cotangent))
+
+
+def _curve(homogeneous: FloatArray, rational: bool, following: Any) -> BezierSegments:
+    if not rational:
+        return BezierSegments(homogeneous, None, following)
+    weights = homogeneous[..., -1]
+    return BezierSegments(homogeneous[..., :-1] / weights[..., None], weights, following)
+
+
+def slack(point: Point) -> float:
+    """How far below the largest a pair may be to be active."""
+    return max(_ACTIVE * point.top, _ROUNDING * point.size)
+
+
+def stationarity(point: Point) -> tuple[FloatArray, float]:
+    """Multipliers of all pairs, zero off the active ones, and the length of the sum that they make least."""
+    h, g = point.expansion.value, point.expansion.gradient
+    mu = np.zeros(len(h))
+    if not len(h):
+        return mu, 0.0
+    active = h >= point.top - slack(point)
+    mu[active] = multipliers(g[active], np.zeros(np.sum(active)))
+    return mu, float(np.linalg.norm(mu @ g))
+
+
+def minimise(
+    problem: Problem,
+    parameters: FloatArray,
+    max_steps: int,
+    atol: float,
+    report: Callable[[int, float, float], object],
+) -> Ended:
+    """Steps from the parameters until they are stationary, the distance is below atol, or nothing is gained."""
+    point = problem.at(parameters)
+    scale = problem.scales(parameters)
+    radius = np.full(len(scale), min(_RADIUS * point.size, _DISTANCES * point.top))
+    stride, history, creeping, result = np.zeros_like(scale), [point.top], 0, RESULTS.fit_steps_exhausted
+    mu, residual = stationarity(point)
+    for step in range(max_steps + 1):
+        report(step, point.top, residual)
+        if point.top <= max(atol, _ROUNDING * point.size) or residual <= _CONVERGED or step == max_steps:
+            break
+        last = history[-2] - point.top if len(history) > 1 else point.top
+        near = last < _NEAR * point.top
+        moved = _newton(problem, point, scale) if near else None
+        if moved is not None:
+            radius = np.maximum(radius, 4 * _length((moved.parameters - point.parameters) / scale))
+            problem.counts["newton_steps"] += 1
+        else:
+            moved, radius, result = _trusted_step(problem, point, scale, radius, last)
+        if moved is None:
+            break
+        if point.top - moved.top < _CREEPING * point.top:
+            # Along a valley the next steps would be alike: as far again as this one and the last led.
+            further = _further(problem, moved, stride + moved.parameters - point.parameters, scale, radius)
+            stride = further.parameters - point.parameters if further is not moved else np.zeros_like(scale)
+            moved = further
+        gain, point = point.top - moved.top, moved
+        before, (mu, residual) = residual, stationarity(point)
+        history.append(point.top)
+        problem.counts["steps"] += 1
+        creeping = creeping + 1 if gain < _VALLEY * point.top else 0
+        result = RESULTS.fit_in_a_valley if creeping >= _VALLEY_STEPS else RESULTS.fit_steps_exhausted
+        if gain <= _ROUNDING * point.size and residual <= STATIONARY and residual >= 0.1 * before:
+            break
+    if residual <= STATIONARY or point.top <= max(atol, _ROUNDING * point.size):
+        result = RESULTS.successful
+    return Ended(point, mu, residual, result, problem.counts, history)
+
+
+def _convex(hessian: FloatArray) -> FloatArray:
+    values, vectors = np.linalg.eigh(hessian)
+    return (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+
+
+def _priced(point: Point, scale: FloatArray) -> FloatArray:
+    """Multipliers over all pairs, those below the top at a price."""
+    h = point.expansion.value
+    return multipliers(point.expansion.gradient * scale, 10 * (point.top - h) / point.top)
+
+
+def _trusted_step(
+    problem: Problem, point: Point, scale: FloatArray, radius: FloatArray, last: float
+) -> tuple[Point | None, FloatArray, Any]:
+    """A step that lowers the largest distance, the next radii, and why there is none.
+
+    Each parameter has a radius of its own: where a step fails, those shrink that the offending pairs depend on.
+    """
+    h, g = point.expansion.value, point.expansion.gradient * scale
+    mu = _priced(point, scale)
+    hessian = (point.expansion.hessian + problem.bending(point, mu)) * scale * scale[:, None]
+    models = [_convex(hessian)]
+    if last < _NEAR * point.top:
+        # The curvature that the pairs have together: in a valley that of each alone is too large.
+        models.append(np.broadcast_to(_convex(np.tensordot(mu, hessian, axes=1)), hessian.shape))
+    # Parameters that do not matter stay where they are.
+    lazy = min(_LAZY, _LAZY * last / point.top) / len(scale) * point.top
+    floor = _ROUNDING * point.size
+    for _ in range(_ATTEMPTS):
+        tried = []
+        for model in models:
+            d = model_step(h, g, model + lazy * np.diag(1 / radius**2), radius)
+            predicted = point.top - float(np.max(h + g @ d + 0.5 * (model @ d) @ d))
+            if predicted > floor:
+                tried.append((problem.at(point.parameters + scale * d), predicted, d))
+        if not tried:
+            return None, radius, RESULTS.fit_at_rounding
+        moved, predicted, d = min(tried, key=lambda trial: trial[0].top)
+        gain = point.top - moved.top
+        offending = moved.expansion.value > point.top - 0.5 * predicted
+        touched = np.max(np.abs(moved.expansion.gradient[offending] * scale), axis=0, initial=0.0) > _TOUCHED
+        if gain > _TAKEN * predicted:
+            bound = (np.abs(d) > 0.9 * radius) & ~touched
+            shrunk = touched & (gain < 0.25 * predicted)
+            radius = np.where(bound, _GROWTH * radius, np.where(shrunk, 0.5 * np.minimum(radius, _length(d)), radius))
+            return moved, radius, RESULTS.successful
+        touched = touched if np.any(touched) else np.ones_like(touched)
+        radius = np.where(touched, _SHRINKAGE * np.minimum(radius, _length(d)), radius)
+    return None, radius, RESULTS.fit_at_a_kink
+
+
+def _further(problem: Problem, point: Point, stride: FloatArray, scale: FloatArray, radius: FloatArray) -> Point:
+    """The point reached by going on and making the largest pairs equal again, where it is better than the point."""
+    ahead = problem.at(point.parameters + stride)
+    if ahead.top > _ASTRAY * point.top:
+        return point
+    hessian = ahead.expansion.hessian + problem.bending(ahead, _priced(ahead, scale))
+    model = _convex(hessian * scale * scale[:, None]) + _LAZY / len(scale) * point.top * np.diag(1 / radius**2)
+    d = model_step(ahead.expansion.value, ahead.expansion.gradient * scale, model, radius)
+    equal = problem.at(ahead.parameters + scale * d)
+    return min((point, ahead, equal), key=lambda p: p.top)
+
+
+def _length(d: FloatArray) -> float:
+    return float(np.max(np.abs(d)))
+
+
+def _newton(problem: Problem, point: Point, scale: FloatArray) -> Point | None:
+    """Newton's step of the optimality system of the pairs that carry the maximum; None where it is not taken."""
+    support = np.flatnonzero(_priced(point, scale) > 1e-6)
+    h, g = point.expansion.value[support], point.expansion.gradient[support] * scale
+    mu = np.zeros(len(point.expansion.value))
+    mu[support] = multipliers(g, np.zeros(len(support)))
+    # Where the gradients do not nearly cancel other pairs are missing, and equal values are all that it would reach.
+    if np.linalg.norm(mu[support] @ g) > _CANCELLED * np.max(np.linalg.norm(g, axis=1)):
+        return None
+    hessian = np.tensordot(mu, point.expansion.hessian, axes=1) + problem.bending(point, mu)
+    # Steps in units of the distance: Hessians of close curves grow with its reciprocal.
+    hessian = hessian * scale * scale[:, None] * point.top
+    count, active = len(scale), len(support)
+    rows = np.block(
+        [
+            [hessian, g.T, np.zeros((count, 1))],
+            [g, np.zeros((active, active)), -np.ones((active, 1))],
+            [np.zeros((1, count)), np.ones((1, active)), np.zeros((1, 1))],
+        ]
+    )
+    d = np.linalg.lstsq(rows, np.concatenate([np.zeros(count), 1 - h / point.top, [1.0]]), rcond=1e-13)[0]
+    d[:count] *= point.top
+    if not np.all(np.isfinite(d)) or np.max(np.abs(d[:count])) > _FAR * point.size or np.min(d[count:-1]) < -1e-3:
+        return None
+    moved = problem.at(point.parameters + scale * d[:count])
+    return moved if moved.top <= point.top * (1 + 1e-13) + _ROUNDING * point.size else None

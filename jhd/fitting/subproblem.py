@@ -1,0 +1,125 @@
+"""The step of a minimax problem: an interior point method for its quadratic model, and multipliers.
+
+Source: the predictor and corrector are Mehrotra's, SIAM J. Optim. 2 (1992), with quadratic constraints linearised at
+each step; the multipliers are found by the method of Lawson and Hanson, Solving Least Squares Problems (1974), ch. 23.
+"""
+
+from typing import Any
+
+import numpy as np
+
+# Steps of the interior point method, of which 8 to 20 are needed; its tolerance in units of order one.
+_STEPS, _TOLERANCE = 60, 1e-13
+# Share of the way to the boundary that a step takes.
+_SHARE = 0.995
+
+FloatArray = Any
+
+
+def model_step(value: FloatArray, gradient: FloatArray, hessian: FloatArray, radius: FloatArray) -> FloatArray:
+    """The d with |d_m| <= radius_m for which the largest of value_i + gradient_i d + d hessian_i d / 2 is least.
+
+    Args:
+        value: (pairs,) of which the largest is positive.
+        gradient: (pairs, parameters).
+        hessian: (pairs, parameters, parameters), positive semidefinite.
+        radius: (parameters,) positive.
+    """
+    scale = np.max(value)
+    # In units of the radius and of the largest value: x = (d / radius, (level - scale) / scale).
+    g, h, e = gradient * radius / scale, hessian * radius[:, None] * radius / scale, value / scale - 1
+    count = len(radius)
+    x, k = np.zeros(count + 1), len(value)
+    box = np.hstack([np.vstack([np.eye(count), -np.eye(count)]), np.zeros((2 * count, 1))])
+    slack, y = np.ones(k + 2 * count), np.ones(k + 2 * count)
+    y /= len(y)
+    objective = np.append(np.zeros(count), 1.0)
+    for _ in range(_STEPS):
+        curved = h @ x[:-1]
+        rows = np.vstack([np.hstack([g + curved, -np.ones((k, 1))]), box])
+        excess = np.append(e + g @ x[:-1] + 0.5 * curved @ x[:-1] - x[-1], box @ x - 1) + slack
+        dual, gap = objective + rows.T @ y, slack @ y / len(y)
+        if max(np.max(np.abs(dual)), np.max(np.abs(excess)), gap) < _TOLERANCE:
+            break
+        matrix = rows.T * (y / slack) @ rows
+        matrix[:-1, :-1] += np.tensordot(y[:k], h, axes=1)
+        matrix[np.diag_indices(count + 1)] += 1e-15 * np.trace(matrix) / (count + 1)
+        direction = _Direction(matrix, rows, slack, y, excess, dual)
+        predicted = direction.towards(slack * y)
+        if predicted is None:
+            break
+        ahead = [v + _longest(v, dv) * dv for v, dv in zip((slack, y), predicted[1:], strict=True)]
+        centring = (ahead[0] @ ahead[1] / len(y) / gap) ** 3
+        step = direction.towards(slack * y + predicted[1] * predicted[2] - centring * gap)
+        if step is None:
+            break
+        # One length for all: the constraints are curved.
+        length = _SHARE * min(_longest(slack, step[1]), _longest(y, step[2]))
+        x, slack, y = x + length * step[0], slack + length * step[1], y + length * step[2]
+    return np.clip(x[:-1], -1.0, 1.0) * radius
+
+
+class _Direction:
+    """Newton's direction of the optimality conditions, for any complementarity residual."""
+
+    def __init__(
+        self, matrix: FloatArray, rows: FloatArray, slack: FloatArray, y: FloatArray, excess: FloatArray, dual: Any
+    ):
+        self.matrix, self.rows, self.slack, self.y, self.excess, self.dual = matrix, rows, slack, y, excess, dual
+
+    def towards(self, product: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Changes of the unknowns, the slacks and the multipliers; None where the matrix is singular."""
+        right = -self.dual - self.rows.T @ ((self.y * self.excess - product) / self.slack)
+        try:
+            dx = np.linalg.solve(self.matrix, right)
+        except np.linalg.LinAlgError:
+            return None
+        slack = -self.excess - self.rows @ dx
+        found = dx, slack, (-product - self.y * slack) / self.slack
+        return found if all(np.all(np.isfinite(part)) for part in found) else None
+
+
+def _longest(v: FloatArray, dv: FloatArray) -> float:
+    """The longest step up to one that keeps v non-negative."""
+    falling = dv < 0
+    return min(1.0, float(np.min(-v[falling] / dv[falling]))) if np.any(falling) else 1.0
+
+
+def multipliers(gradient: FloatArray, price: FloatArray) -> FloatArray:
+    """The mu >= 0 with sum one for which |sum mu_j g_j|^2 + sum (price_j mu_j)^2 is least; a basic solution.
+
+    Args:
+        gradient: (pairs, parameters).
+        price: (pairs,) at least 0, for pairs below the largest.
+    """
+    size = np.sqrt(np.max(np.sum(gradient**2, axis=1))) or 1.0
+    rows = np.vstack([gradient.T / size, np.diag(price), np.ones((1, len(gradient)))])
+    mu = _non_negative(rows, np.append(np.zeros(len(rows) - 1), 1.0))
+    return mu / np.sum(mu)
+
+
+def _non_negative(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Least squares with non-negative unknowns."""
+    count = matrix.shape[1]
+    x, basic = np.zeros(count), np.zeros(count, bool)
+    for _ in range(3 * count):
+        pull = matrix.T @ (right - matrix @ x)
+        pull[basic] = -np.inf
+        new = int(np.argmax(pull))
+        if basic.all() or pull[new] <= 1e-14:
+            break
+        basic[new] = True
+        while True:
+            z = np.zeros(count)
+            z[basic] = np.linalg.lstsq(matrix[:, basic], right, rcond=None)[0]
+            low = basic & (z <= 0)
+            if not low.any():
+                break
+            share = np.min(x[low] / np.maximum(x[low] - z[low], 1e-300))
+            x = x + share * (z - x)
+            basic &= x > 1e-15
+            x[~basic] = 0.0
+            if not basic.any():
+                return np.eye(count)[0]
+        x = z
+    return x

@@ -1,0 +1,147 @@
+"""Critical pairs: the largest is the Hausdorff distance, all are maxima, each once, and their gradients are right."""
+
+from functools import cache
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jhd
+from jhd.solution import name_of
+from tests.cases import CASES
+from tests.distance.pairs import BY_NAME, both, curve, diagonal, is_quick
+
+# Largest distances agree with proven ones to the tolerance of the search.
+VALUE = 1e-10
+# Gradients against central differences of the values.
+GRADIENT, STEP = 1e-6, 1e-6
+# Narrow maxima between the samples of a curve whose speed changes by a factor of thousands are missed.
+MISSED = {"weights_in_the_thousands"}
+# Length of the list, the one that fits use: its programs are compiled there too.
+CAPACITY = 32
+# Quick cases of every event, among them two feet, corners and ends.
+QUICK = (
+    "arch_and_wave",
+    "corner_of_cubics",
+    "degrees_3_and_3",
+    "foot_and_end_of_hook",
+    "shared_stretch_of_waves",
+    "wave_over_line",
+    "quarter_circle_cubic",
+)
+OTHERS = [case.name for case in CASES if case.name not in QUICK and case.name not in MISSED and is_quick(case)]
+
+
+def pair_of(name):
+    """The curves of a case; quick ones with weights, so that they share the programs of the fits."""
+    case = BY_NAME[name]
+    return (curve(case.a, True), curve(case.b, True)) if name in QUICK else both(case)
+
+
+@cache
+def found(name):
+    """The critical pairs of a case, once for all tests."""
+    return jhd.critical_pairs(*pair_of(name), CAPACITY)
+
+
+def events_of(pairs):
+    count = int(jnp.sum(pairs.valid))
+    return [name_of(jax.tree_util.tree_map(lambda x, k=k: x[k], pairs.witness.event)) for k in range(count)]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS if BY_NAME[name].a.weights is None)],
+)
+def test_the_largest_pair_is_the_hausdorff_distance(name):
+    solution = jhd.hausdorff(*pair_of(name))
+    assert abs(float(found(name).value[0]) - float(solution.value)) <= VALUE * diagonal(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", QUICK)
+def test_each_pair_is_the_proven_distance_of_its_point(name):
+    (a, b), pairs = pair_of(name), found(name)
+    turned = pairs.witness.direction == jhd.DIRECTIONS.b_to_a
+    there = jhd.project(pairs.witness.point, b).distance
+    back = jhd.project(pairs.witness.point, a).distance
+    expected = jnp.where(pairs.valid, jnp.where(turned, back, there), 0.0)
+    np.testing.assert_allclose(pairs.value, expected, rtol=0, atol=1e-12 * diagonal(name))
+    assert np.all(np.diff(np.asarray(pairs.value)) <= 0)
+
+
+def test_every_kind_of_event_is_found():
+    assert {event for name in QUICK for event in events_of(found(name))} >= {
+        "a_end",
+        "corner",
+        "b_end",
+        "antipodal",
+        "one_to_two",
+    }
+
+
+def test_the_maxima_of_a_quarter_circle_come_once_each():
+    pairs = found("quarter_circle_cubic")
+    assert events_of(pairs) == ["antipodal"] * 3
+    np.testing.assert_allclose(pairs.value[:3], 1.96076469877e-4, rtol=1e-6)
+
+
+def test_smooth_seams_carry_no_maxima():
+    first = jhd.BezierSegments([[[0, 0], [1, 1], [2, 2]], [[2, 2], [3, 3], [4, 4]]], jnp.ones((2, 3)))
+    second = jhd.BezierSegments([[[0, 1], [1, 2], [2, 2]], [[2, 2], [3, 2], [4, 3]]], jnp.ones((2, 3)))
+    assert "corner" not in events_of(jhd.critical_pairs(first, second, CAPACITY))
+
+
+@pytest.mark.slow
+def test_what_does_not_fit_is_said():
+    pairs = jhd.critical_pairs(*pair_of("shared_stretch_of_waves"), capacity=2)
+    assert bool(jnp.all(pairs.valid)) and name_of(pairs.result) == "capacity_reached"
+
+
+def test_there_are_fewer_maxima_than_places():
+    pairs = found("wave_over_line")
+    assert not bool(jnp.all(pairs.valid)) and name_of(pairs.result) == "successful"
+    assert bool(jnp.all(jnp.where(pairs.valid, 0.0, pairs.value) == 0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["arch_and_wave", "corner_of_cubics"])
+def test_values_have_their_derivatives(name):
+    a, b = pair_of(name)
+    direction = np.random.default_rng(7).normal(size=b.control_points.shape)
+
+    def values(x):
+        moved = eqx.tree_at(lambda c: c.control_points, b, b.control_points + x * direction)
+        return jhd.critical_pairs(a, moved, CAPACITY).value
+
+    step = STEP * diagonal(name)
+    _, tangent = jax.jvp(jax.jit(values), (jnp.array(0.0),), (jnp.array(1.0),))
+    centre, ahead, behind = values(0.0), values(step), values(-step)
+    # Where the number of maxima changes the list shifts; near zero they come and go.
+    same = (centre > 1e-3 * diagonal(name)) & (np.abs(ahead - centre) + np.abs(behind - centre) < 1e2 * step)
+    assert np.sum(same) >= 1
+    difference = (ahead - behind) / (2 * step)
+    np.testing.assert_allclose(np.asarray(tangent)[same], difference[same], rtol=0, atol=1e2 * GRADIENT)
+
+
+@pytest.mark.slow
+def test_a_batch_gives_what_single_pairs_give():
+    a, b = pair_of("arch_and_wave")
+    moves = jnp.linspace(0.0, 0.1, 3)
+    points = b.control_points + moves[:, None, None, None]
+
+    def values(p):
+        return jhd.critical_pairs(a, eqx.tree_at(lambda c: c.control_points, b, p), CAPACITY).value
+
+    for row, p in zip(jax.vmap(values)(points), points, strict=True):
+        single = values(p)
+        np.testing.assert_allclose(row, single, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("capacity", "error"), [(0, ValueError), (1.5, TypeError)])
+def test_a_capacity_that_is_no_length_is_refused(capacity, error, as_a_user):
+    a, b = pair_of("arch_and_wave")
+    with pytest.raises(error, match="capacity"):
+        jhd.critical_pairs(a, b, capacity)

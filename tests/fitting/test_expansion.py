@@ -1,0 +1,52 @@
+"""Gradients and Hessians of critical pairs against differences of their values, for every event, weights included."""
+
+import numpy as np
+import pytest
+
+import jhd
+from jhd.fitting.expansion import Moving, expand
+from tests.distance.pairs import BY_NAME, curve
+
+# Step along a line of homogeneous control points; third and fourth derivatives and rounding leave these errors.
+STEP, GRADIENT, HESSIAN = 1e-4, 1e-6, 1e-4
+CAPACITY = 32
+# Two feet, free and held; corners; ends; feet at ends; close curves.
+NAMES = ("arch_and_wave", "foot_and_end_of_hook", "corner_of_cubics", "wave_over_line", "degrees_3_and_3")
+
+
+def rational(homogeneous, following):
+    weights = homogeneous[..., -1]
+    return jhd.BezierSegments(homogeneous[..., :-1] / weights[..., None], weights, following)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("which", ["a", "b"])
+def test_derivatives_of_all_pairs_agree_with_differences(name, which):
+    case = BY_NAME[name]
+    fixed, moving = curve(case.b, True), curve(case.a, True)
+    if which == "b":
+        fixed, moving = moving, fixed
+    points = np.asarray(moving.homogeneous)
+    direction = 0.3 * np.random.default_rng(3).normal(size=points.shape)
+    # Joined segments stay joined: the ends move alike.
+    direction[..., [0, -1], :] = [0.1, -0.2, 0.05]
+
+    def pairs(x):
+        return jhd.critical_pairs(fixed, rational(points + x * direction, moving.following), CAPACITY)
+
+    still = Moving(np.asarray(fixed.homogeneous), None, True)
+    found = expand(pairs(0.0), still, Moving(points, direction[..., None], True), 1e-3)
+    count = len(found.value)
+    behind, ahead = (np.asarray(pairs(x).value)[:count] for x in (-STEP, STEP))
+    # Equal values change places.
+    apart = np.abs(np.diff(found.value)) > 1e2 * STEP
+    apart = np.append(True, apart) & np.append(apart, True)
+    near = apart & (np.abs(ahead - found.value) + np.abs(behind - found.value) < 1e2 * STEP)
+    assert np.any(near)
+    slope, bend = (ahead - behind) / (2 * STEP), (ahead - 2 * found.value + behind) / STEP**2
+    size = 1 + np.abs(bend[near])
+    np.testing.assert_allclose(found.gradient[near, 0], slope[near], rtol=0, atol=1e2 * GRADIENT)
+    assert np.max(np.abs(found.hessian[near, 0, 0] - bend[near]) / size) <= 1e2 * HESSIAN
+    np.testing.assert_allclose(
+        np.sum(found.cotangent * direction, axis=(1, 2, 3)), found.gradient[:, 0], rtol=0, atol=1e-12
+    )

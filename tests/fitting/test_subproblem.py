@@ -1,0 +1,55 @@
+"""The model step and the multipliers against solutions found by hand and by sampling."""
+
+import numpy as np
+import pytest
+
+from jhd.fitting.subproblem import model_step, multipliers
+
+TOLERANCE = 1e-8
+
+
+def model(d, value, gradient, hessian):
+    return np.max(value + gradient @ d + 0.5 * (hessian @ d) @ d)
+
+
+def test_two_lines_meet_in_the_middle():
+    step = model_step(np.array([2.0, 1.0]), np.array([[1.0], [-1.0]]), np.zeros((2, 1, 1)), np.array([10.0]))
+    np.testing.assert_allclose(step, [-0.5], atol=TOLERANCE)
+
+
+def test_the_radius_bounds_each_parameter():
+    step = model_step(np.array([2.0]), np.array([[1.0, -1.0]]), np.zeros((1, 2, 2)), np.array([0.1, 0.3]))
+    np.testing.assert_allclose(step, [-0.1, 0.3], atol=TOLERANCE)
+
+
+def test_curvature_ends_the_step():
+    step = model_step(np.array([1.0]), np.array([[1.0]]), np.full((1, 1, 1), 4.0), np.array([1.0]))
+    np.testing.assert_allclose(step, [-0.25], atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("scale", [1.0, 1e-9])
+def test_no_sampled_step_is_better(seed, scale):
+    rng = np.random.default_rng(seed)
+    value, gradient = scale * rng.uniform(0.5, 1.0, 7), rng.normal(size=(7, 3))
+    root = rng.normal(size=(7, 3, 2)) / np.sqrt(scale)
+    hessian, radius = root @ np.swapaxes(root, 1, 2), scale * rng.uniform(0.1, 1.0, 3)
+    best = model(model_step(value, gradient, hessian, radius), value, gradient, hessian)
+    others = [model(radius * rng.uniform(-1, 1, 3), value, gradient, hessian) for _ in range(2000)]
+    assert best <= min(others) + TOLERANCE * scale
+
+
+def test_multipliers_of_opposite_gradients_cancel_them():
+    gradient = np.array([[1.0, 0.0], [-3.0, 0.0], [0.0, 5.0]])
+    np.testing.assert_allclose(multipliers(gradient, np.zeros(3)), [0.75, 0.25, 0.0], atol=TOLERANCE)
+
+
+def test_a_price_keeps_multipliers_away():
+    gradient = np.array([[1.0], [-1.0], [-1.0]])
+    mu = multipliers(gradient, np.array([0.0, 0.0, 10.0]))
+    np.testing.assert_allclose(mu, [0.5, 0.5, 0.0], atol=1e-2)
+    assert np.sum(mu) == pytest.approx(1.0)
+
+
+def test_one_gradient_has_all():
+    np.testing.assert_allclose(multipliers(np.array([[2.0, 1.0]]), np.zeros(1)), [1.0])

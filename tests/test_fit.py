@@ -1,0 +1,191 @@
+"""Fits: known best curves are reached, errors are proven, maxima are equal, stops are named, input is checked."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
+
+import jhd
+from jhd.solution import name_of
+
+# The best c of the cubic quarter circle (1, 0), (1, c), (c, 1), (0, 1), and its error, by Newton's method in 40 digits.
+BEST, ERROR = 0.551915024493510570743562722793, 1.9607646987687817401874512914923e-4
+FIXED, FREE, QUINTIC = 6.84399e-5, 5.50781e-5, 7.7034e-10
+STATIONARY, ROUNDING = 1e-8, 4e-16
+STEPS = 15
+
+
+def quarter():
+    return jhd.BezierSegments([[[1, 0], [1, 1], [0, 1]]], [[1, 0.5**0.5, 1]])
+
+
+def symmetric(c):
+    """The cubic with one parameter."""
+    return jhd.BezierCurve(
+        jnp.array([[1.0, 0], [1, 0], [0, 1], [0, 1]]) + c * jnp.array([[0, 0], [0, 1], [1, 0], [0, 0]])
+    )
+
+
+def turned(parameters):
+    """The symmetric cubic moved, as a pytree of parameters."""
+    return symmetric(0.55).transform(jnp.eye(2), parameters["offset"])
+
+
+def spread(solution):
+    """How far the pairs with positive multipliers are below the largest."""
+    values = np.asarray(solution.pairs.value)[np.asarray(solution.multipliers) > 0]
+    return values.max() - values.min()
+
+
+def random_curve(seed):
+    """A random curve of degree 7: every second one is wild."""
+    noise = np.random.default_rng(seed).normal(size=(8, 2))
+    return jhd.BezierCurve(np.stack([np.linspace(0, 1, 8), np.zeros(8)], axis=1) + (0.12, 0.3)[seed % 2] * noise)
+
+
+@pytest.mark.parametrize("start", [0.3, 0.5, 0.8])
+def test_the_best_quarter_circle_of_one_parameter_is_found(start):
+    solution = jhd.minimise_hausdorff(symmetric, start, quarter())
+    assert name_of(solution.result) == "successful"
+    assert abs(float(solution.parameters) - BEST) <= 1e-12
+    assert int(solution.stats["steps"]) <= STEPS
+    assert solution.error.lower <= ERROR * (1 + 1e-12) and ERROR * (1 - 1e-12) <= solution.error.upper
+
+
+def test_the_error_is_proven_and_the_history_falls():
+    solution = jhd.minimise_hausdorff(symmetric, 0.8, quarter())
+    assert name_of(solution.error.result) == "successful"
+    assert np.all(np.diff(solution.history) <= ROUNDING)
+    assert len(solution.history) == int(solution.stats["steps"]) + 1
+    assert float(solution) == float(solution.error.value)
+    assert "successful" in repr(solution)
+
+
+def test_free_inner_points_end_in_equal_oscillation():
+    solution = jhd.fit_curve(quarter(), degree=3)
+    assert float(solution.error.value) == pytest.approx(FIXED, rel=1e-5)
+    assert float(solution.optimality) <= STATIONARY
+    # Four parameters and five equal maxima.
+    assert np.sum(solution.multipliers > 0) == 5 and spread(solution) <= max(1e-8 * FIXED, ROUNDING)
+
+
+def test_free_ends_are_nearer_than_fixed_ones():
+    solution = jhd.fit_curve(quarter(), degree=3, ends="free")
+    assert float(solution.error.value) == pytest.approx(FREE, rel=1e-5)
+
+
+def test_parameters_may_be_a_pytree_and_progress_is_reported():
+    seen = []
+    solution = jhd.minimise_hausdorff(turned, {"offset": jnp.array([0.1, 0.0])}, quarter(), progress=seen.append)
+    assert set(solution.parameters) == {"offset"}
+    assert [news.step for news in seen] == list(range(len(solution.history)))
+    assert float(solution.error.value) < 1e-3
+
+
+def test_several_starts_give_the_best_of_them():
+    solution = jhd.minimise_hausdorff(symmetric, 0.3, quarter(), starts=jnp.array([0.1, 0.54]), max_steps=2)
+    alone = jhd.minimise_hausdorff(symmetric, 0.54, quarter(), max_steps=2)
+    assert float(solution.error.value) == float(alone.error.value)
+
+
+def test_a_fit_without_steps_says_so():
+    solution = jhd.minimise_hausdorff(symmetric, 0.3, quarter(), max_steps=0)
+    assert name_of(solution.result) == "fit_steps_exhausted" and float(solution.parameters) == 0.3
+
+
+def test_a_fit_that_is_good_enough_stops():
+    solution = jhd.minimise_hausdorff(symmetric, 0.3, quarter(), atol=0.05)
+    assert name_of(solution.result) == "successful" and float(solution.error.value) <= 0.05
+    assert float(solution.optimality) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"degree": 1}, "degree"),
+        ({"degree": 2, "smooth": True, "segments": 2}, "degree"),
+        ({"degree": 3, "segments": 0}, "segments"),
+        ({"degree": 3, "ends": "loose"}, "ends"),
+    ],
+)
+def test_sizes_that_are_too_small_are_refused(options, message, as_a_user):
+    with pytest.raises(ValueError, match=message):
+        jhd.fit_curve(quarter(), **options)
+
+
+def test_a_target_of_two_contours_is_refused():
+    with pytest.raises(ValueError, match="several contours"):
+        jhd.fit_curve(jhd.BezierSegments([[[0, 0], [1, 0]], [[5, 5], [6, 5]]]), degree=2)
+
+
+def test_no_parameters_are_refused():
+    with pytest.raises(ValueError, match="parameters"):
+        jhd.minimise_hausdorff(symmetric, jnp.zeros((0,)), quarter())
+
+
+@pytest.mark.slow
+def test_the_quintic_quarter_circle_reaches_the_floor_of_rounding():
+    solution = jhd.fit_curve(quarter(), degree=5)
+    assert float(solution.pairs.value[0]) == pytest.approx(QUINTIC, rel=1e-4)
+    assert spread(solution) <= ROUNDING and np.sum(solution.multipliers > 0) == 9
+
+
+@pytest.mark.slow
+def test_an_outline_of_thirty_segments_is_fitted_with_sixty_parameters():
+    path = TextPath((0, 0), "S", size=1, prop=FontProperties(family="DejaVu Serif"))
+    outline = jhd.BezierSegments.from_path(path)
+    solution = jhd.fit_curve(outline, degree=2, segments=15, max_steps=100)
+    assert outline.count == 30 and solution.parameters.size == 60
+    # Two dozen maxima are equal then; which of two neighbouring optima it is hangs on rounding.
+    assert name_of(solution.result) in ("successful", "fit_at_rounding")
+    assert float(solution.error.value) < 1.51e-3
+    assert solution.history[-2] - solution.history[-1] <= 1e-6 * solution.history[-1]
+
+
+@pytest.mark.slow
+def test_smooth_joints_have_one_tangent():
+    wave = jhd.BezierCurve([[0, 0], [1, 3], [2, -4], [3, 5], [4, -2], [5, 0]])
+    solution = jhd.fit_curve(wave, degree=3, segments=3, smooth=True)
+    points = solution.shape.segments().control_points
+    before, after = points[:-1, -1] - points[:-1, -2], points[1:, 1] - points[1:, 0]
+    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    np.testing.assert_allclose(cross, 0, atol=1e-12)
+    assert float(solution.optimality) <= STATIONARY
+
+
+@pytest.mark.slow
+def test_the_smooth_stand_in_lies_above_and_falls_with_the_temperature():
+    curve, exact = symmetric(0.5), float(jhd.hausdorff(quarter(), symmetric(0.5)).value)
+    soft = [float(jhd.soft_hausdorff(quarter(), curve, heat)) for heat in (1e-2, 1e-3, 1e-5)]
+    assert soft[0] >= soft[1] >= soft[2] >= exact * (1 - 1e-12)
+    assert soft[2] == pytest.approx(exact, rel=1e-3)
+    rate = jax.jvp(lambda c: jhd.soft_hausdorff(quarter(), symmetric(c), 1e-3), (0.5,), (1.0,))[1]
+    step = 1e-6
+    ahead, behind = (jhd.soft_hausdorff(quarter(), symmetric(0.5 + x), 1e-3) for x in (step, -step))
+    assert float(rate) == pytest.approx(float(ahead - behind) / (2 * step), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_most_random_degree_reductions_are_stationary_and_the_others_are_named():
+    stationary = 0
+    for seed in range(10):
+        curve = random_curve(seed)
+        errors = []
+        for degree in (3, 4):
+            solution = jhd.fit_curve(curve, degree=degree)
+            errors.append(float(solution.error.value))
+            equal = spread(solution) <= max(1e-8 * errors[-1], ROUNDING)
+            stationary += bool(solution.optimality <= STATIONARY and equal)
+            assert (name_of(solution.result) == "successful") == bool(solution.optimality <= STATIONARY)
+        assert errors[1] <= errors[0] * (1 + 1e-9)
+    assert stationary >= 16
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_free_ends_are_never_farther(seed):
+    curve = random_curve(seed)
+    fixed, free = (jhd.fit_curve(curve, degree=3, ends=ends) for ends in ("fixed", "free"))
+    assert float(free.error.value) <= float(fixed.error.value) * (1 + 1e-9)
