@@ -60,8 +60,9 @@ def rule_and_difference(entry, shapes, rng):
     return here, rule, (float(near[0].value) - float(near[1].value)) / (2 * STEP)
 
 
-KINDS = (("bezier", "bezier"), ("rational", "bezier"), ("space", "space"), ("polyline", "bezier"))
+KINDS = (("bezier", "bezier"), ("rational", "bezier"))
 MORE = (
+    ("polyline", "bezier"),
     ("closed", "closed"),
     ("spline", "bezier"),
     ("nurbs", "closed"),
@@ -91,7 +92,7 @@ def check(kinds, seeds, entry):
 
 @pytest.mark.parametrize("kinds", KINDS, ids="-".join)
 def test_the_gradient_agrees_with_differences(kinds):
-    assert check(kinds, range(3), jhd.directed_hausdorff).total() >= 2
+    assert check(kinds, range(2), jhd.directed_hausdorff).total() == 2
 
 
 @pytest.mark.slow
@@ -135,7 +136,7 @@ def test_the_witness_moves_as_differences_say():
     np.testing.assert_allclose(rule, (parts(0.1 + STEP) - parts(0.1 - STEP)) / (2 * STEP), rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.parametrize("seed", [3, 9, 12, 21])
+@pytest.mark.parametrize("seed", [3, 21])
 def test_the_hessian_agrees_with_differences_of_the_gradient(seed):
     rng = np.random.default_rng(seed)
     rows = jnp.asarray(np.stack([0.3 * rng.normal(size=(4, 2)), rng.normal(size=(4, 2))]))
@@ -188,9 +189,11 @@ def test_at_distance_zero_the_gradient_is_zero():
     ("a", "b"),
     [
         (jhd.circle((0, 0), 1.0), jhd.circle((0, 0), 2.0)),
-        (jhd.points([[0.0, 0.0], [1.0, 1.0]]), jhd.points([[0.0, 1.0], [3.0, 0.0]])),
-        (jhd.polyline([[0.0, 0.0], [1.0, 0.0]]), jhd.polyline([[0.0, 1.0], [1.0, 1.0]])),
-        (jhd.circle((0, 0), 1e-6), jhd.circle((0, 0), 1.0)),
+        pytest.param(
+            jhd.points([[0.0, 0.0], [1.0, 1.0]]), jhd.points([[0.0, 1.0], [3.0, 0.0]]), marks=pytest.mark.slow
+        ),
+        pytest.param(*(jhd.polyline([[0.0, y], [1.0, y]]) for y in (0.0, 1.0)), marks=pytest.mark.slow),
+        pytest.param(jhd.circle((0, 0), 1e-6), jhd.circle((0, 0), 1.0), marks=pytest.mark.slow),
         (jhd.BezierCurve([(0, 0), (1, 1), (0, 1), (1, 0)]), jhd.BezierCurve([(0, 0), (0, 0), (0, 0), (1, 0)])),
     ],
     ids=["concentric", "points", "parallel", "about_the_centre", "cusp"],
