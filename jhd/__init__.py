@@ -29,7 +29,7 @@ from jhd.distance import (  # noqa: E402
     stationary_points,
     verify,
 )
-from jhd.fit import fit_curve, minimise_hausdorff, soft_hausdorff  # noqa: E402
+from jhd.fit import fit_curve, fit_outline, minimise_hausdorff, soft_hausdorff  # noqa: E402
 from jhd.shapes import BezierCurve, BezierSegments, BSplineCurve, circle, points, polyline  # noqa: E402
 from jhd.solution import (  # noqa: E402
     ANSWERS,

@@ -24,6 +24,7 @@ examples:
   jhd distance a.svg b.json --plot distance.png
   jhd distance a.svg b.json --certificate proof.json
   jhd verify proof.json
+  jhd fit "font:DejaVu Serif:s" --tolerance 5 --out s.svg
   jhd distance "font:DejaVu Sans:a" "font:DejaVu Serif:a" --json
   jhd project a.svg 10 -2.5
   jhd doctor
@@ -108,6 +109,15 @@ def _parser() -> argparse.ArgumentParser:
     distance.add_argument("--certificate", metavar="FILE", help="write what proves the bounds, for jhd verify")
     distance.set_defaults(command="distance")
 
+    fit = commands.add_parser("fit", help="fewer or lower-degree segments within a proven distance")
+    fit.add_argument("target", metavar="TARGET", help=_SHAPE_HELP)
+    fit.add_argument("--tolerance", type=float, required=True, metavar="LENGTH", help="in input units")
+    fit.add_argument("--degree", type=int, default=3, metavar="N", help="of the segments (default: 3)")
+    fit.add_argument("--smooth", action="store_true", help="one tangent at the joints inside a contour")
+    fit.add_argument("--out", metavar="FILE", help="write the fit: .svg or .json")
+    fit.add_argument("--plot", metavar="FILE", help="draw both curves, the witness and the distance profiles")
+    fit.set_defaults(command="fit")
+
     verify = commands.add_parser("verify", help="check a certificate in exact arithmetic")
     verify.add_argument("file", metavar="FILE", help="what jhd distance --certificate wrote")
     verify.set_defaults(command="verify")
@@ -121,7 +131,7 @@ def _parser() -> argparse.ArgumentParser:
 
     doctor = commands.add_parser("doctor", help="versions, devices, precision, cache, and a check with a known answer")
     doctor.set_defaults(command="doctor")
-    for command in (distance, verify, project, doctor):
+    for command in (distance, fit, verify, project, doctor):
         command.add_argument("--json", action="store_true", help="print JSON and nothing else")
     return parser
 

@@ -23,7 +23,7 @@ import jhd
 from jhd import plot
 from jhd.distance.method import AbstractHausdorffMethod
 from jhd.distance.projection import AbstractProjectionMethod
-from jhd.io import load_certificate, load_shape
+from jhd.io import load_certificate, load_shape, save_curve, write_svg
 from jhd.shapes.curve import AbstractCurve
 from jhd.solution import RESULTS, HausdorffSolution, name_of, to_plain
 
@@ -97,6 +97,44 @@ def distance(options: Namespace) -> int:
     if written:
         print(f"proof      {Path(options.certificate).resolve()}")
     return status
+
+
+def fit(options: Namespace) -> int:
+    """An outline by few segments of a degree, within a tolerance; its proven distance."""
+    target = load_shape(options.target)
+    if options.out and Path(options.out).suffix not in (".svg", ".json"):
+        raise ValueError(f"{options.out}: the name must end in .svg or .json.")
+    for file in (options.out, options.plot):
+        if file and not Path(file).absolute().parent.is_dir():
+            raise ValueError(f"{file}: no such folder.")
+    if options.plot:
+        _check_picture_file(options.plot)
+    start = time.perf_counter()
+    with _busy("fitting; a first run compiles"):
+        contours = jhd.fit_outline(target, options.tolerance, degree=options.degree, smooth=options.smooth)
+        shape = jhd.BezierSegments.join([contour.shape for contour in contours])
+        error = jhd.hausdorff(target, shape, throw=False)
+    seconds = time.perf_counter() - start
+    near = float(error.upper) <= options.tolerance
+    if options.out:
+        write = write_svg if options.out.endswith(".svg") else save_curve
+        write(options.out, shape)
+    if options.plot:
+        with _busy("drawing"):
+            pairs = ((target, shape), (shape, target))
+            _picture(options.plot, target, shape, [jhd.directed_hausdorff(*pair, throw=False) for pair in pairs])
+    if options.json:
+        asked = {"target": options.target, "tolerance": options.tolerance, "degree": options.degree}
+        _print_json(error, **asked, within=near, segments=[c.shape.count for c in contours], seconds=seconds)
+        return 0 if near else 1
+    print(_shape_line("A", options.target, target), _shape_line("B", "fit", shape), sep="\n", end="\n\n")
+    print(_solution_text("Hausdorff distance", error, *_names(error)), end="\n\n")
+    print(f"within     {options.tolerance:g}" if near else f"farther than {options.tolerance:g}")
+    print(f"time       {seconds:.2f} s with compilation")
+    for name, file in (("fit", options.out), ("picture", options.plot)):
+        if file:
+            print(f"{name:<10} {Path(file).resolve()}")
+    return 0 if near else 1
 
 
 def verify(options: Namespace) -> int:

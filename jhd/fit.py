@@ -16,19 +16,21 @@ from jaxtyping import Array
 
 from jhd.arrays import real_array
 from jhd.distance.critical import critical_pairs
-from jhd.distance.hausdorff import hausdorff
+from jhd.distance.hausdorff import hausdorff, hausdorff_at_most
 from jhd.distance.method import AbstractHausdorffMethod
 from jhd.fitting.chain import Chain, Layout, divided, least_squares
 from jhd.fitting.minimax import Ended, FitProgress, Problem, minimise
 from jhd.shapes.checks import Numbers
-from jhd.shapes.curve import AbstractCurve, check_curve
-from jhd.solution import RESULTS, FitSolution
+from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd.solution import RESULTS, FitSolution, name_of
 
 # Pairs kept for a number of parameters: an error curve with p + 1 equal maxima has some more below.
 _CAPACITIES = ((14, 32), (40, 64))
 _LARGEST_CAPACITY = 128
 # A maximum was missed where the proven distance is larger by this share, or this share of the size.
 _MISSED = 1e-9
+# Least squares within this many tolerances are refined: minimax fits are nearer by such a factor.
+_GAIN = 4.0
 # Other starts differ from the first by this share of the target's size.
 _SPREAD = 0.1
 
@@ -150,6 +152,84 @@ def fit_curve(
         others = _points_of(build, np.asarray(held(first).control_points))
         return minimise_hausdorff(build, start, curve, starts=np.stack([others, start]), **options)
     return minimise_hausdorff(build, start, curve, **options)
+
+
+def fit_outline(
+    target: AbstractCurve,
+    tolerance: Numbers,
+    *,
+    degree: int = 3,
+    smooth: bool = False,
+    max_segments: int = 64,
+    max_steps: int = 40,
+    progress: Callable[[FitProgress], object] | None = None,
+) -> list[FitSolution]:
+    """Each contour of the target within the tolerance, by few segments; one fit for each contour, in their order.
+
+    The number of segments is the least for which least squares come within four tolerances, or the next one that the
+    minimax fit brings below one; a smaller number is not ruled out. A contour that stays above it with `max_segments`
+    says so in its `error`. Ends of open contours are kept.
+
+    Args:
+        target: an outline of one or several contours, each with its segments in order.
+        tolerance: largest proven Hausdorff distance between a contour and its fit, in the unit of the coordinates.
+        degree: of the segments.
+        smooth: whether inner joints have one tangent.
+        max_segments: most segments of one contour.
+        max_steps: most steps of one fit; a fit within the tolerance takes no more.
+        progress: called with a FitProgress after each step.
+
+    Raises:
+        TypeError: a target that is no curve.
+        ValueError: a tolerance that is not positive.
+    """
+    check_curve("target", target)
+    limit = real_array("tolerance", tolerance)
+    if limit.shape != () or not float(limit) > 0:
+        raise ValueError(f"tolerance is {limit}; needs one positive number.")
+    found = []
+    for contour in _contours(target.segments()):
+        count = _first_count(contour, float(limit), degree, smooth, max_segments)
+        while True:
+            options = {"segments": count, "smooth": smooth, "max_steps": max_steps, "progress": progress}
+            fit = fit_curve(contour, degree=degree, atol=0.99 * float(limit), **options)
+            if float(fit.error.upper) <= float(limit) or count >= max_segments:
+                break
+            count += 1
+        found.append(fit)
+    return found
+
+
+def _contours(curve: BezierSegments) -> list[BezierSegments]:
+    """The runs of segments that follow each other."""
+    following = np.asarray(curve.following)
+    starts = np.flatnonzero(np.append(True, following[:-1] != np.arange(1, curve.count)))
+    contours = []
+    for first, last in zip(starts, np.append(starts[1:], curve.count), strict=True):
+        index = np.arange(1, last - first + 1)
+        index[-1] = 0 if following[last - 1] == first else -1
+        weights = None if curve.weights is None else curve.weights[first:last]
+        contours.append(BezierSegments(curve.control_points[first:last], weights, index))
+    return contours
+
+
+def _first_count(contour: BezierSegments, tolerance: float, degree: int, smooth: bool, most: int) -> int:
+    """The least number of segments, found by doubling and halving, whose least squares are worth a minimax fit."""
+    closed = bool(np.asarray(contour.following)[-1] == 0)
+
+    def near(count: int) -> bool:
+        layout = Layout(degree, count, closed, not closed, smooth)
+        build, start = least_squares(layout, contour, divided(contour, count))
+        return name_of(hausdorff_at_most(contour, build(jnp.asarray(start)), _GAIN * tolerance).answer) == "yes"
+
+    above = 2 if closed else 1
+    while above < most and not near(above):
+        above = min(2 * above, most)
+    below = above // 2
+    while above - below > 1:
+        middle = (above + below) // 2
+        below, above = (below, middle) if near(middle) else (middle, above)
+    return above
 
 
 def _points_of(build: Chain, control_points: np.ndarray) -> np.ndarray:

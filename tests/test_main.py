@@ -16,6 +16,7 @@ import pytest
 from matplotlib.image import imread
 
 import jhd
+import jhd.io
 from jhd.__main__ import cache_folder, main
 from jhd.io import load_result
 
@@ -267,3 +268,31 @@ def test_the_demonstration_prints_both_distances_and_writes_its_picture(tmp_path
     assert str(tmp_path / "jhd-demo.png") in done.stdout
     height, width, _ = imread(tmp_path / "jhd-demo.png").shape
     assert min(height, width) > 700
+
+
+@pytest.mark.slow
+def test_a_fit_is_written_with_its_proven_distance(run, tmp_path):
+    outline = "M0 0 C 1 2 3 2 4 0 L 4 -1 L 0 -1 Z"
+    status, out, err = run("fit", outline, "--tolerance", "0.01", "--degree", "2", "--out", "fit.svg", "--json")
+    assert (status, err) == (0, "")
+    answer = json.loads(out)
+    assert answer["context"]["within"]
+    assert answer["solution"]["upper"] <= 0.01
+    curve = jhd.io.read_svg(tmp_path / "fit.svg")
+    assert curve.count == sum(answer["context"]["segments"])
+    assert float(jhd.hausdorff(jhd.io.path(outline), curve).upper) <= 0.0101
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--tolerance", "0"), "tolerance is 0.0; needs one positive number."),
+        (("--tolerance", "1", "--out", "fit.txt"), "fit.txt: the name must end in .svg or .json."),
+        (("--tolerance", "1", "--out", "none/fit.svg"), "none/fit.svg: no such folder."),
+        ((), "--tolerance"),
+    ],
+)
+def test_bad_options_of_a_fit_are_refused(run, options, message):
+    status, out, err = run("fit", BASE, *options)
+    assert (status, out) == (2, "")
+    assert message in err

@@ -40,6 +40,7 @@ PARAMETERS = {
     "hausdorff_at_most": ["a", "b", "threshold", "method"],
     "critical_pairs": ["a", "b", "capacity"],
     "minimise_hausdorff": ["build", "parameters", "target", "starts", "max_steps", "atol", "method", "progress"],
+    "fit_outline": ["target", "tolerance", "degree", "smooth", "max_segments", "max_steps", "progress"],
     "fit_curve": ["target", "degree", "segments", "ends", "closed", "smooth", "max_steps", "atol", "method"],
     "soft_hausdorff": ["a", "b", "temperature", "capacity"],
     "BranchAndBound": ["atol", "rtol", "max_steps", "capacity"],
