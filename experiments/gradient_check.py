@@ -7,7 +7,7 @@ central differences of the proven value. (2) Random pairs of every kind of curve
 points, weights and knots: the largest relative error of the rule, and of second derivatives, for each kind of event.
 
 Claims: the rule agrees with differences to 1e-6 for all events, second derivatives to 1e-4; naive differentiation is
-wrong wherever two feet are active, on this path by up to 0.7 of the speed of the arc.
+wrong wherever two feet are active, on this path by up to 1.2 where the derivative is 2.1.
 
 Feeds: figure "gradient check" and the table of errors.
 Takes: 2 minutes, one of it once compiled.
@@ -26,8 +26,8 @@ from jhd.solution import name_of
 
 PARABOLA = jnp.array([[-2.0, 4.0], [0.0, -4.0], [2.0, 4.0]])
 ARC = jnp.array([[-0.35, -0.05], [-0.12, 0.1], [0.12, 0.1], [0.35, -0.05]])
-# The arc turns from this place of the path on, by so many radians for each unit of it.
-TURN_FROM, TURN = 0.45, 3.4
+# The arc turns from this place of the path on, by so many radians for the cube of a unit of it.
+TURN_FROM, TURN = 0.45, 11.0
 # Step of the differences of values and of gradients.
 STEP = 1e-5
 KINDS = (
@@ -57,7 +57,7 @@ def main() -> None:
 
 def arc(u: Any) -> jhd.BezierCurve:
     """The arc at a place of the path."""
-    angle = -TURN * jnp.maximum(u - TURN_FROM, 0.0)
+    angle = -TURN * jnp.maximum(u - TURN_FROM, 0.0) ** 3
     turned = jnp.array([[jnp.cos(angle), -jnp.sin(angle)], [jnp.sin(angle), jnp.cos(angle)]])
     return jhd.BezierCurve(ARC @ turned.T + jnp.array([0.03 + 0.1 * u, 0.2 + u]))
 

@@ -9,9 +9,11 @@ import numpy as np
 from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 _EVENTS = {"antipodal": (BLUE, "antipodal"), "one_to_two": (ORANGE, "one-to-two"), "a_end": (PURPLE, "end")}
 _SHOWN = 6
+_HALO = [withStroke(linewidth=2.0, foreground="white")]
 
 
 def main() -> None:
@@ -30,6 +32,7 @@ def _figure(path: dict[str, Any]) -> Figure:
         value.plot(u, path["value"], color=BLACK)
         letter(value, "b", "distance of the arc from the parabola")
         value.set_ylabel("distance $h$")
+        value.set_ylim(top=value.get_ylim()[1] + 0.2 * np.ptp(value.get_ylim()))
         slope.plot(u, path["difference"], "o", color=GREY, markersize=3.6, markerfacecolor="none", label="differences")
         slope.plot(u, path["rule"], color=GREEN, linewidth=1.4, label="jhd")
         slope.plot(u, path["naive"], color=VERMILLION, linestyle="none", marker="x", markersize=2.6, label="naive")
@@ -43,7 +46,7 @@ def _figure(path: dict[str, Any]) -> Figure:
             error.semilogy(u, off, linestyle="none", marker=marker, color=colour, markersize=2.6)
         letter(error, "d", "off from central differences")
         error.set_ylabel("|error| of d$h$/d$u$")
-        error.text(0.02, 0.05, "naive and jhd agree where one foot is active", transform=error.transAxes, color=BLACK)
+        error.text(0.3, 0.62, "equal where one foot is active", transform=error.transAxes, color=BLACK)
         for ax in (value, slope, error):
             ax.set_xlabel("place on the path $u$")
             ax.set_xlim(0, 1)
@@ -58,8 +61,15 @@ def _draw_shapes(ax: Axes, path: dict[str, Any]) -> None:
         shade = 0.75 - 0.75 * k / (len(arcs) - 1)
         line = np.asarray(bezier([arcs[k]])(t)).T
         ax.plot(*line, color=(shade, shade, 1.0) if shade > 0 else BLUE)
+        text = f"{k / (len(arcs) - 1):.1f}"
         ax.annotate(
-            f"{k / (len(arcs) - 1):.1f}", (line[0, -1], line[1, -1]), (3, 0), textcoords="offset points", va="center"
+            text,
+            (line[0, 0], line[1, 0]),
+            (-3, 0),
+            textcoords="offset points",
+            ha="right",
+            va="center",
+            path_effects=_HALO,
         )
     ax.set_xlim(-1.35, 1.35)
     ax.set_ylim(-0.1, 1.85)
@@ -78,10 +88,18 @@ def _bands(axes: list[Axes], u: np.ndarray, events: np.ndarray) -> None:
         colour, name = _EVENTS[events[start]]
         for ax in axes:
             ax.axvspan(left, right, color=colour, alpha=0.12, linewidth=0)
-        if right - left > 0.1:
+        if right - left > 0.05:
             turn = 90 if right - left < 0.2 else 0
-            ax, height = axes[0], 0.04
-            ax.text(0.5 * (left + right), height, name, transform=ax.get_xaxis_transform(), ha="center", rotation=turn)
+            ax, height = axes[0], 0.95
+            ax.text(
+                0.5 * (left + right),
+                height,
+                name,
+                transform=ax.get_xaxis_transform(),
+                ha="center",
+                va="top",
+                rotation=turn,
+            )
 
 
 if __name__ == "__main__":
