@@ -151,8 +151,8 @@ def solution(start: Array, pieces: Pieces, held: Array, two: Array) -> Array:
     return jnp.stack(_solution((start[0], start[1], start[2]), pieces, held, two))
 
 
-# Functions with rules of their own take and give scalars, but for the pieces: vmap may put the batch axes of an array
-# and of its derivative in different places, which fails where such a function is differentiated under jit (jax 0.10.2).
+# Functions with rules of their own take and give scalars, but for the pieces. Under jit(vmap) an output must be batched
+# wherever its derivative is (jax 0.10.2 fails otherwise), and a scalar leaves no choice of a batch axis.
 @jax.custom_jvp
 def _solution(start: tuple, pieces: Pieces, held: Array, two: Array) -> tuple[Array, ...]:
     system = Active(pieces[0], pieces[1], pieces[2], held, two)

@@ -109,7 +109,8 @@ def _attached_to_feet(found: Projection, queries: Array, curve: BezierSegments) 
 
 def _with(number: Array, other: Array, where: Array | bool = True) -> Array:
     """The number, with the derivatives of the other one."""
-    return number + jnp.where(where, other - jax.lax.stop_gradient(other), 0.0)
+    # What is not finite stands for a query that is no number; the answer that says so stays.
+    return number + jnp.where(where & jnp.isfinite(other), other - jax.lax.stop_gradient(other), 0.0)
 
 
 @jax.jit
@@ -153,7 +154,7 @@ def _raised(rows: Array, degree: int) -> Array:
     if degree == rows.shape[0] - 1:
         return rows
     raising = jnp.asarray(elevation_matrix(rows.shape[0] - 1, degree), rows.dtype)
-    # No matrix product: under vmap that moves the batch axis, see jhd.distance.active.
+    # Sums keep the batch axis of vmap in front, where a matrix product may move it; see jhd.distance.active.
     return jnp.sum(raising[:, :, None] * rows, axis=1)
 
 
