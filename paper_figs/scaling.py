@@ -101,9 +101,6 @@ def _draw_memory(ax: Axes, entries: list[dict[str, Any]]) -> None:
     for name, line in _MEMORY.items():
         known = [entry for entry in entries if entry[name] is not None]
         ax.loglog([e["padded"] for e in known], [e[name] / _MB for e in known], **_MARK, **line)
-    last = entries[-1]["directed, reserved"]
-    if last is not None:
-        _draw_slope(ax, [400, 3000], last / _MB / 4, 2, "slope 2")
     ax.set_ylim(0.04, 3e5)
     ax.set_ylabel("memory (MB)")
     ax.legend(loc="upper left", **_LEGEND)
@@ -120,13 +117,6 @@ def _draw_compilation(ax: Axes, entries: list[dict[str, Any]], cold: bool) -> No
     ax.set_ylabel("time (s)")
     ax.legend(loc="upper left", ncols=2, **_LEGEND)
     letter(ax, "d", "first call, one direction, by size compiled for")
-
-
-def _draw_slope(ax: Axes, ends: list[float], top: float, slope: int, text: str) -> None:
-    """A line of this slope whose right end has this height, and its name."""
-    ax.loglog(ends, [top * (ends[0] / ends[1]) ** slope, top], **_SLOPE)
-    middle = float(np.sqrt(ends[0] * ends[1]))
-    ax.annotate(text, (middle, top * (middle / ends[1]) ** slope), (4, -8), textcoords="offset points", color=GREY)
 
 
 if __name__ == "__main__":
