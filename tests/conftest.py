@@ -3,6 +3,7 @@
 The type checks of jaxtyping must be switched on before the package is imported, so this file imports nothing of it.
 """
 
+import gc
 import os
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,15 @@ jaxtyping.install_import_hook("jhd", f"{__name__}.checked")
 
 hypothesis.settings.register_profile("jhd", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("jhd")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def room_for_programs():
+    """Some hundred programs stay under the system's limit of memory mappings only if old ones go."""
+    maps = Path("/proc/self/maps")
+    if maps.exists() and len(maps.read_bytes().splitlines()) > 25_000:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture

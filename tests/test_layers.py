@@ -13,7 +13,7 @@ PACKAGE = Path(__file__).parent.parent / "jhd"
 # its own entry. Entries of one layer know nothing of each other. The order holds also for modules not listed here,
 # since each of those must be added.
 LAYERS: list[list[list[str]]] = [
-    [["arrays", "solution"]],
+    [["arrays", "compiled", "solution"]],
     [[f"arithmetic.{name}" for name in ("rounding", "interval", "affine", "bernstein", "polynomial_systems")]],
     [
         [

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd.compiled import compiled
 from jhd.distance import verification
 from jhd.distance.host import SNAP, Host, dot, foot_speed, jets, local_feet
 from jhd.distance.nearest import Nearest, nearest, repeated
@@ -101,7 +102,7 @@ def _nearest(measure: Measure, points: np.ndarray) -> Nearest:
     return jax.tree_util.tree_map(lambda x: np.asarray(x)[: len(points)], found)
 
 
-@jax.jit
+@compiled
 def _nearest_lanes(points: Any, control_points: Any, weights: Any, skip: Any) -> Nearest:
     return jax.vmap(lambda point: nearest(point, control_points, weights, 0.0, skip))(points)
 

@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arrays import is_traced
+from jhd.compiled import compiled
 from jhd.distance import active
 from jhd.distance.derivative import attached
 from jhd.distance.events import Place, follow_foot, piece_of, preceding
@@ -137,7 +138,7 @@ class _Rounds(NamedTuple):
     count: Array
 
 
-@partial(jax.jit, static_argnums=2)
+@partial(compiled, static=(2,))
 def _both(a: BezierSegments, b: BezierSegments, capacity: int) -> CriticalPairs:
     """Critical pairs in the common coordinates."""
     # One program for both directions, one after the other: compiled twice it would take twice as long.

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd.arrays import is_traced
+from jhd.compiled import compiled
 from jhd.distance import active
 from jhd.distance.events import Piece
 from jhd.distance.jets import jet
@@ -81,7 +82,7 @@ def projection_with_derivatives(found: Projection, queries: Array, curve: Bezier
     return Projection(distance, found.lower, found.upper, foot, found.segment, t, found.result)
 
 
-@jax.jit
+@compiled
 def _attached_to_feet(found: Projection, queries: Array, curve: BezierSegments) -> tuple[Array, Array, Array]:
     fixed = jax.lax.stop_gradient((queries, curve.control_points))
     exponent = jnp.frexp(jnp.maximum(*(jnp.max(jnp.abs(x)) for x in fixed)))[1]
@@ -113,7 +114,7 @@ def _with(number: Array, other: Array, where: Array | bool = True) -> Array:
     return number + jnp.where(where & jnp.isfinite(other), other - jax.lax.stop_gradient(other), 0.0)
 
 
-@jax.jit
+@compiled
 def _attached(answer: _Answer, a: BezierSegments, b: BezierSegments, frame: Frame, witness: Witness) -> _Answer:
     """The same numbers, with the derivatives of the active system of the witness."""
     turned = witness.direction == DIRECTIONS.b_to_a

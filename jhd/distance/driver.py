@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arrays import is_traced
+from jhd.compiled import compiled
 from jhd.distance.bounds import Cell
 from jhd.distance.branch_and_bound import BranchAndBound
 from jhd.distance.events import Place
@@ -112,7 +113,7 @@ class Host:
         self.progress(Progress(name_of(direction), steps, waiting, float(lower), float(upper)))
 
 
-@jax.jit
+@compiled
 def _stretch(
     a: BezierSegments, b: BezierSegments, wanted: Wanted, state: State, fresh: Array, limit: Array, growing: Array
 ) -> tuple[State, HausdorffSolution, Array]:
@@ -134,7 +135,7 @@ def _blank(capacity: int, dtype: str) -> State:
     return State(Table(cell, numbers), number, number, place, place, number, jnp.array(False), place, count)
 
 
-@jax.jit
+@compiled
 def _in_one_go(
     method: AbstractHausdorffMethod, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim
 ) -> HausdorffSolution:

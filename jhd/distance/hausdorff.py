@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arrays import is_traced, real_array
+from jhd.compiled import compiled
 from jhd.distance.branch_and_bound import BranchAndBound
 from jhd.distance.derivative import with_derivatives
 from jhd.distance.driver import Host, Progress
@@ -133,7 +134,7 @@ def hausdorff_at_most(
     return _decided(frame.solution(_larger(there, back)), limit)
 
 
-@jax.jit
+@compiled
 def _decided(solution: HausdorffSolution, limit: Array) -> Decision:
     below, above = solution.upper <= limit, solution.lower > limit
     answer = ANSWERS.where(below, ANSWERS.yes, ANSWERS.where(above, ANSWERS.no, ANSWERS.undecided))
@@ -148,7 +149,7 @@ def _everything(curve: BezierSegments) -> Aim:
     return Aim(-infinity, infinity)
 
 
-@jax.jit
+@compiled
 def _larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
     back = eqx.tree_at(lambda s: s.witness.direction, back, DIRECTIONS.b_to_a)
     turned = back.value > there.value

@@ -13,6 +13,7 @@ Source: Cao et al. 2014, equation (10), with its indices corrected; Shortest dis
 import math
 from abc import abstractmethod
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -24,6 +25,7 @@ from jaxtyping import Array
 from jhd.arithmetic import bernstein, polynomial_systems
 from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_traced, real_array
+from jhd.compiled import compiled
 from jhd.distance.active import is_held, stationary
 from jhd.distance.derivative import projection_with_derivatives
 from jhd.distance.events import piece_of
@@ -291,7 +293,7 @@ def _unscaled(found: Any, frame: Frame) -> Any:
     return eqx.tree_at(where, found, (*lengths, frame.place(found.foot)))
 
 
-@eqx.filter_jit
+@compiled
 def _project_block(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments) -> Projection:
     skip = repeated(curve.control_points, curve.weights)
 
@@ -306,7 +308,7 @@ def _project_block(method: AbstractProjectionMethod, queries: Array, curve: Bezi
     return in_chunks(one, queries, _CHUNK)
 
 
-@eqx.filter_jit
+@partial(compiled, static=(0,))
 def _stationary_block(capacity: int, queries: Array, curve: BezierSegments) -> StationaryPoints:
     skip = repeated(curve.control_points, curve.weights)
     return in_chunks(lambda p: _stationary_of(p, curve, skip, capacity), queries, _CHUNK)

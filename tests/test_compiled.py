@@ -1,0 +1,81 @@
+"""Programs from the host: the same anywhere, and dropped before the process holds too many mappings."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jhd import compiled as module
+from jhd.compiled import compiled, make_room
+
+
+@compiled
+def _sine_of_square(x):
+    return jnp.sin(x * x)
+
+
+@pytest.mark.parametrize(
+    "outer",
+    [
+        lambda f: f,
+        jax.jit,
+        jax.vmap,
+        lambda f: jax.jit(jax.vmap(f)),
+        lambda f: lambda x: jax.lax.map(f, x),
+        lambda f: lambda x: jax.lax.scan(lambda carry, y: (carry, f(y)), 0.0, x)[1],
+        lambda f: lambda x: jax.jvp(f, (x,), (jnp.zeros_like(x),))[0],
+        lambda f: lambda x: jax.vmap(jax.value_and_grad(f))(x)[0],
+    ],
+)
+def test_one_function_under_every_transformation(outer):
+    x = jnp.linspace(0.0, 2.0, 5)
+    np.testing.assert_allclose(outer(_sine_of_square)(x), np.sin(np.asarray(x) ** 2), rtol=1e-14)
+
+
+def test_static_arguments_are_constants_of_the_program():
+    def power(x, n):
+        assert isinstance(n, int)
+        return x**n
+
+    assert compiled(power, static=(1,))(jnp.array(3.0), 2) == 9.0
+
+
+def test_programs_are_dropped_near_the_limit_and_made_again(monkeypatch, tmp_path):
+    traced = []
+
+    @compiled
+    def program(x):
+        traced.append(x.shape)
+        return 2.0 * x
+
+    assert program(jnp.ones(3))[0] == 2.0
+    program(jnp.zeros(3))
+    make_room()
+    program(jnp.ones(3))
+    assert traced == [(3,)]
+    few = tmp_path / "limit"
+    few.write_text("10\n")
+    monkeypatch.setattr(module, "_LIMIT", few)
+    before = sum(p._cache_size() for p in module._programs)
+    make_room()
+    assert before > 0
+    assert all(p._cache_size() == 0 for p in module._programs)
+    monkeypatch.undo()
+    assert program(jnp.ones(3))[0] == 2.0
+
+
+def test_systems_without_such_a_limit(monkeypatch, tmp_path):
+    monkeypatch.setattr(module, "_MAPPINGS", tmp_path / "nothing")
+    make_room()
+    assert _sine_of_square(jnp.zeros(())) == 0.0
+
+
+def test_gradients_around_a_call_make_no_new_programs():
+    program = compiled(lambda x: 2.0 * x)
+    loss = lambda y: jnp.sum(y * program(jnp.ones(3)))  # noqa: E731
+    jax.grad(loss)(jnp.zeros(3))
+    counts = []
+    for _ in range(3):
+        jax.grad(loss)(jnp.zeros(3))
+        counts.append(sum(p._cache_size() for p in module._programs))
+    assert counts[0] == counts[-1]
