@@ -15,6 +15,27 @@ def is_traced(*values: object) -> bool:
     return any(isinstance(leaf, Tracer) for leaf in jax.tree_util.tree_leaves(values))
 
 
+def varying(values: Any, *sources: object) -> Any:
+    """The values, marked under shard_map as different on each device wherever one of the sources is.
+
+    A loop keeps the marks of its start, so a start made of constants needs those of the arrays that the loop works on.
+    """
+    axes = frozenset().union(*(_differing(x) for x in jax.tree_util.tree_leaves(sources) if isinstance(x, Tracer)))
+    if not axes:
+        return values
+
+    def marked(x: Any) -> Array:
+        lacking = tuple(axes - _differing(x))
+        return jax.lax.pcast(x, lacking, to="varying") if lacking else x
+
+    return jax.tree_util.tree_map(marked, values)
+
+
+def _differing(x: Any) -> frozenset[str]:
+    """The axes of a mesh along which an array differs."""
+    return getattr(getattr(jax.typeof(x), "manual_axis_type", None), "varying", frozenset())
+
+
 def real_array(name: str, value: Any) -> Array:
     """The value as a floating-point array of the default precision; tracers and derivatives pass through.
 

@@ -29,6 +29,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from jhd.arithmetic import rounding
+from jhd.arrays import varying
 from jhd.solution import RESULTS
 
 # A box that keeps more than this part of its largest side is halved: Sherbrooke & Patrikalakis, section 4.
@@ -204,7 +205,9 @@ def _search(c: Array, errors: Array, atol: Array, *, capacity: int, max_steps: i
     corner = jnp.zeros((capacity, variables, lanes), c.dtype)
     table = _Table(corner, corner + 1, key, jnp.zeros(lanes, jnp.int32), jnp.zeros(lanes, bool))
     table = lax.while_loop(
-        lambda t: jnp.any(_active(t, max_steps)), lambda t: _examine(t, c, errors, atol, max_steps), table
+        lambda t: jnp.any(_active(t, max_steps)),
+        lambda t: _examine(t, c, errors, atol, max_steps),
+        varying(table, c, errors, atol),
     )
     lower, upper, valid = _merged(table.lower, table.upper, table.key < EMPTY)
     return _Found(lower, upper, valid, table.boxes, jnp.any(table.key < FINAL, axis=0), table.full, nonfinite)
@@ -268,7 +271,7 @@ def _restrict(c: Array, t0: Array, t1: Array, axis: int) -> Array:
         return jnp.where(index > level, a * preceding + b * c, c)
 
     part = partial(lax.slice_in_dim, axis=axis)
-    return lax.fori_loop(0, n, to_the_left, lax.fori_loop(0, n, to_the_right, c))
+    return lax.fori_loop(0, n, to_the_left, lax.fori_loop(0, n, to_the_right, varying(c, t0, a, b)))
 
 
 def _combinations(c: Array, errors: Array) -> tuple[Array, Array]:
@@ -430,8 +433,9 @@ def _merged(lower: Array, upper: Array, valid: Array) -> tuple[Array, Array, Arr
     def repeat(j: Array, repeated: Array) -> Array:
         return repeated | (_touch(lower, upper, lower[j], upper[j]) & (index > j)[:, None])
 
-    lower, upper, _ = lax.while_loop(lambda state: state[2], grow, (lower, upper, jnp.array(True)))
-    repeated = lax.fori_loop(0, used, repeat, jnp.zeros_like(valid))
+    start = varying((lower, upper, jnp.array(True)), valid, lower)
+    lower, upper, _ = lax.while_loop(lambda state: state[2], grow, start)
+    repeated = lax.fori_loop(0, used, repeat, varying(jnp.zeros_like(valid), lower))
     valid = (valid & ~repeated)[:, None]
     corners = jnp.concatenate([jnp.where(valid, lower, 1.0), jnp.where(valid, upper, 0.0)], axis=1)
     variables = lower.shape[1]

@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jhd.arrays import varying
 from jhd.distance.events import Piece
 from jhd.distance.jets import Jet, jet
 from jhd.solution import EVENTS
@@ -191,7 +192,7 @@ def distance(y: Array, system: Active) -> Array:
 
 def polished(y: Array, system: Active) -> Array:
     """Parameters after a few Newton steps, kept in [0, 1]."""
-    return jax.lax.fori_loop(0, _POLISH, lambda _, x: jnp.clip(newton(x, system), 0.0, 1.0), y)
+    return jax.lax.fori_loop(0, _POLISH, lambda _, x: jnp.clip(newton(x, system), 0.0, 1.0), varying(y, system))
 
 
 def multipliers(y: Array, system: Active) -> Array:

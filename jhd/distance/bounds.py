@@ -39,6 +39,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arrays import varying
 from jhd.distance.events import Piece, piece_of
 from jhd.distance.jets import jet
 from jhd.shapes.curve import BezierSegments
@@ -159,7 +160,8 @@ def local_foot(point: Array, piece: Piece, s: Array, steps: int) -> Array:
         slope = jnp.where(slope > jnp.minimum(0.05 * square, _SHORT * jnp.abs(residual)), slope, square)
         return jnp.clip(s - residual / jnp.where(slope > 0, slope, 1.0), 0.0, 1.0), best, least
 
-    last, best, least = jax.lax.fori_loop(0, steps, newton, (s, s, jnp.full_like(s, jnp.inf)))
+    start = varying((s, s, jnp.full_like(s, jnp.inf)), point, piece)
+    last, best, least = jax.lax.fori_loop(0, steps, newton, start)
     c = jet(*piece, last).point - point
     return _nearer(last, c @ c, best, least)[0]
 

@@ -19,13 +19,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import is_traced
+from jhd.arrays import is_traced, varying
 from jhd.compiled import compiled
 from jhd.distance import active
 from jhd.distance.derivative import attached
 from jhd.distance.events import Place, follow_foot, piece_of, preceding
 from jhd.distance.jets import jet
-from jhd.distance.nearest import nearest, repeated
+from jhd.distance.nearest import in_chunks, nearest, repeated
 from jhd.distance.prepare import Frame, prepare
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
@@ -34,6 +34,8 @@ from jhd.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, re
 _SAMPLES, _LEAST, _MOST = 256, 12, 64
 # Samples of each segment of the other curve for the first feet.
 _SEEDS = 12
+# Samples whose nearest points are looked for side by side.
+_CHUNK = 32
 # Newton steps that lead from a sample to a foot, one of them lost at each joint that is crossed.
 _FOLLOW = 7
 # Bisections of an interval between two samples; Newton steps after them.
@@ -128,7 +130,7 @@ class _Cell(NamedTuple):
 class _Found(NamedTuple):
     value: Array
     witness: Witness
-    wrong: Array  # whether another foot is nearer
+    wrong: Array  # whether another foot is nearer, or what was followed is none
     nearest: Place
 
 
@@ -201,14 +203,14 @@ def _maxima(a: BezierSegments, b: BezierSegments, lanes: int) -> tuple[Array, Wi
 
     def round_(state: _Rounds) -> _Rounds:
         found = _refined(pair, state.cells)
-        return _Rounds(state.cells._replace(other=found.nearest), found, state.count + 1)
+        return varying(_Rounds(state.cells._replace(other=found.nearest), found, state.count + 1), pair)
 
     def again(state: _Rounds) -> Array:
         return jnp.any(state.found.wrong & (keys > -jnp.inf)) & (state.count < _ROUNDS)
 
     blank = jax.tree_util.tree_map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(lambda: _refined(pair, cells)))
     start = _Rounds(cells, blank._replace(wrong=jnp.ones_like(blank.wrong)), jnp.array(0))
-    found = jax.lax.while_loop(again, round_, start).found
+    found = jax.lax.while_loop(again, round_, varying(start, pair)).found
     value = jnp.where(found.wrong | (keys == -jnp.inf), -jnp.inf, found.value)
     # The last lane holds the largest sample. It counts where it exceeds all maxima: along a flat stretch.
     spare = (jnp.arange(lanes + 1) == lanes) & (jnp.max(value[:-1]) >= top * (1 - _NEARER) - _ROUNDED)
@@ -256,16 +258,15 @@ def _proposed(pair: _Pair, lanes: int) -> tuple[Array, _Cell, Array]:
     steps = min(max(math.ceil(_SAMPLES / a.count), _LEAST), _MOST)
     t = jnp.tile(jnp.linspace(0.0, 1.0, steps + 1, dtype=a.control_points.dtype), a.count)
     segment = jnp.repeat(jnp.arange(a.count), steps + 1)
-    points = jax.vmap(lambda k, u: jet(*piece_of(a, k), u).point)(segment, t)
-    seeds = _seed(pair, points)
+    skipped = repeated(pair.b.control_points, pair.b.weights)
 
-    def improved(_: int, foot: _Foot) -> _Foot:
-        # A sample whose own foot is a wrong one finds the right one from its neighbours.
-        starts = _starts(*(Place(jnp.roll(foot.segment, k), jnp.roll(foot.s, k)) for k in (0, 1, -1)))
-        return jax.vmap(lambda k, u, starts: _foot(pair, k, u, starts))(segment, t, starts)
+    def sampled(at: Place) -> _Foot:
+        # A foot that was followed from elsewhere can be a wrong one, and hide a wide maximum.
+        point = jet(*piece_of(a, at.segment), at.t).point
+        found = nearest(point, pair.b.control_points, pair.b.weights, 0.0, skipped)
+        return _foot(pair, at.segment, at.t, Place(found.segment[None], found.t[None]))
 
-    blank = _Foot(seeds.segment, seeds.t, points, seeds.t, seeds.t)
-    foot = jax.lax.fori_loop(0, 2, improved, blank)
+    foot = in_chunks(sampled, Place(segment, t), _CHUNK)
     foot = jax.tree_util.tree_map(lambda x: x.reshape(a.count, steps + 1, *x.shape[1:]), foot)
     slope, distance = foot.slope, foot.distance
     skip = repeated(a.control_points, a.weights)[:, None]
@@ -321,7 +322,7 @@ def _refined(pair: _Pair, cells: _Cell) -> _Found:
     zeros = jnp.zeros_like(cells.t0)
     points = jnp.zeros((*zeros.shape, pair.a.dim), zeros.dtype)
     blank = _Foot(cells.left.segment, zeros, points, zeros, zeros)
-    small, t, here = jax.lax.fori_loop(0, _BISECTIONS, halved, (cells, zeros, blank))
+    small, t, here = jax.lax.fori_loop(0, _BISECTIONS, halved, varying((cells, zeros, blank), pair))
     held = cells.t0 == cells.t1
     return jax.vmap(lambda *lane: _described(pair, *lane))(small, t, here, held)
 
@@ -348,7 +349,7 @@ def _described(pair: _Pair, cell: _Cell, t: Array, foot: _Foot, held: Array) -> 
     y = jnp.stack([t, first.t, second.t])
     system = active.active(piece, piece_of(b, first.segment), piece_of(b, second.segment), y, event)
     event = EVENTS.where((event == EVENTS.antipodal) & system.held[1], EVENTS.b_end, event)
-    new = jax.lax.fori_loop(0, _POLISH, lambda _, x: jnp.clip(active.newton(x, system), 0.0, 1.0), y)
+    new = jax.lax.fori_loop(0, _POLISH, lambda _, x: jnp.clip(active.newton(x, system), 0.0, 1.0), varying(y, system))
     # The maximum lies in the cell; where Newton's method leaves it the middle is kept.
     stays = jnp.abs(new[0] - t) <= 4 * (cell.t1 - cell.t0)
     y = jnp.where(stays, new, y)
@@ -366,7 +367,7 @@ def _described(pair: _Pair, cell: _Cell, t: Array, foot: _Foot, held: Array) -> 
         event=EVENTS.where(value <= _ZERO, EVENTS.coincident, event),
         direction=DIRECTIONS.a_to_b,
     )
-    wrong = value > near.distance * (1 + _NEARER) + _ROUNDED
+    wrong = jnp.abs(value - near.distance) > near.distance * _NEARER + _ROUNDED
     return _Found(value, witness, wrong, Place(near.segment, near.t))
 
 

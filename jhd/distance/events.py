@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jhd.arrays import varying
 from jhd.distance.jets import jet
 from jhd.distance.nearest import repeated, segment_bounds
 from jhd.shapes.curve import BezierSegments
@@ -125,7 +126,7 @@ def follow_foot(point: Array, b: BezierSegments, before: Array, segment: Array, 
         s = jnp.where(forward, 0.0, jnp.where(backward, 1.0, jnp.clip(s, 0.0, 1.0)))
         return segment, s
 
-    segment, s = jax.lax.fori_loop(0, steps, newton, (segment, s))
+    segment, s = jax.lax.fori_loop(0, steps, newton, varying((segment, s), point, b))
     foot, pinned = _foot_at(point, b, segment, s)
     return FootState(segment, s, foot, pinned)
 
@@ -218,9 +219,8 @@ def _local_feet(point: Array, b: BezierSegments) -> tuple[Array, Array]:
         piece = piece_of(b, segment)
 
         def foot(s: Array) -> Array:
-            return jax.lax.fori_loop(
-                0, _NEWTON_STEPS, lambda _, s: jnp.clip(s + _newton_step(point, piece, s), 0.0, 1.0), s
-            )
+            step = lambda _, s: jnp.clip(s + _newton_step(point, piece, s), 0.0, 1.0)  # noqa: E731
+            return jax.lax.fori_loop(0, _NEWTON_STEPS, step, varying(s, point, b))
 
         return jnp.full((_STARTS,), segment), jax.vmap(foot)(starts)
 

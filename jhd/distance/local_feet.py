@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jhd.arrays import varying
 from jhd.distance.jets import jet
 from jhd.distance.nearest import Nearest, best_end, length_bound
 from jhd.shapes.curve import BezierSegments
@@ -57,7 +58,7 @@ def halve(
         best = jnp.argmin(jax.vmap(lambda s: height(e, w, s))(around))
         return around[best], jnp.where(best == 0, 0.5 * width, width), count + 1
 
-    state = (start, jnp.full_like(start, interval), jnp.array(0))
+    state = varying((start, jnp.full_like(start, interval), jnp.array(0)), e, w)
     s, _, count = jax.lax.while_loop(lambda x: (x[1] > tolerance) & (x[2] < max_steps), step, state)
     return s, count
 
@@ -73,6 +74,6 @@ def newton(e: Array, w: Array | None, start: Array, tolerance: float, max_steps:
         moved = jnp.clip(moved, 0.0, 1.0)
         return moved, jnp.abs(moved - s), count + 1
 
-    state = (start, jnp.full_like(start, jnp.inf), jnp.array(0))
+    state = varying((start, jnp.full_like(start, jnp.inf), jnp.array(0)), e, w)
     s, _, count = jax.lax.while_loop(lambda x: (x[1] > tolerance) & (x[2] < max_steps), step, state)
     return s, count

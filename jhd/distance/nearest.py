@@ -35,6 +35,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arrays import varying
 from jhd.distance.jets import jet
 
 # Open cells beside the whole segments. A search holds a handful; symmetric and degenerate input up to about twenty.
@@ -134,7 +135,7 @@ def nearest(
         )
         return _cut(state, cell, offsets[segment], None if weights is None else weights[segment], tolerance)
 
-    state = jax.lax.while_loop(unfinished, step, state)
+    state = jax.lax.while_loop(unfinished, step, varying(state, offsets, weights, tolerance))
     lower = jnp.minimum(jnp.minimum(_open_lower(state), state.settled), state.best.upper)
     # Closed as far as floating-point parameters go: cells of a few ulp are settled with the bounds they have.
     closed = (_open_lower(state) >= state.best.upper - tolerance) & ~state.overflowed
@@ -252,7 +253,7 @@ def _local_foot(e: Array, w: Array | None, cell: _Cell) -> Array:
         step = jnp.where(slope > 0, -residual / jnp.where(slope > 0, slope, 1.0), away)
         return jnp.clip(s + step, cell.s0, cell.s1)
 
-    return jax.lax.fori_loop(0, _NEWTON_STEPS, newton, cell.start)
+    return jax.lax.fori_loop(0, _NEWTON_STEPS, newton, varying(cell.start, e, w, cell))
 
 
 def _cut(state: _State, cell: _Cell, e: Array, w: Array | None, tolerance: Array) -> _State:

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array
 
+from jhd.arrays import varying
 from jhd.distance.events import Branch, FootState, event_residual, follow_foot, piece_of
 from jhd.distance.jets import jet
 from jhd.shapes.curve import BezierSegments
@@ -69,7 +70,7 @@ def candidates(pair: Pair, lanes: Bracket) -> tuple[Array, Array]:
         return turn + 1, jnp.where(ok, t, polished), ok | good
 
     shape = (lanes.t0.shape[0], 3)
-    start = (jnp.array(0), jnp.zeros(shape, lanes.t0.dtype), jnp.zeros(shape, bool))
+    start = varying((jnp.array(0), jnp.zeros(shape, lanes.t0.dtype), jnp.zeros(shape, bool)), pair, lanes)
     _, t, _ = jax.lax.while_loop(lambda s: (s[0] == 0) | ((s[0] == 1) & ~jnp.all(s[2])), refine, start)
     return t, jax.vmap(_followed, in_axes=(None, 0, 0))(pair, lanes, t)
 

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
+from jhd.arrays import varying
 from jhd.distance import active
 from jhd.distance.bounds import Cell, CellBound, cell_upper_bound, first_upper_bound, local_foot
 from jhd.distance.events import Place, describe, piece_of
@@ -165,7 +166,7 @@ def advance(
         goal = _goal(tolerances, aim, state.lower)
         return _pushed(a, b, seeds, state._replace(table=rest), goal, taken, upper, found, mine, measured)
 
-    return jax.lax.while_loop(open_, step, state)
+    return jax.lax.while_loop(open_, step, varying(state, a, b))
 
 
 def solution_of(a: BezierSegments, b: BezierSegments, wanted: Wanted, state: State) -> HausdorffSolution:

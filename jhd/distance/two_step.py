@@ -24,6 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jhd.arrays import varying
 from jhd.distance.events import Place, describe, piece_of, preceding
 from jhd.distance.jets import jet
 from jhd.distance.method import AbstractHausdorffMethod, Aim
@@ -77,7 +78,7 @@ class TwoStep(AbstractHausdorffMethod):
         state = jax.lax.while_loop(
             lambda s: (jnp.max(s.brackets.key) > s.best.distance) & (s.rounds < self.max_rounds),
             lambda s: _round(pair, s),
-            _State(brackets, best, jnp.array(0), jnp.array(0)),
+            varying(_State(brackets, best, jnp.array(0), jnp.array(0)), a, b),
         )
         best = state.best
         witness = describe(a, b, best.place, best.foot, jnp.ones(()))

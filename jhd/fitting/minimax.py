@@ -181,8 +181,8 @@ def minimise(
     radius = np.full(len(scale), min(_RADIUS * point.size, _DISTANCES * point.top))
     stride, history, creeping, result = np.zeros_like(scale), [point.top], 0, RESULTS.fit_steps_exhausted
     mu, residual = stationarity(point)
+    report(0, point.top, residual)
     for step in range(max_steps + 1):
-        report(step, point.top, residual)
         if point.top <= max(atol, _ROUNDING * point.size) or residual <= _CONVERGED or step == max_steps:
             break
         last = history[-2] - point.top if len(history) > 1 else point.top
@@ -203,6 +203,7 @@ def minimise(
         gain, point = point.top - moved.top, moved
         before, (mu, residual) = residual, stationarity(point)
         history.append(point.top)
+        report(step + 1, point.top, residual)
         problem.counts["steps"] += 1
         creeping = creeping + 1 if gain < _VALLEY * point.top else 0
         result = RESULTS.fit_in_a_valley if creeping >= _VALLEY_STEPS else RESULTS.fit_steps_exhausted

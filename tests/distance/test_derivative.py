@@ -1,5 +1,8 @@
 """Derivatives of values, witnesses and projections against central differences, away from ties and at them."""
 
+import os
+import subprocess
+import sys
 from collections import Counter
 
 import equinox as eqx
@@ -232,3 +235,37 @@ def test_projections_are_differentiable_in_points_and_curve(dim, rational):
 def test_a_point_on_the_curve_has_gradient_zero():
     line = jhd.BezierCurve([(0, 0), (1, 0), (2, 0)])
     assert not np.any(jax.grad(lambda p: jhd.project(p, line).distance)(jnp.array([1.0, 0.0])))
+
+
+DEVICES = """
+import jax, jax.numpy as jnp, numpy as np
+from jax.sharding import PartitionSpec
+import jhd
+
+missed = []
+jax.monitoring.register_event_listener(lambda event, **_: missed.append(event) if event.endswith("misses") else None)
+both = jax.vmap(jax.value_and_grad(lambda x: jhd.hausdorff(jhd.BezierCurve(x[0]), jhd.BezierCurve(x[1])).value))
+rows = jnp.asarray(np.random.default_rng(6).normal(size=(4, 2, 4, 2)))
+mesh = jax.sharding.Mesh(jax.devices(), ("pairs",))
+place = PartitionSpec("pairs")
+shared = jax.jit(jax.shard_map(both, mesh=mesh, in_specs=place, out_specs=place))
+for found, known in zip(shared(rows), jax.jit(both)(rows)):
+    np.testing.assert_allclose(found, known, rtol=1e-12, atol=1e-14)
+assert len(jax.devices()) == 2
+print(len(missed))
+"""
+
+
+@pytest.mark.slow
+def test_two_devices_share_a_batch_and_programs_come_from_the_persistent_cache(tmp_path):
+    env = os.environ | {
+        "JAX_COMPILATION_CACHE_DIR": str(tmp_path),
+        "JAX_PLATFORMS": "cpu",
+        "XLA_FLAGS": "--xla_force_host_platform_device_count=2",
+    }
+    counts = []
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-c", DEVICES], env=env, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        counts.append(int(done.stdout))
+    assert counts[0] > 0 == counts[1]

@@ -408,3 +408,14 @@ def test_traced_queries_that_are_not_finite_never_look_like_a_distance():
     found = jax.jit(lambda p: jhd.project(p, ARCH))(jnp.array([jnp.nan, 0.0]))
     assert name_of(found.result) != "successful"
     assert found.lower == 0 and found.upper == np.inf
+
+
+def test_a_query_that_is_no_number_keeps_its_answer_under_jit():
+    curve = jhd.BezierCurve([[0.0, 0.0], [1.0, 2.0], [3.0, 0.0]])
+    queries = jnp.array([[0.5, np.nan], [0.5, 2.0]])
+    found = jax.jit(lambda x: jhd.project(x, curve))(queries)
+    known = jhd.project(queries[1], curve)
+    assert np.isinf(found.distance[0]) and np.isinf(found.upper[0]) and found.lower[0] == 0
+    np.testing.assert_allclose(found.distance[1], known.distance, rtol=1e-14)
+    slope = jax.jit(jax.grad(lambda x: jhd.project(x, curve).distance[1]))(queries)
+    np.testing.assert_allclose(slope[1], (queries[1] - known.foot) / known.distance, rtol=1e-12)
