@@ -31,7 +31,7 @@ from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
 
 # Samples of the curve that carries the maxima, shared among its segments within these limits for each.
-_SAMPLES, _LEAST, _MOST = 256, 12, 64
+_SAMPLES, _LEAST, _MOST = 1024, 12, 256
 # Samples of each segment of the other curve for the first feet.
 _SEEDS = 12
 # Samples whose nearest points are looked for side by side.
@@ -258,18 +258,19 @@ def _proposed(pair: _Pair, lanes: int) -> tuple[Array, _Cell, Array]:
     steps = min(max(math.ceil(_SAMPLES / a.count), _LEAST), _MOST)
     t = jnp.tile(jnp.linspace(0.0, 1.0, steps + 1, dtype=a.control_points.dtype), a.count)
     segment = jnp.repeat(jnp.arange(a.count), steps + 1)
-    skipped = repeated(pair.b.control_points, pair.b.weights)
+    skip, skipped = (repeated(curve.control_points, curve.weights) for curve in (a, pair.b))
 
     def sampled(at: Place) -> _Foot:
         # A foot that was followed from elsewhere can be a wrong one, and hide a wide maximum.
         point = jet(*piece_of(a, at.segment), at.t).point
-        found = nearest(point, pair.b.control_points, pair.b.weights, 0.0, skipped)
+        enough = jnp.where(skip[at.segment], jnp.inf, 0.0)
+        found = nearest(point, pair.b.control_points, pair.b.weights, enough, skipped)
         return _foot(pair, at.segment, at.t, Place(found.segment[None], found.t[None]))
 
     foot = in_chunks(sampled, Place(segment, t), _CHUNK)
     foot = jax.tree_util.tree_map(lambda x: x.reshape(a.count, steps + 1, *x.shape[1:]), foot)
     slope, distance = foot.slope, foot.distance
-    skip = repeated(a.control_points, a.weights)[:, None]
+    skip = skip[:, None]
     # Where the curves meet the distance rises on both sides and has no slope.
     met = distance <= _ZERO
     rises = (slope[:, :-1] > 0) | met[:, :-1] & ~met[:, 1:]
