@@ -136,7 +136,8 @@ def _by_curvature(a: BezierSegments, segment: Array, count: int) -> Array:
     unit = tangents / jnp.where(speed > 0, speed, 1.0)[:, None]
     turn = jnp.sqrt(jnp.sum((unit[1:] - unit[:-1]) ** 2, axis=-1))
     length = 0.5 * (speed[1:] + speed[:-1])
-    share = _normalised(length) + _normalised(turn)
+    # What turns by less than a radian in all is divided by length: angles of a straight line are rounding.
+    share = _normalised(length) + turn / jnp.maximum(jnp.sum(turn), 1.0)
     # A small uniform part keeps the parameters apart where the curve neither moves nor turns.
     grown = jnp.concatenate([jnp.zeros(1), jnp.cumsum(share + 0.1 / t.size)])
     inner = jnp.interp(jnp.linspace(0.0, 1.0, count + 1), grown / grown[-1], t)
