@@ -13,6 +13,7 @@ from jhd.distance import (  # noqa: E402
     BranchAndBound,
     Certificate,
     CertificateError,
+    CubeIntervals,
     HybridProjection,
     IntervalHalving,
     NearestSearch,
@@ -29,8 +30,19 @@ from jhd.distance import (  # noqa: E402
     stationary_points,
     verify,
 )
+from jhd.fields import DistanceMap, VoxelProgress, Voxels, distance_map, voxelise  # noqa: E402
 from jhd.fit import fit_curve, fit_outline, minimise_hausdorff, soft_hausdorff  # noqa: E402
-from jhd.shapes import BezierCurve, BezierSegments, BSplineCurve, circle, points, polyline  # noqa: E402
+from jhd.shapes import (  # noqa: E402
+    BezierCurve,
+    BezierSegments,
+    BiarcCurve,
+    BSplineCurve,
+    ImplicitSurface,
+    biarcs,
+    circle,
+    points,
+    polyline,
+)
 from jhd.solution import (  # noqa: E402
     ANSWERS,
     DIRECTIONS,

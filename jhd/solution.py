@@ -40,6 +40,11 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     fit_at_rounding = (
         "What is left to gain is below the rounding of the coordinates: scale or centre them, or be content with it."
     )
+    unproven = "The interval is that of a published rule which can miss the exact value: take rule='safe'."
+    unverified = (
+        "No cell could be proven to hold a point of one of the surfaces, so a bound is missing: raise cells. Where a "
+        "polynomial does not change its sign nothing can be proven."
+    )
     nonfinite_value = (
         "An input that was not known when the program was compiled cannot be used: it holds a NaN or an infinity, or "
         "weights that are not positive or differ by too large a ratio."

@@ -39,6 +39,13 @@ def checked(function):
 # The hook takes the name of a checker, not the checker.
 jaxtyping.install_import_hook("jhd", f"{__name__}.checked")
 
+
+def pytest_configure(config):
+    """Quick tests compile without XLA's newer fusion emitters, in less time; slow ones with all that users have."""
+    if config.option.markexpr == "not slow":
+        os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_use_fusion_emitters=false"
+
+
 hypothesis.settings.register_profile("jhd", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("jhd")
 

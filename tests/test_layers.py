@@ -14,11 +14,18 @@ PACKAGE = Path(__file__).parent.parent / "jhd"
 # since each of those must be added.
 LAYERS: list[list[list[str]]] = [
     [["arrays", "compiled", "solution"]],
-    [[f"arithmetic.{name}" for name in ("rounding", "interval", "affine", "bernstein", "polynomial_systems")]],
+    [
+        [
+            f"arithmetic.{name}"
+            for name in "rounding interval affine bernstein trivariate exact_polynomials polynomial_systems".split()
+        ]
+    ],
     [
         [
             f"shapes.{name}"
-            for name in "checks knots convert homogeneous joints curve bezier bspline biarc implicit patch mesh".split()
+            for name in (
+                "checks knots convert homogeneous joints curve bezier bspline biarc polynomial_text implicit patch mesh"
+            ).split()
         ]
     ],
     [[f"fields.{name}" for name in "boxes octree distance_transform closest_point adaptive distance_map".split()]],

@@ -3,6 +3,7 @@
 from jhd.distance.branch_and_bound import BranchAndBound
 from jhd.distance.certificate import Certificate, certify
 from jhd.distance.critical import critical_pairs
+from jhd.distance.cube_intervals import CubeIntervals
 from jhd.distance.driver import Progress
 from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
 from jhd.distance.projection import (

@@ -1,6 +1,7 @@
 """The entries: directed and two-sided Hausdorff distances of two shapes."""
 
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,12 +12,14 @@ from jaxtyping import Array
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
 from jhd.distance.branch_and_bound import BranchAndBound
+from jhd.distance.cube_intervals import CubeIntervals
 from jhd.distance.derivative import with_derivatives
 from jhd.distance.driver import Host, Progress
 from jhd.distance.method import AbstractHausdorffMethod, Aim
 from jhd.distance.prepare import Frame, prepare
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.solution import (
     ANSWERS,
     DIRECTIONS,
@@ -29,12 +32,12 @@ from jhd.solution import (
 
 
 def directed_hausdorff(
-    a: AbstractCurve,
-    b: AbstractCurve,
+    a: AbstractCurve | ImplicitSurface,
+    b: AbstractCurve | ImplicitSurface,
     method: AbstractHausdorffMethod | None = None,
     *,
     throw: bool = True,
-    progress: Callable[[Progress], object] | None = None,
+    progress: Callable[[Any], object] | None = None,
 ) -> HausdorffSolution:
     """Directed Hausdorff distance: the maximum over a of the minimum over b of the distance.
 
@@ -42,12 +45,12 @@ def directed_hausdorff(
     values are left out and `throw` is ignored: read `result`.
 
     Args:
-        a: the curve whose farthest point is looked for.
-        b: the curve that distances are taken to, of the same dimension.
-        method: how; by default BranchAndBound().
+        a: the curve whose farthest point is looked for, or an implicit surface.
+        b: the curve that distances are taken to, of the same dimension, or an implicit surface.
+        method: how; by default BranchAndBound() for curves, CubeIntervals() for surfaces (not under jit).
         throw: whether to raise where the method did not reach what it promises.
-        progress: called with a Progress now and then while the search lasts; not under jit. Ctrl-C ends the search
-            with the bounds reached, as RESULTS.interrupted.
+        progress: called with a Progress now and then while the search lasts (for surfaces with a VoxelProgress); not
+            under jit. Ctrl-C ends the search with the bounds reached, as RESULTS.interrupted.
 
     Returns:
         The distance with its bounds, in the unit of the coordinates.
@@ -57,25 +60,28 @@ def directed_hausdorff(
         ValueError: curves of different dimensions.
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
+    if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
+        cells, surfaces = _by_cells(method, a, b)
+        return _finish(cells.directed_surfaces(*surfaces, progress=progress), throw and cells.rule != "paper")
     method, curves, (p, q, frame) = _prepared(a, b, method)
     there = Host(frame, progress).run(method, p, q, _everything(p), DIRECTIONS.a_to_b)
     return _finish(with_derivatives(frame.solution(there), *curves, frame), throw)
 
 
 def hausdorff(
-    a: AbstractCurve,
-    b: AbstractCurve,
+    a: AbstractCurve | ImplicitSurface,
+    b: AbstractCurve | ImplicitSurface,
     method: AbstractHausdorffMethod | None = None,
     *,
     throw: bool = True,
-    progress: Callable[[Progress], object] | None = None,
+    progress: Callable[[Any], object] | None = None,
 ) -> HausdorffSolution:
     """Hausdorff distance: the larger of both directed distances; the witness's `direction` says which, a_to_b at a tie.
 
     Args:
-        a: a curve.
-        b: a curve of the same dimension.
-        method: how; by default BranchAndBound().
+        a: a curve, or an implicit surface.
+        b: a curve of the same dimension, or an implicit surface.
+        method: how; by default BranchAndBound() for curves, CubeIntervals() for surfaces (not under jit).
         throw: whether to raise where the method did not reach what it promises.
         progress: as for `directed_hausdorff`.
 
@@ -87,6 +93,9 @@ def hausdorff(
         ValueError: curves of different dimensions.
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
+    if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
+        cells, surfaces = _by_cells(method, a, b)
+        return _finish(cells.surfaces(*surfaces, progress=progress), throw and cells.rule != "paper")
     method, curves, (p, q, frame) = _prepared(a, b, method)
     host = Host(frame, progress)
     there = host.run(method, p, q, _everything(p), DIRECTIONS.a_to_b)
@@ -185,6 +194,16 @@ def _prepared(
     # The two-step method takes fewer samples of a segment where there are more of them.
     sharing = isinstance(method, BranchAndBound)
     return method, pair, prepare(*jax.lax.stop_gradient(pair), sharing=sharing)
+
+
+def _by_cells(method: object, a: Any, b: Any) -> tuple[CubeIntervals, tuple[Any, Any]]:
+    """The checked method for implicit surfaces, and both."""
+    method = CubeIntervals() if method is None else method
+    if not isinstance(method, CubeIntervals):
+        raise TypeError(f"method must be CubeIntervals() for implicit surfaces; got {type(method).__name__}.")
+    check_surface("a", a)
+    check_surface("b", b)
+    return method, (a, b)
 
 
 def _finish(solution: HausdorffSolution, throw: bool) -> HausdorffSolution:

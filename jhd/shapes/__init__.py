@@ -1,5 +1,7 @@
 """Shapes: what a user hands in."""
 
 from jhd.shapes.bezier import BezierCurve
+from jhd.shapes.biarc import BiarcCurve, biarcs, least_tolerance
 from jhd.shapes.bspline import BSplineCurve
 from jhd.shapes.curve import AbstractCurve, BezierSegments, circle, points, polyline
+from jhd.shapes.implicit import ImplicitSurface

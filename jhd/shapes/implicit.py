@@ -1,0 +1,303 @@
+"""Implicit surfaces: the zeros of a polynomial in three variables inside a box."""
+
+from fractions import Fraction
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jhd.arithmetic import exact_polynomials
+from jhd.arrays import is_traced, real_array
+from jhd.compiled import compiled
+from jhd.shapes import polynomial_text
+from jhd.shapes.checks import Numbers
+
+
+class ImplicitSurface(eqx.Module):
+    """The points of a box where a polynomial is zero.
+
+    The box is a part of the shape: what is outside is cut off, and the cut is a border of the surface, which changes
+    its distances. Repeated factors are taken out, exactly, since they hide the change of sign that proves a point:
+    (z - 1)^2 becomes z - 1, the same set. `reduced` says so; under tracing the coefficients stay as they are.
+
+    >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
+    >>> float(sphere([1.0, 0.0, 2.0])), sphere.gradient([1.0, 0.0, 2.0]).tolist()
+    (4.0, [2.0, 0.0, 4.0])
+
+    Args:
+        coefficients: entry [i, j, k] belongs to x^i y^j z^k.
+        lower: the corner of the box with the smallest coordinates, in any unit of length.
+        upper: the opposite corner.
+        reduced: None looks for repeated factors; otherwise they are known to be gone, and this says whether there were
+            some.
+
+    Raises:
+        ValueError: wrong shapes, NaN or infinity, a box upside down or without volume, the zero polynomial, or a
+            constant, which has no zeros.
+        TypeError: entries that are not real numbers.
+    """
+
+    coefficients: Float[Array, "i j k"]
+    lower: Float[Array, "3"]
+    upper: Float[Array, "3"]
+    reduced: bool = eqx.field(static=True)
+
+    def __init__(self, coefficients: Numbers, lower: Numbers, upper: Numbers, *, reduced: bool | None = None):
+        array = real_array("coefficients", coefficients)
+        if array.ndim != 3 or 0 in array.shape:
+            raise ValueError(f"coefficients has shape {array.shape}; needs (i, j, k), at least (1, 1, 1).")
+        if reduced is None and not is_traced(array):
+            _check_not_constant(np.asarray(array))
+            exact = exact_polynomials.integers(np.asarray(array))
+            part = exact_polynomials.square_free_part(exact)
+            reduced = part is not exact
+            array = jnp.asarray(exact_polynomials.floats(part, scaled=False), array.dtype) if reduced else array
+        self.coefficients, self.reduced = array, bool(reduced)
+        self.lower, self.upper = (_corner(name, end) for name, end in (("lower", lower), ("upper", upper)))
+        _check_box(self.lower, self.upper)
+
+    @classmethod
+    def parse(cls, polynomial: Any, lower: Numbers, upper: Numbers) -> "ImplicitSurface":
+        """The surface of a polynomial written as text, or of a `sympy.Poly`.
+
+        Numbers are exact, 0.1 is one tenth; repeated factors are taken out before anything is rounded; then every
+        coefficient is rounded to the nearest double.
+
+        >>> cone = ImplicitSurface.parse("x^2/4 + y^2/4 - z^2/9", [-2, -2, -2], [2, 2, 2])
+        >>> [float(cone.coefficients[i]) for i in ((2, 0, 0), (0, 2, 0), (0, 0, 2))]
+        [0.25, 0.25, -0.1111111111111111]
+        >>> ImplicitSurface.parse("(z - 0.1)**2", [0, 0, 0], [1, 1, 1]).coefficients.tolist()
+        [[[-1.0, 10.0]]]
+
+        Args:
+            polynomial: a sum of products of x, y, z, numbers and parentheses, with whole powers (** or ^) from 0 to 32
+                and divisions by constants.
+            lower: as for the class.
+            upper: as for the class.
+
+        Raises:
+            ValueError: as the class; text that is no polynomial, with the column (PolynomialError).
+            TypeError: neither text nor a sympy.Poly.
+        """
+        text = isinstance(polynomial, str)
+        terms = polynomial_text.read(polynomial) if text else polynomial_text.from_sympy(polynomial)
+        given = np.full(np.max([(0, 0, 0), *terms], axis=0) + 1, Fraction(0))
+        for index, x in terms.items():
+            given[index] = x
+        _check_not_constant(given)
+        exact = exact_polynomials.integers(given)
+        part = exact_polynomials.square_free_part(exact)
+        reduced = part is not exact
+        surface = cls(exact_polynomials.floats(part, scaled=False) if reduced else _rounded(given), lower, upper)
+        return cls(surface.coefficients, lower, upper, reduced=reduced or surface.reduced)
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates."""
+        return 3
+
+    @property
+    def degrees(self) -> tuple[int, int, int]:
+        """Degree in each variable that the array has room for."""
+        i, j, k = self.coefficients.shape[-3:]
+        return i - 1, j - 1, k - 1
+
+    @property
+    def degree(self) -> int:
+        """Largest i + j + k of a coefficient that is not zero; where they are traced, the largest there can be."""
+        if is_traced(self.coefficients):
+            return sum(self.degrees)
+        return exact_polynomials.total_degree(np.asarray(self.coefficients))
+
+    def box(self) -> tuple[Array, Array]:
+        """Lower and upper corner of the box."""
+        return self.lower, self.upper
+
+    def __call__(self, points: Numbers) -> Array:
+        """Values of the polynomial at points (..., 3), inside the box or not: shape (...)."""
+        return _values(self.coefficients, _rows("points", points))
+
+    def gradient(self, points: Numbers) -> Array:
+        """Gradients of the polynomial at points (..., 3): shape (..., 3)."""
+        return _gradients(self.coefficients, _rows("points", points))
+
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "ImplicitSurface":
+        """The image under x -> matrix x + offset; differentiable in both, rounded like any evaluation.
+
+        The new box is the smallest one along the axes that holds the image of the old one. It is the image itself where
+        the matrix scales, mirrors or exchanges the axes and where it is the identity, so those maps and translations
+        give the image of the surface. Any other matrix gives a larger box, in which more of the zeros of the polynomial
+        are a part of the surface.
+
+        Args:
+            matrix: (3, 3), not singular. The degree in each variable rises to the total degree where it mixes axes.
+            offset: (3,), or one number for all axes.
+
+        Raises:
+            ValueError: wrong shapes, NaN or infinity, or a singular matrix.
+        """
+        matrix, offset = real_array("matrix", matrix), real_array("offset", offset)
+        if matrix.shape != (3, 3):
+            raise ValueError(f"matrix has shape {matrix.shape}; needs (3, 3).")
+        if offset.shape not in ((), (1,), (3,)):
+            raise ValueError(f"offset has shape {offset.shape}; needs (3,).")
+        mixed = ((True,) * 3,) * 3 if is_traced(matrix) else _pattern(np.asarray(matrix))
+        image = _image(self.coefficients, self.lower, self.upper, matrix, offset, mixed, self.degree)
+        return ImplicitSurface(*image, reduced=self.reduced)
+
+
+def check_surface(name: str, value: object) -> None:
+    """Raises TypeError unless the value is an implicit surface."""
+    if not isinstance(value, ImplicitSurface):
+        raise TypeError(f"{name} must be an ImplicitSurface; got {type(value).__name__}.")
+
+
+def _corner(name: str, value: Numbers) -> Array:
+    corner = real_array(name, value)
+    if corner.shape != (3,):
+        raise ValueError(f"{name} has shape {corner.shape}; needs (3,).")
+    return corner
+
+
+def _check_box(lower: Array, upper: Array) -> None:
+    if is_traced(lower, upper):
+        return
+    low, high = np.asarray(lower), np.asarray(upper)
+    bad = np.flatnonzero(low >= high)
+    if len(bad):
+        i = int(bad[0])
+        raise ValueError(f"lower[{i}] is {float(low[i]):g} and upper[{i}] is {float(high[i]):g}; needs lower < upper.")
+
+
+def _check_not_constant(coefficients: np.ndarray) -> None:
+    others = coefficients.ravel()[1:]
+    if np.any(others != 0):
+        return
+    constant = float(coefficients[0, 0, 0])
+    if constant == 0:
+        raise ValueError("coefficients are all zero; every point of the box would be on the surface.")
+    raise ValueError(f"the polynomial is the constant {constant:g}, which is zero nowhere; the surface is empty.")
+
+
+def _rounded(given: np.ndarray) -> np.ndarray:
+    try:
+        return np.array([float(x) for x in given.flat]).reshape(given.shape)
+    except OverflowError:
+        raise ValueError("the polynomial has a coefficient above the largest double; scale it.") from None
+
+
+def _rows(name: str, points: Numbers) -> Array:
+    rows = real_array(name, points)
+    if rows.ndim == 0 or rows.shape[-1] != 3:
+        raise ValueError(f"{name} has shape {rows.shape}; needs (..., 3).")
+    return rows
+
+
+def _horner(coefficients: Array, points: Array) -> Array:
+    """Values at points (..., 3), one variable after the other, the last first."""
+    result = coefficients
+    for variable in (2, 1, 0):
+        t = points[..., variable]
+        rows, t = result, t.reshape(t.shape + (1,) * variable)
+        result = jnp.broadcast_to(rows[..., -1], t.shape[: points.ndim - 1] + rows.shape[-1 - variable : -1])
+        for power in range(rows.shape[-1] - 2, -1, -1):
+            result = result * t + rows[..., power]
+    return result
+
+
+def _slopes(coefficients: Array, points: Array) -> Array:
+    """Gradients at points (..., 3)."""
+    return jnp.stack([_horner(_derivative(coefficients, axis), points) for axis in range(3)], axis=-1)
+
+
+def _derivative(coefficients: Array, axis: int) -> Array:
+    n = coefficients.shape[axis] - 1
+    if n == 0:
+        return jnp.zeros_like(coefficients)
+    factors = np.arange(1, n + 1).reshape([-1 if i == axis else 1 for i in range(3)])
+    return jax.lax.slice_in_dim(coefficients, 1, n + 1, axis=axis) * factors
+
+
+def _pattern(matrix: np.ndarray) -> tuple[tuple[bool, ...], ...]:
+    """Which entries of the inverse are not zero, exactly: its multiple by the determinant is made of minors.
+
+    Raises:
+        ValueError: the determinant is zero, or an entry of the inverse is no double.
+    """
+    m = [[Fraction(float(x)) for x in row] for row in matrix]
+    # In cyclic order the minors have their signs.
+    after = ((1, 2), (2, 0), (0, 1))
+    adjugate = [[m[p][r] * m[q][s] - m[p][s] * m[q][r] for p, q in after] for r, s in after]
+    determinant = sum(x * row[0] for x, row in zip(m[0], adjugate, strict=True))
+    largest = Fraction(float(np.finfo(matrix.dtype).max))
+    if any(abs(x) >= largest * abs(determinant) for row in adjugate for x in row):
+        raise ValueError(f"matrix is singular: {matrix.tolist()}.")
+    return tuple(tuple(x != 0 for x in row) for row in adjugate)
+
+
+def _image_of(
+    coefficients: Array,
+    lower: Array,
+    upper: Array,
+    matrix: Array,
+    offset: Array,
+    mixed: tuple[tuple[bool, ...], ...],
+    degree: int,
+) -> tuple[Array, Array, Array]:
+    """Coefficients and box of the image under x -> matrix x + offset.
+
+    Args:
+        coefficients: those of the polynomial.
+        lower: the lower corner.
+        upper: the upper corner.
+        matrix: (3, 3).
+        offset: (3,), (1,) or ().
+        mixed: which entries of the inverse are not zero.
+        degree: total degree.
+    """
+    offset = jnp.broadcast_to(offset, (3,))
+    inverse = jnp.linalg.inv(matrix)
+    origin = -jnp.sum(inverse * offset, axis=-1)
+    ends = jnp.stack([matrix * lower, matrix * upper])
+    image = _substituted(coefficients, degree, inverse, origin, mixed)
+    return image, jnp.sum(ends.min(0), axis=-1) + offset, jnp.sum(ends.max(0), axis=-1) + offset
+
+
+def _substituted(
+    coefficients: Array, degree: int, matrix: Array, origin: Array, mixed: tuple[tuple[bool, ...], ...]
+) -> Array:
+    """Coefficients of w -> f(matrix w + origin), by Horner's rule whose numbers are polynomials in w.
+
+    The result has room for the degree that each variable can reach.
+    """
+    old = np.array(coefficients.shape) - 1
+    shape = tuple(int(n) + 1 for n in np.minimum(old @ np.array(mixed), degree))
+
+    def times(polynomials: Array, variable: int) -> Array:
+        result = origin[variable] * polynomials
+        for axis in range(3):
+            if mixed[variable][axis]:
+                result = result + matrix[variable, axis] * _raised(polynomials, axis - 3)
+        return result
+
+    result = jnp.zeros((*coefficients.shape, *shape)).at[..., 0, 0, 0].set(coefficients)
+    for variable in (2, 1, 0):
+        rows = jnp.moveaxis(result, variable, 0)
+        result = rows[-1]
+        for row in rows[-2::-1]:
+            result = times(result, variable) + row
+    return result
+
+
+def _raised(polynomials: Array, axis: int) -> Array:
+    """The polynomials times the variable of the axis; what exceeds the room is zero."""
+    inside = jax.lax.slice_in_dim(polynomials, 0, polynomials.shape[axis] - 1, axis=axis)
+    padding = [(0, 0)] * polynomials.ndim
+    padding[axis] = (1, 0)
+    return jnp.pad(inside, padding)
+
+
+_values, _gradients, _image = compiled(_horner), compiled(_slopes), compiled(_image_of, (5, 6))
