@@ -5,6 +5,7 @@ part in each step (jhd.fitting.minimax). A stationary point is a local minimum a
 """
 
 from collections.abc import Callable
+from itertools import groupby
 from typing import Any, Literal
 
 import equinox as eqx
@@ -16,21 +17,22 @@ from jaxtyping import Array
 
 from jhd.arrays import real_array
 from jhd.distance.critical import critical_pairs
-from jhd.distance.hausdorff import hausdorff, hausdorff_at_most
+from jhd.distance.hausdorff import hausdorff
 from jhd.distance.method import AbstractHausdorffMethod
-from jhd.fitting.chain import Chain, Layout, divided, least_squares
+from jhd.fitting.chain import Chain, Layout, divided, least_squares, longest_pieces, turns
 from jhd.fitting.minimax import Ended, FitProgress, Problem, minimise
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
-from jhd.solution import RESULTS, FitSolution, name_of
+from jhd.solution import RESULTS, FitSolution
 
 # Pairs kept for a number of parameters: an error curve with p + 1 equal maxima has some more below.
 _CAPACITIES = ((14, 32), (40, 64))
 _LARGEST_CAPACITY = 128
 # A maximum was missed where the proven distance is larger by this share, or this share of the size.
 _MISSED = 1e-9
-# Least squares within this many tolerances are refined: minimax fits are nearer by such a factor.
-_GAIN = 4.0
+# Pieces of least squares within this many tolerances are tried first, for minimax fits are nearer by such a factor at
+# best; then each time within this share of the last, so many times at most.
+_GAIN, _CLOSER, _TRIES = 4.0, 0.75, 40
 # Other starts differ from the first by this share of the target's size.
 _SPREAD = 0.1
 
@@ -166,9 +168,10 @@ def fit_outline(
 ) -> list[FitSolution]:
     """Each contour of the target within the tolerance, by few segments; one fit for each contour, in their order.
 
-    The number of segments is the least for which least squares come within four tolerances, or the next one that the
-    minimax fit brings below one; a smaller number is not ruled out. A contour that stays above it with `max_segments`
-    says so in its `error`. Ends of open contours are kept.
+    Joints are laid so that each piece of least squares is as long as it can be within some tolerances: first so many
+    that only a minimax fit can come below one, then fewer, down to where least squares are there already. A smaller
+    number of segments is not ruled out. A contour that stays above the tolerance with `max_segments` says so in its
+    `error`. Ends of open contours are kept; a closed one begins at a corner where it has one.
 
     Args:
         target: an outline of one or several contours, each with its segments in order.
@@ -189,15 +192,46 @@ def fit_outline(
         raise ValueError(f"tolerance is {limit}; needs one positive number.")
     found = []
     for contour in _contours(target.segments()):
-        count = _first_count(contour, float(limit), degree, smooth, max_segments)
-        while True:
-            options = {"segments": count, "smooth": smooth, "max_steps": max_steps, "progress": progress}
-            fit = fit_curve(contour, degree=degree, atol=0.99 * float(limit), **options)
-            if float(fit.error.upper) <= float(limit) or count >= max_segments:
-                break
-            count += 1
-        found.append(fit)
+        found.append(_within(_from_a_corner(contour), float(limit), degree, smooth, max_segments, max_steps, progress))
     return found
+
+
+def _within(
+    contour: BezierSegments,
+    limit: float,
+    degree: int,
+    smooth: bool,
+    most: int,
+    max_steps: int,
+    progress: Callable[[FitProgress], object] | None,
+) -> FitSolution:
+    """The first fit within the limit, of joints that are laid closer and closer; else the last one."""
+    closed = bool(np.asarray(contour.following)[-1] == 0)
+    least, fit = 2 if closed else 1, None
+    laid = (longest_pieces(contour, degree, _GAIN * limit * _CLOSER**k) for k in range(_TRIES))
+    # Of those with as many pieces the last ones are the most even.
+    for count, alike in groupby(laid, key=lambda found: min(max(len(found[1]), least), most)):
+        joints, pieces = list(alike)[-1]
+        own = count == len(pieces)
+        layout = Layout(degree, count, closed, not closed, smooth)
+        build, start = least_squares(layout, contour, joints if own else divided(contour, count))
+        if own and not smooth:
+            start = _points_of(build, pieces)
+        fit = minimise_hausdorff(build, start, contour, max_steps=max_steps, atol=0.99 * limit, progress=progress)
+        if float(fit.error.upper) <= limit or count == most:
+            break
+    assert fit is not None
+    return fit
+
+
+def _from_a_corner(contour: BezierSegments) -> BezierSegments:
+    """A closed contour beginning at its first corner; any other as it is."""
+    corners = np.flatnonzero(turns(contour))
+    if np.asarray(contour.following)[-1] != 0 or len(corners) == 0:
+        return contour
+    shift = -(int(corners[0]) + 1)
+    weights = None if contour.weights is None else jnp.roll(contour.weights, shift, axis=0)
+    return BezierSegments(jnp.roll(contour.control_points, shift, axis=0), weights, contour.following)
 
 
 def _contours(curve: BezierSegments) -> list[BezierSegments]:
@@ -211,25 +245,6 @@ def _contours(curve: BezierSegments) -> list[BezierSegments]:
         weights = None if curve.weights is None else curve.weights[first:last]
         contours.append(BezierSegments(curve.control_points[first:last], weights, index))
     return contours
-
-
-def _first_count(contour: BezierSegments, tolerance: float, degree: int, smooth: bool, most: int) -> int:
-    """The least number of segments, found by doubling and halving, whose least squares are worth a minimax fit."""
-    closed = bool(np.asarray(contour.following)[-1] == 0)
-
-    def near(count: int) -> bool:
-        layout = Layout(degree, count, closed, not closed, smooth)
-        build, start = least_squares(layout, contour, divided(contour, count))
-        return name_of(hausdorff_at_most(contour, build(jnp.asarray(start)), _GAIN * tolerance).answer) == "yes"
-
-    above = 2 if closed else 1
-    while above < most and not near(above):
-        above = min(2 * above, most)
-    below = above // 2
-    while above - below > 1:
-        middle = (above + below) // 2
-        below, above = (below, middle) if near(middle) else (middle, above)
-    return above
 
 
 def _points_of(build: Chain, control_points: np.ndarray) -> np.ndarray:

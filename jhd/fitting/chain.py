@@ -98,11 +98,7 @@ def divided(target: BezierSegments, segments: int) -> FloatArray:
 
     Where there are more corners than pieces the pieces have equal lengths.
     """
-    ends = np.asarray(target.control_points)
-    out, into = ends[:-1, -1] - ends[:-1, -2], ends[1:, 1] - ends[1:, 0]
-    cosine = np.sum(out * into, axis=1)
-    sizes = np.sqrt(np.sum(out**2, axis=1) * np.sum(into**2, axis=1))
-    corners = 1 + np.flatnonzero(cosine < np.cos(_CORNER) * sizes)
+    corners = 1 + np.flatnonzero(turns(target)[:-1])
     if len(corners) >= segments:
         return np.linspace(0.0, 1.0, segments + 1)
     breaks = np.concatenate([[0.0], _lengths(target)[1][corners * _SAMPLES], [1.0]])
@@ -111,6 +107,65 @@ def divided(target: BezierSegments, segments: int) -> FloatArray:
         pieces[np.argmax(np.diff(breaks) / pieces)] += 1
     inner = [np.linspace(breaks[k], breaks[k + 1], count, endpoint=False) for k, count in enumerate(pieces.tolist())]
     return np.append(np.concatenate(inner), 1.0)
+
+
+def turns(target: BezierSegments) -> FloatArray:
+    """Whether there is a corner where each segment of a connected target goes on to the next, the last to the first."""
+    ends = np.asarray(target.control_points)
+    following = np.roll(ends, -1, axis=0)
+    out, into = ends[:, -1] - ends[:, -2], following[:, 1] - following[:, 0]
+    sizes = np.sqrt(np.sum(out**2, axis=1) * np.sum(into**2, axis=1))
+    return np.sum(out * into, axis=1) < np.cos(_CORNER) * sizes
+
+
+def longest_pieces(target: BezierSegments, degree: int, tolerance: float) -> tuple[FloatArray, FloatArray]:
+    """Joints along a connected target, in [0, 1], and segments (pieces, points, dim) between them by least squares.
+
+    Each piece has the ends of its part of the target and is as long as it can be, found by halving, where samples of
+    the part are within the tolerance of their feet; corners are joints.
+    """
+    t, along = _lengths(target)
+    points = np.asarray(target(t))
+    stops = np.append(np.flatnonzero(turns(target)[:-1]) + 1, target.count) * _SAMPLES
+    joints, pieces, first = [0], [], 0
+    for stop in stops.tolist():
+        while first < stop:
+            good, bad = first + 1, stop + 1
+            while bad - good > 1:
+                tried = stop if bad > stop else (good + bad) // 2
+                near = np.max(_piece(points[first : tried + 1], degree)[1]) <= tolerance
+                good, bad = (tried, bad) if near else (good, tried)
+            pieces.append(_piece(points[first : good + 1], degree)[0])
+            first = good
+            joints.append(first)
+    return along[joints], np.array(pieces)
+
+
+def _piece(points: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
+    """The Bezier segment from the first to the last of the points nearest to them by least squares, and how far off."""
+    along = np.append(0.0, np.cumsum(np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))))
+    t = along / along[-1] if along[-1] > 0 else np.linspace(0.0, 1.0, len(points))
+    fit, offset = points[:1], points[:1]
+    for again in range(_ROUNDS + 1):
+        basis = _basis(degree, t)
+        held = basis[:, [0, -1]] @ points[[0, -1]]
+        inner = np.linalg.lstsq(basis[:, 1:-1], points - held, rcond=None)[0]
+        fit = np.concatenate([points[:1], inner, points[-1:]])
+        offset = basis @ fit - points
+        if again < _ROUNDS:
+            # A step of Newton's method towards the foot of each point.
+            first, second = (_basis(degree - k, t) @ _difference(fit, k) for k in (1, 2))
+            slope = np.sum(first**2 + offset * second, axis=1)
+            t = np.clip(t - np.sum(offset * first, axis=1) / np.where(slope > 0, slope, np.inf), 0.0, 1.0)
+    return fit, np.sqrt(np.sum(offset**2, axis=1))
+
+
+def _difference(points: FloatArray, times: int) -> FloatArray:
+    """Control points of a derivative."""
+    degree = len(points) - 1
+    if degree < times:
+        return np.zeros((1, points.shape[1]))
+    return np.prod(degree - np.arange(times)) * np.diff(points, n=times, axis=0)
 
 
 def least_squares(layout: Layout, target: BezierSegments, joints: FloatArray) -> tuple[Chain, FloatArray]:
@@ -141,6 +196,7 @@ def least_squares(layout: Layout, target: BezierSegments, joints: FloatArray) ->
 
 
 def _basis(degree: int, t: FloatArray) -> FloatArray:
+    degree = max(degree, 0)
     k = np.arange(degree + 1)
     return _binomials(degree) * t[:, None] ** k * (1 - t[:, None]) ** (degree - k)
 
