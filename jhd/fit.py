@@ -207,7 +207,8 @@ def _within(
 ) -> FitSolution:
     """The first fit within the limit, of joints that are laid closer and closer; else the last one."""
     closed = bool(np.asarray(contour.following)[-1] == 0)
-    least, fit = 2 if closed else 1, None
+    least = 2 if closed else 1
+    fit: Any = None
     laid = (longest_pieces(contour, degree, _GAIN * limit * _CLOSER**k) for k in range(_TRIES))
     # Of those with as many pieces the last ones are the most even.
     for count, alike in groupby(laid, key=lambda found: min(max(len(found[1]), least), most)):
@@ -220,7 +221,6 @@ def _within(
         fit = minimise_hausdorff(build, start, contour, max_steps=max_steps, atol=0.99 * limit, progress=progress)
         if float(fit.error.upper) <= limit or count == most:
             break
-    assert fit is not None
     return fit
 
 
