@@ -273,4 +273,4 @@ def test_a_surface_that_proves_nothing_raises_and_keeps_what_is_known():
 )
 def test_pairs_and_methods_that_do_not_go_together_are_refused(shapes, method, message, as_a_user):
     with pytest.raises(TypeError, match=message):
-        jhd.hausdorff(*shapes, method)
+        jhd.hausdorff(shapes[0], shapes[1], method)
