@@ -10,6 +10,8 @@ if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "of
 
 from jhd import plot  # noqa: E402
 from jhd.distance import (  # noqa: E402
+    AlgebraicEvents,
+    BiarcTrimming,
     BranchAndBound,
     Certificate,
     CertificateError,

@@ -34,8 +34,8 @@ LAYERS: list[list[list[str]]] = [
             f"distance.{name}"
             for name in (
                 "jets prepare method nearest events active derivative local_feet stationarity projection refinement "
-                "two_step trimming algebraic bounds search branch_and_bound driver cube_intervals hausdorff critical "
-                "minimum verification host covering certificate"
+                "two_step event_systems algebraic trimming bounds search branch_and_bound driver cube_intervals "
+                "hausdorff critical minimum verification host covering certificate"
             ).split()
         ]
     ],

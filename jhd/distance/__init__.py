@@ -1,5 +1,6 @@
 """Distances: projection, the Hausdorff methods and the entries."""
 
+from jhd.distance.algebraic import AlgebraicEvents
 from jhd.distance.branch_and_bound import BranchAndBound
 from jhd.distance.certificate import Certificate, certify
 from jhd.distance.critical import critical_pairs
@@ -15,5 +16,6 @@ from jhd.distance.projection import (
     project,
     stationary_points,
 )
+from jhd.distance.trimming import BiarcTrimming
 from jhd.distance.two_step import TwoStep
 from jhd.distance.verification import CertificateError, verify

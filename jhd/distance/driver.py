@@ -6,7 +6,7 @@ is reported, and a table that is about to be full is exchanged for a longer one.
 
 import time
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -20,7 +20,7 @@ from jhd.compiled import compiled
 from jhd.distance.bounds import Cell
 from jhd.distance.branch_and_bound import BranchAndBound
 from jhd.distance.events import Place
-from jhd.distance.method import AbstractHausdorffMethod, Aim
+from jhd.distance.method import AbstractHausdorffMethod, AbstractHostMethod, Aim
 from jhd.distance.prepare import Frame
 from jhd.distance.search import State, Table, Wanted, advance, begin, solution_of, unfinished
 from jhd.shapes.curve import BezierSegments
@@ -70,7 +70,8 @@ class Host:
             return method.directed(a, b, self.frame, aim)
         if isinstance(method, BranchAndBound):
             return self._in_stretches(method, a, b, aim, direction)
-        solution = _in_one_go(method, a, b, self.frame, aim)
+        run = method.directed if isinstance(method, AbstractHostMethod) else partial(_in_one_go, method)
+        solution = run(a, b, self.frame, aim)
         self._report(direction, solution, 0)
         return solution
 

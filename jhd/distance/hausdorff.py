@@ -187,7 +187,8 @@ def _prepared(
     check_curve("b", b)
     method = BranchAndBound() if method is None else method
     if not isinstance(method, AbstractHausdorffMethod):
-        raise TypeError(f"method must be BranchAndBound() or TwoStep(); got {type(method).__name__}.")
+        known = "BranchAndBound(), TwoStep(), BiarcTrimming() or AlgebraicEvents()"
+        raise TypeError(f"method must be {known}; got {type(method).__name__}.")
     pair = a.segments(), b.segments()
     if pair[0].dim != pair[1].dim:
         raise ValueError(f"a has {pair[0].dim} coordinates a point and b has {pair[1].dim}; needs the same.")

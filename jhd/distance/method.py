@@ -30,3 +30,7 @@ class AbstractHausdorffMethod(eqx.Module):
             frame: leads back to the user's coordinates; tolerances are in their unit.
             aim: what of the answer matters; a method may ignore it.
         """
+
+
+class AbstractHostMethod(AbstractHausdorffMethod):
+    """A method whose work depends on the numbers: it runs on the host, on known curves only, not under jit or vmap."""

@@ -505,8 +505,9 @@ def _joint(pieces: _Pieces, tangents: np.ndarray, last: np.ndarray, slack: np.nd
     def mismatch(value: np.ndarray, chord: np.ndarray, turn: np.ndarray) -> np.ndarray:
         z = _complex(value[..., :2] / value[..., 2:])
         product = z * (chord - z).conj()
-        product = product / np.maximum(np.abs(product), np.finfo(float).tiny)
-        return product**2 * turn
+        size = np.abs(product)
+        known = size > np.finfo(float).tiny
+        return np.where(known, product / np.where(known, size, 1.0), 0.0) ** 2 * turn
 
     n, inner = rows.shape[1] - 1, np.arange(1, _SAMPLES + 1) / (_SAMPLES + 1)
     powers = np.arange(n + 1)

@@ -277,7 +277,8 @@ def test_curves_of_different_dimensions_are_refused(entry):
 def test_what_is_no_method_is_refused(entry, method, as_a_user):
     with pytest.raises(TypeError) as caught:
         entry(ONE, ONE, method)
-    assert str(caught.value) == (f"method must be BranchAndBound() or TwoStep(); got {type(method).__name__}.")
+    known = "BranchAndBound(), TwoStep(), BiarcTrimming() or AlgebraicEvents()"
+    assert str(caught.value) == f"method must be {known}; got {type(method).__name__}."
 
 
 # ---- single precision ----------------------------------------------------------------------------
