@@ -228,6 +228,8 @@ def _method(name: str | None, atol: float | None, kind: Any) -> Any:
     """
     if name is None and atol is None:
         return jhd.BranchAndBound() if kind is AbstractHausdorffMethod else jhd.NearestSearch()
+    if name is None and kind is AbstractHausdorffMethod:
+        name = "BranchAndBound"
     known: dict[str, Any] = {
         key: item for key, item in vars(jhd).items() if inspect.isclass(item) and issubclass(item, kind)
     }
