@@ -32,7 +32,16 @@ from jhd.distance import (  # noqa: E402
     stationary_points,
     verify,
 )
-from jhd.fields import DistanceMap, VoxelProgress, Voxels, distance_map, voxelise  # noqa: E402
+from jhd.fields import (  # noqa: E402
+    DistanceMap,
+    DistanceTransform,
+    VoxelProgress,
+    Voxels,
+    distance_map,
+    distance_transform,
+    signed_distance_transform,
+    voxelise,
+)
 from jhd.fit import fit_curve, fit_outline, minimise_hausdorff, soft_hausdorff  # noqa: E402
 from jhd.shapes import (  # noqa: E402
     BezierCurve,

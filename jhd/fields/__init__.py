@@ -1,4 +1,5 @@
 """Fields: distance stored on cells."""
 
 from jhd.fields.distance_map import DistanceMap, distance_map
+from jhd.fields.distance_transform import DistanceTransform, distance_transform, signed_distance_transform
 from jhd.fields.octree import VoxelProgress, Voxels, voxelise
