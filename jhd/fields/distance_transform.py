@@ -32,6 +32,8 @@ from jhd.shapes.checks import Numbers
 METHODS = ("exact", "vector_propagation")
 # Offsets looked at between two tests for the end.
 _UNROLLED = 4
+# Grids with no longer side are padded to cubes, which takes milliseconds where another program takes a second.
+_CUBE = 64
 # A squared distance above all others, and so is its sum with another one; 32 bits hold both.
 _FAR = np.int32(2**29)
 
@@ -143,24 +145,26 @@ def _nearest(grid: Any, sides: Array, equal: bool, method: str) -> Array:
 
 def _bits(shape: tuple[int, ...]) -> int | None:
     """Bits of an index, if squared distances and indices fit into 30 bits together; grids are padded before."""
-    largest = [_bucket(n) for n in shape]
+    largest = _room(shape)
     bits = max((max(largest) - 1).bit_length(), 1)
     return bits if (sum(n * n for n in largest) << bits) < _FAR else None
 
 
-def _bucket(n: int) -> int:
-    """Lengths for which programs are compiled: an eighth of the length or less apart above 32."""
-    if n == 1:
-        return 1
-    step = max(8, 2 ** ((n - 1).bit_length() - 3))
-    return -(-n // step) * step
+def _room(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """The shapes for which programs are compiled: small cubes, and above them lengths an eighth or less apart."""
+    largest = max(shape)
+    if largest <= _CUBE:
+        side = max(8, 1 << (largest - 1).bit_length())
+        return tuple(1 if n == 1 else side for n in shape)
+    steps = [max(8, 1 << max(0, (n - 1).bit_length() - 3)) for n in shape]
+    return tuple(1 if n == 1 else -(-n // step) * step for n, step in zip(shape, steps, strict=True))
 
 
 def _padded(volume: Any) -> tuple[Any, Any]:
     """The volume at a length for which there is a program, and its true lengths; as it is where it is traced."""
     if is_traced(volume):
         return volume, np.array(volume.shape, np.int32)
-    room = tuple((0, _bucket(n) - n) for n in volume.shape)
+    room = tuple((0, m - n) for m, n in zip(_room(volume.shape), volume.shape, strict=True))
     return np.pad(volume, room), np.array(volume.shape, np.int32)
 
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 import jhd
-from jhd.fields.distance_transform import _bucket
+from jhd.fields.distance_transform import _room
 
 
 def reference(features, spacing: Any = 1.0) -> np.ndarray:
@@ -149,8 +149,10 @@ def test_distances_are_differentiable_in_the_spacing():
     np.testing.assert_array_equal(slope, [0.0, 0.0])
 
 
-def test_grids_are_padded_to_few_lengths():
-    assert [_bucket(n) for n in (1, 2, 8, 9, 33, 64, 65, 128, 129)] == [1, 8, 8, 16, 40, 64, 80, 128, 160]
+def test_grids_are_padded_to_few_shapes():
+    shapes = [(1, 2, 3), (1, 1, 1), (40, 9, 33), (64, 1, 2), (65, 9, 128), (1, 129, 1)]
+    rooms = [(1, 8, 8), (1, 1, 1), (64, 64, 64), (64, 1, 64), (80, 16, 128), (1, 160, 1)]
+    assert [_room(x) for x in shapes] == rooms
 
 
 @pytest.mark.parametrize(
