@@ -1,0 +1,133 @@
+"""How good and how fast are distance transforms of voxel grids, published, exact and SciPy's?
+
+Three parts. (1) The one-dimensional example of the paper: seven pixels, the fourth a feature, each with the signed
+offset to it. (2) Grids of n^3 voxels whose features are a thin spherical shell, the places that a knotted tube passes,
+and scattered voxels: by how much and how often the published vector propagation (in the reading that its counts of
+operations allow) is too large, and whether the exact transform equals SciPy's to the last digits, with every index
+attaining its distance. (3) Seconds of all three, SciPy with indices, in one process on one core.
+
+Claims: vector propagation is wrong on less than 0.1 % of the voxels, by less than 0.1 voxel; the exact transform equals
+SciPy's on all of them, and is 1.5 times and more as fast at 128^3.
+
+Feeds: figure "distance transforms of voxels" and the table of times.
+Takes: 5 minutes.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from common import Run, markdown, seconds
+from scipy.ndimage import distance_transform_edt
+
+import jhd
+
+METHODS = ("exact", "vector_propagation")
+# Pixels of the paper's example, and its feature, both counted from one.
+PIXELS, FEATURE = 7, 4
+# What rounding may make of a distance of some hundred voxels.
+ROUNDING = 1e-12
+
+
+def main() -> None:
+    """Computes, saves and prints."""
+    run = Run(__file__, __doc__, one_core=True)
+    sizes = (16, 24) if run.smoke else (64, 128, 256)
+    shapes = {"shell": shell, "tube": tube, "scattered": lambda n: scattered(n, run.random)}
+    found = {name: [_measured(make, n) for n in sizes] for name, make in shapes.items()}
+    numbers = {"line": _line(), "sizes": sizes, "shapes": found, "slice": _slice(shell(sizes[-2]))}
+    run.save(numbers, _table(found))
+
+
+def shell(n: int) -> np.ndarray:
+    """Voxels about a sphere whose centre is no voxel."""
+    places = np.indices((n, n, n), np.float32) - np.float32(n / 2 - 0.3)
+    return np.abs(np.sqrt((places**2).sum(0)) - n / 3) < 0.6
+
+
+def tube(n: int) -> np.ndarray:
+    """Voxels that points on a tube about a trefoil knot fall into."""
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 24 * n), np.linspace(0, 2 * np.pi, 4 * n, endpoint=False))
+    radius = 2 + np.cos(3 * u)
+    centre = np.stack([radius * np.cos(2 * u), radius * np.sin(2 * u), 1.5 * np.sin(3 * u)])
+    along = np.gradient(centre, axis=2)
+    side = np.cross(along, np.array([0.0, 0.0, 1.0]).reshape(3, 1, 1), axis=0)
+    up = np.cross(side, along, axis=0)
+    side, up = (x / np.linalg.norm(x, axis=0) for x in (side, up))
+    points = centre + 0.45 * (np.cos(v) * side + np.sin(v) * up)
+    features = np.zeros((n, n, n), bool)
+    features[tuple(np.clip((points / 7.4 + 0.5) * n, 0, n - 1).astype(int).reshape(3, -1))] = True
+    return features
+
+
+def scattered(n: int, random: np.random.Generator) -> np.ndarray:
+    """One voxel in ten thousand, and one at least."""
+    features = random.random((n, n, n)) < 1e-4
+    features[n // 3, n // 2, n // 4] = True
+    return features
+
+
+def _line() -> dict[str, Any]:
+    """Signed offsets to the feature by each method, as in the paper: nearest minus own place."""
+    features = np.arange(1, PIXELS + 1) == FEATURE
+    nearest = {m: jhd.distance_transform(features, method=m).nearest[:, 0] for m in METHODS}
+    return {m: np.asarray(x) - np.arange(PIXELS) for m, x in nearest.items()}
+
+
+def _measured(make: Callable[[int], np.ndarray], n: int) -> dict[str, Any]:
+    features = make(n)
+
+    def peer() -> Any:
+        return distance_transform_edt(~features, return_indices=True)
+
+    reference = np.asarray(peer()[0])
+    repeats = 1 if n > 128 else 3
+    numbers: dict[str, Any] = {"voxels": n**3, "features": int(features.sum()), "scipy": seconds(peer, repeats)}
+    for method in METHODS:
+        transform = jhd.distance_transform(features, method=method)
+        error = np.asarray(transform.distance) - reference
+        wrong = error > ROUNDING
+        numbers[method] = {
+            "seconds": seconds(
+                lambda m=method: jhd.distance_transform(features, method=m).distance.block_until_ready(), repeats
+            ),
+            "wrong": float(wrong.mean()),
+            "largest": float(error.max()),
+            "smallest": float(error.min()),
+            "attained": _attained(features, transform),
+        }
+    return numbers
+
+
+def _attained(features: np.ndarray, transform: jhd.DistanceTransform) -> bool:
+    """Whether every index is that of a feature at the distance that is returned."""
+    nearest = np.asarray(transform.nearest)
+    squares = sum((nearest[..., k] - np.indices(features.shape, np.int32, sparse=True)[k]) ** 2 for k in range(3))
+    near = np.abs(np.sqrt(squares) - np.asarray(transform.distance)) <= ROUNDING
+    return bool(features[tuple(np.moveaxis(nearest, -1, 0))].all() and near.all())
+
+
+def _slice(features: np.ndarray) -> dict[str, Any]:
+    """Distances in the middle plane of a grid, and where the published method is wrong in any plane."""
+    exact, published = (np.asarray(jhd.distance_transform(features, method=m).distance) for m in METHODS)
+    middle = len(features) // 2
+    return {"distance": exact[:, :, middle], "error": (published - exact).max(axis=2)}
+
+
+def _table(found: dict[str, Any]) -> str:
+    header = ["features", "voxels", "exact, s", "published, s", "SciPy, s", "SciPy / exact", "exact - SciPy"]
+    header += ["published wrong, %", "by at most, voxels"]
+    rows = []
+    for name, cases in found.items():
+        for case in cases:
+            exact, published = (case[m] for m in METHODS)
+            off = max(abs(exact["largest"]), abs(exact["smallest"]))
+            times = [exact["seconds"], published["seconds"], case["scipy"]]
+            ratio = case["scipy"] / exact["seconds"]
+            wrong = [f"{100 * published['wrong']:.3f}", f"{published['largest']:.3f}"]
+            rows.append([name, case["voxels"], *(f"{t:.3f}" for t in times), f"{ratio:.1f}", f"{off:.1e}", *wrong])
+    return markdown(header, rows)
+
+
+if __name__ == "__main__":
+    main()

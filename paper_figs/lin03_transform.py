@@ -1,0 +1,124 @@
+"""Distance transforms: the one-dimensional example, a slice with the published method's errors, and times.
+
+White dots in the slice mark the columns along the third axis in which the published method errs somewhere.
+
+Numbers by lin03_transform's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+_TIMES = (
+    ("exact", "exact (jhd)", BLUE, "o", "-"),
+    ("vector_propagation", "published templates", VERMILLION, "s", "--"),
+    ("scipy", "SciPy", GREY, "^", ":"),
+)
+_SHAPES = (("shell", BLUE, "o", "-"), ("tube", ORANGE, "s", "--"), ("scattered", GREEN, "^", ":"))
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    with style():
+        figure = Figure(figsize=(175 * MM, 125 * MM), layout="constrained")
+        line, plane, times, errors = figure.subplots(2, 2).ravel()
+        _draw_line(line, numbers["line"]["vector_propagation"])
+        _draw_slice(figure, plane, numbers["slice"])
+        _draw_times(times, numbers)
+        _draw_errors(errors, numbers)
+    return figure
+
+
+def _draw_line(ax: Axes, offsets: list[int]) -> None:
+    """Pixels with the signed offset to the feature in each, and an arrow along it."""
+    for i, offset in enumerate(offsets, start=1):
+        colour = "#E8E8E8" if offset == 0 else "none"
+        ax.add_patch(Rectangle((i - 0.5, 0), 1, 1, facecolor=colour, edgecolor=BLACK, linewidth=0.8))
+        ax.text(i, 0.5, f"{offset:d}".replace("-", "\N{MINUS SIGN}"), ha="center", va="center", fontsize=10)
+        ax.text(i, -0.12, str(i), ha="center", va="top", color=GREY)
+        if offset:
+            height = 1.15 + 0.3 * (abs(offset) - 1)
+            ax.annotate(
+                "",
+                (i + offset, height),
+                (i, height),
+                arrowprops={"arrowstyle": "->", "color": BLUE, "shrinkA": 0, "shrinkB": 2, "linewidth": 0.9},
+            )
+            ax.plot([i], [height], ".", color=BLUE, markersize=3)
+    middle = 1 + offsets.index(0)
+    ax.plot([middle, middle], [1, 2.1], color=BLACK, linewidth=0.6, linestyle=":")
+    ax.text(middle, 2.15, "feature", ha="center", va="bottom")
+    ax.text((1 + len(offsets)) / 2, -0.62, "pixel $i$", ha="center", va="top")
+    ax.set_xlim(0.3, len(offsets) + 0.7)
+    ax.set_ylim(-1.2, 2.8)
+    ax.set_aspect("equal")
+    ax.axis("off")
+    letter(ax, "a", "signed offsets to the feature of a line of pixels")
+
+
+def _draw_slice(figure: Figure, ax: Axes, stored: dict[str, Any]) -> None:
+    distance, error = np.array(stored["distance"]), np.array(stored["error"])
+    n = len(distance)
+    image = ax.imshow(distance.T, origin="lower", cmap="cividis", extent=(0, n, 0, n))
+    bar = figure.colorbar(image, ax=ax, shrink=0.9)
+    bar.set_label("distance in voxels")
+    x, y = np.nonzero(error > 1e-9)
+    if len(x):
+        ax.scatter(x + 0.5, y + 0.5, 1.2, marker="s", color="white", linewidth=0)
+    ax.set_xlabel("voxel $i$")
+    ax.set_ylabel("voxel $j$")
+    letter(ax, "b", "middle plane of a shell")
+
+
+def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
+    sizes = np.array(numbers["sizes"])
+    for key, name, colour, marker, line in _TIMES:
+        every = [[_seconds(case, key) for case in cases] for cases in numbers["shapes"].values()]
+        low, high = np.min(every, axis=0), np.max(every, axis=0)
+        ax.fill_between(sizes, low, high, color=colour, alpha=0.2, linewidth=0)
+        ax.loglog(
+            sizes, np.median(every, axis=0), color=colour, marker=marker, linestyle=line, label=name, markersize=4
+        )
+    _size_axis(ax, sizes)
+    ax.set_ylabel("time in s")
+    ax.legend(loc="upper left")
+    letter(ax, "c", "one core; bands: three shapes")
+
+
+def _seconds(case: dict[str, Any], key: str) -> float:
+    return case["scipy"] if key == "scipy" else case[key]["seconds"]
+
+
+def _draw_errors(ax: Axes, numbers: dict[str, Any]) -> None:
+    sizes = np.array(numbers["sizes"])
+    for name, colour, marker, line in _SHAPES:
+        published = [case["vector_propagation"] for case in numbers["shapes"][name]]
+        share = np.array([100 * case["wrong"] for case in published])
+        largest = max(case["largest"] for case in published)
+        label = f"{name}: by at most {largest:.3f}" if largest > 1e-9 else f"{name}: none"
+        ax.plot(sizes, share, color=colour, marker=marker, linestyle=line, label=label, markersize=4)
+    ax.set_xscale("log")
+    _size_axis(ax, sizes)
+    ax.set_ylim(bottom=-0.004, top=1.5 * max(0.02, ax.get_ylim()[1]))
+    ax.set_ylabel("share of wrong voxels in %")
+    ax.legend(loc="upper left", title="too large, in voxels", alignment="left")
+    letter(ax, "d", "errors of the published templates")
+
+
+def _size_axis(ax: Axes, sizes: np.ndarray) -> None:
+    ax.set_xticks(sizes, [f"${n}^3$" for n in sizes])
+    ax.minorticks_off()
+    ax.set_xlabel("voxels")
+
+
+if __name__ == "__main__":
+    main()
