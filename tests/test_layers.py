@@ -24,37 +24,48 @@ LAYERS: list[list[list[str]]] = [
         [
             f"shapes.{name}"
             for name in (
-                "checks knots convert homogeneous joints curve bezier bspline biarc polynomial_text implicit patch mesh"
+                "checks knots convert homogeneous joints curve bezier bspline deviation biarc_fit biarc polynomial_text "
+                "implicit mesh tessellation patch"
             ).split()
         ]
     ],
-    [[f"fields.{name}" for name in "boxes octree distance_transform closest_point adaptive distance_map".split()]],
+    [
+        [
+            f"fields.{name}"
+            for name in (
+                "boxes octree distance_transform point_triangle box_tree closest_point winding adaptive distance_map"
+            ).split()
+        ]
+    ],
     [
         [
             f"distance.{name}"
             for name in (
-                "jets prepare method nearest events active derivative local_feet stationarity projection refinement "
-                "two_step event_systems algebraic trimming bounds search branch_and_bound driver cube_intervals "
-                "hausdorff critical minimum verification host covering certificate"
+                "jets prepare method nearest events active derivative local_feet stationarity mesh_projection signed_distance projection refinement "
+                "two_step event_forms event_kernels event_systems event_survivors host_pair event_candidates farthest "
+                "algebraic arc_bounds trimming bounds surface_foot surface_events surface_derivative search "
+                "surface_prepare surface_bounds surface_points surface_signs surface_nearest surface_candidates surface_search "
+                "surface_solution branch_and_bound driver "
+                "cube_intervals mesh_cells mesh_witness mesh_search hausdorff critical minimum_balls minimum_cells minimum_search minimum_nets minimum_host minimum_surfaces minimum_mixed voxel_pairs minimum verification host covering certificate"
             ).split()
         ]
     ],
     [
         ["fitting.expansion", "fitting.subproblem", "fitting.minimax", "fitting.chain", "fit"],
-        ["plot"],
+        ["plot.axes", "plot.curves", "plot.nets", "plot.implicit", "plot.solutions"],
         [
             f"io.{name}"
             for name in (
-                "errors contours outlines path_data svg_elements svg_shapes svg_document svg curves load meshes "
-                "results certificates"
+                "errors contours outlines path_data svg_elements svg_shapes svg_document svg curves polygons ply meshes "
+                "load results certificates"
             ).split()
         ],
     ],
-    [["commands", "__main__"]],
+    [["report", "commands", "__main__"]],
 ]
 COMMAND_LINE = ("commands", "__main__")
 # Their import takes a tenth of a second and more, so they may be imported where they are used.
-HEAVY = {"matplotlib", "fontTools", "scipy", "shapely", "trimesh", "skimage", "svgelements", "sympy"}
+HEAVY = {"matplotlib", "mpl_toolkits", "fontTools", "scipy", "shapely", "trimesh", "skimage", "svgelements", "sympy"}
 
 PLACES = {
     module: (layer, entry, position)

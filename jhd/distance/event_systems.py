@@ -1,88 +1,31 @@
-"""The equations of all events of the distance from a to b, for polynomial segments in the plane, and their solver.
-
-With h(t, s) = 2 A(t).B(s) - |B(s)|^2 the squared distance is |A|^2 - h. The systems, in the unit box of each piece, are
-
- - pairs (t, r), antipodal events: (A - B).A' = 0 and h_r = 0;
- - triples (t, r, s), one-to-two events with feet on different segments: h_r(t, r) = 0, h_s(t, s) = 0 and
-   h(t, s) - h(t, r) = 0, whose enclosure needs two bivariate forms and no trivariate one;
- - triples on one segment, where r = s solves the above for a whole sheet: h_r(t, r) = 0, h'[r, s] = 0 and
-   h[r, r, s, s] = 0 with divided differences in the parameter of b. All pairs r != s of solutions solve these too, by
-   the recursion of divided differences, and r = s only where h' = h'' = h''' = 0, which is no sheet.
-
-Ends and corners of b are segments of one point: h_r vanishes identically there, and the same systems hold.
-
-Two segments that meet, and an end and its own segment, have their common point as a trivial root. A box next to it is
-dropped where h' is strictly monotone from the one foot through the joint to the other: by Rolle's theorem there is one
-critical point then, not two. This is exact at an end; at a joint it takes a common tangent.
+"""The solver of the systems of all events: boxes are cut by the equations and halved until they are small.
 
 A box is a set of parameter intervals of one system. It is examined with the coefficients on it, blossomed from the
-control points themselves; linear bounds of the equations cut its sides, and it is halved where that gains little. All
-of it runs in NumPy: the arrays are short in all but the last axis, and nothing has to be compiled for a degree or size.
+control points themselves; linear bounds of the equations cut its sides, and it is halved where that gains little.
 
-Rounding. Coordinates are at most one, and an operation errs by u = 2^-53 (NumPy rounds to nearest; subnormals stay).
-Restricted control points are off by gamma(9 n) each (`polynomial_systems._restrict`), relative to an origin by
-eta = gamma(9 n + 4); those of the velocity by gamma(9 n) V with V its largest coordinate on the segment. With D and w
-the largest coordinates of the pieces of a and b about the origin, the products of two sums:
-
- - h is off by at most 8 eta (D + w) for the points and gamma(2 n + 8) (4 D w + 2 w^2) <= gamma(16 n + 64) (D + w) for
-   the products, their sums with weights that sum to one, and the difference: gamma(88 n + 104) (D + w);
- - (A - B).B' by 2 (D + w) gamma(9 n) V + 4 eta V for its factors and 2 gamma(2 n + 8) (D + w) V for the products:
-   gamma(40 n + 60) (1 + D + w) V.
-
-Differences of coefficients of order k err by 2^k times that, and averages of them no more.
-
-Source: Elber & Grandine, Hausdorff and minimal distances between parametric freeforms in R^2 and R^3, GMP 2008;
-equations (11) to (13) of Kim et al. 2010. The bounds of the third equation and the last system are ours.
+Source: Elber & Grandine, Hausdorff and minimal distances between parametric freeforms in R^2 and R^3, GMP 2008.
 """
 
-from collections.abc import Callable, Iterator
-from functools import cache
-from math import comb, factorial
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from jhd.arithmetic.bernstein import product_weights
-from jhd.arithmetic.rounding import gamma
-from jhd.distance.prepare import elevation_matrix
+from jhd.distance.event_forms import Curve
+from jhd.distance.event_kernels import LEAST_PAD, Cut, pair_kernel, same_kernel, triple_kernel
 
 # Boxes examined together: the arrays of so many stay in the cache of a core for cubics.
-_BLOCK = 1024
+BLOCK = 1024
 # Systems in work at one time; each has at most `limit` boxes, which bounds the memory.
-_SYSTEMS = 2048
+SYSTEMS = 2048
 # A box whose largest side keeps more than this share is halved.
 _KEPT = 0.7
-# Cuts are widened by this share of the box and by the absolute number, which covers the rounding of the cut itself.
-_PAD, _LEAST_PAD = 1e-3, 1e-14
+# Cuts are widened by this share of the box and by LEAST_PAD.
+_PAD = 1e-3
 # Two roundings of a parameter in [0, 1].
 _ULP = 2.0**-52
 # Sides below this are final whatever their size in space: parameters hold no more.
 _RESOLVED = 2.0**-40
-# Tangents that differ by more than this angle (radians) make a joint of b a corner; below, feet at the joint count as
-# feet of both segments, within four times the angle.
-CORNER_ANGLE = 1e-9
-
-
-class Curve(NamedTuple):
-    """A curve of the systems: control points (points, 2, segments), the last of which may be single points.
-
-    Args:
-        points: control points.
-        velocity: control points of the derivatives (points - 1, 2, segments).
-        speed: the largest coordinate of those, (segments,).
-        moving: number of segments that are no such points.
-        following: which segment goes on smoothly where one ends, -1 where none does.
-        start_of: for each segment that is a point, the segment that starts there, else -1.
-        end_of: likewise the one that ends there.
-    """
-
-    points: np.ndarray
-    velocity: np.ndarray
-    speed: np.ndarray
-    moving: int
-    following: np.ndarray
-    start_of: np.ndarray
-    end_of: np.ndarray
 
 
 class Systems(NamedTuple):
@@ -109,16 +52,7 @@ class Events(NamedTuple):
 
 NO_EVENTS = Events(np.zeros((3, 0), int), np.zeros((3, 2, 0)), np.zeros(0, bool), False, 0)
 
-
-class _Cut(NamedTuple):
-    """What is left of each box: whether anything, and its sides (variables, 2, boxes) in units of the box."""
-
-    alive: np.ndarray
-    sides: np.ndarray
-    sizes: np.ndarray  # (variables, boxes): extents of the pieces
-
-
-_Kernel = Callable[[Curve, Curve, np.ndarray, np.ndarray, np.ndarray], _Cut]
+_Kernel = Callable[[Curve, Curve, np.ndarray, np.ndarray, np.ndarray], Cut]
 
 
 def solve(a: Curve, b: Curve, groups: list[Systems], *, atol: float, limit: int, max_boxes: int) -> Events:
@@ -133,9 +67,9 @@ def solve(a: Curve, b: Curve, groups: list[Systems], *, atol: float, limit: int,
         max_boxes: most boxes examined in all.
     """
     found, boxes, exhausted = [], 0, False
-    for kernel, systems in zip((_pair, _triple, _same), groups, strict=True):
-        for start in range(0, systems.segment.shape[1], _SYSTEMS):
-            rows = np.arange(start, min(start + _SYSTEMS, systems.segment.shape[1]))
+    for kernel, systems in zip((pair_kernel, triple_kernel, same_kernel), groups, strict=True):
+        for start in range(0, systems.segment.shape[1], SYSTEMS):
+            rows = np.arange(start, min(start + SYSTEMS, systems.segment.shape[1]))
             parts, count, full = _solve(kernel, a, b, systems.take(rows), atol, limit, max_boxes - boxes)
             found += parts
             boxes, exhausted = boxes + count, exhausted or full
@@ -168,8 +102,8 @@ def _solve(
             return found, examined, True
         examined += len(job)
         next_job, next_box = [], []
-        for start in range(0, len(job), _BLOCK):
-            rows, part = job[start : start + _BLOCK], box[:, :, start : start + _BLOCK]
+        for start in range(0, len(job), BLOCK):
+            rows, part = job[start : start + BLOCK], box[:, :, start : start + BLOCK]
             cut = kernel(a, b, systems.segment[:, rows], part, systems.wanted[:, rows])
             final, children = _children(part, cut, atol)
             keep(rows[final[0]], final[1], True)
@@ -181,12 +115,12 @@ def _solve(
 
 
 def _children(
-    box: np.ndarray, cut: _Cut, atol: float
+    box: np.ndarray, cut: Cut, atol: float
 ) -> tuple[tuple[np.ndarray, np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
     """Final boxes, and those to examine next: what the cuts left, in halves where they left much; with their rows."""
     rows = np.flatnonzero(cut.alive)
     old, sides, sizes = box[:, :, rows], cut.sides[:, :, rows], cut.sizes[:, rows]
-    pad = _PAD * (sides[:, 1] - sides[:, 0]) + _LEAST_PAD
+    pad = _PAD * (sides[:, 1] - sides[:, 0]) + LEAST_PAD
     low, high = np.maximum(sides[:, 0] - pad, 0.0), np.minimum(sides[:, 1] + pad, 1.0)
     width = old[:, 1] - old[:, 0]
     # At an end of the box the very number is kept: roots at ends of segments lie on it.
@@ -205,414 +139,3 @@ def _children(
     left[k, 1, index], right[k, 0, index] = middle, middle
     children = [(rows[whole], new[:, :, whole]), (rows[column], left), (rows[column], right)]
     return (rows[done], new[:, :, done]), children
-
-
-# ---- forms on boxes ------------------------------------------------------------------------------
-
-
-def restricted(c: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """Control points (points, 2, boxes) on [t0, t1]; `polynomial_systems._restrict` says why it takes two passes."""
-    c, n, (t0, t1) = c.copy(), len(c) - 1, side
-    inner = t0 < 1
-    v = np.where(inner, (t1 - t0) / np.where(inner, 1 - t0, 1.0), 0.0)
-    for level in range(n):
-        c[: n - level] = (1 - t0) * c[: n - level] + t0 * c[1 : n - level + 1]
-    for level in range(n):
-        c[level + 1 :] = (1 - v) * c[level:-1] + v * c[level + 1 :]
-    return c
-
-
-class _Form(NamedTuple):
-    """Coefficients of h on a box, (n + 1, 2 n + 1, boxes), and a bound of their errors."""
-
-    c: np.ndarray
-    error: np.ndarray
-
-
-@cache
-def _square_map(n: int) -> np.ndarray:
-    """The (2 n + 1, (n + 1)^2) matrix that gathers products of coefficients into those of a square."""
-    weights, index = product_weights(n, n), np.add.outer(np.arange(n + 1), np.arange(n + 1))
-    return (index.ravel() == np.arange(2 * n + 1)[:, None]) * weights.ravel()
-
-
-def _h(a: np.ndarray, b: np.ndarray) -> _Form:
-    """2 A.B - |B|^2 for pieces relative to an origin near b."""
-    n, boxes = len(a) - 1, a.shape[-1]
-    raised = (elevation_matrix(n, 2 * n) @ b.reshape(n + 1, -1)).reshape(2 * n + 1, 2, boxes)
-    squares = b[:, None, 0] * b[None, :, 0] + b[:, None, 1] * b[None, :, 1]
-    square = _square_map(n) @ squares.reshape(-1, boxes)
-    c = 2 * (a[:, None, 0] * raised[None, :, 0] + a[:, None, 1] * raised[None, :, 1]) - square
-    size = np.max(np.abs(a), axis=(0, 1)) + np.max(np.abs(b), axis=(0, 1))
-    return _Form(c, gamma(88 * n + 104, np.float64) * size)
-
-
-class _Piece(NamedTuple):
-    """A part of a segment: control points (n + 1, 2, boxes), those of the velocity (n, 2, boxes), largest velocity."""
-
-    points: np.ndarray
-    velocity: np.ndarray
-    speed: np.ndarray
-
-    def about(self, origin: np.ndarray) -> "_Piece":
-        """Relative to an origin."""
-        return self._replace(points=self.points - origin)
-
-
-def _piece(curve: Curve, segment: np.ndarray, side: np.ndarray) -> _Piece:
-    velocity = curve.velocity[..., segment]
-    return _Piece(restricted(curve.points[..., segment], side), restricted(velocity, side), curve.speed[segment])
-
-
-@cache
-def _product_map(n: int) -> np.ndarray:
-    """The (2 n, (n + 1) n) matrix that gathers products of coefficients of degrees n and n - 1."""
-    weights, index = product_weights(n, n - 1), np.add.outer(np.arange(n + 1), np.arange(n))
-    return (index.ravel() == np.arange(2 * n)[:, None]) * weights.ravel()
-
-
-def _foot(a: np.ndarray, b: _Piece, side: np.ndarray | None = None) -> _Form:
-    """(A - B).B' = h_s / 2 for pieces relative to an origin near b, (n + 1, 2 n, boxes); it may be wrong at joints.
-
-    `side` is the part of the segment of b: at an end of the whole segment, a foot in a joint whose tangents differ by
-    an angle below `CORNER_ANGLE` leaves |A - B| |B'| times that angle.
-    """
-    n, boxes = len(a) - 1, a.shape[-1]
-    raised = (elevation_matrix(n - 1, 2 * n - 1) @ b.velocity.reshape(n, -1)).reshape(2 * n, 2, boxes)
-    products = b.points[:, None, 0] * b.velocity[None, :, 0] + b.points[:, None, 1] * b.velocity[None, :, 1]
-    own = _product_map(n) @ products.reshape(-1, boxes)
-    c = a[:, None, 0] * raised[None, :, 0] + a[:, None, 1] * raised[None, :, 1] - own
-    reach = np.max(np.abs(a), axis=(0, 1)) + np.max(np.abs(b.points), axis=(0, 1))
-    error = gamma(40 * n + 60, np.float64) * (1 + reach) * b.speed
-    if side is not None:
-        at_joint = (side[0] == 0) | (side[1] == 1)
-        error = error + np.where(at_joint, 16 * CORNER_ANGLE * reach * np.abs(b.velocity).max((0, 1)), 0.0)
-    return _Form(c, error)
-
-
-def _may_vanish(form: _Form) -> np.ndarray:
-    axes = tuple(range(form.c.ndim - 1))
-    return (form.c.min(axes) <= form.error) & (form.c.max(axes) >= -form.error)
-
-
-def _mean_slope(c: np.ndarray, axis: int) -> np.ndarray:
-    """The mean difference of the last and the first coefficients along an axis."""
-    other = tuple(k for k in range(c.ndim - 2))
-    return (np.take(c, -1, axis) - np.take(c, 0, axis)).mean(other)
-
-
-def _ramp(count: int, axis: int, variables: int) -> np.ndarray:
-    shape = [1] * (variables + 1)
-    shape[axis] = count
-    return np.linspace(0.0, 1.0, count).reshape(shape)
-
-
-def _bounds(rest: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Range of a remainder; forming it costs three roundings, of terms three times its coefficients at the most."""
-    axes = tuple(range(rest.ndim - 1))
-    low, high = rest.min(axes), rest.max(axes)
-    error = error + 1e-14 * np.maximum(np.abs(low), np.abs(high))
-    return low - error, high + error
-
-
-def _cut_by(side: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The part of a side where slope x + rest = 0 for some rest in [low, high]."""
-    steep = np.abs(slope) > 1e-200
-    safe = np.where(steep, slope, 1.0)
-    # An overflowing quotient is no bound, which is what infinity says.
-    with np.errstate(over="ignore"):
-        first, last = -low / safe, -high / safe
-    below = np.where(steep, np.minimum(first, last), -np.inf)
-    above = np.where(steep, np.maximum(first, last), np.inf)
-    return np.stack([np.maximum(side[0], below), np.minimum(side[1], above)])
-
-
-def _linear_cut(side: np.ndarray, form: _Form, axis: int) -> np.ndarray:
-    """Cuts the side of one variable by one equation, over all values of the others."""
-    slope = _mean_slope(form.c, axis)
-    size = 1e-14 * np.abs(slope)
-    rest = form.c - _ramp(form.c.shape[axis], axis, form.c.ndim - 1) * slope
-    return _cut_by(side, slope, *_bounds(rest, form.error + size))
-
-
-def _extent(piece: np.ndarray) -> np.ndarray:
-    """Largest side of the box of the control points."""
-    return (piece.max(0) - piece.min(0)).max(0)
-
-
-def hull_distances(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of all distances between two pieces, (points, 2, boxes), by their hulls, rounding included.
-
-    From below, the gap of the projections on the line of the centres; from above, the farthest two control points.
-    """
-    between = a.mean(0) - b.mean(0)
-    length = np.hypot(*between)
-    unit = between / np.where(length > 0, length, 1.0)
-    gap = (a * unit).sum(1).min(0) - (b * unit).sum(1).max(0)
-    offsets = a[:, None] - b[None]
-    far = np.sqrt((offsets**2).sum(2).max((0, 1)))
-    slack = gamma(9 * len(a) + 24, np.float64) * 8
-    return np.maximum(gap - slack, 0.0), far + slack
-
-
-def _unwanted(distances: tuple[np.ndarray, np.ndarray], wanted: np.ndarray) -> np.ndarray:
-    """Boxes with no distance in the interval of those that matter."""
-    return (distances[1] < wanted[0]) | (distances[0] > wanted[1])
-
-
-# ---- the three systems ---------------------------------------------------------------------------
-
-
-def _unit(count: int, boxes: int) -> np.ndarray:
-    return np.broadcast_to(np.array([0.0, 1.0])[None, :, None], (count, 2, boxes)).copy()
-
-
-def _pair(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted: np.ndarray) -> _Cut:
-    """Antipodal events: cuts by each equation, and by the inverse of the mean Jacobian."""
-    p, q = _piece(a, segment[0], box[0]), _piece(b, segment[1], box[1])
-    distances = hull_distances(p.points, q.points)
-    origin = q.points.mean(0)
-    foot = _foot(p.points - origin, q.about(origin), box[1])
-    origin = p.points.mean(0)
-    along = _foot(q.points - origin, p.about(origin))
-    along = _Form(along.c.swapaxes(0, 1), along.error)  # axes (t, r) for both
-    alive = _may_vanish(foot) & _may_vanish(along) & ~_unwanted(distances, wanted)
-    sides = _unit(2, box.shape[-1])
-    models = []
-    for form in (along, foot):
-        slopes = [_mean_slope(form.c, axis) for axis in (0, 1)]
-        rest = form.c - sum(_ramp(form.c.shape[k], k, 2) * slopes[k] for k in (0, 1))
-        size = 1e-14 * (np.abs(slopes[0]) + np.abs(slopes[1]))
-        models.append((*slopes, *_bounds(rest, form.error + size)))
-    (a1, b1, low1, high1), (a2, b2, low2, high2) = models
-    determinant = a1 * b2 - b1 * a2
-    products = np.abs(a1 * b2) + np.abs(b1 * a2)
-    regular = np.abs(determinant) > 1e-8 * products
-    safe = np.where(regular, determinant, 0.0)
-    for k, (first, second) in enumerate(((b2, -b1), (-a2, a1))):
-        low = np.minimum(first * low1, first * high1) + np.minimum(second * low2, second * high2)
-        high = np.maximum(first * low1, first * high1) + np.maximum(second * low2, second * high2)
-        # The determinant and the intervals are rounded a few times; the variable is at most one.
-        size = 1e-14 * (np.maximum(np.abs(low), np.abs(high)) + products)
-        sides[k] = _cut_by(sides[k], safe, low - size, high + size)
-    sides[0] = _linear_cut(sides[0], along, 0)
-    sides[1] = _linear_cut(sides[1], foot, 1)
-    return _cut(alive, sides, [p.points, q.points])
-
-
-def _cut(alive: np.ndarray, sides: np.ndarray, pieces: list[np.ndarray]) -> _Cut:
-    # Widened as the children will be: an interval that rounding has emptied is none.
-    return _Cut(
-        alive & np.all(sides[:, 1] - sides[:, 0] >= -_LEAST_PAD, axis=0), sides, np.stack([_extent(x) for x in pieces])
-    )
-
-
-def _triple(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted: np.ndarray) -> _Cut:
-    """One-to-two events with feet on different segments."""
-    p = restricted(a.points[..., segment[0]], box[0])
-    q = [_piece(b, k, side) for k, side in zip(segment[1:], box[1:], strict=True)]
-    distances = [hull_distances(p, piece.points) for piece in q]
-    origins = [piece.points.mean(0) for piece in q]
-    forms = [_h(p - o, piece.points - o) for o, piece in zip(origins, q, strict=True)]
-    feet = [_foot(p - o, piece.about(o), side) for o, piece, side in zip(origins, q, box[1:], strict=True)]
-    between, middle = origins[1] - origins[0], 0.5 * (origins[0] + origins[1])
-    # |A - o_r|^2 - |A - o_s|^2, of degree one in A.
-    bridge = 2 * ((p - middle) * between).sum(1)
-    reach = np.abs(p - middle).max((0, 1)) + np.abs(between).max(0)
-    error = forms[0].error + forms[1].error + gamma(36 * len(p) + 24, np.float64) * 4 * reach
-    low = bridge + forms[1].c.min(1) - forms[0].c.max(1)
-    high = bridge + forms[1].c.max(1) - forms[0].c.min(1)
-    alive = (low.min(0) <= error) & (high.max(0) >= -error)
-    for foot, apart in zip(feet, distances, strict=True):
-        alive &= _may_vanish(foot) & ~_unwanted(apart, wanted)
-    alive &= ~_trivial(a, b, segment, box, alive)
-    sides = _unit(3, box.shape[-1])
-    slope = (
-        bridge[-1] - bridge[0] + sum(sign * (f.c[-1] - f.c[0]).mean(0) for f, sign in zip(forms, (-1, 1), strict=True))
-    )
-    ramp = np.linspace(0.0, 1.0, len(p))[:, None] * slope
-    size = error + 1e-14 * (np.abs(slope) + np.abs(low).max(0) + np.abs(high).max(0))
-    sides[0] = _cut_by(sides[0], slope, (low - ramp).min(0) - size, (high - ramp).max(0) + size)
-    for k, foot in enumerate(feet):
-        sides[0] = _linear_cut(sides[0], foot, 0)
-        sides[1 + k] = _linear_cut(sides[1 + k], foot, 1)
-    return _cut(alive, sides, [p, *(piece.points for piece in q)])
-
-
-def _same(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted: np.ndarray) -> _Cut:
-    """One-to-two events with both feet on one segment, r <= s."""
-    p = restricted(a.points[..., segment[0]], box[0])
-    low, high = np.minimum(box[1, 0], box[2, 0]), np.maximum(box[1, 1], box[2, 1])
-    both, *q = (_piece(b, segment[1], side) for side in (np.stack([low, high]), box[1], box[2]))
-    origin = both.points.mean(0)
-    whole, *feet = (
-        _foot(p - origin, piece.about(origin), side) for piece, side in ((both, None), (q[0], box[1]), (q[1], box[2]))
-    )
-    alive = box[1, 0] <= box[2, 1]
-    for foot, piece in zip(feet, q, strict=True):
-        alive &= _may_vanish(foot) & ~_unwanted(hull_distances(p, piece.points), wanted)
-    alive &= ~_closing(a, b, segment, box, alive)
-    width = high - low
-    inside = [(side - low) / np.where(width > 0, width, 1.0) for side in box[1:]]
-    # The parameters in units of the hull are off by a few units of roundoff: a share of the range of the form.
-    differences = [_divided(whole, order, inside) for order in (1, 2)]
-    for form in differences:
-        alive &= _may_vanish(form)
-    sides = _unit(3, box.shape[-1])
-    for form in (*feet, *differences):
-        sides[0] = _linear_cut(sides[0], form, 0)
-    sides[1], sides[2] = _linear_cut(sides[1], feet[0], 1), _linear_cut(sides[2], feet[1], 1)
-    for form in differences:
-        sides[1], sides[2] = _linear_cut(sides[1], form, 1), _linear_cut(sides[2], form, 2)
-    return _cut(alive, sides, [p, *(piece.points for piece in q)])
-
-
-@cache
-def _divided_map(degree: int, order: int) -> np.ndarray:
-    """The averages that make divided differences of the differences of h': ((m + 1)^2, m + 1), m = degree - order.
-
-    h'[r, s] is the mean of h'' on [r, s], and h[r, r, s, s] the mean of h''' / 6 with the weight 6 u (1 - u)
-    (Hermite-Genocchi). With the blossom F of the derivative, of degree m, its value at (1 - u) r + u s is the sum over
-    l of C(m, l) (1 - u)^(m - l) u^l F(r, .., s, ..) with l arguments s; the integral over u is a beta function, and
-    F(r^(m - l), s^l) has the coefficients c_(i + j) of degrees (m - l, l), raised to (m, m). All weights are
-    non-negative and sum to one.
-    """
-    m = degree - order
-    result = np.zeros((m + 1, m + 1, m + 1))
-    for level in range(m + 1):
-        weight = 1 / (m + 1)
-        if order == 2:
-            weight = 6 * comb(m, level) * factorial(level + 1) * factorial(m - level + 1) / factorial(m + 3)
-        first, second = elevation_matrix(m - level, m), elevation_matrix(level, m)
-        for i in range(m - level + 1):
-            for j in range(level + 1):
-                result[:, :, i + j] += weight * np.outer(first[:, i], second[:, j])
-    return result.reshape(-1, m + 1)
-
-
-def _divided(form: _Form, order: int, inside: list[np.ndarray]) -> _Form:
-    """h'[r, s] (order 1) or h[r, r, s, s] (order 2) up to a factor, from h', coefficients (t, r, s) on the box."""
-    n, degree, boxes = form.c.shape[0] - 1, form.c.shape[1] - 1, form.c.shape[2]
-    c = np.diff(form.c, order, axis=1)
-    m = degree - order
-    table = np.einsum("kl,tlb->ktb", _divided_map(degree, order), c).reshape(m + 1, m + 1, n + 1, boxes)
-    size = np.abs(c).max((0, 1))
-    table = restricted(table, inside[0])
-    table = restricted(table.swapaxes(0, 1), inside[1]).swapaxes(0, 1)
-    return _Form(np.moveaxis(table, 2, 0), 2.1**order * form.error + gamma(60 * degree + 60, np.float64) * size)
-
-
-# ---- trivial roots at joints ---------------------------------------------------------------------
-
-
-def _bends(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, k: int, side: list[np.ndarray]) -> np.ndarray:
-    """1 or -1 where h_rr has this sign for all t of the box and r in the side of the segment, else 0."""
-    p, q = restricted(a.points[..., segment[0]], box[0]), _piece(b, segment[k], np.stack(side))
-    origin = q.points.mean(0)
-    form = _foot(p - origin, q.about(origin))
-    second, error = np.diff(form.c, axis=1), 2.1 * form.error
-    return np.where(second.min((0, 1)) > error, 1, np.where(second.max((0, 1)) < -error, -1, 0))
-
-
-def _through(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, r: int, s: int) -> np.ndarray:
-    """Whether h' is monotone from the foot r through the end of its segment, where the segment of s starts, to s."""
-    ones, zeros = np.ones(box.shape[-1]), np.zeros(box.shape[-1])
-    first = _bends(a, b, segment, box, r, [box[r, 0], ones])
-    return (first != 0) & (first == _bends(a, b, segment, box, s, [zeros, box[s, 1]]))
-
-
-def _trivial(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, alive: np.ndarray) -> np.ndarray:
-    """Boxes that hold at most the common point of two segments that meet, or of an end and its own segment."""
-    drop = np.zeros(len(alive), bool)
-    for r, s in ((1, 2), (2, 1)):
-        rows = np.flatnonzero(alive & (b.following[segment[r]] == segment[s]))
-        if len(rows):
-            drop[rows] |= _through(a, b, segment[:, rows], box[:, :, rows], r, s)
-    for owner, stop in ((b.start_of, False), (b.end_of, True)):
-        rows = np.flatnonzero(alive & (owner[segment[2]] == segment[1]))
-        if len(rows):
-            ends, side = np.full(len(rows), float(stop)), box[1][:, rows]
-            reach = [side[0], ends] if stop else [ends, side[1]]
-            drop[rows] |= _bends(a, b, segment[:, rows], box[:, :, rows], 1, reach) != 0
-    return drop
-
-
-def _closing(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, alive: np.ndarray) -> np.ndarray:
-    """Boxes of one segment that closes on itself, at whose joint r and s are one point."""
-    drop = np.zeros(len(alive), bool)
-    rows = np.flatnonzero(alive & (b.following[segment[1]] == segment[1]))
-    if len(rows):
-        drop[rows] = _through(a, b, segment[:, rows], box[:, :, rows], 2, 1)
-    return drop
-
-
-# ---- which systems there are ---------------------------------------------------------------------
-
-
-class Pieces(NamedTuple):
-    """Parts of a where the maximum may lie: segment, interval (2, pieces), distances that matter (2, pieces)."""
-
-    segment: np.ndarray
-    side: np.ndarray
-    wanted: np.ndarray
-
-
-class Survivors(NamedTuple):
-    """Which segments of b can hold a foot of which piece, (pieces, segments), and bounds of the distances."""
-
-    keep: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-
-
-def survivors(a: Curve, b: Curve, pieces: Pieces) -> Survivors:
-    """The pieces and segments of b for which h_r can vanish and distances that matter occur."""
-    count, segments = len(pieces.segment), b.points.shape[-1]
-    table = [np.zeros((count, segments)) for _ in range(3)]
-    step = max(1, _BLOCK // max(segments, 1))
-    for start in range(0, count, step):
-        rows = slice(start, min(start + step, count))
-        p = restricted(a.points[..., pieces.segment[rows]], pieces.side[:, rows])
-        p, index = np.repeat(p, segments, axis=2), np.tile(np.arange(segments), p.shape[2])
-        whole = np.broadcast_to(np.array([[0.0], [1.0]]), (2, len(index)))
-        q = _Piece(b.points[..., index], b.velocity[..., index], b.speed[index])
-        lower, upper = hull_distances(p, q.points)
-        origin = q.points.mean(0)
-        foot = _foot(p - origin, q.about(origin), whole)
-        keep = _may_vanish(foot) & ~_unwanted((lower, upper), np.repeat(pieces.wanted[:, rows], segments, axis=1))
-        for k, x in enumerate((keep, lower, upper)):
-            table[k][rows] = x.reshape(-1, segments)
-    return Survivors(table[0] > 0, table[1], table[2])
-
-
-def pairs(b: Curve, pieces: Pieces, kept: Survivors) -> Systems:
-    """The antipodal systems; with the ends of b they are those of its events with one foot there."""
-    row, foot = np.nonzero(kept.keep)
-    box = np.stack([pieces.side[:, row], _whole(b, foot)])
-    return Systems(np.stack([pieces.segment[row], foot]), box, pieces.wanted[:, row])
-
-
-def _whole(b: Curve, foot: np.ndarray) -> np.ndarray:
-    """The whole segment, or the one parameter of a point."""
-    return np.stack([np.zeros(len(foot)), (foot < b.moving).astype(float)])
-
-
-def triples(b: Curve, pieces: Pieces, kept: Survivors) -> Iterator[tuple[Systems, Systems]]:
-    """The one-to-two systems on different segments and on one, for stretches of pieces: two feet that both survive.
-
-    Both distances are one at an event, so their bounds must meet.
-    """
-    waiting, size = [], 0
-    for row in range(len(pieces.segment)):
-        feet = np.flatnonzero(kept.keep[row])
-        r, s = (feet[x] for x in np.triu_indices(len(feet)))
-        lower, upper = kept.lower[row], kept.upper[row]
-        meet = (lower[r] <= upper[s]) & (lower[s] <= upper[r]) & ((r != s) | (r < b.moving))
-        waiting.append(np.stack([np.full(meet.sum(), row), r[meet], s[meet]]))
-        size += waiting[-1].shape[1]
-        if size >= 16 * _SYSTEMS or row == len(pieces.segment) - 1:
-            row_, r, s = np.concatenate(waiting, axis=1)
-            box = np.stack([pieces.side[:, row_], _whole(b, r), _whole(b, s)])
-            systems = Systems(np.stack([pieces.segment[row_], r, s]), box, pieces.wanted[:, row_])
-            yield systems.take(np.flatnonzero(r != s)), systems.take(np.flatnonzero(r == s))
-            waiting, size = [], 0

@@ -1,9 +1,10 @@
 """Position, velocity and acceleration of one (rational) Bezier segment at one parameter."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 
@@ -22,17 +23,18 @@ def jet(control_points: Array, weights: Array | None, t: Array) -> Jet:
     For C = n/w the quotient rule gives C' = (n' - C w')/w and C'' = (n'' - 2 C' w' - C w'')/w.
     """
     if weights is None:
-        return _polynomial_jet(control_points, t)
-    n = _polynomial_jet(control_points * weights[:, None], t)
-    w = _polynomial_jet(weights, t)
+        return polynomial_jet(control_points, t)
+    n = polynomial_jet(control_points * weights[:, None], t)
+    w = polynomial_jet(weights, t)
     point = n.point / w.point
     first = (n.first - point * w.first) / w.point
     return Jet(point, first, (n.second - 2 * first * w.first - point * w.second) / w.point)
 
 
-def _polynomial_jet(c: Array, t: Array) -> Jet:
+def polynomial_jet(c: Any, t: Any) -> Jet:
+    """The jet of polynomials with the coefficients (points, ...) at t, in NumPy where the coefficients are."""
     degree = c.shape[0] - 1
-    second = first = jnp.zeros_like(c[0])
+    second = first = np.zeros_like(c[0]) if isinstance(c, np.ndarray) else jnp.zeros_like(c[0])
     for level in range(degree, 0, -1):
         if level == 2:
             second = degree * (degree - 1) * (c[2] - 2 * c[1] + c[0])

@@ -1,6 +1,5 @@
 """Arcs that stand for pieces of a curve: their deviations hold, and nothing of the curve is left out."""
 
-import importlib
 from decimal import Decimal, localcontext
 from fractions import Fraction
 from math import comb
@@ -12,15 +11,13 @@ import numpy as np
 import pytest
 
 from jhd import BezierSegments, BSplineCurve, NotProvenError, circle, hausdorff, points, polyline
-from jhd.shapes import biarcs, least_tolerance
+from jhd.shapes import biarcs, deviation, least_tolerance
 from tests import reference
 
 # Directions of arcs that meet smoothly: the root find of the joint and the rounding of short chords.
 SMOOTH = 1e-10
 # Roundings of the arcs as rational quadratics, and of the distance between, in units of coordinates of size one.
 ROUNDING = 1e-13
-
-module = importlib.import_module("jhd.shapes.biarc")
 
 # Parameters of samples.
 T = np.linspace(0, 1, 401)
@@ -147,6 +144,13 @@ def test_deviations_hold_on_random_curves(seed):
         check_pieces(curve, arcs_of(curve, share)[0], 20, 17)
 
 
+def deviation_of(curve, start, end, bulge):
+    """The bound for one arc, of one's own choice, for each segment."""
+    host, index = deviation.HostCurve.of(curve), np.arange(curve.count)
+    arcs = deviation.HostArcs(index, 0.0 * index, 0.0 * index + 1, start @ [1, 1j], end @ [1, 1j], bulge, bulge)
+    return deviation.deviation(host, deviation.pieces_of(host, arcs), bulge)
+
+
 @pytest.mark.parametrize("rational", [False, True])
 @pytest.mark.parametrize("fitted", [False, True])
 def test_the_bound_holds_for_any_arc_and_any_piece(rational, fitted):
@@ -161,9 +165,7 @@ def test_the_bound_holds_for_any_arc_and_any_piece(rational, fitted):
     x, a, v = (y @ [1, 1j] for y in (np.asarray(curve.point(np.arange(count)[:, None], T)), start, end - start))
     if fitted:
         bulge = np.clip(-2 * np.imag((x[:, 200] - a - v / 2) / v), -0.5, 0.5)
-    host, index = module._host(curve), np.arange(count)
-    arcs = module._Arcs(index, 0.0 * index, 0.0 * index + 1, start, end, bulge, bulge)
-    bound = module._deviation(host, module._pieces(host, arcs), bulge)
+    bound = deviation_of(curve, start, end, bulge)
     # From one end to the other by equal angles.
     angle = 2 * np.arctan(bulge)[:, None]
     share = np.where(angle == 0, T[::2], np.sin(angle * T[::2]) / np.where(angle == 0, 1, np.sin(angle)))
@@ -181,11 +183,7 @@ def test_a_piece_that_passes_the_centre_is_as_far_as_it_goes():
     half = 0.01
     start, end = [np.cos(half), -np.sin(half)], [np.cos(half), np.sin(half)]
     curve = BezierSegments([[start, [-3, 0], end]]).elevate(12)
-    index = np.array([0])
-    bulge = np.array([np.tan(half / 2)])
-    arcs = module._Arcs(index, 0.0 * index, 1.0 + index, np.array([start]), np.array([end]), bulge, bulge)
-    host = module._host(curve)
-    assert module._deviation(host, module._pieces(host, arcs), bulge)[0] >= 1.99
+    assert deviation_of(curve, np.array([start]), np.array([end]), np.array([np.tan(half / 2)]))[0] >= 1.99
 
 
 def test_in_single_precision_the_deviation_counts_its_rounding():

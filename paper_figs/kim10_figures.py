@@ -1,0 +1,157 @@
+"""Distance map with nearest arcs, the same as cones over the plane, and a curve trimmed by the region of radius LB.
+
+Numbers by kim10_figures's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, BLUE, GREY, MM, VERMILLION, Picture, letter, style
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MultipleLocator
+
+import jhd
+
+# Five light colours by turns: neighbours differ in lightness too.
+_FILLS = ("#9ecae9", "#fbe3a1", "#8fd3b6", "#f7c6a3", "#e3c1d9")
+_LEVELS = 9
+_SHOWN = ("antipodal", "end")
+_REGION = "#dcdcdc"
+_B: dict[str, Any] = {"color": BLACK, "linewidth": 1.2}
+_TRIMMED: dict[str, Any] = {"color": BLUE, "linewidth": 1.0, "linestyle": (0, (3, 1.2))}
+_LEFT: dict[str, Any] = {"color": VERMILLION, "linewidth": 2.8, "solid_capstyle": "butt"}
+# A ring, so that the short part of the curve that is left there is seen.
+_PLACE: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 8,
+    "markerfacecolor": "none",
+    "markeredgecolor": BLACK,
+    "zorder": 6,
+}
+_WITNESS: dict[str, Any] = {"color": BLACK, "linewidth": 0.7, "marker": "o", "markersize": 3.0}
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    field, pairs = numbers["map"], numbers["pairs"]
+    with style():
+        figure = Figure(figsize=(175 * MM, 132 * MM), layout="constrained")
+        top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=[1.45, 1.0])[:, 0]
+        grid = top.add_gridspec(1, 2, width_ratios=[1.0, 1.6])
+        _draw_map(plane := top.add_subplot(grid[0]), field)
+        letter(plane, "a", "arcs of $B$, and which is nearest")
+        _draw_cones(cones := top.add_subplot(grid[1], projection="3d"), field)
+        letter(cones, "b", "the distance to $B$: cones about the arcs")
+        shown = [kind for kind in _SHOWN if kind in pairs] or list(pairs)
+        axes = bottom.subplots(1, 2 * len(shown), squeeze=False, width_ratios=[1.75, 1.0] * len(shown))[0]
+        for k, kind in enumerate(shown):
+            ax, near = axes[2 * k : 2 * k + 2]
+            _draw_trimmed(ax, pairs[kind])
+            _draw_trimmed(near, pairs[kind])
+            _enlarge(ax, near, pairs[kind])
+            letter(ax, "cd"[k], f"{100 * pairs[kind]['share_left']:.1f} % of $A$ is kept")
+        bottom.legend(handles=_handles(), loc="outside lower center", ncols=6, handlelength=1.8, columnspacing=1.6)
+    return figure
+
+
+def _colours(field: dict[str, Any]) -> np.ndarray:
+    """A colour for each arc, by turns."""
+    fills = np.array([to_rgb(x) for x in _FILLS])
+    return fills[np.arange(len(field["arcs"]["weights"])) % len(fills)]
+
+
+def _draw_map(ax: Axes, field: dict[str, Any]) -> None:
+    """Pixels in the colour of their nearest arc, lines of equal distance, and the arcs with their ends."""
+    x, y, distance = (np.array(field[key]) for key in ("x", "y", "distance"))
+    colours = _colours(field)
+    palette: dict[str, Any] = {"cmap": ListedColormap(colours), "vmin": -0.5, "vmax": len(colours) - 0.5}
+    ax.pcolormesh(x, y, np.array(field["nearest"]).T, rasterized=True, **palette)
+    ax.contour(x, y, distance.T, levels=_LEVELS, colors=GREY, linewidths=0.4)
+    arcs = jhd.BezierSegments(np.array(field["arcs"]["control_points"]), np.array(field["arcs"]["weights"]))
+    ax.plot(*np.asarray(arcs(np.linspace(0, arcs.count, 800))).T, color=BLACK, linewidth=1.2)
+    ends = np.asarray(arcs.control_points)[:, [0, -1]].reshape(-1, 2)
+    ax.plot(*ends.T, linestyle="none", marker=".", markersize=2.6, color=BLACK)
+    _finish(ax, x, y)
+
+
+def _draw_cones(ax: Any, field: dict[str, Any]) -> None:
+    """The graph of the distance, each point in the colour of its nearest arc."""
+    step = max(1, len(field["x"]) // 120)
+    x, y = (np.array(field[key])[::step] for key in ("x", "y"))
+    z, nearest = (np.array(field[key])[::step, ::step] for key in ("distance", "nearest"))
+    how: dict[str, Any] = {"rcount": len(x), "ccount": len(y), "linewidth": 0, "antialiased": False}
+    # Steeper towards the left is darker; what matplotlib offers darkens light colours too much.
+    slope = np.gradient(z, x, y)[0]
+    shade = 0.86 + 0.14 * slope / np.max(np.abs(slope))
+    colours = _colours(field)[nearest] * shade[..., None]
+    ax.plot_surface(*np.meshgrid(x, y, indexing="ij"), z, facecolors=colours, shade=False, rasterized=True, **how)
+    ax.view_init(elev=36, azim=-58)
+    ax.set_box_aspect((np.ptp(x), np.ptp(y), 1.5 * np.ptp(z)), zoom=1.08)
+    ax.set_xlabel("$x$", labelpad=-8)
+    ax.set_ylabel("$y$", labelpad=-5)
+    ax.set_zlabel("distance", labelpad=-4)
+    ax.tick_params(pad=-2)
+    ax.zaxis.set_major_locator(MultipleLocator(1))
+
+
+def _draw_trimmed(ax: Axes, pair: dict[str, Any]) -> None:
+    """The region of radius LB about b; a, with what is left of it bold; the place of the maximum with its feet."""
+    region, parts = pair["region"], pair["parts"]
+    x, y, distance = (np.array(region[key]) for key in ("x", "y", "distance"))
+    ax.contourf(x, y, distance.T, levels=[0, pair["lower"]], colors=[_REGION])
+    ax.contour(x, y, distance.T, levels=[pair["lower"]], colors=GREY, linewidths=0.6)
+    a, b = (jhd.BezierSegments(np.array(pair[name]["control_points"])) for name in "ab")
+    ax.plot(*np.asarray(b(np.linspace(0, b.count, 600))).T, **_B)
+    ax.plot(*np.asarray(a(np.linspace(0, a.count, 600))).T, **_TRIMMED)
+    for segment, t0, t1, left in zip(*(parts[key] for key in ("segment", "t0", "t1", "left")), strict=True):
+        if left:
+            ax.plot(*np.asarray(a.point(np.full(16, segment), np.linspace(t0, t1, 16))).T, **_LEFT)
+    witness = pair["solution"]["witness"]
+    for foot in np.array(witness["feet"]):
+        ax.plot(*np.stack([witness["point"], foot]).T, markevery=[1], **_WITNESS)
+    _finish(ax, x, y)
+
+
+def _enlarge(ax: Axes, near: Axes, pair: dict[str, Any]) -> None:
+    """The second axes show what is about the maximum, and the first ones where that is."""
+    x, y = pair["solution"]["witness"]["point"]
+    near.plot(x, y, **_PLACE)
+    half = 0.05 * pair["diagonal"]
+    near.set_xlim(x - half, x + half)
+    near.set_ylim(y - half, y + half)
+    near.set_ylabel("")
+    for side in ("top", "right"):
+        near.spines[side].set_visible(True)
+    ax.indicate_inset((x - half, y - half, 2 * half, 2 * half), edgecolor=BLACK, alpha=1.0, linewidth=0.6)
+
+
+def _handles() -> list[Any]:
+    return [
+        Line2D([], [], label="$B$", **_B),
+        Line2D([], [], label="$A$, trimmed", **_TRIMMED),
+        Line2D([], [], label="$A$, kept", **_LEFT),
+        Line2D([], [], linestyle="none", label="maximum", **_PLACE),
+        Line2D([], [], linestyle="none", label="foot", **_WITNESS),
+        Patch(facecolor=_REGION, edgecolor=GREY, linewidth=0.6, label="within $LB$ of $B$"),
+    ]
+
+
+def _finish(ax: Axes, x: np.ndarray, y: np.ndarray) -> None:
+    ax.set_xlim(x[0], x[-1])
+    ax.set_ylim(y[0], y[-1])
+    ax.set_aspect("equal")
+    ax.set_xlabel("$x$")
+    ax.set_ylabel("$y$")
+
+
+if __name__ == "__main__":
+    main()

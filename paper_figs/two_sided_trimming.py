@@ -1,0 +1,163 @@
+"""A pair that loses its maximum where both curves are trimmed, and how often that happens.
+
+Numbers by two_sided_trimming's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, freeze, letter, place_label, style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import jhd
+
+_CURVES = {"a": (BLUE, "$A$"), "b": (ORANGE, "$B$")}
+_FAMILIES: dict[str, dict[str, Any]] = {
+    "bumps": {"color": VERMILLION, "marker": "o", "label": "bumps"},
+    "noise": {"color": GREEN, "marker": "s", "label": "noise"},
+    "unrelated": {"color": PURPLE, "marker": "^", "label": "unrelated"},
+}
+_MARK: dict[str, Any] = {"markersize": 3.4, "markeredgecolor": BLACK, "markeredgewidth": 0.4}
+# A ring about the maximum, so that the short part of the curve that is left there is seen; feet are dots.
+_PLACE: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 8,
+    "markerfacecolor": "none",
+    "markeredgecolor": BLACK,
+    "zorder": 6,
+}
+_FOOT: dict[str, Any] = {"marker": "o", "markersize": 4, "color": "white", "markeredgecolor": BLACK, "zorder": 6}
+_BOUND = "map"
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    example = numbers["example"]
+    with style():
+        figure = Figure(figsize=(175 * MM, 104 * MM), layout="constrained")
+        axes = figure.subplot_mosaic(
+            [["pair", "pair", "losses"], ["a", "b", "losses"]], width_ratios=[1.0, 1.0, 1.15], height_ratios=[1.3, 1.0]
+        )
+        _draw_pair(axes["pair"], example)
+        letter(axes["pair"], "a", "a foot is trimmed, and with it the maximum")
+        for k, name in enumerate("ab"):
+            _draw_profile(axes[name], example, k)
+        letter(axes["a"], "b", "distance to $B$ along $A$")
+        letter(axes["b"], "c", "distance to $A$ along $B$")
+        _draw_losses(axes["losses"], numbers)
+        letter(axes["losses"], "d", "value with both curves trimmed")
+        freeze(figure)
+        _draw_labels(axes["pair"], example)
+    return figure
+
+
+def _segments(trial: dict[str, Any], name: str) -> jhd.BezierSegments:
+    return jhd.BezierSegments(np.array(trial[name]))
+
+
+def _draw_pair(ax: Axes, trial: dict[str, Any]) -> None:
+    """Both curves: what is trimmed dashed, what is left bold; the true witness, and where the method ends."""
+    for k, (name, (colour, label)) in enumerate(_CURVES.items()):
+        curve, left = _segments(trial, name), trial["bounds"][_BOUND]["left"][k]
+        t = np.linspace(0, curve.count, 400)
+        dashed = (0, (3, 1.2))
+        ax.plot(*np.asarray(curve(t)).T, color=colour, linewidth=1.0, linestyle=dashed, label=f"{label}, trimmed")
+        for i, (segment, t0, t1) in enumerate(zip(left["segment"], left["t0"], left["t1"], strict=True)):
+            part = np.asarray(curve.point(np.full(24, segment), np.linspace(t0, t1, 24)))
+            ax.plot(
+                *part.T, color=colour, linewidth=3.2, solid_capstyle="butt", label=f"{label}, kept" if not i else None
+            )
+    for x, foot in zip(*_witness(trial), strict=True):
+        ax.plot(*np.stack([x, foot]).T, color=BLACK, linewidth=1.0)
+    point, feet = _witness(trial)
+    ax.plot(*point[0], **_PLACE)
+    ax.plot(*feet.T, linestyle="none", **_FOOT)
+    wrong = _wrong(trial)
+    ax.plot(*wrong.T, color=BLACK, linewidth=1.0, linestyle=(0, (1, 1)))
+    ax.plot(*wrong[0], marker="X", color=VERMILLION, zorder=6, markersize=6, markeredgecolor=BLACK, markeredgewidth=0.4)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.06)
+    ax.set_xlabel("$x$")
+    ax.set_ylabel("$y$")
+
+
+def _draw_profile(ax: Axes, trial: dict[str, Any], k: int) -> None:
+    """The distance along one curve, what is left of it bold, LB, and the places of the maximum or of its feet."""
+    profile, found = trial["profiles"][k], trial["bounds"][_BOUND]
+    (colour, _), left = _CURVES["ab"[k]], found["left"][k]
+    t, distance = np.array(profile["t"]), np.array(profile["distance"])
+    ax.plot(t, distance, color=colour, linewidth=1.0, linestyle=(0, (3, 1.2)))
+    for segment, t0, t1 in zip(left["segment"], left["t0"], left["t1"], strict=True):
+        inner = np.linspace(segment + t0, segment + t1, 24)
+        ax.plot(inner, np.interp(inner, t, distance), color=colour, linewidth=3.6, solid_capstyle="butt")
+    ax.axhline(found["lower"], color=GREY, linewidth=0.7)
+    ax.text(t[-1], found["lower"], "$LB$", ha="right", va="bottom", color=GREY)
+    witness = trial["solution"]["witness"]
+    if ("a_to_b", "b_to_a")[k] == witness["direction"]:
+        places, mark = np.array([witness["segment"] + witness["t"]]), _PLACE
+    else:
+        places, mark = np.array(witness["foot_segments"]) + np.array(witness["foot_params"]), _FOOT
+    ax.plot(places, np.interp(places, t, distance), linestyle="none", **mark)
+    ax.set_xlim(t[0], t[-1])
+    ax.set_ylim(0, 1.22 * found["lower"])
+    ax.set_xlabel(("parameter $t$ on $A$", "parameter $s$ on $B$")[k])
+    ax.set_ylabel("distance")
+
+
+def _witness(trial: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """The place of the maximum, once for each foot, and its feet."""
+    witness = trial["solution"]["witness"]
+    feet = np.array(witness["feet"])
+    return np.broadcast_to(witness["point"], feet.shape), feet
+
+
+def _wrong(trial: dict[str, Any]) -> np.ndarray:
+    """The place that the method ends with when both curves are trimmed, and its foot."""
+    found = trial["bounds"][_BOUND]["both"]
+    curve, other = (_segments(trial, name) for name in ("ab" if found["curve"] == "a" else "ba"))
+    x = np.asarray(curve.point(found["segment"], found["t"]))
+    return np.stack([x, np.asarray(jhd.project(x, other).foot)])
+
+
+def _draw_labels(ax: Axes, trial: dict[str, Any]) -> None:
+    exact, found = trial["solution"]["value"], trial["bounds"][_BOUND]
+    ax.legend(loc="lower left", ncols=1, handlelength=2.2, labelspacing=0.3)
+    point, feet = _witness(trial)
+    place_label(ax, point[0], f"maximum: {exact:.4f}\n$LB$: {found['lower']:.4f}", distance=9.0)
+    for foot, name in zip(feet, _trimmed_feet(trial), strict=True):
+        place_label(ax, foot, name)
+    place_label(ax, _wrong(trial)[0], f"found: {found['both']['value']:.4f}")
+
+
+def _trimmed_feet(trial: dict[str, Any]) -> list[str]:
+    """For each foot whether it is trimmed."""
+    witness = trial["solution"]["witness"]
+    left = trial["bounds"][_BOUND]["left"][1 if witness["direction"] == "a_to_b" else 0]
+    segment, t0, t1 = (np.array(left[key]) for key in ("segment", "t0", "t1"))
+    places = zip(witness["foot_segments"], witness["foot_params"], strict=True)
+    return ["foot, kept" if np.any((segment == k) & (t0 <= s) & (s <= t1)) else "foot, trimmed" for k, s in places]
+
+
+def _draw_losses(ax: Axes, numbers: dict[str, Any]) -> None:
+    """For each family the values over the distances, in order."""
+    for family, line in _FAMILIES.items():
+        trials = numbers["trials"][family]
+        share = np.sort([x["bounds"][_BOUND]["both"]["value"] / x["solution"]["value"] for x in trials])
+        rank = 100 * (np.arange(len(share)) + 0.5) / len(share)
+        ax.plot(rank, share, linewidth=1.0, clip_on=False, markevery=max(1, len(share) // 15), **_MARK, **line)
+    ax.axhline(1.0, color=GREY, linewidth=0.7)
+    ax.set_xlim(0, 100)
+    ax.set_ylim(0, 1.04)
+    ax.set_xlabel("pairs, in order of the value (%)")
+    ax.set_ylabel("value / Hausdorff distance")
+    ax.legend(loc="center", bbox_to_anchor=(0.47, 0.42), handlelength=2.0, labelspacing=0.3)
+
+
+if __name__ == "__main__":
+    main()
