@@ -17,12 +17,14 @@ import jax
 import jhd
 
 _SHAPE_HELP = "a curve: a JSON or SVG file, or font:NAME:LETTER"
+_OR_POLYNOMIAL = "; with --box a polynomial in x, y, z"
 _METHOD_HELP = "the method, a class of jhd; an unknown name lists those there are"
 _EPILOG = """\
 examples:
   jhd                                                 the demonstration; writes jhd-demo.png here
   jhd distance a.svg b.json --plot distance.png
   jhd distance a.svg b.json --certificate proof.json
+  jhd distance "x**2/4 + y**2/4 - z**2/9" "x**2/16 + y**2/4 - z**2/9" --box -2 2
   jhd verify proof.json
   jhd fit "font:DejaVu Serif:s" --tolerance 5 --out s.svg
   jhd distance "font:DejaVu Sans:a" "font:DejaVu Serif:a" --json
@@ -60,7 +62,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(argv: list[str]) -> int:
     try:
-        options = _parser().parse_args([_number_or_word(word) for word in argv])
+        options = _parser().parse_args([_option_or_word(word) for word in argv])
     except SystemExit:  # argparse's way out of --help and --version; of errors it is ours
         return 0
     _switch_cache_on()
@@ -75,13 +77,13 @@ def _bad_input(message: str) -> int:
     return 2
 
 
-def _number_or_word(word: str) -> str:
-    """The word, with a space before a negative number: argparse takes -1e-3 for an option otherwise."""
-    try:
-        float(word)
-    except ValueError:
-        return word
-    return f" {word}" if word.startswith("-") else word
+def _option_or_word(word: str) -> str:
+    """The word, with a space before a minus that begins no option: argparse takes -1e-3 and -x**2 for one otherwise."""
+    return f" {word}" if word.startswith("-") and not word.startswith("--") and word not in ("-", "-h") else word
+
+
+def _as_given(word: str) -> str:
+    return word[1:] if word.startswith(" -") else word
 
 
 class _Parser(argparse.ArgumentParser):
@@ -99,13 +101,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.set_defaults(command="demo")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
-    distance = commands.add_parser("distance", help="the Hausdorff distance of two curves")
-    distance.add_argument("a", metavar="A", help=_SHAPE_HELP)
-    distance.add_argument("b", metavar="B", help="the other one")
+    distance = commands.add_parser("distance", help="the Hausdorff distance of two curves or surfaces")
+    distance.add_argument("a", metavar="A", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
+    distance.add_argument("b", metavar="B", type=_as_given, help="the other one")
+    box = "surfaces: the box they are cut off at, its two ends for all axes, or three lower and three upper ones"
+    distance.add_argument("--box", type=float, nargs="+", metavar="X", help=box)
     distance.add_argument("--directed", action="store_true", help="only the largest distance of points of A to B")
     distance.add_argument("--method", metavar="NAME", help=_METHOD_HELP)
     distance.add_argument("--atol", type=float, metavar="LENGTH", help="tolerance on upper - lower, in input units")
-    distance.add_argument("--plot", metavar="FILE", help="draw both curves, the witness and the distance profiles")
+    distance.add_argument("--plot", metavar="FILE", help="draw both, the witness and, of curves, the distance profiles")
     distance.add_argument("--certificate", metavar="FILE", help="write what proves the bounds, for jhd verify")
     distance.set_defaults(command="distance")
 

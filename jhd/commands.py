@@ -10,7 +10,7 @@ import platform
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -20,20 +20,27 @@ import jax
 import numpy as np
 
 import jhd
-from jhd import plot
 from jhd.distance.method import AbstractHausdorffMethod
 from jhd.distance.projection import AbstractProjectionMethod
 from jhd.io import load_certificate, load_shape, save_curve, write_svg
+from jhd.report import (
+    check_picture_file,
+    names_of,
+    picture,
+    progress_text,
+    shape_line,
+    solution_text,
+    successful,
+    surface_picture,
+)
 from jhd.shapes.curve import AbstractCurve
-from jhd.solution import RESULTS, HausdorffSolution, name_of, to_plain
+from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.polynomial_text import read as read_polynomial
+from jhd.solution import HausdorffSolution, name_of, to_plain
 
 _DEMO_FONTS = {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}
 _DEMO_LETTER = "a"
 _DEMO_FILE = "jhd-demo.png"
-_MILLIMETRES = 1 / 25.4
-_PICTURE_SIZE = 180 * _MILLIMETRES, 102 * _MILLIMETRES  # two columns of a journal
-_DPI = 200
-_SPEC_WIDTH = 60  # path data can be pages long
 _PACKAGES = "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib"
 
 
@@ -42,7 +49,7 @@ def demo(options: Namespace) -> int:
     specs = [f"font:{font}:{_DEMO_LETTER}" for font in _DEMO_FONTS.values()]
     a, b = (load_shape(spec) for spec in specs)
     print(f"The letter {_DEMO_LETTER} in two fonts, in font units\n")
-    print(_shape_line("A", specs[0], a), _shape_line("B", specs[1], b), sep="\n", end="\n\n")
+    print(shape_line("A", specs[0], a), shape_line("B", specs[1], b), sep="\n", end="\n\n")
 
     def both() -> list[HausdorffSolution]:
         return [jhd.directed_hausdorff(a, b, throw=False), jhd.directed_hausdorff(b, a, throw=False)]
@@ -50,45 +57,48 @@ def demo(options: Namespace) -> int:
     with _busy("computing; the first run compiles"):
         (there, back), first = _timed(both)
         _, again = _timed(both)
-    print(_solution_text("directed distance from A to B", there, "A", "B"), end="\n\n")
-    print(_solution_text("directed distance from B to A", back, "B", "A"), end="\n\n")
+    print(solution_text("directed distance from A to B", there, "A", "B"), end="\n\n")
+    print(solution_text("directed distance from B to A", back, "B", "A"), end="\n\n")
     larger, name = max((there, "from A to B"), (back, "from B to A"), key=lambda pair: float(pair[0]))
     print(f"Hausdorff distance, the larger of the two: {float(larger)!r} {name}")
     print(f"time       {first:.2f} s with compilation, {again:.3f} s once compiled (both directions)")
     print(f"device     {_device()}, {_precision()}")
     with _busy("drawing"):
-        _picture(_DEMO_FILE, a, b, (there, back), list(_DEMO_FONTS), "font units")
+        picture(_DEMO_FILE, a, b, (there, back), list(_DEMO_FONTS), "font units")
     print(f"picture    {Path(_DEMO_FILE).resolve()}")
     return _status(there, back)
 
 
 def distance(options: Namespace) -> int:
-    """The Hausdorff distance of two curves, or the directed one."""
-    a, b = load_shape(options.a), load_shape(options.b)
+    """The Hausdorff distance of two curves or of two surfaces, or the directed one."""
+    a, b = _shapes(options)
+    surfaces = isinstance(a, ImplicitSurface)
     entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
     method = _method(options.method, options.atol, AbstractHausdorffMethod)
     if options.plot:
-        _check_picture_file(options.plot)
+        check_picture_file(options.plot)
+    if options.certificate and surfaces:
+        raise ValueError("--certificate: certificates are for curves; leave it out.")
     if options.certificate and not Path(options.certificate).absolute().parent.is_dir():
         raise ValueError(f"{options.certificate}: no such folder.")
     with _busy("computing; a first run compiles") as show:
         solution, seconds = _timed(lambda: entry(a, b, method, throw=False, progress=show))
     if name_of(solution.result) == "interrupted":
-        print(_solution_text("the bounds reached", solution, *_names(solution)))
+        print(solution_text("the bounds reached", solution, *names_of(solution)))
         return 1
     if options.plot:
         with _busy("drawing"):
-            pairs = [(a, b)] if options.directed else [(a, b), (b, a)]
-            _picture(options.plot, a, b, [jhd.directed_hausdorff(*pair, method, throw=False) for pair in pairs])
+            _draw(options.plot, a, b, solution, method)
     written = bool(options.certificate) and _certified(options.certificate, a, b, solution)
     status = 1 if options.certificate and not written else _status(solution)
     if options.json:
         asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": _method_name(method)}
-        _print_json(solution, **asked, seconds=seconds)
+        box = {"box": [np.asarray(end).tolist() for end in a.box()]} if surfaces else {}
+        _print_json(solution, **asked, **box, seconds=seconds)
         return status
-    print(_shape_line("A", options.a, a), _shape_line("B", options.b, b), sep="\n", end="\n\n")
+    print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     title = "directed distance from A to B" if options.directed else "Hausdorff distance"
-    print(_solution_text(title, solution, *_names(solution)), end="\n\n")
+    print(solution_text(title, solution, *names_of(solution)), end="\n\n")
     print(f"method     {_method_name(method)}")
     print(f"time       {seconds:.2f} s with compilation")
     print(f"device     {_device()}, {_precision()}")
@@ -108,7 +118,7 @@ def fit(options: Namespace) -> int:
         if file and not Path(file).absolute().parent.is_dir():
             raise ValueError(f"{file}: no such folder.")
     if options.plot:
-        _check_picture_file(options.plot)
+        check_picture_file(options.plot)
     start = time.perf_counter()
     with _busy("fitting; a first run compiles"):
         contours = jhd.fit_outline(target, options.tolerance, degree=options.degree, smooth=options.smooth)
@@ -122,13 +132,13 @@ def fit(options: Namespace) -> int:
     if options.plot:
         with _busy("drawing"):
             pairs = ((target, shape), (shape, target))
-            _picture(options.plot, target, shape, [jhd.directed_hausdorff(*pair, throw=False) for pair in pairs])
+            picture(options.plot, target, shape, [jhd.directed_hausdorff(*pair, throw=False) for pair in pairs])
     if options.json:
         asked = {"target": options.target, "tolerance": options.tolerance, "degree": options.degree}
         _print_json(error, **asked, within=near, segments=[c.shape.count for c in contours], seconds=seconds)
         return 0 if near else 1
-    print(_shape_line("A", options.target, target), _shape_line("B", "fit", shape), sep="\n", end="\n\n")
-    print(_solution_text("Hausdorff distance", error, *_names(error)), end="\n\n")
+    print(shape_line("A", options.target, target), shape_line("B", "fit", shape), sep="\n", end="\n\n")
+    print(solution_text("Hausdorff distance", error, *names_of(error)), end="\n\n")
     print(f"within     {options.tolerance:g}" if near else f"farther than {options.tolerance:g}")
     print(f"time       {seconds:.2f} s with compilation")
     for name, file in (("fit", options.out), ("picture", options.plot)):
@@ -208,6 +218,52 @@ def doctor(options: Namespace) -> int:
     return 0 if good else 1
 
 
+def _shapes(options: Namespace) -> tuple[Any, Any]:
+    """Both curves, or where there is a box both surfaces.
+
+    Raises:
+        ValueError: a box that is none, or text that is no polynomial, with the column.
+    """
+    texts = {"A": options.a, "B": options.b}
+    if options.box is None:
+        return tuple(_curve(name, text) for name, text in texts.items())  # pyright: ignore[reportReturnType]
+    if len(options.box) not in (2, 6):
+        raise ValueError(
+            f"--box has {len(options.box)} numbers; needs 2, or 6: three lower ends, then three upper ones."
+        )
+    lower, upper = np.array(options.box).reshape(2, -1)
+    return tuple(_surface(name, text, lower, upper) for name, text in texts.items())  # pyright: ignore
+
+
+def _curve(name: str, text: str) -> AbstractCurve:
+    try:
+        return load_shape(text)
+    except FileNotFoundError:
+        try:
+            read_polynomial(text)
+        except ValueError:
+            pass
+        else:
+            raise ValueError(f"{name} is a polynomial; give the box of its surface: --box LOWER UPPER.") from None
+        raise
+
+
+def _surface(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> ImplicitSurface:
+    try:
+        return ImplicitSurface.parse(text, np.broadcast_to(lower, 3), np.broadcast_to(upper, 3))
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution, method: Any) -> None:
+    """The picture of a distance: of curves with both directions, unless only one was asked for."""
+    if isinstance(a, ImplicitSurface):
+        surface_picture(file, a, b, solution)
+        return
+    pairs = [(a, b)] if solution.directed else [(a, b), (b, a)]
+    picture(file, a, b, [jhd.directed_hausdorff(*pair, method, throw=False) for pair in pairs])
+
+
 def _certified(file: str, a: AbstractCurve, b: AbstractCurve, solution: HausdorffSolution) -> bool:
     """Writes the certificate of the solution; False, after a line on stderr, where its bounds could not be proven."""
     try:
@@ -278,87 +334,6 @@ def _points(options: Namespace) -> np.ndarray:
     return np.array(rows)
 
 
-def _check_picture_file(file: str) -> None:
-    """Raises ValueError unless a picture can have this name: better known before a long computation than after it."""
-    from matplotlib.figure import Figure
-
-    formats = Figure().canvas.get_supported_filetypes()
-    suffix = Path(file).suffix
-    if suffix.removeprefix(".").lower() not in formats:
-        raise ValueError(f"{file}: the suffix is {suffix!r}; pictures are stored as {', '.join(formats)}.")
-    if not Path(file).absolute().parent.is_dir():
-        raise ValueError(f"{file}: no such folder.")
-
-
-def _picture(
-    file: str,
-    a: AbstractCurve,
-    b: AbstractCurve,
-    directed: Sequence[HausdorffSolution],
-    labels: Sequence[str] = ("A", "B"),
-    unit: str = "input units",
-) -> None:
-    """Writes the curves with the larger of the directed distances, and beside them the profile of each."""
-    # A figure without pyplot: no window, and the backend that the user has set stays as it is.
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=_PICTURE_SIZE, layout="constrained")
-    left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1, 1.15))[0]
-    space: dict[str, Any] = {"projection": "3d"} if a.segments().dim == 3 else {}
-    plot.solution(a, b, max(directed, key=float), left.add_subplot(**space), labels=labels, control_polygon=False)
-    panels = np.atleast_1d(right.subplots(len(directed)))
-    plot.profile(a, b, panels[0], directed[0], labels=labels, unit=unit)
-    for panel, back in zip(panels[1:], directed[1:], strict=True):
-        plot.profile(b, a, panel, back, labels=labels[::-1], unit=unit, colour=plot.ORANGE)
-    figure.savefig(file, dpi=_DPI)
-
-
-def _names(solution: HausdorffSolution) -> tuple[str, str]:
-    return ("A", "B") if name_of(solution.direction) == "a_to_b" else ("B", "A")
-
-
-def _solution_text(title: str, solution: HausdorffSolution, name: str, other: str) -> str:
-    """One solution in lines; the point lies on the curve `name`, its feet on `other`."""
-    w = solution.witness
-    upper = repr(float(solution.upper)) if np.isfinite(solution.upper) else "not proven by this method"
-    lines = [
-        title,
-        f"  value    {float(solution)!r}",
-        f"  lower    {float(solution.lower)!r}",
-        f"  upper    {upper}",
-        f"  event    {name_of(solution.event)}",
-        f"  witness  {name} segment {int(w.segment)}, t = {float(w.t):.9g}, at {_place(w.point)}",
-    ]
-    seen: list[tuple[float, ...]] = []
-    for foot, segment, t, weight in zip(w.feet, w.foot_segments, w.foot_params, w.multipliers, strict=True):
-        if (here := tuple(np.asarray(foot).tolist())) not in seen:
-            shown = f"{other} segment {int(segment)}, t = {float(t):.9g}, at {_place(foot)}"
-            lines.append(f"  foot     {shown}, multiplier {float(weight):.4g}")
-            seen.append(here)
-    if not _successful(solution):
-        lines.append(f"  result   {_with_sentence(solution.result)}")
-    return "\n".join(lines)
-
-
-def _with_sentence(item: Any) -> str:
-    """The name of a member of an enumeration and the sentence that it stands for."""
-    return f"{name_of(item)}: {item._enumeration._index_to_message[int(item._value)]}"
-
-
-def _place(point: Any) -> str:
-    return "(" + ", ".join(f"{float(x):.9g}" for x in point) + ")"
-
-
-def _shape_line(name: str, spec: str, shape: AbstractCurve) -> str:
-    pieces = shape.segments()
-    shown = spec if len(spec) <= _SPEC_WIDTH else f"{spec[: _SPEC_WIDTH - 3]}..."
-    plural = "" if pieces.count == 1 else "s"
-    if pieces.degree == 0:
-        return f"{name}  {shown}: {pieces.count} point{plural}"
-    kind = "rational " if pieces.weights is not None else ""
-    return f"{name}  {shown}: {pieces.count} {kind}segment{plural} of degree {pieces.degree}"
-
-
 def _print_json(solution: Any, **context: Any) -> None:
     """Prints the result as `jhd.io.save_result` writes it, so that `jhd.io.load_result` reads it."""
     context |= {"version": jhd.__version__, "device": _device(), "precision": _precision()}
@@ -367,11 +342,7 @@ def _print_json(solution: Any, **context: Any) -> None:
 
 
 def _status(*solutions: Any) -> int:
-    return 0 if all(_successful(solution) for solution in solutions) else 1
-
-
-def _successful(solution: Any) -> bool:
-    return bool(np.all(np.asarray(solution.result._value) == np.asarray(RESULTS.successful._value)))
+    return 0 if all(successful(solution) for solution in solutions) else 1
 
 
 def _timed(action: Callable[[], Any]) -> tuple[Any, float]:
@@ -382,7 +353,7 @@ def _timed(action: Callable[[], Any]) -> tuple[Any, float]:
 
 
 @contextmanager
-def _busy(message: str) -> Iterator[Callable[[jhd.Progress], None]]:
+def _busy(message: str) -> Iterator[Callable[[Any], None]]:
     """Shows the message while the block runs, and the progress handed to what it yields; on a terminal only."""
     if not sys.stderr.isatty():
         yield lambda _: None
@@ -393,7 +364,7 @@ def _busy(message: str) -> Iterator[Callable[[jhd.Progress], None]]:
 
     show(f"{message} ...")
     try:
-        yield lambda p: show(f"{p.direction}: {p.lower:.9g} to {p.upper:.9g}, step {p.steps}, {p.waiting} cells wait")
+        yield lambda progress: show(progress_text(progress))
     finally:
         show("")
 

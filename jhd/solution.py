@@ -45,6 +45,12 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "No cell could be proven to hold a point of one of the surfaces, so a bound is missing: raise cells. Where a "
         "polynomial does not change its sign nothing can be proven."
     )
+    family_of_maxima = (
+        "The bounds are true but wider than asked for: a whole curve or region of points is about as far as the "
+        "farthest one, or about as near as the nearest, and the work grows like the inverse of the gap: raise atol, or "
+        "max_steps."
+    )
+    empty_surface = "A surface is proven to have no point in its box, so there is no distance: check its box."
     nonfinite_value = (
         "An input that was not known when the program was compiled cannot be used: it holds a NaN or an infinity, or "
         "weights that are not positive or differ by too large a ratio."
@@ -107,17 +113,17 @@ class Witness(eqx.Module):
     """
 
     segment: Int[Array, "*batch"]
-    t: Float[Array, "*batch"]
+    t: Float[Array, "*batch"] | Float[Array, "*batch corners"]
     point: Float[Array, "*batch dim"]
     feet: Float[Array, "*batch feet dim"]
     foot_segments: Int[Array, "*batch feet"]
-    foot_params: Float[Array, "*batch feet"]
+    foot_params: Float[Array, "*batch feet"] | Float[Array, "*batch feet corners"]
     multipliers: Float[Array, "*batch feet"]
     event: Any
     direction: Any
 
     def __repr__(self) -> str:
-        if is_traced(self.t) or np.ndim(self.t) > 0:
+        if is_traced(self.t) or np.ndim(self.point) > 1:
             return f"Witness(t={eqx.tree_pformat(self.t)}, a batch or traced; index or vmap it)"
         numbers = {name: np.asarray(getattr(self, name)).tolist() for name in ("segment", "t", "point", "feet")}
         numbers |= {name: np.asarray(getattr(self, name)).tolist() for name in ("foot_segments", "foot_params")}
@@ -174,6 +180,51 @@ class HausdorffSolution(eqx.Module):
         return json.dumps(to_plain(self), **options)
 
 
+class MinimumSolution(eqx.Module):
+    """A minimum distance of two shapes with its bounds: lower <= exact <= upper.
+
+    `value` is what to differentiate; it is about the distance of the two points. Where the shapes meet, `lower` is 0
+    and `upper` what proves it: the points are that close. `stats` counts work (never seconds).
+
+    Args:
+        value: the distance found.
+        lower: proven lower bound.
+        upper: proven upper bound; inf where none is.
+        point_a: the point of a that is nearest to b.
+        point_b: the point of b that is nearest to a.
+        result: a member of RESULTS.
+        stats: counts.
+    """
+
+    value: Float[Array, "*batch"]
+    lower: Float[Array, "*batch"]
+    upper: Float[Array, "*batch"]
+    point_a: Float[Array, "*batch dim"]
+    point_b: Float[Array, "*batch dim"]
+    result: Any
+    stats: dict[str, Array]
+
+    def __float__(self) -> float:
+        return float(self.value)
+
+    def __repr__(self) -> str:
+        if is_traced(self.value) or np.ndim(self.value) > 0:
+            return f"MinimumSolution(value={eqx.tree_pformat(self.value)},\n  a batch or traced; index or vmap it)"
+        places = [", ".join(f"{x:.6g}" for x in np.asarray(point)) for point in (self.point_a, self.point_b)]
+        return (
+            f"MinimumSolution(value={float(self.value)!r}, lower={float(self.lower)!r}, "
+            f"upper={float(self.upper)!r},\n  between ({places[0]}) and ({places[1]}), {name_of(self.result)})"
+        )
+
+    def to_json(self, **options: Any) -> str:
+        """The solution as JSON text: bounds that are not proven are null, enumerations are names.
+
+        Args:
+            options: handed to json.dumps, for example indent=2.
+        """
+        return json.dumps(to_plain(self), **options)
+
+
 class Projection(eqx.Module):
     """Nearest points of a shape: distances with bounds, feet and their places; the shape of the queries is kept.
 
@@ -182,8 +233,8 @@ class Projection(eqx.Module):
         lower: proven lower bound of the distance to the whole shape; 0 for the local methods.
         upper: proven upper bound.
         foot: the nearest point found.
-        segment: its segment.
-        t: its parameter there.
+        segment: its segment; of a mesh, its triangle.
+        t: its parameter there; of a mesh, the three barycentric coordinates, exactly 0 off a face.
         result: a member of RESULTS for each query.
     """
 
@@ -192,7 +243,7 @@ class Projection(eqx.Module):
     upper: Float[Array, "*batch"]
     foot: Float[Array, "*batch dim"]
     segment: Int[Array, "*batch"]
-    t: Float[Array, "*batch"]
+    t: Float[Array, "*batch"] | Float[Array, "*batch corners"]
     result: Any
 
 

@@ -119,6 +119,44 @@ def check_point_bezier(numbers):
     assert ours["error"] < ERROR and all(s["error"] > ERROR for s in samples)
 
 
+def check_ranges(numbers):
+    for ways in numbers["surfaces"].values():
+        least = ways["bernstein"]["levels"][-1]
+        assert all(way["proven"] <= least <= way["levels"][-1] for way in ways.values())
+        assert all(way["rate"] > 0 and way["seconds"] > 0 for way in ways.values())
+
+
+def holds(found, exact):
+    return found["lower"] <= exact and (found["upper"] is None or exact <= found["upper"])
+
+
+def check_spurious_cells(numbers):
+    *counterexamples, empty = numbers["pairs"]
+    for pair in counterexamples:
+        assert not any(holds(found, pair["exact"]) for found in pair["paper"])
+        assert all(holds(found, pair["exact"]) for found in pair["safe"])
+    assert {found["result"] for found in empty["paper"]} == {"unproven"}
+    assert {found["result"] for found in empty["safe"]} == {"unverified"}
+
+
+def check_algsurf_table(numbers):
+    assert all(holds(found, numbers["exact"]) for found in numbers["rules"])
+    for found in numbers["rules"]:
+        assert found["separable"] < numbers["paper"]["seconds"] / 1000
+
+
+def check_surface_gallery(numbers):
+    for pair in numbers["pairs"]:
+        found = pair["solution"]
+        assert 0 < found["lower"] <= found["value"] <= found["upper"] <= found["lower"] + 0.1
+        assert pair["cubes"]["lower"] <= found["upper"] and found["lower"] <= pair["cubes"]["upper"]
+
+
+def check_fit_quadric(numbers):
+    assert all(step["lower"] <= step["value"] <= step["upper"] for step in numbers["steps"])
+    assert np.all(np.diff(numbers["path"]) <= 0)
+
+
 CHECKS = {name.removeprefix("check_"): f for name, f in list(globals().items()) if name.startswith("check_")}
 
 

@@ -9,57 +9,48 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "jhd"
 
+
+def modules(folder, names):
+    """The modules of a folder, in order; names are parted by blanks."""
+    return [f"{folder}.{name}" for name in names.split()]
+
+
 # Each entry of a layer lists its modules in order: a module may import from lower layers and from earlier modules of
 # its own entry. Entries of one layer know nothing of each other. The order holds also for modules not listed here,
 # since each of those must be added.
+SHAPES = """
+    checks knots convert homogeneous joints curve bezier bspline deviation biarc_fit biarc
+    polynomial_text implicit mesh tessellation patch
+"""
+FIELDS = """
+    boxes octree distance_transform point_triangle box_tree closest_point winding adaptive distance_map
+"""
+DISTANCES = """
+    jets prepare method nearest events active derivative local_feet stationarity
+    mesh_projection signed_distance projection refinement two_step
+    event_forms event_kernels event_systems event_survivors host_pair event_candidates farthest algebraic
+    arc_bounds trimming
+    bounds surface_foot surface_events surface_derivative search
+    surface_prepare surface_bounds surface_points surface_signs surface_nearest surface_candidates surface_search
+    surface_solution branch_and_bound driver cube_intervals
+    mesh_cells mesh_witness mesh_search hausdorff critical
+    minimum_balls minimum_cells minimum_search minimum_nets minimum_host minimum_surfaces minimum_mixed voxel_pairs
+    minimum verification host covering certificate
+"""
+FILES_OF = """
+    errors contours outlines path_data svg_elements svg_shapes svg_document svg curves polygons ply meshes load results
+    certificates
+"""
 LAYERS: list[list[list[str]]] = [
     [["arrays", "compiled", "solution"]],
+    [modules("arithmetic", "rounding interval affine bernstein trivariate exact_polynomials polynomial_systems")],
+    [modules("shapes", SHAPES)],
+    [modules("fields", FIELDS)],
+    [modules("distance", DISTANCES)],
     [
-        [
-            f"arithmetic.{name}"
-            for name in "rounding interval affine bernstein trivariate exact_polynomials polynomial_systems".split()
-        ]
-    ],
-    [
-        [
-            f"shapes.{name}"
-            for name in (
-                "checks knots convert homogeneous joints curve bezier bspline deviation biarc_fit biarc polynomial_text "
-                "implicit mesh tessellation patch"
-            ).split()
-        ]
-    ],
-    [
-        [
-            f"fields.{name}"
-            for name in (
-                "boxes octree distance_transform point_triangle box_tree closest_point winding adaptive distance_map"
-            ).split()
-        ]
-    ],
-    [
-        [
-            f"distance.{name}"
-            for name in (
-                "jets prepare method nearest events active derivative local_feet stationarity mesh_projection signed_distance projection refinement "
-                "two_step event_forms event_kernels event_systems event_survivors host_pair event_candidates farthest "
-                "algebraic arc_bounds trimming bounds surface_foot surface_events surface_derivative search "
-                "surface_prepare surface_bounds surface_points surface_signs surface_nearest surface_candidates surface_search "
-                "surface_solution branch_and_bound driver "
-                "cube_intervals mesh_cells mesh_witness mesh_search hausdorff critical minimum_balls minimum_cells minimum_search minimum_nets minimum_host minimum_surfaces minimum_mixed voxel_pairs minimum verification host covering certificate"
-            ).split()
-        ]
-    ],
-    [
-        ["fitting.expansion", "fitting.subproblem", "fitting.minimax", "fitting.chain", "fit"],
-        ["plot.axes", "plot.curves", "plot.nets", "plot.implicit", "plot.solutions"],
-        [
-            f"io.{name}"
-            for name in (
-                "errors contours outlines path_data svg_elements svg_shapes svg_document svg curves polygons ply meshes "
-                "load results certificates"
-            ).split()
-        ],
+        [*modules("fitting", "expansion subproblem minimax chain"), "fit"],
+        modules("plot", "axes curves nets implicit solutions"),
+        modules("io", FILES_OF),
     ],
     [["report", "commands", "__main__"]],
 ]

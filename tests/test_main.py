@@ -139,6 +139,36 @@ def test_an_interrupted_search_prints_the_bounds_reached(run, monkeypatch):
     assert "upper    inf" not in out
 
 
+# Two spheres, the second polynomial beginning with a minus; the farthest point is 0.75 away.
+SPHERES = "x**2 + y^2 + z**2 - 1", "-x^2 - (y - 1/4)^2 - z^2 + 2.25", "--box", "-2", "2"
+
+
+def test_surfaces_are_polynomials_with_a_box(run, monkeypatch):
+    options = (*SPHERES, "--method", "CubeIntervals")
+    status, out, err = run("distance", *options, "--json", "--plot", "spheres.png")
+    content = json.loads(out)
+    assert (status, err) == (0, "")
+    assert content["solution"]["lower"] <= 0.75 <= content["solution"]["upper"]
+    assert content["context"]["b"] == SPHERES[1]
+    assert content["context"]["box"] == [[-2.0] * 3, [2.0] * 3]
+    assert Path("spheres.png").exists()
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    status, out, err = run("distance", *options[:3], "-2", "-2", "-2", "2", "2", "2", *options[5:])
+    assert status == 0
+    assert "B  -x^2 - (y - 1/4)^2 - z^2 + 2.25: surface of degree 2 in [-2, 2] x [-2, 2] x [-2, 2]" in out
+    assert "  witness  B at (" in out and "nan" not in out
+    assert "cells of level 6 of 6: " in err
+    assert err.endswith("\r\x1b[K")
+
+
+@pytest.mark.slow  # compiles the search
+def test_the_default_method_closes_the_bounds_of_surfaces(run):
+    status, out, err = run("distance", *SPHERES, "--atol", "1e-3", "--json")
+    content = json.loads(out)
+    assert (status, err) == (0, "")
+    assert content["solution"]["upper"] - 1e-3 <= content["solution"]["lower"] <= 0.75 <= content["solution"]["upper"]
+
+
 def test_progress_is_shown_on_a_terminal_and_wiped(run, monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     status, _, err = run("distance", BASE, DIAGONAL)
@@ -215,6 +245,13 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
             "TwoStep proves no bounds",
         ),
         (["distance", BASE, DIAGONAL, "--plot", "a.xyz"], "a.xyz: the suffix is '.xyz'; pictures are stored as "),
+        (["distance", *SPHERES[:2]], "A is a polynomial; give the box of its surface: --box LOWER UPPER."),
+        (["distance", *SPHERES, "3"], "--box has 3 numbers; needs 2, or 6"),
+        (["distance", *SPHERES[:3], "2", "-2"], "A: lower[0] is 2 and upper[0] is -2; needs lower < upper."),
+        (["distance", SPHERES[0], "x**2 + sin(y)", "--box", "-2", "2"], "B: column 8: found 'sin'"),
+        (["distance", *SPHERES[:3], "-2e400", "2"], "not finite"),
+        (["distance", *SPHERES, "--certificate", "a.json"], "certificates are for curves"),
+        (["distance", *SPHERES, "--method", "TwoStep"], "got TwoStep"),
         (["project", BASE, "1"], "a point has 1 coordinates; the curve has 2"),
         (["project", BASE, "1", "2", "3"], "a point has 3 coordinates; the curve has 2"),
         (["project", BASE, "1", "nan"], "not finite"),

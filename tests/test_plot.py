@@ -1,5 +1,7 @@
 """Pictures: what the artists hold, and that nothing global changes."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import matplotlib as mpl
@@ -10,6 +12,7 @@ from matplotlib.figure import Figure
 
 import jhd
 from jhd import plot
+from jhd.plot.nets import quadrilaterals
 
 # An arch over a base line: the top of the arch, at t = 1/2, is 1 above the line.
 ARCH = jhd.BezierSegments([[[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]]])
@@ -48,7 +51,7 @@ def axes(dim=2):
     return figure.add_subplot(projection="3d") if dim == 3 else figure.add_subplot()
 
 
-def artist(ax, gid):
+def artist(ax, gid) -> Any:
     (found,) = [a for a in ax.get_children() if a.get_gid() == gid]
     return found
 
@@ -222,3 +225,77 @@ def test_the_profile_of_a_point_set_has_one_dot_a_point():
 def test_the_profile_needs_a_step():
     with pytest.raises(ValueError, match="samples is 0"):
         plot.profile(ARCH, BASE, axes(), samples=0)
+
+
+# A sphere, and a cone that its box cuts off at z = -2 and z = 2.
+BALL = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [-2, -2, -2], [2, 2, 2])
+CONE = jhd.ImplicitSurface.parse("x^2/4 + y^2/4 - z^2/9", [-2, -2, -2], [2, 2, 2])
+
+
+def test_a_surface_is_drawn_from_quadrilaterals_on_it_that_end_on_its_box():
+    sphere, cone = quadrilaterals(BALL, 8), quadrilaterals(CONE, 9)
+    np.testing.assert_allclose(np.linalg.norm(sphere, axis=-1), 1.0, atol=1e-6)
+    # Twice the area from the triangles of each; of the sphere some is lost, of the cone the edges of the disks.
+    areas = [np.cross(q[:, 2] - q[:, 0], q[:, 3] - q[:, 1]) for q in (sphere, cone)]
+    sphere_area, cone_area = (np.linalg.norm(x, axis=1).sum() / 2 for x in areas)
+    assert 0.9 < sphere_area / (4 * np.pi) < 1
+    assert 0.9 < cone_area / (2 * np.pi * (4 / 3) * np.hypot(4 / 3, 2)) < 1.02
+    x, y, z = np.moveaxis(cone, -1, 0)
+    assert (z.min(), z.max()) == (-2, 2)
+    border = np.abs(z) == 2
+    np.testing.assert_allclose(np.hypot(x, y)[border], 4 / 3, atol=1e-6)
+
+
+def test_surfaces_are_one_artist_with_a_key_each():
+    ax = axes(3)
+    assert plot.surfaces((BALL, CONE), ax, labels=("ball", "cone"), cells=8) is ax
+    faces = artist(ax, "surface")
+    assert len(faces.get_facecolor()) == len(quadrilaterals(BALL, 8)) + len(quadrilaterals(CONE, 8))
+    assert [line.get_label() for line in ax.lines] == ["ball", "cone"]
+    ax.figure.canvas.draw()
+    with pytest.raises(ValueError, match="projection='3d'"):
+        plot.surface(BALL, axes())
+    with pytest.raises(TypeError, match="must be an ImplicitSurface; got BezierSegments"):
+        plot.solution(BALL, SPACE, TOP, axes(3))
+
+
+def test_a_solution_of_two_surfaces_shows_both_and_the_witness():
+    ax = plot.solution(BALL, CONE, IN_SPACE, axes(3), labels=("ball", "cone"))
+    np.testing.assert_array_equal(data(ax, "witness"), [IN_SPACE.witness.point])
+    named = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert named == ["ball", "cone", "witness", "feet", "$d$ = 1"]
+    low, high = ax.get_zlim()
+    assert low <= -2 and high >= 3
+
+
+def some_voxels(places, proven):
+    origin, steps = jnp.array([-2.0, -2.0, -2.0]), jnp.array([0.5, 0.5, 0.5])
+    return jhd.Voxels(jnp.array(places), origin, steps, jnp.array(proven))
+
+
+def test_cells_show_their_outer_faces_by_what_is_proven():
+    pair = some_voxels([[0, 0, 0], [1, 0, 0], [3, 3, 3]], [True, False, False])
+    ax = plot.voxels(pair, axes(3))
+    faces = artist(ax, "voxels")
+    # Two cells side by side hide one face each.
+    assert len(faces.get_facecolor()) == 5 + 5 + 6
+    blue = np.sum(faces.get_facecolor()[:, 2] > faces.get_facecolor()[:, 0])
+    assert blue == 5
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["proven (1)", "not proven (2)"]
+
+
+def test_a_section_tells_inside_outside_and_boundary_apart():
+    kept = some_voxels([[5, 4, 4], [7, 0, 4], [0, 0, 0]], [True, False, True])
+    ax = plot.section(BALL, kept, axes(), at=0.1)
+    mesh = artist(ax, "cells").get_array()
+    assert mesh.shape == (8, 8)
+    # Rows are y. The layer holds the first two cells; the sphere has radius two cells.
+    assert mesh[4, 5] == 2 and mesh[0, 7] == 3 and mesh[0, 0] == 1 and mesh[4, 4] == 0
+    assert np.sum(mesh == 0) == 12 - 1 and np.sum(mesh == 3) == 1
+    assert artist(ax, "unproven").get_hatch()
+    radius = np.concatenate([np.linalg.norm(path, axis=1) for path in artist(ax, "curve").get_paths()[0].to_polygons()])
+    np.testing.assert_allclose(radius, np.sqrt(1 - 0.01), atol=1e-3)
+    with pytest.raises(ValueError, match="axis is 3"):
+        plot.section(BALL, kept, axes(), axis=3)
+    with pytest.raises(ValueError, match="at is 2.5; the box has -2 to 2"):
+        plot.section(BALL, kept, axes(), at=2.5)

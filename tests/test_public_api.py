@@ -49,6 +49,8 @@ PARAMETERS = {
     "BiarcTrimming": ["atol", "deviation", "capacity", "max_boxes"],
     "CubeIntervals": ["cells", "rule", "pairs"],
     "ImplicitSurface": ["coefficients", "lower", "upper"],
+    "TriangleMesh": ["vertices", "triangles"],
+    "signed_distance": ["points", "mesh", "sign"],
     "voxelise": ["surface", "cells", "ranges", "progress"],
     "biarcs": ["curve", "atol"],
     "distance_map": ["curve", "lower", "upper", "resolution"],

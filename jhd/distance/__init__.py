@@ -7,6 +7,7 @@ from jhd.distance.critical import critical_pairs
 from jhd.distance.cube_intervals import CubeIntervals
 from jhd.distance.driver import Progress
 from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
+from jhd.distance.minimum import MinimumProgress, minimum_distance
 from jhd.distance.projection import (
     HybridProjection,
     IntervalHalving,
@@ -16,6 +17,8 @@ from jhd.distance.projection import (
     project,
     stationary_points,
 )
+from jhd.distance.signed_distance import signed_distance
 from jhd.distance.trimming import BiarcTrimming
 from jhd.distance.two_step import TwoStep
 from jhd.distance.verification import CertificateError, verify
+from jhd.distance.voxel_pairs import TiedPairs, VoxelPairs

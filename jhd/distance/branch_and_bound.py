@@ -16,8 +16,13 @@ from jhd.arrays import is_traced, real_array
 from jhd.distance.method import AbstractHausdorffMethod, Aim
 from jhd.distance.prepare import Frame
 from jhd.distance.search import Wanted, advance, begin, solution_of
+from jhd.distance.surface_candidates import Target
+from jhd.distance.surface_solution import Pair, in_one_go
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import HausdorffSolution
+
+# Rows of a table of surfaces for each of those of curves.
+_SURFACE_ROWS = 16
 
 
 class BranchAndBound(AbstractHausdorffMethod):
@@ -26,11 +31,12 @@ class BranchAndBound(AbstractHausdorffMethod):
     Args:
         atol: absolute tolerance on upper - lower, in the unit of the coordinates; by default 1e-10 (in float32: 64
             units of roundoff) of the diagonal of the box of both shapes' control points, or what rounding leaves where
-            that is more.
+            that is more. Of surfaces the boxes count.
         rtol: tolerance relative to upper; the larger of both tolerances counts.
-        max_steps: most steps, of four cells each.
-        capacity: least length of the table of cells; twice the number of segments of a where that is more. Outside jit
-            and vmap a longer table is taken where this one is full.
+        max_steps: most steps, of four cells each (of surfaces 32).
+        capacity: least length of the table of cells; twice the number of segments of a where that is more. Of curves,
+            outside jit and vmap, a longer table is taken where this one is full; of surfaces it is sixteen times as
+            long from the start.
     """
 
     atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
@@ -65,15 +71,25 @@ class BranchAndBound(AbstractHausdorffMethod):
 
         if jax.default_backend() == "cpu":
             search = sequential_vmap(search)
-        return search(a, b, self.wanted(a, b, frame, aim))
+        return search(a, b, self.wanted(a, frame, aim))
 
-    def length_of_table(self, a: BezierSegments) -> int:
+    def directed_surfaces(self, pair: Pair, frame: Frame, aim: Aim, direction: Any) -> HausdorffSolution:
+        """One direction of two surfaces in common coordinates, in one go; batches as for curves."""
+
+        def search(pair: Pair, wanted: Wanted) -> HausdorffSolution:
+            return in_one_go(pair, wanted, self.length_of_table(pair.a), self.max_steps, direction)
+
+        if jax.default_backend() == "cpu":
+            search = sequential_vmap(search)
+        return search(pair, self.wanted(pair.a, frame, aim))
+
+    def length_of_table(self, a: BezierSegments | Target) -> int:
         """Number of cells there is room for."""
-        return max(self.capacity, 2 * a.count)
+        return max(self.capacity, 2 * a.count) if isinstance(a, BezierSegments) else _SURFACE_ROWS * self.capacity
 
-    def wanted(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> Wanted:
+    def wanted(self, a: BezierSegments | Target, frame: Frame, aim: Aim) -> Wanted:
         """What is asked for, in the common coordinates."""
-        dtype: Any = a.control_points.dtype
+        dtype: Any = a.control_points.dtype if isinstance(a, BezierSegments) else a.side.lower.dtype
         xp: Any = jnp if is_traced(self, frame) else np
         # One program serves a given tolerance and the default one.
         atol = xp.asarray(-1.0 if self.atol is None else frame.common(self.atol), dtype)

@@ -17,12 +17,14 @@ from jaxtyping import Array
 
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
+from jhd.distance import surface_search, surface_solution
 from jhd.distance.bounds import Cell
 from jhd.distance.branch_and_bound import BranchAndBound
 from jhd.distance.events import Place
 from jhd.distance.method import AbstractHausdorffMethod, AbstractHostMethod, Aim
 from jhd.distance.prepare import Frame
 from jhd.distance.search import State, Table, Wanted, advance, begin, solution_of, unfinished
+from jhd.distance.surface_solution import Pair
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import RESULTS, HausdorffSolution, name_of
 
@@ -69,24 +71,48 @@ class Host:
         if is_traced(a, b, method, aim, jnp.zeros(())):
             return method.directed(a, b, self.frame, aim)
         if isinstance(method, BranchAndBound):
-            return self._in_stretches(method, a, b, aim, direction)
+            wanted = method.wanted(a, self.frame, aim)
+            state = _blank(method.length_of_table(a), np.dtype(a.control_points.dtype).name)
+            return self._in_stretches(partial(_stretch, a, b, wanted), state, _longer, method.max_steps, direction)
         run = method.directed if isinstance(method, AbstractHostMethod) else partial(_in_one_go, method)
         solution = run(a, b, self.frame, aim)
         self._report(direction, solution, 0)
         return solution
 
+    def run_surfaces(self, method: BranchAndBound, pair: Pair, aim: Aim, direction: Any) -> HausdorffSolution:
+        """The directed distance of a pair of surfaces, in the common coordinates of the frame."""
+        if is_traced(pair, method, aim, jnp.zeros(())):
+            return method.directed_surfaces(pair, self.frame, aim, direction)
+        wanted, capacity = method.wanted(pair.a, self.frame, aim), method.length_of_table(pair.a)
+        state = _blank_surfaces(capacity, np.dtype(pair.a.side.lower.dtype).name)
+        stretch = partial(_surface_stretch, pair, wanted, direction)
+        return self._in_stretches(stretch, state, lambda state: state, method.max_steps, direction)
+
     def _in_stretches(
-        self, method: BranchAndBound, a: BezierSegments, b: BezierSegments, aim: Aim, direction: Any
+        self,
+        advanced: Callable[..., Any],
+        state: Any,
+        longer: Callable[[Any], Any],
+        max_steps: int,
+        direction: Any,
     ) -> HausdorffSolution:
-        wanted, dtype = method.wanted(a, b, self.frame, aim), a.control_points.dtype
-        state, solution, fresh = _blank(method.length_of_table(a), np.dtype(dtype).name), None, True
-        steps, stretch = 0, _FIRST_STEPS
+        """The search from a state that is to be begun in, with more room wherever it is about to be full.
+
+        Args:
+            advanced: state, whether it is fresh, limit of steps and whether to stop before it is full -> state,
+                solution, and three numbers: whether it is unfinished, cells that wait, and steps.
+            state: of the right shapes.
+            longer: the same state with more room.
+            max_steps: most steps.
+            direction: a member of DIRECTIONS.
+        """
+        solution, fresh, steps, stretch = None, True, 0, _FIRST_STEPS
         while True:
             # After an interruption the other direction gets the bounds it begins with.
-            limit = 0 if self.interrupted else min(steps + stretch, method.max_steps)
+            limit = 0 if self.interrupted else min(steps + stretch, max_steps)
             began = time.perf_counter()
             try:
-                state, solution, news = _stretch(a, b, wanted, state, fresh, limit, not self.interrupted)
+                state, solution, news = advanced(state, fresh, limit, not self.interrupted)
                 going_on, waiting, taken = np.asarray(news)
                 seconds = time.perf_counter() - began
                 self._report(direction, solution, int(waiting))
@@ -95,12 +121,12 @@ class Host:
                     raise
                 self.interrupted = True
                 break
-            if not going_on or taken >= limit == method.max_steps or self.interrupted:
+            if not going_on or taken >= limit == max_steps or self.interrupted:
                 break
             if not fresh:
                 stretch = max(1, int(stretch * min(4.0, _SECONDS / seconds)))
             if taken < limit:
-                state = _longer(state)
+                state = longer(state)
             steps, fresh = int(taken), False
         if self.interrupted and name_of(solution.result) != "successful":
             solution = eqx.tree_at(lambda s: s.result, solution, RESULTS.interrupted)
@@ -134,6 +160,23 @@ def _blank(capacity: int, dtype: str) -> State:
     number, count = jnp.zeros((), dtype), jnp.array(0)
     place = Place(count, number)
     return State(Table(cell, numbers), number, number, place, place, number, jnp.array(False), place, count)
+
+
+@compiled
+def _surface_stretch(
+    pair: Pair, wanted: Wanted, direction: Any, state: surface_search.State, fresh: Array, limit: Array, _: Array
+) -> tuple[surface_search.State, HausdorffSolution, Array]:
+    """The same for surfaces, whose table stays as long as it is: more of it than that hardly helps."""
+    capacity = state.table.bound.size
+    state = jax.lax.cond(fresh, lambda _: surface_search.begin(pair.a, pair.b, capacity), lambda state: state, state)
+    state, going_on = surface_solution.advanced(pair, wanted, state, limit)
+    news = jnp.stack([going_on.astype(int), state.waiting, state.steps])
+    return state, surface_solution.solution_of(pair, wanted, state, direction), news
+
+
+@lru_cache(maxsize=8)
+def _blank_surfaces(capacity: int, dtype: str) -> surface_search.State:
+    return surface_search.blank(capacity, dtype)
 
 
 @compiled

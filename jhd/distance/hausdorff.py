@@ -1,7 +1,7 @@
 """The entries: directed and two-sided Hausdorff distances of two shapes."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,11 +15,17 @@ from jhd.distance.branch_and_bound import BranchAndBound
 from jhd.distance.cube_intervals import CubeIntervals
 from jhd.distance.derivative import with_derivatives
 from jhd.distance.driver import Host, Progress
+from jhd.distance.mesh_search import mesh_directed
 from jhd.distance.method import AbstractHausdorffMethod, Aim
 from jhd.distance.prepare import Frame, prepare
+from jhd.distance.surface_candidates import Target
+from jhd.distance.surface_derivative import with_surface_derivatives
+from jhd.distance.surface_prepare import Side, prepare_surfaces
+from jhd.distance.surface_solution import Pair, target
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface, check_surface
+from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.solution import (
     ANSWERS,
     DIRECTIONS,
@@ -30,10 +36,12 @@ from jhd.solution import (
     throw_unless_successful,
 )
 
+Shape = AbstractCurve | ImplicitSurface | TriangleMesh
+
 
 def directed_hausdorff(
-    a: AbstractCurve | ImplicitSurface,
-    b: AbstractCurve | ImplicitSurface,
+    a: Shape,
+    b: Shape,
     method: AbstractHausdorffMethod | None = None,
     *,
     throw: bool = True,
@@ -41,36 +49,44 @@ def directed_hausdorff(
 ) -> HausdorffSolution:
     """Directed Hausdorff distance: the maximum over a of the minimum over b of the distance.
 
-    The distance is that of the stored Bezier segments taken as real numbers. Works under jit and vmap, where checks of
-    values are left out and `throw` is ignored: read `result`.
+    The distance is that of the stored numbers (Bezier segments, coefficients, triangles) taken as real. Works under jit
+    and vmap, where checks of values are left out and `throw` is ignored: read `result`. Meshes must be known numbers;
+    the value is differentiable in their vertices, too.
 
     Args:
-        a: the curve whose farthest point is looked for, or an implicit surface.
-        b: the curve that distances are taken to, of the same dimension, or an implicit surface.
-        method: how; by default BranchAndBound() for curves, CubeIntervals() for surfaces (not under jit).
+        a: the shape whose farthest point is looked for: a curve, an implicit surface or a mesh.
+        b: the shape that distances are taken to, of the same kind and dimension.
+        method: how; by default BranchAndBound(). CubeIntervals() serves surfaces, not under jit.
         throw: whether to raise where the method did not reach what it promises.
-        progress: called with a Progress now and then while the search lasts (for surfaces with a VoxelProgress); not
-            under jit. Ctrl-C ends the search with the bounds reached, as RESULTS.interrupted.
+        progress: called with a Progress now and then while the search lasts (by CubeIntervals with a VoxelProgress);
+            not under jit. Ctrl-C ends the search with the bounds reached, as RESULTS.interrupted.
 
     Returns:
         The distance with its bounds, in the unit of the coordinates.
 
     Raises:
         TypeError: a shape or a method of another kind.
-        ValueError: curves of different dimensions.
+        ValueError: curves of different dimensions, or a surface proven empty in its box.
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
+    if isinstance(a, TriangleMesh) or isinstance(b, TriangleMesh):
+        method, meshes = _of_meshes(method, a, b)
+        return _finish(mesh_directed(*meshes, method, progress=progress), throw)
     if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
-        cells, surfaces = _by_cells(method, a, b)
-        return _finish(cells.directed_surfaces(*surfaces, progress=progress), throw and cells.rule != "paper")
+        method, surfaces = _of_surfaces(method, a, b)
+        if isinstance(method, CubeIntervals):
+            return _finish(method.directed_surfaces(*surfaces, progress=progress), throw and method.rule != "paper")
+        targets, frame = _targets(*surfaces)
+        there = Host(frame, progress).run_surfaces(method, targets.pair(), _plain(frame), DIRECTIONS.a_to_b)
+        return _finish(with_surface_derivatives(frame.solution(there), *surfaces), throw)
     method, curves, (p, q, frame) = _prepared(a, b, method)
     there = Host(frame, progress).run(method, p, q, _everything(p), DIRECTIONS.a_to_b)
     return _finish(with_derivatives(frame.solution(there), *curves, frame), throw)
 
 
 def hausdorff(
-    a: AbstractCurve | ImplicitSurface,
-    b: AbstractCurve | ImplicitSurface,
+    a: Shape,
+    b: Shape,
     method: AbstractHausdorffMethod | None = None,
     *,
     throw: bool = True,
@@ -79,9 +95,9 @@ def hausdorff(
     """Hausdorff distance: the larger of both directed distances; the witness's `direction` says which, a_to_b at a tie.
 
     Args:
-        a: a curve, or an implicit surface.
-        b: a curve of the same dimension, or an implicit surface.
-        method: how; by default BranchAndBound() for curves, CubeIntervals() for surfaces (not under jit).
+        a: a curve, an implicit surface or a mesh.
+        b: a shape of the same kind and dimension.
+        method: how; by default BranchAndBound(). CubeIntervals() serves surfaces, not under jit.
         throw: whether to raise where the method did not reach what it promises.
         progress: as for `directed_hausdorff`.
 
@@ -90,12 +106,21 @@ def hausdorff(
 
     Raises:
         TypeError: a shape or a method of another kind.
-        ValueError: curves of different dimensions.
+        ValueError: curves of different dimensions, or a surface proven empty in its box.
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
+    if isinstance(a, TriangleMesh) or isinstance(b, TriangleMesh):
+        method, meshes = _of_meshes(method, a, b)
+        return _finish(_larger(*_both_ways(*meshes, method, None, progress)), throw)
     if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
-        cells, surfaces = _by_cells(method, a, b)
-        return _finish(cells.surfaces(*surfaces, progress=progress), throw and cells.rule != "paper")
+        method, surfaces = _of_surfaces(method, a, b)
+        if isinstance(method, CubeIntervals):
+            return _finish(method.surfaces(*surfaces, progress=progress), throw and method.rule != "paper")
+        targets, frame = _targets(*surfaces)
+        host, aim = Host(frame, progress), _plain(frame)
+        there = host.run_surfaces(method, targets.pair(), aim, DIRECTIONS.a_to_b)
+        back = host.run_surfaces(method, targets.turned(), aim._replace(level=there.lower), DIRECTIONS.b_to_a)
+        return _finish(with_surface_derivatives(frame.solution(_larger(there, back)), *surfaces), throw)
     method, curves, (p, q, frame) = _prepared(a, b, method)
     host = Host(frame, progress)
     there = host.run(method, p, q, _everything(p), DIRECTIONS.a_to_b)
@@ -105,8 +130,8 @@ def hausdorff(
 
 
 def hausdorff_at_most(
-    a: AbstractCurve,
-    b: AbstractCurve,
+    a: Shape,
+    b: Shape,
     threshold: Numbers,
     method: AbstractHausdorffMethod | None = None,
     *,
@@ -118,8 +143,8 @@ def hausdorff_at_most(
     steps where the threshold is not close to the distance.
 
     Args:
-        a: a curve.
-        b: a curve of the same dimension.
+        a: a curve, an implicit surface or a mesh.
+        b: a shape of the same kind and dimension.
         threshold: a length of at least 0, in the unit of the coordinates.
         method: options of the search; its tolerance says when it gives up.
         progress: as for `directed_hausdorff`.
@@ -129,18 +154,38 @@ def hausdorff_at_most(
 
     Raises:
         TypeError: a shape of another kind, or another method than BranchAndBound.
-        ValueError: curves of different dimensions, or a threshold that is no length.
+        ValueError: curves of different dimensions, a surface proven empty in its box, or a threshold that is no length.
     """
+    if isinstance(a, TriangleMesh) or isinstance(b, TriangleMesh):
+        (method, meshes), limit = _of_meshes(method, a, b), _checked_limit(threshold)
+        return _decided(_larger(*_both_ways(*meshes, method, float(limit), progress)), limit)
+    if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
+        method, surfaces = _of_surfaces(method, a, b)
+        method, limit = _proving(method), _checked_limit(threshold)
+        targets, frame = _targets(*surfaces)
+        aim, host = Aim(*(frame.common(limit),) * 2), Host(frame, progress)
+        there = host.run_surfaces(method, targets.pair(), aim, DIRECTIONS.a_to_b)
+        back = host.run_surfaces(method, targets.turned(), aim, DIRECTIONS.b_to_a)
+        return _decided(frame.solution(_larger(there, back)), limit)
     method, _, (p, q, frame) = _prepared(a, b, method)
-    if not isinstance(method, BranchAndBound):
-        raise TypeError(f"method must be BranchAndBound(), which proves both bounds; got {type(method).__name__}.")
-    limit = real_array("threshold", threshold)
-    if limit.shape != () or (not is_traced(limit) and float(limit) < 0):
-        raise ValueError(f"threshold is {limit}; needs one number of at least 0.")
+    method, limit = _proving(method), _checked_limit(threshold)
     aim, host = Aim(*(frame.common(limit),) * 2), Host(frame, progress)
     there = host.run(method, p, q, aim, DIRECTIONS.a_to_b)
     back = host.run(method, q, p, aim, DIRECTIONS.b_to_a)
     return _decided(frame.solution(_larger(there, back)), limit)
+
+
+def _proving(method: AbstractHausdorffMethod) -> BranchAndBound:
+    if not isinstance(method, BranchAndBound):
+        raise TypeError(f"method must be BranchAndBound(), which proves both bounds; got {type(method).__name__}.")
+    return method
+
+
+def _checked_limit(threshold: Numbers) -> Array:
+    limit = real_array("threshold", threshold)
+    if limit.shape != () or (not is_traced(limit) and float(limit) < 0):
+        raise ValueError(f"threshold is {limit}; needs one number of at least 0.")
+    return limit
 
 
 @compiled
@@ -197,14 +242,82 @@ def _prepared(
     return method, pair, prepare(*jax.lax.stop_gradient(pair), sharing=sharing)
 
 
-def _by_cells(method: object, a: Any, b: Any) -> tuple[CubeIntervals, tuple[Any, Any]]:
+class _Targets(NamedTuple):
+    """Both surfaces with what searches start from, and which of them are proven to have no point."""
+
+    a: Target
+    b: Target
+    empty_a: Array
+    empty_b: Array
+
+    def pair(self) -> Pair:
+        """The direction from a to b."""
+        return Pair(self.a, self.b, self.empty_a | self.empty_b)
+
+    def turned(self) -> Pair:
+        """The direction from b to a."""
+        return Pair(self.b, self.a, self.empty_a | self.empty_b)
+
+
+def _of_surfaces(method: object, a: Any, b: Any) -> tuple[BranchAndBound | CubeIntervals, tuple[Any, Any]]:
     """The checked method for implicit surfaces, and both."""
-    method = CubeIntervals() if method is None else method
-    if not isinstance(method, CubeIntervals):
-        raise TypeError(f"method must be CubeIntervals() for implicit surfaces; got {type(method).__name__}.")
+    method = BranchAndBound() if method is None else method
+    if not isinstance(method, BranchAndBound | CubeIntervals):
+        known = "BranchAndBound() or CubeIntervals()"
+        raise TypeError(f"method must be {known} for implicit surfaces; got {type(method).__name__}.")
     check_surface("a", a)
     check_surface("b", b)
     return method, (a, b)
+
+
+def _targets(a: ImplicitSurface, b: ImplicitSurface) -> tuple[_Targets, Frame]:
+    """Both surfaces in common coordinates, where nothing is differentiated, and the way back."""
+    p, q, frame = prepare_surfaces(*jax.lax.stop_gradient((a, b)))
+    targets = _looked_at(p, q)
+    for name, empty in (("a", targets.empty_a), ("b", targets.empty_b)):
+        if not is_traced(empty) and bool(empty):
+            raise ValueError(f"{name}: the surface is empty: the polynomial is proven to have no zero in the box.")
+    return targets, frame
+
+
+@compiled
+def _looked_at(p: Side, q: Side) -> _Targets:
+    # One after the other in one program for both.
+    sides = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), p, q)
+    (a, b), (empty_a, empty_b) = (
+        [jax.tree_util.tree_map(lambda x, i=i: x[i], part) for i in range(2)] for part in jax.lax.map(target, sides)
+    )
+    return _Targets(a, b, empty_a, empty_b)
+
+
+def _of_meshes(method: object, a: Any, b: Any) -> tuple[BranchAndBound, tuple[TriangleMesh, TriangleMesh]]:
+    """The checked method for meshes, and both."""
+    method = BranchAndBound() if method is None else method
+    if not isinstance(method, BranchAndBound):
+        raise TypeError(f"method must be BranchAndBound() for meshes; got {type(method).__name__}.")
+    check_mesh("a", a)
+    check_mesh("b", b)
+    return method, (a, b)
+
+
+def _both_ways(
+    a: TriangleMesh,
+    b: TriangleMesh,
+    method: BranchAndBound,
+    threshold: float | None,
+    progress: Callable[[Any], object] | None,
+) -> tuple[HausdorffSolution, HausdorffSolution]:
+    """Both directions; the second one above the lower bound of the first, or both about a threshold."""
+    level, ceiling = (-np.inf, np.inf) if threshold is None else (threshold, threshold)
+    there = mesh_directed(a, b, method, level, ceiling, progress)
+    known = float(jax.lax.stop_gradient(there.lower)) if threshold is None else threshold
+    return there, mesh_directed(b, a, method, known, ceiling, progress, "b_to_a")
+
+
+def _plain(frame: Frame) -> Aim:
+    """The aim of a plain distance of surfaces."""
+    infinity = np.asarray(np.inf, frame.centre.dtype)
+    return Aim(-infinity, infinity)
 
 
 def _finish(solution: HausdorffSolution, throw: bool) -> HausdorffSolution:

@@ -1,4 +1,6 @@
-"""Foot points of a curve: the nearest one by four methods and a search of our own, and all stationary ones.
+"""Foot points of curves, all stationary ones, and the nearest point of a curve or mesh.
+
+On curves there are four methods and a search of our own; meshes have theirs in jhd.distance.mesh_projection.
 
 The stationary parameters are the roots of f(s) = (P - B).B', in Bernstein form of degree 2 n - 1, or 3 n - 2 for
 rational curves; the nearest point is one of them or an end of a segment. `NearestSearch` and `ProjectedPolyhedron` are
@@ -31,11 +33,13 @@ from jhd.distance.derivative import projection_with_derivatives
 from jhd.distance.events import piece_of
 from jhd.distance.jets import jet
 from jhd.distance.local_feet import best_local, halve, height, newton
+from jhd.distance.mesh_projection import project_on_mesh
 from jhd.distance.nearest import Nearest, best_end, in_chunks, nearest, repeated
 from jhd.distance.prepare import Frame, padded_count, replaced, trusted, usable
 from jhd.distance.stationarity import roots_on
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import RESULTS, Projection, StationaryPoints, result_where, throw_unless_successful
 
 # Numbers of queries that programs are compiled for; more are done in blocks of the last size.
@@ -161,30 +165,40 @@ class HybridProjection(AbstractProjectionMethod):
 
 
 def project(
-    points: Numbers, shape: AbstractCurve, method: AbstractProjectionMethod | None = None, *, throw: bool = True
+    points: Numbers,
+    shape: AbstractCurve | TriangleMesh,
+    method: AbstractProjectionMethod | None = None,
+    *,
+    throw: bool = True,
 ) -> Projection:
-    """Nearest points of a curve, with proven lower and upper distances.
+    """Nearest points of a curve or mesh, with proven lower and upper distances.
 
-    Distance, foot and parameter are differentiable in the points and in the curve, twice; where several points are
+    Distance, foot and parameter are differentiable in the points and in the shape, twice; where several points are
     equally near that of the foot named is taken, at distance zero the derivative is zero, and at an end or corner of
-    the curve that holds the foot the parameter does not move.
+    the curve that holds the foot the parameter does not move, nor does the foot leave the face, edge or vertex of a
+    mesh that holds it.
 
     Works under jit and vmap, where checks of values are left out and `throw` is ignored: read `result`.
 
     Args:
         points: queries (..., dim); the batch shape is kept, and a single point has none.
-        shape: the curve.
-        method: NearestSearch() by default; ProjectedPolyhedron() is as safe, the others are local.
+        shape: the curve, or a mesh. Under tracing every query is compared with every triangle.
+        method: for curves; NearestSearch() by default; ProjectedPolyhedron() is as safe, the others are local.
         throw: whether to raise where the bounds were not closed.
 
     Returns:
-        Distances with bounds, feet, segments and parameters. Local methods prove no lower bound: it is 0.
+        Distances with bounds, feet, segments and parameters (of meshes: triangles and barycentric coordinates). Local
+        methods prove no lower bound: it is 0.
 
     Raises:
         TypeError: points that are not real numbers, a shape or a method of another kind.
-        ValueError: points that are not finite, empty, or of another dimension than the curve.
+        ValueError: points that are not finite, empty, or of another dimension than the shape.
         NotProvenError: bounds not closed and throw is True.
     """
+    if isinstance(shape, TriangleMesh):
+        if method is not None:
+            raise TypeError(f"method must be None for meshes, which have one search; got {type(method).__name__}.")
+        return project_on_mesh(points, shape)
     method = NearestSearch() if method is None else method
     if not isinstance(method, AbstractProjectionMethod):
         accepted = "NearestSearch, ProjectedPolyhedron, IntervalHalving, NewtonProjection, HybridProjection"

@@ -1,4 +1,4 @@
-"""Files to shapes and back: outlines of fonts, SVG, curves as JSON, results and certificates."""
+"""Files to shapes and back: outlines of fonts, SVG, curves as JSON, meshes, results and certificates."""
 
 from jhd.io.certificates import load_certificate as load_certificate
 from jhd.io.curves import curve_from_dict as curve_from_dict
@@ -7,6 +7,8 @@ from jhd.io.curves import load_curve as load_curve
 from jhd.io.curves import save_curve as save_curve
 from jhd.io.errors import ParseError as ParseError
 from jhd.io.load import load_shape as load_shape
+from jhd.io.meshes import load_mesh as load_mesh
+from jhd.io.meshes import save_mesh as save_mesh
 from jhd.io.outlines import outline as outline
 from jhd.io.outlines import parse_font_spec as parse_font_spec
 from jhd.io.results import load_result as load_result

@@ -267,7 +267,7 @@ def test_a_surface_that_proves_nothing_raises_and_keeps_what_is_known():
     ("shapes", "method", "message"),
     [
         ((CONES[0], jhd.circle([0.0, 0.0], 1.0)), None, "b must be an ImplicitSurface; got BezierSegments."),
-        (CONES, jhd.TwoStep(), r"method must be CubeIntervals\(\) for implicit surfaces; got TwoStep."),
+        (CONES, jhd.TwoStep(), r"CubeIntervals\(\) for implicit surfaces; got TwoStep."),
         ((jhd.circle([0.0, 0.0], 1.0),) * 2, CubeIntervals(), "CubeIntervals serves surfaces"),
     ],
 )

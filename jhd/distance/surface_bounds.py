@@ -1,0 +1,341 @@
+"""Proven bounds of distances between parts of implicit surfaces, for many cells at once.
+
+A cell C is a box. With f_a zero on a, and q_k points of b, every point p of a in C has
+
+    d(p, b)^2 <= min_k |p - q_k|^2 <= sum_k w_k |p - q_k|^2 - lambda f_a(p)
+
+for all weights w in the simplex and all real lambda; so the largest Bernstein coefficient of the right side over C is a
+bound. The weights and lambda that are tried make its gradient over a vanish, along the borders of the box too, which
+leaves a slack of second order in the size of C at maxima of every kind. In the same way the smallest coefficient of
+|q - p|^2 - lambda f_b(q) bounds the distance of a point p from the part of b in C.
+
+Rounding. The terms of a form are off by at most `error` = gamma(7 N + 40) m + e(r), with N the sum of degrees, m the
+size sum |a_ijk| r^(i, j, k) of the polynomial on the cell, r = |c| + h, and e the errors of its coefficients
+(jhd.arithmetic.trivariate derives 5 N + 6, and N + 9 allow for the matrices here and for r above one by a few
+roundings; N for a shift of the centre whose sum is rounded, and what is left for the products and sums in which the
+terms take part: each is at most m in size, so lambda times the terms, added to something, costs gamma(4) |lambda| m).
+A squared distance |p - q|^2 on a cell is off by at most gamma(24) R with R = sum (|c_i - q_i| + h_i)^2: differences of
+coordinates have one rounding each and everything after them is a sum of products of at most this size in all. The mean
+of some points is a float with an error mu of its own, which adds 2 sum (|c_i - q_i| + h_i) mu_i, since
+
+    sum_k w_k |p - q_k|^2 = |p - q|^2 + 2 (p - q).(q - sum_k w_k q_k) + sum_k w_k |q_k - q|^2   for every q.
+
+Coordinates and coefficients are at most one (jhd.distance.surface_prepare), so what underflow takes is below 2^-900
+and 2^-110 in double and single precision.
+
+Source: the bounds are ours. Bernstein form: Farouki & Rajan, CAGD 5 (1988).
+"""
+
+import math
+from functools import cache
+from itertools import combinations
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jhd.arithmetic.rounding import gamma, round_up, smallest_normal, unit_roundoff
+from jhd.arrays import varying
+from jhd.distance.surface_prepare import Side
+
+# Feet that a cell carries: three balance on a smooth part of a, a fourth where it is singular.
+FEET = 4
+# Pairs of weights and lambda that are evaluated in full, the best ones by a linear estimate.
+_TRIED = 3
+_PAIRS, _TRIPLES = (np.array(list(combinations(range(FEET), k))) for k in (2, 3))
+
+
+class Boxes(NamedTuple):
+    """Cells, and boxes |x - centre| <= half that contain them."""
+
+    lower: Float[Array, "3 cells"]
+    upper: Float[Array, "3 cells"]
+    centre: Float[Array, "3 cells"]
+    half: Float[Array, "3 cells"]
+
+
+class Form(NamedTuple):
+    """A polynomial on cells: its power form in e = (x - centre) / half, its Bernstein coefficients, and their error."""
+
+    local: Float[Array, "i j k cells"]
+    terms: Float[Array, "terms cells"]
+    error: Float[Array, " cells"]
+
+    @property
+    def value(self) -> Array:
+        """The value at the centre."""
+        return self.local[0, 0, 0]
+
+    @property
+    def slope(self) -> Array:
+        """The gradient at the centre times the half widths."""
+        return jnp.stack([self.local[1, 0, 0], self.local[0, 1, 0], self.local[0, 0, 1]])
+
+    @property
+    def rest(self) -> Array:
+        """Sum of the sizes of the terms of degree two and more."""
+        sizes = jnp.sum(jnp.abs(self.local.reshape(-1, self.local.shape[-1])), axis=0)
+        return jnp.maximum(sizes - jnp.abs(self.value) - jnp.sum(jnp.abs(self.slope), axis=0), 0.0)
+
+    @property
+    def may_vanish(self) -> Array:
+        """Whether the exact polynomial may be zero somewhere in the cell."""
+        return (jnp.min(self.terms, axis=0) <= self.error) & (jnp.max(self.terms, axis=0) >= -self.error)
+
+
+def boxes(lower: Float[Array, "3 cells"], upper: Float[Array, "3 cells"]) -> Boxes:
+    """Centres and half widths of cells; the half widths are rounded up."""
+    centre = 0.5 * (lower + upper)
+    half = jnp.maximum(centre - lower, upper - centre)
+    half = half * (1 + 4 * unit_roundoff(half.dtype)) + smallest_normal(half.dtype)
+    return Boxes(lower, upper, centre, half)
+
+
+def form(side: Side, cells: Boxes) -> Form:
+    """The polynomial of a side on cells."""
+    a = jnp.asarray(side.coefficients)
+    whole = jnp.broadcast_to(a[..., None], (*a.shape, cells.centre.shape[-1]))
+
+    # One axis after the other, the first of them each time, which compiles three times as fast as all of them.
+    def about(axis: Array, x: Array) -> Array:
+        return jnp.moveaxis(_shifted(x, cells.centre[axis], cells.half[axis]), 0, 2)
+
+    local = jax.lax.fori_loop(0, 3, about, varying(whole, side, cells))
+    terms = jax.lax.fori_loop(0, 3, lambda _, x: jnp.moveaxis(_bernstein(x), 0, 2), local)
+    sizes = gamma(7 * _degrees(a) + 40, a.dtype) * jnp.abs(a) + side.error
+    error = evaluated(sizes, jnp.abs(cells.centre) + cells.half) + _underflow(a.dtype)
+    return Form(local, terms.reshape(-1, terms.shape[-1]), error)
+
+
+def evaluated(coefficients: Array, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
+    """Values of a polynomial by Horner's rule, in at most twice its degrees of roundings each."""
+    x = jnp.broadcast_to(coefficients[..., None], (*coefficients.shape, points.shape[-1]))
+    for axis in range(3):
+        value = x[-1]
+        for row in x[-2::-1]:
+            value = value * points[axis] + row
+        x = value
+    return x
+
+
+def signed_values(side: Side, points: Float[Array, "3 points"]) -> tuple[Array, Array]:
+    """Values of the polynomial at points, and bounds of their errors: gamma(6 N) m + e for Horner's rule."""
+    a = jnp.asarray(side.coefficients)
+    sizes = gamma(6 * _degrees(a) + 8, a.dtype) * jnp.abs(a) + side.error
+    return evaluated(a, points), evaluated(sizes, jnp.abs(points)) + _underflow(a.dtype)
+
+
+def upper_bounds(
+    form_a: Form,
+    cells: Boxes,
+    feet: Float[Array, "feet 3 cells"],
+    radius: Float[Array, "feet cells"],
+    free: Bool[Array, "3 cells"],
+) -> Float[Array, " cells"]:
+    """Upper bounds of d(p, b) over the points p of a in cells.
+
+    Args:
+        form_a: the polynomial of a on the cells.
+        cells: the cells.
+        feet: points close to b; unused places repeat another one.
+        radius: how close: each foot has a point of b proven within its radius; the largest is added to the bound.
+        free: the coordinates in which a cell does not touch the box of a.
+    """
+    weights, factors = _trials(form_a, cells, feet, free)
+    first = feet[0]
+    others = feet[1:] - first
+    moved = jnp.sum(weights[:, 1:, None] * others, axis=1)
+    mean = first + moved
+    u = unit_roundoff(mean.dtype)
+    wrong = 4 * u * jnp.abs(mean) + 16 * u * jnp.sum(weights[:, 1:, None] * jnp.abs(others), axis=1)
+    spread = jnp.sum((feet - mean[:, None]) ** 2, axis=2)
+    variance = jnp.sum(weights * spread, axis=1)
+    quadratic = _squares(mean, cells, form_a.local.shape[0])
+    reach = jnp.abs(cells.centre - mean) + cells.half
+    size = jnp.sum(reach**2, axis=1) + jnp.max(spread, axis=1)
+    values = quadratic + variance[:, None] - factors[:, None] * form_a.terms
+    error = gamma(24, size.dtype) * size + 2 * jnp.sum(reach * wrong, axis=1) + jnp.abs(factors) * form_a.error
+    bound = jnp.min(_finite(jnp.max(values, axis=1) + 1.01 * error), axis=0)
+    # Six roundings of the last sums and of the root.
+    length = jnp.sqrt(jnp.maximum(bound, 0.0)) * (1 + 8 * u) + smallest_normal(mean.dtype) ** 0.5
+    return round_up(length + jnp.max(radius, axis=0))
+
+
+def lower_bounds(
+    form_b: Form, cells: Boxes, point: Float[Array, "3"], free: Bool[Array, "3 cells"]
+) -> Float[Array, " cells"]:
+    """Lower bounds of the distance of a point to the part of b in cells.
+
+    Args:
+        form_b: the polynomial of b on the cells.
+        cells: the cells.
+        point: the point, exact.
+        free: the coordinates in which a cell does not touch the box of b.
+    """
+    apart = cells.centre - point[:, None]
+    factors = multiples(2 * apart * cells.half, form_b.slope, free)
+    quadratic = _squares(jnp.broadcast_to(point[:, None], apart.shape)[None], cells, form_b.local.shape[0])
+    size = jnp.sum((jnp.abs(apart) + cells.half) ** 2, axis=0)
+    least = jnp.min(quadratic - factors[:, None] * form_b.terms, axis=1)
+    error = gamma(24, size.dtype) * size + jnp.abs(factors) * form_b.error
+    best = jnp.max(jnp.nan_to_num(least - 1.01 * error, nan=0.0, posinf=0.0, neginf=0.0), axis=0)
+    gaps = jnp.maximum(jnp.abs(apart) - cells.half, 0.0)
+    best = jnp.maximum(best, jnp.sum(gaps**2, axis=0) - gamma(24, size.dtype) * size)
+    root = jnp.sqrt(jnp.maximum(best, 0.0)) * (1 - 8 * unit_roundoff(best.dtype)) - smallest_normal(best.dtype) ** 0.5
+    return jnp.maximum(root, 0.0)
+
+
+def box_distances(cells: Boxes, point: Array) -> tuple[Array, Array]:
+    """Bounds of the distances from a point, or from one point for each cell, to the points of cells: least and most."""
+    apart = jnp.abs(cells.centre - (point[:, None] if point.ndim == 1 else point))
+    near, far = jnp.maximum(apart - cells.half, 0.0), apart + cells.half
+    slack = gamma(12, apart.dtype) * jnp.sqrt(jnp.sum(far**2, axis=0)) + smallest_normal(apart.dtype) ** 0.5
+    least, most = (jnp.sqrt(jnp.sum(x**2, axis=0)) for x in (near, far))
+    return jnp.maximum(least - slack, 0.0), most + slack
+
+
+def multiples(
+    pull: Float[Array, "3 cells"], slope: Float[Array, "3 cells"], free: Bool[Array, "3 cells"]
+) -> Float[Array, "trials cells"]:
+    """Factors that leave little of pull - factor slope: none in one coordinate, or the least of all or free ones."""
+    part = jnp.where(free, slope, 0.0)
+    whole, some = (jnp.sum(pull * x, axis=0) / _positive(jnp.sum(x**2, axis=0)) for x in (slope, part))
+    single = pull / jnp.where(slope != 0, slope, jnp.inf)
+    return _finite_or_zero(jnp.stack([jnp.zeros_like(whole), whole, some, *single]))
+
+
+def _trials(form_a: Form, cells: Boxes, feet: Array, free: Array) -> tuple[Array, Array]:
+    """Weights (trials, feet, cells) and factors lambda (trials, cells), none of which needs to be good."""
+    apart = cells.centre - feet
+    pulls = 2 * apart * cells.half
+    slope = form_a.slope
+    singles = jnp.eye(FEET, dtype=pulls.dtype)[..., None] * jnp.ones_like(pulls[0, 0])
+    weights, factors = [singles, *[singles] * 3], [jnp.zeros_like(pulls[:, 0])]
+    factors += [pulls[:, i] / jnp.where(slope[i] != 0, slope[i], jnp.inf) for i in range(3)]
+    for mask in (jnp.ones_like(free), free):
+        chosen = jnp.concatenate([singles, *_balanced(jnp.where(mask, pulls, 0.0), jnp.where(mask, slope, 0.0))])
+        pull = jnp.sum(chosen[:, :, None] * jnp.where(mask, pulls, 0.0), axis=1)
+        along = jnp.sum(pull * slope, axis=1) / _positive(jnp.sum(jnp.where(mask, slope**2, 0.0), axis=0))
+        weights.append(chosen)
+        factors.append(along)
+    w, factor = jnp.concatenate(weights), _finite_or_zero(jnp.concatenate(factors))
+    squares = jnp.sum(apart**2, axis=1)
+    pull = jnp.sum(w[:, :, None] * pulls, axis=1)
+    linear = jnp.sum(w * squares, axis=1) - factor * form_a.value
+    estimate = linear + jnp.sum(jnp.abs(pull - factor[:, None] * slope), axis=1) + jnp.abs(factor) * form_a.rest
+    estimate = _finite(estimate)
+    best = []
+    for _ in range(_TRIED):
+        least = jnp.argmin(estimate, axis=0)
+        best.append(least)
+        estimate = jnp.where(jnp.arange(estimate.shape[0])[:, None] == least, jnp.inf, estimate)
+    index = jnp.stack(best)
+    return jnp.take_along_axis(w, index[:, None], axis=0), jnp.take_along_axis(factor, index, axis=0)
+
+
+def _balanced(pulls: Array, slope: Array) -> list[Array]:
+    """Weights of pairs and triples of feet whose pulls along the surface cancel as far as they can."""
+    along = jnp.sum(pulls * slope, axis=1) / _positive(jnp.sum(slope**2, axis=0))
+    tangent = pulls - along[:, None] * slope
+    x, y = tangent[_PAIRS[:, 0]], tangent[_PAIRS[:, 1]]
+    share = jnp.sum(x * (x - y), axis=1) / _positive(jnp.sum((x - y) ** 2, axis=1))
+    share = _finite_or_zero(share)
+    pairs = _spread([1 - share, share], _PAIRS)
+    x, y, z = (tangent[_TRIPLES[:, k]] for k in range(3))
+    areas = [_volume(p, q, slope) for p, q in ((y, z), (z, x), (x, y))]
+    return [pairs, _spread(areas, _TRIPLES)]
+
+
+def _volume(x: Array, y: Array, z: Array) -> Array:
+    """The determinant of vectors x, y (sets, 3, cells) and z (3, cells)."""
+    first, second, third = (x[:, j] * y[:, k] - x[:, k] * y[:, j] for j, k in ((1, 2), (2, 0), (0, 1)))
+    return z[0] * first + z[1] * second + z[2] * third
+
+
+def _spread(shares: list[Array], places: np.ndarray) -> Array:
+    """Weights (sets, feet, cells) of sum at most one from shares of any common sign; the rest goes to the first foot.
+
+    The weight of the first foot is what the others leave to one, so they are kept a little below that; it need not be
+    in the set.
+    """
+    shares_of = jnp.stack(shares)
+    shares_of = shares_of * jnp.sign(jnp.sum(shares_of, axis=0))
+    shares_of = jnp.maximum(shares_of, 0.0)
+    total = jnp.sum(shares_of, axis=0)
+    part = _finite_or_zero(shares_of / _positive(total)) * (1 - 16 * unit_roundoff(total.dtype))
+    member = places.T[:, :, None, None] == np.arange(FEET)[:, None]
+    weights = jnp.sum(jnp.where(member, part[:, :, None], 0.0), axis=0)
+    return weights.at[:, 0].set(jnp.maximum(1.0 - jnp.sum(weights[:, 1:], axis=1), 0.0))
+
+
+def _squares(points: Float[Array, "sets 3 cells"], cells: Boxes, size: int) -> Array:
+    """Bernstein coefficients (sets, terms, cells) of |x - point|^2."""
+    first, second = (jnp.asarray(_conversion(size - 1)[:, k], points.dtype)[:, None] for k in (1, 2))
+    apart = cells.centre - points
+    h = cells.half
+    x, y, z = (
+        (apart[:, i] ** 2)[:, None] + (2 * apart[:, i] * h[i])[:, None] * first + h[i] ** 2 * second for i in range(3)
+    )
+    total = x[:, :, None, None] + y[:, None, :, None] + z[:, None, None, :]
+    return total.reshape(total.shape[0], size**3, -1)
+
+
+@cache
+def _conversion(degree: int) -> np.ndarray:
+    """Entry [j, k]: Bernstein coefficient j of e^k on [-1, 1]: the mean over products of k of j ones and n - j -1s."""
+    n = degree
+    rows = [
+        [sum((-1) ** (k - i) * math.comb(j, i) * math.comb(n - j, k - i) for i in range(k + 1)) for k in range(n + 1)]
+        for j in range(n + 1)
+    ]
+    return np.array([[x / math.comb(n, k) for k, x in enumerate(row)] for row in rows])
+
+
+def _shifted(form: Array, centre: Array, half: Array) -> Array:
+    """The coefficients in e of x = centre + half e for the first variable, by synthetic division."""
+    rows = list(form)
+    n = len(rows) - 1
+    for first in range(n):
+        for i in range(n - 1, first - 1, -1):
+            rows[i] = rows[i] + centre * rows[i + 1]
+    power = half
+    for i in range(1, n + 1):
+        rows[i] = rows[i] * power
+        power = power * half
+    return jnp.stack(rows)
+
+
+def _bernstein(local: Array) -> Array:
+    """Power coefficients on [-1, 1] to Bernstein ones, first variable; j and n - j share the even and odd powers."""
+    n, matrix = local.shape[0] - 1, _conversion(local.shape[0] - 1)
+    result = [local[0]] * (n + 1)
+    for j in range((n + 2) // 2):
+        even, odd = (
+            sum((float(matrix[j, k]) * local[k] for k in range(i, n + 1, 2) if matrix[j, k]), jnp.zeros_like(local[0]))
+            for i in (0, 1)
+        )
+        result[j], result[n - j] = even + odd, even - odd
+    return jnp.stack(result)
+
+
+def _degrees(a: Array) -> int:
+    return sum(a.shape) - 3
+
+
+def _underflow(dtype: np.dtype) -> float:
+    return 2.0**-900 if np.dtype(dtype) == np.float64 else 2.0**-110
+
+
+def _positive(x: Array) -> Array:
+    """The numbers, infinity for those that are not above zero: a divisor."""
+    return jnp.where(x > 0, x, jnp.inf)
+
+
+def _finite(x: Array) -> Array:
+    return jnp.where(jnp.isnan(x), jnp.inf, x)
+
+
+def _finite_or_zero(x: Array) -> Array:
+    return jnp.where(jnp.isfinite(x), x, 0.0)

@@ -1,0 +1,238 @@
+"""Triangle meshes in files: OBJ, STL (text and binary), PLY (text and binary, either byte order) and OFF.
+
+Polygons become fans about their first corners. What is no surface (normals, colours, textures, lines, materials) is
+left out. STL files name no vertices, so equal coordinates become one vertex.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from jhd.io.errors import ParseError, read_bytes
+from jhd.io.ply import read_ply, write_ply
+from jhd.io.polygons import Polygons, coordinates_in, indices_in, merged, mesh_of
+from jhd.shapes.mesh import TriangleMesh, check_mesh
+
+_STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_STL_HEADER = 80
+
+
+def load_mesh(file: str | Path) -> TriangleMesh:
+    """The mesh in a file, whose suffix names the kind: .obj, .stl, .ply or .off.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ParseError: another suffix, or content that cannot be read, with the line or byte.
+    """
+    suffix = Path(file).suffix.lower()
+    if suffix not in _READERS:
+        raise ParseError(f"the suffix is {suffix!r}; a mesh is a file {MESH_SUFFIXES}.", file)
+    return mesh_of(file, _READERS[suffix](file, read_bytes(file)))
+
+
+def save_mesh(file: str | Path, mesh: TriangleMesh, *, text: bool = False) -> None:
+    """Writes the mesh; the suffix names the kind: .obj, .stl, .ply or .off.
+
+    What is read back is the same mesh to the last bit, except from STL files, which keep corners and no vertices, and
+    from binary ones, which keep single precision.
+
+    Args:
+        file: the file; one that exists is replaced.
+        mesh: the mesh.
+        text: whether STL and PLY files are written as text in place of bytes; the others always are text.
+
+    Raises:
+        TypeError: not a mesh.
+        ValueError: another suffix, or coordinates that are beyond the range of a binary STL file.
+    """
+    check_mesh("mesh", mesh)
+    suffix = Path(file).suffix.lower()
+    if suffix not in _WRITERS:
+        raise ValueError(f"the suffix of {file} is {suffix!r}; a mesh is a file {MESH_SUFFIXES}.")
+    Path(file).write_bytes(_WRITERS[suffix](np.asarray(mesh.vertices), np.asarray(mesh.triangles), text))
+
+
+def _lines(content: bytes) -> Iterator[tuple[int, list[str]]]:
+    """The words of each line that has some, comments left out, and the number of the line."""
+    for number, line in enumerate(content.decode("latin-1").splitlines(), 1):
+        words = (line.partition("#")[0] if "#" in line else line).split()
+        if words:
+            yield number, words
+
+
+def _polygons(points: np.ndarray, corners: list, sizes: list, vertex_lines: list, polygon_lines: list) -> Polygons:
+    return Polygons(points, np.array(corners, np.int64), np.array(sizes, np.int64), vertex_lines, polygon_lines)
+
+
+def _read_obj(file: object, content: bytes) -> Polygons:
+    """OBJ: indices count from 1, or backwards from the last vertex so far; texture and normal are left out.
+
+    A backslash at the end of a line joins the next one to it.
+    """
+    vertices, corners, sizes, vertex_lines, polygon_lines = [], [], [], [], []
+    if b"\\" in content:
+        content = _joined(content)
+    for number, words in _lines(content):
+        if words[0] == "v":
+            vertices.append(words[1:4])
+            vertex_lines.append(number)
+        elif words[0] == "f":
+            named = indices_in(file, [word.partition("/")[0] for word in words[1:]], number)
+            corners.extend(_counted(file, named, len(vertices), number))
+            sizes.append(len(named))
+            polygon_lines.append(number)
+    points = coordinates_in(file, vertices, vertex_lines)
+    return _polygons(points, corners, sizes, vertex_lines, polygon_lines)
+
+
+def _joined(content: bytes) -> bytes:
+    """Continued lines as one, with empty lines behind them, so that the numbers of lines stay."""
+    lines, joined, empty = content.splitlines(), [], 0
+    for line in lines:
+        if empty and joined:
+            joined[-1] += b" " + line.rstrip()
+        else:
+            joined.append(line.rstrip())
+        empty += 1
+        if joined[-1].endswith(b"\\"):
+            joined[-1] = joined[-1][:-1]
+        else:
+            joined += [b""] * (empty - 1)
+            empty = 0
+    return b"\n".join(joined)
+
+
+def _counted(file: object, named: list[int], count: int, line: int) -> list[int]:
+    """Indices from 0; those that are too large are left for later, since vertices may follow."""
+    if min(named, default=1) > 0:
+        return [i - 1 for i in named]
+    for i in named:
+        if i == 0 or i < -count:
+            message = f"a face names vertex {i}; needs 1 to {count}" + (f", or -{count} to -1." if count else ".")
+            raise ParseError(message, file, line)
+    return [i - 1 if i > 0 else count + i for i in named]
+
+
+def _read_off(file: object, content: bytes) -> Polygons:
+    """OFF: the numbers of vertices, faces and edges, then the rows; colours and normals behind coordinates go."""
+    lines = _lines(content)
+    number, words = next(lines, (1, []))
+    keyword = words[0] if words else ""
+    if keyword.upper().lstrip("STCN") != "OFF" or "BINARY" in words:
+        raise ParseError(f"needs OFF and text in its first line; found {' '.join(words)[:40]!r}.", file, number)
+    words = words[1:]
+    if not words:
+        number, words = next(lines, (number, []))
+    counts = indices_in(file, words[:3], number)
+    if len(counts) < 2 or min(counts) < 0:
+        raise ParseError("needs the numbers of vertices, faces and edges.", file, number)
+    vertices, corners, sizes, vertex_lines, polygon_lines = [], [], [], [], []
+    for number, words in lines:
+        if len(vertices) < counts[0]:
+            vertices.append(words[:3])
+            vertex_lines.append(number)
+        elif len(sizes) < counts[1]:
+            size = indices_in(file, words[:1], number)[0]
+            if not 0 <= size < len(words):
+                raise ParseError(f"announces {size} corners; the line has {len(words) - 1} numbers.", file, number)
+            corners.extend(indices_in(file, words[1 : size + 1], number))
+            sizes.append(size)
+            polygon_lines.append(number)
+    for name, found, wanted in (("vertices", vertices, counts[0]), ("faces", sizes, counts[1])):
+        if len(found) < wanted:
+            raise ParseError(f"ends after {len(found)} of {wanted} {name}.", file, number)
+    points = coordinates_in(file, vertices, vertex_lines)
+    return _polygons(points, corners, sizes, vertex_lines, polygon_lines)
+
+
+def _read_stl(file: object, content: bytes) -> Polygons:
+    """STL of either kind. Binary files may begin with "solid" too, so their length decides."""
+    size, start = len(content), _STL_HEADER + 4
+    count = int(np.frombuffer(content, "<u4", 1, _STL_HEADER)[0]) if size >= start else 0
+    needed = start + _STL_ROW.itemsize * count
+    if size >= start and size == needed:
+        return _stl_rows(content, start, count)
+    if content.lstrip()[:5].lower() == b"solid":
+        return _stl_text(file, content)
+    if size < start:
+        raise ParseError(f"byte {size}: ends within the header of {start} bytes.", file)
+    if size < needed:
+        whole = (size - start) // _STL_ROW.itemsize
+        raise ParseError(f"byte {size}: ends after {whole} of {count} triangles.", file)
+    # Some programs append bytes of their own.
+    return _stl_rows(content, start, count)
+
+
+def _stl_rows(content: bytes, start: int, count: int) -> Polygons:
+    table = np.frombuffer(content, _STL_ROW, count, start)
+    vertices, numbers = merged(table["corners"].reshape(-1, 3).astype(float))
+    places = start + _STL_ROW.itemsize * np.arange(count)
+    of_vertices = np.zeros(len(vertices), np.int64)
+    of_vertices[numbers[::-1]] = np.repeat(places, 3)[::-1]
+    return Polygons(vertices, numbers, np.full(count, 3), of_vertices, places, by_line=False)
+
+
+def _stl_text(file: object, content: bytes) -> Polygons:
+    corners, lines, facets = [], [], []
+    for number, words in _lines(content):
+        keyword = words[0].lower()
+        if keyword == "vertex":
+            corners.append(words[1:4])
+            lines.append(number)
+        elif keyword == "facet":
+            facets.append((number, len(corners)))
+        elif keyword not in ("solid", "outer", "endloop", "endfacet", "endsolid") and facets:
+            raise ParseError(f"needs facet, outer, vertex or their ends; found {words[0]!r}.", file, number)
+    sizes = np.diff([start for _, start in facets] + [len(corners)])
+    if facets and facets[0][1]:
+        raise ParseError("a vertex stands before the first facet.", file, lines[0])
+    points = coordinates_in(file, corners, lines)
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if not len(points) or not facets or len(bad):
+        # What is not finite is refused by its own line, before equal vertices become one.
+        return Polygons(points, np.arange(len(points)), sizes, lines, [n for n, _ in facets])
+    vertices, numbers = merged(points)
+    return Polygons(vertices, numbers, sizes, lines, [number for number, _ in facets])
+
+
+def _write_obj(vertices: np.ndarray, triangles: np.ndarray, text: bool) -> bytes:
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    lines += [f"f {i} {j} {k}" for i, j, k in (triangles + 1).tolist()]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _write_off(vertices: np.ndarray, triangles: np.ndarray, text: bool) -> bytes:
+    lines = ["OFF", f"{len(vertices)} {len(triangles)} 0"]
+    lines += [f"{x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    lines += [f"3 {i} {j} {k}" for i, j, k in triangles.tolist()]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _write_stl(vertices: np.ndarray, triangles: np.ndarray, text: bool) -> bytes:
+    corners = vertices[triangles].astype(float)
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(doubled, axis=1, keepdims=True)
+    normals = doubled / np.where(length > 0, length, 1.0)
+    if text:
+        lines = ["solid mesh"]
+        for normal, rows in zip(normals.tolist(), corners.tolist(), strict=True):
+            lines += ["facet normal {!r} {!r} {!r}".format(*normal), "outer loop"]
+            lines += ["vertex {!r} {!r} {!r}".format(*row) for row in rows]
+            lines += ["endloop", "endfacet"]
+        return ("\n".join([*lines, "endsolid mesh"]) + "\n").encode()
+    limit = float(np.finfo(np.float32).max)
+    if np.abs(corners).max() > limit:
+        raise ValueError(f"a coordinate is {np.abs(corners).max():g}; a binary STL file holds at most {limit:g}.")
+    table = np.zeros(len(triangles), _STL_ROW)
+    table["normal"], table["corners"] = normals, corners
+    return b"binary".ljust(_STL_HEADER) + np.array(len(table), "<u4").tobytes() + table.tobytes()
+
+
+_READERS: dict[str, Callable[[object, bytes], Polygons]] = {
+    ".obj": _read_obj, ".off": _read_off, ".ply": read_ply, ".stl": _read_stl,
+}  # fmt: skip
+_WRITERS: dict[str, Callable[[np.ndarray, np.ndarray, bool], bytes]] = {
+    ".obj": _write_obj, ".off": _write_off, ".ply": write_ply, ".stl": _write_stl,
+}  # fmt: skip
+MESH_SUFFIXES = ".obj, .off, .ply or .stl"

@@ -1,0 +1,280 @@
+"""PLY files: a header that names elements and their properties, then their rows as text or as bytes.
+
+Of all elements only the coordinates of `vertex` and the corners of `face` are kept; the others are skipped. The layout
+is that of the Stanford 3D Scanning Repository (Turk 1994); `vertex_index` and `vertex_indices` are both in use.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from jhd.io.errors import ParseError
+from jhd.io.polygons import Polygons, coordinates_in, indices_in
+
+_TYPES = {
+    name: code
+    for names, code in (
+        ("char int8", "i1"), ("uchar uint8", "u1"), ("short int16", "i2"), ("ushort uint16", "u2"),
+        ("int int32", "i4"), ("uint uint32", "u4"), ("float float32", "f4"), ("double float64", "f8"),
+    )
+    for name in names.split()
+}  # fmt: skip
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_CORNERS = ("vertex_indices", "vertex_index")
+
+
+class _Property(NamedTuple):
+    name: str
+    type: str
+    # The type of the length of a list, empty for a single number.
+    length: str
+
+
+class _Element(NamedTuple):
+    name: str
+    count: int
+    properties: list[_Property]
+
+    def place(self, name: str) -> int:
+        """The place of the property of this name, or -1."""
+        return next((k for k, p in enumerate(self.properties) if p.name == name), -1)
+
+
+def read_ply(file: object, content: bytes) -> Polygons:
+    """The vertices and polygons of a PLY file.
+
+    Raises:
+        ParseError: a header or rows that cannot be read, with line or byte.
+    """
+    order, elements, lines, start = _header(file, content)
+    rows = _binary(file, content, start, order) if order else _text(file, content, start, lines)
+    found = {}
+    for element in elements:
+        found[element.name] = rows(element)
+    for name in ("vertex", "face"):
+        if name not in found:
+            raise ParseError(f"has no element {name!r}.", file)
+    vertices, _, vertex_places = found["vertex"]
+    corners, sizes, polygon_places = found["face"]
+    return Polygons(vertices, corners, sizes, vertex_places, polygon_places, by_line=not order)
+
+
+def write_ply(vertices: np.ndarray, triangles: np.ndarray, text: bool) -> bytes:
+    """The bytes of a PLY file; little endian unless it is to be text."""
+    types = "double" if vertices.dtype.itemsize == 8 else "float"
+    header = [
+        "ply",
+        f"format {'ascii' if text else 'binary_little_endian'} 1.0",
+        f"element vertex {len(vertices)}",
+        *(f"property {types} {axis}" for axis in "xyz"),
+        f"element face {len(triangles)}",
+        "property list uchar int vertex_indices",
+        "end_header\n",
+    ]
+    start = "\n".join(header).encode()
+    if text:
+        lines = [" ".join(map(repr, row)) for row in vertices.tolist()]
+        lines += ["3 " + " ".join(map(str, row)) for row in triangles.tolist()]
+        return start + ("\n".join(lines) + "\n").encode()
+    faces = np.empty(len(triangles), [("size", "u1"), ("corners", "<i4", 3)])
+    faces["size"], faces["corners"] = 3, triangles
+    return start + vertices.astype(vertices.dtype.newbyteorder("<")).tobytes() + faces.tobytes()
+
+
+def _header(file: object, content: bytes) -> tuple[str, list[_Element], int, int]:
+    """The byte order (empty for text), the elements, the number of lines, and where the rows begin."""
+    end = re.search(rb"(?:^|\n|\r)end_header[ \t]*(\r\n|\n|\r)", content[: 1 << 20])
+    if not content.startswith(b"ply") or end is None:
+        raise ParseError("is no PLY file: needs 'ply' at its start and a line 'end_header'.", file, 1)
+    lines = content[: end.start() + 1].decode("latin-1").splitlines()
+    order, elements = None, []
+    for number, line in enumerate(lines[1:], 2):
+        words = line.split()
+        if not words or words[0] in ("comment", "obj_info"):
+            continue
+        if words[0] == "format":
+            if len(words) < 2 or words[1] not in _ORDERS:
+                raise ParseError(f"needs a format of {', '.join(_ORDERS)}; found {line!r}.", file, number)
+            order = _ORDERS[words[1]]
+        elif words[0] == "element" and len(words) == 3 and words[2].isdecimal():
+            elements.append(_Element(words[1], int(words[2]), []))
+        elif words[0] == "property" and elements:
+            elements[-1].properties.append(_property(file, words, number))
+        else:
+            raise ParseError(f"cannot read {line!r} in the header.", file, number)
+    if order is None:
+        raise ParseError("has no line 'format'.", file, 1)
+    for element in elements:
+        _check_properties(file, element)
+    return order, elements, len(lines) + 1, end.end()
+
+
+def _property(file: object, words: list[str], line: int) -> _Property:
+    listed = len(words) == 5 and words[1] == "list"
+    types = words[2:4] if listed else words[1:2]
+    if len(words) != (5 if listed else 3) or any(name not in _TYPES for name in types):
+        raise ParseError(f"cannot read the property {' '.join(words[1:])!r}.", file, line)
+    codes = [_TYPES[name] for name in types]
+    return _Property(words[-1], codes[-1], codes[0] if listed else "")
+
+
+def _check_properties(file: object, element: _Element) -> None:
+    """Raises ParseError where a vertex has no coordinates or a face no corners."""
+    if element.name == "vertex":
+        for axis in "xyz":
+            if element.place(axis) < 0 or element.properties[element.place(axis)].length:
+                raise ParseError(f"vertices have no property {axis!r} that is one number.", file)
+    if element.name == "face":
+        place = _corners_of(element)
+        if place < 0 or not element.properties[place].length or "f" in element.properties[place].type:
+            raise ParseError("faces have no list of whole numbers 'vertex_indices'.", file)
+
+
+def _corners_of(element: _Element) -> int:
+    return max(element.place(name) for name in _CORNERS)
+
+
+# The rows of an element: the coordinates, or the corners and their numbers, and the places of the rows.
+_Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def _text(file: object, content: bytes, start: int, header_lines: int) -> Callable[[_Element], _Rows]:
+    """A reader of the elements in their order from lines."""
+    lines = enumerate(content[start:].decode("latin-1").splitlines(), header_lines + 1)
+    filled = ((number, words) for number, line in lines if (words := line.split()))
+
+    def rows(element: _Element) -> _Rows:
+        values, sizes, places = [], [], []
+        vertex = element.name == "vertex"
+        wanted = [element.place(axis) for axis in "xyz"] if vertex else [_corners_of(element)]
+        plain = not any(p.length for p in element.properties)
+        for k in range(element.count):
+            number, words = next(filled, (0, []))
+            if not words:
+                raise ParseError(f"ends after {k} of {element.count} rows of {element.name!r}.", file)
+            if element.name not in ("vertex", "face"):
+                continue
+            fields = [[word] for word in words] if plain else _fields(file, words, element, number)
+            if len(fields) < len(element.properties):
+                message = f"has {len(fields)} numbers; {element.name!r} has {len(element.properties)} properties."
+                raise ParseError(message, file, number)
+            chosen = [word for place in wanted for word in fields[place]]
+            values.extend([chosen] if vertex else indices_in(file, chosen, number))
+            sizes.append(len(chosen))
+            places.append(number)
+        if vertex:
+            return coordinates_in(file, values, places), np.array(sizes), np.array(places)
+        return np.array(values, np.int64), np.array(sizes, np.int64), np.array(places)
+
+    return rows
+
+
+def _fields(file: object, words: list[str], element: _Element, line: int) -> list[list[str]]:
+    """The words of each property."""
+    fields, at = [], 0
+    for p in element.properties:
+        size = 1
+        if p.length:
+            size = indices_in(file, words[at : at + 1], line)[0] if at < len(words) else 0
+            at += 1
+        if size < 0 or at + size > len(words):
+            raise ParseError(f"ends within {p.name!r}, which has {size} numbers.", file, line)
+        fields.append(words[at : at + size])
+        at += size
+    return fields
+
+
+def _binary(file: object, content: bytes, start: int, order: str) -> Callable[[_Element], _Rows]:
+    """A reader of the elements in their order from bytes."""
+    at = start
+
+    def rows(element: _Element) -> _Rows:
+        nonlocal at
+        table = _even(content, at, order, element)
+        if table is not None:
+            places = at + table.dtype.itemsize * np.arange(element.count)
+            at += table.nbytes
+            return _columns(element, table, places)
+        parts, at = _uneven(file, content, at, order, element)
+        return parts
+
+    return rows
+
+
+def _even(content: bytes, at: int, order: str, element: _Element) -> np.ndarray | None:
+    """The rows as a table where all are alike: every list as long as that of the first row; else None."""
+    types, sizes, offset = [], [], at
+    for k, p in enumerate(element.properties):
+        if p.length:
+            counted = np.dtype(order + p.length)
+            if offset + counted.itemsize > len(content):
+                return None
+            size = int(np.frombuffer(content, counted, 1, offset)[0])
+            if size < 0 or offset + size > len(content):
+                return None
+            types.append((f"size{k}", counted))
+            sizes.append((f"size{k}", size))
+            offset += counted.itemsize
+            types.append((f"value{k}", np.dtype(order + p.type), size))
+            offset += np.dtype(p.type).itemsize * size
+        else:
+            types.append((f"value{k}", np.dtype(order + p.type)))
+            offset += np.dtype(p.type).itemsize
+    row = np.dtype(types)
+    if not row.itemsize or at + row.itemsize * element.count > len(content):
+        return None
+    table = np.frombuffer(content, row, element.count, at)
+    return table if all(np.all(table[name] == size) for name, size in sizes) else None
+
+
+def _columns(element: _Element, table: np.ndarray, places: np.ndarray) -> _Rows:
+    if element.name == "vertex":
+        points = np.stack([table[f"value{element.place(axis)}"] for axis in "xyz"], axis=1)
+        return points.astype(float), np.full(len(table), 3), places
+    if element.name == "face":
+        corners = table[f"value{_corners_of(element)}"].reshape(len(table), -1)
+        return corners.astype(np.int64).ravel(), np.full(len(table), corners.shape[1]), places
+    return np.zeros(0), np.zeros(0, np.int64), places
+
+
+def _uneven(file: object, content: bytes, at: int, order: str, element: _Element) -> tuple[_Rows, int]:
+    """The rows one by one, and where they end."""
+    values, sizes, places = [], [], []
+    wanted = [element.place(axis) for axis in "xyz"] if element.name == "vertex" else [_corners_of(element)]
+    for k in range(element.count):
+        places.append(at)
+        fields = []
+        for array, end in _read(content, at, order, element):
+            if array is None:
+                raise ParseError(f"byte {at}: ends after {k} of {element.count} rows of {element.name!r}.", file)
+            fields.append(array)
+            at = end
+        if element.name in ("vertex", "face"):
+            chosen = np.concatenate([fields[place] for place in wanted])
+            values.append(chosen)
+            sizes.append(len(chosen))
+    if element.name == "vertex":
+        return (np.array(values, float).reshape(-1, 3), np.array(sizes), np.array(places)), at
+    corners = np.concatenate([np.zeros(0, np.int64), *values]).astype(np.int64)
+    return (corners, np.array(sizes, np.int64), np.array(places)), at
+
+
+def _read(content: bytes, at: int, order: str, element: _Element) -> Iterator[tuple[np.ndarray | None, int]]:
+    """The numbers of each property of one row, and where they end; None where the content does."""
+    for p in element.properties:
+        size = 1
+        if p.length:
+            counted = np.dtype(order + p.length)
+            size = -1
+            if at + counted.itemsize <= len(content):
+                size = int(np.frombuffer(content, counted, 1, at)[0])
+                at += counted.itemsize
+        kind = np.dtype(order + p.type)
+        if size < 0 or at + size * kind.itemsize > len(content):
+            yield None, at
+            return
+        array = np.frombuffer(content, kind, size, at)
+        at += size * kind.itemsize
+        yield array, at

@@ -1,0 +1,124 @@
+"""Vertices and polygons as files hold them, made into triangle meshes; every refusal names the place in the file."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jhd.io.errors import ParseError
+from jhd.shapes.mesh import TriangleMesh, places_of
+
+
+class Polygons(NamedTuple):
+    """What a file holds.
+
+    Args:
+        vertices: coordinates, (vertices, 3).
+        corners: the indices of the corners of all polygons, one after the other.
+        sizes: the number of corners of each polygon.
+        vertex_places: where each vertex is in the file: its line, or its byte.
+        polygon_places: the same of each polygon.
+        by_line: whether places are lines.
+    """
+
+    vertices: np.ndarray
+    corners: np.ndarray
+    sizes: np.ndarray
+    vertex_places: Sequence[int] | np.ndarray
+    polygon_places: Sequence[int] | np.ndarray
+    by_line: bool = True
+
+
+def mesh_of(file: object, found: Polygons) -> TriangleMesh:
+    """The mesh of the polygons; each of more than three corners becomes a fan about its first one.
+
+    Raises:
+        ParseError: no vertex, no polygon, a coordinate that is no finite number, a polygon of fewer than three corners,
+            or one that names a vertex that is not there.
+    """
+    vertices, corners, sizes = found.vertices, found.corners, found.sizes
+    for name, rows in (("vertices", vertices), ("faces", sizes)):
+        if not len(rows):
+            raise ParseError(f"holds no {name}.", file)
+    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    if len(bad):
+        shown = ", ".join(f"{x:g}" for x in vertices[bad[0]])
+        raise _refusal(file, f"the vertex ({shown}) is not finite.", found.vertex_places[bad[0]], found.by_line)
+    bad = np.flatnonzero(sizes < 3)
+    if len(bad):
+        message = f"a face has {sizes[bad[0]]} corners; needs at least 3."
+        raise _refusal(file, message, found.polygon_places[bad[0]], found.by_line)
+    bad = np.flatnonzero((corners < 0) | (corners >= len(vertices)))
+    if len(bad):
+        polygon = int(np.searchsorted(np.cumsum(sizes), bad[0], side="right"))
+        message = f"a face names vertex {corners[bad[0]]}, counted from 0; there are {len(vertices)}."
+        raise _refusal(file, message, found.polygon_places[polygon], found.by_line)
+    return TriangleMesh(vertices, fans(corners, sizes))
+
+
+def fans(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """The triangles (first, k, k + 1) of each polygon, polygons in their order: an array (triangles, 3)."""
+    first = np.cumsum(sizes) - sizes
+    counts = sizes - 2
+    start = np.repeat(first, counts)
+    step = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.stack([corners[start], corners[start + step + 1], corners[start + step + 2]], axis=1)
+
+
+def merged(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and their indices from the coordinates (corners, 3): equal ones become one vertex."""
+    numbers = places_of(corners)
+    vertices = np.empty((int(numbers.max(initial=-1)) + 1, 3))
+    vertices[numbers] = corners
+    return vertices, numbers
+
+
+def coordinates_in(file: object, rows: Sequence[Sequence[str]], lines: Sequence[int]) -> np.ndarray:
+    """The first three words of each row as floats, (rows, 3).
+
+    Raises:
+        ParseError: fewer than three words, or one that is no number.
+    """
+    try:
+        numbers = [float(word) for row in rows for word in row[:3]]
+    except ValueError:
+        numbers = []
+    if len(numbers) < 3 * len(rows):
+        # Where something is wrong it is looked for, which takes longer than reading.
+        for row, line in zip(rows, lines, strict=True):
+            if len(row) < 3:
+                raise ParseError(f"a vertex has {len(row)} coordinates; needs 3.", file, line)
+            _check_words(file, float, row[:3], line)
+    return np.array(numbers, float).reshape(-1, 3)
+
+
+def indices_in(file: object, words: Sequence[str], line: int) -> list[int]:
+    """The words as integers.
+
+    Raises:
+        ParseError: a word that is no integer.
+    """
+    try:
+        return [int(word) for word in words]
+    except ValueError:
+        _check_words(file, int, words, line)
+        raise
+
+
+def _check_words(file: object, kind: type, words: Sequence[str], line: int) -> None:
+    for word in words:
+        if not _is(kind, word):
+            needed = "number" if kind is float else "whole number"
+            raise ParseError(f"needs a {needed}; found {word!r}.", file, line)
+
+
+def _is(kind: type, word: str) -> bool:
+    try:
+        kind(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _refusal(file: object, message: str, place: Any, by_line: bool) -> ParseError:
+    return ParseError(message, file, int(place)) if by_line else ParseError(f"byte {place}: {message}", file)

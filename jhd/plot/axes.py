@@ -1,0 +1,41 @@
+"""Axes of pictures: made where none are given, with colours and sizes that print."""
+
+from typing import Any
+
+import numpy as np
+
+BLUE, ORANGE, VERMILLION, GREY = "#0072B2", "#E69F00", "#D55E00", "#707070"
+PALE_BLUE = "#C9E3F2"
+
+COLUMN_INCHES = 85 / 25.4
+TEXT_POINTS = 8  # size of text that stays legible when a column is printed
+
+
+def axes_for(ax: Any, dim: int) -> Any:
+    """The axes given, checked, or those of a new figure one column wide."""
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        size = COLUMN_INCHES, COLUMN_INCHES
+        if dim == 3:
+            # No layout engine sees the labels of space axes: room for that of z is left at the right.
+            return plt.figure(figsize=size).add_axes((0.0, 0.13, 0.86, 0.75), projection="3d")
+        return plt.figure(figsize=size, layout="constrained").add_subplot()
+    if dim == 3 and ax.name != "3d":
+        raise ValueError("ax has two dimensions; a shape in space needs axes made with projection='3d'.")
+    return ax
+
+
+def finish(ax: Any) -> None:
+    """Equal scales, and text of one size."""
+    ax.set_aspect("equal")
+    ax.tick_params(labelsize=TEXT_POINTS)
+    if ax.name == "3d":
+        ax.locator_params(nbins=4)  # the shorter axes are seen at a slant, where more labels run into each other
+    for name in "xyz" if ax.name == "3d" else "xy":
+        getattr(ax, f"set_{name}label")(f"${name}$", fontsize=TEXT_POINTS)
+
+
+def draw(ax: Any, points: Any, gid: str, **style: Any) -> None:
+    """Points in rows as one line, found by its gid."""
+    ax.plot(*np.moveaxis(np.asarray(points), -1, 0), gid=gid, solid_capstyle="round", **style)

@@ -1,0 +1,241 @@
+"""Pictures of implicit surfaces and of the cells that hold them."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jhd.fields.octree import Voxels
+from jhd.plot.axes import BLUE, GREY, ORANGE, PALE_BLUE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
+from jhd.plot.nets import quadrilaterals
+from jhd.shapes.implicit import ImplicitSurface, check_surface
+
+_LIGHT = np.array([0.35, -0.5, 0.79])  # where the light comes from, above the left shoulder of the usual view
+_SHADE = 0.45  # share of a colour that faces turned from the light lose
+_LINES = 257  # samples along each axis of the curve in which a plane cuts a surface
+
+
+def surface(
+    shape: ImplicitSurface,
+    ax: Any = None,
+    *,
+    colour: str = BLUE,
+    label: str | None = None,
+    alpha: float = 0.75,
+    cells: int = 48,
+) -> Any:
+    """Space axes with a surface, cut off at its box.
+
+    Args:
+        shape: the surface.
+        ax: three-dimensional axes to draw on; None makes a figure.
+        colour: of the surface.
+        label: name in a legend.
+        alpha: opacity.
+        cells: cells along each axis that it is drawn from; finer parts of it can be missing.
+
+    Raises:
+        TypeError: another kind of shape.
+        ValueError: plane axes.
+    """
+    return surfaces((shape,), ax, colours=(colour,), labels=(label,), alpha=alpha, cells=cells)
+
+
+def surfaces(
+    shapes: Sequence[ImplicitSurface],
+    ax: Any = None,
+    *,
+    colours: Sequence[str] = (BLUE, ORANGE),
+    labels: Sequence[str | None] = ("A", "B"),
+    alpha: float = 0.6,
+    cells: int = 48,
+) -> Any:
+    """Space axes with several surfaces, drawn as one, so that those in front hide what is behind.
+
+    Args:
+        shapes: the surfaces.
+        ax: three-dimensional axes to draw on; None makes a figure.
+        colours: one for each.
+        labels: their names in a legend.
+        alpha: opacity.
+        cells: as for `surface`.
+
+    Raises:
+        TypeError: another kind of shape.
+        ValueError: plane axes.
+    """
+    for number, shape in enumerate(shapes):
+        check_surface(f"shapes[{number}]", shape)
+    ax = axes_for(ax, 3)
+    nets = [quadrilaterals(shape, cells) for shape in shapes]
+    rgb = np.repeat([_rgb(colour) for colour in colours[: len(nets)]], [len(net) for net in nets], axis=0)
+    _add_faces(ax, np.concatenate(nets), rgb, "surface", alpha)
+    for colour, name in zip(colours, labels, strict=False):
+        draw(ax, np.full((1, 3), np.nan), "key", color=colour, label=name, marker="s", linestyle="none")
+    _frame(ax, [np.asarray(end) for shape in shapes for end in shape.box()])
+    return ax
+
+
+def voxels(cells: Voxels, ax: Any = None, *, colours: Sequence[str] = (BLUE, VERMILLION), legend: bool = True) -> Any:
+    """Space axes with the kept cells of a surface: those that are proven to hold a point of it, and the others.
+
+    Args:
+        cells: what `voxelise` returned.
+        ax: three-dimensional axes to draw on; None makes a figure.
+        colours: of the proven cells and of the others.
+        legend: whether a legend with their numbers is put above the axes.
+
+    Raises:
+        ValueError: plane axes.
+    """
+    ax = axes_for(ax, 3)
+    places, proven = np.asarray(cells.cells), np.asarray(cells.proven)
+    owner, faces = _visible_faces(places)
+    corners = np.asarray(cells.lower) + np.asarray(cells.spacing) * faces
+    edges = {"linewidth": 0.15, "edgecolor": "white"}
+    rgb = np.where(proven[owner, None], _rgb(colours[0]), _rgb(colours[1]))
+    _add_faces(ax, corners, rgb, "voxels", 1.0, **edges)
+    for colour, name, count in zip(colours, ("proven", "not proven"), (proven.sum(), (~proven).sum()), strict=True):
+        if count:
+            label = f"{name} ({count})"
+            draw(ax, np.full((1, 3), np.nan), "key", color=colour, label=label, marker="s", linestyle="none")
+    _frame(ax, [corners.min((0, 1)), corners.max((0, 1))])
+    if legend:
+        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=TEXT_POINTS, frameon=False)
+    return ax
+
+
+def section(
+    shape: ImplicitSurface,
+    cells: Voxels,
+    ax: Any = None,
+    *,
+    axis: int = 2,
+    at: float | None = None,
+    legend: bool = True,
+) -> Any:
+    """Plane axes with a layer of cells by what is known of them, and the curve in which a plane cuts the surface.
+
+    A cell that is not kept is inside or outside: the polynomial has one sign on all of it, negative inside. A kept cell
+    at the boundary is proven to hold a point of the surface, or it may hold one (hatched).
+
+    Args:
+        shape: the surface.
+        cells: its cells, from `voxelise`.
+        ax: plane axes to draw on; None makes a figure.
+        axis: the coordinate that is constant: 0, 1 or 2.
+        at: its value, which chooses the layer; by default the middle of the box.
+        legend: whether a legend is put above the axes.
+
+    Raises:
+        TypeError: another kind of shape.
+        ValueError: another axis, or a plane outside of the box.
+    """
+    check_surface("shape", shape)
+    low, high = (np.asarray(end, float) for end in shape.box())
+    if axis not in (0, 1, 2):
+        raise ValueError(f"axis is {axis}; needs 0, 1 or 2.")
+    at = float(low[axis] + high[axis]) / 2 if at is None else float(at)
+    if not low[axis] <= at <= high[axis]:
+        raise ValueError(f"at is {at:g}; the box has {low[axis]:g} to {high[axis]:g} along this axis.")
+    ax = axes_for(ax, 2)
+    spacing = np.asarray(cells.spacing)
+    counts = np.rint((high - low) / spacing).astype(int)
+    u, v = (k for k in range(3) if k != axis)
+    classes = _classes(shape, cells, axis, min(int((at - low[axis]) / spacing[axis]), counts[axis] - 1), counts)
+    x, y = (np.linspace(low[k], high[k], counts[k] + 1) for k in (u, v))
+    _draw_classes(ax, x, y, classes)
+    x, y = np.meshgrid(*(np.linspace(low[k], high[k], _LINES) for k in (u, v)))
+    values = shape(np.insert(np.stack([x, y], axis=-1), axis, at, axis=-1))
+    ax.contour(x, y, np.asarray(values), levels=[0.0], colors="black", linewidths=1.0).set_gid("curve")
+    finish(ax)
+    for name, k in (("x", u), ("y", v)):
+        getattr(ax, f"set_{name}label")(f"${'xyz'[k]}$", fontsize=TEXT_POINTS)
+    if legend:
+        _name_classes(ax, f"${'xyz'[axis]}$ = {at:.4g}")
+    return ax
+
+
+_INSIDE, _OUTSIDE, _PROVEN, _KEPT = range(4)
+_CLASSES = (("inside", PALE_BLUE), ("outside", "white"), ("boundary", ORANGE), ("not proven", VERMILLION))
+
+
+def _classes(shape: ImplicitSurface, cells: Voxels, axis: int, layer: int, counts: np.ndarray) -> np.ndarray:
+    """What is known of each cell of a layer."""
+    u, v = (k for k in range(3) if k != axis)
+    places = np.insert(np.argwhere(np.ones((counts[u], counts[v]))), axis, layer, axis=-1)
+    centres = np.asarray(cells.lower) + np.asarray(cells.spacing) * (places + 0.5)
+    classes = np.where(np.asarray(shape(centres)) < 0, _INSIDE, _OUTSIDE).reshape(counts[u], counts[v])
+    kept, proven = np.asarray(cells.cells), np.asarray(cells.proven)
+    here = kept[:, axis] == layer
+    classes[tuple(kept[here][:, [u, v]].T)] = np.where(proven[here], _PROVEN, _KEPT)
+    return classes
+
+
+def _draw_classes(ax: Any, x: np.ndarray, y: np.ndarray, classes: np.ndarray) -> None:
+    from matplotlib.colors import ListedColormap
+
+    shown = {"cmap": ListedColormap([colour for _, colour in _CLASSES]), "vmin": -0.5, "vmax": len(_CLASSES) - 0.5}
+    ax.pcolormesh(x, y, classes.T, gid="cells", edgecolors=GREY, linewidth=0.1, **shown)
+    unproven = np.ma.masked_where(classes != _KEPT, classes)
+    if unproven.count():
+        ax.pcolor(x, y, unproven.T, gid="unproven", hatch="////", edgecolor="black", linewidth=0.0, **shown)
+
+
+def _name_classes(ax: Any, plane: str) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    keys: list[Any] = [
+        Patch(facecolor=colour, edgecolor="black", linewidth=0.5, hatch="////" if k == _KEPT else None, label=name)
+        for k, (name, colour) in enumerate(_CLASSES)
+    ]
+    keys.append(Line2D([], [], color="black", linewidth=1.0, label=plane))
+    above: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
+    ax.legend(handles=keys, ncols=3, fontsize=TEXT_POINTS, frameon=False, handlelength=1.4, columnspacing=1.0, **above)
+
+
+def _visible_faces(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Faces without a cell behind them: the cell of each, and its corners (faces, 4, 3) in steps of the grid."""
+    corner = places.min(axis=0) - 1
+    taken = np.zeros(places.max(axis=0) - corner + 2, bool)
+    taken[tuple((places - corner).T)] = True
+    owners, faces = [], []
+    for axis in range(3):
+        u, v = np.delete(np.eye(3, dtype=int), axis, axis=0)
+        out = np.eye(3, dtype=int)[axis]
+        for side in (0, 1):
+            open_ones = np.flatnonzero(~taken[tuple((places - corner + (2 * side - 1) * out).T)])
+            base = places[open_ones] + side * out
+            owners.append(open_ones)
+            faces.append(np.stack([base, base + u, base + u + v, base + v], axis=1))
+    return np.concatenate(owners), np.concatenate(faces)
+
+
+def _add_faces(ax: Any, corners: np.ndarray, rgb: np.ndarray, gid: str, alpha: float, **style: Any) -> None:
+    """Quadrilaterals in colours that fade where they are turned from the light, whichever side is seen."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    facing = np.abs(normal @ _LIGHT)[:, None] / np.where(length > 0, length, 1.0) / np.linalg.norm(_LIGHT)
+    shaded = rgb * (1 - _SHADE + _SHADE * facing)
+    colours = np.concatenate([shaded, np.full((len(rgb), 1), alpha)], axis=1)
+    # Between opaque faces the ground would shine through; edges of transparent ones would lie on top of each other.
+    seams: dict[str, Any] = {"linewidth": 0.3, "edgecolor": colours} if alpha == 1.0 else {"linewidth": 0.0}
+    # Thousands of faces as paths would make files that no viewer opens.
+    faces = Poly3DCollection(corners, facecolors=colours, rasterized=True, **(seams | style))
+    faces.set_gid(gid)
+    ax.add_collection3d(faces, autolim=False)
+
+
+def _frame(ax: Any, corners: list[np.ndarray]) -> None:
+    """Limits that hold what was there before, and the corners."""
+    ax.auto_scale_xyz(*np.transpose(corners))
+    finish(ax)
+
+
+def _rgb(colour: str) -> np.ndarray:
+    from matplotlib.colors import to_rgb
+
+    return np.array(to_rgb(colour))

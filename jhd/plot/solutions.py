@@ -1,0 +1,130 @@
+"""Pictures of a distance: the witness, its feet, and the shapes they are on."""
+
+from collections.abc import Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
+from typing import Any, cast
+
+import numpy as np
+
+from jhd.plot.axes import GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
+from jhd.plot.curves import check_pair, curve
+from jhd.plot.implicit import surfaces
+from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.implicit import ImplicitSurface, check_surface
+from jhd.solution import HausdorffSolution
+
+
+def witness(solution: HausdorffSolution, ax: Any = None, *, distance: bool = True, empty_circle: bool = True) -> Any:
+    """Axes with the witness point, its feet, the lines that join them, and the distance in writing.
+
+    Args:
+        solution: one solution, not a batch.
+        ax: axes to draw on; None makes a figure.
+        distance: whether the distance is also written beside the line to the first foot. It labels the joining lines
+            in any case: `d = ` where the bounds agree in the digits shown, otherwise the inequality that is proven.
+        empty_circle: whether, in the plane, the circle about the witness through its feet is drawn: the other curve
+            does not enter it.
+
+    Raises:
+        ValueError: a batch of solutions, or a witness in space on plane axes.
+    """
+    if np.ndim(solution.value) > 0:
+        raise ValueError(f"solution is a batch of shape {np.shape(solution.value)}; draw one at a time.")
+    point = np.asarray(solution.witness.point)
+    feet = _distinct(np.asarray(solution.witness.feet))
+    dim = point.shape[-1]
+    ax = axes_for(ax, dim)
+    spokes = np.concatenate([[point, foot, np.full(dim, np.nan)] for foot in feet])
+    if empty_circle and dim == 2:
+        turn = np.linspace(0.0, 2 * np.pi, 181)
+        circle = point + np.linalg.norm(feet[0] - point) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        draw(ax, circle, "empty_circle", color=GREY, linewidth=0.6, linestyle=":", zorder=3)
+    marks: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "markeredgewidth": 0.8}
+    draw(ax, point[None], "witness", marker="o", markersize=5.5, color=VERMILLION, label="witness", zorder=6, **marks)
+    name = "foot" if len(feet) == 1 else "feet"
+    draw(ax, feet, "feet", marker="s", markersize=4.5, markerfacecolor="white", label=name, zorder=5, **marks)
+    draw(ax, spokes, "joining_lines", color="black", linewidth=1.0, label=_distance_text(solution), zorder=4)
+    if distance:
+        _write_distance(ax, solution, point, feet)
+    finish(ax)
+    return ax
+
+
+def solution(
+    a: AbstractCurve | ImplicitSurface,
+    b: AbstractCurve | ImplicitSurface,
+    solution: HausdorffSolution,
+    ax: Any = None,
+    *,
+    labels: Sequence[str] = ("A", "B"),
+    control_polygon: bool = True,
+    legend: bool = True,
+) -> Any:
+    """Axes with both shapes, the witness, its feet and the distance between them.
+
+    Args:
+        a: the first shape, blue; a curve is solid, a surface in one colour with its share of transparency.
+        b: the second shape of the same kind, orange; a curve is dashed.
+        solution: their distance.
+        ax: axes to draw on, three-dimensional ones for shapes in space; None makes a figure.
+        labels: the names of the shapes in the legend.
+        control_polygon: whether the control polygons of curves are drawn.
+        legend: whether a legend, which then holds the distance, is put above the axes; otherwise the distance is
+            written beside the joining line.
+
+    Raises:
+        TypeError: a curve and a surface, or something else.
+        ValueError: curves of different dimensions, a batch of solutions, or shapes in space on plane axes.
+    """
+    if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
+        check_surface("a", a)
+        check_surface("b", b)
+        ax = surfaces((cast(ImplicitSurface, a), cast(ImplicitSurface, b)), ax, labels=labels)
+    else:
+        check_pair(a, b)
+        ax = curve(a, ax, label=labels[0], control_polygon=control_polygon)
+        curve(b, ax, colour=ORANGE, linestyle=(0, (4, 1.2)), label=labels[1], control_polygon=control_polygon)
+    witness(solution, ax, distance=not legend)
+    if legend:
+        above: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
+        ax.legend(ncols=3, fontsize=TEXT_POINTS, frameon=False, handlelength=2.2, columnspacing=1.2, **above)
+    return ax
+
+
+def _distinct(feet: np.ndarray) -> np.ndarray:
+    """The feet without repetitions, in order."""
+    return np.stack([foot for k, foot in enumerate(feet) if not (feet[:k] == foot).all(axis=-1).any()])
+
+
+def _distance_text(solution: HausdorffSolution) -> str:
+    """The distance to four digits; as the inequality that is proven where the bounds do not agree in them."""
+    lower, upper = float(solution.lower), float(solution.upper)
+    if f"{lower:.4g}" == f"{upper:.4g}":
+        return f"$d$ = {lower:.4g}"
+    below = f"{Context(prec=4, rounding=ROUND_FLOOR).create_decimal_from_float(lower):g}"
+    if not np.isfinite(upper):
+        return f"$d$ ≥ {below}"
+    above = f"{Context(prec=4, rounding=ROUND_CEILING).create_decimal_from_float(upper):g}"
+    return f"{below} ≤ $d$ ≤ {above}"
+
+
+def _write_distance(ax: Any, solution: HausdorffSolution, point: np.ndarray, feet: np.ndarray) -> None:
+    """Writes the distance beside the first joining line, on the side that holds no other foot."""
+    from matplotlib.patheffects import withStroke
+
+    halo = [withStroke(linewidth=2.5, foreground="white")]
+    style: dict[str, Any] = {"fontsize": TEXT_POINTS, "path_effects": halo, "zorder": 6, "gid": "distance"}
+    middle = (point + feet[0]) / 2
+    if ax.name == "3d":
+        ax.text(*middle, f" {_distance_text(solution)}", **style)
+        return
+    along = feet[0] - point
+    length = np.linalg.norm(along)
+    normal = np.array([-along[1], along[0]]) / length if length > 0 else np.array([0.6, 0.8])
+    others = (feet - point) @ normal
+    if others.sum() > 0 or (abs(others.sum()) <= 1e-9 * length and normal[0] < 0):
+        normal = -normal
+    sides = ("right", "center", "left"), ("top", "center", "bottom")
+    ha, va = (names[int(np.sign(np.round(x))) + 1] for names, x in zip(sides, normal, strict=True))
+    offset = 5 * normal
+    ax.annotate(_distance_text(solution), middle, tuple(offset), textcoords="offset points", ha=ha, va=va, **style)

@@ -1,0 +1,138 @@
+"""What the command line shows: lines about shapes and solutions, and pictures.
+
+Numbers are written in full, so that a bound that is read back is still the bound that was proven.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jhd import plot
+from jhd.fields.octree import VoxelProgress
+from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.implicit import ImplicitSurface
+from jhd.solution import RESULTS, HausdorffSolution, name_of
+
+_MILLIMETRES = 1 / 25.4
+_PICTURE_SIZE = 180 * _MILLIMETRES, 102 * _MILLIMETRES  # two columns of a journal
+_DPI = 200
+_SPACE_SIZE = 120 * _MILLIMETRES, 115 * _MILLIMETRES
+_SPEC_WIDTH = 60  # path data can be pages long
+
+
+def names_of(solution: HausdorffSolution) -> tuple[str, str]:
+    """The letters of the shape with the point and of that with the feet."""
+    return ("A", "B") if name_of(solution.direction) == "a_to_b" else ("B", "A")
+
+
+def solution_text(title: str, solution: HausdorffSolution, name: str, other: str) -> str:
+    """One solution in lines; the point lies on the shape `name`, its feet on `other`."""
+    w = solution.witness
+    upper = repr(float(solution.upper)) if np.isfinite(solution.upper) else "not proven by this method"
+    lines = [
+        title,
+        f"  value    {_number(solution)}",
+        f"  lower    {float(solution.lower)!r}",
+        f"  upper    {upper}",
+        f"  event    {name_of(solution.event)}",
+        f"  witness  {_place(name, w.segment, w.t, w.point)}",
+    ]
+    seen: list[tuple[float, ...]] = []
+    for foot, segment, t, weight in zip(w.feet, w.foot_segments, w.foot_params, w.multipliers, strict=True):
+        if (here := tuple(np.asarray(foot).tolist())) not in seen:
+            lines.append(f"  foot     {_place(other, segment, t, foot)}, multiplier {float(weight):.4g}")
+            seen.append(here)
+    if not successful(solution):
+        lines.append(f"  result   {_with_sentence(solution.result)}")
+    return "\n".join(lines)
+
+
+def _with_sentence(item: Any) -> str:
+    """The name of a member of an enumeration and the sentence that it stands for."""
+    return f"{name_of(item)}: {item._enumeration._index_to_message[int(item._value)]}"
+
+
+def _place(name: str, segment: Any, t: Any, point: Any) -> str:
+    """A point of a shape; of a surface there are no parameters."""
+    where = f" segment {int(segment)}, t = {float(t):.9g}," if int(segment) >= 0 else ""
+    return f"{name}{where} at ({', '.join(f'{float(x):.9g}' for x in point)})"
+
+
+def _number(solution: HausdorffSolution) -> str:
+    return "unknown" if np.isnan(solution.value) else repr(float(solution))
+
+
+def shape_line(name: str, spec: str, shape: AbstractCurve | ImplicitSurface) -> str:
+    """What a shape is, after its name and how it was given."""
+    shown = spec if len(spec) <= _SPEC_WIDTH else f"{spec[: _SPEC_WIDTH - 3]}..."
+    if isinstance(shape, ImplicitSurface):
+        ends = zip(*(np.asarray(end) for end in shape.box()), strict=True)
+        box = " x ".join(f"[{low:.9g}, {high:.9g}]" for low, high in ends)
+        return f"{name}  {shown}: surface of degree {shape.degree} in {box}"
+    pieces = shape.segments()
+    plural = "" if pieces.count == 1 else "s"
+    if pieces.degree == 0:
+        return f"{name}  {shown}: {pieces.count} point{plural}"
+    kind = "rational " if pieces.weights is not None else ""
+    return f"{name}  {shown}: {pieces.count} {kind}segment{plural} of degree {pieces.degree}"
+
+
+def successful(solution: Any) -> bool:
+    """Whether every result in it is."""
+    return bool(np.all(np.asarray(solution.result._value) == np.asarray(RESULTS.successful._value)))
+
+
+def progress_text(progress: Any) -> str:
+    """One line that says how far a search or a voxelisation has come."""
+    if isinstance(progress, VoxelProgress):
+        p = progress
+        return f"cells of level {p.level} of {p.levels}: {p.kept} kept, {p.tested} tested so far"
+    p = progress
+    return f"{p.direction}: {p.lower:.9g} to {p.upper:.9g}, step {p.steps}, {p.waiting} cells wait"
+
+
+def check_picture_file(file: str) -> None:
+    """Raises ValueError unless a picture can have this name: better known before a long computation than after it."""
+    from matplotlib.figure import Figure
+
+    formats = Figure().canvas.get_supported_filetypes()
+    suffix = Path(file).suffix
+    if suffix.removeprefix(".").lower() not in formats:
+        raise ValueError(f"{file}: the suffix is {suffix!r}; pictures are stored as {', '.join(formats)}.")
+    if not Path(file).absolute().parent.is_dir():
+        raise ValueError(f"{file}: no such folder.")
+
+
+def picture(
+    file: str,
+    a: AbstractCurve,
+    b: AbstractCurve,
+    directed: Sequence[HausdorffSolution],
+    labels: Sequence[str] = ("A", "B"),
+    unit: str = "input units",
+) -> None:
+    """Writes the curves with the larger of the directed distances, and beside them the profile of each."""
+    # A figure without pyplot: no window, and the backend that the user has set stays as it is.
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_PICTURE_SIZE, layout="constrained")
+    left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1, 1.15))[0]
+    space: dict[str, Any] = {"projection": "3d"} if a.segments().dim == 3 else {}
+    plot.solution(a, b, max(directed, key=float), left.add_subplot(**space), labels=labels, control_polygon=False)
+    panels = np.atleast_1d(right.subplots(len(directed)))
+    plot.profile(a, b, panels[0], directed[0], labels=labels, unit=unit)
+    for panel, back in zip(panels[1:], directed[1:], strict=True):
+        plot.profile(b, a, panel, back, labels=labels[::-1], unit=unit, colour=plot.ORANGE)
+    figure.savefig(file, dpi=_DPI)
+
+
+def surface_picture(file: str, a: ImplicitSurface, b: ImplicitSurface, solution: HausdorffSolution) -> None:
+    """Writes both surfaces with the witness of their distance."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_SPACE_SIZE)
+    # No layout engine sees the labels of space axes.
+    plot.solution(a, b, solution, figure.add_axes((0.02, 0.08, 0.88, 0.82), projection="3d"))
+    figure.savefig(file, dpi=_DPI)

@@ -1,0 +1,241 @@
+"""Triangle meshes: the union of their triangles, taken as a surface and not as the solid that it may bound.
+
+Which edges and vertices belong together is found from the coordinates: vertices at one place count as one, so meshes
+whose files repeat vertices along seams are as closed as they look.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from jhd.arrays import is_traced, real_array
+from jhd.shapes.checks import Numbers
+from jhd.shapes.curve import affine_image
+
+
+class TriangleMesh(eqx.Module):
+    """A surface made of triangles in space; differentiable in the vertices.
+
+    Degenerate triangles, with corners on one line or at one place, count as the segments or points that they are.
+    Vertices that no triangle names are kept, but are no part of the surface.
+
+    >>> square = TriangleMesh([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> float(square.area), square.is_closed, square.normals[0].tolist()
+    (4.0, False, [0.0, 0.0, 1.0])
+
+    Args:
+        vertices: coordinates, in any unit of length; distances come in the same unit.
+        triangles: indices of the three corners of each triangle, counter-clockwise seen from outside.
+
+    Raises:
+        ValueError: wrong shapes, no vertex, no triangle, NaN or infinity, indices that are negative or too large.
+        TypeError: vertices that are not real numbers, triangles that are not integers.
+    """
+
+    vertices: Float[Array, "vertices 3"]
+    triangles: Int[Array, "triangles 3"]
+
+    def __init__(self, vertices: Numbers, triangles: Numbers):
+        self.vertices = real_array("vertices", vertices)
+        _check_rows("vertices", self.vertices.shape)
+        self.triangles = _checked_triangles(triangles, self.vertices.shape[0])
+
+    @classmethod
+    def of(cls, mesh: Any) -> "TriangleMesh":
+        """The mesh held by an object of another library.
+
+        Args:
+            mesh: a TriangleMesh, or an object with `vertices` and either `faces` (as trimesh has them) or `triangles`.
+
+        Raises:
+            TypeError: another object.
+            ValueError: as for the class.
+        """
+        if isinstance(mesh, cls):
+            return mesh
+        vertices, faces = getattr(mesh, "vertices", None), getattr(mesh, "faces", getattr(mesh, "triangles", None))
+        if vertices is None or faces is None:
+            needed = "a TriangleMesh, or an object with vertices and faces (trimesh)"
+            raise TypeError(f"mesh must be {needed}; got {type(mesh).__name__}.")
+        return cls(np.asarray(vertices), np.asarray(faces))
+
+    @property
+    def count(self) -> int:
+        """Number of triangles."""
+        return self.triangles.shape[-2]
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates."""
+        return 3
+
+    @property
+    def corners(self) -> Float[Array, "triangles corners 3"]:
+        """The corners of each triangle."""
+        return self.vertices[self.triangles]
+
+    @property
+    def normals(self) -> Float[Array, "triangles 3"]:
+        """Unit normals; the zero vector where a triangle has no area."""
+        doubled, length = self._doubled_areas()
+        return doubled / jnp.where(length > 0, length, 1.0)
+
+    @property
+    def area(self) -> Float[Array, ""]:
+        """Sum of the areas of the triangles."""
+        return 0.5 * jnp.sum(self._doubled_areas()[1])
+
+    @property
+    def volume(self) -> Float[Array, ""]:
+        """Enclosed volume of a closed mesh, positive where the normals point outwards.
+
+        The sum of the signed volumes of the cones over all triangles from the middle of the box; of a mesh that is not
+        closed it says little.
+        """
+        lower, upper = self.box()
+        a, b, c = jnp.moveaxis(self.corners - (lower + 0.5 * (upper - lower)), -2, 0)
+        return jnp.sum(a * jnp.cross(b, c)) / 6
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether there is no border: every edge belongs to at least two triangles.
+
+        Raises:
+            TypeError: the mesh is traced.
+        """
+        edges = edges_of(self)
+        return bool(np.all(edges.count >= 2))
+
+    @property
+    def is_manifold(self) -> bool:
+        """Whether no edge belongs to more than two triangles, and no two run along one in the same direction.
+
+        Raises:
+            TypeError: the mesh is traced.
+        """
+        edges = edges_of(self)
+        return bool(np.all((edges.count <= 2) & ((edges.count == 1) | (edges.balance == 0))))
+
+    def box(self) -> tuple[Array, Array]:
+        """Lower and upper corner of the box of all triangles."""
+        corners = self.corners
+        return jnp.min(corners, axis=(-3, -2)), jnp.max(corners, axis=(-3, -2))
+
+    def point(self, triangle: Numbers, t: Numbers) -> Array:
+        """Points of the named triangles at barycentric coordinates t (..., 3): the sum of t_i times corner i."""
+        corners = self.vertices[self.triangles[jnp.asarray(triangle)]]
+        return jnp.sum(real_array("t", t)[..., None] * corners, axis=-2)
+
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "TriangleMesh":
+        """The image under x -> matrix x + offset; differentiable in both.
+
+        A map that mirrors turns every triangle around, so that what was outside stays outside.
+
+        Raises:
+            ValueError: wrong shapes, NaN or infinity.
+        """
+        matrix = real_array("matrix", matrix)
+        if matrix.shape != (3, 3):
+            raise ValueError(f"matrix has shape {matrix.shape}; needs (3, 3).")
+        mirrored = jnp.sum(matrix[0] * jnp.cross(matrix[1], matrix[2])) < 0
+        triangles = jnp.where(mirrored, self.triangles[:, np.array([0, 2, 1])], self.triangles)
+        return TriangleMesh(affine_image(self.vertices, matrix, offset), triangles)
+
+    def _doubled_areas(self) -> tuple[Array, Array]:
+        """Normals as long as twice the area, and these lengths."""
+        a, b, c = jnp.moveaxis(self.corners, -2, 0)
+        doubled = jnp.cross(b - a, c - a)
+        size = jnp.max(jnp.abs(doubled), axis=-1, keepdims=True)
+        # Tiny and huge normals would leave the range of floats when squared.
+        scaled = doubled / jnp.where(size > 0, size, 1.0)
+        square = jnp.sum(scaled * scaled, axis=-1, keepdims=True)
+        return doubled, jnp.where(size > 0, size * jnp.sqrt(jnp.where(size > 0, square, 1.0)), 0.0)
+
+
+class Edges(NamedTuple):
+    """Which triangles of a mesh share which edges and vertices, where vertices at one place count as one.
+
+    Args:
+        places: the corners of the triangles as numbers of places.
+        edge: the edge from corner k to corner k + 1 of each triangle; -1 where two corners are at one place.
+        count: the number of triangles at each edge.
+        balance: how many of them run along it one way, less those that run the other way.
+        proper: which triangles have three different corners; the others have no edges.
+    """
+
+    places: Int[np.ndarray, "triangles 3"]
+    edge: Int[np.ndarray, "triangles 3"]
+    count: Int[np.ndarray, " edges"]
+    balance: Int[np.ndarray, " edges"]
+    proper: Bool[np.ndarray, " triangles"]
+
+
+def edges_of(mesh: TriangleMesh) -> Edges:
+    """The edges of a mesh, found on the host.
+
+    Raises:
+        TypeError: the mesh is traced; which vertices are at one place depends on the numbers.
+    """
+    if is_traced(mesh):
+        raise TypeError("the edges of a mesh are found from its numbers; they cannot be traced.")
+    places = places_of(np.asarray(mesh.vertices))[np.asarray(mesh.triangles)]
+    following = np.roll(places, -1, axis=1)
+    proper = np.all(places != following, axis=1)
+    low, high = np.minimum(places, following)[proper], np.maximum(places, following)[proper]
+    # Two numbers of places in one integer sort faster than pairs.
+    names = low.astype(np.int64) * (int(places.max()) + 1) + high
+    _, index, count = np.unique(names.ravel(), return_inverse=True, return_counts=True)
+    direction = np.where(places == np.minimum(places, following), 1, -1)[proper]
+    balance = np.bincount(index.ravel(), weights=direction.ravel(), minlength=len(count)).astype(np.int64)
+    edge = np.full(places.shape, -1, np.int64)
+    edge[proper] = index.reshape(-1, 3)
+    return Edges(places, edge, count, balance, proper)
+
+
+def places_of(points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " points"]:
+    """A number for each point, the same for those with the same coordinates; places are sorted by x, then y, then z."""
+    order = np.lexsort((points[:, 2], points[:, 1], points[:, 0]))
+    new = np.any(points[order[1:]] != points[order[:-1]], axis=1)
+    numbers = np.empty(len(points), np.int64)
+    numbers[order] = np.concatenate([[0], np.cumsum(new)])
+    return numbers
+
+
+def check_mesh(name: str, value: object) -> None:
+    """Raises TypeError unless the value is a triangle mesh."""
+    if not isinstance(value, TriangleMesh):
+        raise TypeError(f"{name} must be a TriangleMesh (see TriangleMesh.of); got {type(value).__name__}.")
+
+
+def _check_rows(name: str, shape: tuple[int, ...]) -> None:
+    if len(shape) != 2 or shape[1] != 3:
+        raise ValueError(f"{name} has shape {shape}; needs ({name}, 3).")
+    if shape[0] == 0:
+        raise ValueError(f"{name} is empty: its shape is {shape}.")
+
+
+def _checked_triangles(triangles: Numbers, count: int) -> Array:
+    """The triangles as an array of integers below count."""
+    if is_traced(triangles):
+        array = jnp.asarray(triangles)
+        kind = "i" if jnp.issubdtype(array.dtype, jnp.integer) else "f"
+    else:
+        try:
+            array = np.asarray(triangles)
+        except ValueError as error:
+            raise ValueError("triangles must be a rectangular array of integers; its rows differ in length.") from error
+        kind = array.dtype.kind
+    # An empty list has no type of its own.
+    if array.size and kind not in "iu":
+        raise TypeError(f"triangles must be integers; its dtype is {array.dtype}.")
+    _check_rows("triangles", array.shape)
+    if not is_traced(array):
+        bad = np.argwhere((array < 0) | (array >= count))
+        if len(bad):
+            row = int(bad[0, 0])
+            shown = ", ".join(map(str, array[row]))
+            raise ValueError(f"triangles[{row}] is ({shown}); needs indices from 0 to {count - 1}.")
+    return jnp.asarray(array, dtype=int)

@@ -1,0 +1,453 @@
+"""Parametric surfaces: tensor-product Bezier patches and B-spline surfaces, polynomial or rational, in space.
+
+`BezierPatches` is the working form: a union of patches of one pair of degrees, as `BezierSegments` is for curves.
+Meshes of them have a proven deviation (`jhd.shapes.tessellation`).
+
+Source: Farin, Curves and Surfaces for CAGD, 5th edition (2002), chapters 14 and 15; Piegl & Tiller, The NURBS Book
+(1997), chapters 3 to 5.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from jhd.arithmetic import bernstein
+from jhd.arrays import is_traced, real_array
+from jhd.compiled import compiled
+from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
+from jhd.shapes.curve import affine_image
+from jhd.shapes.homogeneous import cartesian, homogeneous
+from jhd.shapes.knots import bezier_pieces, evaluate
+from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.tessellation import tessellate
+
+
+class Partials(NamedTuple):
+    """Points of a surface with their first and second partial derivatives, arrays (*batch, 3)."""
+
+    point: Array
+    u: Array
+    v: Array
+    uu: Array
+    uv: Array
+    vv: Array
+
+
+class PatchMesh(NamedTuple):
+    """A mesh and a proven bound of how far it and its surface are from each other, both ways."""
+
+    mesh: TriangleMesh
+    deviation: float
+
+
+class AbstractPatch(eqx.Module):
+    """A parametric surface in space. Points are rows; parameters u, v are scalars or arrays that broadcast."""
+
+    @abstractmethod
+    def __call__(self, u: Numbers, v: Numbers) -> Array:
+        """Points at the parameters: shape (*batch, 3)."""
+
+    @abstractmethod
+    def patches(self) -> "BezierPatches":
+        """The surface as Bezier patches, the form that distances consume."""
+
+    @abstractmethod
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "AbstractPatch":
+        """The image under x -> matrix x + offset; differentiable in both."""
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates."""
+        return 3
+
+    def box(self) -> tuple[Array, Array]:
+        """Lower and upper corner of the box of all control points; the surface lies inside, as weights are positive."""
+        control_points = self.patches().control_points
+        return jnp.min(control_points, axis=(-4, -3, -2)), jnp.max(control_points, axis=(-4, -3, -2))
+
+    def partials(self, u: Numbers, v: Numbers) -> Partials:
+        """Points and their partial derivatives of first and second order in the parameters of the surface."""
+        u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
+        return Partials(*_partials(self, u, v))
+
+    def to_mesh(self, atol: Numbers, *, max_triangles: int = 2_000_000) -> "PatchMesh":
+        """A triangle mesh with a proven deviation of at most atol, both ways.
+
+        All patches are cut on one grid, so neighbours share the vertices of their common edge. Distances between meshes
+        of two surfaces are those of the surfaces to within the sum of their deviations.
+
+        Args:
+            atol: the most that the surface may be away from the mesh anywhere, and the mesh from the surface.
+            max_triangles: the largest mesh to make; their number grows like 1 / atol.
+
+        Raises:
+            ValueError: atol is not positive, or asks for too many triangles.
+            TypeError: the surface is traced; the number of triangles depends on it.
+        """
+        if is_traced(self, atol):
+            raise TypeError("to_mesh needs a concrete surface and atol: the number of triangles depends on them.")
+        tolerance = real_array("atol", atol)
+        if tolerance.shape != () or not float(tolerance) > 0:
+            raise ValueError(f"atol is {tolerance}; needs one positive number.")
+        parts = self.patches()
+        weights = None if parts.weights is None else np.asarray(parts.weights)
+        found = tessellate(np.asarray(parts.control_points), weights, float(tolerance), max_triangles)
+        return PatchMesh(TriangleMesh(found.vertices, found.triangles), found.deviation)
+
+
+class BezierPatch(AbstractPatch):
+    """A tensor-product Bezier patch: sum w_ij B_i(u) B_j(v) p_ij / sum w_ij B_i(u) B_j(v) for u, v in [0, 1].
+
+    Rows go with u, columns with v; the degrees are rows - 1 and columns - 1. Outside [0, 1] the polynomials are
+    extended. Degree 0 is allowed.
+
+    >>> patch = BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]])
+    >>> patch(0.5, 0.5).tolist()
+    [1.0, 1.0, 1.0]
+
+    Args:
+        control_points: coordinates, in any unit of length.
+        weights: positive weights, or None for a polynomial patch.
+
+    Raises:
+        ValueError: wrong number of axes, no point, other than three coordinates, NaN or infinity, weights that are not
+            positive or do not match.
+        TypeError: entries that are not real numbers.
+    """
+
+    control_points: Float[Array, "rows columns 3"]
+    weights: Float[Array, "rows columns"] | None
+
+    def __init__(self, control_points: Numbers, weights: Numbers | None = None):
+        self.control_points, self.weights = _checked(control_points, weights, ("rows", "columns", "3"))
+
+    @property
+    def degrees(self) -> tuple[int, int]:
+        """Degrees in u and in v."""
+        return self.control_points.shape[-3] - 1, self.control_points.shape[-2] - 1
+
+    @property
+    def homogeneous(self) -> Float[Array, "rows columns width"]:
+        """The control points times their weights, and the weights as one more coordinate where there are any."""
+        return homogeneous(self.control_points, self.weights)
+
+    def with_homogeneous(self, homogeneous: Array) -> "BezierPatch":
+        """A patch from control points in the form of `homogeneous`, polynomial or rational as this one is."""
+        return BezierPatch(*cartesian(homogeneous, self.weights is not None))
+
+    def __call__(self, u: Numbers, v: Numbers) -> Array:
+        """Points at parameters that broadcast, in [0, 1] for the patch itself."""
+        u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
+        return _points(self, u, v)
+
+    def _value(self, u: Array, v: Array) -> Array:
+        value = bernstein.evaluate(bernstein.evaluate(self.homogeneous, u, axis=0), v, axis=0)
+        return cartesian(value, self.weights is not None)[0]
+
+    def patches(self) -> "BezierPatches":
+        """The surface as one patch."""
+        return BezierPatches(self.control_points[None], None if self.weights is None else self.weights[None])
+
+    def split(self, t: Numbers, axis: int = 0) -> tuple["BezierPatch", "BezierPatch"]:
+        """The parts before and after u = t (axis 0) or v = t (axis 1), strictly between 0 and 1; t may be traced.
+
+        Raises:
+            ValueError: t is outside, or another axis.
+        """
+        if axis not in (0, 1):
+            raise ValueError(f"axis is {axis!r}; needs 0 (cut at u = t) or 1 (cut at v = t).")
+        left, right = bernstein.split(self.homogeneous, checked_between("t", t, 0.0, 1.0), axis=axis)
+        return self.with_homogeneous(left), self.with_homogeneous(right)
+
+    def restrict(self, u0: Numbers, u1: Numbers, v0: Numbers, v1: Numbers) -> "BezierPatch":
+        """The part on [u0, u1] x [v0, v1] within the unit square, over its own; ends may be traced and reversed.
+
+        Raises:
+            ValueError: an end outside [0, 1].
+        """
+        ends = [checked_parameter(name, t) for name, t in zip(("u0", "u1", "v0", "v1"), (u0, u1, v0, v1), strict=True)]
+        part = bernstein.restrict(self.homogeneous, ends[0], ends[1], axis=0)
+        return self.with_homogeneous(bernstein.restrict(part, ends[2], ends[3], axis=1))
+
+    def elevate(self, degree_u: int, degree_v: int) -> "BezierPatch":
+        """The same patch written in higher degrees.
+
+        Raises:
+            ValueError: a degree is below the one of the patch.
+        """
+        raised = bernstein.elevate(self.homogeneous, degree_u, axis=0)
+        return self.with_homogeneous(bernstein.elevate(raised, degree_v, axis=1))
+
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierPatch":
+        """The image under x -> matrix x + offset; differentiable in both.
+
+        Raises:
+            ValueError: wrong shapes, NaN or infinity.
+        """
+        return BezierPatch(affine_image(self.control_points, matrix, offset), self.weights)
+
+
+class BezierPatches(AbstractPatch):
+    """A union of Bezier patches of one pair of degrees; they need not be connected.
+
+    Patch k carries the parameters u in [k, k + 1], v in [0, 1] of a call; `point` takes the patch by its number.
+
+    Args:
+        control_points: coordinates, in any unit of length.
+        weights: positive weights, or None for polynomial patches.
+
+    Raises:
+        ValueError: as for BezierPatch.
+        TypeError: entries that are not real numbers.
+    """
+
+    control_points: Float[Array, "patches rows columns 3"]
+    weights: Float[Array, "patches rows columns"] | None
+
+    def __init__(self, control_points: Numbers, weights: Numbers | None = None):
+        self.control_points, self.weights = _checked(control_points, weights, ("patches", "rows", "columns", "3"))
+
+    @property
+    def count(self) -> int:
+        """Number of patches."""
+        return self.control_points.shape[-4]
+
+    @property
+    def degrees(self) -> tuple[int, int]:
+        """Degrees in u and in v."""
+        return self.control_points.shape[-3] - 1, self.control_points.shape[-2] - 1
+
+    @property
+    def homogeneous(self) -> Float[Array, "patches rows columns width"]:
+        """The control points times their weights, and the weights as one more coordinate where there are any."""
+        return homogeneous(self.control_points, self.weights)
+
+    def __call__(self, u: Numbers, v: Numbers) -> Array:
+        """Points at parameters that broadcast; see the class."""
+        u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
+        return _points(self, u, v)
+
+    def _value(self, u: Array, v: Array) -> Array:
+        patch = jnp.clip(jnp.floor(u), 0, self.count - 1)
+        return self._at(patch.astype(int), u - patch, v)
+
+    def _at(self, patch: Array, u: Array, v: Array) -> Array:
+        value = bernstein.evaluate(bernstein.evaluate(self.homogeneous[patch], u, axis=0), v, axis=0)
+        return cartesian(value, self.weights is not None)[0]
+
+    def point(self, patch: Int[Array, "..."] | int, u: Numbers, v: Numbers) -> Array:
+        """Points of the named patches at local parameters in [0, 1]; all three broadcast."""
+        patch, u, v = jnp.broadcast_arrays(jnp.asarray(patch), real_array("u", u), real_array("v", v))
+        return _points_of(self, patch, u, v)
+
+    def patches(self) -> "BezierPatches":
+        """The surface itself."""
+        return self
+
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierPatches":
+        """The image under x -> matrix x + offset; differentiable in both.
+
+        Raises:
+            ValueError: wrong shapes, NaN or infinity.
+        """
+        return BezierPatches(affine_image(self.control_points, matrix, offset), self.weights)
+
+
+class BSplineSurface(AbstractPatch):
+    """A tensor-product B-spline surface, polynomial or rational (NURBS), over the product of two knot intervals.
+
+    The degree in u is p = len(knots_u) - rows - 1, in v likewise with columns. The parameters run over
+    [knots_u[p], knots_u[rows]] and the like in v; outside, the polynomials at the border are extended. At a knot of
+    multiplicity p + 1 or more the surface may jump; it then takes the value of the side of larger parameters.
+
+    >>> knots = [0, 0, 1, 1]
+    >>> surface = BSplineSurface([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]], knots, knots)
+    >>> surface(0.5, 0.5).tolist()
+    [1.0, 1.0, 1.0]
+
+    Args:
+        control_points: coordinates, in any unit of length; at least p + 1 rows and q + 1 columns.
+        knots_u: non-decreasing parameters that go with the rows.
+        knots_v: non-decreasing parameters that go with the columns.
+        weights: positive weights, or None for a polynomial surface.
+
+    Raises:
+        ValueError: as for BezierPatch; wrong numbers of knots, too few points for the degrees, knots that decrease or
+            span no length.
+        TypeError: entries that are not real numbers.
+    """
+
+    control_points: Float[Array, "rows columns 3"]
+    knots_u: Float[Array, " knots_u"]
+    knots_v: Float[Array, " knots_v"]
+    weights: Float[Array, "rows columns"] | None
+
+    def __init__(self, control_points: Numbers, knots_u: Numbers, knots_v: Numbers, weights: Numbers | None = None):
+        self.control_points, self.weights = _checked(control_points, weights, ("rows", "columns", "3"))
+        self.knots_u, self.knots_v = real_array("knots_u", knots_u), real_array("knots_v", knots_v)
+        rows, columns = self.control_points.shape[:2]
+        _check_knots("knots_u", self.knots_u, "rows", rows)
+        _check_knots("knots_v", self.knots_v, "columns", columns)
+
+    @classmethod
+    def clamped(
+        cls, control_points: Numbers, degrees: tuple[int, int] = (3, 3), weights: Numbers | None = None
+    ) -> "BSplineSurface":
+        """The surface between its corner points, with knots 0, ..., 0, 1, 2, ... in both parameters.
+
+        Args:
+            control_points: coordinates (rows, columns, 3); at least one more of each than the degree.
+            degrees: those in u and in v.
+            weights: positive weights, or None.
+
+        Raises:
+            ValueError: as the class, or a negative degree.
+            TypeError: as the class, or a degree that is not an integer.
+        """
+        points = _checked(control_points, None, ("rows", "columns", "3"))[0]
+        knots = []
+        rows, columns = points.shape[:2]
+        for degree, count, name in ((degrees[0], rows, "rows"), (degrees[1], columns, "columns")):
+            if not isinstance(degree, int | np.integer) or isinstance(degree, bool):
+                raise TypeError(f"degrees must be two integers; got {degrees!r}.")
+            if not 0 <= degree < count:
+                raise ValueError(f"degrees holds {degree}; {count} {name} allow 0 to {count - 1}.")
+            knots.append(np.clip(np.arange(count + degree + 1.0) - degree, 0, max(count - degree, 0)))
+        return cls(points, knots[0], knots[1], weights)
+
+    @property
+    def degrees(self) -> tuple[int, int]:
+        """Degrees in u and in v."""
+        rows, columns = self.control_points.shape[-3:-1]
+        return self.knots_u.shape[-1] - rows - 1, self.knots_v.shape[-1] - columns - 1
+
+    @property
+    def domain(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """First and last parameter in u and in v."""
+        (p, q), (rows, columns) = self.degrees, self.control_points.shape[-3:-1]
+        return (self.knots_u[p], self.knots_u[rows]), (self.knots_v[q], self.knots_v[columns])
+
+    @property
+    def homogeneous(self) -> Float[Array, "rows columns width"]:
+        """The control points times their weights, and the weights as one more coordinate where there are any."""
+        return homogeneous(self.control_points, self.weights)
+
+    def __call__(self, u: Numbers, v: Numbers) -> Array:
+        """Points at parameters that broadcast, by de Boor's algorithm in u and then in v."""
+        u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
+        return _points(self, u, v)
+
+    def _value(self, u: Array, v: Array) -> Array:
+        (p, q), h = self.degrees, self.homogeneous
+        row = evaluate(h.reshape(h.shape[0], -1), self.knots_u, p, False, u[None])[0]
+        value = evaluate(row.reshape(h.shape[1:]), self.knots_v, q, False, v[None])[0]
+        return cartesian(value, self.weights is not None)[0]
+
+    def patches(self) -> BezierPatches:
+        """One Bezier patch for each pair of knot spans of the domain, those of one span of u after one another.
+
+        Neighbours share their control points on the common edge exactly, wherever the multiplicity of the knot leaves
+        the surface continuous.
+        """
+        pieces = _pieces(self)
+        points, weights = cartesian(pieces, self.weights is not None)
+        return BezierPatches(points, weights)
+
+    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BSplineSurface":
+        """The image under x -> matrix x + offset; differentiable in both.
+
+        Raises:
+            ValueError: wrong shapes, NaN or infinity.
+        """
+        points = affine_image(self.control_points, matrix, offset)
+        return BSplineSurface(points, self.knots_u, self.knots_v, self.weights)
+
+
+def check_patch(name: str, value: object) -> None:
+    """Raises TypeError unless the value is a parametric surface."""
+    if not isinstance(value, AbstractPatch):
+        raise TypeError(
+            f"{name} must be a parametric surface (BezierPatch, BezierPatches, BSplineSurface); "
+            f"got {type(value).__name__}."
+        )
+
+
+def _checked(control_points: Numbers, weights: Numbers | None, axes: tuple[str, ...]) -> tuple[Array, Array | None]:
+    points = real_array("control_points", control_points)
+    given = None if weights is None else real_array("weights", weights)
+    check_control_points(points, given, axes)
+    if points.shape[-1] != 3:
+        raise ValueError(f"control_points has {points.shape[-1]} coordinates a point; needs 3.")
+    return points, given
+
+
+def _check_knots(name: str, knots: Array, axis: str, count: int) -> None:
+    if knots.ndim != 1:
+        raise ValueError(f"{name} has shape {knots.shape}; needs ({name},).")
+    degree = knots.shape[0] - count - 1
+    if degree < 0:
+        raise ValueError(f"{name} has {knots.shape[0]} entries; {count} {axis} need at least {count + 1}.")
+    if count < degree + 1:
+        raise ValueError(
+            f"control_points has {count} {axis}; degree {degree} ({knots.shape[0]} knots) needs at least {degree + 1}."
+        )
+    if is_traced(knots):
+        return
+    known = np.asarray(knots)
+    down = np.flatnonzero(np.diff(known) < 0)
+    if len(down):
+        k = int(down[0])
+        raise ValueError(f"{name}[{k + 1}] is {known[k + 1]:g}; needs at least {name}[{k}] = {known[k]:g}.")
+    if known[degree] == known[count]:
+        raise ValueError(f"{name}[{degree}] and {name}[{count}] are both {known[count]:g}; the domain has length zero.")
+
+
+def _of_batch(function: Callable[..., Any], *parameters: Array) -> Any:
+    """The function of single parameters on a batch of any shape."""
+    shape = parameters[0].shape
+    values = jax.vmap(function)(*(x.ravel() for x in parameters))
+    return jax.tree_util.tree_map(lambda x: x.reshape(*shape, *x.shape[1:]), values)
+
+
+@compiled
+def _points(surface: Any, u: Array, v: Array) -> Array:
+    return _of_batch(surface._value, u, v)
+
+
+@compiled
+def _points_of(surface: BezierPatches, patch: Array, u: Array, v: Array) -> Array:
+    return _of_batch(surface._at, patch, u, v)
+
+
+@compiled
+def _partials(surface: Any, u: Array, v: Array) -> tuple[Array, ...]:
+    value = surface._value
+
+    def one(u: Array, v: Array) -> tuple[Array, ...]:
+        first, second = jax.jacfwd(value, (0, 1)), jax.jacfwd(jax.jacfwd(value, (0, 1)), (0, 1))
+        (uu, uv), (_, vv) = second(u, v)
+        return value(u, v), *first(u, v), uu, uv, vv
+
+    return _of_batch(one, u, v)
+
+
+@compiled
+def _pieces(surface: BSplineSurface) -> Array:
+    """Homogeneous control points (patches, rows, columns, width) of all pairs of spans."""
+    (p, q), h = surface.degrees, surface.homogeneous
+    columns, width = h.shape[1:]
+    along_u, jumps = bezier_pieces(h.reshape(h.shape[0], -1), surface.knots_u, p, False)
+    spans_u = along_u.shape[0]
+    turned = jnp.moveaxis(along_u.reshape(spans_u, p + 1, columns, width), 2, 0)
+    both = bezier_pieces(turned.reshape(columns, -1), surface.knots_v, q, False)[0]
+    pieces = jnp.moveaxis(both.reshape(-1, q + 1, spans_u, p + 1, width), (2, 0, 3, 1), (0, 1, 2, 3))
+    # The second pass may round the two copies of an edge differently.
+    shared = jnp.where(jumps[:, None, None, None], pieces[:, :, 0], jnp.roll(pieces[:, :, -1], 1, axis=0))
+    pieces = pieces.at[:, :, 0].set(shared)
+    return pieces.reshape(-1, p + 1, q + 1, width)

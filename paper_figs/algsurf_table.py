@@ -1,0 +1,124 @@
+"""The paper's two cones: width against time of cells and of the search, their intervals, cells kept, pairs a second.
+
+Numbers by algsurf_table's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
+
+_RULES = {"paper": ("published rule", VERMILLION, "s", "--"), "safe": ("safe rule", BLUE, "^", "-.")}
+_RANGES = {
+    "centred": ("centred", ORANGE, "D", "-."),
+    "modified_affine": ("modified affine", VERMILLION, "s", "--"),
+    "interval": ("interval", GREY, "v", ":"),
+    "bernstein": ("Bernstein", BLUE, "o", "-"),
+}
+# A search that lands within rounding of the distance has no half width on a logarithmic axis.
+_NARROWEST = 1e-14
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    with style():
+        figure = Figure(figsize=(175 * MM, 128 * MM), layout="constrained")
+        width, interval, kept, rate = figure.subplots(2, 2).ravel()
+        _draw_widths(width, numbers)
+        _draw_intervals(interval, numbers)
+        _draw_kept(kept, numbers["levels"])
+        _draw_rates(rate, numbers)
+    return figure
+
+
+def _by_rule(numbers: dict[str, Any], rule: str) -> list[dict[str, Any]]:
+    return [found for found in numbers["rules"] if found["rule"] == rule]
+
+
+def _draw_widths(ax: Axes, numbers: dict[str, Any]) -> None:
+    for rule, (label, colour, marker, line) in _RULES.items():
+        found = _by_rule(numbers, rule)
+        half = [(x["upper"] - x["lower"]) / 2 for x in found]
+        look = {"color": colour, "marker": marker, "linestyle": line, "markersize": 4, "label": label}
+        ax.loglog([x["separable"] for x in found], half, **look)
+    search = numbers["search"]
+    if search:
+        half = [max((x["upper"] - x["lower"]) / 2, _NARROWEST) for x in search]
+        ax.loglog([x["seconds"] for x in search], half, color=GREEN, marker="o", markersize=4, label="BranchAndBound")
+    paper = numbers["paper"]
+    ax.loglog([paper["seconds"]], [paper["half"]], color=BLACK, marker="*", markersize=9, linestyle="none")
+    point = (paper["seconds"], paper["half"])
+    ax.annotate("paper,\n9 days", point, (0, -7), textcoords="offset points", ha="center", va="top")
+    ax.set_xlim(right=1e7)
+    ax.set_ylim(bottom=min(half) / 10, top=10)
+    ax.yaxis.set_major_locator(LogLocator(numticks=9))
+    ax.set(xlabel="time (s)", ylabel="half width of the interval")
+    ax.legend(loc="center right", borderaxespad=0.1)
+    letter(ax, "a", "proof against time, one core")
+
+
+def _draw_intervals(ax: Axes, numbers: dict[str, Any]) -> None:
+    cells = [found["cells"] for found in _by_rule(numbers, "paper")]
+    for (rule, (label, colour, _, _)), shift in zip(_RULES.items(), (-0.14, 0.14), strict=True):
+        for k, found in enumerate(_by_rule(numbers, rule)):
+            name = None if k else label
+            ends = [found["lower"], found["upper"]]
+            ax.plot([k + shift] * 2, ends, color=colour, linewidth=4.5, solid_capstyle="butt", label=name)
+    if numbers["paper"]["cells"] in cells:
+        k = cells.index(numbers["paper"]["cells"]) - 0.14
+        middle, half = numbers["paper"]["middle"], numbers["paper"]["half"]
+        bar = {"color": BLACK, "capsize": 4, "linewidth": 0.9, "marker": "_", "markersize": 7, "label": "printed"}
+        ax.errorbar([k], [middle], [half], **bar)
+    ax.axhline(numbers["exact"], color=BLACK, linestyle=(0, (4, 2)), linewidth=0.9, label=r"$(\sqrt{43}-4)/3$")
+    ax.set_xticks(range(len(cells)), [str(count) for count in cells])
+    ax.set(xlim=(-0.5, len(cells) - 0.5), xlabel="cells along each axis", ylabel="distance $H$ (input units)")
+    ax.legend(loc="upper right", borderaxespad=0.1)
+    letter(ax, "b", "intervals of cells")
+
+
+def _draw_kept(ax: Axes, levels: dict[str, Any]) -> None:
+    """Cells kept beyond those of Bernstein coefficients, both surfaces together."""
+    best = np.sum(levels["bernstein"], axis=0)[1:]
+    for kind, (label, colour, marker, line) in _RANGES.items():
+        above = 100 * (np.sum(levels[kind], axis=0)[1:] / best - 1)
+        look = {"color": colour, "marker": marker, "linestyle": line, "markersize": 7 if kind == "interval" else 4}
+        ax.plot(np.arange(1, len(best) + 1), above, label=label, **look)
+    ax.set(xlabel="level of the octree", ylabel="cells kept beyond Bernstein (%)")
+    ax.set_xticks(np.arange(1, len(best) + 1))
+    ax.legend(loc="upper right", borderaxespad=0.1)
+    letter(ax, "c", "both cones, five ranges (Horner as interval)")
+
+
+def _draw_rates(ax: Axes, numbers: dict[str, Any]) -> None:
+    """Pairs of cells a second of the published rule, at the cells of the paper."""
+    found = _by_rule(numbers, "paper")
+    shown = [x for x in found if x["cells"] == numbers["paper"]["cells"]] or found[-1:]
+    pairs = shown[0]["pairs"]
+    bars = [("paper", pairs / numbers["paper"]["seconds"], GREY, "")]
+    for way, name, colour, hatch in (("tiles", "in tiles", ORANGE, "////"), ("separable", "separable", PURPLE, "....")):
+        bars.append((name, pairs / max(shown[0][way], 1e-9), colour, hatch))
+    for k, (_, height, colour, hatch) in enumerate(bars):
+        ax.bar(k, height, 0.6, color=colour, hatch=hatch, edgecolor=BLACK, linewidth=0.6)
+        ax.annotate(_power(height), (k, height), (0, 2), textcoords="offset points", ha="center")
+    ax.set_yscale("log")
+    ax.set_ylim(1, 1e12)
+    ax.set_xticks(range(len(bars)), [bar[0] for bar in bars])
+    ax.set_ylabel("pairs of cells a second")
+    letter(ax, "d", f"{_power(pairs)} pairs, finding the cells included")
+
+
+def _power(x: float) -> str:
+    mantissa, exponent = f"{x:.1e}".split("e")
+    return rf"${mantissa}\times10^{{{int(exponent)}}}$" if abs(int(exponent)) > 3 else f"{x:.0f}"
+
+
+if __name__ == "__main__":
+    main()

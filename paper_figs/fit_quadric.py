@@ -1,0 +1,85 @@
+"""A quartic surface with the least-squares ellipsoid and with the one of least Hausdorff distance, and the way there.
+
+Numbers by fit_quadric's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, BLUE, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+import jhd
+
+_CELLS, _SMOKE_CELLS = 64, 16
+_VIEW = 22, -58
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers, _SMOKE_CELLS if picture.smoke else _CELLS))
+
+
+def _figure(numbers: dict[str, Any], cells: int) -> Figure:
+    steps = numbers["steps"]
+    ends = steps[0], min(steps, key=lambda step: step["value"])
+    with style():
+        figure = Figure(figsize=(175 * MM, 72 * MM))
+        for k, (found, title) in enumerate(zip(ends, ("least squares", "least distance found"), strict=True)):
+            ax: Any = figure.add_axes((0.3 * k, 0.1, 0.3, 0.76), projection="3d")
+            _draw_surfaces(ax, numbers, found, cells)
+            figure.text(0.3 * k + 0.012, 0.97, f"$\\bf{{({'ab'[k]})}}$ {title}", va="top")
+            text = f"$H$ = {found['value']:.6f} ± {(found['upper'] - found['lower']) / 2:.0e}"
+            figure.text(0.3 * k + 0.15, 0.03, text, ha="center", va="bottom")
+        _draw_path(figure.add_axes((0.685, 0.185, 0.3, 0.71)), numbers)
+    return figure
+
+
+def _draw_surfaces(ax: Any, numbers: dict[str, Any], found: dict[str, Any], cells: int) -> None:
+    """The quartic, blue, the ellipsoid, orange, the witness and its feet."""
+    size = numbers["box"]
+    p, u = np.array(found["parameters"][:3]), np.array(found["parameters"][3:])
+    coefficients = np.zeros((3, 3, 3))
+    coefficients[0, 0, 0] = np.sum(p * u**2) - 1
+    for axis in range(3):
+        one = np.eye(3, dtype=int)[axis]
+        coefficients[tuple(one)], coefficients[tuple(2 * one)] = -2 * p[axis] * u[axis], p[axis]
+    quartic = jhd.ImplicitSurface.parse(numbers["target"], [-size] * 3, [size] * 3)
+    ellipsoid = jhd.ImplicitSurface(coefficients, [-size] * 3, [size] * 3)
+    jhd.plot.surfaces((quartic, ellipsoid), ax, labels=(None, None), cells=cells, alpha=0.55)
+    point, feet = np.array(found["point"]), np.array(found["feet"])
+    for foot, weight in zip(feet, found["multipliers"], strict=True):
+        if weight > 0:
+            ax.plot(*np.transpose([point, foot]), color=BLACK, linewidth=1.2, zorder=8)
+            ax.plot(*foot[:, None], marker="s", color="white", markeredgecolor=BLACK, markersize=3.5, zorder=9)
+    ax.plot(*point[:, None], marker="o", color=VERMILLION, markeredgecolor=BLACK, markersize=4, zorder=9)
+    limits = 0.8 * np.array([-size, size])
+    ax.set(xlim=limits, ylim=limits, zlim=limits)
+    ax.set_axis_off()
+    ax.view_init(*_VIEW)
+    ax.set_box_aspect((1, 1, 1), zoom=1.7)
+
+
+def _draw_path(ax: Axes, numbers: dict[str, Any]) -> None:
+    steps = numbers["steps"]
+    number = np.arange(len(steps))
+    values = np.array([step["value"] for step in steps])
+    taken = np.array([step["taken"] for step in steps])
+    ax.plot(number, numbers["path"], color=BLUE, drawstyle="steps-post", label="least so far")
+    ax.plot(number[taken], values[taken], "o", color=BLUE, markersize=4, label="lower")
+    style = {"linestyle": "none", "marker": "x", "color": ORANGE, "markersize": 4}
+    ax.plot(number[~taken], values[~taken], **style, label="not lower")
+    ax.axhline(numbers["path"][-1], color=GREY, linewidth=0.6, linestyle=":")
+    ax.set(xlabel="evaluation", ylabel="distance $H$ (input units)", ylim=(0, 1.15 * values.max()))
+    ax.set_xlim(-0.5, len(steps) - 0.5)
+    ax.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    ax.yaxis.set_major_locator(MaxNLocator(6))
+    ax.legend(loc="upper right", borderaxespad=0.1)
+    letter(ax, "c", "bundle method")
+
+
+if __name__ == "__main__":
+    main()

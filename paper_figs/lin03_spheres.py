@@ -1,0 +1,85 @@
+"""The voxel method on two spheres of distance 2: its answers on 81 grids, and where in the spheres they come from.
+
+Numbers by lin03_spheres's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+RADII, CENTRE = (3.0, 2.0), 7.0
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    with style():
+        figure = Figure(figsize=(85 * MM, 118 * MM), layout="constrained")
+        above, below = figure.subplots(2, 1)
+        _draw_answers(above, numbers)
+        _draw_places(below, numbers)
+    return figure
+
+
+def _draw_answers(ax: Axes, numbers: dict[str, Any]) -> None:
+    """Share of the answers below each value."""
+    every = np.concatenate([answer["distances"] for answer in numbers["answers"]]) - 2
+    taken = np.array([answer["first"] for answer in numbers["answers"]]) - 2
+    for values, colour, dashes, text, place in (
+        (every, BLUE, "-", "any nearest pair", (0.0026, 0.72)),
+        (taken, ORANGE, (0, (4, 1.5)), "first pair", (0.0134, 0.22)),
+    ):
+        ordered = np.sort(values)
+        share = np.arange(1, len(ordered) + 1) / len(ordered)
+        ax.step(np.append(0, ordered), np.append(0, share), where="post", color=colour, linestyle=dashes)
+        ax.text(*place, text, color=colour)
+    for x, colour, text in (
+        (numbers["printed"] - 2, VERMILLION, "printed"),
+        (numbers["eps"], GREY, r"stated error $\epsilon$"),
+    ):
+        ax.axvline(x, color=colour, linewidth=0.8, linestyle=":")
+        ax.annotate(text, (x, 1.0), (2, 2), xycoords=ax.get_xaxis_transform(), textcoords="offset points", color=colour)
+    ax.set_xlim(0, 0.0175)
+    ax.set_ylim(0, 1.0)
+    ax.set_xlabel("distance found, less 2")
+    ax.set_ylabel("share of answers below")
+    ax.set_xticks([0, 0.005, 0.01, 0.015])
+    letter(ax, "a", f"answers on {len(numbers['answers'])} grids")
+    # The names of the lines stand between the title and the axes.
+    ax.set_title(ax.get_title(loc="left"), loc="left", pad=13)
+
+
+def _draw_places(ax: Axes, numbers: dict[str, Any]) -> None:
+    """The answers over the distance of their samples from the line of centres."""
+    x, z, value = (np.concatenate([answer[key] for answer in numbers["answers"]]) for key in ("x", "z", "distances"))
+    off = np.hypot(x, z)
+    radius = np.linspace(0, 1.05 * off.max(), 200)
+    exact = CENTRE - sum(np.sqrt(r**2 - radius**2) for r in RADII) - 2
+    ax.plot(radius, exact, color=GREY, linewidth=0.8, label="along a parallel of $y$")
+    ax.plot(
+        off, value - 2, "o", color=BLUE, markersize=2.4, markerfacecolor="none", markeredgewidth=0.5, label="answers"
+    )
+    line = numbers["line"]
+    ax.plot(line["x"], line["distance"] - 2, "s", color=VERMILLION, markersize=5, label="printed, with $x = 0.0700$")
+    ax.plot(0, 0, "*", color=GREEN, markersize=9, clip_on=False, zorder=9, label="proven, to $3\\times10^{-12}$")
+    ax.axhline(numbers["eps"], color=BLACK, linewidth=0.6, linestyle=":")
+    ax.annotate(
+        r"$\epsilon$", (0, numbers["eps"]), (3, -9), textcoords="offset points", xycoords=("axes fraction", "data")
+    )
+    ax.set_xlim(0, radius[-1])
+    ax.set_ylim(0, 0.0195)
+    ax.set_xlabel(r"samples' distance from the line of centres")
+    ax.set_ylabel("distance found, less 2")
+    ax.legend(loc="upper left", bbox_to_anchor=(0.02, 1.04), handletextpad=0.6, labelspacing=0.3)
+    letter(ax, "b", "where the answers come from")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""Six pairs of algebraic surfaces, each with the point where they are farthest from each other, its feet and the proof.
+
+Numbers by surface_gallery's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import MM, Picture, solution, style
+from matplotlib.figure import Figure
+
+import jhd
+
+_COLUMNS = 3
+# From where each pair is seen best: elevation and azimuth in degrees.
+_VIEWS = {
+    "two cones": (18, -52),
+    "sphere, ellipsoid": (20, -60),
+    "torus, ellipsoid": (30, -60),
+    "tanglecube, sphere": (22, -50),
+    "Clebsch, Cayley cubic": (22, -35),
+    "Barth sextic, sphere": (20, -45),
+}
+# Cells along an axis that surfaces are drawn from.
+_CELLS, _SMOKE_CELLS = 64, 16
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers, _SMOKE_CELLS if picture.smoke else _CELLS))
+
+
+def _figure(numbers: dict[str, Any], cells: int) -> Figure:
+    pairs = numbers["pairs"]
+    rows = -(-len(pairs) // _COLUMNS)
+    with style():
+        figure = Figure(figsize=(175 * MM, rows * 68 * MM))
+        for k, pair in enumerate(pairs):
+            row, column = divmod(k, _COLUMNS)
+            left, height = column / _COLUMNS, 1 / rows
+            place = (left, 1 - (row + 1) * height + 0.09 * height, 1 / _COLUMNS - 0.005, 0.85 * height)
+            ax: Any = figure.add_axes(place, projection="3d")
+            _draw(ax, pair, cells)
+            figure.text(left + 0.012, 1 - row * height - 0.018, f"$\\bf{{({'abcdef'[k]})}}$ {pair['name']}", va="top")
+            text = _text(pair)
+            figure.text(left + 0.5 / _COLUMNS, 1 - (row + 1) * height + 0.02 * height, text, ha="center", va="bottom")
+    return figure
+
+
+def _draw(ax: Any, pair: dict[str, Any], cells: int) -> None:
+    """Both surfaces in the box, with the witness and no ticks: lengths stand below."""
+    a, b = (jhd.ImplicitSurface.parse(text, pair["lower"], pair["upper"]) for text in pair["polynomials"])
+    jhd.plot.surfaces((a, b), ax, labels=(None, None), cells=cells, alpha=0.55)
+    # Points of implicit surfaces have no parameters, which are stored as null.
+    point = pair["solution"]["witness"] | {"t": np.nan, "foot_params": [np.nan] * 4}
+    jhd.plot.witness(solution(pair["solution"] | {"witness": point}), ax, distance=False)
+    for line in ax.lines:
+        if line.get_gid() in ("witness", "feet"):
+            line.set_markersize(4)
+    low, high = np.array(pair["lower"]), np.array(pair["upper"])
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    for i, p in enumerate(corners):
+        for q in corners[i + 1 :]:
+            if np.sum(p != q) == 1:
+                ax.plot(*np.transpose(low + (high - low) * np.array([p, q])), color="#B0B0B0", linewidth=0.4, zorder=0)
+    ax.set_axis_off()
+    ax.view_init(*_VIEWS[pair["name"]])
+    ax.set_box_aspect((1, 1, 1), zoom=1.12)
+
+
+def _text(pair: dict[str, Any]) -> str:
+    """The distance with the proven error, or its bounds where they are apart, and the seconds."""
+    lower, upper = pair["solution"]["lower"], pair["solution"]["upper"]
+    seconds = f"{pair['seconds']:.1f} s"
+    if upper is None:
+        return f"{lower:.3f} ≤ $H$, {seconds}"
+    half = (upper - lower) / 2
+    if half > 0.01 * upper:
+        return f"{lower:.3f} ≤ $H$ ≤ {upper:.3f}, {seconds}"
+    mantissa, exponent = f"{max(half, 1e-12):.0e}".split("e")
+    error = rf"{mantissa}\cdot 10^{{{int(exponent)}}}"
+    return f"$H$ = {(lower + upper) / 2:.{-int(exponent)}f} ± ${error}$, {seconds}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,300 @@
+"""Minimum distances: bounds hold the exact value, shapes meet, derivatives, refusals, the published voxel method."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from jhd.distance.minimum import minimum_distance
+from jhd.distance.voxel_pairs import VoxelPairs
+from jhd.shapes.bezier import BezierCurve
+from jhd.shapes.curve import circle, points, polyline
+from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.patch import BezierPatch
+from jhd.solution import RESULTS, NotProvenError, name_of
+
+# A cubic that rises to 0.75 at its middle, where its curvature is 6.
+ARCH = np.array([[0.0, 0], [1, 1], [2, 1], [3, 0]]) / [3, 1]
+GRID = np.stack(np.meshgrid(*[np.linspace(0, 1, 4)] * 2, indexing="ij"), axis=-1)
+# Central differences of a value with an error of 1e-15 and the step 1e-5.
+DIFFERENCES = 1e-8
+
+
+def surface(heights, z=0.0):
+    return BezierPatch(np.concatenate([GRID, z + np.asarray(heights)[..., None]], axis=-1))
+
+
+def holds(found, exact, width):
+    """lower <= exact <= upper without any tolerance; the exact value may be an interval of floats."""
+    low, high = np.min(exact), np.max(exact)
+    return found.lower <= high and found.upper >= low and found.upper - found.lower <= width
+
+
+def sampled(a, b, parameters):
+    """The least distance over samples, refined by a local method from the nearest of them."""
+    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 12)] * parameters, indexing="ij"), axis=-1).reshape(-1, parameters)
+    apart = np.sum((np.asarray(a(*grid.T))[:, None] - np.asarray(b(*grid.T))[None]) ** 2, axis=-1)
+    starts = np.argsort(apart, axis=None)[::29][:6]
+
+    def square(x):
+        e = np.asarray(a(*x[:parameters])) - np.asarray(b(*x[parameters:]))
+        return float(e @ e)
+
+    best = apart.min()
+    for start in starts:
+        i, j = divmod(int(start), len(grid))
+        x = np.concatenate([grid[i], grid[j]])
+        best = min(best, minimize(square, x, bounds=[(0, 1)] * x.size, method="L-BFGS-B").fun)
+    return best**0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "a", "b", "exact"),
+    [
+        ("sampled", ARCH, ARCH + [0, 2.0], None),
+        ("middle to middle", ARCH, ARCH * [1, -1] + [0, 2.0], 0.5),
+        ("end to middle", ARCH, np.stack([np.full(4, 0.5), np.linspace(1, 2, 4)], axis=1), 0.25),
+        ("crossing", ARCH, ARCH * [1, -1] + [0, 1.0], 0.0),
+        ("touching", ARCH, ARCH * [1, -1] + [0, 1.5], 0.0),
+        ("gap of 1e-6", ARCH, ARCH * [1, -1] + [0, 1.5 + 2.0**-20], 2.0**-20),
+        ("coincident", ARCH, ARCH, 0.0),
+        ("reversed", ARCH, ARCH[::-1], 0.0),
+        ("a point", ARCH, np.tile([0.5, 1.0], (4, 1)), 0.25),
+        ("far away", ARCH + 2.0**30, ARCH * [1, -1] + [0, 2.0] + 2.0**30, 0.5),
+        ("parallel lines", np.linspace([0, 0], [1, 0], 4), np.linspace([0.25, 1], [2, 1], 4), 1.0),
+    ],
+)
+def test_bounds_of_curves_hold_the_exact_distance(name, a, b, exact):
+    if exact is None:
+        exact = sampled(BezierCurve(a), BezierCurve(b), 1)
+    scale = max(1.0, float(np.abs(a).max()))
+    found = minimum_distance(BezierCurve(a), BezierCurve(b))
+    assert found.lower <= found.value <= found.upper
+    # The samples and the offset coordinates are rounded.
+    slack = 1e-9 if name == "sampled" else (4 * scale * 2.0**-53 if scale > 1 else 0.0)
+    assert holds(found, [exact - slack, exact + slack], 2e-9)
+    apart = np.linalg.norm(np.asarray(found.point_a) - np.asarray(found.point_b))
+    assert abs(apart - float(found.value)) <= 1e-12 * scale
+
+
+@pytest.mark.slow
+def test_rational_curves_and_shapes_of_many_pieces():
+    a, b = circle([0, 0], 3.0), circle([0, 7], 2.0)
+    found = minimum_distance(a, b)
+    # The stored circles are rounded.
+    assert holds(found, [2 - 1e-15, 2 + 1e-15], 1e-9)
+    np.testing.assert_allclose(found.point_a, [0, 3], atol=1e-7)
+    inside = minimum_distance(circle([0, 0], 3.0), circle([0.5, 0], 1.0))
+    assert holds(inside, [1.5 - 1e-15, 1.5 + 1e-15], 1e-9)
+
+
+def test_point_sets_and_polylines_are_curves_too():
+    found = minimum_distance(points([[0.0, 0], [5, 5]]), polyline([[5.0, 6], [9, 6]]))
+    assert holds(found, 1.0, 1e-8) and found.point_a.tolist() == [5, 5]
+
+
+MOVE = jnp.array([0.1, 2.0])
+
+
+def distance_of(rows, move):
+    return minimum_distance(BezierCurve(rows), BezierCurve(ARCH * [1, -1] + move)).value
+
+
+def test_the_derivatives_are_those_of_differences():
+    rows, h = jnp.asarray(ARCH), 1e-5
+    slope = jax.grad(distance_of)(rows, MOVE)
+    for i, j in ((1, 0), (2, 1)):
+        step = jnp.zeros_like(rows).at[i, j].set(h)
+        found = (distance_of(rows + step, MOVE) - distance_of(rows - step, MOVE)) / (2 * h)
+        assert abs(float(found - slope[i, j])) < DIFFERENCES
+
+
+@pytest.mark.slow
+def test_derivatives_are_the_same_under_jit_and_in_a_batch_and_zero_where_curves_meet():
+    rows = jnp.asarray(ARCH)
+    moves = jnp.stack([MOVE, jnp.array([0.0, 2.0]), jnp.array([0.0, 1.0])])
+    both = jax.jit(jax.vmap(jax.value_and_grad(distance_of, 1), (None, 0)))
+    values, slopes = both(rows, moves)
+    np.testing.assert_allclose(values[1:], [0.5, 0.0], atol=1e-12)
+    np.testing.assert_allclose(slopes[0], jax.grad(distance_of, 1)(rows, MOVE), atol=1e-10)
+    # At distance zero the derivative is zero by convention.
+    np.testing.assert_allclose(slopes[1:], [[0, 1], [0, 0]], atol=1e-7)
+
+
+@pytest.mark.slow
+def test_second_derivatives_follow_the_nearest_points():
+    def distance(x):
+        return minimum_distance(BezierCurve(ARCH), points(jnp.stack([x, jnp.asarray(1.5)])[None])).value
+
+    h = 1e-4
+    second = jax.grad(jax.grad(distance))(0.45)
+    difference = (jax.grad(distance)(0.45 + h) - jax.grad(distance)(0.45 - h)) / (2 * h)
+    assert abs(float(second - difference)) < 1e-5
+
+
+@pytest.mark.slow
+def test_numbers_that_are_known_late_and_unusable_are_reported():
+    found = jax.jit(lambda x: minimum_distance(BezierCurve(ARCH * x), BezierCurve(ARCH + 3.0)))(jnp.nan)
+    assert name_of(found.result) == "nonfinite_value" and found.lower == 0 and np.isinf(found.upper)
+
+
+@pytest.mark.parametrize(
+    ("a", "options", "error", "message"),
+    [
+        (3, {}, TypeError, "a must be a curve, a parametric surface"),
+        (BezierCurve(np.zeros((2, 3))), {}, ValueError, "a has 3 coordinates a point and b has 2"),
+        (BezierCurve(ARCH), {"atol": -1.0}, ValueError, "atol is -1; needs a number of at least 0"),
+        (BezierCurve(ARCH), {"rtol": np.zeros(2)}, ValueError, r"rtol has shape \(2,\)"),
+        (BezierCurve(ARCH), {"max_steps": -1}, ValueError, "max_steps is -1"),
+        (BezierCurve(ARCH), {"capacity": 3}, ValueError, "capacity is 3; needs a whole number of at least 64"),
+        (BezierCurve(ARCH), {"method": "fast"}, TypeError, "method must be None or VoxelPairs"),
+        (BezierCurve(ARCH), {"method": VoxelPairs(0.1)}, TypeError, "a must be an ImplicitSurface"),
+    ],
+)
+def test_what_is_no_question_is_refused(as_a_user, a, options, error, message):
+    with pytest.raises(error, match=message):
+        minimum_distance(a, BezierCurve(ARCH + 3.0), **options)
+
+
+def test_a_search_that_is_cut_short_says_so_and_its_bounds_are_true():
+    a, b = BezierCurve(ARCH), BezierCurve(ARCH * [1, -1] + [0.1, 2.5])
+    with pytest.raises(NotProvenError) as caught:
+        minimum_distance(a, b, max_steps=0)
+    reached, full = caught.value.solution, minimum_distance(a, b)
+    assert name_of(reached.result) == "gap_not_closed"
+    assert reached.lower <= full.lower and reached.upper >= full.upper and reached.lower > 0
+
+
+def test_progress_is_reported_and_interruption_keeps_the_bounds():
+    seen = []
+    minimum_distance(BezierCurve(ARCH), BezierCurve(ARCH + [0.1, 2.0]), progress=seen.append)
+    assert seen and seen[-1].lower <= seen[-1].upper
+
+
+def test_the_solution_prints_and_becomes_json():
+    found = minimum_distance(BezierCurve(ARCH), BezierCurve(ARCH * [1, -1] + [0, 2.0]))
+    assert "between (0.5, 0.75) and (0.5, 1.25), successful" in repr(found)
+    assert '"result": "successful"' in found.to_json() and abs(float(found) - 0.5) < 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rational", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_bounds_of_random_patches_are_on_both_sides_of_local_minima(seed, rational):
+    random = np.random.default_rng(seed)
+    weights = [np.exp(0.7 * random.normal(size=(4, 4))) if rational else None for _ in range(2)]
+    a = BezierPatch(random.normal(size=(4, 4, 3)), weights[0])
+    b = BezierPatch(random.normal(size=(4, 4, 3)) + [0, 0, 4.0 * (seed % 3)], weights[1])
+    found = minimum_distance(a, b)
+    local = sampled(a, b, 2)
+    assert found.lower <= local + 1e-12 and found.upper <= local + 1e-7
+    assert found.upper - found.lower <= 1e-8
+
+
+@pytest.mark.slow
+def test_patches_that_touch_and_tiny_gaps():
+    flat, bowl = np.zeros((4, 4)), 0.2 + 2 * ((GRID - 0.5) ** 2).sum(-1)
+    # The net of u^2 + v^2 about the middle has its least value at the middle; the same by evaluation.
+    least = float(np.asarray(surface(bowl)(0.5, 0.5))[2])
+    for gap in (0.0, 1e-10, 1e-6, 1e-3):
+        found = minimum_distance(surface(flat), surface(bowl, gap - least), atol=1e-12)
+        assert holds(found, [max(gap - 1e-15, 0), gap + 1e-15], 2e-12)
+
+
+@pytest.mark.slow
+def test_a_curve_and_a_patch():
+    line = BezierCurve([[0.5, 0.5, 1.0], [0.5, 0.5, 3.0]])
+    found = minimum_distance(line, surface(np.zeros((4, 4))))
+    assert holds(found, 1.0, 1e-8)
+    np.testing.assert_allclose(found.point_b, [0.5, 0.5, 0], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_derivative_of_a_distance_of_patches():
+    random = np.random.default_rng(1)
+    heights = 0.25 * random.normal(size=(2, 4, 4))
+    a, b = surface(heights[0]).control_points, surface(heights[1], 1.0).control_points
+
+    def distance(rows):
+        return minimum_distance(BezierPatch(rows), BezierPatch(b)).value
+
+    slope, h = jax.grad(distance)(a), 1e-5
+    for place in ((0, 0, 2), (3, 2, 0), (1, 2, 2)):
+        step = jnp.zeros_like(a).at[place].set(h)
+        difference = (distance(a + step) - distance(a - step)) / (2 * h)
+        assert abs(float(difference - slope[place])) < DIFFERENCES
+
+
+SPHERES = (
+    ImplicitSurface.parse("x^2 + y^2 + z^2 - 9", [-3, -3, -3], [3, 3, 3]),
+    ImplicitSurface.parse("x^2 + (y - 7)^2 + z^2 - 4", [-2, 5, -2], [2, 9, 2]),
+)
+
+
+@pytest.mark.slow
+def test_the_papers_spheres_are_two_apart():
+    found = minimum_distance(*SPHERES, atol=5e-12)
+    assert found.lower <= 2 <= found.upper and found.upper - found.lower <= 5e-12
+    assert abs(float(found.value) - 2) <= 5e-12
+    np.testing.assert_allclose(found.point_a, [0, 3, 0], atol=1e-5)
+
+
+@pytest.mark.slow
+def test_surfaces_that_are_cut_that_meet_and_that_are_empty():
+    upper = ImplicitSurface.parse("(x - 0.5)^2 + (y - 7)^2 + z^2 - 4", [-2, 7, -3], [3, 10, 3])
+    # The nearest point of the half sphere is on its border, at x = -1.5.
+    exact = 51.25**0.5 - 3
+    assert holds(minimum_distance(SPHERES[0], upper), [exact - 1e-15, exact + 1e-15], 1e-8)
+    across = ImplicitSurface.parse("x^2 + (y - 4)^2 + z^2 - 4", [-2, 2, -2], [2, 6, 2])
+    found = minimum_distance(SPHERES[0], across)
+    assert found.lower == 0 and found.upper <= 1e-8
+    empty = ImplicitSurface.parse("x^2 + y^2 + z^2 + 1", [-3, -3, -3], [3, 3, 3])
+    with pytest.raises(ValueError, match="without points in its box"):
+        minimum_distance(empty, SPHERES[1])
+
+
+@pytest.mark.slow
+def test_the_derivative_of_a_distance_of_surfaces():
+    def distance(x):
+        coefficients = SPHERES[0].coefficients.at[0, 0, 0].set(-(x**2))
+        return minimum_distance(ImplicitSurface(coefficients, [-4] * 3, [4] * 3, reduced=False), SPHERES[1]).value
+
+    # The radius of one sphere takes as much off the distance.
+    assert abs(float(jax.grad(distance)(3.0)) + 1.0) < 1e-6
+
+
+@pytest.mark.slow
+def test_a_curve_and_a_patch_against_a_surface():
+    line = BezierCurve([[-1.0, 0, 5], [1, 0, 5]])
+    assert holds(minimum_distance(line, SPHERES[0]), 2.0, 1e-8)
+    plate = surface(np.zeros((4, 4)), 4.0)
+    assert holds(minimum_distance(SPHERES[0], plate), 1.0, 1e-8)
+
+
+def test_the_voxel_method_is_unproven_and_its_samples_are_on_the_surfaces():
+    found = minimum_distance(*SPHERES, VoxelPairs(0.5, 6))
+    assert found.result == RESULTS.unproven and found.lower == 0 and np.isinf(found.upper)
+    # Any two points of the surfaces are at least as far apart as the nearest.
+    assert 2 - 1e-12 <= float(found.value) <= 2.5
+    for shape, point in zip(SPHERES, (found.point_a, found.point_b), strict=True):
+        assert abs(float(shape(point))) < 1e-12
+    tied = VoxelPairs(0.5, 6).pairs(*SPHERES)
+    best = minimum_distance(*SPHERES, VoxelPairs(0.5, 6, ties="all"))
+    assert float(best.value) == tied.distance.min() and tied.distance[0] == float(found.value)
+    steps = tied.cells_b - tied.cells_a
+    assert len({int(step @ step) for step in steps}) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"spacing": 0.0}, "spacing is 0.0"),
+        ({"spacing": 0.1, "samples": 1}, "samples is 1"),
+        ({"spacing": 0.1, "ties": "some"}, "ties is 'some'"),
+        ({"spacing": 0.1, "origin": [0.0, 0.0]}, r"origin has shape \(2,\)"),
+    ],
+)
+def test_voxels_of_no_size_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        VoxelPairs(**options)

@@ -1,0 +1,187 @@
+"""Distances of implicit surfaces with a proof: true bounds, published examples, what has no distance, and programs."""
+
+import math
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jhd
+from jhd.shapes import ImplicitSurface
+from jhd.solution import ANSWERS, name_of
+from tests import surface_cases
+
+LOWER, UPPER = [-2.0] * 3, [2.0] * 3
+
+
+def parsed(text, lower=LOWER, upper=UPPER):
+    return ImplicitSurface.parse(text, lower, upper)
+
+
+CONES = parsed("x^2/4 + y^2/4 - z^2/9"), parsed("x^2/16 + y^2/4 - z^2/9")
+EXACT_H21, EXACT_H12 = (math.sqrt(43) - 4) / 3, 0.798859586020371
+SPHERE = parsed("x^2 + y^2 + z^2 - 1")
+NOWHERE = parsed("x^2 + y^2 + z^2 + 1e-4")
+
+
+def check(solution, exact, gap):
+    assert float(solution.lower) <= exact <= float(solution.upper)
+    assert float(solution.lower) <= float(solution.value) <= float(solution.upper)
+    assert float(solution.upper) - float(solution.lower) <= gap
+
+
+def test_the_published_cones_are_proven_to_ten_digits():
+    solution = jhd.hausdorff(*CONES)
+    check(solution, EXACT_H21, 1e-10 * 4 * math.sqrt(3))
+    witness = solution.witness
+    assert name_of(solution.result) == "successful" and name_of(solution.event) == "a_end"
+    assert name_of(solution.direction) == "b_to_a"
+    # A corner of the second cone in two faces of the box; all four are as far.
+    assert np.allclose(np.abs(witness.point), [2, math.sqrt(7) / 3, 2], atol=1e-12)
+    assert witness.feet.shape == (4, 3) and witness.multipliers.tolist() == [1, 0, 0, 0]
+    assert int(witness.segment) == -1 and np.isnan(witness.t)
+    assert abs(np.linalg.norm(witness.point - witness.feet[0]) - EXACT_H21) < 1e-12
+    assert int(solution.stats["a_to_b_cells"]) < 2000 > int(solution.stats["b_to_a_cells"])
+
+
+def test_two_feet_of_the_first_cone_balance():
+    solution = jhd.directed_hausdorff(*CONES)
+    check(solution, EXACT_H12, 1e-10 * 4 * math.sqrt(3))
+    witness = solution.witness
+    assert name_of(solution.event) == "one_to_two"
+    assert np.allclose(np.abs(witness.point), [4 / 3, 0, 2], atol=1e-9)
+    assert np.allclose(witness.multipliers, [0.5, 0.5, 0, 0], atol=1e-6)
+    feet = np.linalg.norm(np.asarray(witness.point - witness.feet), axis=1)
+    assert np.allclose(feet[:2], EXACT_H12, atol=1e-9)
+    assert np.array_equal(witness.feet[2], witness.feet[0]) and np.array_equal(witness.feet[3], witness.feet[0])
+
+
+@pytest.mark.parametrize(
+    ("factor", "answer"), [(0.9, ANSWERS.no), (1.1, ANSWERS.yes), (1.0, ANSWERS.undecided)], ids=["no", "yes", "open"]
+)
+def test_a_threshold_is_decided_with_less_work(factor, answer):
+    threshold = EXACT_H21 * factor
+    decision = jhd.hausdorff_at_most(*CONES, threshold)
+    assert decision.answer == answer
+    assert float(decision.lower) <= EXACT_H21 <= float(decision.upper)
+    if factor > 1:
+        assert int(decision.stats["b_to_a_cells"]) < 200
+
+
+def test_a_surface_proven_empty_is_refused_and_under_a_trace_has_a_code():
+    with pytest.raises(ValueError, match="b: the surface is empty"):
+        jhd.hausdorff(SPHERE, NOWHERE)
+    with pytest.raises(ValueError, match="a: the surface is empty"):
+        jhd.directed_hausdorff(NOWHERE, SPHERE)
+
+
+def test_a_single_point_gets_no_number():
+    point = parsed("(x - 0.3)^2 + y^2 + z^2")
+    with pytest.raises(jhd.NotProvenError, match="does not change its sign"):
+        jhd.directed_hausdorff(SPHERE, point)
+    for pair in ((SPHERE, point), (point, SPHERE)):
+        solution = jhd.directed_hausdorff(*pair, throw=False)
+        assert name_of(solution.result) == "unverified" and np.isnan(solution.value)
+        assert (float(solution.lower), float(solution.upper)) == (0.0, math.inf)
+
+
+def test_a_surface_on_itself_is_at_distance_zero():
+    for surface in (SPHERE, CONES[0]):
+        solution = jhd.hausdorff(surface, surface)
+        check(solution, 0.0, 1e-10 * 4 * math.sqrt(3))
+        assert name_of(solution.event) == "coincident"
+
+
+def test_planes_cylinders_and_surfaces_in_faces_are_surfaces():
+    plane, tilted = parsed("z - 0.5"), parsed("z - 0.5 - x/8")
+    solution = jhd.directed_hausdorff(plane, tilted, jhd.BranchAndBound(atol=1e-4), throw=False)
+    check(solution, 0.25 / math.sqrt(1 + 1 / 64), 1e-2)
+    face = parsed("z - 2")
+    solution = jhd.directed_hausdorff(face, plane)
+    check(solution, 1.5, 1e-9)
+    back = jhd.directed_hausdorff(plane, face, jhd.BranchAndBound(atol=1e-1))
+    check(back, 1.5, 1e-1)
+    outer = jhd.directed_hausdorff(parsed("x^2 + y^2 - 4/9"), SPHERE, throw=False)
+    check(outer, math.hypot(2 / 3, 2) - 1, 1e-2)
+
+
+def test_far_from_the_origin_nothing_is_lost():
+    shift = 2.0**20
+    moved = [cone.transform(np.eye(3), [shift, 0.0, -shift]) for cone in CONES]
+    # The stored coefficients are those of the moved cones exactly: all digits of the shift are in them.
+    solution = jhd.hausdorff(moved[0], moved[1])
+    check(solution, EXACT_H21, 1e-9)
+
+
+def test_progress_is_reported_and_an_interruption_ends_with_true_bounds():
+    seen = []
+    jhd.directed_hausdorff(*CONES, progress=seen.append)
+    assert seen and seen[-1].direction == "a_to_b"
+    assert seen[-1].lower <= EXACT_H12 <= seen[-1].upper
+
+    def stop(_):
+        raise KeyboardInterrupt
+
+    hard = parsed("x^2 + y^2 + z^2 - 1.21")
+    stopped = jhd.hausdorff(SPHERE, hard, throw=False, progress=stop)
+    assert name_of(stopped.result) == "interrupted"
+    assert float(stopped.lower) <= math.sqrt(1.21) - 1 <= float(stopped.upper) < math.inf
+
+
+def test_too_little_room_leaves_true_bounds_and_says_so():
+    inner, outer = SPHERE, parsed("x^2 + y^2 + z^2 - 1.5625")
+    solution = jhd.directed_hausdorff(inner, outer, jhd.BranchAndBound(max_steps=60), throw=False)
+    check(solution, 0.25, 0.1)
+    assert name_of(solution.result) in ("gap_not_closed", "family_of_maxima", "capacity_reached")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", surface_cases.CASES, ids=lambda case: case.name)
+def test_bounds_hold_the_exact_distances(case):
+    a, b = (ImplicitSurface(*surface) for surface in (case.a, case.b))
+    degenerate = "degenerate" in case.tags
+    for pair, maximum in (((a, b), case.ab), ((b, a), case.ba)):
+        solution = jhd.directed_hausdorff(*pair, jhd.BranchAndBound(max_steps=300), throw=False)
+        exact = Fraction(maximum.value)
+        assert Fraction(float(solution.lower)) <= exact <= Fraction(float(solution.upper))
+        diagonal = float(jnp.linalg.norm(a.upper - a.lower))
+        assert float(solution.upper - solution.lower) <= (1e-2 if degenerate else 1.1e-10) * diagonal
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("a", "b", "exact", "gap"),
+    [
+        (SPHERE, parsed("((x - 1.2)^2 + y^2 + z^2 + 1e-4)*(x + 1.5)"), 2.5, 1e-9),
+        (parsed("((x - 1.7)^2 + y^2 + z^2 + 1e-4)*(x^2 + y^2 + z^2 - 1)"), parsed("x^2 + y^2 + z^2 - 1.21"), 0.1, 1e-2),
+    ],
+    ids=["cells of b without a point", "cells of a without a point"],
+)
+def test_cells_without_a_point_do_not_count(a, b, exact, gap):
+    check(jhd.directed_hausdorff(a, b, throw=False), exact, gap)
+
+
+@pytest.mark.slow
+def test_one_program_gives_the_same_under_jit_vmap_and_grad():
+    def distance(coefficients):
+        a = ImplicitSurface(coefficients, LOWER, UPPER, reduced=False)
+        return jhd.directed_hausdorff(a, CONES[1]).value
+
+    a = CONES[0].coefficients
+    value, slope = jax.jit(jax.value_and_grad(distance))(a)
+    assert abs(float(value) - EXACT_H12) < 1e-9
+    assert np.all(np.isfinite(slope)) and np.any(slope != 0)
+    scaled = jax.jit(jax.vmap(distance))(jnp.stack([a, 3 * a, -a]))
+    assert np.allclose(scaled, EXACT_H12, atol=1e-9)
+
+    def outcome(coefficients):
+        a = ImplicitSurface(coefficients, LOWER, UPPER, reduced=False)
+        solution = jhd.directed_hausdorff(a, CONES[1])
+        return solution.result._value, solution.lower, solution.upper
+
+    for coefficients, name in ((NOWHERE.coefficients, "empty_surface"), (a * np.nan, "nonfinite_value")):
+        result, lower, upper = jax.jit(outcome)(coefficients)
+        assert int(result) == int(getattr(jhd.RESULTS, name)._value)
+        assert (float(lower), float(upper)) == (0.0, math.inf)

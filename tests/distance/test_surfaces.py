@@ -1,0 +1,99 @@
+"""The claim lower <= exact <= upper for implicit surfaces: the whole table, several tolerances, motions and scalings.
+
+There is no tolerance and no list of exceptions: a bound that fails is an error of the theory or of the code.
+"""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import jhd
+from tests.surface_cases import BY_NAME, CASES
+
+QUICK = ["paper_cones", "hyperboloid_cylinder"]
+# Families of maximisers cost much for little; their bounds are as true at a coarse tolerance.
+COARSE, FINE = 1e-2, 1e-8
+
+
+def enclosed(solution, exact):
+    """Whether the bounds hold, in exact arithmetic."""
+    lower, upper = float(solution.lower), float(solution.upper)
+    if np.isinf(upper):
+        return Fraction(lower) <= Fraction(exact)
+    # The digits are cut off at the end.
+    slack = Fraction(1, 10**30)
+    return Fraction(lower) - slack <= Fraction(exact) <= Fraction(upper) + slack
+
+
+def surfaces(case):
+    return tuple(jhd.ImplicitSurface(s.coefficients, s.lower, s.upper) for s in (case.a, case.b))
+
+
+def check(pair, maxima, method, name):
+    """Both directions and the larger one, whose bounds must hold whether or not they met the tolerance."""
+    (a, b), exact = pair, [Fraction(m.value) for m in maxima]
+    for p, q, value in ((a, b, exact[0]), (b, a, exact[1])):
+        found = jhd.directed_hausdorff(p, q, method, throw=False)
+        assert enclosed(found, value), (name, found.lower, float(value), found.upper)
+        assert float(found.lower) <= float(found.value) <= float(found.upper), name
+    both = jhd.hausdorff(a, b, method, throw=False)
+    assert enclosed(both, max(exact)), (name, both.lower, float(max(exact)), both.upper)
+
+
+def tolerance_of(case, rtol):
+    tolerance = COARSE if case.tags & {"degenerate", "coincident"} else rtol
+    return tolerance * max(1e-3, float(case.ab.value), float(case.ba.value))
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_bounds_of_quadrics_enclose_the_distance(name):
+    case = BY_NAME[name]
+    check(surfaces(case), (case.ab, case.ba), jhd.BranchAndBound(atol=tolerance_of(case, FINE)), name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rtol", [COARSE, 1e-4, FINE])
+@pytest.mark.parametrize("name", [case.name for case in CASES])
+def test_bounds_enclose_the_distance(name, rtol):
+    case = BY_NAME[name]
+    check(surfaces(case), (case.ab, case.ba), jhd.BranchAndBound(atol=tolerance_of(case, rtol)), name)
+
+
+def images(case, generator):
+    """The case under a signed permutation of the axes, a dyadic translation and a power of two: nothing is rounded."""
+    order, signs = generator.permutation(3), generator.choice([-1.0, 1.0], 3)
+    scale, offset = 2.0 ** generator.integers(-3, 4), generator.integers(-4, 5, 3) / 2.0
+    found = []
+    for s in (case.a, case.b):
+        f = np.transpose(s.coefficients, order)
+        powers = np.indices(f.shape)
+        f = f * np.prod([t ** powers[i] for i, t in enumerate(signs / scale)], axis=0)
+        ends = np.array([s.lower, s.upper])[:, order] * signs * scale
+        surface = jhd.ImplicitSurface(f, ends.min(axis=0), ends.max(axis=0))
+        found.append(surface)
+    return (*found, Fraction(scale), offset)
+
+
+MOVED = ["paper_cones", "sphere_ellipsoid", "plane_at_a_corner", "clebsch_cayley", "plane_in_a_prism", "saddle_plane"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("name", MOVED)
+def test_bounds_enclose_the_distance_after_mirrors_exchanged_axes_and_scalings(name, seed):
+    case = BY_NAME[name]
+    a, b, scale, _ = images(case, np.random.default_rng(seed))
+    wanted = tolerance_of(case, FINE)
+    scaled = [m._replace(value=str(Fraction(m.value) * scale)) for m in (case.ab, case.ba)]
+    check((a, b), scaled, jhd.BranchAndBound(atol=wanted * float(scale)), name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["sphere_ellipsoid", "plane_at_a_corner"])
+def test_bounds_enclose_the_distance_after_translations(name):
+    """Dyadic translations of dyadic quadrics round nothing."""
+    case = BY_NAME[name]
+    _, _, _, offset = images(case, np.random.default_rng(7))
+    a, b = (s.transform(np.eye(3), offset) for s in surfaces(case))
+    check((a, b), (case.ab, case.ba), jhd.BranchAndBound(atol=tolerance_of(case, FINE)), name)

@@ -1,0 +1,181 @@
+"""Meshes in files: what is written is read back, other programs' variants are understood, errors name their place."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from jhd.io.errors import ParseError
+from jhd.io.meshes import load_mesh, save_mesh
+from jhd.io.polygons import fans
+from jhd.shapes.mesh import TriangleMesh
+
+CORNER = np.array([[0.1, 0, 0], [1, 1 / 3, 0], [0, 1e-300, -2], [1e17, 0, 1]])
+TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+SQUARE = [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+HEADER = "ply\nformat {} 1.0\ncomment by hand\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+FACES = "element face 1\nproperty list uchar int vertex_index\nend_header\n"
+
+
+def written(folder, name, content):
+    file = folder / name
+    file.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return file
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("a.obj", False), ("a.off", False), ("a.ply", False), ("a.PLY", True)], ids=str
+)
+def test_what_is_written_is_read_back_to_the_last_bit(tmp_path, name, text):
+    mesh = TriangleMesh(CORNER, TETRAHEDRON)
+    save_mesh(tmp_path / name, mesh, text=text)
+    again = load_mesh(tmp_path / name)
+    np.testing.assert_array_equal(again.vertices, CORNER)
+    np.testing.assert_array_equal(again.triangles, TETRAHEDRON)
+
+
+@pytest.mark.parametrize(("text", "kept"), [(True, np.float64), (False, np.float32)])
+def test_stl_keeps_corners_and_equal_ones_become_one_vertex(tmp_path, text, kept):
+    mesh = TriangleMesh([*CORNER, [5, 5, 5]], TETRAHEDRON)
+    save_mesh(tmp_path / "a.stl", mesh, text=text)
+    again = load_mesh(tmp_path / "a.stl")
+    np.testing.assert_array_equal(again.corners, CORNER.astype(kept)[TETRAHEDRON])
+    assert again.vertices.shape == (4, 3) and again.is_closed
+
+
+def test_a_file_can_be_named_by_text_and_replaces_one_that_exists(tmp_path):
+    file = written(tmp_path, "a.obj", "rubbish " * 1000)
+    save_mesh(str(file), TriangleMesh(CORNER, TETRAHEDRON))
+    assert load_mesh(str(file)).count == 4
+
+
+def test_polygons_become_fans():
+    assert fans(np.arange(9), np.array([4, 5])).tolist() == [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7], [4, 7, 8]]
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.obj", "# by\no\nv 0 0 0 1.0\nv 1 0 0\nv 1 1 0 1 0 1\nv 0 1 0\nvn 0 0 1\nvt 0\nf 1/1/1 2//1 3/1 4\nl 1 2"),
+        ("a.obj", "v 0 0 0\r\nv 1 0 0\r\nv 1 1 0\r\nv 0 1 0\r\nf -4 -3 \\\r\n  -2 \\\r\n -1\r\n"),
+        ("a.obj", "f 1 2 3 4\nv 0 0 0\nv 1 0 0 # second\nv 1 1 0\nv 0 1 \\\n 0"),
+        ("a.off", "OFF 4 1 0\n0 0 0\n1 0 0\n\n1 1 0\n# a comment\n0 1 0\n4 0 1 2 3 255 0 0\n"),
+        ("a.off", "COFF\n4 1\n0 0 0 1 1 1 1\n1 0 0 1 1 1 1\n1 1 0 1 1 1 1\n0 1 0 1 1 1 1\n4 0 1 2 3"),
+        ("a.ply", HEADER.format("ascii") + FACES + "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"),
+    ],
+    ids="slashes backwards faces_first one_line colours ply".split(),
+)  # fmt: skip
+def test_variants_of_one_square_are_understood(tmp_path, name, content):
+    mesh = load_mesh(written(tmp_path, name, content))
+    np.testing.assert_array_equal(mesh.vertices, SQUARE)
+    assert mesh.triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+@pytest.mark.parametrize(("order", "name"), [("<", "little"), (">", "big")])
+@pytest.mark.parametrize("even", [True, False])
+def test_binary_ply_of_either_byte_order_and_other_elements_are_understood(tmp_path, order, name, even):
+    header = (
+        f"ply\r\nformat binary_{name}_endian 1.0\r\nelement other 2\r\nproperty list uint8 int16 data\r\n"
+        "element vertex 4\r\nproperty uchar red\r\nproperty double x\r\nproperty float y\r\nproperty float z\r\n"
+        f"element face {1 if even else 2}\r\nproperty float q\r\nproperty list uchar uint32 vertex_indices\r\n"
+        "end_header\r\n"
+    )
+    content = header.encode() + struct.pack(order + "BhB", 1, 7, 0)
+    content += b"".join(struct.pack(order + "Bdff", 9, *row) for row in SQUARE)
+    content += struct.pack(order + "fB4I", 0.5, 4, 0, 1, 2, 3)
+    content += b"" if even else struct.pack(order + "fB3I", 0.5, 3, 3, 2, 1)
+    mesh = load_mesh(written(tmp_path, "a.ply", content))
+    np.testing.assert_array_equal(mesh.vertices, SQUARE)
+    assert mesh.triangles.tolist() == [[0, 1, 2], [0, 2, 3]] + ([] if even else [[3, 2, 1]])
+
+
+def stl(count, *rows):
+    body = b"".join(struct.pack("<12fH", 0, 0, 1, *np.ravel(row), 0) for row in rows)
+    return b"solid by a program that says so".ljust(80) + struct.pack("<I", count) + body
+
+
+def test_a_binary_stl_that_begins_as_a_text_is_told_by_its_length(tmp_path):
+    assert load_mesh(written(tmp_path, "a.stl", stl(1, SQUARE[:3]))).count == 1
+
+
+FACET = (
+    "solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 {} 0\nendloop\nendfacet\nendsolid\n"
+)
+NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.xyz", "", r"a\.xyz: the suffix is '\.xyz'; a mesh is a file \.obj"),
+        ("a.obj", "", r"a\.obj: holds no vertices"),
+        ("a.obj", "v 0 0 0", "holds no faces"),
+        ("a.obj", "v 0 0 0\nv 1 x 0", r"a\.obj:2: needs a number; found 'x'"),
+        ("a.obj", "v 0 0\nf 1 1 1", r"a\.obj:1: a vertex has 2 coordinates; needs 3"),
+        ("a.obj", "v 0 0 0\nv 0 nan 0\nf 1 2 1", r"a\.obj:2: the vertex \(0, nan, 0\) is not finite"),
+        ("a.obj", "v 0 0 0\nf 1 1 2", r"a\.obj:2: a face names vertex 1, counted from 0; there are 1"),
+        ("a.obj", "v 0 0 0\nf 1 1 0", r"a\.obj:2: a face names vertex 0; needs 1 to 1, or -1 to -1"),
+        ("a.obj", "v 0 0 0\nf 1 1 -2", r"a\.obj:2: a face names vertex -2"),
+        ("a.obj", "v 0 0 0\n\nf 1 1", r"a\.obj:3: a face has 2 corners; needs at least 3"),
+        ("a.obj", "v 0 0 0\nf 1 1.5 1", r"a\.obj:2: needs a whole number; found '1\.5'"),
+        ("a.off", "", r"a\.off:1: needs OFF and text in its first line; found ''"),
+        ("a.off", "OFF BINARY\n", "needs OFF and text"),
+        ("a.off", "OFF\nx 1 0", r"a\.off:2: needs a whole number; found 'x'"),
+        ("a.off", "OFF\n2", "needs the numbers of vertices"),
+        ("a.off", "OFF\n2 1 0\n0 0 0\n", r"a\.off:3: ends after 1 of 2 vertices"),
+        ("a.off", "OFF\n1 1 0\n0 0 0\n3 0 0\n", r"a\.off:4: announces 3 corners; the line has 2 numbers"),
+        ("a.off", "OFF\n1 2 0\n0 0 0\n3 0 0 0\n", r"a\.off:4: ends after 1 of 2 faces"),
+        ("a.off", "OFF\n1 1 0\n0 0 0\n3 0 0 -1\n", r"a\.off:4: a face names vertex -1"),
+        ("a.stl", b"", r"a\.stl: byte 0: ends within the header of 84 bytes"),
+        ("a.stl", b"x" + stl(2, SQUARE[:3])[1:], r"a\.stl: byte 134: ends after 1 of 2 triangles"),
+        ("a.stl", stl(2, SQUARE[:3], NAN), r"a\.stl: byte 134: the vertex \(0, nan, 0\) is not finite"),
+        ("a.stl", FACET.format("x"), r"a\.stl:6: needs a number; found 'x'"),
+        ("a.stl", FACET.format("inf"), r"a\.stl:6: the vertex \(0, inf, 0\) is not finite"),
+        ("a.stl", FACET.format("1 0\nvertx"), r"a\.stl:7: needs facet, outer, vertex or their ends; found 'vertx'"),
+        ("a.stl", FACET.replace("vertex 1 0 0\n", "").format(1), r"a\.stl:2: a face has 2 corners"),
+        ("a.stl", "solid\nendsolid\n", "holds no vertices"),
+        ("a.ply", "plx", r"a\.ply:1: is no PLY file"),
+        ("a.ply", "ply\nformat ascii 2\nelement vertex x\nend_header\n", r"a\.ply:3: cannot read 'element vertex x'"),
+        ("a.ply", "ply\nformat utf 1.0\nend_header\n", r"a\.ply:2: needs a format of ascii"),
+        ("a.ply", "ply\nend_header\n", "has no line 'format'"),
+        ("a.ply", HEADER.format("ascii") + "end_header\n" + "0 0 0\n" * 4, "has no element 'face'"),
+        ("a.ply", HEADER.format("ascii").replace("float z", "half z") + FACES, r"a\.ply:7: cannot read the property"),
+        ("a.ply", HEADER.format("ascii").replace("float z", "float w") + FACES, "vertices have no property 'z'"),
+        ("a.ply", HEADER.format("ascii") + FACES.replace("vertex_index", "strips"), "no list of whole numbers"),
+        ("a.ply", HEADER.format("ascii") + FACES + "0 0 0\n", "ends after 1 of 4 rows of 'vertex'"),
+        ("a.ply", HEADER.format("ascii") + FACES + "0 0\n", r"a\.ply:11: has 2 numbers; 'vertex' has 3 properties"),
+        ("a.ply", HEADER.format("ascii") + FACES + "0 0 0\n" * 4 + "4 0 1 2", r"a\.ply:15: ends within 'vertex_index'"),
+        ("a.ply", HEADER.format("ascii") + FACES + "0 0 0\n" * 4 + "3 0 1 4", r"a\.ply:15: a face names vertex 4"),
+        (
+            "a.ply",
+            (HEADER.format("binary_big_endian") + FACES).encode() + bytes(50),
+            r"a\.ply: byte \d+: a face has 0 corners; needs at least 3",
+        ),
+        ("a.ply", (HEADER.format("binary_little_endian") + FACES).encode() + bytes(30), "ends after 2 of 4 rows"),
+        (
+            "a.ply",
+            (HEADER.format("binary_little_endian") + FACES).encode() + bytes(48) + b"\x03" + bytes(8),
+            "ends after 0 of 1 rows of 'face'",
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_refused_in_one_line_with_its_place(tmp_path, name, content, message):
+    with pytest.raises(ParseError, match=message) as caught:
+        load_mesh(written(tmp_path, name, content))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"none\.obj: no such file"):
+        load_mesh(tmp_path / "none.obj")
+
+
+def test_what_cannot_be_written_is_refused(tmp_path, as_a_user):
+    mesh = TriangleMesh(CORNER * 1e30, TETRAHEDRON)
+    with pytest.raises(ValueError, match=r"the suffix of .* is '\.xyz'; a mesh is a file"):
+        save_mesh(tmp_path / "a.xyz", mesh)
+    with pytest.raises(ValueError, match=r"a coordinate is 1e\+47; a binary STL file holds at most 3\.4"):
+        save_mesh(tmp_path / "a.stl", mesh)
+    with pytest.raises(TypeError, match="mesh must be a TriangleMesh"):
+        save_mesh(tmp_path / "a.stl", SQUARE)  # pyright: ignore[reportArgumentType]
+    assert not list(tmp_path.iterdir())

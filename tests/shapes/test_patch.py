@@ -1,0 +1,172 @@
+"""Parametric surfaces: what they refuse, that every form is the same surface, and meshes with a proven deviation."""
+
+from math import comb
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jhd.shapes.mesh import edges_of
+from jhd.shapes.patch import BezierPatch, BezierPatches, BSplineSurface, check_patch
+
+RANDOM = np.random.default_rng(0)
+POINTS = RANDOM.normal(size=(4, 3, 3))
+WEIGHTS = RANDOM.uniform(0.5, 2.0, size=(4, 3))
+# Of coordinates of order one.
+ROUNDING = 1e-13
+
+
+def value(points, weights, u, v):
+    """The defining formula, in power form."""
+    n, m = points.shape[0] - 1, points.shape[1] - 1
+    b = np.array([comb(n, i) * u**i * (1 - u) ** (n - i) for i in range(n + 1)])
+    c = np.array([comb(m, j) * v**j * (1 - v) ** (m - j) for j in range(m + 1)])
+    w = b[:, None] * c * (1.0 if weights is None else weights)
+    return np.einsum("ij,ijd->d", w, points) / w.sum()
+
+
+@pytest.mark.parametrize(
+    ("points", "weights", "error", "message"),
+    [
+        (POINTS[0], None, ValueError, r"control_points has shape \(3, 3\); needs \(rows, columns, 3\)"),
+        (np.zeros((0, 2, 3)), None, ValueError, "control_points is empty"),
+        (POINTS[..., :2], None, ValueError, "control_points has 2 coordinates a point; needs 3"),
+        (POINTS, WEIGHTS[:2], ValueError, "weights has 2 x 3"),
+        (POINTS, -WEIGHTS, ValueError, r"weights\[0, 0\] is not positive"),
+        (POINTS * [np.nan, 1, 1], None, ValueError, r"control_points\[0, 0\] is not finite"),
+        (POINTS * 1j, None, TypeError, "must be real numbers"),
+        ([[["a", "b", "c"]]], None, TypeError, "must be real numbers"),
+    ],
+)
+def test_what_is_no_patch_is_refused(as_a_user, points, weights, error, message):
+    with pytest.raises(error, match=message):
+        BezierPatch(points, weights)
+
+
+@pytest.mark.parametrize(
+    ("knots_u", "knots_v", "message"),
+    [
+        ([0, 0, 1], [0, 0, 1, 1], "knots_u has 3 entries; 4 rows need at least 5"),
+        (np.arange(10.0), [0, 0, 1, 1], "control_points has 4 rows; degree 5"),
+        ([0, 0, 1, 0.5, 2, 2], np.arange(6.0), r"knots_u\[3\] is 0.5; needs at least knots_u\[2\]"),
+        (np.arange(8.0), np.zeros(6), "the domain has length zero"),
+        (np.zeros((2, 3)), np.arange(6.0), r"knots_u has shape \(2, 3\)"),
+    ],
+)
+def test_what_are_no_knots_is_refused(as_a_user, knots_u, knots_v, message):
+    with pytest.raises(ValueError, match=message):
+        BSplineSurface(POINTS, knots_u, knots_v)
+
+
+def test_other_objects_are_no_patches():
+    with pytest.raises(TypeError, match="patch must be a parametric surface"):
+        check_patch("patch", 3)
+
+
+@pytest.mark.parametrize("weights", [None, WEIGHTS], ids=["polynomial", "rational"])
+def test_a_patch_is_its_formula_and_its_parts_are_parts_of_it(weights):
+    patch = BezierPatch(POINTS, weights)
+    u, v = 0.3, 0.8
+    exact = value(POINTS, weights, u, v)
+    same = [
+        patch(u, v),
+        patch.elevate(5, 4)(u, v),
+        patch.patches().point(0, u, v),
+        patch.split(0.6)[0](u / 0.6, v),
+        patch.split(0.5, axis=1)[1](u, (v - 0.5) / 0.5),
+        patch.restrict(0.1, 0.5, 0.6, 1.0)((u - 0.1) / 0.4, (v - 0.6) / 0.4),
+        patch.transform(2 * np.eye(3), [1.0, 0, 0])(u, v) / 2 - np.array([0.5, 0, 0]),
+    ]
+    for point in same:
+        np.testing.assert_allclose(point, exact, atol=ROUNDING)
+    with pytest.raises(ValueError, match="axis is 2"):
+        patch.split(0.5, axis=2)
+
+
+def test_a_spline_surface_and_its_patches_are_one_surface_without_gaps():
+    surface = BSplineSurface.clamped(RANDOM.normal(size=(5, 4, 3)), (3, 2), RANDOM.uniform(0.5, 2.0, (5, 4)))
+    patches = surface.patches()
+    assert patches.count == 4 and patches.degrees == (3, 2)
+    u, v = RANDOM.uniform(0, 2, 20), RANDOM.uniform(0, 2, 20)
+    index = np.floor(u).astype(int) * 2 + np.floor(v).astype(int)
+    np.testing.assert_allclose(patches.point(jnp.asarray(index), u % 1, v % 1), surface(u, v), atol=ROUNDING)
+    net = np.asarray(patches.control_points).reshape(2, 2, 4, 3, 3)
+    assert np.array_equal(net[0, :, -1], net[1, :, 0]) and np.array_equal(net[:, 0, :, -1], net[:, 1, :, 0])
+
+
+def test_partial_derivatives_are_those_of_differences():
+    patch, h = BezierPatch(POINTS, WEIGHTS), 1e-5
+    here, up, right = patch.partials(0.4, 0.6), patch.partials(0.4 + h, 0.6), patch.partials(0.4, 0.6 + h)
+    for found, first, second in (
+        (here.u, up.point, here.point),
+        (here.v, right.point, here.point),
+        (here.uu, up.u, here.u),
+        (here.uv, right.u, here.u),
+        (here.vv, right.v, here.v),
+    ):
+        np.testing.assert_allclose(found, (first - second) / h, atol=1e-3)
+
+
+def test_the_image_is_differentiable_in_the_map():
+    slope = jax.grad(lambda m: BezierPatch(POINTS).transform(m)(0.0, 0.0)[1])(jnp.eye(3))
+    np.testing.assert_allclose(slope[1], POINTS[0, 0], atol=ROUNDING)
+    assert np.all(np.asarray(slope)[[0, 2]] == 0)
+
+
+def to_triangles(points, corners):
+    """Distances from points to the nearest triangle, by brute force in barycentric coordinates."""
+    grid = np.array([(i, j, 12 - i - j) for i in range(13) for j in range(13 - i)]) / 12
+    samples = np.einsum("kc,tcd->tkd", grid, corners).reshape(-1, 3)
+    return np.sqrt(((points[:, None] - samples[None]) ** 2).sum(-1)).min(1)
+
+
+@pytest.mark.parametrize("weights", [None, WEIGHTS], ids=["polynomial", "rational"])
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+def test_no_point_at_equal_parameters_is_farther_from_the_mesh_than_its_deviation(weights, offset):
+    patch = BezierPatch(POINTS + offset, weights)
+    mesh, deviation = patch.to_mesh(0.1)
+    assert 0 < deviation <= 0.1
+    u, v = (x.ravel() for x in np.meshgrid(*[np.linspace(0, 1, 41)] * 2))
+    on_surface, corners = np.asarray(patch(u, v)) - offset, np.asarray(mesh.corners) - offset
+    # The mesh is sampled too, so its samples may miss the nearest point by the size of their grid.
+    size = np.sqrt(((corners[:, :2] - corners[:, 1:]) ** 2).sum(-1)).max() / 12
+    found = to_triangles(on_surface, corners).max()
+    assert found <= deviation + size
+    # A tenth of the bound at least is there: the bound is not loose.
+    assert found >= 0.1 * deviation
+
+
+def test_a_bilinear_patch_has_the_twist_as_its_deviation_and_a_flat_one_none():
+    saddle = BezierPatch([[[0, 0, 0], [0, 1, 1]], [[1, 0, 1], [1, 1, 0]]])
+    mesh, deviation = saddle.to_mesh(0.6)
+    # v00 - v10 - v01 + v11 has length two, a quarter of it is reached at the middle.
+    assert mesh.count == 2 and 0.5 <= deviation <= 0.5 + ROUNDING
+    flat = BezierPatch([[[0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0]]])
+    assert flat.to_mesh(1e-9).deviation < ROUNDING
+
+
+def test_neighbouring_patches_share_the_vertices_of_their_edges():
+    surface = BSplineSurface.clamped(RANDOM.normal(size=(5, 5, 3)), (2, 2))
+    mesh = surface.to_mesh(0.2).mesh
+    edges = edges_of(mesh).count
+    # Euler: vertices - edges + triangles is one for a disc, and more where patches were apart.
+    assert mesh.is_manifold and mesh.vertices.shape[0] - len(edges) + mesh.count == 1
+
+
+def test_meshes_are_refused_where_they_cannot_be():
+    patch = BezierPatch(POINTS)
+    for atol in (0.0, -1.0):
+        with pytest.raises(ValueError, match="needs one positive number"):
+            patch.to_mesh(atol)
+    with pytest.raises(ValueError, match="more than max_triangles = 100"):
+        patch.to_mesh(1e-6, max_triangles=100)
+    with pytest.raises(TypeError, match="concrete surface"):
+        jax.jit(lambda p: BezierPatch(p).to_mesh(0.1).deviation)(POINTS)
+
+
+def test_several_patches_are_one_surface():
+    both = BezierPatches(np.stack([POINTS, POINTS + [5.0, 0, 0]]))
+    np.testing.assert_allclose(both(1.25, 0.5), both.point(1, 0.25, 0.5), atol=ROUNDING)
+    lower, upper = both.box()
+    assert np.all(lower <= POINTS.min((0, 1))) and upper[0] == POINTS[..., 0].max() + 5.0
