@@ -114,7 +114,7 @@ def reference(d, change):
             for s, c in zip((d.a, d.b), change, strict=True)
         ]
         exact: Any = [Surface(*(np.vectorize(mpf, otypes=[object])(x) for x in s)) for s in moved]
-        return solve(*exact, d.point, d.feet, _DIGITS).value
+        return solve(exact[0], exact[1], d.point, d.feet, _DIGITS).value
 
     with mp.workdps(_DIGITS):
         before, here, after = (at(i * _STEP) for i in (-1, 0, 1))
