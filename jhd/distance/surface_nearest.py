@@ -165,7 +165,7 @@ def nearest(
         bound = jnp.where(bound < upper, bound, jnp.inf)
         rows, kept, dropped = pushed(
             state.rows,
-            state.bound.at[index].set(jnp.inf),
+            state.bound.at[index].set(jnp.where(live, jnp.inf, parents)),
             jnp.concatenate([low, high]).T,
             bound,
         )
