@@ -137,8 +137,8 @@ def test_too_little_room_leaves_true_bounds_and_says_so():
     assert name_of(solution.result) in ("gap_not_closed", "family_of_maxima", "capacity_reached")
 
 
-# Pairs whose bounds end wider than the tolerance, in diagonals, and say so: many maxima that are nearly as far, feet and
-# maxima at singular points or where a face of the box touches, circles of feet.
+# Pairs whose bounds end wider than the tolerance, in diagonals, and say so: many maxima that are nearly as far, feet
+# and maxima at singular points or where a face of the box touches, circles of feet.
 WIDE = {
     "tanglecube_shifted": 1e-2,
     "hyperboloid_cylinder": 1e-7,
