@@ -140,8 +140,9 @@ def nearest(
         return jnp.where(nearer, far[best], state.upper), jnp.where(nearer, found[:, best], state.foot)
 
     def target(state: _State) -> Array:
-        upper = jnp.minimum(state.upper, state.closed)
-        return upper - jnp.maximum(close, _CLOSE * u * (1 + jnp.where(jnp.isfinite(upper), upper, 0.0)))
+        upper = state.upper
+        least_gap = jnp.maximum(close, _CLOSE * u * (1 + jnp.where(jnp.isfinite(upper), upper, 0.0)))
+        return jnp.minimum(upper - least_gap, state.closed)
 
     def open_(state: _State) -> Array:
         lowest = jnp.min(state.bound)
@@ -152,12 +153,14 @@ def nearest(
         taken, parents = state.rows[index].T, state.bound[index]
         live = parents < target(state)
         narrow = jnp.max(taken[3:] - taken[:3], axis=0) < _NARROW
-        closed = jnp.minimum(state.closed, jnp.min(jnp.where(live & narrow, parents, jnp.inf)))
+        # What is close enough, or too narrow to cut, leaves the table but counts; single precision orders the table too
+        # coarsely to tell it from the rest, so it must not stay there.
+        closed = jnp.minimum(state.closed, jnp.min(jnp.where(live & ~narrow, jnp.inf, parents)))
         low, high = halved(taken[:3], taken[3:])
         cells = boxes(low, high)
         part = form(side, cells)
         bound = lower_bounds(part, cells, point, inner(side, low, high))
-        bound = jnp.maximum(bound, jnp.tile(parents, 8))
+        bound = jnp.fmax(bound, jnp.tile(parents, 8))  # a NaN bounds nothing
         bound = jnp.where(part.may_vanish & jnp.tile(live & ~narrow, 8), bound, jnp.inf)
         _, lowest = jax.lax.top_k(-bound.astype(jnp.float32), starts.shape[1])
         places = jnp.where(state.steps == 0, starts, cells.centre[:, lowest])
@@ -165,7 +168,7 @@ def nearest(
         bound = jnp.where(bound < upper, bound, jnp.inf)
         rows, kept, dropped = pushed(
             state.rows,
-            state.bound.at[index].set(jnp.where(live, jnp.inf, parents)),
+            state.bound.at[index].set(jnp.inf),
             jnp.concatenate([low, high]).T,
             bound,
         )
