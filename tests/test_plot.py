@@ -167,6 +167,7 @@ def test_the_distance_is_written_as_what_is_proven(lower, upper, text):
 def test_a_distance_of_zero_can_be_drawn():
     ax = plot.witness(a_solution([1.0, 1.0], [[1.0, 1.0], [1.0, 1.0]], 0.0, 0.0), axes())
     ax.figure.draw_without_rendering()
+    assert np.all(np.isfinite([*ax.get_xlim(), *ax.get_ylim()]))
 
 
 def test_a_batch_is_refused():
