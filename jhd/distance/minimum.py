@@ -20,11 +20,10 @@ from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
 from jhd.distance.minimum_cells import Net, jet, point_error
 from jhd.distance.minimum_host import in_stretches
-from jhd.distance.minimum_mixed import with_surface
+from jhd.distance.minimum_mixed import Outcome, with_surface
 from jhd.distance.minimum_nets import attached, net_of, polished, prepared
 from jhd.distance.minimum_search import (
     WIDTH,
-    Best,
     Parametric,
     State,
     advance,
@@ -60,18 +59,6 @@ class MinimumProgress(NamedTuple):
     steps: int
     lower: float
     upper: float
-
-
-class _Found(NamedTuple):
-    """The outcome of a search in common coordinates."""
-
-    best: Best
-    lower: Array
-    upper: Array
-    point_a: Array
-    point_b: Array
-    result: Any
-    stats: dict[str, Array]
 
 
 class _Wanted(NamedTuple):
@@ -232,11 +219,11 @@ def _pairs(counts: tuple[int, int]) -> np.ndarray:
     return np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def _in_one_go(a: Net, b: Net, counts: tuple[int, int], wanted: _Wanted, max_steps: int, capacity: int) -> _Found:
+def _in_one_go(a: Net, b: Net, counts: tuple[int, int], wanted: _Wanted, max_steps: int, capacity: int) -> Outcome:
     """All in one program; of a batch the searches run one after the other on a CPU, side by side elsewhere."""
     pairs = _pairs(counts)
 
-    def search(a: Net, b: Net, wanted: _Wanted) -> _Found:
+    def search(a: Net, b: Net, wanted: _Wanted) -> Outcome:
         state = begin(a, b, jnp.asarray(pairs), jnp.ones(len(pairs), bool), max(capacity, 2 * len(pairs)))
         state = advance(Parametric(a, b), wanted.atol, wanted.rtol, state, max_steps)
         return _outcome(a, b, wanted, state)
@@ -246,7 +233,7 @@ def _in_one_go(a: Net, b: Net, counts: tuple[int, int], wanted: _Wanted, max_ste
     return search(a, b, wanted)
 
 
-def _outcome(a: Net, b: Net, wanted: _Wanted, state: State) -> _Found:
+def _outcome(a: Net, b: Net, wanted: _Wanted, state: State) -> Outcome:
     """Bounds and points of the search as it stands, the nearest pair polished."""
     dtype, n = state.lower.dtype, a.parameters
     best = polished(a, b, state.best)
@@ -262,7 +249,7 @@ def _outcome(a: Net, b: Net, wanted: _Wanted, state: State) -> _Found:
     result = result_where(upper - lower <= granted, RESULTS.successful, failed)
     stats = {"steps": state.steps, "pairs": state.pairs, "waiting": jnp.sum(jnp.isfinite(state.lower))}
     best = best._replace(distance=jnp.clip(best.distance, lower, upper))
-    return _Found(best, lower, upper, point_a, point_b, result, stats)
+    return Outcome(best, lower, upper, point_a, point_b, result, stats)
 
 
 _begun = compiled(begin, (4,))
@@ -271,7 +258,7 @@ _begun = compiled(begin, (4,))
 @compiled
 def _stretch(
     a: Net, b: Net, wanted: _Wanted, state: State, limit: Array, growing: Array
-) -> tuple[State, _Found, Array]:
+) -> tuple[State, Outcome, Array]:
     """Goes on for some steps, and says how the search stands and whether it is unfinished, and full."""
     state = advance(Parametric(a, b), wanted.atol, wanted.rtol, state, limit, growing)
     going_on = is_open(Parametric(a, b), wanted.atol, wanted.rtol, state)
@@ -287,7 +274,7 @@ def _from_host(
     capacity: int,
     frame: Frame,
     progress: Callable[[MinimumProgress], object] | None,
-) -> _Found:
+) -> Outcome:
     pairs, valid = _near_pairs(a, b, counts)
     size = max(capacity, 1 << (2 * len(pairs) - 1).bit_length())
     state = _begun(a, b, pairs, valid, size)
@@ -299,7 +286,7 @@ def _plain_report(found: Any) -> MinimumProgress:
     return MinimumProgress(int(found.stats["steps"]), float(found.lower), float(found.upper))
 
 
-def _report(found: _Found, frame: Frame) -> MinimumProgress:
+def _report(found: Outcome, frame: Frame) -> MinimumProgress:
     lower, upper = frame.length(found.lower, 0.0), frame.length(found.upper, np.inf)
     return MinimumProgress(int(found.stats["steps"]), float(lower), float(upper))
 
@@ -326,7 +313,7 @@ def _near_pairs(a: Net, b: Net, counts: tuple[int, int]) -> tuple[np.ndarray, np
     return pairs[index], np.arange(size) < len(pairs)
 
 
-def _in_users_coordinates(found: _Found, frame: Frame) -> MinimumSolution:
+def _in_users_coordinates(found: Outcome, frame: Frame) -> MinimumSolution:
     value, lower = frame.length(found.best.distance), frame.length(found.lower, 0.0)
     upper, result = frame.length(found.upper, np.inf), found.result
     if is_traced(frame.usable):

@@ -26,7 +26,7 @@ _RELATIVE, _ULPS = 1e-10, 64
 
 
 class Outcome(NamedTuple):
-    """The outcome of a search, in the unit of the coordinates."""
+    """The outcome of a search: of two nets in their common coordinates, with a surface in the user's."""
 
     best: Best
     lower: Array
