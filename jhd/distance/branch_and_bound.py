@@ -22,7 +22,7 @@ from jhd.shapes.curve import BezierSegments
 from jhd.solution import HausdorffSolution
 
 # Rows of a table of surfaces for each of those of curves.
-_SURFACE_ROWS = 16
+_SURFACE_ROWS = 32
 
 
 class BranchAndBound(AbstractHausdorffMethod):
@@ -35,13 +35,13 @@ class BranchAndBound(AbstractHausdorffMethod):
         rtol: tolerance relative to upper; the larger of both tolerances counts.
         max_steps: most steps, of four cells each (of surfaces 32).
         capacity: least length of the table of cells; twice the number of segments of a where that is more. Of curves,
-            outside jit and vmap, a longer table is taken where this one is full; of surfaces it is sixteen times as
-            long from the start.
+            outside jit and vmap, a longer table is taken where this one is full; of surfaces it is 32 times as long
+            from the start.
     """
 
     atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
     rtol: Array = eqx.field(default=0.0, converter=lambda x: real_array("rtol", x))
-    max_steps: int = eqx.field(static=True, default=2000)
+    max_steps: int = eqx.field(static=True, default=4000)
     capacity: int = eqx.field(static=True, default=512)
 
     def __check_init__(self) -> None:

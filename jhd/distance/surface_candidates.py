@@ -16,7 +16,7 @@ from jhd.arrays import varying
 from jhd.distance.surface_bounds import FEET
 from jhd.distance.surface_events import polish
 from jhd.distance.surface_nearest import Cloud, Cover, nearest, nearest_places
-from jhd.distance.surface_points import proven_radius
+from jhd.distance.surface_points import thorough_radius
 from jhd.distance.surface_prepare import Side
 
 # The last points of b that were found nearest.
@@ -89,7 +89,7 @@ def _measured(a: Target, b: Target, best: Best, place: Place, close: Array) -> B
         # First the place itself.
         good = found.converged & ~plain
         point = jnp.where(good, found.point, place.point)
-        radius = proven_radius(a.side, point[:, None])[0]
+        radius = thorough_radius(a.side, point[:, None])[0]
         starts = jnp.concatenate([found.feet, r.feet, best.hints]).T
         starts = jnp.concatenate([starts, nearest_places(b.cloud, point)], axis=1)
         near = nearest(b.side, b.cover, point, starts, best.lower + radius, close)

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jhd.arithmetic.rounding import round_up, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.surface_bounds import box_distances, boxes, form, lower_bounds
-from jhd.distance.surface_points import local_feet, projected, proven_radius
+from jhd.distance.surface_points import local_feet, projected, proven_radius, thorough_radius
 from jhd.distance.surface_prepare import Side
 
 # Cells along each axis that every search starts from, and places along each axis for the points of a cloud.
@@ -132,7 +132,7 @@ def nearest(
 
     def better(state: _State, places: Array) -> tuple[Array, Array]:
         found = local_feet(side, jnp.broadcast_to(point[:, None], places.shape), places, _FOOT_STEPS)
-        radius = proven_radius(side, found)
+        radius = thorough_radius(side, found)
         far = round_up(jnp.sqrt(jnp.sum((found - point[:, None]) ** 2, axis=0)) * (1 + 8 * u) + radius)
         far = jnp.where(jnp.isnan(far), jnp.inf, far)
         best = jnp.argmin(far)
@@ -189,9 +189,11 @@ def nearest(
 def pushed(rows: Array, bound: Array, new: Array, new_bound: Array) -> tuple[Array, Array, Array]:
     """A table with new rows where it is free, and the smallest bound of those that find no room; inf means free.
 
-    The new rows come in their order, so that it is the last ones that are left out.
+    Where there is too little room, the rows of the largest bounds leave: to whom the smallest matter they do least.
     """
     count = new_bound.size
+    wanted, free = jnp.sum(jnp.isfinite(new_bound)), jnp.sum(jnp.isinf(bound))
+    bound, left = jax.lax.cond(wanted > free, _without_largest, lambda b, _: (b, _infinite(b)), bound, new_bound)
     used = jnp.nonzero(jnp.isfinite(new_bound), size=count, fill_value=count)[0]
     slots = jnp.nonzero(jnp.isinf(bound), size=count, fill_value=bound.size)[0]
     # Beyond the end is nowhere.
@@ -199,7 +201,18 @@ def pushed(rows: Array, bound: Array, new: Array, new_bound: Array) -> tuple[Arr
     rows = rows.at[there].set(new[jnp.minimum(used, count - 1)], mode="drop")
     values = jnp.append(new_bound, jnp.inf)[used]
     dropped = jnp.min(jnp.where(there == bound.size, values, jnp.inf))
-    return rows, bound.at[there].set(values, mode="drop"), dropped
+    return rows, bound.at[there].set(values, mode="drop"), jnp.minimum(dropped, left)
+
+
+def _without_largest(bound: Array, new_bound: Array) -> tuple[Array, Array]:
+    """The bounds with room for all new ones made among the largest, and the smallest of those that left."""
+    key = jnp.where(jnp.isinf(bound), -jnp.inf, bound)
+    _, index = jax.lax.top_k(key.astype(jnp.float32), new_bound.size)
+    return bound.at[index].set(jnp.inf), jnp.min(bound[index])
+
+
+def _infinite(bound: Array) -> Array:
+    return jnp.full_like(bound[0], jnp.inf)
 
 
 def nearest_places(cloud: Cloud, point: Float[Array, "3"], count: int = _STARTS) -> Float[Array, "3 points"]:

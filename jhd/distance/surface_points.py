@@ -26,6 +26,8 @@ _TANGENT = 0.1
 # A change of sign farther away than this proves nothing about the point itself; near singular points it is about the
 # root of the roundoff.
 _FARTHEST = 1e-6
+# Where the gradient vanishes, changes of sign are looked for this far away.
+_DISTANCES = np.array([2.0**-48, 2.0**-40, 2.0**-32, 2.0**-28, 2.0**-26, 2.0**-24, 2.0**-22, 2.0**-20])
 
 
 def jets(
@@ -183,6 +185,38 @@ def proven_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, 
     radius = round_up(jnp.maximum(*far))
     radius = jnp.where(proven & inside & (radius <= _FARTHEST), radius, jnp.inf)
     return jnp.where(inside & _on_vanishing(side, points, lower, upper), 0.0, radius)
+
+
+def thorough_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
+    """As proven_radius, but proves also points where the gradient vanishes, as at the apex of a cone."""
+    radius = proven_radius(side, points)
+
+    def both(radius: Array) -> Array:
+        return jnp.minimum(radius, _singular_radius(side, points))
+
+    return jax.lax.cond(jnp.any(jnp.isinf(radius)), both, lambda radius: radius, radius)
+
+
+def _singular_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
+    """Lengths within which two of the six neighbours along the axes, moved into the box, have different signs.
+
+    The segment between both keeps to the box, and to the ball about the point that holds them.
+    """
+    lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
+    units = jnp.asarray(np.concatenate([np.eye(3), -np.eye(3)]).T[:, :, None], points.dtype)
+    inside = jnp.all((points >= lower) & (points <= upper), axis=0)
+
+    def within(distance: Array, radius: Array) -> Array:
+        ends = jnp.clip(points[:, None] + distance * units, lower[:, None], upper[:, None])
+        values, errors = (x.reshape(6, -1) for x in signed_values(side, ends.reshape(3, -1)))
+        proven = jnp.any(values > errors, axis=0) & jnp.any(values < -errors, axis=0)
+        far = jnp.max(jnp.sqrt(jnp.sum((ends - points[:, None]) ** 2, axis=0)), axis=0)
+        far = round_up(far * (1 + 8 * unit_roundoff(points.dtype)))
+        return jnp.where(proven & inside, jnp.minimum(far, radius), radius)
+
+    start = varying(jnp.full(points.shape[1], jnp.inf, points.dtype), side, points)
+    distances = jnp.asarray(_DISTANCES, points.dtype)
+    return jax.lax.fori_loop(0, len(_DISTANCES), lambda i, radius: within(distances[i], radius), start)
 
 
 def _on_vanishing(side: Side, points: Array, lower: Array, upper: Array) -> Array:

@@ -24,7 +24,7 @@ from jhd.distance.search import Wanted
 from jhd.distance.surface_bounds import FEET, Boxes, box_distances, boxes, form, upper_bounds
 from jhd.distance.surface_candidates import HINTS, NOISE, Best, Place, Target, improved
 from jhd.distance.surface_nearest import Cloud, halved, inner, pushed
-from jhd.distance.surface_points import jets, local_feet, projected, proven_radius
+from jhd.distance.surface_points import jets, local_feet, projected, thorough_radius
 from jhd.distance.surface_prepare import Side
 from jhd.distance.surface_signs import sign_bounds
 
@@ -190,7 +190,7 @@ def _bounded(a: Side, b: Target, state: State, rows: Array, parents: Array, limi
     free = inner(a, cells.lower, cells.upper)
     place, points, near = _points(a, cells, free)
     feet, distance = _feet(b, state, place, rows[6:].reshape(FEET, 3, -1), cells)
-    radius = proven_radius(b.side, feet.transpose(1, 0, 2).reshape(3, -1)).reshape(FEET, -1)
+    radius = thorough_radius(b.side, feet.transpose(1, 0, 2).reshape(3, -1)).reshape(FEET, -1)
     first = jnp.argmin(jnp.where(jnp.isfinite(radius), distance, jnp.inf), axis=0)
     proven = jnp.isfinite(radius)
     feet = jnp.where(proven[:, None], feet, jnp.take_along_axis(feet, first[None, None], axis=0))

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import jhd
-from tests.surface_cases import BY_NAME, CASES
+from tests.surface_cases import BY_NAME, CASES, Polynomial, X, Y, Z
+from tests.surface_cases import surface as surface_in
 
 QUICK = ["paper_cones", "hyperboloid_cylinder"]
 # Families of maximisers cost much for little; their bounds are as true at a coarse tolerance.
@@ -97,3 +98,65 @@ def test_bounds_enclose_the_distance_after_translations(name):
     _, _, _, offset = images(case, np.random.default_rng(7))
     a, b = (s.transform(np.eye(3), offset) for s in surfaces(case))
     check((a, b), (case.ab, case.ba), jhd.BranchAndBound(atol=tolerance_of(case, FINE)), name)
+
+
+def turned(surface, quaternion, side):
+    """The surface turned by an integer quaternion, times a power of its norm, which keeps all coefficients exact."""
+    w, x, y, z = (Fraction(int(q)) for q in quaternion)
+    norm = w * w + x * x + y * y + z * z
+    rows = [
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+    # The inverse turn of the point x, times the norm.
+    back = [X * rows[0][k] + Y * rows[1][k] + Z * rows[2][k] for k in range(3)]
+    terms = [
+        (tuple(map(int, p)), Fraction(float(surface.coefficients[tuple(p)]))) for p in np.argwhere(surface.coefficients)
+    ]
+    degree = max(sum(p) for p, _ in terms)
+    total = sum(
+        (c * norm ** (degree - sum(p)) * back[0] ** p[0] * back[1] ** p[1] * back[2] ** p[2] for p, c in terms),
+        Polynomial(),
+    )
+    assert all(Fraction(float(c)) == c for c in total.values())
+    return surface_in(total, side)
+
+
+CLOSED = {"sphere_ellipsoid": 4, "spheres_apart": 6, "torus_tilted_torus": 4}
+
+
+def check_turned(name, seed):
+    case = BY_NAME[name]
+    quaternion = np.random.default_rng(seed).integers(-3, 4, 4) | np.array([1, 0, 0, 0])
+    a, b = (turned(s, quaternion, CLOSED[name]) for s in (case.a, case.b))
+    pair = tuple(jhd.ImplicitSurface(s.coefficients, s.lower, s.upper) for s in (a, b))
+    check(pair, (case.ab, case.ba), jhd.BranchAndBound(atol=tolerance_of(case, FINE)), name)
+
+
+def test_bounds_enclose_the_distance_after_a_turn():
+    check_turned("sphere_ellipsoid", 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2, 8))
+@pytest.mark.parametrize("name", CLOSED)
+def test_bounds_enclose_the_distance_after_turns(name, seed):
+    check_turned(name, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [case.name for case in CASES if "degenerate" not in case.tags])
+def test_a_witness_lies_on_its_surface_and_its_feet_on_the_other(name):
+    case = BY_NAME[name]
+    a, b = surfaces(case)
+    found = jhd.directed_hausdorff(a, b, throw=False)
+    scale = float(np.max(np.asarray(a.upper) - np.asarray(a.lower)))
+    for surface, points in ((a, found.witness.point[None]), (b, found.witness.feet)):
+        assert np.all((np.asarray(points) >= surface.lower) & (np.asarray(points) <= surface.upper))
+        slope = np.linalg.norm(np.asarray(surface.gradient(points)), axis=1)
+        size = np.sum(np.abs(np.asarray(surface.coefficients)))
+        # At a singular point the value is of second order.
+        assert np.all(np.abs(np.asarray(surface(points))) <= np.maximum(1e-9 * scale * slope, 1e-12 * size))
+    distances = np.linalg.norm(np.asarray(found.witness.feet) - np.asarray(found.witness.point), axis=1)
+    assert np.allclose(distances, float(found.value), rtol=1e-6, atol=1e-12 * scale)
