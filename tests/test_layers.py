@@ -33,7 +33,7 @@ DISTANCES = """
     bounds surface_foot surface_events surface_derivative search
     surface_prepare surface_bounds surface_points surface_signs surface_nearest surface_candidates surface_search
     surface_solution branch_and_bound driver cube_intervals
-    mesh_cells mesh_witness mesh_search hausdorff critical
+    mesh_cells mesh_witness mesh_search pairs hausdorff critical
     minimum_balls minimum_cells minimum_search minimum_nets minimum_host minimum_surfaces minimum_mixed voxel_pairs
     minimum verification host covering certificate
 """

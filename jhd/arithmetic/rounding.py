@@ -18,6 +18,8 @@ that guards against underflow must not be a constant.
 Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), sections 2.2 and 3.1.
 """
 
+import math
+
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -38,6 +40,14 @@ def smallest_normal(dtype: DTypeLike) -> float:
 def largest(dtype: DTypeLike) -> float:
     """Largest finite number."""
     return float(jnp.finfo(dtype).max)
+
+
+def like_double(tolerance: float, dtype: DTypeLike) -> float:
+    """A tolerance chosen for double precision, and for others the same power of their unit roundoff.
+
+    For heuristics alone: 1e-6, which is u^0.38, is about 2e-3 in single precision.
+    """
+    return tolerance ** (math.log(unit_roundoff(dtype)) / math.log(unit_roundoff(np.float64)))
 
 
 def gamma(operations: float, dtype: DTypeLike) -> float:

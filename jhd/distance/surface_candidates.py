@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from jhd.arithmetic.rounding import round_down, unit_roundoff
+from jhd.arithmetic.rounding import like_double, round_down, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.surface_bounds import FEET
 from jhd.distance.surface_events import polish
@@ -121,20 +121,24 @@ def _measured(a: Target, b: Target, best: Best, place: Place, close: Array) -> B
 def _distinct(place: Place) -> Array:
     """Which feet are near enough to count, each once."""
     distances = jnp.sqrt(jnp.sum((place.feet - place.point) ** 2, axis=1))
-    near = distances <= jnp.min(distances) * (1 + _AGREEING) + _SAME
+    near = distances <= jnp.min(distances) * (1 + _AGREEING) + like_double(_SAME, distances.dtype)
     return near & ~_repeated(place.feet, near)
 
 
 def _repeated(feet: Array, counting: Array) -> Array:
     """Which feet are the same as an earlier one that counts."""
-    same = jnp.sum((feet[:, None] - feet) ** 2, axis=-1) <= _SAME**2
+    same = jnp.sum((feet[:, None] - feet) ** 2, axis=-1) <= like_double(_SAME, feet.dtype) ** 2
     return jnp.any(jnp.tril(same & counting[None], -1), axis=1)
 
 
 def _described(place: Place, foot: Array, polished: Array) -> Place:
     """Feet with weights first, the same ones together; the nearest point alone where nothing has been polished."""
     counting = place.weights > 0
-    same = (jnp.sum((place.feet[:, None] - place.feet) ** 2, axis=-1) <= _SAME**2) & counting & counting[:, None]
+    same = (
+        (jnp.sum((place.feet[:, None] - place.feet) ** 2, axis=-1) <= like_double(_SAME, place.feet.dtype) ** 2)
+        & counting
+        & counting[:, None]
+    )
     first = counting & ~jnp.any(jnp.tril(same, -1), axis=1)
     weights = jnp.where(first, jnp.sum(jnp.where(same, place.weights, 0.0), axis=1), 0.0)
     order = jnp.argsort(-weights)

@@ -28,6 +28,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
+from jhd.arithmetic.rounding import like_double
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.surface_events import (
@@ -107,10 +108,10 @@ def _attached(value: Array, a: ImplicitSurface, b: ImplicitSurface, witness: Wit
 def _system(shapes: Shapes, witness: Witness) -> _System:
     """The active set of the witness: faces it lies on, less those with a negative multiplier."""
     places = jnp.concatenate([witness.point[None], witness.feet])
-    used = witness.multipliers > _WEIGHTLESS
+    used = witness.multipliers > like_double(_WEIGHTLESS, witness.multipliers.dtype)
     used = used | (~jnp.any(used) & (jnp.arange(4) == 0))
     problem, start, at = started(shapes, places, witness.multipliers)
-    active = Active(first_faces(problem, at.gradient, _TOUCHING), used)
+    active = Active(first_faces(problem, at.gradient, like_double(_TOUCHING, at.gradient.dtype)), used)
     faces = revised(multiplied(start, at, active.faces), at, problem, active).faces
     start = multiplied(start, at, faces)
     return _System(problem.centre, problem.size, problem.scale, Active(faces, used), start)
@@ -173,6 +174,6 @@ def _solution_rule(primals: tuple, tangents: tuple) -> tuple[tuple, tuple]:
 def _solved(matrix: Array, right: Array) -> Array:
     """The solution of a linear system; zero where it is singular."""
     sizes = jnp.linalg.svd(jax.lax.stop_gradient(matrix), compute_uv=False)
-    regular = sizes[-1] > _SINGULAR * sizes[0]
+    regular = sizes[-1] > like_double(_SINGULAR, sizes.dtype) * sizes[0]
     safe = jnp.where(regular, matrix, jnp.eye(matrix.shape[0], dtype=matrix.dtype))
     return jnp.where(regular, jnp.linalg.solve(safe, right), 0.0)

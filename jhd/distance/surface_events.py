@@ -27,17 +27,19 @@ import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
+from jhd.arithmetic.rounding import like_double
 from jhd.arrays import varying
 from jhd.distance.surface_foot import SADDLE, TANGENT, Jet, jet, least_curvature, length
 
 # Rounds of the active set of a maximum, and Newton steps in each round.
 _ROUNDS, _NEWTON = 6, 10
 # Shares of the size of the boxes: what lies near a face, what is beyond one, what a solution leaves of its equations.
+# The last two, and those below, are meant for double precision.
 _NEAR, _BEYOND, _CONVERGED = 1e-3, 1e-12, 1e-11
 # A multiplier of a face or of a foot is negative below this; they are shares of one.
 _NEGATIVE = 1e-9
 # Singular values below this share of the largest are none: families of solutions do not move along themselves.
-_METHOD = optx.Newton(rtol=1e-13, atol=1e-13, linear_solver=lx.SVD(rcond=1e-10))
+_SOLVED, _FLAT = 1e-13, 1e-10
 
 
 class Polished(NamedTuple):
@@ -113,12 +115,15 @@ def polish(
         The point and the feet inside the closed boxes, as good as the equations are solved (their values are not
         exactly zero). Without convergence: the last iterate and equal weights.
     """
-    places = jnp.concatenate([point[None], feet])
+    places, dtype = jnp.concatenate([point[None], feet]), point.dtype
+    solved_to, converged = like_double(_SOLVED, dtype), like_double(_CONVERGED, dtype)
+    solver = lx.SVD(rcond=like_double(_FLAT, dtype))
+    method = optx.Newton(rtol=solved_to, atol=solved_to, linear_solver=solver)
     problem, start, at = started(stacked(fa, box_a, fb, box_b), places, used / jnp.maximum(jnp.sum(used), 1))
 
     def turn(state: tuple) -> tuple:
         turns, active, _, _ = state
-        solution = optx.root_find(equations, _METHOD, start, (problem, active), max_steps=_NEWTON, throw=False)
+        solution = optx.root_find(equations, method, start, (problem, active), max_steps=_NEWTON, throw=False)
         rest = jnp.stack([jnp.max(jnp.abs(x)) for x in equations(solution.value, (problem, active))])
         known = jnp.all(jnp.isfinite(rest))
         found = jax.tree_util.tree_map(lambda x, y: jnp.where(known, x, y), solution.value, start)
@@ -126,9 +131,9 @@ def polish(
         after = revised(found, at, problem, active)
         same = jnp.all(after.faces == active.faces) & jnp.all(after.used == active.used)
         # A corner has no equation left to be on the surface.
-        off = jnp.abs(at.value / problem.scale) > _CONVERGED
+        off = jnp.abs(at.value / problem.scale) > converged
         off = off.at[1:].set(off[1:] | _saddles(found, at, after.faces, problem.size))
-        solved = same & known & jnp.all(rest <= _CONVERGED) & ~off[0] & ~jnp.any(off[1:] & after.used)
+        solved = same & known & jnp.all(rest <= converged) & ~off[0] & ~jnp.any(off[1:] & after.used)
         return jnp.where(same, _ROUNDS, turns + 1), after, found, solved
 
     faces = first_faces(problem, at.gradient, _NEAR)
@@ -244,9 +249,11 @@ def revised(y: Unknowns, at: Jet, problem: Problem, active: Active) -> Active:
     unit = jnp.concatenate([jnp.ones(1), jnp.where(terms.distances > 0, terms.distances, 1.0)])
     outward = active.faces * terms.pull / unit[:, None]
     passed = _passed(y.x, problem)
-    faces = jnp.where(active.faces == 0, passed, jnp.where(outward < -_NEGATIVE, 0.0, active.faces))
+    faces = jnp.where(
+        active.faces == 0, passed, jnp.where(outward < -like_double(_NEGATIVE, outward.dtype), 0.0, active.faces)
+    )
     # One foot at a time, that of the most negative weight.
-    used = active.used & ~((jnp.arange(4) == jnp.argmin(y.w)) & (y.w < -_NEGATIVE))
+    used = active.used & ~((jnp.arange(4) == jnp.argmin(y.w)) & (y.w < -like_double(_NEGATIVE, y.w.dtype)))
     counts = jnp.concatenate([jnp.ones(1, bool), active.used])
     return Active(jnp.where(counts[:, None], faces, active.faces), used)
 
@@ -260,12 +267,13 @@ def _saddles(y: Unknowns, at: Jet, faces: Array, size: Array) -> Array:
         matrix = jnp.eye(3, dtype=s.dtype) + s * size / jnp.where(slope > 0, slope, 1.0) * hessian
         return least_curvature(matrix, normal, held == 0)
 
-    return jax.vmap(least)(y.s[1:], at.gradient[1:], at.hessian[1:], faces[1:]) < -SADDLE
+    return jax.vmap(least)(y.s[1:], at.gradient[1:], at.hessian[1:], faces[1:]) < -like_double(SADDLE, y.s.dtype)
 
 
 def _passed(x: Array, problem: Problem) -> Array:
     """The faces that are passed first on the way from the start of each place, as -1 and 1."""
-    beyond = jnp.where(x < problem.lower - _BEYOND, -1.0, jnp.where(x > problem.upper + _BEYOND, 1.0, 0.0))
+    room = like_double(_BEYOND, x.dtype)
+    beyond = jnp.where(x < problem.lower - room, -1.0, jnp.where(x > problem.upper + room, 1.0, 0.0))
     way = jnp.where(beyond != 0, x - problem.start, 1.0)
     share = jnp.where(beyond != 0, (problem.face(beyond) - problem.start) / jnp.where(way != 0, way, 1.0), jnp.inf)
     return jnp.where(share <= jnp.maximum(jnp.min(share, axis=-1, keepdims=True), 0.0), beyond, 0.0)

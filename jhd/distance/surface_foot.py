@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jhd.arithmetic.rounding import like_double
 from jhd.arrays import varying
 
 # Steps of a foot that must come nearer, and those after them that only solve its equations.
@@ -124,7 +125,7 @@ def local_foot(
     q, _ = jax.lax.fori_loop(0, _NEARER + _SOLVED, step, first)
     at = jet(f, q)
     left = length(_on_plane(at, q, point, lower, upper)[0] - q)
-    return Foot(q, left <= _FOUND * size)
+    return Foot(q, left <= like_double(_FOUND, left.dtype) * size)
 
 
 def _on_plane(at: Jet, q: Array, point: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
@@ -157,7 +158,7 @@ def _lagrange_newton(at: Jet, fixed: Array, right: Array, free: Array) -> Array:
     eye = jnp.eye(3, dtype=right.dtype)
     matrix = eye + jnp.sum(n * right) / jnp.where(square > 0, square, 1.0) * at.hessian
     least = least_curvature(matrix, n, free)
-    matrix = matrix + jnp.where(least < -SADDLE, _DAMPED - 2 * least, 0.0) * eye
+    matrix = matrix + jnp.where(least < -like_double(SADDLE, least.dtype), _DAMPED - 2 * least, 0.0) * eye
     still = jnp.where(free, 0.0, fixed)
     rows = jnp.where(free[:, None] & free, matrix, eye)
     columns = jnp.cross(jnp.roll(rows, -1, axis=0), jnp.roll(rows, -2, axis=0))

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jhd.arithmetic.rounding import round_up, unit_roundoff
+from jhd.arithmetic.rounding import like_double, round_up, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.surface_bounds import box_distances, boxes, form, lower_bounds
 from jhd.distance.surface_points import local_feet, projected, proven_radius, thorough_radius
@@ -152,7 +152,7 @@ def nearest(
         _, index = jax.lax.top_k(-state.bound.astype(jnp.float32), _LANES)
         taken, parents = state.rows[index].T, state.bound[index]
         live = parents < target(state)
-        narrow = jnp.max(taken[3:] - taken[:3], axis=0) < _NARROW
+        narrow = jnp.max(taken[3:] - taken[:3], axis=0) < like_double(_NARROW, taken.dtype)
         # What is close enough, or too narrow to cut, leaves the table but counts; single precision orders the table too
         # coarsely to tell it from the rest, so it must not stay there.
         closed = jnp.minimum(state.closed, jnp.min(jnp.where(live & ~narrow, jnp.inf, parents)))

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jhd.arithmetic.rounding import round_up, unit_roundoff
+from jhd.arithmetic.rounding import like_double, round_up, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.surface_bounds import signed_values
 from jhd.distance.surface_prepare import Side
@@ -27,7 +27,7 @@ _TANGENT = 0.1
 # root of the roundoff.
 _FARTHEST = 1e-6
 # Where the gradient vanishes, changes of sign are looked for this far away.
-_DISTANCES = np.array([2.0**-48, 2.0**-40, 2.0**-32, 2.0**-28, 2.0**-26, 2.0**-24, 2.0**-22, 2.0**-20])
+_DISTANCES = [2.0**-48, 2.0**-40, 2.0**-32, 2.0**-28, 2.0**-26, 2.0**-24, 2.0**-22, 2.0**-20]
 
 
 def jets(
@@ -183,7 +183,7 @@ def proven_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, 
     far = [jnp.sqrt(jnp.sum((end - points) ** 2, axis=0)) * (1 + 8 * u) for end in ends]
     inside = jnp.all((points >= lower) & (points <= upper), axis=0)
     radius = round_up(jnp.maximum(*far))
-    radius = jnp.where(proven & inside & (radius <= _FARTHEST), radius, jnp.inf)
+    radius = jnp.where(proven & inside & (radius <= like_double(_FARTHEST, points.dtype)), radius, jnp.inf)
     return jnp.where(inside & _on_vanishing(side, points, lower, upper), 0.0, radius)
 
 
@@ -215,7 +215,7 @@ def _singular_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Arra
         return jnp.where(proven & inside, jnp.minimum(far, radius), radius)
 
     start = varying(jnp.full(points.shape[1], jnp.inf, points.dtype), side, points)
-    distances = jnp.asarray(_DISTANCES, points.dtype)
+    distances = jnp.asarray([like_double(x, points.dtype) for x in _DISTANCES], points.dtype)
     return jax.lax.fori_loop(0, len(_DISTANCES), lambda i, radius: within(distances[i], radius), start)
 
 

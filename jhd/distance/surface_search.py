@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
-from jhd.arithmetic.rounding import unit_roundoff
+from jhd.arithmetic.rounding import like_double, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.search import Wanted
 from jhd.distance.surface_bounds import FEET, Boxes, box_distances, boxes, form, upper_bounds
@@ -32,8 +32,8 @@ from jhd.distance.surface_signs import sign_bounds
 _LANES = 32
 # Newton steps for the feet and for the points of a cell.
 _STEPS_OF_FEET, _STEPS_OF_POINTS = 3, 4
-# Cells of this width are not cut any more.
-_NARROW = 2.0**-46
+# Cells of this width are not cut any more; places this near to a surface count as on it. For double precision.
+_NARROW, _ON = 2.0**-46, 1e-9
 # Points whose nearest points of a cloud are looked for side by side.
 _BLOCK = 256
 # Feet count together where their distances agree to this many half diagonals of a cell.
@@ -213,7 +213,9 @@ def _points(a: Side, cells: Boxes, free: Array) -> tuple[Array, Array, Array]:
     fixed = jnp.concatenate([jnp.zeros_like(free), ~free], axis=1)
     found = projected(a, start, fixed, _STEPS_OF_POINTS)
     value, gradient, _ = jets(a.coefficients, found)
-    on = jnp.abs(value) <= 1e-9 * jnp.sqrt(jnp.sum(jnp.where(fixed, 0.0, gradient) ** 2, axis=0))
+    on = jnp.abs(value) <= like_double(_ON, found.dtype) * jnp.sqrt(
+        jnp.sum(jnp.where(fixed, 0.0, gradient) ** 2, axis=0)
+    )
     half = jnp.tile(jnp.maximum(cells.half, 0.0), (1, 2))
     near = on & jnp.all(jnp.abs(found - jnp.tile(cells.centre, (1, 2))) <= 3 * jnp.max(half, axis=0), axis=0)
     points = jnp.stack(jnp.split(found, 2, axis=1))
@@ -235,7 +237,7 @@ def _feet(b: Target, state: State, place: Array, parents: Array, cells: Boxes) -
     off = jnp.abs(value) / jnp.sqrt(jnp.sum(gradient**2, axis=0))
     found = found.reshape(3, count, lanes).transpose(1, 0, 2)
     distance = jnp.sqrt(jnp.sum((found - place) ** 2, axis=1))
-    distance = jnp.where(off.reshape(count, lanes) < 1e-9, distance, jnp.inf)
+    distance = jnp.where(off.reshape(count, lanes) < like_double(_ON, off.dtype), distance, jnp.inf)
     chosen = [jnp.argmin(distance, axis=0)]
     least = jnp.min(distance, axis=0)
     first = jnp.take_along_axis(found, chosen[0][None, None], axis=0)
@@ -266,7 +268,7 @@ def _spread_seeds(cloud: Cloud, places: Array, reach: Array) -> Array:
 def _cut(a: Side, state: State, lanes: _Lanes, limit: Array) -> State:
     """The parts of the cells that are still above the limit go into the table."""
     live = lanes.alive & (lanes.bound > limit)
-    narrow = jnp.max(lanes.cells.upper - lanes.cells.lower, axis=0) < _NARROW
+    narrow = jnp.max(lanes.cells.upper - lanes.cells.lower, axis=0) < like_double(_NARROW, limit.dtype)
     closed = jnp.max(jnp.where(lanes.alive & ~(live & ~narrow), lanes.bound, -jnp.inf))
     folded = jnp.max(jnp.where(live & narrow, lanes.bound, -jnp.inf))
     low, high = halved(lanes.cells.lower, lanes.cells.upper)

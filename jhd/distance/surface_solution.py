@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool
 
-from jhd.arithmetic.rounding import unit_roundoff
+from jhd.arithmetic.rounding import like_double, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.search import Wanted
 from jhd.distance.surface_bounds import FEET, boxes, form
@@ -60,7 +60,7 @@ def target(side: Side) -> tuple[Target, Bool[Array, ""]]:
         found = projected(side, starts, fixed, _POINT_STEPS)
         radius = jnp.where(jnp.tile(live, 2), proven_radius(side, found), jnp.inf)
         best = jnp.argmin(radius)
-        wide = live & (jnp.max(high - low, axis=0) >= _NARROW)
+        wide = live & (jnp.max(high - low, axis=0) >= like_double(_NARROW, low.dtype))
         low, high = halved(low, high)
         kept = form(side, boxes(low, high)).may_vanish & jnp.tile(wide, 8)
         key = jnp.where(kept, -jnp.max(high - low, axis=0), jnp.inf)
@@ -133,7 +133,7 @@ def _witness(a: Side, b: Side, state: State, value: Array, direction: Any) -> Wi
     at_border = jnp.any((place.point == jnp.asarray(a.lower)) | (place.point == jnp.asarray(a.upper)))
     foot = place.feet[0]
     foot_at_border = jnp.any((foot == jnp.asarray(b.lower)) | (foot == jnp.asarray(b.upper)))
-    several = jnp.sum(place.weights > _WEIGHTLESS) > 1
+    several = jnp.sum(place.weights > like_double(_WEIGHTLESS, value.dtype)) > 1
     event = EVENTS.where(foot_at_border, EVENTS.b_end, EVENTS.antipodal)
     event = EVENTS.where(at_border, EVENTS.a_end, event)
     event = EVENTS.where(several, EVENTS.one_to_two, event)

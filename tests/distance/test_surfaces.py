@@ -3,6 +3,9 @@
 There is no tolerance and no list of exceptions: a bound that fails is an error of the theory or of the code.
 """
 
+import os
+import subprocess
+import sys
 from fractions import Fraction
 
 import numpy as np
@@ -160,3 +163,29 @@ def test_a_witness_lies_on_its_surface_and_its_feet_on_the_other(name):
         assert np.all(np.abs(np.asarray(surface(points))) <= np.maximum(1e-9 * scale * slope, 1e-12 * size))
     distances = np.linalg.norm(np.asarray(found.witness.feet) - np.asarray(found.witness.point), axis=1)
     assert np.allclose(distances, float(found.value), rtol=1e-6, atol=1e-12 * scale)
+
+
+SINGLE = """
+import jhd
+import os
+import subprocess
+import sys
+from fractions import Fraction
+from tests.surface_cases import BY_NAME
+for name in ("sphere_ellipsoid", "crossed_cylinders", "hyperboloid_cylinder", "apex_over_a_plane"):
+    case = BY_NAME[name]
+    a, b = (jhd.ImplicitSurface(*s) for s in (case.a, case.b))
+    for pair, exact in (((a, b), case.ab.value), ((b, a), case.ba.value)):
+        found = jhd.directed_hausdorff(*pair, throw=False)
+        lower, upper = Fraction(float(found.lower)), Fraction(float(found.upper))
+        assert found.lower.dtype == "float32"
+        assert lower <= Fraction(exact) <= upper <= lower + Fraction(1, 100), (name, found)
+print("done")
+"""
+
+
+@pytest.mark.slow
+def test_in_single_precision_the_bounds_stay_true_and_close():
+    environment = os.environ | {"JAX_ENABLE_X64": "0"}
+    done = subprocess.run([sys.executable, "-c", SINGLE], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stdout.strip() == "done", done.stdout + done.stderr
