@@ -31,14 +31,20 @@ class Run:
         file: the experiment's `__file__`.
         text: its docstring, shown by --help.
         one_core: whether the process is kept on one core, where speeds are compared; not in a smoke run.
+        meshes: whether it takes files of meshes, in place of those that it generates.
     """
 
-    def __init__(self, file: str, text: str | None, one_core: bool = False):
+    def __init__(self, file: str, text: str | None, one_core: bool = False, meshes: bool = False):
         parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
         parser.add_argument("--smoke", action="store_true", help="shrink everything: a test that it runs")
         parser.add_argument("--out", type=Path, help="folder of the files (default: experiments/output)")
         parser.add_argument("--seed", type=int, default=0, help="seed of the random numbers (default: 0)")
+        if meshes:
+            parser.add_argument(
+                "--meshes", type=Path, nargs="+", default=[], help="files to take, also .npz of V and F"
+            )
         options = parser.parse_args()
+        self.meshes: list[Path] = getattr(options, "meshes", [])
         self.name = Path(file).stem
         self.smoke: bool = options.smoke
         self.seed: int = options.seed

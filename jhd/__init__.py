@@ -25,6 +25,7 @@ from jhd.distance import (  # noqa: E402
     ProjectedPolyhedron,
     TiedPairs,
     TwoStep,
+    VertexVoxels,
     VoxelPairs,
     certify,
     critical_pairs,
@@ -38,8 +39,10 @@ from jhd.distance import (  # noqa: E402
     verify,
 )
 from jhd.fields import (  # noqa: E402
+    AdaptiveDistanceField,
     DistanceMap,
     DistanceTransform,
+    FieldProgress,
     VoxelProgress,
     Voxels,
     distance_map,

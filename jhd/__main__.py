@@ -15,8 +15,11 @@ from typing import NoReturn
 import jax
 
 import jhd
+from jhd.fields.adaptive_build import MODES
+from jhd.fields.adaptive_samples import SIGNS
 
-_SHAPE_HELP = "a curve: a JSON or SVG file, or font:NAME:LETTER"
+_CURVE_HELP = "a curve: a JSON or SVG file, or font:NAME:LETTER"
+_SHAPE_HELP = f"{_CURVE_HELP}; or a mesh: an OBJ, OFF, PLY or STL file"
 _OR_POLYNOMIAL = "; with --box a polynomial in x, y, z"
 _METHOD_HELP = "the method, a class of jhd; an unknown name lists those there are"
 _EPILOG = """\
@@ -28,7 +31,9 @@ examples:
   jhd verify proof.json
   jhd fit "font:DejaVu Serif:s" --tolerance 5 --out s.svg
   jhd distance "font:DejaVu Sans:a" "font:DejaVu Serif:a" --json
+  jhd distance a.ply b.obj
   jhd project a.svg 10 -2.5
+  jhd field bunny.ply --atol 0.001 --out bunny.npz
   jhd doctor
 
 exit status: 0 done, 1 bounds not closed or certificate refused, 2 bad input
@@ -101,7 +106,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.set_defaults(command="demo")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
-    distance = commands.add_parser("distance", help="the Hausdorff distance of two curves or surfaces")
+    distance = commands.add_parser("distance", help="the Hausdorff distance of two curves, meshes or surfaces")
     distance.add_argument("a", metavar="A", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
     distance.add_argument("b", metavar="B", type=_as_given, help="the other one")
     box = "surfaces: the box they are cut off at, its two ends for all axes, or three lower and three upper ones"
@@ -114,7 +119,7 @@ def _parser() -> argparse.ArgumentParser:
     distance.set_defaults(command="distance")
 
     fit = commands.add_parser("fit", help="fewer or lower-degree segments within a proven distance")
-    fit.add_argument("target", metavar="TARGET", help=_SHAPE_HELP)
+    fit.add_argument("target", metavar="TARGET", help=_CURVE_HELP)
     fit.add_argument("--tolerance", type=float, required=True, metavar="LENGTH", help="in input units")
     fit.add_argument("--degree", type=int, default=3, metavar="N", help="of the segments (default: 3)")
     fit.add_argument("--smooth", action="store_true", help="one tangent at the joints inside a contour")
@@ -126,16 +131,26 @@ def _parser() -> argparse.ArgumentParser:
     verify.add_argument("file", metavar="FILE", help="what jhd distance --certificate wrote")
     verify.set_defaults(command="verify")
 
-    project = commands.add_parser("project", help="the nearest point of a curve to points")
+    project = commands.add_parser("project", help="the nearest point of a curve or mesh to points")
     project.add_argument("shape", metavar="SHAPE", help=_SHAPE_HELP)
     project.add_argument("coordinates", metavar="X", nargs="*", type=float, help="the point: X Y or X Y Z")
     project.add_argument("--points", metavar="FILE", help="points in rows instead; without X or with -, standard input")
     project.add_argument("--method", metavar="NAME", help=_METHOD_HELP)
     project.set_defaults(command="project")
 
+    field = commands.add_parser("field", help="the distance field of a mesh on an octree")
+    field.add_argument("mesh", metavar="MESH", help="an OBJ, OFF, PLY or STL file")
+    field.add_argument("--atol", type=float, required=True, metavar="LENGTH", help="tolerance, in input units")
+    field.add_argument("--out", required=True, metavar="FILE", help="where to: a name in .npz")
+    field.add_argument("--mode", choices=MODES, default="band", help="refine at the surface (default) or everywhere")
+    field.add_argument("--sign", choices=SIGNS, default="winding", help="how inside is told from outside")
+    field.add_argument("--surface", metavar="FILE", help="write the zero set of the field: .obj, .off, .ply or .stl")
+    field.add_argument("--resolution", type=int, metavar="N", help="cells along the longest side for that surface")
+    field.set_defaults(command="field")
+
     doctor = commands.add_parser("doctor", help="versions, devices, precision, cache, and a check with a known answer")
     doctor.set_defaults(command="doctor")
-    for command in (distance, fit, verify, project, doctor):
+    for command in (distance, fit, verify, project, field, doctor):
         command.add_argument("--json", action="store_true", help="print JSON and nothing else")
     return parser
 

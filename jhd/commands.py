@@ -3,7 +3,6 @@
 Numbers are printed in full, so that a bound that is read back is still the bound that was proven.
 """
 
-import inspect
 import json
 import os
 import platform
@@ -21,8 +20,9 @@ import numpy as np
 
 import jhd
 from jhd.distance.method import AbstractHausdorffMethod
-from jhd.distance.projection import AbstractProjectionMethod
-from jhd.io import load_certificate, load_shape, save_curve, write_svg
+from jhd.io import load_certificate, load_shape, save_curve, save_mesh, write_svg
+from jhd.io.meshes import MESH_SUFFIXES
+from jhd.options import PROJECTIONS, curve_of, mesh_of, method_name, method_of, points_of, shapes_of
 from jhd.report import (
     check_picture_file,
     names_of,
@@ -30,12 +30,12 @@ from jhd.report import (
     progress_text,
     shape_line,
     solution_text,
+    space_picture,
     successful,
-    surface_picture,
 )
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
-from jhd.shapes.polynomial_text import read as read_polynomial
+from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import HausdorffSolution, name_of, to_plain
 
 _DEMO_FONTS = {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}
@@ -47,7 +47,7 @@ _PACKAGES = "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib"
 def demo(options: Namespace) -> int:
     """Both directed distances between one letter in two fonts, in print and as a picture."""
     specs = [f"font:{font}:{_DEMO_LETTER}" for font in _DEMO_FONTS.values()]
-    a, b = (load_shape(spec) for spec in specs)
+    a, b = (curve_of(name, spec) for name, spec in zip("AB", specs, strict=True))
     print(f"The letter {_DEMO_LETTER} in two fonts, in font units\n")
     print(shape_line("A", specs[0], a), shape_line("B", specs[1], b), sep="\n", end="\n\n")
 
@@ -70,14 +70,15 @@ def demo(options: Namespace) -> int:
 
 
 def distance(options: Namespace) -> int:
-    """The Hausdorff distance of two curves or of two surfaces, or the directed one."""
-    a, b = _shapes(options)
+    """The Hausdorff distance of two curves, meshes or surfaces, or the directed one."""
+    a, b = shapes_of(options)
     surfaces = isinstance(a, ImplicitSurface)
+    curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
     entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
-    method = _method(options.method, options.atol, AbstractHausdorffMethod)
+    method = method_of(options.method, options.atol, AbstractHausdorffMethod)
     if options.plot:
         check_picture_file(options.plot)
-    if options.certificate and surfaces:
+    if options.certificate and not curves:
         raise ValueError("--certificate: certificates are for curves; leave it out.")
     if options.certificate and not Path(options.certificate).absolute().parent.is_dir():
         raise ValueError(f"{options.certificate}: no such folder.")
@@ -92,14 +93,14 @@ def distance(options: Namespace) -> int:
     written = bool(options.certificate) and _certified(options.certificate, a, b, solution)
     status = 1 if options.certificate and not written else _status(solution)
     if options.json:
-        asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": _method_name(method)}
+        asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": method_name(method)}
         box = {"box": [np.asarray(end).tolist() for end in a.box()]} if surfaces else {}
         _print_json(solution, **asked, **box, seconds=seconds)
         return status
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     title = "directed distance from A to B" if options.directed else "Hausdorff distance"
     print(solution_text(title, solution, *names_of(solution)), end="\n\n")
-    print(f"method     {_method_name(method)}")
+    print(f"method     {method_name(method)}")
     print(f"time       {seconds:.2f} s with compilation")
     print(f"device     {_device()}, {_precision()}")
     if options.plot:
@@ -111,7 +112,7 @@ def distance(options: Namespace) -> int:
 
 def fit(options: Namespace) -> int:
     """An outline by few segments of a degree, within a tolerance; its proven distance."""
-    target = load_shape(options.target)
+    target = curve_of("TARGET", options.target)
     if options.out and Path(options.out).suffix not in (".svg", ".json"):
         raise ValueError(f"{options.out}: the name must end in .svg or .json.")
     for file in (options.out, options.plot):
@@ -168,31 +169,64 @@ def verify(options: Namespace) -> int:
 
 
 def project(options: Namespace) -> int:
-    """The nearest points of a curve to given points, one row each."""
+    """The nearest points of a curve or mesh to given points, one row each."""
     shape = load_shape(options.shape)
-    points = _points(options)
-    if points.shape[1] != shape.segments().dim:
-        raise ValueError(f"a point has {points.shape[1]} coordinates; the curve has {shape.segments().dim}.")
-    method = _method(options.method, None, AbstractProjectionMethod)
+    points = points_of(options)
+    on_mesh = isinstance(shape, TriangleMesh)
+    dim = shape.dim if on_mesh else shape.segments().dim
+    if points.shape[1] != dim:
+        raise ValueError(f"a point has {points.shape[1]} coordinates; the {'mesh' if on_mesh else 'curve'} has {dim}.")
+    method = None if on_mesh and options.method is None else method_of(options.method, None, PROJECTIONS)
     with _busy("computing; a first run compiles"):
         found = jhd.project(points, shape, method=method, throw=False)
     if options.json:
-        _print_json(found, shape=options.shape, points=points.tolist(), method=_method_name(method))
+        name = "exact" if method is None else method_name(method)
+        _print_json(found, shape=options.shape, points=points.tolist(), method=name)
         return _status(found)
-    columns = [
-        "distance",
-        "lower",
-        "upper",
-        "segment",
-        "t",
-        *(f"foot {axis}" for axis in "xyz"[: points.shape[1]]),
-        "result",
-    ]
-    print("\t".join(columns))
-    rows = [found.distance, found.lower, found.upper, found.segment, found.t, found.foot]
-    for *numbers, foot, result in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
-        print("\t".join([*(repr(x.item()) for x in (*numbers, *foot)), result]))
+    where = ["triangle", "t1", "t2", "t3"] if on_mesh else ["segment", "t"]
+    print("\t".join(["distance", "lower", "upper", *where, *(f"foot {axis}" for axis in "xyz"[:dim]), "result"]))
+    rows = [found.distance, found.lower, found.upper, found.segment, np.asarray(found.t), found.foot]
+    for *numbers, t, foot, result in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
+        print("\t".join([*(repr(x.item()) for x in (*numbers, *np.atleast_1d(t), *foot)), result]))
     return _status(found)
+
+
+def field(options: Namespace) -> int:
+    """The adaptive distance field of a mesh, stored; on request the surface that it stands for."""
+    mesh = mesh_of("MESH", options.mesh)
+    if not options.out.endswith(".npz"):
+        raise ValueError(f"{options.out}: the name must end in .npz.")
+    if (options.surface is None) != (options.resolution is None):
+        raise ValueError("--surface and --resolution go together.")
+    if options.surface and Path(options.surface).suffix.lower() not in MESH_SUFFIXES:
+        raise ValueError(f"{options.surface}: the name must end in {' or '.join(MESH_SUFFIXES)}.")
+    for file in (options.out, options.surface):
+        if file and not Path(file).absolute().parent.is_dir():
+            raise ValueError(f"{file}: no such folder.")
+    build = jhd.AdaptiveDistanceField.build
+    with _busy("building; a first run compiles") as show:
+        asked = {"mode": options.mode, "sign": options.sign}
+        made, seconds = _timed(lambda: build(mesh, options.atol, **asked, progress=show))
+        made.save(options.out)
+        error = made.sampled_error(mesh)
+        if options.surface:
+            save_mesh(options.surface, made.to_mesh(options.resolution))
+    facts = {"leaves": made.leaves, "unresolved": made.unresolved, "sampled_error": error, "seconds": seconds}
+    status = 0 if made.unresolved == 0 else 1
+    if options.json:
+        print(json.dumps({"mesh": options.mesh, "atol": options.atol, **asked, **facts}, indent=2))
+        return status
+    print(shape_line("A", options.mesh, mesh), end="\n\n")
+    print(
+        f"leaves     {made.leaves}, of them {made.unresolved} off by more than {options.atol:g} where they were tested"
+    )
+    where = "near the surface" if options.mode == "band" else "in the box"
+    print(f"error      {error!r} at most at random points {where}")
+    print(f"time       {seconds:.2f} s with compilation")
+    for name, file in (("field", options.out), ("surface", options.surface)):
+        if file:
+            print(f"{name:<10} {Path(file).resolve()}")
+    return status
 
 
 def doctor(options: Namespace) -> int:
@@ -218,50 +252,14 @@ def doctor(options: Namespace) -> int:
     return 0 if good else 1
 
 
-def _shapes(options: Namespace) -> tuple[Any, Any]:
-    """Both curves, or where there is a box both surfaces.
-
-    Raises:
-        ValueError: a box that is none, or text that is no polynomial, with the column.
-    """
-    texts = {"A": options.a, "B": options.b}
-    if options.box is None:
-        return tuple(_curve(name, text) for name, text in texts.items())  # pyright: ignore[reportReturnType]
-    if len(options.box) not in (2, 6):
-        raise ValueError(
-            f"--box has {len(options.box)} numbers; needs 2, or 6: three lower ends, then three upper ones."
-        )
-    lower, upper = np.array(options.box).reshape(2, -1)
-    return tuple(_surface(name, text, lower, upper) for name, text in texts.items())  # pyright: ignore
-
-
-def _curve(name: str, text: str) -> AbstractCurve:
-    try:
-        return load_shape(text)
-    except FileNotFoundError:
-        try:
-            read_polynomial(text)
-        except ValueError:
-            pass
-        else:
-            raise ValueError(f"{name} is a polynomial; give the box of its surface: --box LOWER UPPER.") from None
-        raise
-
-
-def _surface(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> ImplicitSurface:
-    try:
-        return ImplicitSurface.parse(text, np.broadcast_to(lower, 3), np.broadcast_to(upper, 3))
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
-
-
 def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution, method: Any) -> None:
     """The picture of a distance: of curves with both directions, unless only one was asked for."""
-    if isinstance(a, ImplicitSurface):
-        surface_picture(file, a, b, solution)
+    if not isinstance(a, AbstractCurve):
+        space_picture(file, a, b, solution)
         return
-    pairs = [(a, b)] if solution.directed else [(a, b), (b, a)]
-    picture(file, a, b, [jhd.directed_hausdorff(*pair, method, throw=False) for pair in pairs])
+    there = jhd.directed_hausdorff(a, b, method, throw=False)
+    found = [there] if solution.directed else [there, jhd.directed_hausdorff(b, a, method, throw=False)]
+    picture(file, a, b, found)
 
 
 def _certified(file: str, a: AbstractCurve, b: AbstractCurve, solution: HausdorffSolution) -> bool:
@@ -274,64 +272,6 @@ def _certified(file: str, a: AbstractCurve, b: AbstractCurve, solution: Hausdorf
         return False
     certificate.save(file)
     return True
-
-
-def _method(name: str | None, atol: float | None, kind: Any) -> Any:
-    """The method of that name, with the tolerance if there is one; the default of the entries without both.
-
-    Raises:
-        ValueError: an unknown name, or a tolerance for a method that has none.
-    """
-    if name is None and atol is None:
-        return jhd.BranchAndBound() if kind is AbstractHausdorffMethod else jhd.NearestSearch()
-    if name is None and kind is AbstractHausdorffMethod:
-        name = "BranchAndBound"
-    known: dict[str, Any] = {
-        key: item for key, item in vars(jhd).items() if inspect.isclass(item) and issubclass(item, kind)
-    }
-    chosen = known
-    if name is not None:
-        plain = name.replace("-", "").replace("_", "").lower()
-        chosen = {key: item for key, item in known.items() if key.lower() == plain}
-    if not chosen:
-        raise ValueError(f"unknown method {name!r}; there are {', '.join(sorted(known))}.")
-    if atol is None:
-        return next(iter(chosen.values()))()
-    tolerant = {key: item for key, item in chosen.items() if "atol" in inspect.signature(item).parameters}
-    if not tolerant:
-        raise ValueError(f"--atol: {' and '.join(chosen)} proves no bounds to a tolerance; leave it out.")
-    if len(tolerant) > 1:
-        raise ValueError(f"--atol needs --method, one of {', '.join(tolerant)}.")
-    return next(iter(tolerant.values()))(atol=atol)
-
-
-def _method_name(method: Any) -> str:
-    return type(method).__name__
-
-
-def _points(options: Namespace) -> np.ndarray:
-    """The points of the command line, of the file, or of standard input; rows of numbers apart by spaces or commas."""
-    if options.coordinates and options.points:
-        raise ValueError("give the point as X Y [Z] or by --points, not both.")
-    if options.coordinates:
-        return np.array([options.coordinates])
-    name = options.points or "-"
-    if name == "-" and sys.stdin.isatty():
-        raise ValueError("no point: give X Y [Z], --points FILE, or rows on standard input.")
-    text = sys.stdin.read() if name == "-" else Path(name).read_text(encoding="utf-8-sig")
-    rows = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split("#")[0].replace(",", " ").split()
-        try:
-            row = [float(word) for word in words]
-        except ValueError as error:
-            raise ValueError(f"{name}:{number}: {error}.") from None
-        if rows and row and len(row) != len(rows[0]):
-            raise ValueError(f"{name}:{number}: {len(row)} coordinates; the rows before have {len(rows[0])}.")
-        rows += [row] if row else []
-    if not rows:
-        raise ValueError(f"{name} holds no points.")
-    return np.array(rows)
 
 
 def _print_json(solution: Any, **context: Any) -> None:

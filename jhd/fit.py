@@ -5,6 +5,7 @@ part in each step (jhd.fitting.minimax). A stationary point is a local minimum a
 """
 
 from collections.abc import Callable
+from functools import partial
 from itertools import groupby
 from typing import Any, Literal
 
@@ -19,11 +20,15 @@ from jhd.arrays import real_array
 from jhd.distance.critical import critical_pairs
 from jhd.distance.hausdorff import hausdorff
 from jhd.distance.method import AbstractHausdorffMethod
+from jhd.distance.pairs import Shape
+from jhd.fitting.bundle import Bundled, minimise_by_cuts, motions
 from jhd.fitting.chain import Chain, Layout, divided, least_squares, longest_pieces, turns
 from jhd.fitting.minimax import Ended, FitProgress, Problem, minimise
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
-from jhd.solution import RESULTS, FitSolution
+from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.mesh import TriangleMesh
+from jhd.solution import DIRECTIONS, RESULTS, CriticalPairs, FitSolution
 
 # Pairs kept for a number of parameters: an error curve with p + 1 equal maxima has some more below.
 _CAPACITIES = ((14, 32), (40, 64))
@@ -38,9 +43,9 @@ _SPREAD = 0.1
 
 
 def minimise_hausdorff(
-    build: Callable[[Any], AbstractCurve],
+    build: Callable[[Any], Shape],
     parameters: Any,
-    target: AbstractCurve,
+    target: Shape,
     *,
     starts: Any = 1,
     seed: int = 0,
@@ -53,26 +58,31 @@ def minimise_hausdorff(
     """The parameters for which build(parameters) is nearest to the target, in the Hausdorff distance.
 
     A local minimum near the start. What is to stay fixed (ends, tangents, closedness) is what `build` does not vary.
+    Curves are fitted by all maxima of their distance and their curvature; surfaces and meshes, of which one maximum of
+    each direction is known, by a bundle of their gradients, which ends where a convex combination of those nearby is
+    below a twentieth of their length.
 
     Args:
-        build: from the parameters to a curve; traced, so written in jax.numpy. A module-level function or a Module is
-            compiled once, a lambda at each call.
+        build: from the parameters to a shape of the target's kind; traced, so written in jax.numpy. A module-level
+            function or a Module is compiled once, a lambda at each call.
         parameters: the start: an array or a pytree of arrays.
-        target: the curve to be near to.
+        target: the curve, implicit surface or mesh to be near to.
         starts: how many starts, the first at `parameters` and the others about it; or their parameters, stacked along
             a new leading axis. The best end is returned.
         seed: of the random starts.
         max_steps: most steps from each start.
         atol: a distance at which the fit is good enough; zero goes on to a stationary point.
-        capacity: how many maxima take part; by default enough for the number of parameters.
+        capacity: of curves, how many maxima take part; by default enough for the number of parameters.
         method: how the error is proven; by default BranchAndBound().
         progress: called with a FitProgress after each step.
 
     Raises:
-        TypeError: a target that is no curve.
+        TypeError: a target that is no curve, surface or mesh, or shapes of another kind than the target.
         ValueError: no parameter, or starts of another shape.
     """
-    check_curve("target", target)
+    bundled = isinstance(target, ImplicitSurface | TriangleMesh)
+    if not bundled:
+        check_curve("target", target)
     flat, unravel = ravel_pytree(jax.tree_util.tree_map(lambda x: jnp.asarray(x, dtype=float), parameters))
     if flat.size == 0:
         raise ValueError("parameters holds no number; needs at least one.")
@@ -85,9 +95,13 @@ def minimise_hausdorff(
             if progress is not None:
                 progress(FitProgress(number, step, value, optimality))
 
-        ends.append(minimise(Problem(built, target.segments(), capacity), start, max_steps, atol, report))
-    best = min(ends, key=lambda ended: ended.point.top)
-    return _solution(best, unravel, target, method)
+        if bundled:
+            ends.append(minimise_by_cuts(built, target, start, max_steps, atol, report))
+        else:
+            ends.append(minimise(Problem(built, target.segments(), capacity), start, max_steps, atol, report))
+    if bundled:
+        return _bundled_solution(min(ends, key=lambda ended: ended.point.value), unravel, target, method)
+    return _solution(min(ends, key=lambda ended: ended.point.top), unravel, target, method)
 
 
 def fit_curve(
@@ -259,7 +273,7 @@ class _Flat(eqx.Module):
     build: Callable
     unravel: Callable
 
-    def __call__(self, parameters: Array) -> AbstractCurve:
+    def __call__(self, parameters: Array) -> Any:
         return self.build(self.unravel(parameters))
 
 
@@ -267,9 +281,7 @@ def _capacity(count: int) -> int:
     return next((capacity for most, capacity in _CAPACITIES if count <= most), _LARGEST_CAPACITY)
 
 
-def _starts(
-    build: Callable, first: np.ndarray, parameters: Any, starts: Any, seed: int, target: AbstractCurve
-) -> np.ndarray:
+def _starts(build: Callable, first: np.ndarray, parameters: Any, starts: Any, seed: int, target: Shape) -> np.ndarray:
     """Rows of parameters to start from."""
     if not isinstance(starts, int):
         rows = np.stack([np.asarray(ravel_pytree(row)[0]) for row in _rows(starts)])
@@ -278,9 +290,13 @@ def _starts(
         return rows
     if starts < 1:
         raise ValueError(f"starts is {starts}; needs at least 1.")
-    problem = Problem(build, target.segments(), 1)
+    if starts == 1:
+        return first[None]
+    scales = (
+        Problem(build, target.segments(), 1).scales if isinstance(target, AbstractCurve) else partial(motions, build)
+    )
     low, high = target.box()
-    spread = _SPREAD * float(jnp.max(high - low)) * problem.scales(first)
+    spread = _SPREAD * float(jnp.max(high - low)) * scales(first)
     noise = np.random.default_rng(seed).normal(size=(starts - 1, first.size))
     return np.concatenate([first[None], first + spread * noise])
 
@@ -306,6 +322,29 @@ def _solution(
         multipliers=jnp.asarray(mu),
         pairs=pairs,
         result=RESULTS.fit_missed_a_maximum if missed else ended.result,
+        stats={name: jnp.asarray(count) for name, count in ended.counts.items()},
+        history=jnp.asarray(ended.history),
+    )
+
+
+def _bundled_solution(
+    ended: Bundled, unravel: Callable, target: Shape, method: AbstractHausdorffMethod | None
+) -> FitSolution:
+    point = ended.point
+    there, back = point.solutions
+    back = eqx.tree_at(lambda s: s.witness.direction, back, DIRECTIONS.b_to_a)
+    order = (0, 1) if there.value >= back.value else (1, 0)
+    values, witness = jax.tree_util.tree_map(
+        lambda *x: jnp.stack([x[k] for k in order]), *((s.value, s.witness) for s in (there, back))
+    )
+    return FitSolution(
+        parameters=unravel(jnp.asarray(point.parameters)),
+        shape=point.shape,
+        error=hausdorff(target, point.shape, method, throw=False),
+        optimality=jnp.asarray(ended.optimality),
+        multipliers=jnp.asarray(ended.multipliers[list(order)]),
+        pairs=CriticalPairs(values, witness, jnp.ones(2, bool), RESULTS.successful),
+        result=ended.result,
         stats={name: jnp.asarray(count) for name, count in ended.counts.items()},
         history=jnp.asarray(ended.history),
     )

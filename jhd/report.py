@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from jhd import plot
+from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.octree import VoxelProgress
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import RESULTS, HausdorffSolution, name_of
 
 _MILLIMETRES = 1 / 25.4
@@ -55,8 +57,13 @@ def _with_sentence(item: Any) -> str:
 
 
 def _place(name: str, segment: Any, t: Any, point: Any) -> str:
-    """A point of a shape; of a surface there are no parameters."""
-    where = f" segment {int(segment)}, t = {float(t):.9g}," if int(segment) >= 0 else ""
+    """A point of a shape; of an implicit surface there are no parameters."""
+    if int(segment) < 0:
+        where = ""
+    elif np.ndim(t):
+        where = f" triangle {int(segment)}, t = ({', '.join(f'{float(x):.9g}' for x in t)}),"
+    else:
+        where = f" segment {int(segment)}, t = {float(t):.9g},"
     return f"{name}{where} at ({', '.join(f'{float(x):.9g}' for x in point)})"
 
 
@@ -64,13 +71,16 @@ def _number(solution: HausdorffSolution) -> str:
     return "unknown" if np.isnan(solution.value) else repr(float(solution))
 
 
-def shape_line(name: str, spec: str, shape: AbstractCurve | ImplicitSurface) -> str:
+def shape_line(name: str, spec: str, shape: AbstractCurve | ImplicitSurface | TriangleMesh) -> str:
     """What a shape is, after its name and how it was given."""
     shown = spec if len(spec) <= _SPEC_WIDTH else f"{spec[: _SPEC_WIDTH - 3]}..."
     if isinstance(shape, ImplicitSurface):
         ends = zip(*(np.asarray(end) for end in shape.box()), strict=True)
         box = " x ".join(f"[{low:.9g}, {high:.9g}]" for low, high in ends)
         return f"{name}  {shown}: surface of degree {shape.degree} in {box}"
+    if isinstance(shape, TriangleMesh):
+        kind = "closed mesh" if shape.is_closed else "open mesh"
+        return f"{name}  {shown}: {kind} of {shape.count} triangle{'' if shape.count == 1 else 's'}"
     pieces = shape.segments()
     plural = "" if pieces.count == 1 else "s"
     if pieces.degree == 0:
@@ -89,6 +99,9 @@ def progress_text(progress: Any) -> str:
     if isinstance(progress, VoxelProgress):
         p = progress
         return f"cells of level {p.level} of {p.levels}: {p.kept} kept, {p.tested} tested so far"
+    if isinstance(progress, FieldProgress):
+        p = progress
+        return f"level {p.level}: {p.tested} cells tested, {p.split} split, {p.samples} distances"
     p = progress
     return f"{p.direction}: {p.lower:.9g} to {p.upper:.9g}, step {p.steps}, {p.waiting} cells wait"
 
@@ -128,8 +141,8 @@ def picture(
     figure.savefig(file, dpi=_DPI)
 
 
-def surface_picture(file: str, a: ImplicitSurface, b: ImplicitSurface, solution: HausdorffSolution) -> None:
-    """Writes both surfaces with the witness of their distance."""
+def space_picture(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
+    """Writes both surfaces or meshes with the witness of their distance."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SPACE_SIZE)

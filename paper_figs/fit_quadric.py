@@ -6,7 +6,7 @@ Numbers by fit_quadric's experiment.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GREY, MM, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -24,8 +24,7 @@ def main() -> None:
 
 
 def _figure(numbers: dict[str, Any], cells: int) -> Figure:
-    steps = numbers["steps"]
-    ends = steps[0], min(steps, key=lambda step: step["value"])
+    ends = numbers["ends"]
     with style():
         figure = Figure(figsize=(175 * MM, 72 * MM))
         for k, (found, title) in enumerate(zip(ends, ("least squares", "least distance found"), strict=True)):
@@ -64,20 +63,16 @@ def _draw_surfaces(ax: Any, numbers: dict[str, Any], found: dict[str, Any], cell
 
 
 def _draw_path(ax: Axes, numbers: dict[str, Any]) -> None:
-    steps = numbers["steps"]
-    number = np.arange(len(steps))
-    values = np.array([step["value"] for step in steps])
-    taken = np.array([step["taken"] for step in steps])
-    ax.plot(number, numbers["path"], color=BLUE, drawstyle="steps-post", label="least so far")
-    ax.plot(number[taken], values[taken], "o", color=BLUE, markersize=4, label="lower")
-    style = {"linestyle": "none", "marker": "x", "color": ORANGE, "markersize": 4}
-    ax.plot(number[~taken], values[~taken], **style, label="not lower")
-    ax.axhline(numbers["path"][-1], color=GREY, linewidth=0.6, linestyle=":")
-    ax.set(xlabel="evaluation", ylabel="distance $H$ (input units)", ylim=(0, 1.15 * values.max()))
-    ax.set_xlim(-0.5, len(steps) - 0.5)
+    path = np.array(numbers["path"])
+    ax.plot(path, color=BLUE, drawstyle="steps-post")
+    lower = np.flatnonzero(np.append(True, np.diff(path) < 0))
+    ax.plot(lower, path[lower], "o", color=BLUE, markersize=4, label="steps that were taken")
+    ax.axhline(path[-1], color=GREY, linewidth=0.6, linestyle=":")
+    ax.set(xlabel="evaluation", ylabel="distance $H$ (input units)", ylim=(0, 1.15 * path.max()))
+    ax.set_xlim(-0.5, len(path) - 0.5)
     ax.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     ax.yaxis.set_major_locator(MaxNLocator(6))
-    ax.legend(loc="upper right", borderaxespad=0.1)
+    ax.legend(loc="lower left", borderaxespad=0.1, frameon=False)
     letter(ax, "c", "bundle method")
 
 

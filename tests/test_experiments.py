@@ -153,8 +153,36 @@ def check_surface_gallery(numbers):
 
 
 def check_fit_quadric(numbers):
-    assert all(step["lower"] <= step["value"] <= step["upper"] for step in numbers["steps"])
+    assert all(end["lower"] <= end["value"] <= end["upper"] for end in numbers["ends"])
     assert np.all(np.diff(numbers["path"]) <= 0)
+
+
+def check_local_search_error(numbers):
+    for mesh in numbers["meshes"]:
+        assert [way["published"] for way in mesh["ways"]].count(True) == 1
+        for way in mesh["ways"]:
+            # Never below the exact distance, up to rounding; and often above.
+            assert way["smallest"] > -1e-12 and way["largest"] > 1e-3
+            assert 0.01 < way["wrong"] < 0.6 and way["wrong_signs"] < 0.01
+
+
+def check_mesh_hausdorff_figure(numbers):
+    for name, entry in numbers["directions"].items():
+        found, rounds = entry["solution"], entry["rounds"]
+        assert np.max(numbers[name[0]]["distance"]) <= found["upper"]
+        assert 0 <= found["upper"] - found["lower"] <= 1e-8 * found["value"]
+        assert np.all(np.diff([row["lower"] for row in rounds]) >= 0)
+        assert np.all(np.diff([row["upper"] for row in rounds]) <= 0)
+
+
+def check_mesh_peers(numbers):
+    assert numbers["queries"][0]["name"] == "jhd"
+    assert all(min(peer["rates"]) > 0 and peer["error"] < 1e-4 for peer in numbers["queries"])
+    ours, *others = numbers["hausdorff"]
+    assert ours["lower"] <= ours["value"] <= ours["upper"] <= ours["lower"] + 1e-8
+    for way in others:
+        # Points of the meshes against the other mesh are never too far.
+        assert way["value"] <= ours["upper"] if way["name"] == "samples to meshes" else way["seconds"] > 0
 
 
 CHECKS = {name.removeprefix("check_"): f for name, f in list(globals().items()) if name.startswith("check_")}

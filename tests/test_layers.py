@@ -18,12 +18,15 @@ def modules(folder, names):
 # Each entry of a layer lists its modules in order: a module may import from lower layers and from earlier modules of
 # its own entry. Entries of one layer know nothing of each other. The order holds also for modules not listed here,
 # since each of those must be added.
+ARITHMETIC = "rounding rationals interval affine bernstein trivariate exact_polynomials polynomial_systems"
 SHAPES = """
     checks knots convert homogeneous joints curve bezier bspline deviation biarc_fit biarc
     polynomial_text implicit mesh tessellation patch
 """
 FIELDS = """
-    boxes octree distance_transform point_triangle box_tree closest_point winding adaptive distance_map
+    boxes octree distance_transform point_triangle triangle_pairs exact_triangles box_tree closest_point
+    vertex_voxels winding pseudonormal adaptive_samples adaptive_build adaptive_evaluate adaptive_extract adaptive_error
+    adaptive distance_map
 """
 DISTANCES = """
     jets prepare method nearest events active derivative local_feet stationarity
@@ -34,7 +37,9 @@ DISTANCES = """
     surface_prepare surface_bounds surface_points surface_signs surface_nearest surface_candidates surface_search
     surface_solution branch_and_bound driver cube_intervals
     mesh_cells mesh_witness mesh_search pairs hausdorff critical
-    minimum_balls minimum_cells minimum_search minimum_nets minimum_host minimum_surfaces minimum_mixed voxel_pairs
+    mesh_pairs minimum_meshes
+    minimum_balls minimum_jets minimum_cells minimum_search minimum_nets minimum_host minimum_implicit
+    minimum_surfaces minimum_mixed voxel_pairs
     minimum verification host covering certificate
 """
 FILES_OF = """
@@ -43,16 +48,16 @@ FILES_OF = """
 """
 LAYERS: list[list[list[str]]] = [
     [["arrays", "compiled", "solution"]],
-    [modules("arithmetic", "rounding interval affine bernstein trivariate exact_polynomials polynomial_systems")],
+    [modules("arithmetic", ARITHMETIC)],
     [modules("shapes", SHAPES)],
     [modules("fields", FIELDS)],
     [modules("distance", DISTANCES)],
     [
-        [*modules("fitting", "expansion subproblem minimax chain"), "fit"],
-        modules("plot", "axes curves nets implicit solutions"),
+        [*modules("fitting", "expansion subproblem minimax bundle chain"), "fit"],
+        modules("plot", "axes curves nets faces implicit meshes solutions"),
         modules("io", FILES_OF),
     ],
-    [["report", "commands", "__main__"]],
+    [["report", "options", "commands", "__main__"]],
 ]
 COMMAND_LINE = ("commands", "__main__")
 # Their import takes a tenth of a second and more, so they may be imported where they are used.

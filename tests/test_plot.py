@@ -300,3 +300,34 @@ def test_a_section_tells_inside_outside_and_boundary_apart():
         plot.section(BALL, kept, axes(), axis=3)
     with pytest.raises(ValueError, match="at is 2.5; the box has -2 to 2"):
         plot.section(BALL, kept, axes(), at=2.5)
+
+
+CUBE = jhd.TriangleMesh(
+    [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]],
+    [[0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2]],
+)
+
+
+def test_meshes_are_faces_with_the_witness_of_their_distance():
+    ax = axes(3)
+    moved = CUBE.transform(np.eye(3), [2.0, 0.0, 0.0])
+    assert plot.solution(CUBE, moved, jhd.hausdorff(CUBE, moved), ax) is ax
+    (faces,) = [artist for artist in ax.collections if artist.get_gid() == "surface"]
+    assert len(faces.get_facecolor()) == 2 * CUBE.count
+    assert {"witness", "feet"} <= {line.get_gid() for line in ax.lines}
+    assert plot.mesh(CUBE, axes(3), label="cube") is not None
+    with pytest.raises(TypeError, match="a must be an ImplicitSurface"):
+        plot.solution(CUBE, BALL, jhd.hausdorff(CUBE, moved), axes(3))
+    with pytest.raises(TypeError, match="TriangleMesh"):
+        plot.mesh(BALL, axes(3))  # pyright: ignore[reportArgumentType]
+
+
+def test_a_mesh_of_very_many_triangles_is_drawn_coarser():
+    turn = np.linspace(0, 2 * np.pi, 151)
+    grid = np.stack(np.meshgrid(turn, turn, indexing="ij"), axis=-1).reshape(-1, 2)
+    points = np.stack([np.cos(grid[:, 0]), np.sin(grid[:, 0]), grid[:, 1] / 6], axis=1)
+    index = np.arange(151 * 151).reshape(151, 151)
+    quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1, 4)
+    ax = plot.mesh(jhd.TriangleMesh(points, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])), axes(3))
+    (faces,) = [artist for artist in ax.collections if artist.get_gid() == "surface"]
+    assert 5_000 < len(faces.get_facecolor()) <= 20_000

@@ -50,7 +50,8 @@ PARAMETERS = {
     "CubeIntervals": ["cells", "rule", "pairs"],
     "ImplicitSurface": ["coefficients", "lower", "upper"],
     "TriangleMesh": ["vertices", "triangles"],
-    "signed_distance": ["points", "mesh", "sign"],
+    "signed_distance": ["points", "mesh", "sign", "method"],
+    "VertexVoxels": ["resolution", "capacity", "transform"],
     "voxelise": ["surface", "cells", "ranges", "progress"],
     "biarcs": ["curve", "atol"],
     "distance_map": ["curve", "lower", "upper", "resolution"],
@@ -70,6 +71,7 @@ PARAMETERS = {
 KEYWORD_ONLY = {
     "certify": ["max_cells", "progress"],
     "project": ["throw"],
+    "signed_distance": ["method"],
     "stationary_points": ["capacity", "throw"],
     "directed_hausdorff": ["throw"],
     "hausdorff": ["throw"],

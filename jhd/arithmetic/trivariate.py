@@ -147,13 +147,13 @@ def _modified_affine(a: Array, c: Array, h: Array) -> tuple[Ends, int]:
 def _bernstein(a: Array, c: Array, h: Array) -> tuple[Ends, int]:
     form = local_form(a, c, h)
     for axis in range(3):
-        form = _bernstein_along(form, axis)
+        form = bernstein_along(form, axis)
     terms = form.reshape(-1, form.shape[-1])
     return (terms.min(0), terms.max(0)), 5 * _degrees(a) + 6
 
 
 @cache
-def _conversion(degree: int) -> np.ndarray:
+def bernstein_conversion(degree: int) -> np.ndarray:
     """Entry [j, k]: Bernstein coefficient j of e^k on [-1, 1], the mean over products of k of j ones and n - j -1s."""
     n = degree
     rows = [
@@ -163,10 +163,10 @@ def _conversion(degree: int) -> np.ndarray:
     return np.array([[x / math.comb(n, k) for k, x in enumerate(row)] for row in rows])
 
 
-def _bernstein_along(form: Array, axis: int) -> Array:
+def bernstein_along(form: Array, axis: int) -> Array:
     """Power coefficients to Bernstein coefficients along one axis; j and n - j share the even and the odd powers."""
     rows = [form[(slice(None),) * axis + (i,)] for i in range(form.shape[axis])]
-    n, matrix, zero = len(rows) - 1, _conversion(len(rows) - 1), jnp.zeros((), form.dtype)
+    n, matrix, zero = len(rows) - 1, bernstein_conversion(len(rows) - 1), jnp.zeros((), form.dtype)
     result = [rows[0]] * (n + 1)
     for j in range((n + 2) // 2):
         even, odd = (

@@ -7,6 +7,7 @@ from jhd.distance.critical import critical_pairs
 from jhd.distance.cube_intervals import CubeIntervals
 from jhd.distance.driver import Progress
 from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
+from jhd.distance.mesh_projection import VertexVoxels
 from jhd.distance.minimum import MinimumProgress, minimum_distance
 from jhd.distance.projection import (
     HybridProjection,

@@ -30,6 +30,7 @@ from jax import lax
 from jaxtyping import Array
 
 from jhd.arithmetic import rounding
+from jhd.arithmetic.rationals import float_above, float_below, root_between
 from jhd.compiled import compiled
 from jhd.distance.method import AbstractHausdorffMethod, Aim
 from jhd.distance.prepare import Frame
@@ -195,11 +196,13 @@ class _Scale(NamedTuple):
         low, high = Fraction(lower_sq) * (1 - slack), None
         if math.isfinite(upper_sq):
             high = Fraction(upper_sq) * (1 + slack) + lost
-        lower = _root(low * self.unit**2)
-        upper = None if high is None else _root(high * self.unit**2)
+        lower = root_between(low * self.unit**2)
+        upper = None if high is None else root_between(high * self.unit**2)
         if not outward:
             return jnp.asarray(float(lower[0]), dtype), jnp.asarray(float(upper[0]) if upper else np.inf, dtype)
-        return jnp.asarray(_below(lower[0], dtype)), jnp.asarray(_above(upper[1], dtype) if upper else np.inf, dtype)
+        return jnp.asarray(float_below(lower[0], dtype)), jnp.asarray(
+            float_above(upper[1], dtype) if upper else np.inf, dtype
+        )
 
 
 def _same_cube(a: ImplicitSurface, b: ImplicitSurface) -> bool:
@@ -232,7 +235,7 @@ def _on_two_grids(
         places, ends = np.asarray(v.cells), ([], [])
         for axis, (low, high, o) in enumerate(zip(lower, upper, origin, strict=True)):
             used, index = np.unique(places[:, axis], return_inverse=True)
-            for shift, rounded, rows in ((0, _below, ends[0]), (1, _above, ends[1])):
+            for shift, rounded, rows in ((0, float_below, ends[0]), (1, float_above, ends[1])):
                 lines = [(low - o + (high - low) * (int(i) + shift) / cells) / unit for i in used]
                 rows.append(np.array([rounded(x, dtype) for x in lines], dtype)[index])
         result.append(_cells_of(v, np.stack(ends[0]), np.stack(ends[1])))
@@ -347,33 +350,3 @@ def _witness(p: _Cells, q: _Cells, place: int, proven: np.ndarray, cells: int, d
 
 def _middle(lower: Array, upper: Array) -> Array:
     return jnp.clip(0.5 * lower + 0.5 * upper, lower, upper)
-
-
-def _root(x: Fraction) -> tuple[Fraction, Fraction]:
-    """Bounds of the square root, the same where it is a fraction of few bits; apart by less than 2^-63 of it."""
-    if x == 0:
-        return x, x
-    shift = 64 + (x.denominator.bit_length() - x.numerator.bit_length()) // 2
-    whole = x * Fraction(4) ** shift
-    root = math.isqrt(whole.numerator // whole.denominator)
-    low = Fraction(root) / Fraction(2) ** shift
-    return low, low if low * low == x else Fraction(root + 1) / Fraction(2) ** shift
-
-
-def _below(x: Fraction, dtype: np.dtype) -> Any:
-    """A float not above x, zero or normal, at most one below the largest of them; -inf below all."""
-    try:
-        with np.errstate(over="ignore"):
-            near = np.asarray(float(x), dtype)[()]
-    except OverflowError:
-        return np.finfo(dtype).max if x > 0 else np.asarray(-np.inf, dtype)[()]
-    nu = rounding.smallest_normal(dtype)
-    if 0 < abs(near) < nu:
-        return np.asarray(-nu if x < 0 else 0.0, dtype)[()]
-    above = np.isposinf(near) or (np.isfinite(near) and Fraction(float(near)) > x)
-    return np.nextafter(near, np.asarray(-np.inf, dtype)) if above else near
-
-
-def _above(x: Fraction, dtype: np.dtype) -> Any:
-    # Not minus, which would make a zero negative.
-    return 0 - _below(-x, dtype)

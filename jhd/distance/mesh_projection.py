@@ -1,12 +1,14 @@
 """Nearest points of a triangle mesh, with proven bounds and with derivatives.
 
 Where all numbers are known the tree of jhd.fields.closest_point is searched from the host. Under tracing every triangle
-is looked at: the work is that of all pairs, in blocks that bound the memory, and the proof is the same.
+is looked at: the work is that of all pairs, in blocks that bound the memory, and the proof is the same. The published
+local search, VertexVoxels, is there for comparison.
 
 Derivatives are those of the foot on the face, edge or corner that holds it: the distance to a plane, a line or a point
 as a function of the query and of the corners, so they are right to any order wherever the foot stays on that feature.
 """
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,27 +18,96 @@ from jaxtyping import Array, Float
 from jhd.arithmetic.rounding import largest, round_down, round_up, smallest_normal
 from jhd.arrays import is_traced, real_array, varying
 from jhd.compiled import compiled
-from jhd.fields.closest_point import closest_points
+from jhd.fields.closest_point import ClosestPoints, closest_points
+from jhd.fields.distance_transform import METHODS
 from jhd.fields.point_triangle import absolute_floor, barycentric, error_factor, frames, squared_distances
+from jhd.fields.vertex_voxels import GridOptions, local_points, resolution_of
 from jhd.shapes.checks import Numbers
-from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.solution import RESULTS, Projection, result_where
 
 # Points and triangles whose pairs are formed at once under tracing.
 _POINTS, _TRIANGLES = 128, 512
 
 
-def project_on_mesh(points: Numbers, mesh: TriangleMesh) -> Projection:
-    """Nearest points of a mesh; see jhd.project.
+class VertexVoxels(eqx.Module):
+    """The published local search, of triangles around the vertices in the nearest voxels alone; not always right.
+
+    The cube around the mesh is cut into voxels; see jhd.fields.vertex_voxels. The distance found is that of a triangle,
+    so the upper bound holds; nothing is proven about the others, so the lower bound is 0. Not under jit. A grid is kept
+    with its mesh; while it is made, each voxel takes some 50 bytes.
+
+    Args:
+        resolution: voxels along each side of the cube. By default the least power of two for which no voxel holds more
+            than one vertex, as published; unevenly spaced vertices can need more than there is memory for.
+        capacity: most voxels of a grid; the default is 256 along each side.
+        transform: the method of jhd.distance_transform: "exact", or "vector_propagation", which is the paper's.
 
     Raises:
-        TypeError: points that are not real numbers.
-        ValueError: points that are not finite, empty, or not in space.
+        ValueError: numbers that are not whole and positive, another transform.
     """
+
+    resolution: int | None = eqx.field(static=True, default=None)
+    capacity: int = eqx.field(static=True, default=1 << 24)
+    transform: str = eqx.field(static=True, default="exact")
+
+    def __check_init__(self) -> None:
+        for name, value in (("resolution", self.resolution), ("capacity", self.capacity)):
+            whole = isinstance(value, int) and not isinstance(value, bool) and value > 0
+            if not whole and not (name == "resolution" and value is None):
+                raise ValueError(f"{name} is {value!r}; needs a positive whole number.")
+        if self.transform not in METHODS:
+            raise ValueError(f"transform is {self.transform!r}; needs one of {', '.join(map(repr, METHODS))}.")
+
+    def voxels(self, mesh: TriangleMesh) -> int:
+        """Voxels along each side of the cube around a mesh.
+
+        Raises:
+            TypeError: not a mesh, or one that is traced.
+            ValueError: a grid of more voxels than the capacity.
+        """
+        check_mesh("mesh", mesh)
+        if is_traced(mesh):
+            raise TypeError("voxels are counted from the numbers of a mesh; they cannot be traced.")
+        return resolution_of(mesh, self._options())
+
+    def search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
+        """The nearest points that the search finds, all numbers known.
+
+        Raises:
+            ValueError: a grid of more voxels than the capacity.
+        """
+        return local_points(mesh, points, self._options())
+
+    def _options(self) -> GridOptions:
+        return GridOptions(self.resolution, self.capacity, self.transform)
+
+
+def project_on_mesh(points: Numbers, mesh: TriangleMesh, method: object = None) -> Projection:
+    """Nearest points of a mesh; see jhd.project.
+
+    Args:
+        points: queries (..., 3).
+        mesh: the mesh.
+        method: None for the exact search, or the published one.
+
+    Raises:
+        TypeError: points that are not real numbers, another method, or VertexVoxels under tracing.
+        ValueError: points that are not finite, empty, or not in space; a grid of more voxels than the capacity.
+    """
+    if method is not None and not isinstance(method, VertexVoxels):
+        accepted = "None for meshes, which is the exact search, or VertexVoxels"
+        raise TypeError(f"method must be {accepted}; got {type(method).__name__}.")
     queries = checked_points(points)
     batch = queries.shape[:-1]
     fixed, still = lax.stop_gradient((queries.reshape(-1, 3), mesh))
-    found = _traced(fixed, still) if is_traced(fixed, still) else _known(np.asarray(fixed), still)
+    if not is_traced(fixed, still):
+        known = np.asarray(fixed)
+        found = _known(closest_points(still, known) if method is None else method.search(known, still), still)
+    elif method is None:
+        found = _traced(fixed, still)
+    else:
+        raise TypeError("VertexVoxels runs on the host, not under jit or vmap; method=None is traced.")
     if is_traced(queries, mesh):
         found = _with_derivatives(found, queries.reshape(-1, 3), mesh)
     return jax.tree_util.tree_map(lambda x: jnp.asarray(x).reshape((*batch, *x.shape[1:])), found)
@@ -57,9 +128,9 @@ def checked_points(points: Numbers) -> Array:
     return queries
 
 
-def _known(points: np.ndarray, mesh: TriangleMesh) -> Projection:
-    found = closest_points(mesh, points)
-    result = jax.tree_util.tree_map(lambda x: np.broadcast_to(np.asarray(x), len(points)), RESULTS.successful)
+def _known(found: ClosestPoints, mesh: TriangleMesh) -> Projection:
+    count = len(found.distance)
+    result = jax.tree_util.tree_map(lambda x: np.broadcast_to(np.asarray(x), count), RESULTS.successful)
     segment = jnp.asarray(found.triangle.astype(np.asarray(mesh.triangles).dtype))
     lengths = (jnp.asarray(x) for x in (found.distance, found.lower, found.upper, found.foot))
     return Projection(*lengths, segment=segment, t=jnp.asarray(found.t), result=result)

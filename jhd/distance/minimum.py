@@ -18,8 +18,9 @@ from jaxtyping import Array
 from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
-from jhd.distance.minimum_cells import Net, jet, point_error
 from jhd.distance.minimum_host import in_stretches
+from jhd.distance.minimum_jets import Net, jet, point_error
+from jhd.distance.minimum_meshes import as_mesh, of_meshes
 from jhd.distance.minimum_mixed import Outcome, with_surface
 from jhd.distance.minimum_nets import attached, net_of, polished, prepared
 from jhd.distance.minimum_search import (
@@ -37,14 +38,16 @@ from jhd.distance.voxel_pairs import VoxelPairs
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
 from jhd.solution import RESULTS, MinimumSolution, result_where, throw_unless_successful
 
 # The default tolerance as a share of the diagonal, and in units of roundoff where that is more.
 _RELATIVE, _ULPS = 1e-10, 64
 
-
-_KINDS = "a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface) or an ImplicitSurface"
+_KINDS = (
+    "a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface or a TriangleMesh"
+)
 
 
 class MinimumProgress(NamedTuple):
@@ -95,14 +98,21 @@ def minimum_distance(
     Where nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap; the
     bounds are then true and wider, as RESULTS.gap_not_closed.
 
+    A triangle mesh is a surface and not the solid that it may bound: of a mesh inside another one the distance of the
+    surfaces is meant. Meshes, and a mesh with a point set or a polyline, have a search of their own from the host: the
+    pairs of triangles that count are measured in rational arithmetic, so the bounds are next to each other and meshes
+    that meet have `upper` 0; only where very many pairs are equally near is the tolerance used. With other shapes, and
+    under jit and vmap, which form all pairs of triangles and pieces, the triangles count as patches; an implicit
+    surface allows hundreds of them, not thousands.
+
     >>> from jhd.shapes.curve import circle
     >>> found = minimum_distance(circle([0, 0], 3.0), circle([0, 7], 2.0))
     >>> bool(found.lower <= 2.0 <= found.upper), bool(found.upper - found.lower < 1e-8)
     (True, True)
 
     Args:
-        a: a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface) or an ImplicitSurface, which is
-            clipped to its box.
+        a: a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, which is
+            clipped to its box, or a TriangleMesh.
         b: another of these, of the same dimension.
         method: None for the proven search, or VoxelPairs(...) for implicit surfaces, whose answer is RESULTS.unproven,
             is never raised, and to which the options below say nothing.
@@ -110,7 +120,7 @@ def minimum_distance(
             units of roundoff) of the diagonal of the box of both shapes' control points, or what rounding leaves where
             that is more.
         rtol: tolerance relative to upper; the larger of both counts.
-        max_steps: most steps, of sixteen pairs of cells each.
+        max_steps: most steps, of sixteen pairs of cells each; of meshes, of a block of pairs or an exact pair.
         capacity: least length of the table of pairs; outside jit and vmap a longer one is taken where it is full.
         throw: whether to raise where the gap is not closed.
         progress: called with a MinimumProgress now and then; not under jit. Ctrl-C ends the search with the bounds
@@ -129,7 +139,7 @@ def minimum_distance(
     (the problem; their method is VoxelPairs, which proves nothing).
     """
     for name, shape in (("a", a), ("b", b)):
-        if not isinstance(shape, AbstractCurve | AbstractPatch | ImplicitSurface):
+        if not isinstance(shape, AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh):
             raise TypeError(f"{name} must be {_KINDS}; got {type(shape).__name__}.")
     if isinstance(method, VoxelPairs):
         return method.minimum(a, b)
@@ -138,7 +148,11 @@ def minimum_distance(
     tolerances = _checked(atol, rtol, max_steps, capacity)
     if a.dim != b.dim:
         raise ValueError(f"a has {a.dim} coordinates a point and b has {b.dim}; needs the same.")
-    if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
+    meshes = _known_meshes(a, b, tolerances)
+    if meshes is not None:
+        report = None if progress is None else lambda found: progress(MinimumProgress(*found))
+        solution = of_meshes(*meshes, *tolerances, max_steps, report)
+    elif isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
         report = None if progress is None else lambda found: progress(_plain_report(found))
         solution = with_surface(a, b, *tolerances, max_steps, capacity, report)
     else:
@@ -146,6 +160,17 @@ def minimum_distance(
     if throw:
         throw_unless_successful(solution)
     return solution
+
+
+def _known_meshes(a: Any, b: Any, tolerances: Any) -> tuple[TriangleMesh, TriangleMesh] | None:
+    """Both shapes as meshes where one is a mesh, the other can be one, and all numbers are known."""
+    if not isinstance(a, TriangleMesh) and not isinstance(b, TriangleMesh):
+        return None
+    # Inside jit all operations are traced, those on known numbers too.
+    if is_traced(jax.lax.stop_gradient((a, b)), tolerances, jnp.zeros(())):
+        return None
+    first, second = as_mesh(a), as_mesh(b)
+    return None if first is None or second is None else (first, second)
 
 
 def _parametric(
@@ -297,6 +322,9 @@ def _near_pairs(a: Net, b: Net, counts: tuple[int, int]) -> tuple[np.ndarray, np
     Corners of pieces are points of the shapes. The slack is far more than the roundings of boxes and lengths; of pairs
     left out nothing has to be known, since their distance is larger.
     """
+    if counts[0] > counts[1]:
+        pairs, valid = _near_pairs(b, a, (counts[1], counts[0]))
+        return pairs[:, ::-1], valid
     x, y = (np.asarray(net.points)[:count] for net, count in zip((a, b), counts, strict=True))
     upper, kept = np.inf, []
     for i in range(len(x)):

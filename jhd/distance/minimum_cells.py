@@ -13,59 +13,26 @@ parameters of one piece of each shape, x in [0, 1]^n over the box, with e(x) = a
   shrinks to it. So with dF/dx_i < 0 at the other end. What is left out holds no nearest pair of the two pieces, hence
   the smallest bound of the cells that stay is a bound of the distance.
 
-Rounding, for coordinates of at most one. Let p, q be the degrees and k = 3 (p + q) + 8. Restriction forms convex
-combinations, three roundings a level (on rational pieces in homogeneous form, so that errors are relative to the
-weight, with a product before and a division of two roundings after them): a control point of the part is off by at most
-eta = gamma(k) in each coordinate, and so is any point that they stand for. The derivatives are differences of these
-points, off by 2 p eta, 4 p (p - 1) eta and the like; on rational parts the ratio of the weights enlarges that. A point
-that is computed from the control points takes three roundings a level for the Bernstein polynomials and
-(p + 1) + (q + 1) for the sums, so it is off by gamma(2 k + p + q) in each coordinate. Balls enclose the rest.
+Rounding: see `jhd.distance.minimum_jets` for points and derivatives; balls enclose the rest.
 
 Source: the hull property as in Farouki & Rajan, CAGD 5 (1988); exclusion by gradients and convexity as in Hansen &
 Walster, Global Optimization Using Interval Analysis (2004), chapter 12; psi is ours.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arithmetic import bernstein
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.distance.minimum_balls import Ball, dot, factors, hull, minus, plus, reciprocal, semidefinite, times
+from jhd.distance.minimum_balls import Ball, dot, factors, minus, plus, semidefinite
+from jhd.distance.minimum_jets import Jet, Net, enclosed, eta, jet, part_of, point_error, skew
 
 # Steps of Newton's method towards the nearest pair of a cell; the cells that count are entered near it.
 _STEPS = 5
 # Cells thinner than this many units of roundoff are not cut.
 _THINNEST = 16
-
-
-class Net(NamedTuple):
-    """Pieces in common coordinates: control points (pieces, rows, columns, dim), and weights of at most one or None."""
-
-    points: Array
-    weights: Array | None
-
-    @property
-    def degrees(self) -> tuple[int, int]:
-        """Degrees in both parameters."""
-        return self.points.shape[-3] - 1, self.points.shape[-2] - 1
-
-    @property
-    def dim(self) -> int:
-        """Number of coordinates."""
-        return self.points.shape[-1]
-
-    @property
-    def parameters(self) -> int:
-        """Number of parameters: one for a curve."""
-        return 1 if self.points.shape[-2] == 1 else 2
-
-    def piece(self, k: Array) -> "Net":
-        """One piece, without the first axis."""
-        return Net(self.points[k], None if self.weights is None else self.weights[k])
 
 
 class Cell(NamedTuple):
@@ -89,140 +56,20 @@ class CellBound(NamedTuple):
     thin: Array
 
 
-class _Jet(NamedTuple):
-    """Point, first derivatives (parameters, dim), second ones (parameters, parameters, dim) of a shape."""
-
-    point: Any
-    first: Any
-    second: Any
-
-
-def eta(net: Net) -> float:
-    """Bound on the error of every coordinate of the control points of a part."""
-    p, q = net.degrees
-    return gamma(3 * (p + q) + 8, net.points.dtype)
-
-
-def point_error(net: Net) -> float:
-    """Bound on the error of the length of a point that is computed from a part, or from the piece itself."""
-    p, q = net.degrees
-    return math.sqrt(net.dim) * gamma(7 * (p + q) + 24, net.points.dtype)
-
-
-def part_of(net: Net, low: Array, high: Array) -> Net:
-    """The control points and weights of the part of one piece between these parameters."""
-
-    def restricted(values: Array) -> Array:
-        values = bernstein.restrict(values, low[0], high[0], axis=0)
-        return values if net.parameters == 1 else bernstein.restrict(values, low[1], high[1], axis=1)
-
-    if net.weights is None:
-        return Net(restricted(net.points), None)
-    rows = restricted(_homogeneous(net.points, net.weights))
-    return Net(rows[..., :-1] / rows[..., -1:], rows[..., -1])
-
-
-def _homogeneous(points: Array, weights: Array) -> Array:
-    return jnp.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
-
-
-def _basis(degree: int, t: Array) -> Array:
-    """Values, first and second derivatives of the Bernstein polynomials, each from those of one degree less."""
-
-    def raised(row: Array, before: Array | float, after: Array | float) -> Array:
-        return jnp.pad(row, (0, 1)) * before + jnp.pad(row, (1, 0)) * after
-
-    rows = [jnp.ones((1,), t.dtype)]
-    for _ in range(degree):
-        rows.append(raised(rows[-1], 1 - t, t))
-    zero = jnp.zeros((degree + 1,), t.dtype)
-    first = raised(rows[-2], -degree, degree) if degree else zero
-    if degree < 2:
-        return jnp.stack([rows[-1], first, zero])
-    second = raised(raised(rows[-3], 1 - degree, degree - 1), -degree, degree)
-    return jnp.stack([rows[-1], first, second])
-
-
-def jet(net: Net, x: Array) -> _Jet:
-    """Point and derivatives of one piece at its parameters, not enclosed."""
-    p, q = net.degrees
-    n = net.parameters
-    h = net.points if net.weights is None else _homogeneous(net.points, net.weights)
-    along = jnp.sum(_basis(p, x[0])[:, :, None, None] * h[None], axis=1)
-    if n == 1:
-        table = along[:, :1]  # (order in u, 1, width)
-    else:
-        table = jnp.sum(_basis(q, x[1])[None, :, :, None] * along[:, None], axis=2)
-    orders = [(1, 0), (0, 1)][:n]
-    value = table[0, 0]
-    first = jnp.stack([table[i, j] for i, j in orders])
-    second = jnp.stack([jnp.stack([table[i + k, j + m] for k, m in orders]) for i, j in orders])
-    if net.weights is None:
-        return _Jet(value, first, second)
-    w, dw, ddw = value[-1], first[:, -1], second[..., -1]
-    point = value[:-1] / w
-    du = (first[:, :-1] - point * dw[:, None]) / w
-    cross = du[:, None] * dw[None, :, None]
-    return _Jet(point, du, (second[..., :-1] - cross - jnp.swapaxes(cross, 0, 1) - point * ddw[..., None]) / w)
-
-
-def enclosed(part: Net, error: Any, relative: float) -> _Jet:
-    """Balls of the point and of its derivatives over a part, for errors of its points and relative ones of weights."""
-    if part.weights is None:
-        return _nets(part.points, jnp.asarray(error, part.points.dtype))
-    # About a point of the part, so that what the weights multiply is small.
-    centre = hull(part.points, (0, 1), jnp.zeros(())).mid
-    rows = _homogeneous(part.points - centre, part.weights)
-    most = jnp.max(part.weights)
-    errors = jnp.append(jnp.full(centre.shape, 4 * error * most), relative * most)
-    whole = _nets(rows, errors)
-    w, dw, ddw = (jax.tree_util.tree_map(lambda x: x[..., -1:], ball) for ball in whole)
-    n, dn, ddn = (jax.tree_util.tree_map(lambda x: x[..., :-1], ball) for ball in whole)
-    inverse = reciprocal(w)
-    about = hull(part.points - centre, (0, 1), jnp.asarray(error, centre.dtype))
-    first = times(minus(dn, times(about, dw)), inverse)
-    f, d = (jax.tree_util.tree_map(lambda x: x[:, None], ball) for ball in (first, dw))
-    cross = times(f, jax.tree_util.tree_map(lambda x: x[None], dw))
-    crossed = plus(cross, times(jax.tree_util.tree_map(lambda x: x[None], first), d))
-    second = times(minus(minus(ddn, crossed), times(about, ddw)), inverse)
-    return _Jet(hull(part.points, (0, 1), jnp.asarray(error, centre.dtype)), first, second)
-
-
-def _nets(rows: Array, error: Array) -> _Jet:
-    """Balls of the polynomial with these control points and of its derivatives."""
-    p, q = rows.shape[0] - 1, rows.shape[1] - 1
-    n = 1 if q == 0 else 2
-
-    def derived(orders: tuple[int, ...]) -> Ball:
-        net, factor = rows, 1
-        for axis, degree in ((0, p), (1, q)):
-            for k in range(orders[axis]):
-                factor *= max(degree - k, 0)
-                net = jnp.diff(net, axis=axis) if net.shape[axis] > 1 else jnp.zeros_like(net)
-        margin = error * factor * 2 ** sum(orders) * (1 + 1e-3)
-        return hull(net * factor, (0, 1), margin) if factor else Ball(*(jnp.zeros((rows.shape[-1],), rows.dtype),) * 2)
-
-    units = [(1, 0), (0, 1)][:n]
-    first = [derived(unit) for unit in units]
-    second = [[derived((i + k, j + m)) for k, m in units] for i, j in units]
-    stacked = jax.tree_util.tree_map(lambda *x: jnp.stack(x), *first)
-    matrix = [jax.tree_util.tree_map(lambda *x: jnp.stack(x), *row) for row in second]
-    return _Jet(derived((0, 0)), stacked, jax.tree_util.tree_map(lambda *x: jnp.stack(x), *matrix))
-
-
 def _joined(a: Any, b: Any) -> Array:
     """The first derivatives of e = a - b in all parameters."""
     return jnp.concatenate([a.first, -b.first])
 
 
-def _derivatives(a: _Jet, b: _Jet) -> tuple[Array, Array, Array]:
+def derivatives(a: Jet, b: Jet) -> tuple[Array, Array, Array]:
     """The vector e, the gradient of |e|^2 / 2 and its matrix of second derivatives."""
     e, first = a.point - b.point, _joined(a, b)
-    bent = _blocks(a.second @ e, -(b.second @ e))
+    bent = blocks(jnp.sum(a.second * e, axis=-1), -jnp.sum(b.second * e, axis=-1))
     return e, jnp.sum(first * e, axis=-1), jnp.sum(first[:, None] * first[None], axis=-1) + bent
 
 
-def _blocks(a: Array, b: Array) -> Array:
+def blocks(a: Array, b: Array) -> Array:
+    """The matrix with two blocks on its diagonal."""
     n, m = a.shape[0], b.shape[0]
     above = jnp.concatenate([a, jnp.zeros((n, m), a.dtype)], axis=1)
     return jnp.concatenate([above, jnp.concatenate([jnp.zeros((m, n), b.dtype), b], axis=1)])
@@ -253,7 +100,7 @@ def nearest_in(part_a: Net, part_b: Net, start: Array, fixed: Array, steps: int 
 
     def step(_: Any, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         x, best, least = state
-        e, g, h = _derivatives(jet(part_a, x[:n]), jet(part_b, x[n:]))
+        e, g, h = derivatives(jet(part_a, x[:n]), jet(part_b, x[n:]))
         square = e @ e
         # At a tie the later one, which the step has improved beyond what squares can tell.
         nearer = square <= least
@@ -274,48 +121,94 @@ def length(e: Array) -> Array:
     return size * jnp.sqrt(jnp.sum((e / safe) ** 2))
 
 
+class _Sides(NamedTuple):
+    """Both parts of a cell: control points, balls of the derivatives of a - b, and what may be wrong with numbers.
+
+    Args:
+        a: the part of one piece.
+        b: the part of the other one.
+        first: the first derivatives of a - b over the cell.
+        apart: a - b over the cell.
+        of_f: the second derivatives of F over the cell.
+        ball_a: point and derivatives of a, as in `enclosed`.
+        ball_b: those of b.
+        fixed: parameters that have one value only.
+        off: bound on the error of the length of a computed difference of points.
+        wrong: bound on that of a component of its derivatives.
+    """
+
+    a: Net
+    b: Net
+    first: Ball
+    apart: Ball
+    of_f: Ball
+    ball_a: Jet
+    ball_b: Jet
+    fixed: Array
+    off: float
+    wrong: Any
+
+
+def _sides(a: Net, b: Net, cell: Cell) -> _Sides:
+    n = a.parameters
+    part_a = part_of(a.piece(cell.piece_a), cell.low[:n], cell.high[:n])
+    part_b = part_of(b.piece(cell.piece_b), cell.low[n:], cell.high[n:])
+    ball_a, ball_b = enclosed(part_a, eta(a), eta(a)), enclosed(part_b, eta(b), eta(b))
+    first = joined(ball_a.first, ball_b.first)
+    apart = minus(ball_a.point, ball_b.point)
+    of_f = plus(dot(expand(first, 1), expand(first, 0)), bends(ball_a.second, ball_b.second, apart))
+    off = point_error(a) + point_error(b)
+    wrong = 16.0 * max(1, *a.degrees, *b.degrees) * off * skew(part_a) * skew(part_b)
+    return _Sides(part_a, part_b, first, apart, of_f, ball_a, ball_b, cell.high <= cell.low, off, wrong)
+
+
 def bound(a: Net, b: Net, cell: Cell) -> CellBound:
     """Bounds over one pair of cells; see the module."""
-    n, dtype = a.parameters, cell.low.dtype
-    low, high = cell.low, cell.high
-    part_a = part_of(a.piece(cell.piece_a), low[:n], high[:n])
-    part_b = part_of(b.piece(cell.piece_b), low[n:], high[n:])
-    error_a, error_b = eta(a), eta(b)
-    off = point_error(a) + point_error(b)
-    fixed = high <= low
-    start = jnp.full(low.shape, 0.5, dtype)
-    z = nearest_in(part_a, part_b, start, fixed)
+    n, dtype, low, high = a.parameters, cell.low.dtype, cell.low, cell.high
+    sides, middle = _sides(a, b, cell), jnp.full(low.shape, 0.5, dtype)
+    z = nearest_in(sides.a, sides.b, middle, sides.fixed)
     jets = (
-        jax.vmap(lambda x: jet(part_a, x[:n]))(jnp.stack([z, start])),
-        jax.vmap(lambda x: jet(part_b, x[n:]))(jnp.stack([z, start])),
+        jax.vmap(lambda x: jet(sides.a, x[:n]))(jnp.stack([z, middle])),
+        jax.vmap(lambda x: jet(sides.b, x[n:]))(jnp.stack([z, middle])),
     )
-    at_z, middle = (tuple(jax.tree_util.tree_map(lambda x, k=k: x[k], j) for j in jets) for k in (0, 1))
-    e = at_z[0].point - at_z[1].point
+    at_z, at_middle = (tuple(jax.tree_util.tree_map(lambda x, k=k: x[k], j) for j in jets) for k in (0, 1))
+    distance = length(at_z[0].point - at_z[1].point)
+    upper = distance * (1 + gamma(12, dtype)) + sides.off
+    lower = jnp.maximum(_by_gaps(sides, at_z), _by_convexity(sides, at_z, z))
+    lower = jnp.maximum(lower * (1 - gamma(6, dtype)) - 64 * smallest_normal(dtype), 0.0)
+    rising, falling = _monotone(sides, at_middle)
+    excluded = jnp.any((rising & (low > 0)) | (falling & (high < 1)))
+    left = Cell(cell.piece_a, cell.piece_b, jnp.where(falling, high, low), jnp.where(rising, low, high))
+    wide = left.high - left.low > _THINNEST * jnp.finfo(dtype).eps
+    extent = jnp.where(wide, jnp.max(sides.first.size, axis=-1), -1.0)
+    x = low + z * (high - low)
+    lower = jnp.where(excluded, jnp.inf, lower)
+    return CellBound(lower, upper, distance, x, left, jnp.argmax(extent), ~jnp.any(wide))
+
+
+def _unit(at: tuple[Jet, Jet]) -> tuple[Array, Array]:
+    """The difference of two points, and its direction; the zero vector where they are one."""
+    e = at[0].point - at[1].point
     distance = length(e)
-    upper = distance * (1 + gamma(12, dtype)) + off
-    unit = e / jnp.where(distance > 0, distance, 1.0)
-    ball_a, ball_b = enclosed(part_a, error_a, error_a), enclosed(part_b, error_b, error_b)
-    first = Ball(
-        jnp.concatenate([ball_a.first.mid, -ball_b.first.mid]), jnp.concatenate([ball_a.first.rad, ball_b.first.rad])
-    )
-    apart = minus(ball_a.point, ball_b.point)
+    return e, e / jnp.where(distance > 0, distance, 1.0)
 
-    # Gaps of the boxes and along the unit vector.
+
+def _by_gaps(sides: _Sides, at_z: tuple[Jet, Jet]) -> Array:
+    """The gap of the boxes, and that along the line which joins the points."""
+    apart, dtype, unit = sides.apart, sides.apart.mid.dtype, _unit(at_z)[1]
     gaps = jnp.maximum(jnp.maximum(apart.lower, -apart.upper), 0.0)
-    by_box = length(gaps) * (1 - gamma(12, dtype))
-    along = jnp.min(jnp.sum(part_a.points * unit, -1)) - jnp.max(jnp.sum(part_b.points * unit, -1))
-    by_unit = along * (1 - gamma(12, dtype)) - off
-    lower = jnp.maximum(by_box, by_unit)
+    along = jnp.min(jnp.sum(sides.a.points * unit, -1)) - jnp.max(jnp.sum(sides.b.points * unit, -1))
+    return jnp.maximum(length(gaps) * (1 - gamma(12, dtype)), along * (1 - gamma(12, dtype)) - sides.off)
 
-    # Second derivatives over the cell, of F and of psi.
-    products = dot(_expand(first, 1), _expand(first, 0))
-    of_f = plus(products, _bends(ball_a, ball_b, apart))
-    of_psi = _bends(ball_a, ball_b, Ball(unit, jnp.zeros_like(unit)))
-    both = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), of_f, of_psi)
+
+def _by_convexity(sides: _Sides, at_z: tuple[Jet, Jet], z: Array) -> Array:
+    """The values of F and of psi at z less what the gradient may take off within the cell, where they are convex."""
+    dtype, off, wrong, fixed = z.dtype, sides.off, sides.wrong, sides.fixed
+    e, unit = _unit(at_z)
+    distance = length(e)
+    of_psi = bends(sides.ball_a.second, sides.ball_b.second, Ball(unit, jnp.zeros_like(unit)))
+    both = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), sides.of_f, of_psi)
     convex = jax.vmap(lambda h: semidefinite(h, fixed))(both)
-
-    # Values at z less what the gradient may take off within the cell.
-    wrong = 16.0 * max(1, *a.degrees, *b.degrees) * off * skew(part_a) * skew(part_b)
     slopes = _joined(*at_z)
     size = jnp.sum(jnp.abs(slopes), axis=-1) + wrong
     f_slope, psi_slope = jnp.sum(slopes * e, axis=-1), jnp.sum(slopes * unit, axis=-1)
@@ -331,44 +224,36 @@ def bound(a: Net, b: Net, cell: Cell) -> CellBound:
     rest = jnp.maximum(near * near * (1 - gamma(8, dtype)) - less, 0.0)
     divisor = near + jnp.sqrt(rest) * (1 - gamma(8, dtype))
     by_f = near - less / jnp.where(divisor > 0, divisor, 1.0) * (1 + gamma(12, dtype))
-    by_f = jnp.where(rest > 0, by_f, 0.0)
     by_psi = near - off - taken(psi_slope, 2 * wrong + jnp.zeros_like(loose)) * (1 + gamma(12, dtype))
-    lower = jnp.maximum(lower, jnp.where(convex[0], by_f, 0.0))
-    lower = jnp.maximum(lower, jnp.where(convex[1] & (distance > 0), by_psi, 0.0))
-    lower = jnp.maximum(lower * (1 - gamma(6, dtype)) - 64 * smallest_normal(dtype), 0.0)
-
-    # The gradient over the cell, twice enclosed.
-    naive = dot(first, Ball(apart.mid[None], apart.rad[None]))
-    e_mid = middle[0].point - middle[1].point
-    g_mid = jnp.sum(_joined(*middle) * e_mid, axis=-1)
-    g_size = jnp.sum(jnp.abs(_joined(*middle)), axis=-1) + wrong
-    g_wrong = wrong * (jnp.sum(jnp.abs(e_mid)) + off) + off * g_size + gamma(12, dtype) * g_size
-    spread = 0.5 * jnp.sum(jnp.where(fixed[None], 0.0, of_f.size), axis=-1) * (1 + gamma(12, dtype)) + g_wrong
-    g_low = jnp.maximum(naive.lower, g_mid - spread * (1 + gamma(6, dtype)))
-    g_high = jnp.minimum(naive.upper, g_mid + spread * (1 + gamma(6, dtype)))
-    rising, falling = (g_low > 0) & ~fixed, (g_high < 0) & ~fixed
-    excluded = jnp.any((rising & (low > 0)) | (falling & (high < 1)))
-    left = Cell(cell.piece_a, cell.piece_b, jnp.where(falling, high, low), jnp.where(rising, low, high))
-
-    extent = jnp.max(first.size, axis=-1)
-    wide = left.high - left.low > _THINNEST * jnp.finfo(dtype).eps
-    extent = jnp.where(wide, extent, -1.0)
-    axis = jnp.argmax(extent)
-    x = low + z * (high - low)
-    return CellBound(jnp.where(excluded, jnp.inf, lower), upper, distance, x, left, axis, ~jnp.any(wide))
+    by_f = jnp.where(convex[0] & (rest > 0), by_f, 0.0)
+    return jnp.maximum(by_f, jnp.where(convex[1] & (distance > 0), by_psi, 0.0))
 
 
-def skew(part: Net) -> Array | float:
-    """The ratio of the weights, by which the errors of derivatives grow."""
-    return 1.0 if part.weights is None else jnp.max(part.weights) / jnp.min(part.weights)
+def _monotone(sides: _Sides, middle: tuple[Jet, Jet]) -> tuple[Array, Array]:
+    """In which parameters F is proven to rise, and to fall, over the cell; its gradient is enclosed twice."""
+    off, wrong, fixed = sides.off, sides.wrong, sides.fixed
+    naive = dot(sides.first, Ball(sides.apart.mid[None], sides.apart.rad[None]))
+    slopes, e = _joined(*middle), _unit(middle)[0]
+    gradient, size, dtype = jnp.sum(slopes * e, axis=-1), jnp.sum(jnp.abs(slopes), axis=-1) + wrong, e.dtype
+    loose = wrong * (jnp.sum(jnp.abs(e)) + off) + off * size + gamma(12, dtype) * size
+    spread = 0.5 * jnp.sum(jnp.where(fixed[None], 0.0, sides.of_f.size), axis=-1) * (1 + gamma(12, dtype)) + loose
+    low = jnp.maximum(naive.lower, gradient - spread * (1 + gamma(6, dtype)))
+    high = jnp.minimum(naive.upper, gradient + spread * (1 + gamma(6, dtype)))
+    return (low > 0) & ~fixed, (high < 0) & ~fixed
 
 
-def _expand(ball: Ball, axis: int) -> Ball:
+def expand(ball: Ball, axis: int) -> Ball:
+    """The ball with an axis of length one more."""
     return Ball(jnp.expand_dims(ball.mid, axis), jnp.expand_dims(ball.rad, axis))
 
 
-def _bends(a: _Jet, b: _Jet, vector: Ball) -> Ball:
-    """The second derivatives of a - b times a vector."""
+def joined(a: Ball, b: Ball) -> Ball:
+    """The derivatives of a - b in the parameters of both, from those of each."""
+    return Ball(jnp.concatenate([a.mid, -b.mid]), jnp.concatenate([a.rad, b.rad]))
+
+
+def bends(a: Ball, b: Ball, vector: Ball) -> Ball:
+    """The second derivatives of a - b times a vector, from those of each."""
     row = Ball(vector.mid[None, None], vector.rad[None, None])
-    bent_a, bent_b = dot(a.second, row), dot(b.second, row)
-    return Ball(_blocks(bent_a.mid, -bent_b.mid), _blocks(bent_a.rad, bent_b.rad))
+    bent_a, bent_b = dot(a, row), dot(b, row)
+    return Ball(blocks(bent_a.mid, -bent_b.mid), blocks(bent_a.rad, bent_b.rad))

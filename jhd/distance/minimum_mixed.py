@@ -1,4 +1,8 @@
-"""Minimum distances where a shape is an implicit surface: the search, and derivatives of its answer."""
+"""Minimum distances where a shape is an implicit surface: the search, and derivatives of its answer.
+
+From the host the nearest points found are made sharp between the stretches of the search: the Lagrange system is solved
+about them, and signs in integers prove the surface to be within an ulp or two, where those of enclosures need hundreds.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -13,16 +17,21 @@ from jaxtyping import Array
 from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
-from jhd.distance.minimum_cells import Cell, Net, jet, length
+from jhd.distance.minimum_cells import Cell, length
 from jhd.distance.minimum_host import in_stretches
+from jhd.distance.minimum_implicit import Implicit, error_of, exact_radius, implicit, parameters, size_of
+from jhd.distance.minimum_jets import Net, jet
 from jhd.distance.minimum_nets import net_of
 from jhd.distance.minimum_search import Best, State, advance, is_full, is_open, lower_of, table_of
-from jhd.distance.minimum_surfaces import Implicit, WithSurface, implicit, parameters
+from jhd.distance.minimum_surfaces import WithSurface, joined_upper, stationary
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.solution import RESULTS, MinimumSolution, result_where
 
 # The default tolerance as a share of the diagonal, and in units of roundoff where that is more.
 _RELATIVE, _ULPS = 1e-10, 64
+# The room for rounding where points are made sharp; the half side, as a share of the size, of the cells for that, and
+# steps there.
+_ROOM, _ABOUT, _STEPS = 4.0, 1e-4, 24
 
 
 class Outcome(NamedTuple):
@@ -63,13 +72,13 @@ def with_surface(
     """
     shapes = _arrays(a), _arrays(b)
     sides = tuple(_side(shape) for shape in jax.lax.stop_gradient(shapes))
-    problem = WithSurface(*sides)
+    problem = WithSurface(sides[0], sides[1])
     wanted = _wanted(problem, atol, rtol)
     if is_traced(problem, wanted, jnp.zeros(())):
         found = _in_one_go(problem, wanted, max_steps, capacity)
     else:
         state = _begun(problem, max(capacity, 1 << (2 * _pairs(problem)[0].size - 1).bit_length()))
-        found = in_stretches(partial(_stretch, problem, wanted), state, max_steps, report)
+        found = in_stretches(partial(_sharp_stretch, problem, wanted), state, max_steps, report)
         if np.isinf(np.asarray(found.lower)):
             raise ValueError("a or b is a surface without points in its box: its polynomial is proven to have no zero.")
     solution = found.solution()
@@ -100,7 +109,7 @@ def _side(shape: Net | _Surface) -> Net | Implicit:
 
 
 def _pairs(problem: WithSurface) -> tuple[np.ndarray, np.ndarray]:
-    counts = [1 if isinstance(side, Implicit) else side.points.shape[0] for side in problem]
+    counts = [1 if isinstance(side, Implicit) else side.points.shape[0] for side in problem[:2]]
     grid = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 2)
     return grid[:, 0], grid[:, 1]
 
@@ -108,7 +117,7 @@ def _pairs(problem: WithSurface) -> tuple[np.ndarray, np.ndarray]:
 def _wanted(problem: WithSurface, atol: Array | None, rtol: Array) -> _Wanted:
     if atol is not None:
         return _Wanted(atol, rtol)
-    lows, highs = zip(*(_box(side) for side in problem), strict=True)
+    lows, highs = zip(*(_box(side) for side in problem[:2]), strict=True)
     box = jnp.maximum(*highs) - jnp.minimum(*lows)
     share = max(_RELATIVE, _ULPS * float(np.finfo(box.dtype).eps))
     return _Wanted(share * length(box), rtol)
@@ -122,13 +131,7 @@ def _box(side: Net | Implicit) -> tuple[Array, Array]:
 
 def _begin(problem: WithSurface, capacity: int) -> State:
     first, second = _pairs(problem)
-    ends = []
-    for side in problem:
-        if isinstance(side, Implicit):
-            ends.append((side.lower, side.upper))
-        else:
-            ends.append((jnp.zeros(parameters(side)), jnp.ones(parameters(side))))
-    low, high = (jnp.concatenate([end[k] for end in ends]) for k in (0, 1))
+    low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
     count = len(first)
     cells = Cell(jnp.asarray(first), jnp.asarray(second), *(jnp.broadcast_to(x, (count, x.size)) for x in (low, high)))
     zero, infinite = jnp.array(0), jnp.full((), jnp.inf, low.dtype)
@@ -136,6 +139,13 @@ def _begin(problem: WithSurface, capacity: int) -> State:
     # Every first cut is along the longest side of a box, or the first parameter.
     axis = jnp.full((count,), jnp.argmax(high - low))
     return table_of(jnp.zeros(count, low.dtype), cells, axis, best, capacity)
+
+
+def _ends(side: Net | Implicit) -> tuple[Array, Array]:
+    """The ends of the parameters."""
+    if isinstance(side, Implicit):
+        return side.lower, side.upper
+    return jnp.zeros(parameters(side)), jnp.ones(parameters(side))
 
 
 def _outcome(problem: WithSurface, wanted: _Wanted, state: State) -> Outcome:
@@ -159,13 +169,70 @@ def _point(side: Net | Implicit, k: Array, x: Array) -> Array:
 _begun = compiled(_begin, (1,))
 
 
-@compiled
-def _stretch(
+_advanced = compiled(advance)
+
+
+def _sharp_stretch(
     problem: WithSurface, wanted: _Wanted, state: State, limit: Array, growing: Array
 ) -> tuple[State, Outcome, Array]:
-    state = advance(problem, wanted.atol, wanted.rtol, state, limit, growing)
+    """Goes on for some steps and makes the nearest points sharp."""
+    problem = WithSurface(problem.a, problem.b, _room(problem, state.best))
+    state = _advanced(problem, wanted.atol, wanted.rtol, state, limit, growing)
+    state = state._replace(best=_sharp(problem, state.best))
+    problem = WithSurface(problem.a, problem.b, _room(problem, state.best))
+    return state, *_standing(problem, wanted, state)
+
+
+@compiled
+def _room(problem: WithSurface, best: Best) -> Array:
+    """The room for rounding about the nearest points found, which may be far smaller than the boxes are; else none."""
+    n = parameters(problem.a)
+    point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
+    reach = jnp.maximum(jnp.max(jnp.abs(point_a)), jnp.max(jnp.abs(point_b)))
+    size = jnp.maximum(size_of(problem.a), size_of(problem.b))
+    return jnp.where(jnp.isfinite(best.upper), _ROOM * reach / jnp.where(size > 0, size, 1.0), 0.0)
+
+
+@compiled
+def _standing(problem: WithSurface, wanted: _Wanted, state: State) -> tuple[Outcome, Array]:
+    """The outcome as it stands, and whether the search is unfinished, and full."""
     going_on = is_open(problem, wanted.atol, wanted.rtol, state)
-    return state, _outcome(problem, wanted, state), jnp.stack([going_on, is_full(state)])
+    return _outcome(problem, wanted, state), jnp.stack([going_on, is_full(state)])
+
+
+def _sharp(problem: WithSurface, best: Best) -> Best:
+    """The nearest points where the Lagrange system is solved, if they are proven to be nearer than those found."""
+    if not np.isfinite(np.asarray(best.upper)):
+        return best
+    n = parameters(problem.a)
+    for x in (_solved(problem, best), best.x):
+        radii = [
+            exact_radius(side, np.asarray(part)) if isinstance(side, Implicit) else float(error_of(side))
+            for side, part in ((problem.a, x[:n]), (problem.b, x[n:]))
+        ]
+        best = _nearer(problem, best, x, np.asarray(radii, x.dtype))
+    return best
+
+
+@compiled
+def _solved(problem: WithSurface, best: Best) -> Array:
+    lows, highs = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
+    half = _ABOUT * jnp.max(highs - lows)
+    cell = Cell(best.piece_a, best.piece_b, jnp.maximum(best.x - half, lows), jnp.minimum(best.x + half, highs))
+    width = cell.high - cell.low
+    start = (best.x - cell.low) / jnp.where(width > 0, width, 1.0)
+    z = stationary(problem.a, problem.b, cell, start, _STEPS).z
+    # Sides of the cell are met exactly: they may be faces of the box.
+    return jnp.where(z >= 1, cell.high, jnp.clip(cell.low + z * width, cell.low, cell.high))
+
+
+@compiled
+def _nearer(problem: WithSurface, best: Best, x: Array, radii: Array) -> Best:
+    n = parameters(problem.a)
+    distance = length(_point(problem.a, best.piece_a, x[:n]) - _point(problem.b, best.piece_b, x[n:]))
+    upper = joined_upper(distance, radii)
+    new = Best(upper, distance, best.piece_a, best.piece_b, x)
+    return Best(*(jnp.where(upper < best.upper, y, z) for y, z in zip(new, best, strict=True)))
 
 
 def _in_one_go(problem: WithSurface, wanted: _Wanted, max_steps: int, capacity: int) -> Outcome:

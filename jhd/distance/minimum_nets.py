@@ -14,11 +14,13 @@ from jaxtyping import Array
 
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
-from jhd.distance.minimum_cells import Net, jet, length, newton_step
+from jhd.distance.minimum_cells import derivatives, length, newton_step
+from jhd.distance.minimum_jets import Jet, Net, jet
 from jhd.distance.minimum_search import Best
 from jhd.distance.prepare import Frame, elevation_matrix, padded_count, preparation_error, raised_degree
 from jhd.shapes.checks import largest_weight_ratio
 from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
 
 # Power of two that stands for no extent at all; single precision ends at 2^-126.
@@ -29,8 +31,13 @@ _POLISH = 16
 _NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
 
 
-def net_of(shape: AbstractCurve | AbstractPatch) -> Net:
-    """Control points (pieces, rows, columns, dim) and weights of a shape; curves have one column."""
+def net_of(shape: AbstractCurve | AbstractPatch | TriangleMesh) -> Net:
+    """Control points (pieces, rows, columns, dim) and weights of a shape; curves have one column.
+
+    A triangle is the bilinear patch of which one side is a single point: the same set of points, exactly.
+    """
+    if isinstance(shape, TriangleMesh):
+        return Net(shape.corners[:, np.array([[0, 1], [0, 2]])], None)
     if isinstance(shape, AbstractCurve):
         segments = shape.segments()
         weights = None if segments.weights is None else segments.weights[:, :, None]
@@ -101,7 +108,7 @@ def polished(a: Net, b: Net, best: Best) -> Best:
 
     def residual(x: Array, args: Any) -> Array:
         (a, b), start, held = args
-        return jnp.where(held, x - start, _slopes(a, b, x)[0])
+        return jnp.where(held, x - start, derivatives(*_jets(a, b, x))[1])
 
     found = optx.root_find(residual, _NEWTON, best.x, (pieces, best.x, held), max_steps=_POLISH, throw=False).value
     x = jnp.clip(jnp.where(jnp.isfinite(found), found, best.x), 0.0, 1.0)
@@ -110,24 +117,15 @@ def polished(a: Net, b: Net, best: Best) -> Best:
     return best._replace(x=x, distance=jnp.min(distances))
 
 
-def _slopes(a: Net, b: Net, x: Array) -> tuple[Array, Array, Array]:
-    """Gradient of half the squared distance, its second derivatives, and the first derivatives of the difference."""
-    n = a.parameters
-    p, q = jet(a, x[:n]), jet(b, x[n:])
-    e = p.point - q.point
-    first = jnp.concatenate([p.first, -q.first])
-    bent_a, bent_b = jnp.sum(p.second * e, axis=-1), -jnp.sum(q.second * e, axis=-1)
-    m = bent_b.shape[0]
-    above = jnp.concatenate([bent_a, jnp.zeros((n, m), e.dtype)], axis=1)
-    below = jnp.concatenate([jnp.zeros((m, n), e.dtype), bent_b], axis=1)
-    products = jnp.sum(first[:, None] * first[None], axis=-1)
-    return jnp.sum(first * e, axis=-1), products + jnp.concatenate([above, below]), first
+def _jets(a: Net, b: Net, x: Array) -> tuple[Jet, Jet]:
+    return jet(a, x[: a.parameters]), jet(b, x[a.parameters :])
 
 
 def _held(a: Net, b: Net, x: Array) -> Array:
     """Which parameters are kept at the border of their piece by the slope of the distance."""
-    slope, _, first = _slopes(a, b, x)
-    small = _HELD * jnp.sum(jnp.abs(first), axis=-1)
+    p, q = _jets(a, b, x)
+    slope = derivatives(p, q)[1]
+    small = _HELD * jnp.sum(jnp.abs(jnp.concatenate([p.first, q.first])), axis=-1)
     return ((x <= 0) & (slope > small)) | ((x >= 1) & (slope < -small))
 
 
@@ -149,7 +147,7 @@ def attached(a: Net, b: Net, frame: Frame, best: Best, value: Array) -> tuple[Ar
     pieces = piece(a, best.piece_a), piece(b, best.piece_b)
     x, held = jax.lax.stop_gradient((best.x, _held(*pieces, best.x)))
     for _ in range(2):
-        slope, bent, _ = _slopes(*pieces, x)
+        _, slope, bent = derivatives(*_jets(*pieces, x))
         step = newton_step(slope, bent, held)
         x = x + jnp.where(jnp.all(jnp.isfinite(step)), step, 0.0)
     p, q = jet(pieces[0], x[:n]).point, jet(pieces[1], x[n:]).point

@@ -16,7 +16,8 @@ from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma
 from jhd.arrays import varying
-from jhd.distance.minimum_cells import Cell, CellBound, Net, bound, eta, length, point_error
+from jhd.distance.minimum_cells import Cell, CellBound, bound, length
+from jhd.distance.minimum_jets import Net, eta, point_error
 
 # Pairs that are cut in one step.
 WIDTH = 16

@@ -21,7 +21,6 @@ Source: Hansen & Walster, Global Optimization Using Interval Analysis (2004), ch
 Optimization and Lagrange Multiplier Methods (1982), for the quadratic terms.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import jax
@@ -32,37 +31,25 @@ from jaxtyping import Array
 from jhd.arithmetic import trivariate
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.distance.minimum_balls import Ball, dot, minus, plus, semidefinite, times
-from jhd.distance.minimum_cells import (
-    Cell,
-    CellBound,
-    Net,
-    enclosed,
-    eta,
-    jet,
-    length,
-    newton_step,
-    part_of,
-    point_error,
-    skew,
+from jhd.distance.minimum_cells import Cell, CellBound, bends, expand, joined, length, newton_step
+from jhd.distance.minimum_implicit import (
+    At,
+    Implicit,
+    Local,
+    between,
+    error_of,
+    parameters,
+    proven_point,
+    shape_at,
+    shape_over,
 )
+from jhd.distance.minimum_jets import Net, jet, part_of, skew
 
-# Steps of Newton's method on the Lagrange system of a cell, and back onto the surfaces.
-_STEPS, _BACK = 6, 3
+# Steps of Newton's method on the Lagrange system of a cell.
+_STEPS = 6
 # The share of the quadratic terms: in the steps, where it makes them keep to the surfaces, and in the bounds.
 _STIFF, _CONVEX = 1e5, 30.0
 _THINNEST = 16
-# A direction within the faces serves unless the gradient is this much longer.
-_TANGENT = 0.1
-# Second derivatives xx, yy, zz, xy, xz, yz as a matrix.
-_SYMMETRIC = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
-
-
-class Implicit(NamedTuple):
-    """An implicit surface: its polynomial with the first and second derivatives, (10, i, j, k), and its box."""
-
-    table: Array
-    lower: Array
-    upper: Array
 
 
 class WithSurface(NamedTuple):
@@ -70,6 +57,8 @@ class WithSurface(NamedTuple):
 
     a: Net | Implicit
     b: Net | Implicit
+    # What rounding may leave, in errors of points: much where points are proven by signs of enclosures.
+    room: Array | float = 64.0
 
     def bound(self, cell: Cell) -> CellBound:
         """Bounds over one pair of cells."""
@@ -78,106 +67,7 @@ class WithSurface(NamedTuple):
     @property
     def floor(self) -> Array:
         """The gap that rounding leaves."""
-        return 64 * (_error(self.a) + _error(self.b))
-
-
-def implicit(coefficients: Array, lower: Array, upper: Array) -> Implicit:
-    """The surface with the derivatives of its polynomial; each coefficient is rounded once at most."""
-
-    def derived(c: Array, axis: int) -> Array:
-        n = c.shape[axis]
-        factors = np.arange(n).reshape([-1 if i == axis else 1 for i in range(3)])
-        moved = jnp.roll(c * factors, -1, axis=axis)
-        return moved
-
-    first = [derived(coefficients, axis) for axis in range(3)]
-    second = [derived(first[i], j) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    return Implicit(jnp.stack([coefficients, *first, *second]), lower, upper)
-
-
-def parameters(shape: Net | Implicit) -> int:
-    """The number of parameters of a cell."""
-    return 3 if isinstance(shape, Implicit) else shape.parameters
-
-
-def size_of(shape: Net | Implicit) -> Array:
-    """The largest coordinate."""
-    if isinstance(shape, Implicit):
-        return jnp.maximum(jnp.max(jnp.abs(shape.lower)), jnp.max(jnp.abs(shape.upper)))
-    return jnp.max(jnp.abs(shape.points))
-
-
-def _error(shape: Net | Implicit) -> Array:
-    """Bound on the error of the length of a computed point."""
-    size = size_of(shape)
-    if isinstance(shape, Implicit):
-        return 2 * math.sqrt(3) * gamma(12, size.dtype) * size
-    return point_error(shape) * size
-
-
-class _Local(NamedTuple):
-    """One shape over a cell: balls of the point and its derivatives, and of its polynomial in the parameters."""
-
-    point: Ball
-    first: Ball
-    second: Ball
-    value: Ball | None
-    slope: Ball | None  # in space
-    bent: Ball | None
-
-
-class _At(NamedTuple):
-    """One shape at a point, not enclosed: point and derivatives, polynomial and derivatives in the parameters."""
-
-    point: Array
-    first: Array
-    second: Array
-    value: Array | None
-    slope: Array | None
-    bent: Array | None
-
-
-def _values(shape: Implicit, x: Array) -> tuple[Array, Array, Array]:
-    """Value, gradient and second derivatives at a point, not enclosed."""
-    c = shape.table
-    for axis in range(3):
-        t, rows = x[axis], jnp.moveaxis(c, 1, 0)
-        c = rows[-1]
-        for row in rows[-2::-1]:
-            c = c * t + row
-    return c[0], c[1:4], c[4:][_SYMMETRIC]
-
-
-def _at(shape: Net | Implicit, part: Any, low: Array, width: Array, x: Array) -> _At:
-    if not isinstance(shape, Implicit):
-        j = jet(part, x)
-        return _At(j.point, j.first, j.second, None, None, None)
-    point = low + x * width
-    value, gradient, bent = _values(shape, point)
-    zero = jnp.zeros((3, 3, 3), width.dtype)
-    return _At(point, jnp.diag(width), zero, value, gradient * width, bent * width[:, None] * width)
-
-
-def _over(shape: Net | Implicit, part: Any, low: Array, high: Array) -> _Local:
-    if not isinstance(shape, Implicit):
-        size = size_of(shape)
-        j = enclosed(part, eta(shape) * size, eta(shape))
-        return _Local(j.point, j.first, j.second, None, None, None)
-    centre, half = 0.5 * (low + high), 0.5 * (high - low)
-    # Wider by the roundings of both.
-    half = half * (1 + gamma(4, half.dtype)) + gamma(6, half.dtype) * jnp.maximum(jnp.abs(low), jnp.abs(high))
-    ranges = jax.vmap(lambda c: trivariate.enclose(c, centre[:, None], half[:, None]))(shape.table)
-    balls = _between(ranges.lower[:, 0], ranges.upper[:, 0])
-    width, zero = high - low, jnp.zeros((3, 3, 3), low.dtype)
-    first = Ball(jnp.diag(width), gamma(4, width.dtype) * jnp.diag(width))
-    take = lambda rows: jax.tree_util.tree_map(lambda x: x[rows], balls)  # noqa: E731
-    return _Local(Ball(centre, half), first, Ball(zero, zero), take(0), take(np.arange(1, 4)), take(4 + _SYMMETRIC))
-
-
-def _between(lower: Array, upper: Array) -> Ball:
-    mid = 0.5 * lower + 0.5 * upper
-    size = jnp.maximum(jnp.abs(lower), jnp.abs(upper))
-    return Ball(mid, (0.5 * upper - 0.5 * lower) + gamma(8, mid.dtype) * size + 16 * smallest_normal(mid.dtype))
+        return self.room * (error_of(self.a) + error_of(self.b))
 
 
 class _Lagrange(NamedTuple):
@@ -191,7 +81,7 @@ class _Lagrange(NamedTuple):
     bents: Array
 
 
-def _lagrange(a: _At, b: _At) -> _Lagrange:
+def _lagrange(a: At, b: At) -> _Lagrange:
     n, m = a.first.shape[0], b.first.shape[0]
     e = a.point - b.point
     first = jnp.concatenate([a.first, -b.first])
@@ -217,21 +107,30 @@ def _ratio(x: Array, y: Array) -> Array:
     return x / jnp.where(y > 0, y, jnp.inf)
 
 
-def _bound(a: Net | Implicit, b: Net | Implicit, cell: Cell) -> CellBound:
-    n, dtype = parameters(a), cell.low.dtype
-    low, high = cell.low, cell.high
-    parts = [_part(a, cell.piece_a, low[:n], high[:n]), _part(b, cell.piece_b, low[n:], high[n:])]
-    width = high - low
+class _Place(NamedTuple):
+    """A place in a cell, in [0, 1]^n, with multipliers; and the parts of both shapes that the cell names."""
 
-    def there(x: Array) -> tuple[_At, _At]:
-        return (
-            _at(a, parts[0], low[:n], width[:n], x[:n]),
-            _at(b, parts[1], low[n:], width[n:], x[n:]),
-        )
+    z: Array
+    multipliers: Array
+    parts: tuple[Any, Any]
+
+
+def _there(a: Net | Implicit, b: Net | Implicit, parts: tuple[Any, Any], cell: Cell, z: Array) -> tuple[At, At]:
+    n, width = parameters(a), cell.high - cell.low
+    return (
+        shape_at(a, parts[0], cell.low[:n], width[:n], z[:n]),
+        shape_at(b, parts[1], cell.low[n:], width[n:], z[n:]),
+    )
+
+
+def stationary(a: Net | Implicit, b: Net | Implicit, cell: Cell, start: Array, steps: int = _STEPS) -> _Place:
+    """Where the Lagrange system is about solved within a cell, its sides as constraints; nothing is proven."""
+    n = parameters(a)
+    parts = _part(a, cell.piece_a, cell.low[:n], cell.high[:n]), _part(b, cell.piece_b, cell.low[n:], cell.high[n:])
 
     def step(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
         x, multipliers = state
-        now = _lagrange(*there(x))
+        now = _lagrange(*_there(a, b, parts, cell, x))
         square = jnp.sum(now.slopes**2, axis=-1)
         stiff = _STIFF * _ratio(jnp.max(jnp.abs(jnp.diagonal(now.hessian))), square)
         pull = multipliers - stiff * now.values
@@ -242,51 +141,69 @@ def _bound(a: Net | Implicit, b: Net | Implicit, cell: Cell) -> CellBound:
         move = jnp.clip(x + newton_step(gradient, bent, held), 0.0, 1.0) - x
         return x + move, multipliers - stiff * (now.values + now.slopes @ move)
 
-    start = jnp.full(low.shape, 0.5, dtype)
-    first_now = _lagrange(*there(start))
-    z, multipliers = jax.lax.fori_loop(0, _STEPS, step, (start, _multipliers(first_now, start > 0)))
-    multipliers = jnp.where(jnp.isfinite(multipliers), multipliers, 0.0)
-    z = jnp.where(jnp.isfinite(z), z, 0.5)
-    now = _lagrange(*there(z))
-    distance, unit = length(now.e), now.e / jnp.where(length(now.e) > 0, length(now.e), 1.0)
+    first = _lagrange(*_there(a, b, parts, cell, start))
+    z, multipliers = jax.lax.fori_loop(0, steps, step, (start, _multipliers(first, start > 0)))
+    return _Place(jnp.where(jnp.isfinite(z), z, 0.5), jnp.where(jnp.isfinite(multipliers), multipliers, 0.0), parts)
 
-    local = _over(a, parts[0], low[:n], high[:n]), _over(b, parts[1], low[n:], high[n:])
-    sides = [side for side in local if side.value is not None]
-    apart = minus(local[0].point, local[1].point)
-    gaps = jnp.maximum(jnp.maximum(apart.lower, -apart.upper), 0.0)
-    lower = length(gaps) * (1 - gamma(12, dtype))
 
-    # Balls of L and of n.(p - q) - sum l f at z: values and gradients; and of their second derivatives over the cell.
-    tight = _pointwise(a, b, there(z), low + z * width, n, parts)
-    over = _stacked(local, n)
-    scale = _ratio(jnp.max(jnp.abs(jnp.diagonal(now.hessian))), jnp.sum(now.slopes**2, axis=-1))
-    lower_f = _second_order(tight, over, apart, tight.e, multipliers, _CONVEX * scale, z, True)
-    per = 1.0 / jnp.where(distance > 0, distance, jnp.inf)
-    along = Ball(unit, jnp.zeros_like(unit))
-    lower_psi = _second_order(tight, over, along, along, multipliers * per, _CONVEX * scale * per, z, False)
-    by_f = jnp.sqrt(jnp.maximum(2 * lower_f, 0.0)) * (1 - gamma(12, dtype))
-    lower = jnp.maximum(lower, jnp.where(jnp.isnan(by_f), 0.0, by_f))
-    by_psi = jnp.where(distance > 0, lower_psi, 0.0) * (1 - gamma(16, dtype))
-    lower = jnp.maximum(lower, jnp.where(jnp.isnan(by_psi), 0.0, by_psi))
-
-    excluded = jnp.zeros((), bool)
-    for side in sides:
-        value: Any = side.value
-        excluded |= (value.lower > 0) | (value.upper < 0)
-    naive = dot(over.first, Ball(apart.mid[None], apart.rad[None]))
-    for shape, side, place in ((a, local[0], slice(0, n)), (b, local[1], slice(n, None))):
-        if isinstance(shape, Implicit):
-            excluded |= _not_parallel(shape, side, apart, low[place], high[place])
-        else:
-            rising, falling = naive.lower[place] > 0, naive.upper[place] < 0
-            excluded |= jnp.any((rising & (low[place] > 0)) | (falling & (high[place] < 1)))
-
-    upper, x = _proven(a, b, parts, low, width, z, n)
+def _bound(a: Net | Implicit, b: Net | Implicit, cell: Cell) -> CellBound:
+    n, dtype, width = parameters(a), cell.low.dtype, cell.high - cell.low
+    place = stationary(a, b, cell, jnp.full(cell.low.shape, 0.5, dtype))
+    local = (
+        shape_over(a, place.parts[0], cell.low[:n], cell.high[:n]),
+        shape_over(b, place.parts[1], cell.low[n:], cell.high[n:]),
+    )
+    apart, over = minus(local[0].point, local[1].point), _stacked(local, n)
+    lower = jnp.maximum(_of_boxes(apart), _of_second_order(a, b, cell, place, over, apart))
+    lower = jnp.where(_excluded(a, b, cell, local, over, apart), jnp.inf, lower)
+    upper, x, distance = _proven(a, b, cell, place)
     extent = jnp.max(jnp.abs(over.first.mid) + over.first.rad, axis=-1)
-    room = jnp.maximum(jnp.abs(low), jnp.abs(high)) * jnp.finfo(dtype).eps * _THINNEST
+    room = jnp.maximum(jnp.abs(cell.low), jnp.abs(cell.high)) * jnp.finfo(dtype).eps * _THINNEST
     extent = jnp.where(width > jnp.maximum(room, 64 * smallest_normal(dtype)), extent, -1.0)
-    lower = jnp.where(excluded, jnp.inf, lower)
     return CellBound(lower, upper, distance, x, cell, jnp.argmax(extent), jnp.max(extent) < 0)
+
+
+def _of_boxes(apart: Ball) -> Array:
+    """The gap of the boxes of both parts."""
+    gaps = jnp.maximum(jnp.maximum(apart.lower, -apart.upper), 0.0)
+    return length(gaps) * (1 - gamma(12, gaps.dtype))
+
+
+def _of_second_order(
+    a: Net | Implicit, b: Net | Implicit, cell: Cell, place: _Place, over: "_Stacked", apart: Ball
+) -> Array:
+    """The larger of the bounds by F and by the unit vector that joins the points; see the module."""
+    z, n, dtype = place.z, parameters(a), cell.low.dtype
+    there = _there(a, b, place.parts, cell, z)
+    now = _lagrange(*there)
+    distance = length(now.e)
+    per = 1.0 / jnp.where(distance > 0, distance, jnp.inf)
+    unit = now.e / jnp.where(distance > 0, distance, 1.0)
+    tight = _pointwise(a, b, there, cell.low + z * (cell.high - cell.low), n, place.parts)
+    scale = _CONVEX * _ratio(jnp.max(jnp.abs(jnp.diagonal(now.hessian))), jnp.sum(now.slopes**2, axis=-1))
+    by_f = _second_order(tight, over, apart, tight.e, place.multipliers, scale, z, True)
+    by_f = jnp.sqrt(jnp.maximum(2 * by_f, 0.0)) * (1 - gamma(12, dtype))
+    along = Ball(unit, jnp.zeros_like(unit))
+    by_psi = _second_order(tight, over, along, along, place.multipliers * per, scale * per, z, False)
+    by_psi = jnp.where(distance > 0, by_psi, 0.0) * (1 - gamma(16, dtype))
+    return jnp.maximum(*(jnp.where(jnp.isnan(x), 0.0, x) for x in (by_f, by_psi)))
+
+
+def _excluded(
+    a: Net | Implicit, b: Net | Implicit, cell: Cell, local: tuple[Local, Local], over: "_Stacked", apart: Ball
+) -> Array:
+    """Whether the cell is proven to hold no nearest pair."""
+    n, low, high = parameters(a), cell.low, cell.high
+    out = jnp.zeros((), bool)
+    naive = dot(over.first, Ball(apart.mid[None], apart.rad[None]))
+    for shape, side, span in ((a, local[0], slice(0, n)), (b, local[1], slice(n, None))):
+        if isinstance(shape, Implicit):
+            value: Any = side.value
+            out |= (value.lower > 0) | (value.upper < 0) | _not_parallel(shape, side, apart, low[span], high[span])
+        else:
+            rising, falling = naive.lower[span] > 0, naive.upper[span] < 0
+            out |= jnp.any((rising & (low[span] > 0)) | (falling & (high[span] < 1)))
+    return out
 
 
 def _part(shape: Net | Implicit, k: Array, low: Array, high: Array) -> Any:
@@ -306,16 +223,16 @@ class _Tight(NamedTuple):
     shift: Array
 
 
-def _pointwise(a: Any, b: Any, at: tuple[_At, _At], place: Array, n: int, parts: list[Any]) -> _Tight:
+def _pointwise(a: Any, b: Any, at: tuple[At, At], place: Array, n: int, parts: tuple[Any, Any]) -> _Tight:
     """Balls at the point, for polynomials by their enclosure there."""
     points, firsts, values, slopes, shifts = [], [], [], [], []
     total = place.shape[0]
     for shape, here, span, part in zip((a, b), at, (slice(0, n), slice(n, None)), parts, strict=True):
-        wrong = _error(shape)
+        wrong = error_of(shape)
         if isinstance(shape, Implicit):
             # The point is a float by definition, at a parameter that differs by its rounding.
             found = jax.vmap(lambda c, x=place[span]: trivariate.evaluate(c, x[:, None]))(shape.table[:4])
-            balls = _between(found.lower[:, 0], found.upper[:, 0])
+            balls = between(found.lower[:, 0], found.upper[:, 0])
             values.append(jax.tree_util.tree_map(lambda x: x[0], balls))
             width = jnp.diagonal(here.first)
             slope = times(jax.tree_util.tree_map(lambda x: x[1:], balls), Ball(width, gamma(4, width.dtype) * width))
@@ -328,7 +245,7 @@ def _pointwise(a: Any, b: Any, at: tuple[_At, _At], place: Array, n: int, parts:
             points.append(Ball(here.point, jnp.full_like(here.point, wrong)))
             shifts.append(jnp.zeros_like(place[span]))
             firsts.append(Ball(here.first, jnp.full_like(here.first, loose)))
-    first = Ball(jnp.concatenate([firsts[0].mid, -firsts[1].mid]), jnp.concatenate([f.rad for f in firsts]))
+    first = joined(*firsts)
     stack = lambda balls: jax.tree_util.tree_map(lambda *x: jnp.stack(x), *balls)  # noqa: E731
     return _Tight(minus(*points), first, stack(values), stack(slopes), jnp.concatenate(shifts))
 
@@ -348,10 +265,10 @@ class _Stacked(NamedTuple):
     bents: Ball
 
 
-def _stacked(local: tuple[_Local, _Local], n: int) -> _Stacked:
+def _stacked(local: tuple[Local, Local], n: int) -> _Stacked:
     a, b = local
     total = n + b.first.mid.shape[0]
-    first = Ball(jnp.concatenate([a.first.mid, -b.first.mid]), jnp.concatenate([a.first.rad, b.first.rad]))
+    first = joined(a.first, b.first)
     values, slopes, bents = [], [], []
     for side, span in ((a, slice(0, n)), (b, slice(n, None))):
         if side.value is None or side.slope is None or side.bent is None:
@@ -380,17 +297,15 @@ def _second_order(
     pull = minus(exact, times(heavy, at.values))
     slope = dot(at.first, Ball(here.mid[None], here.rad[None]))
     slope = minus(slope, dot(Ball(at.slopes.mid.T, at.slopes.rad.T), Ball(pull.mid[None], pull.rad[None])))
-    row = Ball(vector.mid[None, None], vector.rad[None, None])
-    bent_a, bent_b = dot(over.second_a, row), dot(over.second_b, row)
-    h = Ball(_blocks(bent_a.mid, -bent_b.mid), _blocks(bent_a.rad, bent_b.rad))
+    h = bends(over.second_a, over.second_b, vector)
     if squared:
-        h = plus(h, dot(_expand(over.first, 1), _expand(over.first, 0)))
+        h = plus(h, dot(expand(over.first, 1), expand(over.first, 0)))
     # Of sum (r f - l) f'' + r f' f'^T one term for each surface.
     factor = minus(times(heavy, over.values), exact)
     for k in range(multipliers.shape[0]):
         pick = lambda ball, k=k: jax.tree_util.tree_map(lambda x: x[k], ball)  # noqa: E731
         h = plus(h, times(pick(over.bents), pick(factor)))
-        square = times(_expand(pick(over.slopes), 1), _expand(pick(over.slopes), 0))
+        square = times(expand(pick(over.slopes), 1), expand(pick(over.slopes), 0))
         h = plus(h, times(square, pick(heavy)))
     convex = semidefinite(h, jnp.zeros(z.shape, bool))
     reach = jnp.maximum(z, 1 - z) + at.shift
@@ -403,17 +318,7 @@ def _second_order(
     return found - gamma(6, dtype) * (jnp.abs(value.lower) + taken) - 64 * smallest_normal(dtype)
 
 
-def _blocks(a: Array, b: Array) -> Array:
-    n, m = a.shape[0], b.shape[0]
-    above = jnp.concatenate([a, jnp.zeros((n, m), a.dtype)], axis=1)
-    return jnp.concatenate([above, jnp.concatenate([jnp.zeros((m, n), b.dtype), b], axis=1)])
-
-
-def _expand(ball: Ball, axis: int) -> Ball:
-    return Ball(jnp.expand_dims(ball.mid, axis), jnp.expand_dims(ball.rad, axis))
-
-
-def _not_parallel(shape: Implicit, side: _Local, apart: Ball, low: Array, high: Array) -> Array:
+def _not_parallel(shape: Implicit, side: Local, apart: Ball, low: Array, high: Array) -> Array:
     """Whether p - q and the gradient are proven not to be parallel, in coordinates that no face of the box holds."""
     if side.slope is None:
         return jnp.zeros((), bool)
@@ -424,54 +329,25 @@ def _not_parallel(shape: Implicit, side: _Local, apart: Ball, low: Array, high: 
     return jnp.any(((cross.lower > 0) | (cross.upper < 0)) & inside[i] & inside[j])
 
 
-def _proven(
-    a: Net | Implicit, b: Net | Implicit, parts: list[Any], low: Array, width: Array, z: Array, n: int
-) -> tuple[Array, Array]:
-    """An upper bound of the distance by points proven near z, and where they are."""
-    points, radii, places = [], [], []
-    for shape, part, span in ((a, parts[0], slice(0, n)), (b, parts[1], slice(n, None))):
+def _proven(a: Net | Implicit, b: Net | Implicit, cell: Cell, place: _Place) -> tuple[Array, Array, Array]:
+    """An upper bound of the distance by points proven near a place, where they are, and how far they are apart."""
+    n, places = parameters(a), cell.low + place.z * (cell.high - cell.low)
+    radii, moved = [], []
+    for shape, span in ((a, slice(0, n)), (b, slice(n, None))):
         if isinstance(shape, Implicit):
-            point, radius = proven_point(shape, low[span] + z[span] * width[span])
-            places.append(point)
+            point, radius = proven_point(shape, places[span])
         else:
-            point, radius = jet(part, z[span]).point, _error(shape)
-            places.append(low[span] + z[span] * width[span])
-        points.append(point)
+            point, radius = places[span], error_of(shape)
+        moved.append(point)
         radii.append(radius)
+    points = [
+        moved[k] if isinstance(shape, Implicit) else jet(place.parts[k], span).point
+        for k, (shape, span) in enumerate(((a, place.z[:n]), (b, place.z[n:])))
+    ]
     distance = length(points[0] - points[1])
-    return distance * (1 + gamma(16, z.dtype)) + radii[0] + radii[1], jnp.concatenate(places)
+    return joined_upper(distance, jnp.stack(radii)), jnp.concatenate(moved), distance
 
 
-def proven_point(shape: Implicit, x: Array) -> tuple[Array, Array]:
-    """A point of the box near x, and a radius within which the surface is proven to have one; infinite where not.
-
-    A few steps of Newton's method along the gradient, within the faces that x lies on. Both ends of the segment along
-    it are floats of the box where the polynomial is proven to have different signs.
-    """
-    dtype = x.dtype
-
-    def direction(x: Array, gradient: Array) -> Array:
-        within = jnp.where((x <= shape.lower) | (x >= shape.upper), 0.0, gradient)
-        enough = jnp.sum(within**2) > _TANGENT**2 * jnp.sum(gradient**2)
-        return jnp.where(enough, within, gradient)
-
-    def step(_: Any, x: Array) -> Array:
-        value, gradient, _ = _values(shape, x)
-        along = direction(x, gradient)
-        move = value * along / jnp.where(jnp.sum(along**2) > 0, jnp.sum(along**2), jnp.inf)
-        return jnp.clip(x - jnp.where(jnp.isfinite(move), move, 0.0), shape.lower, shape.upper)
-
-    x = jax.lax.fori_loop(0, _BACK, step, jnp.clip(x, shape.lower, shape.upper))
-    value, gradient, _ = _values(shape, x)
-    along = direction(x, gradient)
-    slope = jnp.sqrt(jnp.sum(along**2))
-    slope = jnp.where(slope > 0, slope, jnp.inf)
-    here = trivariate.evaluate(shape.table[0], x[:, None])
-    error = (here.upper - here.lower)[0]
-    reach = 2 * (2 * error + jnp.abs(value)) / slope + 4 * jnp.finfo(dtype).eps * jnp.max(jnp.abs(x))
-    ends = [jnp.clip(x + sign * reach * along / slope, shape.lower, shape.upper) for sign in (-1, 1)]
-    signs = trivariate.evaluate(shape.table[0], jnp.stack(ends, axis=1))
-    lower, upper = signs.lower, signs.upper
-    proven = ((lower[0] > 0) & (upper[1] < 0)) | ((upper[0] < 0) & (lower[1] > 0))
-    far = jnp.maximum(*(length(end - x) for end in ends)) * (1 + gamma(16, dtype))
-    return x, jnp.where(proven, far, jnp.inf)
+def joined_upper(distance: Array, radii: Array) -> Array:
+    """The upper bound that two points give which are proven within these radii."""
+    return distance * (1 + gamma(16, distance.dtype)) + jnp.sum(radii) * (1 + gamma(4, distance.dtype))

@@ -33,7 +33,7 @@ from jhd.distance.derivative import projection_with_derivatives
 from jhd.distance.events import piece_of
 from jhd.distance.jets import jet
 from jhd.distance.local_feet import best_local, halve, height, newton
-from jhd.distance.mesh_projection import project_on_mesh
+from jhd.distance.mesh_projection import VertexVoxels, project_on_mesh
 from jhd.distance.nearest import Nearest, best_end, in_chunks, nearest, repeated
 from jhd.distance.prepare import Frame, padded_count, replaced, trusted, usable
 from jhd.distance.stationarity import roots_on
@@ -167,7 +167,7 @@ class HybridProjection(AbstractProjectionMethod):
 def project(
     points: Numbers,
     shape: AbstractCurve | TriangleMesh,
-    method: AbstractProjectionMethod | None = None,
+    method: AbstractProjectionMethod | VertexVoxels | None = None,
     *,
     throw: bool = True,
 ) -> Projection:
@@ -183,7 +183,8 @@ def project(
     Args:
         points: queries (..., dim); the batch shape is kept, and a single point has none.
         shape: the curve, or a mesh. Under tracing every query is compared with every triangle.
-        method: for curves; NearestSearch() by default; ProjectedPolyhedron() is as safe, the others are local.
+        method: for curves NearestSearch() or, as safe, ProjectedPolyhedron(), else a local one; for meshes None, which
+            is the exact search, or VertexVoxels(), which is local.
         throw: whether to raise where the bounds were not closed.
 
     Returns:
@@ -191,18 +192,16 @@ def project(
         methods prove no lower bound: it is 0.
 
     Raises:
-        TypeError: points that are not real numbers, a shape or a method of another kind.
-        ValueError: points that are not finite, empty, or of another dimension than the shape.
+        TypeError: points that are not real numbers, a shape or a method of another kind, VertexVoxels under tracing.
+        ValueError: points that are not finite, empty, or of another dimension than the shape; VertexVoxels too small.
         NotProvenError: bounds not closed and throw is True.
     """
     if isinstance(shape, TriangleMesh):
-        if method is not None:
-            raise TypeError(f"method must be None for meshes, which have one search; got {type(method).__name__}.")
-        return project_on_mesh(points, shape)
+        return project_on_mesh(points, shape, method)
     method = NearestSearch() if method is None else method
     if not isinstance(method, AbstractProjectionMethod):
         accepted = "NearestSearch, ProjectedPolyhedron, IntervalHalving, NewtonProjection, HybridProjection"
-        raise TypeError(f"method must be one of {accepted}; got {type(method).__name__}.")
+        raise TypeError(f"method must be one of {accepted} for curves; got {type(method).__name__}.")
     queries, curve = _checked(points, shape)
     projection = _in_blocks(_project_block, method, *jax.lax.stop_gradient((queries, curve)))
     projection = projection_with_derivatives(projection, queries, curve)

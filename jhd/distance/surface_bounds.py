@@ -26,8 +26,6 @@ and 2^-110 in double and single precision.
 Source: the bounds are ours. Bernstein form: Farouki & Rajan, CAGD 5 (1988).
 """
 
-import math
-from functools import cache
 from itertools import combinations
 from typing import NamedTuple
 
@@ -37,6 +35,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jhd.arithmetic.rounding import gamma, round_up, smallest_normal, unit_roundoff
+from jhd.arithmetic.trivariate import bernstein_along, bernstein_conversion
 from jhd.arrays import varying
 from jhd.distance.surface_prepare import Side
 
@@ -103,7 +102,7 @@ def form(side: Side, cells: Boxes) -> Form:
         return jnp.moveaxis(_shifted(x, cells.centre[axis], cells.half[axis]), 0, 2)
 
     local = jax.lax.fori_loop(0, 3, about, varying(whole, side, cells))
-    terms = jax.lax.fori_loop(0, 3, lambda _, x: jnp.moveaxis(_bernstein(x), 0, 2), local)
+    terms = jax.lax.fori_loop(0, 3, lambda _, x: jnp.moveaxis(bernstein_along(x, 0), 0, 2), local)
     sizes = gamma(7 * _degrees(a) + 40, a.dtype) * jnp.abs(a) + side.error
     error = evaluated(sizes, jnp.abs(cells.centre) + cells.half) + _underflow(a.dtype)
     return Form(local, terms.reshape(-1, terms.shape[-1]), error)
@@ -272,7 +271,7 @@ def _spread(shares: list[Array], places: np.ndarray) -> Array:
 
 def _squares(points: Float[Array, "sets 3 cells"], cells: Boxes, size: int) -> Array:
     """Bernstein coefficients (sets, terms, cells) of |x - point|^2."""
-    first, second = (jnp.asarray(_conversion(size - 1)[:, k], points.dtype)[:, None] for k in (1, 2))
+    first, second = (jnp.asarray(bernstein_conversion(size - 1)[:, k], points.dtype)[:, None] for k in (1, 2))
     apart = cells.centre - points
     h = cells.half
     x, y, z = (
@@ -280,17 +279,6 @@ def _squares(points: Float[Array, "sets 3 cells"], cells: Boxes, size: int) -> A
     )
     total = x[:, :, None, None] + y[:, None, :, None] + z[:, None, None, :]
     return total.reshape(total.shape[0], size**3, -1)
-
-
-@cache
-def _conversion(degree: int) -> np.ndarray:
-    """Entry [j, k]: Bernstein coefficient j of e^k on [-1, 1]: the mean over products of k of j ones and n - j -1s."""
-    n = degree
-    rows = [
-        [sum((-1) ** (k - i) * math.comb(j, i) * math.comb(n - j, k - i) for i in range(k + 1)) for k in range(n + 1)]
-        for j in range(n + 1)
-    ]
-    return np.array([[x / math.comb(n, k) for k, x in enumerate(row)] for row in rows])
 
 
 def _shifted(form: Array, centre: Array, half: Array) -> Array:
@@ -305,19 +293,6 @@ def _shifted(form: Array, centre: Array, half: Array) -> Array:
         rows[i] = rows[i] * power
         power = power * half
     return jnp.stack(rows)
-
-
-def _bernstein(local: Array) -> Array:
-    """Power coefficients on [-1, 1] to Bernstein ones, first variable; j and n - j share the even and odd powers."""
-    n, matrix = local.shape[0] - 1, _conversion(local.shape[0] - 1)
-    result = [local[0]] * (n + 1)
-    for j in range((n + 2) // 2):
-        even, odd = (
-            sum((float(matrix[j, k]) * local[k] for k in range(i, n + 1, 2) if matrix[j, k]), jnp.zeros_like(local[0]))
-            for i in (0, 1)
-        )
-        result[j], result[n - j] = even + odd, even - odd
-    return jnp.stack(result)
 
 
 def _degrees(a: Array) -> int:

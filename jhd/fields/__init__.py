@@ -1,5 +1,7 @@
 """Fields: distance stored on cells."""
 
+from jhd.fields.adaptive import AdaptiveDistanceField
+from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.closest_point import ClosestPoints, closest_points
 from jhd.fields.distance_map import DistanceMap, distance_map
 from jhd.fields.distance_transform import DistanceTransform, distance_transform, signed_distance_transform

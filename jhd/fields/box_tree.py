@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 WIDTH = 8
 # Cells along the longest side of the grid of hints.
-_LARGEST_GRID = 48
+_LARGEST_GRID = 64
 # Sample points of a long triangle along an edge: hints far from all of them are only slow.
 _SAMPLES = 32
 

@@ -254,10 +254,7 @@ def _searched(tree: TriangleTree, points: np.ndarray, square: np.ndarray, triang
     everyone = np.arange(len(points), dtype=np.int32)
     stack = [(len(tree.levels) - 1, everyone, np.zeros(len(points), np.int32))]
     while stack:
-        level, who, node = stack.pop()
-        if len(who) > BLOCKS[-1]:
-            stack.append((level, who[BLOCKS[-1] :], node[BLOCKS[-1] :]))
-            who, node = who[: BLOCKS[-1]], node[: BLOCKS[-1]]
+        level, who, node = popped(stack)
         if level < 0:
             _improve(tree, points, who, node, square, triangle)
             bound[who] = square[who] * room + tiny
@@ -267,6 +264,14 @@ def _searched(tree: TriangleTree, points: np.ndarray, square: np.ndarray, triang
             pair = left >> 3
             stack.append((level - 1, who[pair], node[pair] * 8 + (left & 7).astype(np.int32)))
     return Nearest(square, triangle)
+
+
+def popped(stack: list[tuple[int, np.ndarray, np.ndarray]]) -> tuple[int, np.ndarray, np.ndarray]:
+    """The pairs of points and nodes that wait last, with their level: at most a block, the rest of them stay."""
+    level, who, node = stack.pop()
+    if len(who) > BLOCKS[-1]:
+        stack.append((level, who[BLOCKS[-1] :], node[BLOCKS[-1] :]))
+    return level, who[: BLOCKS[-1]], node[: BLOCKS[-1]]
 
 
 def _improve(

@@ -41,6 +41,7 @@ from jhd.fields.closest_point import (
     in_blocks,
     in_unit_of,
     kept,
+    popped,
     triangle_tree,
 )
 from jhd.shapes.mesh import TriangleMesh, edges_of
@@ -236,10 +237,7 @@ def _numbers(
     everyone = np.arange(len(points), dtype=np.int32)
     stack = [(len(tree.levels) - 1, everyone, np.zeros(len(points), np.int32))]
     while stack:
-        level, who, node = stack.pop()
-        if len(who) > BLOCKS[-1]:
-            stack.append((level, who[BLOCKS[-1] :], node[BLOCKS[-1] :]))
-            who, node = who[: BLOCKS[-1]], node[: BLOCKS[-1]]
+        level, who, node = popped(stack)
         if level < 0:
             value, bound = in_blocks(lambda p, i: _angles(moments.corners, p, i), points[who], node)
             taken = slice(None)

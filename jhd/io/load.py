@@ -1,4 +1,4 @@
-"""One text to one curve: what the command line and scripts hand in."""
+"""One text to one shape: what the command line and scripts hand in."""
 
 import re
 from collections.abc import Callable
@@ -6,21 +6,27 @@ from pathlib import Path
 
 from jhd.io.curves import load_curve
 from jhd.io.errors import ParseError
+from jhd.io.meshes import MESH_SUFFIXES, load_mesh
 from jhd.io.outlines import outline, parse_font_spec
 from jhd.io.svg import path, read_svg
 from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.mesh import TriangleMesh
 
-_READERS: dict[str, Callable[[str], AbstractCurve]] = {".json": load_curve, ".svg": read_svg}
+_READERS: dict[str, Callable[[str], AbstractCurve | TriangleMesh]] = {".json": load_curve, ".svg": read_svg}
+_READERS |= dict.fromkeys(MESH_SUFFIXES, load_mesh)
 _PATH_DATA = re.compile(r"\s*[Mm][\s]*[-+.\d]")
-_ACCEPTED = "a curve is a .json or .svg file, font:NAME:LETTER, or SVG path data (M0 0 ...)"
+_ACCEPTED = (
+    "a curve is a .json or .svg file, font:NAME:LETTER, or SVG path data (M0 0 ...); a mesh is a file "
+    f"{', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}"
+)
 
 
-def load_shape(text: str) -> AbstractCurve:
-    """The curve that the text names: a JSON or SVG file, a letter of a font, or SVG path data itself.
+def load_shape(text: str) -> AbstractCurve | TriangleMesh:
+    """The shape that the text names: a curve or mesh file, a letter of a font, or SVG path data itself.
 
     Args:
-        text: `NAME.json` (see `load_curve`), `NAME.svg` (all that it draws), `font:NAME:LETTER`, or path data. A text
-            that ends as a file name is one.
+        text: `NAME.json` (see `load_curve`), `NAME.svg` (all that it draws), a mesh file (see `load_mesh`),
+            `font:NAME:LETTER`, or path data. A text that ends as a file name is one.
 
     Raises:
         FileNotFoundError: a file that does not exist.

@@ -27,7 +27,7 @@ def load_mesh(file: str | Path) -> TriangleMesh:
     """
     suffix = Path(file).suffix.lower()
     if suffix not in _READERS:
-        raise ParseError(f"the suffix is {suffix!r}; a mesh is a file {MESH_SUFFIXES}.", file)
+        raise ParseError(f"the suffix is {suffix!r}; a mesh is a file {_KNOWN}.", file)
     return mesh_of(file, _READERS[suffix](file, read_bytes(file)))
 
 
@@ -49,7 +49,7 @@ def save_mesh(file: str | Path, mesh: TriangleMesh, *, text: bool = False) -> No
     check_mesh("mesh", mesh)
     suffix = Path(file).suffix.lower()
     if suffix not in _WRITERS:
-        raise ValueError(f"the suffix of {file} is {suffix!r}; a mesh is a file {MESH_SUFFIXES}.")
+        raise ValueError(f"the suffix of {file} is {suffix!r}; a mesh is a file {_KNOWN}.")
     Path(file).write_bytes(_WRITERS[suffix](np.asarray(mesh.vertices), np.asarray(mesh.triangles), text))
 
 
@@ -235,4 +235,5 @@ _READERS: dict[str, Callable[[object, bytes], Polygons]] = {
 _WRITERS: dict[str, Callable[[np.ndarray, np.ndarray, bool], bytes]] = {
     ".obj": _write_obj, ".off": _write_off, ".ply": write_ply, ".stl": _write_stl,
 }  # fmt: skip
-MESH_SUFFIXES = ".obj, .off, .ply or .stl"
+MESH_SUFFIXES = tuple(_READERS)
+_KNOWN = f"{', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}"

@@ -7,11 +7,10 @@ import numpy as np
 
 from jhd.fields.octree import Voxels
 from jhd.plot.axes import BLUE, GREY, ORANGE, PALE_BLUE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
+from jhd.plot.faces import add_faces, frame, rgb_of, shaded_shapes
 from jhd.plot.nets import quadrilaterals
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 
-_LIGHT = np.array([0.35, -0.5, 0.79])  # where the light comes from, above the left shoulder of the usual view
-_SHADE = 0.45  # share of a colour that faces turned from the light lose
 _LINES = 257  # samples along each axis of the curve in which a plane cuts a surface
 
 
@@ -68,11 +67,8 @@ def surfaces(
         check_surface(f"shapes[{number}]", shape)
     ax = axes_for(ax, 3)
     nets = [quadrilaterals(shape, cells) for shape in shapes]
-    rgb = np.repeat([_rgb(colour) for colour in colours[: len(nets)]], [len(net) for net in nets], axis=0)
-    _add_faces(ax, np.concatenate(nets), rgb, "surface", alpha)
-    for colour, name in zip(colours, labels, strict=False):
-        draw(ax, np.full((1, 3), np.nan), "key", color=colour, label=name, marker="s", linestyle="none")
-    _frame(ax, [np.asarray(end) for shape in shapes for end in shape.box()])
+    shaded_shapes(ax, nets, colours, labels, alpha)
+    frame(ax, [np.asarray(end) for shape in shapes for end in shape.box()])
     return ax
 
 
@@ -93,13 +89,13 @@ def voxels(cells: Voxels, ax: Any = None, *, colours: Sequence[str] = (BLUE, VER
     owner, faces = _visible_faces(places)
     corners = np.asarray(cells.lower) + np.asarray(cells.spacing) * faces
     edges = {"linewidth": 0.15, "edgecolor": "white"}
-    rgb = np.where(proven[owner, None], _rgb(colours[0]), _rgb(colours[1]))
-    _add_faces(ax, corners, rgb, "voxels", 1.0, **edges)
+    rgb = np.where(proven[owner, None], rgb_of(colours[0]), rgb_of(colours[1]))
+    add_faces(ax, corners, rgb, "voxels", 1.0, **edges)
     for colour, name, count in zip(colours, ("proven", "not proven"), (proven.sum(), (~proven).sum()), strict=True):
         if count:
             label = f"{name} ({count})"
             draw(ax, np.full((1, 3), np.nan), "key", color=colour, label=label, marker="s", linestyle="none")
-    _frame(ax, [corners.min((0, 1)), corners.max((0, 1))])
+    frame(ax, [corners.min((0, 1)), corners.max((0, 1))])
     if legend:
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=TEXT_POINTS, frameon=False)
     return ax
@@ -210,32 +206,3 @@ def _visible_faces(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             owners.append(open_ones)
             faces.append(np.stack([base, base + u, base + u + v, base + v], axis=1))
     return np.concatenate(owners), np.concatenate(faces)
-
-
-def _add_faces(ax: Any, corners: np.ndarray, rgb: np.ndarray, gid: str, alpha: float, **style: Any) -> None:
-    """Quadrilaterals in colours that fade where they are turned from the light, whichever side is seen."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    facing = np.abs(normal @ _LIGHT)[:, None] / np.where(length > 0, length, 1.0) / np.linalg.norm(_LIGHT)
-    shaded = rgb * (1 - _SHADE + _SHADE * facing)
-    colours = np.concatenate([shaded, np.full((len(rgb), 1), alpha)], axis=1)
-    # Between opaque faces the ground would shine through; edges of transparent ones would lie on top of each other.
-    seams: dict[str, Any] = {"linewidth": 0.3, "edgecolor": colours} if alpha == 1.0 else {"linewidth": 0.0}
-    # Thousands of faces as paths would make files that no viewer opens.
-    faces = Poly3DCollection(corners, facecolors=colours, rasterized=True, **(seams | style))
-    faces.set_gid(gid)
-    ax.add_collection3d(faces, autolim=False)
-
-
-def _frame(ax: Any, corners: list[np.ndarray]) -> None:
-    """Limits that hold what was there before, and the corners."""
-    ax.auto_scale_xyz(*np.transpose(corners))
-    finish(ax)
-
-
-def _rgb(colour: str) -> np.ndarray:
-    from matplotlib.colors import to_rgb
-
-    return np.array(to_rgb(colour))

@@ -2,15 +2,17 @@
 
 from collections.abc import Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from jhd.plot.axes import GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
 from jhd.plot.curves import check_pair, curve
 from jhd.plot.implicit import surfaces
+from jhd.plot.meshes import meshes
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface, check_surface
+from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.solution import HausdorffSolution
 
 
@@ -51,8 +53,8 @@ def witness(solution: HausdorffSolution, ax: Any = None, *, distance: bool = Tru
 
 
 def solution(
-    a: AbstractCurve | ImplicitSurface,
-    b: AbstractCurve | ImplicitSurface,
+    a: AbstractCurve | ImplicitSurface | TriangleMesh,
+    b: AbstractCurve | ImplicitSurface | TriangleMesh,
     solution: HausdorffSolution,
     ax: Any = None,
     *,
@@ -63,7 +65,7 @@ def solution(
     """Axes with both shapes, the witness, its feet and the distance between them.
 
     Args:
-        a: the first shape, blue; a curve is solid, a surface in one colour with its share of transparency.
+        a: the first shape, blue; a curve is solid, a surface or mesh in one colour, so that one sees through.
         b: the second shape of the same kind, orange; a curve is dashed.
         solution: their distance.
         ax: axes to draw on, three-dimensional ones for shapes in space; None makes a figure.
@@ -73,17 +75,22 @@ def solution(
             written beside the joining line.
 
     Raises:
-        TypeError: a curve and a surface, or something else.
+        TypeError: shapes of two kinds, or something else.
         ValueError: curves of different dimensions, a batch of solutions, or shapes in space on plane axes.
     """
-    if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
+    pair: Any = (a, b)
+    if any(isinstance(shape, ImplicitSurface) for shape in pair):
         check_surface("a", a)
         check_surface("b", b)
-        ax = surfaces((cast(ImplicitSurface, a), cast(ImplicitSurface, b)), ax, labels=labels)
+        ax = surfaces(pair, ax, labels=labels)
+    elif any(isinstance(shape, TriangleMesh) for shape in pair):
+        check_mesh("a", a)
+        check_mesh("b", b)
+        ax = meshes(pair, ax, labels=labels)
     else:
-        check_pair(a, b)
-        ax = curve(a, ax, label=labels[0], control_polygon=control_polygon)
-        curve(b, ax, colour=ORANGE, linestyle=(0, (4, 1.2)), label=labels[1], control_polygon=control_polygon)
+        check_pair(*pair)
+        ax = curve(pair[0], ax, label=labels[0], control_polygon=control_polygon)
+        curve(pair[1], ax, colour=ORANGE, linestyle=(0, (4, 1.2)), label=labels[1], control_polygon=control_polygon)
     witness(solution, ax, distance=not legend)
     if legend:
         above: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.mesh_projection import VertexVoxels
 from jhd.distance.projection import NewtonProjection, project
 from jhd.distance.signed_distance import signed_distance
 from jhd.fields.winding import is_inside, solid_angles, winding_numbers
@@ -107,12 +108,44 @@ def test_the_shape_of_the_queries_is_kept():
         (np.zeros((0, 3)), {}, ValueError, "points is empty"),
         ([0.0, np.nan, 0.0], {}, ValueError, r"points\[1\] is not finite: nan"),
         (["a"] * 3, {}, TypeError, "points must be real numbers"),
-        ([0.0, 0.0, 0.0], {"method": NewtonProjection()}, TypeError, "method must be None for meshes"),
+        ([0.0, 0.0, 0.0], {"method": NewtonProjection()}, TypeError, "None for meshes, .* or VertexVoxels; got Newton"),
     ],
 )
 def test_what_cannot_be_projected_is_refused(points, options, error, message):
     with pytest.raises(error, match=message):
         project(points, TriangleMesh(VERTICES, TRIANGLES), **options)
+
+
+def test_the_local_search_claims_an_upper_bound_alone_and_moves_with_points_and_vertices():
+    mesh = TriangleMesh(VERTICES, TRIANGLES)
+    assert [VertexVoxels(n).voxels(mesh) for n in (None, 8)] == [2, 8]
+    found = project(QUERIES.reshape(2, 2, 3), mesh, VertexVoxels())
+    assert found.foot.shape == (2, 2, 3) and not np.any(found.lower)
+    assert np.all(np.asarray(found.result == RESULTS.successful))
+    # Two triangles with a common edge are both around every vertex that is near to these points.
+    np.testing.assert_array_equal(found.distance, project(QUERIES.reshape(2, 2, 3), mesh).distance)
+    derivatives = [
+        jax.grad(lambda x, v, m=m: project(x, TriangleMesh(v, TRIANGLES), m).distance, (0, 1))(QUERIES[0], VERTICES)
+        for m in (None, VertexVoxels())
+    ]
+    jax.tree_util.tree_map(np.testing.assert_array_equal, *derivatives)
+
+
+def test_the_local_search_is_refused_on_curves_under_jit_and_with_options_out_of_range():
+    with pytest.raises(TypeError, match="method must be one of NearestSearch, .* for curves; got VertexVoxels"):
+        project([0.0, 0], jhd.polyline([[0.0, 0], [1, 1]]), VertexVoxels())
+    with pytest.raises(TypeError, match="VertexVoxels runs on the host, not under jit"):
+        jax.jit(lambda x: project(x, TriangleMesh(VERTICES, TRIANGLES), VertexVoxels()))(QUERIES)
+    with pytest.raises(ValueError, match="resolution asks for 300 voxels along each axis; capacity is 16777216"):
+        project(QUERIES, TriangleMesh(VERTICES, TRIANGLES), VertexVoxels(300))
+    with pytest.raises(TypeError, match="they cannot be traced"):
+        jax.jit(lambda x: VertexVoxels().voxels(TriangleMesh(x, TRIANGLES)))(VERTICES)
+    with pytest.raises(ValueError, match="resolution is 0; needs a positive whole number"):
+        VertexVoxels(0)
+    with pytest.raises(ValueError, match="capacity is -1; needs a positive whole number"):
+        VertexVoxels(capacity=-1)
+    with pytest.raises(ValueError, match="transform is 'chamfer'; needs one of 'exact', 'vector_propagation'"):
+        VertexVoxels(transform="chamfer")
 
 
 def cube_distance(points):
@@ -149,9 +182,29 @@ def test_a_mesh_with_a_hole_has_an_inside_by_winding_alone():
         signed_distance(points, mesh, "pseudonormal")
 
 
+def test_averages_count_triangles_alike_so_a_vertex_with_many_on_one_side_turns_the_sign():
+    # A pyramid with the top at z = 3, one of its sides cut into a fan of 31 triangles.
+    low = np.linspace(-1, 1, 32)
+    around = np.concatenate([np.stack([np.ones(32), low], axis=1), [[-1, 1], [-1, -1]]])
+    vertices = np.concatenate([np.pad(around, ((0, 0), (0, 1))), [[0, 0, 3]]])
+    i, count = np.arange(len(around)), len(around)
+    triangles = np.stack([i, (i + 1) % count, np.full(count, count)], axis=1)
+    base = np.stack([np.full(count - 2, count - 1), i[1:-1], i[:-2]], axis=1)
+    mesh = TriangleMesh(vertices, np.concatenate([triangles, base]))
+    above = np.array([[-1.0, 0, 3.5], [1, 0, 3.5], [0, 0, 1]])
+    by_sign = {sign: signed_distance(above, mesh, sign) for sign in ("winding", "pseudonormal", "average")}
+    assert [(np.asarray(x) < 0).tolist() for x in by_sign.values()] == 2 * [[False, False, True]] + [
+        [True, False, True]
+    ]
+    # With the local search, the published sign is the default.
+    method = VertexVoxels(8)
+    for sign, same in ((None, "average"), ("winding", "winding")):
+        np.testing.assert_allclose(signed_distance(above, mesh, sign, method=method), by_sign[same], rtol=1e-15)
+
+
 def test_unknown_signs_other_shapes_and_traced_pseudonormals_are_refused(as_a_user):
     mesh = TriangleMesh(CORNERS, CUBE)
-    with pytest.raises(ValueError, match="sign is 'raycast'; needs one of 'winding', 'pseudonormal'"):
+    with pytest.raises(ValueError, match="sign is 'raycast'; needs one of 'winding', 'pseudonormal', 'average'"):
         signed_distance([0.0, 0, 0], mesh, "raycast")
     with pytest.raises(TypeError, match="mesh must be a TriangleMesh"):
         signed_distance([0.0, 0, 0], jhd.points([[0.0, 0, 0]]))  # pyright: ignore[reportArgumentType]

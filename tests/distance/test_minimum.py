@@ -232,12 +232,27 @@ SPHERES = (
 )
 
 
+# Boxes of both spheres: those that touch them, wider ones, far larger ones, and small ones about the nearest points.
+BOXES = [
+    ([-3, -3, -3], [3, 3, 3], [-2, 5, -2], [2, 9, 2]),
+    ([-4, -4, -4], [4, 4, 4], [-3, 4, -3], [3, 10, 3]),
+    ([-10, -10, -10], [10, 10, 10], [-10, -10, -10], [10, 10, 10]),
+    ([-1000, -1000, -1000], [100, 100, 100], [-100, -100, -100], [1000, 1000, 1000]),
+    ([-3, 2.9, -3], [3, 3, 3], [-0.1, 5, -0.2], [0.3, 5.2, 0.1]),
+    ([-1, -1, 0], [1, 3.5, 1], [0, 4.5, -1], [2, 6, 0]),
+    ([-3, -3.1, -3], [3.3, 3, 3], [-2, 5, -2.2], [2, 9.5, 2]),
+]
+
+
 @pytest.mark.slow
-def test_the_papers_spheres_are_two_apart():
-    found = minimum_distance(*SPHERES, atol=5e-12)
-    assert found.lower <= 2 <= found.upper and found.upper - found.lower <= 5e-12
-    assert abs(float(found.value) - 2) <= 5e-12
-    np.testing.assert_allclose(found.point_a, [0, 3, 0], atol=1e-5)
+@pytest.mark.parametrize("boxes", BOXES)
+def test_the_papers_spheres_are_two_apart_in_any_boxes(boxes):
+    a = ImplicitSurface.parse("x^2 + y^2 + z^2 - 9", *boxes[:2])
+    b = ImplicitSurface.parse("x^2 + (y - 7)^2 + z^2 - 4", *boxes[2:])
+    found = minimum_distance(a, b, atol=1e-12)
+    assert found.lower <= 2 <= found.upper
+    assert max(abs(float(x) - 2) for x in (found.lower, found.value, found.upper)) <= 1e-12
+    np.testing.assert_allclose(found.point_a, [0, 3, 0], atol=1e-12)
 
 
 @pytest.mark.slow

@@ -380,7 +380,7 @@ def test_what_is_no_projection_method_is_refused(method, as_a_user):
         jhd.project([0.0, 0.0], ARCH, method)
     assert str(caught.value) == (
         "method must be one of NearestSearch, ProjectedPolyhedron, IntervalHalving, NewtonProjection, "
-        f"HybridProjection; got {type(method).__name__}."
+        f"HybridProjection for curves; got {type(method).__name__}."
     )
 
 

@@ -1,5 +1,7 @@
 """One text to one curve, and one line for every text that is none."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,11 @@ from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.curve import polyline
 
 
+def segments(text):
+    shape: Any = load_shape(text)
+    return shape.segments()
+
+
 def test_json_files_are_read(tmp_path):
     curve = BezierCurve([[0, 0], [1, 2], [2, 0]])
     save_curve(tmp_path / "M1.json", curve)
@@ -22,23 +29,23 @@ def test_json_files_are_read(tmp_path):
 
 def test_svg_files_are_read_whatever_the_case_of_the_suffix(tmp_path):
     write_svg(tmp_path / "a.SVG", polyline([[0, 0], [1, 2]]))
-    assert load_shape(str(tmp_path / "a.SVG")).segments().count == 1
+    assert segments(str(tmp_path / "a.SVG")).count == 1
 
 
 def test_letters_of_fonts_are_read():
     expected = outline("DejaVu Sans", "a").control_points
-    np.testing.assert_array_equal(load_shape("font:DejaVu Sans:a").segments().control_points, expected)
+    np.testing.assert_array_equal(segments("font:DejaVu Sans:a").control_points, expected)
 
 
 @pytest.mark.parametrize("text", ["M0 0L1 1", " m.5-1 2 3", "M\n+1,2 3 4"])
 def test_path_data_is_read(text):
-    assert load_shape(text).segments().count == 1
+    assert segments(text).count == 1
 
 
 def test_a_name_that_looks_like_path_data_is_a_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_curve("M1.json", polyline([[0, 0], [1, 2]]))
-    assert load_shape("M1.json").segments().count == 1
+    assert segments("M1.json").count == 1
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,86 @@
+"""Values of an adaptively sampled distance field: the kernel for one point, and the batches made of it.
+
+Cells are found with integers, counted in the finest cells: the first grid names a cell, and each of the lower digits of
+the place, in base two, one of its parts. The leaf found is interpolated trilinearly.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from jhd.arrays import is_traced
+from jhd.compiled import compiled
+from jhd.fields.closest_point import in_blocks
+
+# The eight corners and parts are numbered 4 x + 2 y + z.
+_PLACES = np.array([4, 2, 1])
+
+
+class Cells(NamedTuple):
+    """The leaves of an octree and the way to them; see AdaptiveDistanceField for the fields."""
+
+    lower: Float[Array, "3"]
+    spacing: Float[Array, ""]
+    roots: Int[Array, "x y z"]
+    nodes: Int[Array, "nodes 8"]
+    places: Int[Array, "leaves 3"]
+    widths: Int[Array, " leaves"]
+    corners: Int[Array, "leaves 8"]
+    values: Float[Array, " samples"]
+
+
+def interpolated(values: Array, w: Array) -> Array:
+    """Trilinear interpolation of values at the corners (..., 8) of a cell, at w in [0, 1]^3 (..., 3)."""
+    for axis in range(3):
+        half = values.shape[-1] // 2
+        along = w[..., axis, None]
+        values = values[..., :half] * (1 - along) + values[..., half:] * along
+    return values[..., 0]
+
+
+def value_at(cells: Cells, point: Float[Array, "3"], depth: int) -> Float[Array, ""]:
+    """The field at one point; outside of the box, the value at the nearest point of it plus the distance to that."""
+    count = np.array(cells.roots.shape) << depth
+    upper = cells.lower + cells.spacing * count
+    inside = jnp.where(point < cells.lower, cells.lower, jnp.where(point > upper, upper, point))
+    u = (inside - cells.lower) / cells.spacing
+    # Which cell holds the point has no derivative.
+    cell = jnp.clip(jnp.floor(lax.stop_gradient(u)).astype(jnp.int32), 0, jnp.asarray(count - 1, jnp.int32))
+    leaf = _leaf(cells, cell, depth)
+    w = (u - cells.places[leaf]) / cells.widths[leaf]
+    offset = point - inside
+    square = jnp.sum(offset * offset)
+    beyond = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+    return interpolated(cells.values[cells.corners[leaf]], w) + beyond
+
+
+def _leaf(cells: Cells, cell: Array, depth: int) -> Array:
+    """The leaf that holds a finest cell."""
+    root = cell >> depth
+    node = cells.roots[root[0], root[1], root[2]]
+
+    def down(step: Any, node: Array) -> Array:
+        part = jnp.sum(((cell >> (depth - 1 - step)) & 1) * _PLACES)
+        return jnp.where(node >= 0, cells.nodes[jnp.maximum(node, 0), part], node)
+
+    if cells.nodes.shape[0]:
+        node = lax.fori_loop(0, depth, down, node)
+    return -1 - node
+
+
+def values_at(cells: Cells, points: Float[Array, "points 3"], depth: int) -> Float[Array, " points"]:
+    """The field at many points; where all numbers are known, in blocks of a few sizes."""
+    if is_traced(cells, points):
+        return _values(cells, points, depth)
+    return jnp.asarray(in_blocks(lambda p: _values(cells, p, depth), np.asarray(points)))
+
+
+def _values_of(cells: Cells, points: Array, depth: int) -> Array:
+    return jax.vmap(lambda point: value_at(cells, point, depth))(points)
+
+
+_values = compiled(_values_of, (2,))

@@ -1,0 +1,237 @@
+"""Signed distances of many points to one mesh, for a search that asks more and more of them.
+
+Where every edge of a mesh is run along as often one way as the other, its winding number is constant off the mesh; the
+signed distance then has the Lipschitz constant 1, and two points are on one side wherever |p - q| < d(p) + d(q), since
+the open balls about them that are free of the mesh meet. So few winding numbers are evaluated: `spread` hands signs
+from points to their neighbours, with distances rounded down.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jhd.arithmetic.rounding import gamma
+from jhd.fields.closest_point import (
+    ClosestPoints,
+    TriangleTree,
+    barycentric_of,
+    closest_points,
+    in_unit_of,
+    nearest_triangles,
+    outward,
+    triangle_tree,
+)
+from jhd.fields.pseudonormal import is_behind, pseudonormals
+from jhd.fields.winding import is_inside
+from jhd.shapes.mesh import TriangleMesh, edges_of
+
+SIGNS = ("winding", "pseudonormal")
+# Times that a point is moved away from the mesh, which doubles the room about it at best.
+_LIFTS = 5
+
+
+class Samples(NamedTuple):
+    """What is known of points about a mesh.
+
+    Args:
+        distance: to the mesh, as rounded, in its unit.
+        clearance: proven lower bounds of it.
+        triangle: the nearest triangle, in the order of the tree.
+        side: 1 outside, -1 inside, 0 where that is not known yet.
+    """
+
+    distance: Float[np.ndarray, " points"]
+    clearance: Float[np.ndarray, " points"]
+    triangle: Int[np.ndarray, " points"]
+    side: Int[np.ndarray, " points"]
+
+    @property
+    def signed(self) -> Float[np.ndarray, " points"]:
+        """Signed distances, negative inside."""
+        return self.distance * self.side
+
+    def followed_by(self, others: "Samples") -> "Samples":
+        """These points and then the others."""
+        return Samples(*(np.concatenate(pair) for pair in zip(self, others, strict=True)))
+
+
+class Neighbours(NamedTuple):
+    """Samples about each of some points.
+
+    Args:
+        numbers: which samples.
+        points: their coordinates.
+    """
+
+    numbers: Int[np.ndarray, "points neighbours"]
+    points: Float[np.ndarray, "points neighbours 3"]
+
+
+class Surface(NamedTuple):
+    """A mesh prepared for many queries.
+
+    Args:
+        mesh: the mesh, its numbers known.
+        tree: its tree.
+        sign: one of SIGNS.
+        linked: whether the winding number is constant off the mesh, so that signed distances by it have no jumps.
+    """
+
+    mesh: TriangleMesh
+    tree: TriangleTree
+    sign: str
+    linked: bool
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The precision of the coordinates."""
+        return np.asarray(self.mesh.vertices).dtype
+
+
+def surface_of(mesh: TriangleMesh, sign: str = "winding") -> Surface:
+    """The prepared mesh.
+
+    Raises:
+        ValueError: an unknown sign, or pseudonormals of a mesh that is not closed and consistently oriented.
+    """
+    if sign not in SIGNS:
+        raise ValueError(f"sign is {sign!r}; needs one of {', '.join(map(repr, SIGNS))}.")
+    if sign == "pseudonormal":
+        pseudonormals(mesh)
+    return Surface(mesh, triangle_tree(mesh), sign, bool(np.all(edges_of(mesh).balance == 0)))
+
+
+def unsigned(
+    surface: Surface, points: Float[np.ndarray, "points 3"], near: Int[np.ndarray, " points"] | None = None
+) -> Samples:
+    """Distances; sides only where they are those of pseudonormals.
+
+    Args:
+        surface: the mesh.
+        points: in its unit and precision, one at least.
+        near: a near triangle for each point, in the order of the tree; else they are searched for.
+    """
+    tree, scaled = in_unit_of(surface.tree, points)
+    found = nearest_triangles(tree, scaled, near)
+    distance = np.sqrt(found.square)
+    lower = distance.astype(np.float64) - tree.error(distance)
+    side = np.zeros(len(points), np.int8)
+    if surface.sign == "pseudonormal":
+        side = np.where(_is_behind(surface.mesh, tree, scaled, found.triangle), -1, 1).astype(np.int8)
+    clearance = outward(lower, tree.exponent, points.dtype, -1)
+    return Samples(np.ldexp(distance, tree.exponent), clearance, found.triangle, side)
+
+
+def _is_behind(mesh: TriangleMesh, tree: TriangleTree, scaled: np.ndarray, near: np.ndarray) -> np.ndarray:
+    t, triangle = barycentric_of(tree, scaled, near), tree.order[near]
+    corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)[triangle]]
+    foot = np.einsum("nk,nkd->nd", t, np.ldexp(corners, -tree.exponent))
+    return is_behind(mesh, scaled - foot, triangle, t)
+
+
+def _met(samples: Samples, others: np.ndarray, apart: np.ndarray, clearance: np.ndarray) -> np.ndarray:
+    """The side of one of `others` whose ball meets the ball of radius `clearance`, 0 where there is none.
+
+    Args:
+        samples: the points.
+        others: neighbours, (points, neighbours).
+        apart: their distances, (points, neighbours).
+        clearance: radii of balls that are free of the mesh, (points,).
+    """
+    meets = _meet(apart, clearance[:, None], samples.clearance[others])
+    side = np.where(meets, samples.side[others], 0)
+    return side[np.arange(len(side)), np.argmax(np.abs(side), axis=1)]
+
+
+def spread(samples: Samples, who: np.ndarray, others: np.ndarray, apart: np.ndarray) -> None:
+    """Hands sides that are known to points whose side is not, in place.
+
+    Args:
+        samples: the points.
+        who: points without a side, (pairs,).
+        others: neighbours of each, (pairs, neighbours).
+        apart: their distances, (pairs, neighbours).
+    """
+    found = _met(samples, others, apart, samples.clearance[who])
+    samples.side[who[found != 0]] = found[found != 0]
+
+
+def lift(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray, others: Neighbours) -> None:
+    """Hands sides to points close to the mesh, in place.
+
+    They are moved away from it, inside the balls about them, until a ball meets that of a neighbour.
+
+    Args:
+        surface: the mesh.
+        samples: the points.
+        who: points without a side.
+        points: their coordinates.
+        others: neighbours of each.
+    """
+    left = np.arange(len(who))
+    for _ in range(_LIFTS):
+        if not len(left):
+            return
+        found = closest_points(surface.mesh, points[left])
+        away = np.linalg.norm(points[left, None] - others.points[left], axis=2)
+        side = _met(samples, others.numbers[left], away, found.lower)
+        samples.side[who[left]] = side
+        points[left] += 0.95 * found.lower[:, None] * _directions(points[left] - found.foot)
+        left = left[side == 0]
+
+
+def decide(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray) -> None:
+    """Gives sides by the winding number to those that have none, in place.
+
+    Args:
+        surface: the mesh.
+        samples: the points.
+        who: places in the samples.
+        points: the coordinates of all of `who`.
+    """
+    left = np.flatnonzero(samples.side[who] == 0)
+    if len(left):
+        found = closest_points(surface.mesh, points[left]) if surface.linked else None
+        samples.side[who[left]] = np.where(is_inside(surface.mesh, points[left], found), -1, 1)
+
+
+def is_inner(
+    surface: Surface, points: np.ndarray, found: ClosestPoints, reach: np.ndarray
+) -> Bool[np.ndarray, " points"]:
+    """Whether points are inside by the winding number; as jhd.fields.winding.is_inside, and faster near the mesh.
+
+    Points close to the mesh are asked for where they have been moved away from it, where they are proven to stay on
+    their side: balls with more room meet more often, so fewer winding numbers are evaluated.
+
+    Args:
+        surface: the mesh.
+        points: in its unit.
+        found: their nearest points.
+        reach: how far each may be moved.
+    """
+    near = np.flatnonzero((found.lower < 0.5 * reach) & (found.lower > 0))
+    if not (surface.linked and len(near)):
+        return is_inside(surface.mesh, points, found)
+    moved = points[near] + reach[near, None] * _directions(points[near] - found.foot[near])
+    there = closest_points(surface.mesh, moved.astype(points.dtype))
+    apart = np.linalg.norm(moved.astype(points.dtype).astype(np.float64) - points[near], axis=1)
+    # Points that may be on the mesh would be called outside.
+    meets = _meet(apart, found.lower[near], there.lower) & (there.lower > 0)
+    asked, room = points.copy(), ClosestPoints(*(x.copy() for x in found))
+    asked[near[meets]] = moved[meets]
+    for old, new in zip(room, there, strict=True):
+        old[near[meets]] = new[meets]
+    return is_inside(surface.mesh, asked, room)
+
+
+def _directions(steps: np.ndarray) -> np.ndarray:
+    """Vectors of at most unit length along others, zero where these are."""
+    size = np.max(np.abs(steps), axis=1, keepdims=True)
+    steps = steps / np.where(size > 0, size, 1.0)
+    return steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1.0)
+
+
+def _meet(apart: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Whether balls of these radii meet, whatever rounding does."""
+    return apart * (1 + gamma(16, one.dtype)) < (one + other) * (1 - gamma(4, one.dtype))

@@ -1,0 +1,141 @@
+"""What the words of the command line stand for: shapes, methods and points."""
+
+import inspect
+import sys
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import jhd
+from jhd.distance.method import AbstractHausdorffMethod
+from jhd.distance.projection import AbstractProjectionMethod
+from jhd.io import load_shape
+from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.polynomial_text import read as read_polynomial
+
+# Classes that a projection can be asked for by, with their subclasses.
+PROJECTIONS = (AbstractProjectionMethod, jhd.VertexVoxels)
+
+
+def shapes_of(options: Namespace) -> tuple[Any, Any]:
+    """Both curves or meshes, or where there is a box both surfaces.
+
+    Raises:
+        ValueError: a box that is none, or text that is no polynomial, with the column.
+    """
+    texts = {"A": options.a, "B": options.b}
+    if options.box is None:
+        return tuple(_curve(name, text) for name, text in texts.items())  # pyright: ignore[reportReturnType]
+    if len(options.box) not in (2, 6):
+        raise ValueError(
+            f"--box has {len(options.box)} numbers; needs 2, or 6: three lower ends, then three upper ones."
+        )
+    lower, upper = np.array(options.box).reshape(2, -1)
+    return tuple(_surface(name, text, lower, upper) for name, text in texts.items())  # pyright: ignore
+
+
+def curve_of(name: str, text: str) -> AbstractCurve:
+    """The curve that a text names.
+
+    Raises:
+        TypeError: a mesh.
+    """
+    shape = load_shape(text)
+    if isinstance(shape, TriangleMesh):
+        raise TypeError(f"{name} is a mesh; needs a curve.")
+    return shape
+
+
+def mesh_of(name: str, text: str) -> TriangleMesh:
+    """The mesh that a text names.
+
+    Raises:
+        TypeError: a curve.
+    """
+    shape = load_shape(text)
+    if not isinstance(shape, TriangleMesh):
+        raise TypeError(f"{name} is a curve; needs a mesh.")
+    return shape
+
+
+def _curve(name: str, text: str) -> AbstractCurve | TriangleMesh:
+    try:
+        return load_shape(text)
+    except FileNotFoundError:
+        try:
+            read_polynomial(text)
+        except ValueError:
+            pass
+        else:
+            raise ValueError(f"{name} is a polynomial; give the box of its surface: --box LOWER UPPER.") from None
+        raise
+
+
+def _surface(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> ImplicitSurface:
+    try:
+        return ImplicitSurface.parse(text, np.broadcast_to(lower, 3), np.broadcast_to(upper, 3))
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def method_of(name: str | None, atol: float | None, kind: Any) -> Any:
+    """The method of that name, with the tolerance if there is one; the default of the entries without both.
+
+    Raises:
+        ValueError: an unknown name, or a tolerance for a method that has none.
+    """
+    if name is None and atol is None:
+        return jhd.BranchAndBound() if kind is AbstractHausdorffMethod else jhd.NearestSearch()
+    if name is None and kind is AbstractHausdorffMethod:
+        name = "BranchAndBound"
+    known: dict[str, Any] = {
+        key: item for key, item in vars(jhd).items() if inspect.isclass(item) and issubclass(item, kind)
+    }
+    chosen = known
+    if name is not None:
+        plain = name.replace("-", "").replace("_", "").lower()
+        chosen = {key: item for key, item in known.items() if key.lower() == plain}
+    if not chosen:
+        raise ValueError(f"unknown method {name!r}; there are {', '.join(sorted(known))}.")
+    if atol is None:
+        return next(iter(chosen.values()))()
+    tolerant = {key: item for key, item in chosen.items() if "atol" in inspect.signature(item).parameters}
+    if not tolerant:
+        raise ValueError(f"--atol: {' and '.join(chosen)} proves no bounds to a tolerance; leave it out.")
+    if len(tolerant) > 1:
+        raise ValueError(f"--atol needs --method, one of {', '.join(tolerant)}.")
+    return next(iter(tolerant.values()))(atol=atol)
+
+
+def method_name(method: Any) -> str:
+    """The name of its class."""
+    return type(method).__name__
+
+
+def points_of(options: Namespace) -> np.ndarray:
+    """The points of the command line, of the file, or of standard input; rows of numbers apart by spaces or commas."""
+    if options.coordinates and options.points:
+        raise ValueError("give the point as X Y [Z] or by --points, not both.")
+    if options.coordinates:
+        return np.array([options.coordinates])
+    name = options.points or "-"
+    if name == "-" and sys.stdin.isatty():
+        raise ValueError("no point: give X Y [Z], --points FILE, or rows on standard input.")
+    text = sys.stdin.read() if name == "-" else Path(name).read_text(encoding="utf-8-sig")
+    rows = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split("#")[0].replace(",", " ").split()
+        try:
+            row = [float(word) for word in words]
+        except ValueError as error:
+            raise ValueError(f"{name}:{number}: {error}.") from None
+        if rows and row and len(row) != len(rows[0]):
+            raise ValueError(f"{name}:{number}: {len(row)} coordinates; the rows before have {len(rows[0])}.")
+        rows += [row] if row else []
+    if not rows:
+        raise ValueError(f"{name} holds no points.")
+    return np.array(rows)

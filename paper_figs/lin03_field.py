@@ -1,0 +1,120 @@
+"""Adaptive fields of meshes: slices with their cells, and the surfaces extracted from them, coloured by error.
+
+Black lines in the slices are the zero set; cells are drawn in grey. Times are given beside those printed in the paper,
+which are of a 933 MHz Pentium III and of unknown tolerances.
+
+Numbers by lin03_field's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, BLUE, GREY, MM, ORANGE, Picture, letter, style
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    with style():
+        figure = Figure(figsize=(175 * MM, 185 * MM), layout="constrained")
+        rows = figure.subplots(3, 2, height_ratios=[1, 1, 0.42])
+        for k, case in enumerate(numbers["meshes"]):
+            _draw_slice(figure, rows[k, 0], case)
+            letter(rows[k, 0], "ac"[k], f"{case['name']}: {case['leaves']:,} cells".replace(",", "\N{THIN SPACE}"))
+            _draw_view(figure, rows[k, 1], case)
+            letter(rows[k, 1], "bd"[k], "surface extracted, its error")
+        _draw_times(rows[2, 0], numbers)
+        letter(rows[2, 0], "e", "mesh to field")
+        _draw_errors(rows[2, 1], numbers)
+        letter(rows[2, 1], "f", "errors")
+    return figure
+
+
+def _draw_slice(figure: Figure, ax: Axes, case: dict[str, Any]) -> None:
+    """Values, cells and the zero set in a plane."""
+    stored, size = case["slice"], case["size"]
+    (x0, y0), (x1, y1) = np.array(stored["lower"]) / size, np.array(stored["upper"]) / size
+    values = np.array(stored["values"]).T / size
+    limit = float(np.max(np.abs(values)))
+    image = ax.imshow(
+        values, origin="lower", extent=(x0, x1, y0, y1), cmap="PuOr", vmin=-limit, vmax=limit, interpolation="bilinear"
+    )
+    lines = [line for x, y, side in np.array(stored["cells"]) / size for line in _sides(x, y, side)]
+    ax.add_collection(LineCollection(lines, colors=GREY, linewidths=0.15))
+    ax.contour(values, [0.0], extent=(x0, x1, y0, y1), colors=BLACK, linewidths=0.7)
+    ax.set_aspect("equal")
+    ax.locator_params(nbins=5)
+    ax.set_xlabel("$x$ / longest side")
+    ax.set_ylabel("$y$ / longest side")
+    figure.colorbar(image, ax=ax, shrink=0.8).set_label("signed distance / longest side")
+
+
+def _sides(x: float, y: float, side: float) -> list[list[tuple[float, float]]]:
+    """The lower and the left side of a square; its neighbours draw the others."""
+    return [[(x, y), (x + side, y)], [(x, y), (x, y + side)]]
+
+
+def _draw_view(figure: Figure, ax: Axes, case: dict[str, Any]) -> None:
+    """The error as a colour, darkened where the surface turns away."""
+    error = np.array(case["view"]["error"], float) / case["atol"]
+    light = np.array(case["view"]["light"], float)
+    seen = np.isfinite(error)
+    colours = ScalarMappable(Normalize(0, 1), cmap="viridis")
+    image = colours.to_rgba(np.where(seen, error, 0.0))
+    image[..., :3] *= np.where(seen, 0.35 + 0.65 * np.where(seen, light, 0.0), 1.0)[..., None]
+    image[~seen] = 1.0
+    rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
+    ax.imshow(image, origin="lower", interpolation="nearest")
+    ax.set_xlim(columns[0] - 2, columns[-1] + 2)
+    ax.set_ylim(rows[0] - 2, rows[-1] + 2)
+    ax.set_axis_off()
+    figure.colorbar(colours, ax=ax, shrink=0.8, extend="max").set_label("distance to the mesh / tolerance")
+
+
+def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
+    """Seconds of each mesh, as bars from the same zero."""
+    names = []
+    for k, (case, (count, time)) in enumerate(zip(numbers["meshes"], numbers["printed"], strict=True)):
+        bars = (
+            ("printed", time, GREY),
+            ("first call", case["first_call"], ORANGE),
+            ("later calls", case["build"], BLUE),
+        )
+        for j, (label, value, colour) in enumerate(bars):
+            ax.barh(4 * k + j, value, color=colour, height=0.8)
+            ax.text(value, 4 * k + j, f" {label}, {value:.1f} s".replace(".0 s", " s"), va="center")
+        names.append(f"{case['triangles']:,}\n({count:,})".replace(",", "\N{THIN SPACE}"))
+    ax.set_yticks([1, 5], names)
+    ax.invert_yaxis()
+    ax.set_xlim(0, 1.5 * max(time for _, time in numbers["printed"]))
+    ax.set_xlabel("time in s")
+    ax.set_ylabel("triangles (printed)")
+
+
+def _draw_errors(ax: Axes, numbers: dict[str, Any]) -> None:
+    """Largest errors in tolerances: of the field, and of the mesh made of it."""
+    rows = ("sampled", "proven", "extracted to mesh", "mesh to extracted")
+    for k, (case, colour) in enumerate(zip(numbers["meshes"], (BLUE, ORANGE), strict=True)):
+        ways = [case["hausdorff"][key]["upper"] for key in ("from", "to")]
+        values = np.array([case["sampled"], case["proven"], *ways]) / case["atol"]
+        places = np.arange(4) + 0.38 * (k - 0.5)
+        ax.barh(places, values, height=0.34, color=colour)
+        for j, (place, value) in enumerate(zip(places, values, strict=True)):
+            ax.text(value, place, f" {value:.2f}" + (f", {case['name']}" if j == 0 else ""), va="center")
+    ax.set_yticks(range(4), rows)
+    ax.invert_yaxis()
+    ax.set_xlim(0, 1.6 * ax.get_xlim()[1])
+    ax.set_xlabel("largest error / tolerance")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+"""Nearest points and Hausdorff distances of meshes: queries a second of each library, and time against error.
+
+Numbers by mesh_peers's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+_OURS = "jhd, proven"
+# Colour, marker, and whether the distances are too large or too small.
+_WAYS = {
+    _OURS: (BLUE, "*"),
+    "libigl, vertices": (PURPLE, "D"),
+    "samples, SciPy": (VERMILLION, "o"),
+    "samples, point-cloud-utils": (ORANGE, "s"),
+    "samples to meshes": (GREEN, "^"),
+}
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    with style():
+        figure = Figure(figsize=(175 * MM, 72 * MM), layout="constrained")
+        rates, errors = figure.subplots(1, 2)
+        _draw_rates(rates, numbers["queries"], numbers["triangles"][0])
+        _draw_errors(errors, numbers["hausdorff"])
+    return figure
+
+
+def _draw_rates(ax: Axes, queries: list[dict[str, Any]], triangles: int) -> None:
+    """Bars of both kinds of points for each library, with how many times as fast ours is."""
+    places = np.arange(len(queries))[::-1]
+    for k, (name, colour, hatch) in enumerate((("even in the box", BLUE, None), ("near the surface", ORANGE, "////"))):
+        rates = [peer["rates"][k] for peer in queries]
+        rows = places + (0.2, -0.2)[k]
+        ax.barh(rows, rates, 0.36, color=colour, hatch=hatch, edgecolor="white", linewidth=0, label=name)
+        for y, rate, peer in zip(rows, rates, queries, strict=True):
+            text = f"{rate / 1000:.3g}" + ("" if peer is queries[0] else f"  (jhd $\\times${peer['ratios'][k]:.2g})")
+            ax.annotate(text, (rate, y), (3, 0), textcoords="offset points", va="center")
+    ax.set_xscale("log")
+    most = max(max(peer["rates"]) for peer in queries)
+    ax.set_xlim(min(min(peer["rates"]) for peer in queries) / 3, most * 20)
+    # Room for the legend below the bars.
+    ax.set_ylim(-1.35, len(queries) - 0.5)
+    ax.set_yticks(places, [peer["name"] for peer in queries])
+    ax.tick_params(axis="y", length=0)
+    ax.set_xlabel("nearest points a second (in thousands at the bars)")
+    ax.legend(loc="lower left", ncols=2, handlelength=1.4, columnspacing=1.2)
+    letter(ax, "a", f"queries on {triangles} triangles, one core")
+
+
+def _draw_errors(ax: Axes, ways: list[dict[str, Any]]) -> None:
+    """Relative error against seconds; filled markers are too small, hollow ones too large."""
+    proven = (ways[0]["upper"] - ways[0]["lower"]) / ways[0]["value"]
+    for name, (colour, marker) in _WAYS.items():
+        mine = [way for way in ways if way["name"] == name]
+        if not mine:
+            continue
+        errors = [max(abs(way["error"]), proven) for way in mine]
+        low = np.median([way["error"] for way in mine]) <= 0
+        size = 9 if name == _OURS else 4.5
+        text = f"{name} (width of the bounds)" if name == _OURS else f"{name} (too {'small' if low else 'large'})"
+        face = colour if low else "white"
+        seconds = [way["seconds"] for way in mine]
+        ax.loglog(
+            seconds,
+            errors,
+            marker=marker,
+            color=colour,
+            markersize=size,
+            markerfacecolor=face,
+            linestyle=":",
+            linewidth=0.9,
+            label=text,
+        )
+        if name == "samples to meshes":
+            for x, y, way in zip(seconds, errors, mine, strict=True):
+                ax.annotate(
+                    _power(way["samples"]), (x, y), (0, -10), textcoords="offset points", ha="center", color=GREY
+                )
+    ax.set_ylim(proven / 10, 100)
+    ax.set_xlabel("seconds")
+    ax.set_ylabel("relative error")
+    ax.legend(loc="center left", bbox_to_anchor=(0.0, 0.42), labelspacing=0.3, borderaxespad=0.2)
+    letter(ax, "b", "Hausdorff distances, one core")
+
+
+def _power(count: int) -> str:
+    """A number of samples as a power of ten where it is one."""
+    exponent = round(np.log10(count))
+    return f"$10^{exponent}$" if 10**exponent == count else str(count)
+
+
+if __name__ == "__main__":
+    main()

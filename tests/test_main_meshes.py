@@ -1,0 +1,89 @@
+"""The command line on meshes: distances, projections and fields."""
+
+import json
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import jhd
+from jhd.__main__ import main
+from jhd.io import load_mesh, load_result, save_mesh
+
+# A tetrahedron, and the same one moved by 1/4 along x: the corner (-1, 0, 0) of the first is farthest from the second.
+CORNERS = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 1], [0, 1, -1]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+ROUNDING = 1e-12
+
+
+@pytest.fixture
+def run(capsys, monkeypatch, tmp_path):
+    """Runs one command in a folder with two meshes: exit status, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    save_mesh("a.ply", jhd.TriangleMesh(CORNERS, FACES))
+    save_mesh("b.obj", jhd.TriangleMesh(CORNERS + [0.25, 0, 0], FACES))
+
+    def call(*arguments):
+        status = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+def test_the_distance_of_meshes_is_printed_with_triangle_and_barycentric_coordinates(run):
+    status, out, _ = run("distance", "a.ply", "b.obj", "--directed", "--plot", "picture.png")
+    assert status == 0
+    assert "closed mesh of 4 triangles" in out and "directed distance from A to B" in out
+    assert "witness  A triangle" in out and "at (-1, 0, 0)" in out
+    assert imread("picture.png").std() > 0.01
+
+
+def test_json_of_a_mesh_distance_is_a_saved_result(run, tmp_path):
+    status, out, _ = run("distance", "a.ply", "b.obj", "--json")
+    (tmp_path / "r.json").write_text(out)
+    solution = load_result("r.json")["solution"]
+    assert status == 0 and abs(solution["value"] - 0.25) <= ROUNDING
+    assert len(solution["witness"]["t"]) == 3
+
+
+def test_points_are_projected_on_a_mesh(run):
+    status, out, _ = run("project", "a.ply", "2", "0", "0")
+    header, row = (line.split("\t") for line in out.splitlines())
+    assert status == 0 and header[3:7] == ["triangle", "t1", "t2", "t3"]
+    assert np.allclose([float(x) for x in (row[0], *row[7:10])], [1, 1, 0, 0], rtol=0, atol=ROUNDING)
+    status, out, _ = run("project", "a.ply", "2", "0", "0", "--method", "vertex-voxels")
+    distance, lower, upper = map(float, out.splitlines()[1].split("\t")[:3])
+    assert status == 0 and abs(distance - 1) <= ROUNDING and lower == 0 and upper >= 1
+
+
+def test_a_field_is_stored_and_turned_into_a_mesh(run):
+    status, out, _ = run(
+        "field", "a.ply", "--atol", "0.1", "--out", "f.npz", "--surface", "s.stl", "--resolution", "16", "--json"
+    )
+    facts, field = json.loads(out), jhd.AdaptiveDistanceField.load("f.npz")
+    assert status == 0 and facts["leaves"] == field.leaves and facts["sampled_error"] < 0.2
+    assert load_mesh("s.stl").is_closed
+    assert "leaves" in run("field", "a.ply", "--atol", "0.1", "--out", "f.npz")[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("distance", "a.ply", "M0 0 L1 1"), "b must be a TriangleMesh"),
+        (("distance", "a.ply", "b.obj", "--method", "two-step"), "for meshes; got TwoStep"),
+        (("distance", "a.ply", "b.obj", "--certificate", "c.json"), "certificates are for curves"),
+        (("distance", "a.ply", "c.stl"), "c.stl"),
+        (("fit", "a.ply", "--tolerance", "1"), "TARGET is a mesh; needs a curve"),
+        (("project", "a.ply", "1", "2"), "the mesh has 3"),
+        (("project", "a.ply", "1", "2", "3", "--method", "newton-projection"), "for meshes"),
+        (("field", "M0 0 L1 1", "--atol", "1", "--out", "f.npz"), "MESH is a curve; needs a mesh"),
+        (("field", "a.ply", "--atol", "-1", "--out", "f.npz"), "atol is -1"),
+        (("field", "a.ply", "--atol", "1", "--out", "f.txt"), "must end in .npz"),
+        (("field", "a.ply", "--atol", "1", "--out", "no/f.npz"), "no such folder"),
+        (("field", "a.ply", "--atol", "1", "--out", "f.npz", "--surface", "s.stl"), "go together"),
+    ],
+)
+def test_bad_input_is_one_line_with_status_two(run, arguments, message):
+    status, out, err = run(*arguments)
+    assert status == 2 and out == "" and message in err and err.count("\n") == 1
