@@ -36,7 +36,7 @@ def main() -> None:
     second = jhd.ImplicitSurface.parse("x^2 + (y - 7)^2 + z^2 - 4", [-2, 5, -2], [2, 9, 2])
     shifts = (0, 8) if run.smoke else range(LINES - 1)
     answers = [_answers(first, second, i, j) for i in shifts for j in shifts]
-    found = jhd.minimum_distance(first, second, atol=1e-11)
+    found = jhd.minimum_distance(first, second, atol=1e-12)
     every = np.concatenate([answer["distances"] for answer in answers])
     taken = np.array([answer["first"] for answer in answers])
     names = ["of the first pair of cubes", "of all nearest pairs"]
