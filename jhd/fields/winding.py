@@ -50,8 +50,10 @@ from jhd.shapes.mesh import TriangleMesh, edges_of
 _TOLERANCES = (1.2e-2, 2e-3, 1e-5, 0.0)
 # Points this far from each other along a curve through space are looked at for balls that meet.
 _STEPS = (1, 2, 4, 8, 16)
-# Times that points are moved to where there is more room, as long as there are more than a few of them.
-_ROUNDS, _FEW = 8, 256
+# So few groups of points are asked without moving them to where there is more room, which is done this many times.
+_FEW, _TURNS = 256, 3
+# Steps away from the mesh that are tried, as shares of its size.
+_STEPS_AWAY = [2.0**-k for k in (3, 5, 7, 10, 13, 16, 20)]
 # Triangles whose solid angles are formed at once under tracing.
 _PAIRS = 1 << 16
 
@@ -88,34 +90,59 @@ def is_inside(
     off = np.flatnonzero(found.lower > 0)
     inside = np.zeros(len(points), bool)
     if len(off):
-        inside[off] = _grouped(mesh, points[off], found.lower[off], found.foot[off], _ROUNDS)
+        inside[off] = _grouped(mesh, points[off], found.lower[off], found.foot[off])
     return inside
 
 
-def _grouped(mesh: TriangleMesh, points: np.ndarray, room: np.ndarray, foot: np.ndarray, rounds: int) -> np.ndarray:
+def _grouped(mesh: TriangleMesh, points: np.ndarray, room: np.ndarray, foot: np.ndarray) -> np.ndarray:
     """The same for points about which balls of radius `room` are free of a closed mesh.
 
-    One member of each group is asked. Where many groups are left, these are moved away from their feet, inside their
-    balls, to where there is about twice the room, so that more of their balls meet.
+    One member of each group is asked. Where many groups are left, these are moved away from their feet, to where there
+    is more room, so that more of their balls meet.
     """
-    order, group = _linked(points, room, triangle_tree(mesh))
-    # The member with the most room is the easiest to decide.
+    tree, members = triangle_tree(mesh), np.arange(len(points))
+    for turn in range(_TURNS + 1):
+        chosen, group = _leaders(points, room, tree)
+        points, room, foot, members = points[chosen], room[chosen], foot[chosen], group[members]
+        if turn == _TURNS or len(chosen) <= _FEW:
+            break
+        _move_away(mesh, points, room, foot)
+    return _decided(mesh, points)[members]
+
+
+def _leaders(points: np.ndarray, room: np.ndarray, tree: TriangleTree) -> tuple[np.ndarray, np.ndarray]:
+    """One point of each group of balls that meet, that with the most room, and the number of the group of each."""
+    order, group = _linked(points, room, tree)
     largest = np.lexsort((-room[order], group))
     chosen = order[largest[np.flatnonzero(np.diff(group[largest], prepend=-1))]]
-    asked = points[chosen]
-    if rounds and len(chosen) > _FEW:
-        away = asked - foot[chosen]
-        length = np.max(np.abs(away), axis=1, keepdims=True)
-        away = away / np.where(length > 0, length, 1.0)
-        length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1.0)
-        asked = asked + away / length * (0.95 * room[chosen, None])
-        there = closest_points(mesh, asked)
-        answers = _grouped(mesh, asked, there.lower, there.foot, rounds - 1)
-    else:
-        answers = _decided(mesh, asked)
-    inside = np.empty(len(points), bool)
-    inside[order] = answers[group]
-    return inside
+    members = np.empty(len(points), np.int64)
+    members[order] = group
+    return chosen, members
+
+
+def _move_away(mesh: TriangleMesh, points: np.ndarray, room: np.ndarray, foot: np.ndarray) -> None:
+    """Moves points away from their feet, in place, as far as they are proven to stay on their side of a closed mesh.
+
+    A step is proven where the ball free of the mesh about the new place meets that about the old one. The longest steps
+    are tried first: where the mesh is nearly flat, the room grows by all of the step.
+    """
+    tree = triangle_tree(mesh)
+    away = points - foot
+    length = np.max(np.abs(away), axis=1, keepdims=True)
+    away = away / np.where(length > 0, length, 1.0)
+    away = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1.0)
+    size = float(np.ldexp(1.0, tree.exponent))
+    left = np.arange(len(points))
+    for share in _STEPS_AWAY:
+        left = left[room[left] < 0.5 * share * size]
+        if len(left) <= _FEW:
+            return
+        moved = (points[left] + away[left] * (share * size)).astype(points.dtype)
+        there = closest_points(mesh, moved)
+        apart = np.linalg.norm(moved.astype(np.float64) - points[left], axis=1)
+        meets = (apart * (1 + 1e-6) < (room[left] + there.lower) * (1 - 1e-6)) & (there.lower > room[left])
+        points[left[meets]], room[left[meets]] = moved[meets], there.lower[meets]
+        left = left[~meets]
 
 
 def _is_cycle(mesh: TriangleMesh) -> bool:
@@ -324,7 +351,7 @@ def _exact_number(corners: np.ndarray, point: np.ndarray) -> float:
         p, *abc = ([Fraction(float(x)) for x in row] for row in (point, *corners[k]))
         a, b, c = ([x - y for x, y in zip(row, p, strict=True)] for row in abc)
         volume = sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
-        value[k] = math.copysign(abs(value[k]), volume) if volume else 0.0
+        value[k] = (-1 if volume < 0 else 1) * abs(value[k]) if volume else 0.0
     return float(np.sum(value))
 
 

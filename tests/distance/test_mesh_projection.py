@@ -245,3 +245,11 @@ def test_a_solid_angle_is_an_eighth_in_a_corner_and_unsure_on_the_triangle():
     value, bound = solid_angles(jnp.array(np.concatenate([inner, -inner, inner - 1 / 3])))
     np.testing.assert_allclose(value[:2], [1 / 8, -1 / 8], rtol=1e-14)
     assert float(bound[0]) < 1e-13 and float(bound[2]) == pytest.approx(1.0)
+
+
+def test_sides_of_planes_are_found_for_coordinates_of_any_size():
+    corners = np.array([[0.25, -0.5, 1.0], [1.5, 0.75, -0.5], [-1.0, 1.25, 0.5]])
+    mesh = jhd.TriangleMesh(corners * 1e110, [[0, 1, 2]])
+    # As close to the plane as rounding allows.
+    point = np.array([0.3, 0.3, 0.4]) @ (corners * 1e110)
+    assert np.isfinite(float(jhd.signed_distance(point, mesh)))
