@@ -25,21 +25,23 @@ def main() -> None:
 
 def _figure(numbers: dict[str, Any]) -> Figure:
     with style():
-        figure = Figure(figsize=(175 * MM, 185 * MM), layout="constrained")
-        rows = figure.subplots(3, 2, height_ratios=[1, 1, 0.42])
+        figure = Figure(figsize=(175 * MM, 192 * MM), layout="constrained")
+        # Columns of their own below: the labels there would push the pictures apart.
+        parts: Any = figure.subfigures(2, 1, height_ratios=[1, 0.32])
+        rows, below = parts[0].subplots(2, 2), parts[1].subplots(1, 2)
         for k, case in enumerate(numbers["meshes"]):
-            _draw_slice(figure, rows[k, 0], case)
+            _draw_slice(parts[0], rows[k, 0], case)
             letter(rows[k, 0], "ac"[k], f"{case['name']}: {case['leaves']:,} cells".replace(",", "\N{THIN SPACE}"))
-            _draw_view(figure, rows[k, 1], case)
+            _draw_view(parts[0], rows[k, 1], case)
             letter(rows[k, 1], "bd"[k], "surface extracted, its error")
-        _draw_times(rows[2, 0], numbers)
-        letter(rows[2, 0], "e", "mesh to field")
-        _draw_errors(rows[2, 1], numbers)
-        letter(rows[2, 1], "f", "errors")
+        _draw_times(below[0], numbers)
+        letter(below[0], "e", "mesh to field")
+        _draw_errors(below[1], numbers)
+        letter(below[1], "f", "errors")
     return figure
 
 
-def _draw_slice(figure: Figure, ax: Axes, case: dict[str, Any]) -> None:
+def _draw_slice(figure: Any, ax: Axes, case: dict[str, Any]) -> None:
     """Values, cells and the zero set in a plane."""
     stored, size = case["slice"], case["size"]
     (x0, y0), (x1, y1) = np.array(stored["lower"]) / size, np.array(stored["upper"]) / size
@@ -52,7 +54,7 @@ def _draw_slice(figure: Figure, ax: Axes, case: dict[str, Any]) -> None:
     ax.add_collection(LineCollection(lines, colors=GREY, linewidths=0.15))
     ax.contour(values, [0.0], extent=(x0, x1, y0, y1), colors=BLACK, linewidths=0.7)
     ax.set_aspect("equal")
-    ax.locator_params(nbins=5)
+    ax.locator_params(nbins=4)
     ax.set_xlabel("$x$ / longest side")
     ax.set_ylabel("$y$ / longest side")
     figure.colorbar(image, ax=ax, shrink=0.8).set_label("signed distance / longest side")
@@ -63,7 +65,7 @@ def _sides(x: float, y: float, side: float) -> list[list[tuple[float, float]]]:
     return [[(x, y), (x + side, y)], [(x, y), (x, y + side)]]
 
 
-def _draw_view(figure: Figure, ax: Axes, case: dict[str, Any]) -> None:
+def _draw_view(figure: Any, ax: Axes, case: dict[str, Any]) -> None:
     """The error as a colour, darkened where the surface turns away."""
     error = np.array(case["view"]["error"], float) / case["atol"]
     light = np.array(case["view"]["light"], float)
@@ -112,7 +114,7 @@ def _draw_errors(ax: Axes, numbers: dict[str, Any]) -> None:
             ax.text(value, place, f" {value:.2f}" + (f", {case['name']}" if j == 0 else ""), va="center")
     ax.set_yticks(range(4), rows)
     ax.invert_yaxis()
-    ax.set_xlim(0, 1.6 * ax.get_xlim()[1])
+    ax.set_xlim(0, 1.8 * ax.get_xlim()[1])
     ax.set_xlabel("largest error / tolerance")
 
 
