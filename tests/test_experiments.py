@@ -157,6 +157,12 @@ def check_fit_quadric(numbers):
     assert np.all(np.diff(numbers["path"]) <= 0)
 
 
+def check_lin03_field(numbers):
+    for mesh in numbers["meshes"]:
+        assert mesh["closed"] and 0 < mesh["sampled"] <= mesh["proven"]
+        assert all(0 < way["lower"] <= way["upper"] < 4 * mesh["atol"] for way in mesh["hausdorff"].values())
+
+
 def check_local_search_error(numbers):
     for mesh in numbers["meshes"]:
         assert [way["published"] for way in mesh["ways"]].count(True) == 1
