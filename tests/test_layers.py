@@ -21,7 +21,7 @@ def modules(folder, names):
 ARITHMETIC = "rounding rationals interval affine bernstein trivariate exact_polynomials polynomial_systems"
 SHAPES = """
     checks knots convert homogeneous joints curve bezier bspline deviation biarc_fit biarc
-    polynomial_text implicit mesh tessellation patch
+    polynomial_text implicit mesh tessellation patch bspline_surface
 """
 FIELDS = """
     boxes octree distance_transform point_triangle triangle_pairs exact_triangles box_tree closest_point

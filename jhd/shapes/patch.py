@@ -1,10 +1,10 @@
-"""Parametric surfaces: tensor-product Bezier patches and B-spline surfaces, polynomial or rational, in space.
+"""Parametric surfaces: tensor-product Bezier patches, polynomial or rational, in space.
 
 `BezierPatches` is the working form: a union of patches of one pair of degrees, as `BezierSegments` is for curves.
 Meshes of them have a proven deviation (`jhd.shapes.tessellation`).
 
 Source: Farin, Curves and Surfaces for CAGD, 5th edition (2002), chapters 14 and 15; Piegl & Tiller, The NURBS Book
-(1997), chapters 3 to 5.
+(1997), chapters 1 and 4.
 """
 
 from abc import abstractmethod
@@ -23,7 +23,6 @@ from jhd.compiled import compiled
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
 from jhd.shapes.curve import affine_image
 from jhd.shapes.homogeneous import cartesian, homogeneous
-from jhd.shapes.knots import bezier_pieces, evaluate
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.tessellation import tessellate
 
@@ -125,7 +124,7 @@ class BezierPatch(AbstractPatch):
     weights: Float[Array, "rows columns"] | None
 
     def __init__(self, control_points: Numbers, weights: Numbers | None = None):
-        self.control_points, self.weights = _checked(control_points, weights, ("rows", "columns", "3"))
+        self.control_points, self.weights = checked_net(control_points, weights, ("rows", "columns", "3"))
 
     @property
     def degrees(self) -> tuple[int, int]:
@@ -144,7 +143,7 @@ class BezierPatch(AbstractPatch):
     def __call__(self, u: Numbers, v: Numbers) -> Array:
         """Points at parameters that broadcast, in [0, 1] for the patch itself."""
         u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
-        return _points(self, u, v)
+        return points_at(self, u, v)
 
     def _value(self, u: Array, v: Array) -> Array:
         value = bernstein.evaluate(bernstein.evaluate(self.homogeneous, u, axis=0), v, axis=0)
@@ -211,7 +210,7 @@ class BezierPatches(AbstractPatch):
     weights: Float[Array, "patches rows columns"] | None
 
     def __init__(self, control_points: Numbers, weights: Numbers | None = None):
-        self.control_points, self.weights = _checked(control_points, weights, ("patches", "rows", "columns", "3"))
+        self.control_points, self.weights = checked_net(control_points, weights, ("patches", "rows", "columns", "3"))
 
     @property
     def count(self) -> int:
@@ -231,7 +230,7 @@ class BezierPatches(AbstractPatch):
     def __call__(self, u: Numbers, v: Numbers) -> Array:
         """Points at parameters that broadcast; see the class."""
         u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
-        return _points(self, u, v)
+        return points_at(self, u, v)
 
     def _value(self, u: Array, v: Array) -> Array:
         patch = jnp.clip(jnp.floor(u), 0, self.count - 1)
@@ -259,116 +258,6 @@ class BezierPatches(AbstractPatch):
         return BezierPatches(affine_image(self.control_points, matrix, offset), self.weights)
 
 
-class BSplineSurface(AbstractPatch):
-    """A tensor-product B-spline surface, polynomial or rational (NURBS), over the product of two knot intervals.
-
-    The degree in u is p = len(knots_u) - rows - 1, in v likewise with columns. The parameters run over
-    [knots_u[p], knots_u[rows]] and the like in v; outside, the polynomials at the border are extended. At a knot of
-    multiplicity p + 1 or more the surface may jump; it then takes the value of the side of larger parameters.
-
-    >>> knots = [0, 0, 1, 1]
-    >>> surface = BSplineSurface([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]], knots, knots)
-    >>> surface(0.5, 0.5).tolist()
-    [1.0, 1.0, 1.0]
-
-    Args:
-        control_points: coordinates, in any unit of length; at least p + 1 rows and q + 1 columns.
-        knots_u: non-decreasing parameters that go with the rows.
-        knots_v: non-decreasing parameters that go with the columns.
-        weights: positive weights, or None for a polynomial surface.
-
-    Raises:
-        ValueError: as for BezierPatch; wrong numbers of knots, too few points for the degrees, knots that decrease or
-            span no length.
-        TypeError: entries that are not real numbers.
-    """
-
-    control_points: Float[Array, "rows columns 3"]
-    knots_u: Float[Array, " knots_u"]
-    knots_v: Float[Array, " knots_v"]
-    weights: Float[Array, "rows columns"] | None
-
-    def __init__(self, control_points: Numbers, knots_u: Numbers, knots_v: Numbers, weights: Numbers | None = None):
-        self.control_points, self.weights = _checked(control_points, weights, ("rows", "columns", "3"))
-        self.knots_u, self.knots_v = real_array("knots_u", knots_u), real_array("knots_v", knots_v)
-        rows, columns = self.control_points.shape[:2]
-        _check_knots("knots_u", self.knots_u, "rows", rows)
-        _check_knots("knots_v", self.knots_v, "columns", columns)
-
-    @classmethod
-    def clamped(
-        cls, control_points: Numbers, degrees: tuple[int, int] = (3, 3), weights: Numbers | None = None
-    ) -> "BSplineSurface":
-        """The surface between its corner points, with knots 0, ..., 0, 1, 2, ... in both parameters.
-
-        Args:
-            control_points: coordinates (rows, columns, 3); at least one more of each than the degree.
-            degrees: those in u and in v.
-            weights: positive weights, or None.
-
-        Raises:
-            ValueError: as the class, or a negative degree.
-            TypeError: as the class, or a degree that is not an integer.
-        """
-        points = _checked(control_points, None, ("rows", "columns", "3"))[0]
-        knots = []
-        rows, columns = points.shape[:2]
-        for degree, count, name in ((degrees[0], rows, "rows"), (degrees[1], columns, "columns")):
-            if not isinstance(degree, int | np.integer) or isinstance(degree, bool):
-                raise TypeError(f"degrees must be two integers; got {degrees!r}.")
-            if not 0 <= degree < count:
-                raise ValueError(f"degrees holds {degree}; {count} {name} allow 0 to {count - 1}.")
-            knots.append(np.clip(np.arange(count + degree + 1.0) - degree, 0, max(count - degree, 0)))
-        return cls(points, knots[0], knots[1], weights)
-
-    @property
-    def degrees(self) -> tuple[int, int]:
-        """Degrees in u and in v."""
-        rows, columns = self.control_points.shape[-3:-1]
-        return self.knots_u.shape[-1] - rows - 1, self.knots_v.shape[-1] - columns - 1
-
-    @property
-    def domain(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """First and last parameter in u and in v."""
-        (p, q), (rows, columns) = self.degrees, self.control_points.shape[-3:-1]
-        return (self.knots_u[p], self.knots_u[rows]), (self.knots_v[q], self.knots_v[columns])
-
-    @property
-    def homogeneous(self) -> Float[Array, "rows columns width"]:
-        """The control points times their weights, and the weights as one more coordinate where there are any."""
-        return homogeneous(self.control_points, self.weights)
-
-    def __call__(self, u: Numbers, v: Numbers) -> Array:
-        """Points at parameters that broadcast, by de Boor's algorithm in u and then in v."""
-        u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
-        return _points(self, u, v)
-
-    def _value(self, u: Array, v: Array) -> Array:
-        (p, q), h = self.degrees, self.homogeneous
-        row = evaluate(h.reshape(h.shape[0], -1), self.knots_u, p, False, u[None])[0]
-        value = evaluate(row.reshape(h.shape[1:]), self.knots_v, q, False, v[None])[0]
-        return cartesian(value, self.weights is not None)[0]
-
-    def patches(self) -> BezierPatches:
-        """One Bezier patch for each pair of knot spans of the domain, those of one span of u after one another.
-
-        Neighbours share their control points on the common edge exactly, wherever the multiplicity of the knot leaves
-        the surface continuous.
-        """
-        pieces = _pieces(self)
-        points, weights = cartesian(pieces, self.weights is not None)
-        return BezierPatches(points, weights)
-
-    def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BSplineSurface":
-        """The image under x -> matrix x + offset; differentiable in both.
-
-        Raises:
-            ValueError: wrong shapes, NaN or infinity.
-        """
-        points = affine_image(self.control_points, matrix, offset)
-        return BSplineSurface(points, self.knots_u, self.knots_v, self.weights)
-
-
 def check_patch(name: str, value: object) -> None:
     """Raises TypeError unless the value is a parametric surface."""
     if not isinstance(value, AbstractPatch):
@@ -378,34 +267,14 @@ def check_patch(name: str, value: object) -> None:
         )
 
 
-def _checked(control_points: Numbers, weights: Numbers | None, axes: tuple[str, ...]) -> tuple[Array, Array | None]:
+def checked_net(control_points: Numbers, weights: Numbers | None, axes: tuple[str, ...]) -> tuple[Array, Array | None]:
+    """Control points in space and their weights; ValueError and TypeError as for the patches."""
     points = real_array("control_points", control_points)
     given = None if weights is None else real_array("weights", weights)
     check_control_points(points, given, axes)
     if points.shape[-1] != 3:
         raise ValueError(f"control_points has {points.shape[-1]} coordinates a point; needs 3.")
     return points, given
-
-
-def _check_knots(name: str, knots: Array, axis: str, count: int) -> None:
-    if knots.ndim != 1:
-        raise ValueError(f"{name} has shape {knots.shape}; needs ({name},).")
-    degree = knots.shape[0] - count - 1
-    if degree < 0:
-        raise ValueError(f"{name} has {knots.shape[0]} entries; {count} {axis} need at least {count + 1}.")
-    if count < degree + 1:
-        raise ValueError(
-            f"control_points has {count} {axis}; degree {degree} ({knots.shape[0]} knots) needs at least {degree + 1}."
-        )
-    if is_traced(knots):
-        return
-    known = np.asarray(knots)
-    down = np.flatnonzero(np.diff(known) < 0)
-    if len(down):
-        k = int(down[0])
-        raise ValueError(f"{name}[{k + 1}] is {known[k + 1]:g}; needs at least {name}[{k}] = {known[k]:g}.")
-    if known[degree] == known[count]:
-        raise ValueError(f"{name}[{degree}] and {name}[{count}] are both {known[count]:g}; the domain has length zero.")
 
 
 def _of_batch(function: Callable[..., Any], *parameters: Array) -> Any:
@@ -416,7 +285,8 @@ def _of_batch(function: Callable[..., Any], *parameters: Array) -> Any:
 
 
 @compiled
-def _points(surface: Any, u: Array, v: Array) -> Array:
+def points_at(surface: Any, u: Array, v: Array) -> Array:
+    """Points of a surface at parameters of one batch shape."""
     return _of_batch(surface._value, u, v)
 
 
@@ -435,19 +305,3 @@ def _partials(surface: Any, u: Array, v: Array) -> tuple[Array, ...]:
         return value(u, v), *first(u, v), uu, uv, vv
 
     return _of_batch(one, u, v)
-
-
-@compiled
-def _pieces(surface: BSplineSurface) -> Array:
-    """Homogeneous control points (patches, rows, columns, width) of all pairs of spans."""
-    (p, q), h = surface.degrees, surface.homogeneous
-    columns, width = h.shape[1:]
-    along_u, jumps = bezier_pieces(h.reshape(h.shape[0], -1), surface.knots_u, p, False)
-    spans_u = along_u.shape[0]
-    turned = jnp.moveaxis(along_u.reshape(spans_u, p + 1, columns, width), 2, 0)
-    both = bezier_pieces(turned.reshape(columns, -1), surface.knots_v, q, False)[0]
-    pieces = jnp.moveaxis(both.reshape(-1, q + 1, spans_u, p + 1, width), (2, 0, 3, 1), (0, 1, 2, 3))
-    # The second pass may round the two copies of an edge differently.
-    shared = jnp.where(jumps[:, None, None, None], pieces[:, :, 0], jnp.roll(pieces[:, :, -1], 1, axis=0))
-    pieces = pieces.at[:, :, 0].set(shared)
-    return pieces.reshape(-1, p + 1, q + 1, width)

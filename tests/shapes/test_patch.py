@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jhd.shapes.bspline_surface import BSplineSurface
 from jhd.shapes.mesh import edges_of
-from jhd.shapes.patch import BezierPatch, BezierPatches, BSplineSurface, check_patch
+from jhd.shapes.patch import BezierPatch, BezierPatches, check_patch
 
 RANDOM = np.random.default_rng(0)
 POINTS = RANDOM.normal(size=(4, 3, 3))
