@@ -83,7 +83,8 @@ class CubeIntervals(AbstractHausdorffMethod):
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """Raises TypeError: curves have no cells."""
-        raise TypeError("method must be BranchAndBound() or TwoStep() for curves; CubeIntervals serves surfaces.")
+        known = "BranchAndBound(), TwoStep(), BiarcTrimming() or AlgebraicEvents()"
+        raise TypeError(f"method must be {known} for curves; CubeIntervals serves surfaces.")
 
     def directed_surfaces(
         self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Progress = None
