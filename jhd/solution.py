@@ -306,16 +306,16 @@ class Decision(eqx.Module):
 
 
 class FitSolution(eqx.Module):
-    """A curve fitted by its Hausdorff distance, with the proven distance.
+    """A shape fitted by its Hausdorff distance, with the proven distance.
 
     Args:
         parameters: where the fit ended, in the form in which they were given.
-        shape: the curve that belongs to them.
+        shape: the curve, surface or mesh that belongs to them.
         error: the proven Hausdorff distance of the target and the shape.
         optimality: length of sum mu_j g_j, with the gradients g_j of the largest maxima in the parameters and the best
             multipliers mu_j >= 0 of sum one; zero at a stationary point.
         multipliers: the mu_j of the critical pairs, largest distance first.
-        pairs: the critical pairs of (target, shape).
+        pairs: the critical pairs of (target, shape); of surfaces and meshes the maximum of each direction.
         result: successful, or why the fit stopped where it is not stationary.
         stats: counts of steps, of Newton steps among them, and of evaluations.
         history: the distance at the start and after each step.

@@ -42,7 +42,7 @@ class Implicit(NamedTuple):
 
 
 def implicit(coefficients: Array, lower: Array, upper: Array) -> Implicit:
-    """The surface with the derivatives of its polynomial; each coefficient is rounded once at most."""
+    """The surface with the derivatives of its polynomial, whose coefficients are rounded twice at most."""
 
     def derived(c: Array, axis: int) -> Array:
         n = c.shape[axis]
@@ -130,6 +130,14 @@ def shape_over(shape: Net | Implicit, part: Any, low: Array, high: Array) -> Loc
     half = half * (1 + gamma(4, half.dtype)) + gamma(6, half.dtype) * jnp.maximum(jnp.abs(low), jnp.abs(high))
     ranges = jax.vmap(lambda c: trivariate.enclose(c, centre[:, None], half[:, None]))(shape.table)
     balls = between(ranges.lower[:, 0], ranges.upper[:, 0])
+    # What the rounding of the derivatives' coefficients adds: a share of the sum of the sizes of their terms.
+    sizes = jnp.abs(shape.table)
+    for axis in range(3):
+        far, rows = jnp.maximum(jnp.abs(low[axis]), jnp.abs(high[axis])), jnp.moveaxis(sizes, 1, 0)
+        sizes = rows[-1]
+        for row in rows[-2::-1]:
+            sizes = sizes * far + row
+    balls = Ball(balls.mid, balls.rad + jnp.where(np.arange(len(sizes)) > 0, gamma(8, sizes.dtype) * sizes, 0.0))
     width, zero = high - low, jnp.zeros((3, 3, 3), low.dtype)
     first = Ball(jnp.diag(width), gamma(4, width.dtype) * jnp.diag(width))
     take = lambda rows: jax.tree_util.tree_map(lambda x: x[rows], balls)  # noqa: E731

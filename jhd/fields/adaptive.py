@@ -82,7 +82,7 @@ class AdaptiveDistanceField(eqx.Module):
         *,
         sign: str = "winding",
         max_depth: int = 12,
-        max_cells: int = 3_000_000,
+        max_cells: int = 1_500_000,
         progress: Callable[[FieldProgress], object] | None = None,
     ) -> "AdaptiveDistanceField":
         """The field of a mesh, refined until the interpolation is within the tolerance at 19 points of each cell.
@@ -97,7 +97,8 @@ class AdaptiveDistanceField(eqx.Module):
             sign: as for jhd.signed_distance: "winding", for all meshes (where one is not closed the field jumps across
                 its holes), or "pseudonormal", for closed ones without self-intersections.
             max_depth: most halvings of the cells of the first grid, 9 to 16 of which are as long as the box.
-            max_cells: cells beyond which none is split; a million take a gigabyte while the field is built.
+            max_cells: cells beyond which none is split; a million take 1.3 gigabytes while the field is
+                built.
             progress: called with a FieldProgress after each level.
 
         Raises:
