@@ -3,12 +3,13 @@
 Four families of bounds on cells of width h, the part of a segment's parameter: (i) Lipschitz, the distance at the
 middle plus half the largest possible length of the cell; (ii) one branch, the largest Bernstein coefficient of
 |A - B(sigma)|^2 for a map sigma through the feet; (iii) lambda, the best convex combination of the branches from both
-ends; (iv) ours, `jhd.distance.bounds.cell_upper_bound`: both branches split at their peak. The first three stand in
-NumPy in common_bounds.py. Two pairs have an exactly known distance, attained at an antipodal and at a one-to-two
-maximum, around which the cells shrink; two more are coincident: a straight segment written as two cubics, and a quarter
-circle with two sets of weights, related by a Moebius map. There the bound is the mismatch of the map itself, and the
-maps are compared: affine, cubic Hermite, Moebius. In the second part cells are taken in the order of their bounds and
-cut, and the largest bound left is followed; ours also with cells cut at their peak, as the package does.
+ends; (iv) ours, `jhd.distance.cells.branches.cell_upper_bound`: both branches split at their peak. The first three
+stand in NumPy in common_bounds.py. Two pairs have an exactly known distance, attained at an antipodal and at a
+one-to-two maximum, around which the cells shrink; two more are coincident: a straight segment written as two cubics,
+and a quarter circle with two sets of weights, related by a Moebius map. There the bound is the mismatch of the map
+itself, and the maps are compared: affine, cubic Hermite, Moebius. In the second part cells are taken in the order of
+their bounds and cut, and the largest bound left is followed; ours also with cells cut at their peak, as the package
+does.
 
 Theory: the map misses the foot by O(h^p) with p = 2 (affine), 3 (Moebius), 4 (cubic), so the distance by O(h^2p) where
 it is not zero, because a foot is a minimum, and by O(h^p) where it is; (iv) adds nothing to that. (i) is of first
@@ -44,8 +45,8 @@ from common_bounds import (
 )
 
 import jhd
-from jhd.distance.bounds import Cell, cell_upper_bound
-from jhd.distance.prepare import prepare
+from jhd.distance.cells.branches import Cell, cell_upper_bound
+from jhd.distance.frame.prepare import prepare
 
 # The place of the maximum in the cells of the first part, off the middle, which would be a special case.
 _PLACE = 0.4

@@ -21,10 +21,10 @@ from common import Run, markdown
 from common_kim10 import KINDS, pair
 
 import jhd
-from jhd.distance.arc_bounds import Target
-from jhd.distance.host_pair import HostPair
-from jhd.distance.prepare import prepare
-from jhd.distance.trimming import both_arcs
+from jhd.distance.frame.prepare import prepare
+from jhd.distance.published.arc_bounds import Target
+from jhd.distance.published.events.host_pair import HostPair
+from jhd.distance.published.trimming import both_arcs
 
 # The pair whose second curve is mapped.
 MAPPED, COUNT = "self_bisector", 15

@@ -28,9 +28,9 @@ from common import Run, markdown
 from common_kim10 import COUNTS, KINDS, pair
 
 import jhd
-from jhd.distance.host_pair import HostPair
-from jhd.distance.prepare import prepare
-from jhd.distance.trimming import both_arcs
+from jhd.distance.frame.prepare import prepare
+from jhd.distance.published.events.host_pair import HostPair
+from jhd.distance.published.trimming import both_arcs
 from jhd.solution import name_of
 
 # Milliseconds without and with trimming, by kind and number of control points: table 1 and figure 18 of the source.

@@ -23,14 +23,14 @@ import numpy as np
 from common import Run, markdown
 
 import jhd
-from jhd.distance.arc_bounds import Arcs, Target
-from jhd.distance.event_forms import Curve
-from jhd.distance.event_survivors import Pieces, everywhere, pairs, survivors, triples
-from jhd.distance.event_systems import Events, solve
-from jhd.distance.farthest import measure
-from jhd.distance.host_pair import HostPair
-from jhd.distance.prepare import Frame, prepare
-from jhd.distance.trimming import both_arcs
+from jhd.distance.frame.prepare import Frame, prepare
+from jhd.distance.published.arc_bounds import Arcs, Target
+from jhd.distance.published.events.forms import Curve
+from jhd.distance.published.events.host_pair import HostPair
+from jhd.distance.published.events.survivors import Pieces, everywhere, pairs, survivors, triples
+from jhd.distance.published.events.systems import Events, solve
+from jhd.distance.published.farthest import measure
+from jhd.distance.published.trimming import both_arcs
 from jhd.solution import name_of
 
 COUNT = 8

@@ -19,7 +19,7 @@ import jax
 import numpy as np
 
 import jhd
-from jhd.distance.method import AbstractHausdorffMethod
+from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.io import load_certificate, load_shape, save_curve, save_mesh, write_svg
 from jhd.io.meshes import MESH_SUFFIXES
 from jhd.options import PROJECTIONS, curve_of, mesh_of, method_name, method_of, points_of, shapes_of

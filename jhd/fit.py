@@ -17,10 +17,10 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from jhd.arrays import real_array
-from jhd.distance.critical import critical_pairs
+from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.hausdorff import hausdorff
-from jhd.distance.method import AbstractHausdorffMethod
 from jhd.distance.pairs import Shape
+from jhd.distance.witness.critical import critical_pairs
 from jhd.fitting.bundle import Bundled, minimise_by_cuts, motions
 from jhd.fitting.chain import Chain, Layout, divided, least_squares, longest_pieces, turns
 from jhd.fitting.minimax import Ended, FitProgress, Problem, minimise

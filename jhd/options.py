@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 import jhd
-from jhd.distance.method import AbstractHausdorffMethod
-from jhd.distance.projection import AbstractProjectionMethod
+from jhd.distance.frame.method import AbstractHausdorffMethod
+from jhd.distance.project import AbstractProjectionMethod
 from jhd.io import load_shape
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface

@@ -10,65 +10,37 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "jhd"
 
 
-def modules(folder, names):
-    """The modules of a folder, in order; names are parted by blanks."""
-    return [f"{folder}.{name}" for name in names.split()]
-
-
-# Each entry of a layer lists its modules in order: a module may import from lower layers and from earlier modules of
-# its own entry. Entries of one layer know nothing of each other. The order holds also for modules not listed here,
-# since each of those must be added.
-ARITHMETIC = "rounding rationals interval affine bernstein trivariate exact_polynomials polynomial_systems"
-SHAPES = """
-    checks knots convert homogeneous joints curve bezier bspline deviation biarc_fit biarc
-    polynomial_text implicit mesh tessellation patch bspline_surface
+# Folders, and single files beside them, from the lowest to the highest. A module may import from what stands in a line
+# above its own, or in its own line before it; those of one line that are parted by a bar know nothing of each other.
+# Inside a folder the order is free, as long as there is no cycle.
+ORDER = """
+    arrays compiled solution
+    arithmetic
+    shapes
+    triangles
+    fields
+    distance.frame distance.nearest distance.cells distance.witness distance.search distance.published.events
+        distance.published distance.certificate distance
+    fitting fit | plot | io
+    report options commands __main__
 """
-FIELDS = """
-    boxes octree distance_transform point_triangle triangle_pairs exact_triangles box_tree closest_point
-    vertex_voxels winding pseudonormal adaptive_samples adaptive_build adaptive_evaluate adaptive_extract adaptive_error
-    adaptive distance_map
-"""
-DISTANCES = """
-    jets prepare method nearest events active derivative local_feet stationarity
-    mesh_projection signed_distance projection refinement two_step
-    event_forms event_kernels event_systems event_survivors host_pair event_candidates farthest algebraic
-    arc_bounds trimming
-    bounds surface_foot surface_events surface_derivative search
-    surface_prepare surface_bounds surface_points surface_signs surface_nearest surface_candidates surface_search
-    surface_solution branch_and_bound driver cube_intervals
-    mesh_cells mesh_witness mesh_search pairs hausdorff critical
-    mesh_pairs minimum_meshes
-    minimum_balls minimum_jets minimum_cells minimum_search minimum_nets minimum_host minimum_implicit
-    minimum_surfaces minimum_mixed voxel_pairs
-    minimum verification host covering certificate
-"""
-FILES_OF = """
-    errors contours outlines path_data svg_elements svg_shapes svg_document svg curves polygons ply meshes load results
-    certificates
-"""
-LAYERS: list[list[list[str]]] = [
-    [["arrays", "compiled", "solution"]],
-    [modules("arithmetic", ARITHMETIC)],
-    [modules("shapes", SHAPES)],
-    [modules("fields", FIELDS)],
-    [modules("distance", DISTANCES)],
-    [
-        [*modules("fitting", "expansion subproblem minimax bundle chain"), "fit"],
-        modules("plot", "axes curves nets faces implicit meshes solutions"),
-        modules("io", FILES_OF),
-    ],
-    [["report", "options", "commands", "__main__"]],
-]
 COMMAND_LINE = ("commands", "__main__")
 # Their import takes a tenth of a second and more, so they may be imported where they are used.
 HEAVY = {"matplotlib", "mpl_toolkits", "fontTools", "scipy", "shapely", "trimesh", "skimage", "svgelements", "sympy"}
 
-PLACES = {
-    module: (layer, entry, position)
-    for layer, entries in enumerate(LAYERS)
-    for entry, modules in enumerate(entries)
-    for position, module in enumerate(modules)
-}
+
+def places():
+    """The line, the part of the line and the position there of each folder and single file."""
+    joined = ORDER.replace("\n        ", " ").strip().splitlines()
+    return {
+        name: (line, part, position)
+        for line, row in enumerate(joined)
+        for part, names in enumerate(row.split("|"))
+        for position, name in enumerate(names.split())
+    }
+
+
+PLACES = places()
 
 
 @cache
@@ -115,28 +87,50 @@ def function_nodes(path) -> list[Any]:
     return [inner for function in functions for inner in ast.walk(function) if inner is not function]
 
 
-def place_of(name):
-    """Place of a module; of a folder's __init__, which re-exports, the place behind its last module."""
-    if name in PLACES:
-        return PLACES[name]
-    inside = [place for module, place in PLACES.items() if module.startswith(f"{name}.")]
-    layer, entry, _ = inside[0]
-    return layer, entry, len(LAYERS[layer][entry])
+def owner_of(name):
+    """The folder or single file in the order that holds a module; of a folder inside another one the inner."""
+    parts = name.split(".")
+    found = [".".join(parts[:k]) for k in range(len(parts), 0, -1) if ".".join(parts[:k]) in PLACES]
+    assert found, f"{name} has no place in the order of folders"
+    return found[0]
+
+
+def is_below(other, name):
+    """Whether a module of the folder `other` may be imported by one of the folder `name`."""
+    (line, part, position), (mine, beside, own) = PLACES[other], PLACES[name]
+    return line < mine or (line == mine and part == beside and position <= own)
 
 
 @pytest.mark.parametrize("path", MODULES, ids=by_name)
-def test_a_module_imports_from_lower_layers_or_earlier_files_only(path):
+def test_a_module_imports_from_lower_folders_or_its_own_only(path):
     name = name_of(path)
-    assert name in PLACES, f"{name} has no place in the table of layers"
-    layer, entry, position = PLACES[name]
     for line, other in of_package(path, ast.walk(tree(path))):
         # The command line talks to the package as a user does.
-        if other == "" and layer == len(LAYERS) - 1:
+        if other == "" and PLACES[owner_of(name)][0] == max(place[0] for place in PLACES.values()):
             continue
         assert other, f"{name}:{line} imports the package itself"
-        below, beside, before = place_of(other)
-        allowed = below < layer or (below == layer and beside == entry and before < position)
-        assert allowed, f"{name}:{line} imports {other}"
+        assert is_below(owner_of(other), owner_of(name)), f"{name}:{line} imports {other}"
+
+
+def test_an_upward_import_between_folders_is_found():
+    assert not is_below("distance.search", "distance.cells") and not is_below("plot", "io")
+    assert is_below("distance.cells", "distance.search") and is_below("distance.search", "distance.search")
+    assert owner_of("distance.search.curves") == "distance.search" and owner_of("distance.hausdorff") == "distance"
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    imports = {name_of(path): {other for _, other in of_package(path, ast.walk(tree(path)))} for path in MODULES}
+    done: set[str] = set()
+
+    def visit(name, above):
+        assert name not in above, " -> ".join([*above[above.index(name) :], name])
+        if name not in done:
+            for other in imports.get(name, ()):
+                visit(other, [*above, name])
+            done.add(name)
+
+    for name in imports:
+        visit(name, [])
 
 
 @pytest.mark.parametrize("path", MODULES, ids=by_name)

@@ -10,7 +10,7 @@ from mpmath import mp, mpf
 from scipy.spatial import KDTree
 
 from jhd.compiled import compiled
-from jhd.distance.surface_foot import local_foot
+from jhd.distance.witness.surface_foot import local_foot
 from tests.surface_cases import CASES
 from tests.surface_reference import cloud, solve, values
 

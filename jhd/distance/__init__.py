@@ -1,15 +1,19 @@
-"""Distances: projection, the Hausdorff methods and the entries."""
+"""Distances of shapes, in the order of the argument that proves them.
 
-from jhd.distance.algebraic import AlgebraicEvents
-from jhd.distance.branch_and_bound import BranchAndBound
-from jhd.distance.certificate import Certificate, certify
-from jhd.distance.critical import critical_pairs
-from jhd.distance.cube_intervals import CubeIntervals
-from jhd.distance.driver import Progress
+Two shapes are brought into common coordinates (`frame`). The distance of a place of a from b is that of the nearest
+point, proven from both sides (`nearest`). Over a cell of a, any map into b bounds the distance from above (`cells`).
+What is attained satisfies a few equations, solved to the last digits, and the value has the derivative of these
+(`witness`). The search keeps cells that cover a, cuts the one with the largest bound, and proves places where that
+raises the lower one, until both bounds meet; or keeps pairs of cells, for the smallest distance (`search`). The methods
+of the sources do without one or the other proof (`published`). Integers can check what was found (`certificate`). Above
+stand the entries: `hausdorff`, `minimum`, `project`, `signed_distance`.
+"""
+
+from jhd.distance.certificate.certificate import Certificate, certify
+from jhd.distance.certificate.verification import CertificateError, verify
 from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
-from jhd.distance.mesh_projection import VertexVoxels
 from jhd.distance.minimum import MinimumProgress, minimum_distance
-from jhd.distance.projection import (
+from jhd.distance.project import (
     HybridProjection,
     IntervalHalving,
     NearestSearch,
@@ -18,8 +22,13 @@ from jhd.distance.projection import (
     project,
     stationary_points,
 )
+from jhd.distance.published.algebraic import AlgebraicEvents
+from jhd.distance.published.cube_intervals import CubeIntervals
+from jhd.distance.published.trimming import BiarcTrimming
+from jhd.distance.published.two_step import TwoStep
+from jhd.distance.published.vertex_voxels import VertexVoxels
+from jhd.distance.published.voxel_pairs import TiedPairs, VoxelPairs
+from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.driver import Progress
 from jhd.distance.signed_distance import signed_distance
-from jhd.distance.trimming import BiarcTrimming
-from jhd.distance.two_step import TwoStep
-from jhd.distance.verification import CertificateError, verify
-from jhd.distance.voxel_pairs import TiedPairs, VoxelPairs
+from jhd.distance.witness.critical import critical_pairs

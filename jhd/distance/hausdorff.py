@@ -10,11 +10,11 @@ from jaxtyping import Array
 
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
-from jhd.distance.branch_and_bound import BranchAndBound
-from jhd.distance.cube_intervals import CubeIntervals
-from jhd.distance.driver import Progress
-from jhd.distance.method import AbstractHausdorffMethod
+from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.pairs import Shape, pair_of, surfaces_of
+from jhd.distance.published.cube_intervals import CubeIntervals
+from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.driver import Progress
 from jhd.shapes.checks import Numbers
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.solution import (

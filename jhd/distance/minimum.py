@@ -18,12 +18,10 @@ from jaxtyping import Array
 from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
-from jhd.distance.minimum_host import in_stretches
-from jhd.distance.minimum_jets import Net, jet, point_error
-from jhd.distance.minimum_meshes import as_mesh, of_meshes
-from jhd.distance.minimum_mixed import Outcome, with_surface
-from jhd.distance.minimum_nets import attached, net_of, polished, prepared
-from jhd.distance.minimum_search import (
+from jhd.distance.frame.net_jets import Net, jet, point_error
+from jhd.distance.frame.prepare import Frame
+from jhd.distance.published.voxel_pairs import VoxelPairs
+from jhd.distance.search.closest import (
     WIDTH,
     Parametric,
     State,
@@ -33,8 +31,10 @@ from jhd.distance.minimum_search import (
     is_open,
     lower_of,
 )
-from jhd.distance.prepare import Frame
-from jhd.distance.voxel_pairs import VoxelPairs
+from jhd.distance.search.closest_triangles import as_mesh, of_meshes
+from jhd.distance.search.mixed import Outcome, with_surface
+from jhd.distance.search.stretches import in_stretches
+from jhd.distance.witness.nets import attached, net_of, polished, prepared
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface

@@ -15,17 +15,17 @@ from jaxtyping import Array
 
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
-from jhd.distance.branch_and_bound import BranchAndBound
-from jhd.distance.cube_intervals import CubeIntervals
-from jhd.distance.derivative import with_derivatives
-from jhd.distance.driver import Host
-from jhd.distance.mesh_search import mesh_directed
-from jhd.distance.method import AbstractHausdorffMethod, Aim
-from jhd.distance.prepare import Frame, prepare
-from jhd.distance.surface_candidates import Target
-from jhd.distance.surface_derivative import with_surface_derivatives
-from jhd.distance.surface_prepare import Side, prepare_surfaces
-from jhd.distance.surface_solution import Pair, target
+from jhd.distance.frame.method import AbstractHausdorffMethod, Aim
+from jhd.distance.frame.prepare import Frame, prepare
+from jhd.distance.frame.surfaces import Side, prepare_surfaces
+from jhd.distance.published.cube_intervals import CubeIntervals
+from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.candidates import Target
+from jhd.distance.search.driver import Host
+from jhd.distance.search.meshes import mesh_directed
+from jhd.distance.search.solutions import Pair, target
+from jhd.distance.witness.derivative import with_derivatives
+from jhd.distance.witness.surfaces import with_surface_derivatives
 from jhd.shapes.curve import AbstractCurve, check_curve
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.shapes.mesh import TriangleMesh, check_mesh

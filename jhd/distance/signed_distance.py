@@ -4,7 +4,7 @@ The winding number needs no closed mesh and forgives self-intersections and wron
 pseudonormal at the foot is exact for closed meshes without self-intersections, and wrong for others. The published
 average of the normals at the foot, without weights, is wrong at some sharp vertices too, and there for comparison.
 
-Sources: Jacobson et al. 2013 and Barill et al. 2018 (see jhd.fields.winding); Baerentzen & Aanaes, Signed distance
+Sources: Jacobson et al. 2013 and Barill et al. 2018 (see jhd.triangles.winding); Baerentzen & Aanaes, Signed distance
 computation using the angle weighted pseudonormal (2005); the average: Lin03 ("3-D signed Euclidean distance transform
 and its applications", 2003), section 3, detail 3.
 """
@@ -15,13 +15,14 @@ from jax import lax
 from jaxtyping import Array
 
 from jhd.arrays import is_traced
-from jhd.distance.mesh_projection import VertexVoxels, checked_points, project_on_mesh
-from jhd.fields.closest_point import ClosestPoints
-from jhd.fields.pseudonormal import is_behind
-from jhd.fields.winding import is_inside, summed_angles
+from jhd.distance.nearest.meshes import checked_points, project_on_mesh
+from jhd.distance.published.vertex_voxels import VertexVoxels
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.solution import Projection
+from jhd.triangles.closest_point import ClosestPoints
+from jhd.triangles.pseudonormal import is_behind
+from jhd.triangles.winding import is_inside, summed_angles
 
 _SIGNS = ("winding", "pseudonormal", "average")
 

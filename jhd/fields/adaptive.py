@@ -26,9 +26,9 @@ from jhd.fields.adaptive_error import Boxes, largest_error, meeting
 from jhd.fields.adaptive_evaluate import Cells, values_at
 from jhd.fields.adaptive_extract import Leaves, extracted
 from jhd.fields.adaptive_samples import SIGNS, Surface, is_inner, surface_of
-from jhd.fields.closest_point import closest_points
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh, check_mesh
+from jhd.triangles.closest_point import closest_points
 
 _FORMAT = "jhd.AdaptiveDistanceField 1"
 

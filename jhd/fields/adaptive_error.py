@@ -21,7 +21,7 @@ from jaxtyping import Float
 from jhd.arithmetic.rounding import gamma, round_up
 from jhd.fields.adaptive_samples import Surface, is_inner
 from jhd.fields.boxes import CORNERS
-from jhd.fields.closest_point import closest_points
+from jhd.triangles.closest_point import closest_points
 
 # Distances of the points z from the middle, in sides of the box.
 _REACHES = np.array([0.0, 1.0, -1.0, 4.0, -4.0])

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
-from jhd.fields.closest_point import in_blocks
+from jhd.triangles.closest_point import in_blocks
 
 # The eight corners and parts are numbered 4 x + 2 y + z.
 _PLACES = np.array([4, 2, 1])

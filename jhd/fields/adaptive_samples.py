@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jhd.arithmetic.rounding import gamma
-from jhd.fields.closest_point import (
+from jhd.shapes.mesh import TriangleMesh, edges_of
+from jhd.triangles.closest_point import (
     ClosestPoints,
     TriangleTree,
     barycentric_of,
@@ -22,9 +23,8 @@ from jhd.fields.closest_point import (
     outward,
     triangle_tree,
 )
-from jhd.fields.pseudonormal import is_behind, pseudonormals
-from jhd.fields.winding import is_inside
-from jhd.shapes.mesh import TriangleMesh, edges_of
+from jhd.triangles.pseudonormal import is_behind, pseudonormals
+from jhd.triangles.winding import is_inside
 
 SIGNS = ("winding", "pseudonormal")
 # Times that a point is moved away from the mesh, which doubles the room about it at best.
@@ -199,7 +199,7 @@ def decide(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarr
 def is_inner(
     surface: Surface, points: np.ndarray, found: ClosestPoints, reach: np.ndarray
 ) -> Bool[np.ndarray, " points"]:
-    """Whether points are inside by the winding number; as jhd.fields.winding.is_inside, and faster near the mesh.
+    """Whether points are inside by the winding number; as jhd.triangles.winding.is_inside, and faster near the mesh.
 
     Points close to the mesh are asked for where they have been moved away from it, where they are proven to stay on
     their side: balls with more room meet more often, so fewer winding numbers are evaluated.

@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.distance.branch_and_bound import BranchAndBound
 from jhd.distance.hausdorff import directed_hausdorff
+from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.fields.octree import voxelise
 from jhd.fitting.subproblem import model_step, multipliers
 from jhd.shapes.implicit import ImplicitSurface

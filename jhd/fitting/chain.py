@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jhd.distance.projection import project
+from jhd.distance.project import project
 from jhd.shapes.curve import BezierSegments
 
 # Samples of each segment of the target, and rounds of least squares with new feet.

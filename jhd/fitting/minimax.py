@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.distance.critical import critical_pairs
+from jhd.distance.witness.critical import critical_pairs
 from jhd.fitting.expansion import Expansion, FloatArray, Moving, expand
 from jhd.fitting.subproblem import model_step, multipliers
 from jhd.shapes.curve import AbstractCurve, BezierSegments

@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from jhd.distance.certificate import Certificate
-from jhd.distance.verification import CertificateError
+from jhd.distance.certificate.certificate import Certificate
+from jhd.distance.certificate.verification import CertificateError
 from jhd.io.errors import ParseError, read_text
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jhd.arithmetic.bernstein import binomials
-from jhd.distance.projection import project
+from jhd.distance.project import project
 from jhd.plot.axes import BLUE, GREY, TEXT_POINTS, VERMILLION, axes_for, draw, finish
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.solution import HausdorffSolution

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from jhd.distance.minimum import minimum_distance
-from jhd.distance.voxel_pairs import VoxelPairs
+from jhd.distance.published.voxel_pairs import VoxelPairs
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.curve import circle, points, polyline
 from jhd.shapes.implicit import ImplicitSurface

@@ -1,0 +1,269 @@
+"""Bounds of the distance over one pair of cells of two parametric shapes, and the nearest pair of points in them.
+
+A shape is a union of tensor-product pieces; a curve is one whose second parameter has degree zero. A cell is a box of
+parameters of one piece of each shape, x in [0, 1]^n over the box, with e(x) = a - b and F = |e|^2 / 2. Lower bounds:
+
+- the gap of the boxes of the control points, and the gap along one direction, that of the nearest pair found;
+- **convexity**: where the second derivatives of F over the cell are proven to be positive semidefinite,
+  F(x) >= F(z) + sum g_i (x_i - z_i) with the gradient g at any z; at the minimum z over the cell this is exact but for
+  the residual of z. The same holds of psi = n.(a - b) <= |e| with a fixed unit vector n, whose second derivatives do
+  not fade as the shapes come close;
+- **exclusion**: where dF/dx_i > 0 over a cell that does not start at the border of its piece, the cell holds no
+  minimum of the distance between the two pieces. Where it does, all of its minima are on that border, and the cell
+  shrinks to it. So with dF/dx_i < 0 at the other end. What is left out holds no nearest pair of the two pieces, hence
+  the smallest bound of the cells that stay is a bound of the distance.
+
+Rounding: see `jhd.distance.frame.net_jets` for points and derivatives; balls enclose the rest.
+
+Source: the hull property as in Farouki & Rajan, CAGD 5 (1988); exclusion by gradients and convexity as in Hansen &
+Walster, Global Optimization Using Interval Analysis (2004), chapter 12; psi is ours.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jhd.arithmetic.balls import Ball, dot, factors, minus, plus, semidefinite
+from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.distance.frame.net_jets import Jet, Net, enclosed, eta, jet, part_of, point_error, skew
+
+# Steps of Newton's method towards the nearest pair of a cell; the cells that count are entered near it.
+_STEPS = 5
+# Cells thinner than this many units of roundoff are not cut.
+_THINNEST = 16
+
+
+class Cell(NamedTuple):
+    """A box of parameters: the pieces of both shapes, and the ends of the n = n_a + n_b parameters."""
+
+    piece_a: Array
+    piece_b: Array
+    low: Array
+    high: Array
+
+
+class CellBound(NamedTuple):
+    """What is known of a cell: bounds, a pair of points, what is left of the cell, and where to cut it."""
+
+    lower: Array
+    upper: Array
+    distance: Array
+    x: Array
+    cell: Cell
+    axis: Array
+    thin: Array
+
+
+class Best(NamedTuple):
+    """The nearest pair of points found: a bound of its distance, the distance, pieces and parameters."""
+
+    upper: Array
+    distance: Array
+    piece_a: Array
+    piece_b: Array
+    x: Array
+
+
+def _joined(a: Any, b: Any) -> Array:
+    """The first derivatives of e = a - b in all parameters."""
+    return jnp.concatenate([a.first, -b.first])
+
+
+def derivatives(a: Jet, b: Jet) -> tuple[Array, Array, Array]:
+    """The vector e, the gradient of |e|^2 / 2 and its matrix of second derivatives."""
+    e, first = a.point - b.point, _joined(a, b)
+    bent = blocks(jnp.sum(a.second * e, axis=-1), -jnp.sum(b.second * e, axis=-1))
+    return e, jnp.sum(first * e, axis=-1), jnp.sum(first[:, None] * first[None], axis=-1) + bent
+
+
+def blocks(a: Array, b: Array) -> Array:
+    """The matrix with two blocks on its diagonal."""
+    n, m = a.shape[0], b.shape[0]
+    above = jnp.concatenate([a, jnp.zeros((n, m), a.dtype)], axis=1)
+    return jnp.concatenate([above, jnp.concatenate([jnp.zeros((m, n), b.dtype), b], axis=1)])
+
+
+def newton_step(gradient: Array, hessian: Array, fixed: Array) -> Array:
+    """A step downhill: Newton's where the second derivatives are positive, else one with their absolute pivots."""
+    held = fixed[:, None] | fixed[None, :]
+    n = gradient.shape[0]
+    matrix = jnp.where(held, jnp.eye(n, dtype=hessian.dtype), hessian)
+    lower, pivots = factors(matrix)
+    # A pivot that is no more than rounding would send the step anywhere.
+    least = 1e-12 * jnp.max(jnp.abs(jnp.diagonal(matrix)))
+    right = jnp.where(fixed, 0.0, -gradient)
+    rows: list[Array] = []
+    for k in range(n):
+        rows.append(right[k] - sum((lower[k, j] * rows[j] for j in range(k)), jnp.zeros((), right.dtype)))
+    scaled = [y / jnp.maximum(jnp.abs(pivots[k]), least + 1e-300) for k, y in enumerate(rows)]
+    out: list[Array] = [jnp.zeros((), right.dtype)] * n
+    for k in reversed(range(n)):
+        out[k] = scaled[k] - sum((lower[j, k] * out[j] for j in range(k + 1, n)), jnp.zeros((), right.dtype))
+    return jnp.stack(out)
+
+
+def nearest_in(part_a: Net, part_b: Net, start: Array, fixed: Array, steps: int = _STEPS) -> Array:
+    """Parameters in [0, 1]^n where the distance of two parts is about smallest, from a start; nothing is proven."""
+    n = part_a.parameters
+
+    def step(_: Any, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        x, best, least = state
+        e, g, h = derivatives(jet(part_a, x[:n]), jet(part_b, x[n:]))
+        square = e @ e
+        # At a tie the later one, which the step has improved beyond what squares can tell.
+        nearer = square <= least
+        best, least = jnp.where(nearer, x, best), jnp.where(nearer, square, least)
+        held = fixed | ((x <= 0) & (g > 0)) | ((x >= 1) & (g < 0))
+        return jnp.clip(x + newton_step(g, h, held), 0.0, 1.0), best, least
+
+    first = (start, start, jnp.full_like(start[0], jnp.inf))
+    x, best, least = jax.lax.fori_loop(0, steps, step, first)
+    e = jet(part_a, x[:n]).point - jet(part_b, x[n:]).point
+    return jnp.where(e @ e <= least, x, best)
+
+
+def length(e: Array) -> Array:
+    """The length of a vector, without underflow."""
+    size = jnp.max(jnp.abs(e))
+    safe = jnp.where(size > 0, size, 1.0)
+    return size * jnp.sqrt(jnp.sum((e / safe) ** 2))
+
+
+class _Sides(NamedTuple):
+    """Both parts of a cell: control points, balls of the derivatives of a - b, and what may be wrong with numbers.
+
+    Args:
+        a: the part of one piece.
+        b: the part of the other one.
+        first: the first derivatives of a - b over the cell.
+        apart: a - b over the cell.
+        of_f: the second derivatives of F over the cell.
+        ball_a: point and derivatives of a, as in `enclosed`.
+        ball_b: those of b.
+        fixed: parameters that have one value only.
+        off: bound on the error of the length of a computed difference of points.
+        wrong: bound on that of a component of its derivatives.
+    """
+
+    a: Net
+    b: Net
+    first: Ball
+    apart: Ball
+    of_f: Ball
+    ball_a: Jet
+    ball_b: Jet
+    fixed: Array
+    off: float
+    wrong: Any
+
+
+def _sides(a: Net, b: Net, cell: Cell) -> _Sides:
+    n = a.parameters
+    part_a = part_of(a.piece(cell.piece_a), cell.low[:n], cell.high[:n])
+    part_b = part_of(b.piece(cell.piece_b), cell.low[n:], cell.high[n:])
+    ball_a, ball_b = enclosed(part_a, eta(a), eta(a)), enclosed(part_b, eta(b), eta(b))
+    first = joined(ball_a.first, ball_b.first)
+    apart = minus(ball_a.point, ball_b.point)
+    of_f = plus(dot(expand(first, 1), expand(first, 0)), bends(ball_a.second, ball_b.second, apart))
+    off = point_error(a) + point_error(b)
+    wrong = 16.0 * max(1, *a.degrees, *b.degrees) * off * skew(part_a) * skew(part_b)
+    return _Sides(part_a, part_b, first, apart, of_f, ball_a, ball_b, cell.high <= cell.low, off, wrong)
+
+
+def bound(a: Net, b: Net, cell: Cell) -> CellBound:
+    """Bounds over one pair of cells; see the module."""
+    n, dtype, low, high = a.parameters, cell.low.dtype, cell.low, cell.high
+    sides, middle = _sides(a, b, cell), jnp.full(low.shape, 0.5, dtype)
+    z = nearest_in(sides.a, sides.b, middle, sides.fixed)
+    jets = (
+        jax.vmap(lambda x: jet(sides.a, x[:n]))(jnp.stack([z, middle])),
+        jax.vmap(lambda x: jet(sides.b, x[n:]))(jnp.stack([z, middle])),
+    )
+    at_z, at_middle = (tuple(jax.tree_util.tree_map(lambda x, k=k: x[k], j) for j in jets) for k in (0, 1))
+    distance = length(at_z[0].point - at_z[1].point)
+    upper = distance * (1 + gamma(12, dtype)) + sides.off
+    lower = jnp.maximum(_by_gaps(sides, at_z), _by_convexity(sides, at_z, z))
+    lower = jnp.maximum(lower * (1 - gamma(6, dtype)) - 64 * smallest_normal(dtype), 0.0)
+    rising, falling = _monotone(sides, at_middle)
+    excluded = jnp.any((rising & (low > 0)) | (falling & (high < 1)))
+    left = Cell(cell.piece_a, cell.piece_b, jnp.where(falling, high, low), jnp.where(rising, low, high))
+    wide = left.high - left.low > _THINNEST * jnp.finfo(dtype).eps
+    extent = jnp.where(wide, jnp.max(sides.first.size, axis=-1), -1.0)
+    x = low + z * (high - low)
+    lower = jnp.where(excluded, jnp.inf, lower)
+    return CellBound(lower, upper, distance, x, left, jnp.argmax(extent), ~jnp.any(wide))
+
+
+def _unit(at: tuple[Jet, Jet]) -> tuple[Array, Array]:
+    """The difference of two points, and its direction; the zero vector where they are one."""
+    e = at[0].point - at[1].point
+    distance = length(e)
+    return e, e / jnp.where(distance > 0, distance, 1.0)
+
+
+def _by_gaps(sides: _Sides, at_z: tuple[Jet, Jet]) -> Array:
+    """The gap of the boxes, and that along the line which joins the points."""
+    apart, dtype, unit = sides.apart, sides.apart.mid.dtype, _unit(at_z)[1]
+    gaps = jnp.maximum(jnp.maximum(apart.lower, -apart.upper), 0.0)
+    along = jnp.min(jnp.sum(sides.a.points * unit, -1)) - jnp.max(jnp.sum(sides.b.points * unit, -1))
+    return jnp.maximum(length(gaps) * (1 - gamma(12, dtype)), along * (1 - gamma(12, dtype)) - sides.off)
+
+
+def _by_convexity(sides: _Sides, at_z: tuple[Jet, Jet], z: Array) -> Array:
+    """The values of F and of psi at z less what the gradient may take off within the cell, where they are convex."""
+    dtype, off, wrong, fixed = z.dtype, sides.off, sides.wrong, sides.fixed
+    e, unit = _unit(at_z)
+    distance = length(e)
+    of_psi = bends(sides.ball_a.second, sides.ball_b.second, Ball(unit, jnp.zeros_like(unit)))
+    both = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), sides.of_f, of_psi)
+    convex = jax.vmap(lambda h: semidefinite(h, fixed))(both)
+    slopes = _joined(*at_z)
+    size = jnp.sum(jnp.abs(slopes), axis=-1) + wrong
+    f_slope, psi_slope = jnp.sum(slopes * e, axis=-1), jnp.sum(slopes * unit, axis=-1)
+    loose = wrong * (jnp.sum(jnp.abs(e)) + off) + off * size
+
+    def taken(slope: Array, loose: Array) -> Array:
+        up, down = jnp.maximum(slope + loose, 0.0) * z, jnp.maximum(-slope + loose, 0.0) * (1 - z)
+        return jnp.sum(jnp.where(fixed, 0.0, jnp.maximum(up, down))) * (1 + gamma(12, dtype))
+
+    near = jnp.maximum(distance * (1 - gamma(24, dtype)) - off, 0.0)
+    # |e|^2 >= near^2 - 2 t is |e| >= near - 2 t / (near + sqrt(near^2 - 2 t)): no cancellation of squares.
+    less = 2 * taken(f_slope, loose)
+    rest = jnp.maximum(near * near * (1 - gamma(8, dtype)) - less, 0.0)
+    divisor = near + jnp.sqrt(rest) * (1 - gamma(8, dtype))
+    by_f = near - less / jnp.where(divisor > 0, divisor, 1.0) * (1 + gamma(12, dtype))
+    by_psi = near - off - taken(psi_slope, 2 * wrong + jnp.zeros_like(loose)) * (1 + gamma(12, dtype))
+    by_f = jnp.where(convex[0] & (rest > 0), by_f, 0.0)
+    return jnp.maximum(by_f, jnp.where(convex[1] & (distance > 0), by_psi, 0.0))
+
+
+def _monotone(sides: _Sides, middle: tuple[Jet, Jet]) -> tuple[Array, Array]:
+    """In which parameters F is proven to rise, and to fall, over the cell; its gradient is enclosed twice."""
+    off, wrong, fixed = sides.off, sides.wrong, sides.fixed
+    naive = dot(sides.first, Ball(sides.apart.mid[None], sides.apart.rad[None]))
+    slopes, e = _joined(*middle), _unit(middle)[0]
+    gradient, size, dtype = jnp.sum(slopes * e, axis=-1), jnp.sum(jnp.abs(slopes), axis=-1) + wrong, e.dtype
+    loose = wrong * (jnp.sum(jnp.abs(e)) + off) + off * size + gamma(12, dtype) * size
+    spread = 0.5 * jnp.sum(jnp.where(fixed[None], 0.0, sides.of_f.size), axis=-1) * (1 + gamma(12, dtype)) + loose
+    low = jnp.maximum(naive.lower, gradient - spread * (1 + gamma(6, dtype)))
+    high = jnp.minimum(naive.upper, gradient + spread * (1 + gamma(6, dtype)))
+    return (low > 0) & ~fixed, (high < 0) & ~fixed
+
+
+def expand(ball: Ball, axis: int) -> Ball:
+    """The ball with an axis of length one more."""
+    return Ball(jnp.expand_dims(ball.mid, axis), jnp.expand_dims(ball.rad, axis))
+
+
+def joined(a: Ball, b: Ball) -> Ball:
+    """The derivatives of a - b in the parameters of both, from those of each."""
+    return Ball(jnp.concatenate([a.mid, -b.mid]), jnp.concatenate([a.rad, b.rad]))
+
+
+def bends(a: Ball, b: Ball, vector: Ball) -> Ball:
+    """The second derivatives of a - b times a vector, from those of each."""
+    row = Ball(vector.mid[None, None], vector.rad[None, None])
+    bent_a, bent_b = dot(a, row), dot(b, row)
+    return Ball(blocks(bent_a.mid, -bent_b.mid), blocks(bent_a.rad, bent_b.rad))

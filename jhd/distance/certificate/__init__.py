@@ -1,0 +1,1 @@
+"""Certificates: bounds of a distance that integers can check."""

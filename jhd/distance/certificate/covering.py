@@ -1,0 +1,350 @@
+"""Cells of a certificate: parts of a with a map into b each, cut until an exact check accepts every one of them.
+
+All of a curve is cut breadth first. The ends of a cell get their proven nearest feet (jhd.distance.nearest.curves); a
+branch follows one of them over the cell, and sigma is written down from the feet and their speeds at both ends: affine,
+a Moebius map on rational curves, a cubic (as in jhd.distance.cells.branches). Whatever is proposed here in floating
+point, in common coordinates, is checked exactly on the stored arrays by jhd.distance.certificate.verification. A cell
+of which no proposal is accepted is cut where the smaller of the two branches' distances is largest, which is where an
+exact bound needs a cut.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jhd.compiled import compiled
+from jhd.distance.certificate import verification
+from jhd.distance.certificate.host import SNAP, Host, dot, foot_speed, jets, local_feet
+from jhd.distance.frame.prepare import Frame
+from jhd.distance.nearest.curves import Nearest, nearest, repeated
+from jhd.shapes.curve import BezierSegments
+
+# Points measured side by side: one compiled program whatever their number.
+_LANES = 64
+# Samples of a cell among which its peak is looked for and proposals are rejected.
+_NODES = np.linspace(0.0, 1.0, 13)
+# Steps of Newton's method: for a foot that starts near, for the peak among three candidates, for the chosen one alone.
+_FOOT_STEPS, _PEAK_STEPS, _LAST_STEPS = 6, 4, 4
+# Halvings that find a parameter to its last digit.
+_BISECTIONS = 54
+# A sample this much above the bound, in units of the coordinates, rejects a proposal without an exact check.
+_SURELY = 1e-13
+# A peak nearer than this share of the cell to an end is not the only cut: the middle is one too.
+_NEAR_END = 0.05
+# Ratio of the foot speeds at the ends of a cell beyond which a Moebius map would only do harm.
+_MOST_SKEW = 16.0
+
+
+class Places(NamedTuple):
+    """Places of a: segments, parameters, with the segments and parameters of their nearest feet and the distances."""
+
+    segment: np.ndarray
+    t: np.ndarray
+    foot: np.ndarray
+    s: np.ndarray
+    distance: np.ndarray
+
+
+class _Cells(NamedTuple):
+    """Cells with the places of their ends."""
+
+    first: Places
+    last: Places
+
+
+class _Branches(NamedTuple):
+    """The foot of one end of each cell, followed to the other end: its segment, parameters and speeds at both."""
+
+    foot: np.ndarray
+    s0: np.ndarray
+    s1: np.ndarray
+    v0: np.ndarray
+    v1: np.ndarray
+
+
+class UncoveredError(Exception):
+    """The cells did not get below the bound; the message says where or why."""
+
+
+class Measure:
+    """Proven nearest feet on b for places of a, and all places measured so far.
+
+    Args:
+        a: the curve that carries the places.
+        b: the stored curve that carries the feet.
+        prepared: b in the common coordinates, as the search of feet takes it.
+    """
+
+    def __init__(self, a: Host, b: Host, prepared: BezierSegments):
+        self.a, self.b, self.prepared = a, b, prepared
+        self.skip = repeated(jnp.asarray(prepared.control_points), prepared.weights)
+        self.known: list[Places] = []
+
+    def __call__(self, segment: np.ndarray, t: np.ndarray) -> Places:
+        """The places with their feet."""
+        points = jets(self.a, segment, t)[0]
+        found = [_nearest(self, points[k : k + _LANES]) for k in range(0, len(points), _LANES)]
+        foot, s, distance = (np.concatenate([getattr(x, name) for x in found]) for name in ("segment", "t", "distance"))
+        foot = np.minimum(foot, len(self.b.rows) - 1)
+        s = local_feet(self.b, foot, s.astype(np.float64), points, 2)
+        self.known.append(Places(segment, t, foot, s, distance))
+        return self.known[-1]
+
+
+def _nearest(measure: Measure, points: np.ndarray) -> Nearest:
+    """Nearest points of up to _LANES points, repeated up to that number."""
+    prepared = measure.prepared
+    rows = points[np.minimum(np.arange(_LANES), len(points) - 1)].astype(prepared.control_points.dtype)
+    found = _nearest_lanes(rows, prepared.control_points, prepared.weights, measure.skip)
+    return jax.tree_util.tree_map(lambda x: np.asarray(x)[: len(points)], found)
+
+
+@compiled
+def _nearest_lanes(points: Any, control_points: Any, weights: Any, skip: Any) -> Nearest:
+    return jax.vmap(lambda point: nearest(point, control_points, weights, 0.0, skip))(points)
+
+
+def cover(
+    measure: Measure, upper: float, frame: Frame, max_cells: int, report: Callable[[int, int], None]
+) -> list[dict[str, Any]]:
+    """Cells that cover a, each proven to be at most `upper` away from b.
+
+    Args:
+        measure: the curves, and the search of nearest feet.
+        upper: the bound to prove, in the unit of the stored arrays.
+        frame: the common coordinates.
+        max_cells: most cells, before it is given up.
+        report: called after each generation with the numbers of proven and of open cells.
+
+    Raises:
+        UncoveredError: a place is farther away, or too many or too narrow cells would be needed.
+    """
+    count = len(measure.a.rows)
+    ends = measure(np.repeat(np.arange(count), 2), np.tile([0.0, 1.0], count))
+    limit = math.ldexp(upper, -int(frame.first + frame.second))
+    cells = _Cells(_taken(ends, np.arange(0, 2 * count, 2)), _taken(ends, np.arange(1, 2 * count, 2)))
+    proven: list[dict[str, Any]] = []
+    while len(cells.first.t):
+        _check_places(measure.known[-1], limit)
+        branches = _branches(measure, cells)
+        accepted = _accepted(measure, cells, branches, upper, limit)
+        proven += [cell for cell in accepted if cell is not None]
+        rest = np.array([cell is None for cell in accepted])
+        report(len(proven), int(rest.sum()))
+        if len(proven) + rest.sum() > max_cells:
+            raise UncoveredError(f"more than {max_cells} cells are needed: raise max_cells.")
+        cells = _halved(measure, _chosen(cells, rest), [_chosen(branch, rest) for branch in branches], limit)
+    return sorted(proven, key=lambda cell: (cell["segment"], cell["t"]))
+
+
+def _check_places(places: Places, limit: float) -> None:
+    """Raises UncoveredError where a place is farther from b than the bound, by more than its distance may be off."""
+    most = int(np.argmax(places.distance))
+    if places.distance[most] > limit * (1 + 1e-6) + 1e-6 * (places.distance.dtype == np.float32) + _SURELY:
+        raise UncoveredError(f"segment {places.segment[most]} at {places.t[most]!r} is farther away than the bound.")
+
+
+def _taken(places: Places, index: np.ndarray) -> Places:
+    return Places(*(x[index] for x in places))
+
+
+def _chosen(rows: Any, index: np.ndarray) -> Any:
+    """The rows of all leaves of a pytree."""
+    return jax.tree_util.tree_map(lambda x: x[index], rows)
+
+
+def _accepted(
+    measure: Measure, cells: _Cells, branches: list[_Branches], upper: float, limit: float
+) -> list[dict[str, Any] | None]:
+    """For each cell the first proposal that the exact check accepts."""
+    t0, t1 = cells.first.t, cells.last.t
+    nodes = t0[:, None] + _NODES * (t1 - t0)[:, None]
+    points = jets(measure.a, np.repeat(cells.first.segment[:, None], len(_NODES), axis=1), nodes)[0]
+    found: list[dict[str, Any] | None] = [None] * len(t0)
+    for branch in branches:
+        for proposed, weights in _proposals(branch, measure.a.rational or measure.b.rational):
+            # Tiny numbers would make long integers, for nothing.
+            sigma = np.where(proposed < SNAP, 0.0, proposed)
+            s = _bernstein(sigma) if weights is None else _bernstein(sigma) / _bernstein(weights)
+            feet = jets(measure.b, np.repeat(branch.foot[:, None], len(_NODES), axis=1), np.clip(s, 0.0, 1.0))[0]
+            highest = np.sqrt(np.max(np.sum((points - feet) ** 2, axis=-1), axis=-1))
+            for k in np.flatnonzero(highest <= limit + _SURELY):
+                if found[k] is None:
+                    cell = _cell(cells, branch, int(k), sigma[k], None if weights is None else weights[k])
+                    found[k] = _proven(measure, cell, upper)
+    return found
+
+
+def _cell(cells: _Cells, branch: _Branches, k: int, sigma: np.ndarray, weights: np.ndarray | None) -> dict[str, Any]:
+    return {
+        "segment": int(cells.first.segment[k]),
+        "t": [float(cells.first.t[k]), float(cells.last.t[k])],
+        "foot": int(branch.foot[k]),
+        "sigma": sigma.tolist(),
+        "sigma_weights": None if weights is None else weights.tolist(),
+    }
+
+
+def _proven(measure: Measure, cell: dict[str, Any], upper: float) -> dict[str, Any] | None:
+    """The cell with its bound, the smaller one of `upper` and of what its coefficients show at once."""
+    part = verification.restricted(measure.a.exact[cell["segment"]], cell["t"])
+    foot = verification.restricted(measure.b.exact[cell["foot"]], cell["sigma"], cell["sigma_weights"])
+    squares, weight_sq = verification.distance_sq(part, foot)
+    for bound in (_root_above(squares, weight_sq), upper):
+        if bound <= upper and verification.failure_at_most(squares, weight_sq, bound) is None:
+            return {**cell, "bound": bound}
+    return None
+
+
+def _root_above(squares: list[int], weight_sq: list[int]) -> float:
+    """A float of at least the largest root of the quotients; inf where that is no float."""
+    most = max(x.bit_length() - y.bit_length() for x, y in zip(squares, weight_sq, strict=True))
+    bits = max(0, 60 - most // 2)
+    root = math.isqrt(max((x << 2 * bits) // y for x, y in zip(squares, weight_sq, strict=True)) + 1) + 1
+    try:
+        return math.nextafter(math.ldexp(root, -bits), math.inf) if squares != [0] * len(squares) else 0.0
+    except OverflowError:
+        return math.inf
+
+
+# ---- proposals -----------------------------------------------------------------------------------
+
+
+def _branches(measure: Measure, cells: _Cells) -> list[_Branches]:
+    """The feet of the first ends followed to the last ends, and the other way round."""
+    a, b, (first, last) = measure.a, measure.b, cells
+    width = last.t - first.t
+    ends = [jets(a, places.segment, places.t) for places in cells]
+    branches = []
+    for near, start, step, far in ((ends[0], first, width, ends[1]), (ends[1], last, -width, ends[0])):
+        speed = foot_speed(b, start.foot, start.s, near)
+        guess = np.clip(start.s + speed * step, 0.0, 1.0)
+        other = local_feet(b, start.foot, guess, far[0], _FOOT_STEPS)
+        far_speed = foot_speed(b, start.foot, other, far)
+        pair = (start.s, other, speed * width, far_speed * width)
+        branches.append(_Branches(start.foot, *(pair if step is width else (pair[1], pair[0], pair[3], pair[2]))))
+    return branches
+
+
+def _proposals(branch: _Branches, rational: bool) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
+    """Bernstein coefficients of sigma, and their weights, from the simplest on."""
+    s0, s1, v0, v1 = branch[1:]
+    ends = np.stack([s0, s1], axis=-1)
+    yield ends, None
+    if rational:
+        ratio = v0 / np.where(v1 == 0, 1.0, v1)
+        usable = (ratio > 1 / _MOST_SKEW) & (ratio < _MOST_SKEW) & (v1 != 0)
+        weights = np.stack([np.ones_like(s0), np.sqrt(np.where(usable, ratio, 1.0))], axis=-1)
+        yield ends * weights, weights
+    slack = 0.5 * np.abs(s1 - s0)[:, None]
+    inner = np.stack([s0 + v0 / 3, s1 - v1 / 3], axis=-1)
+    inner = np.clip(inner, ends.min(axis=-1, keepdims=True) - slack, ends.max(axis=-1, keepdims=True) + slack)
+    yield np.stack([s0, *np.clip(inner, 0.0, 1.0).T, s1], axis=-1), None
+
+
+def _halved(measure: Measure, cells: _Cells, branches: list[_Branches], limit: float) -> _Cells:
+    """The cells cut at their peaks, or at a seam of b where no peak is too high; near an end in the middle too.
+
+    A seam is where the foot of a branch reaches the end of its segment; beyond, another one has to be followed.
+    """
+    if not len(cells.first.t):
+        return cells
+    t0, t1 = cells.first.t, cells.last.t
+    width, (peak, top) = t1 - t0, _peak(measure, cells, branches)
+    for branch, end in zip(branches[::-1], (branches[1].s0, branches[0].s1), strict=True):
+        seam = _seam(measure, cells, branch.foot, end)
+        inside = (seam > t0 + _SURELY) & (seam < t1 - _SURELY) & (branches[0].foot != branches[1].foot)
+        peak = np.where(inside & (top <= limit**2) & ((end == 0) | (end == 1)), seam, peak)
+    middle = t0 + 0.5 * width
+    narrow = np.flatnonzero((middle <= t0) | (middle >= t1) | (width < 1e-15))
+    if len(narrow):
+        place = f"segment {cells.first.segment[narrow[0]]} at {float(t0[narrow[0]])!r}"
+        raise UncoveredError(f"{place} is not proven to be nearer than the bound.")
+    at_end = (peak <= t0 + 4e-16) | (peak >= t1 - 4e-16)
+    near = (peak < t0 + _NEAR_END * width) | (peak > t1 - _NEAR_END * width)
+    # Two cuts each; the second one, where there is none, is the first again.
+    cuts = np.sort(
+        np.stack([np.where(at_end, middle, peak), np.where(near, middle, np.where(at_end, middle, peak))]), 0
+    )
+    twice = cuts[0] != cuts[1]
+    places = measure(np.repeat(cells.first.segment, 1 + twice), cuts.T[np.stack([np.ones_like(twice), twice], 1)])
+    index = np.cumsum(1 + twice) - 1 - twice
+    lower, higher = _taken(places, index), _taken(places, index + twice)
+    parts = [_Cells(cells.first, lower), _chosen(_Cells(lower, higher), twice), _Cells(higher, cells.last)]
+    return jax.tree_util.tree_map(lambda *x: np.concatenate(x), *parts)
+
+
+def _seam(measure: Measure, cells: _Cells, foot: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The parameter at which the foot on the segment reaches its end, by bisection; an end of the cell if nowhere."""
+    place, tangent, _ = jets(measure.b, foot, end)
+    low, high = cells.first.t, cells.last.t
+
+    def residual(t: np.ndarray) -> np.ndarray:
+        return dot(jets(measure.a, cells.first.segment, t)[0] - place, tangent)
+
+    sign = np.sign(residual(low))
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        same = np.sign(residual(middle)) == sign
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return high
+
+
+def _peak(measure: Measure, cells: _Cells, branches: list[_Branches]) -> tuple[np.ndarray, np.ndarray]:
+    """The parameter at which the smaller distance to the local feet of both branches is largest, and its square there.
+
+    The best of a few samples, then steps to the best of the peaks of either branch and their crossing, then to that one
+    alone: comparing values gives a smooth peak to half of the digits only.
+    """
+    segment, t0, t1 = cells.first.segment, cells.first.t, cells.last.t
+    feet = [branch.foot for branch in branches]
+    ends = [(branch.s0, branch.s1) for branch in branches]
+
+    def heights(t: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+        share = (t - t0) / (t1 - t0)
+        jet = jets(measure.a, segment, t)
+        rows = []
+        for foot, (s0, s1) in zip(feet, ends, strict=True):
+            s = local_feet(measure.b, foot, s0 + share * (s1 - s0), jet[0], _FOOT_STEPS)
+            place, first, _ = jets(measure.b, foot, s)
+            e = jet[0] - place
+            bend = dot(jet[1], jet[1]) - dot(jet[1], first) * foot_speed(measure.b, foot, s, jet)
+            rows.append((dot(e, e), 2 * dot(e, jet[1]), 2 * (bend + dot(e, jet[2]))))
+        return tuple(list(row) for row in zip(*rows, strict=True))  # pyright: ignore[reportReturnType]
+
+    def steps(t: np.ndarray) -> np.ndarray:
+        f, f1, f2 = heights(t)
+        slope = f1[0] - f1[1]
+        tops = [t - np.where(y < 0, x / np.where(y < 0, y, -1.0), 0.0) for x, y in zip(f1, f2, strict=True)]
+        crossing = t - np.where(slope != 0, (f[0] - f[1]) / np.where(slope != 0, slope, 1.0), 0.0)
+        return np.clip(np.stack([*tops, crossing]), low, high)
+
+    rows = np.arange(len(t0))
+    samples = np.stack([np.minimum(*heights(t0 + u * (t1 - t0))[0]) for u in _NODES])
+    best = np.argmax(samples, axis=0)
+    t, top = t0 + _NODES[best] * (t1 - t0), samples[best, rows]
+    reach = (t1 - t0) / (len(_NODES) - 1)
+    low, high = np.maximum(t - reach, t0), np.minimum(t + reach, t1)
+    kind = np.full(len(t0), -1)
+    for _ in range(_PEAK_STEPS):
+        tried = steps(t)
+        found = np.stack([np.minimum(*heights(x)[0]) for x in tried])
+        i = np.argmax(found, axis=0)
+        better = found[i, rows] > top
+        t, top = np.where(better, tried[i, rows], t), np.where(better, found[i, rows], top)
+        kind = np.where(better, i, kind)
+    last = t
+    for _ in range(_LAST_STEPS):
+        last = np.where(kind < 0, last, steps(last)[kind, rows])
+    return np.where(np.minimum(*heights(last)[0]) >= top - 1e-12 * np.maximum(top, _SURELY), last, t), top
+
+
+def _bernstein(coefficients: np.ndarray) -> np.ndarray:
+    """Values at the nodes of the polynomials of these coefficients, along the last axis."""
+    degree = coefficients.shape[-1] - 1
+    basis = [math.comb(degree, i) * _NODES**i * (1 - _NODES) ** (degree - i) for i in range(degree + 1)]
+    return coefficients @ np.stack(basis)

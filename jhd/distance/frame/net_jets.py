@@ -1,0 +1,175 @@
+"""Pieces of parametric shapes: parts of them, points with derivatives, and balls of these over a part.
+
+A shape is a union of tensor-product pieces; a curve is one whose second parameter has degree zero.
+
+Rounding, for coordinates of at most one. Let p, q be the degrees and k = 3 (p + q) + 8. Restriction forms convex
+combinations, three roundings a level (on rational pieces in homogeneous form, so that errors are relative to the
+weight, with a product before and a division of two roundings after them): a control point of the part is off by at most
+eta = gamma(k) in each coordinate, and so is any point that they stand for. The derivatives are differences of these
+points, off by 2 p eta, 4 p (p - 1) eta and the like; on rational parts the ratio of the weights enlarges that. A point
+that is computed from the control points takes three roundings a level for the Bernstein polynomials and
+(p + 1) + (q + 1) for the sums, so it is off by gamma(2 k + p + q) in each coordinate.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jhd.arithmetic import bernstein
+from jhd.arithmetic.balls import Ball, hull, minus, plus, reciprocal, times
+from jhd.arithmetic.rounding import gamma
+
+
+class Net(NamedTuple):
+    """Pieces in common coordinates: control points (pieces, rows, columns, dim), and weights of at most one or None."""
+
+    points: Array
+    weights: Array | None
+
+    @property
+    def degrees(self) -> tuple[int, int]:
+        """Degrees in both parameters."""
+        return self.points.shape[-3] - 1, self.points.shape[-2] - 1
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates."""
+        return self.points.shape[-1]
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameters: one for a curve."""
+        return 1 if self.points.shape[-2] == 1 else 2
+
+    def piece(self, k: Array) -> "Net":
+        """One piece, without the first axis."""
+        return Net(self.points[k], None if self.weights is None else self.weights[k])
+
+
+class Jet(NamedTuple):
+    """Point, first derivatives (parameters, dim), second ones (parameters, parameters, dim) of a shape."""
+
+    point: Any
+    first: Any
+    second: Any
+
+
+def eta(net: Net) -> float:
+    """Bound on the error of every coordinate of the control points of a part."""
+    p, q = net.degrees
+    return gamma(3 * (p + q) + 8, net.points.dtype)
+
+
+def point_error(net: Net) -> float:
+    """Bound on the error of the length of a point that is computed from a part, or from the piece itself."""
+    p, q = net.degrees
+    return math.sqrt(net.dim) * gamma(7 * (p + q) + 24, net.points.dtype)
+
+
+def part_of(net: Net, low: Array, high: Array) -> Net:
+    """The control points and weights of the part of one piece between these parameters."""
+
+    def restricted(values: Array) -> Array:
+        values = bernstein.restrict(values, low[0], high[0], axis=0)
+        return values if net.parameters == 1 else bernstein.restrict(values, low[1], high[1], axis=1)
+
+    if net.weights is None:
+        return Net(restricted(net.points), None)
+    rows = restricted(_homogeneous(net.points, net.weights))
+    return Net(rows[..., :-1] / rows[..., -1:], rows[..., -1])
+
+
+def _homogeneous(points: Array, weights: Array) -> Array:
+    return jnp.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
+
+
+def _basis(degree: int, t: Array) -> Array:
+    """Values, first and second derivatives of the Bernstein polynomials, each from those of one degree less."""
+
+    def raised(row: Array, before: Array | float, after: Array | float) -> Array:
+        return jnp.pad(row, (0, 1)) * before + jnp.pad(row, (1, 0)) * after
+
+    rows = [jnp.ones((1,), t.dtype)]
+    for _ in range(degree):
+        rows.append(raised(rows[-1], 1 - t, t))
+    zero = jnp.zeros((degree + 1,), t.dtype)
+    first = raised(rows[-2], -degree, degree) if degree else zero
+    if degree < 2:
+        return jnp.stack([rows[-1], first, zero])
+    second = raised(raised(rows[-3], 1 - degree, degree - 1), -degree, degree)
+    return jnp.stack([rows[-1], first, second])
+
+
+def jet(net: Net, x: Array) -> Jet:
+    """Point and derivatives of one piece at its parameters, not enclosed."""
+    p, q = net.degrees
+    n = net.parameters
+    h = net.points if net.weights is None else _homogeneous(net.points, net.weights)
+    along = jnp.sum(_basis(p, x[0])[:, :, None, None] * h[None], axis=1)
+    if n == 1:
+        table = along[:, :1]  # (order in u, 1, width)
+    else:
+        table = jnp.sum(_basis(q, x[1])[None, :, :, None] * along[:, None], axis=2)
+    orders = [(1, 0), (0, 1)][:n]
+    value = table[0, 0]
+    first = jnp.stack([table[i, j] for i, j in orders])
+    second = jnp.stack([jnp.stack([table[i + k, j + m] for k, m in orders]) for i, j in orders])
+    if net.weights is None:
+        return Jet(value, first, second)
+    w, dw, ddw = value[-1], first[:, -1], second[..., -1]
+    point = value[:-1] / w
+    du = (first[:, :-1] - point * dw[:, None]) / w
+    cross = du[:, None] * dw[None, :, None]
+    return Jet(point, du, (second[..., :-1] - cross - jnp.swapaxes(cross, 0, 1) - point * ddw[..., None]) / w)
+
+
+def enclosed(part: Net, error: Any, relative: float) -> Jet:
+    """Balls of the point and of its derivatives over a part, for errors of its points and relative ones of weights."""
+    if part.weights is None:
+        return _nets(part.points, jnp.asarray(error, part.points.dtype))
+    # About a point of the part, so that what the weights multiply is small.
+    centre = hull(part.points, (0, 1), jnp.zeros(())).mid
+    rows = _homogeneous(part.points - centre, part.weights)
+    most = jnp.max(part.weights)
+    errors = jnp.append(jnp.full(centre.shape, 4 * error * most), relative * most)
+    whole = _nets(rows, errors)
+    w, dw, ddw = (jax.tree_util.tree_map(lambda x: x[..., -1:], ball) for ball in whole)
+    n, dn, ddn = (jax.tree_util.tree_map(lambda x: x[..., :-1], ball) for ball in whole)
+    inverse = reciprocal(w)
+    about = hull(part.points - centre, (0, 1), jnp.asarray(error, centre.dtype))
+    first = times(minus(dn, times(about, dw)), inverse)
+    f, d = (jax.tree_util.tree_map(lambda x: x[:, None], ball) for ball in (first, dw))
+    cross = times(f, jax.tree_util.tree_map(lambda x: x[None], dw))
+    crossed = plus(cross, times(jax.tree_util.tree_map(lambda x: x[None], first), d))
+    second = times(minus(minus(ddn, crossed), times(about, ddw)), inverse)
+    return Jet(hull(part.points, (0, 1), jnp.asarray(error, centre.dtype)), first, second)
+
+
+def _nets(rows: Array, error: Array) -> Jet:
+    """Balls of the polynomial with these control points and of its derivatives."""
+    p, q = rows.shape[0] - 1, rows.shape[1] - 1
+    n = 1 if q == 0 else 2
+
+    def derived(orders: tuple[int, ...]) -> Ball:
+        net, factor = rows, 1
+        for axis, degree in ((0, p), (1, q)):
+            for k in range(orders[axis]):
+                factor *= max(degree - k, 0)
+                net = jnp.diff(net, axis=axis) if net.shape[axis] > 1 else jnp.zeros_like(net)
+        margin = error * factor * 2 ** sum(orders) * (1 + 1e-3)
+        return hull(net * factor, (0, 1), margin) if factor else Ball(*(jnp.zeros((rows.shape[-1],), rows.dtype),) * 2)
+
+    units = [(1, 0), (0, 1)][:n]
+    first = [derived(unit) for unit in units]
+    second = [[derived((i + k, j + m)) for k, m in units] for i, j in units]
+    stacked = jax.tree_util.tree_map(lambda *x: jnp.stack(x), *first)
+    matrix = [jax.tree_util.tree_map(lambda *x: jnp.stack(x), *row) for row in second]
+    return Jet(derived((0, 0)), stacked, jax.tree_util.tree_map(lambda *x: jnp.stack(x), *matrix))
+
+
+def skew(part: Net) -> Array | float:
+    """The ratio of the weights, by which the errors of derivatives grow."""
+    return 1.0 if part.weights is None else jnp.max(part.weights) / jnp.min(part.weights)

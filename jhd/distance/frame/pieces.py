@@ -1,0 +1,34 @@
+"""Segments of a curve, places on it, and which segment precedes which."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jhd.shapes.curve import BezierSegments
+
+
+class Piece(NamedTuple):
+    """One segment: control points and weights."""
+
+    control_points: Float[Array, "points dim"]
+    weights: Float[Array, " points"] | None
+
+
+class Place(NamedTuple):
+    """A point of a curve by its segment and parameter."""
+
+    segment: Array
+    t: Array
+
+
+def piece_of(curve: BezierSegments, segment: Array) -> Piece:
+    """The segment with this index."""
+    return Piece(curve.control_points[segment], None if curve.weights is None else curve.weights[segment])
+
+
+def preceding(following: Array) -> Array:
+    """For each segment the one that ends where it starts, -1 at a free start: `following` turned round."""
+    index = jnp.arange(following.shape[-1])
+    starts_where = following[None, :] == index[:, None]
+    return jnp.where(jnp.any(starts_where, axis=1), jnp.argmax(starts_where, axis=1), -1)

@@ -1,0 +1,298 @@
+"""The proven nearest point: distance from one point to all segments of a curve, from both sides.
+
+A best-first search over cells (a segment and an interval of its parameter). With e_i = P - b_i restricted to the cell,
+|e(s)|^2 is a polynomial whose smallest Bernstein coefficient bounds the squared distance from below. Cutting the cell
+at a local foot makes the bound exact up to the error of the foot, because each half is then monotone near the cut. One
+to three cuts close a segment that holds the nearest point, none or one a segment that does not.
+
+Rounding. P, b_i and w_i are exact floats. Write r for the largest |P - b_i| component of the segment, g(k) for
+rounding.gamma(k), q for the degree, d for the dimension.
+ - n_i = w_i (P - b_i) takes two roundings, restriction three a level: each component of the restricted n_j is a sum of
+   non-negative multiples of the n_i, each with a relative error of at most g(3 q + 2), so it is off by at most
+   g(3 q + 2) r w_j, and the computed n(s) by at most g(3 q + 2) r w(s). Dividing by w(s): the computed |n|/w is within
+   eta = sqrt(d) g(3 q + 3) r of the distance, whatever the weights; w(s) itself is off by a relative g(3 q).
+ - The coefficients N_k = sum c_ij n_i.n_j and W_k = sum c_ij w_i w_j have non-negative c_ij that sum to one. With
+   rho = max |n_j| / w_j on the cell, N_k is off by at most g(q + d + 6) rho^2 W_k.
+ - So distance >= sqrt(min N_k / W_k - g(q + d + 7) rho^2) (1 - g(7 q + 12)) - eta, and at a point
+   distance <= |n| / w (1 + g(3 q + d + 6)) + eta.
+Flushed subnormals add at most a few smallest normal numbers a step, 40 (q + 2) nu in all where lengths are added, and
+the same under the root where squares are, on rational curves divided by the smallest weight and its square. The callers
+scale by a power of two and the ratio of weights is limited where curves are made, so these do not show.
+
+Source: the hull bound and its quadratic convergence are in Farouki & Rajan, CAGD 5 (1988); the cut at the foot is ours.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array, Bool, Float, Int
+
+from jhd.arithmetic import bernstein
+from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arrays import varying
+from jhd.distance.frame.jets import jet
+
+# Open cells beside the whole segments. A search holds a handful; symmetric and degenerate input up to about twenty.
+_CAPACITY = 32
+# Cuts for one point. Random queries take 1 to 6; a point at the centre of a nearly circular stretch some 60.
+_MAX_STEPS = 400
+# Newton steps for a local foot; it is started at the smallest coefficient, so three reach full precision mostly.
+_NEWTON_STEPS = 4
+# A foot closer than this share of the cell to an end does not serve as a cut; the cut is then at _ZOOM from that end.
+_NEAR_END = 0.01
+_ZOOM = 0.125
+# Cells are closed a little below the tolerance, so that rounding of the comparison cannot exceed it.
+_CLOSE = 0.99
+
+
+class Nearest(eqx.Module):
+    """Bounds of the distance from a point to a curve and the foot that attains the upper one."""
+
+    distance: Float[Array, ""]
+    lower: Float[Array, ""]
+    upper: Float[Array, ""]
+    segment: Int[Array, ""]
+    t: Float[Array, ""]
+    closed: Bool[Array, ""]
+    steps: Int[Array, ""]
+
+
+class _Cell(eqx.Module):
+    lower: Array
+    segment: Array
+    s0: Array
+    s1: Array
+    start: Array
+
+
+class _State(eqx.Module):
+    whole: Array  # lower bounds of the segments not yet cut, inf where cut
+    cells: _Cell  # the stack; a free slot has lower = inf
+    best: Nearest
+    settled: Array  # smallest lower bound of the cells that were closed
+    overflowed: Array  # whether a cell had to be closed for want of room
+    steps: Array
+
+
+@jax.jit
+def nearest(
+    point: Float[Array, " dim"],
+    control_points: Float[Array, "segments points dim"],
+    weights: Float[Array, "segments points"] | None,
+    tolerance: Float[Array, ""] | float = 0.0,
+    skip: Bool[Array, " segments"] | None = None,
+) -> Nearest:
+    """Proven nearest point of all segments to one point.
+
+    Args:
+        point: the query.
+        control_points: the segments, scaled so that squares neither overflow nor vanish.
+        weights: positive, or None.
+        tolerance: the search stops at upper - lower <= tolerance, and at eight times the rounding error at the least.
+        skip: segments that repeat others and need no search; see `repeated`.
+    """
+    count = control_points.shape[0]
+    offsets = point - control_points
+    radius = jnp.max(jnp.abs(offsets), axis=(1, 2))
+    floor = _resolution(offsets.shape[1] - 1, offsets.shape[2], jnp.max(radius))
+    tolerance = jnp.maximum(floor, tolerance)
+    lower, start = segment_bounds(point, control_points, weights)
+    state = _State(
+        whole=lower if skip is None else jnp.where(skip, jnp.inf, lower),
+        cells=_empty_cells(point.dtype),
+        best=best_end(offsets, radius),
+        settled=jnp.array(jnp.inf, point.dtype),
+        overflowed=jnp.array(False),
+        steps=jnp.array(0),
+    )
+
+    def unfinished(state: _State) -> Array:
+        return (_open_lower(state) < state.best.upper - _CLOSE * tolerance) & (state.steps < _MAX_STEPS)
+
+    def step(state: _State) -> _State:
+        bounds = jnp.concatenate([state.whole, state.cells.lower])
+        index = jnp.argmin(bounds)
+        is_whole, slot = index < count, index - count
+        taken = jax.tree_util.tree_map(lambda x: x[jnp.maximum(slot, 0)], state.cells)
+        segment = jnp.where(is_whole, index, taken.segment)
+        fresh = _Cell(bounds[index], segment, jnp.zeros_like(tolerance), jnp.ones_like(tolerance), start[segment])
+        cell = jax.tree_util.tree_map(lambda x, y: jnp.where(is_whole, x, y), fresh, taken)
+        whole = jnp.where(jnp.arange(count) == index, jnp.inf, state.whole)
+        freed = jnp.where(jnp.arange(_CAPACITY) == slot, jnp.inf, state.cells.lower)
+        state = _State(
+            whole,
+            eqx.tree_at(lambda c: c.lower, state.cells, freed),
+            state.best,
+            state.settled,
+            state.overflowed,
+            state.steps + 1,
+        )
+        return _cut(state, cell, offsets[segment], None if weights is None else weights[segment], tolerance)
+
+    state = jax.lax.while_loop(unfinished, step, varying(state, offsets, weights, tolerance))
+    lower = jnp.minimum(jnp.minimum(_open_lower(state), state.settled), state.best.upper)
+    # Closed as far as floating-point parameters go: cells of a few ulp are settled with the bounds they have.
+    closed = (_open_lower(state) >= state.best.upper - tolerance) & ~state.overflowed
+    return eqx.tree_at(
+        lambda n: (n.lower, n.closed, n.steps), state.best, (jnp.maximum(lower, 0.0), closed, state.steps)
+    )
+
+
+def segment_bounds(point: Array, control_points: Array, weights: Array | None) -> tuple[Array, Array]:
+    """Lower bounds of the distance from the point to each whole segment, and the parameters of their coefficients."""
+    offsets = point - control_points
+    return jax.vmap(cell_bound)(*_homogeneous(offsets, weights), jnp.max(jnp.abs(offsets), axis=(1, 2)))
+
+
+def _resolution(degree: int, dim: int, size: Array) -> Array:
+    """Eight times the rounding error of a distance at offsets of this size: closer than that no search gets."""
+    return 8 * (math.sqrt(dim) * gamma(3 * degree + 8, size.dtype) * size + _flushed(degree, size.dtype))
+
+
+def in_chunks(function: Callable[[Any], Any], rows: Any, chunk: int) -> Any:
+    """The function of every row (first axis of all leaves), `chunk` of them side by side.
+
+    Rows are repeated up to whole chunks: a remainder would be compiled a second time.
+    """
+    count = jax.tree_util.tree_leaves(rows)[0].shape[0]
+    if count <= chunk:
+        return jax.vmap(function)(rows)
+    index = np.minimum(np.arange(-(-count // chunk) * chunk), count - 1).reshape(-1, chunk)
+    found = jax.lax.map(jax.vmap(function), jax.tree_util.tree_map(lambda x: x[index], rows))
+    return jax.tree_util.tree_map(lambda x: x.reshape((-1, *x.shape[2:]))[:count], found)
+
+
+def repeated(control_points: Array, weights: Array | None) -> Bool[Array, " segments"]:
+    """Which segments are the same numbers as the one before: what padding adds."""
+    same = jnp.all(control_points[1:] == control_points[:-1], axis=(1, 2))
+    if weights is not None:
+        same &= jnp.all(weights[1:] == weights[:-1], axis=1)
+    return jnp.concatenate([jnp.zeros((1,), bool), same])
+
+
+def _open_lower(state: _State) -> Array:
+    return jnp.minimum(jnp.min(state.whole), jnp.min(state.cells.lower))
+
+
+def _homogeneous(offsets: Array, weights: Array | None) -> tuple[Array, Array | None]:
+    return (offsets, None) if weights is None else (offsets * weights[..., None], weights)
+
+
+@jax.jit
+def cell_bound(n: Array, w: Array | None, radius: Array) -> tuple[Array, Array]:
+    """Lower bound of the distance over one cell, and the local parameter of its smallest coefficient."""
+    q, dim, dtype = n.shape[0] - 1, n.shape[1], n.dtype
+    squares = bernstein.dot(n, n)
+    rho_sq = jnp.sum(n * n, axis=-1)
+    lost = _flushed(q, dtype)
+    if w is not None:
+        weight_sq = bernstein.multiply(w, w)
+        lost = lost * (1 + 1 / jnp.min(w)) / jnp.min(weight_sq)
+        squares, rho_sq = squares / weight_sq, rho_sq / (w * w)
+    least = jnp.min(squares) - gamma(q + dim + 7, dtype) * jnp.max(rho_sq) - lost
+    distance = jnp.sqrt(jnp.maximum(least, 0.0)) * (1 - gamma(7 * q + 12, dtype))
+    start = jnp.argmin(squares) / max(2 * q, 1)
+    return distance - _eta(q, dim, radius), start.astype(dtype)
+
+
+def _eta(degree: int, dim: int, radius: Array) -> Array:
+    return math.sqrt(dim) * gamma(3 * degree + 3, radius.dtype) * radius + _flushed(degree, radius.dtype)
+
+
+def _flushed(degree: int, dtype: DTypeLike) -> float:
+    return 40 * (degree + 2) * smallest_normal(dtype)
+
+
+def length_bound(vector: Array, degree: int, radius: Array) -> tuple[Array, Array]:
+    """Length of the computed vector from a point of the curve to the query, and a bound of the true distance."""
+    dim = vector.shape[-1]
+    # Scaled by the largest component: squares of tiny vectors would be flushed.
+    largest = jnp.max(jnp.abs(vector), axis=-1)
+    safe = jnp.where(largest > 0, largest, 1.0)
+    length = largest * jnp.sqrt(jnp.sum((vector / safe[..., None]) ** 2, axis=-1))
+    return length, length * (1 + gamma(3 * degree + dim + 6, vector.dtype)) + _eta(degree, dim, radius)
+
+
+def best_end(offsets: Array, radius: Array) -> Nearest:
+    """The nearest of all segment ends: there the offset is rounded once and nothing is evaluated."""
+    ends = offsets[:, jnp.array([0, -1])]
+    distance, upper = length_bound(ends, 0, jnp.max(jnp.abs(ends), axis=-1))
+    index = jnp.argmin(upper)
+    unset = jnp.zeros((), offsets.dtype)
+    return Nearest(
+        distance=distance.ravel()[index],
+        lower=unset,
+        upper=upper.ravel()[index],
+        segment=index // 2,
+        t=(index % 2).astype(offsets.dtype),
+        closed=jnp.array(False),
+        steps=jnp.array(0),
+    )
+
+
+def _empty_cells(dtype: DTypeLike) -> _Cell:
+    zeros = jnp.zeros((_CAPACITY,), dtype)
+    return _Cell(jnp.full((_CAPACITY,), jnp.inf, dtype), jnp.zeros((_CAPACITY,), int), zeros, zeros, zeros)
+
+
+def _local_foot(e: Array, w: Array | None, cell: _Cell) -> Array:
+    """A parameter of the cell where C.C' is small for C = P - B, by Newton's method kept inside the cell."""
+
+    def newton(_: Any, s: Array) -> Array:
+        c = jet(e, w, s)
+        residual = jnp.sum(c.point * c.first)
+        slope = jnp.sum(c.first * c.first) + jnp.sum(c.point * c.second)
+        # Where the distance is not convex a quarter of the cell downhill: Newton would climb.
+        away = -jnp.sign(residual) * 0.25 * (cell.s1 - cell.s0)
+        step = jnp.where(slope > 0, -residual / jnp.where(slope > 0, slope, 1.0), away)
+        return jnp.clip(s + step, cell.s0, cell.s1)
+
+    return jax.lax.fori_loop(0, _NEWTON_STEPS, newton, varying(cell.start, e, w, cell))
+
+
+def _cut(state: _State, cell: _Cell, e: Array, w: Array | None, tolerance: Array) -> _State:
+    """Improves the foot inside the cell, cuts there, and keeps the halves that may still hold a nearer point."""
+    degree, radius = e.shape[0] - 1, jnp.max(jnp.abs(e))
+    foot = _local_foot(e, w, cell)
+    distance, upper = length_bound(jet(e, w, foot).point, degree, radius)
+    best = state.best
+    nearer = upper < best.upper
+    best = Nearest(
+        distance=jnp.where(nearer, distance, best.distance),
+        lower=best.lower,
+        upper=jnp.where(nearer, upper, best.upper),
+        segment=jnp.where(nearer, cell.segment, best.segment),
+        t=jnp.where(nearer, foot, best.t),
+        closed=best.closed,
+        steps=best.steps,
+    )
+    width = cell.s1 - cell.s0
+    at_left, at_right = foot - cell.s0 <= _NEAR_END * width, cell.s1 - foot <= _NEAR_END * width
+    cut = jnp.where(at_left, cell.s0 + _ZOOM * width, jnp.where(at_right, cell.s1 - _ZOOM * width, foot))
+    ends = jnp.stack([cell.s0, cut, cell.s1])
+    n, w = _homogeneous(e, w)
+
+    def half(s0: Array, s1: Array) -> _Cell:
+        part = bernstein.restrict(n, s0, s1, axis=0)
+        lower, start = cell_bound(part, None if w is None else bernstein.restrict(w, s0, s1), radius)
+        return _Cell(jnp.maximum(lower, cell.lower), cell.segment, s0, s1, s0 + start * (s1 - s0))
+
+    halves = jax.vmap(half)(ends[:-1], ends[1:])
+    # A cell of a few ulp cannot be cut again.
+    keep = (halves.lower < best.upper - _CLOSE * tolerance) & (halves.s1 - halves.s0 > 8 * jnp.finfo(e.dtype).eps)
+    cells, settled = state.cells, jnp.minimum(state.settled, jnp.min(jnp.where(keep, jnp.inf, halves.lower)))
+    overflowed = state.overflowed
+    for k in range(2):
+        new = jax.tree_util.tree_map(lambda x, k=k: x[k], halves)
+        free = jnp.isinf(cells.lower)
+        here = (jnp.arange(_CAPACITY) == jnp.argmax(free)) & free & keep[k]
+        cells = jax.tree_util.tree_map(lambda old, x, here=here: jnp.where(here, x, old), cells, new)
+        lost = keep[k] & ~jnp.any(free)
+        settled, overflowed = jnp.where(lost, jnp.minimum(settled, new.lower), settled), overflowed | lost
+    return _State(state.whole, cells, best, settled, overflowed, state.steps)

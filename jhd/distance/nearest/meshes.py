@@ -1,0 +1,228 @@
+"""Nearest points of a triangle mesh, with proven bounds and with derivatives.
+
+Where all numbers are known the tree of jhd.triangles.closest_point is searched from the host. Under tracing every
+triangle is looked at: the work is that of all pairs, in blocks that bound the memory, and the proof is the same. The
+published local search, VertexVoxels, is there for comparison.
+
+Derivatives are those of the foot on the face, edge or corner that holds it: the distance to a plane, a line or a point
+as a function of the query and of the corners, so they are right to any order wherever the foot stays on that feature.
+"""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+
+from jhd.arithmetic.rounding import largest, round_down, round_up, smallest_normal
+from jhd.arrays import is_traced, real_array, varying
+from jhd.compiled import compiled
+from jhd.shapes.checks import Numbers
+from jhd.shapes.mesh import TriangleMesh
+from jhd.solution import RESULTS, Projection, result_where
+from jhd.triangles.closest_point import ClosestPoints, closest_points
+from jhd.triangles.point_triangle import absolute_floor, barycentric, error_factor, frames, squared_distances
+
+# Points and triangles whose pairs are formed at once under tracing.
+_POINTS, _TRIANGLES = 128, 512
+
+
+class AbstractMeshSearch(eqx.Module):
+    """How the nearest points of a mesh are found where that is not the exact search; fields are options."""
+
+    @abstractmethod
+    def search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
+        """The points found for queries (points, 3), all numbers known."""
+
+
+def project_on_mesh(points: Numbers, mesh: TriangleMesh, method: object = None) -> Projection:
+    """Nearest points of a mesh; see jhd.project.
+
+    Args:
+        points: queries (..., 3).
+        mesh: the mesh.
+        method: None for the exact search, or the published one.
+
+    Raises:
+        TypeError: points that are not real numbers, another method, or VertexVoxels under tracing.
+        ValueError: points that are not finite, empty, or not in space; a grid of more voxels than the capacity.
+    """
+    if method is not None and not isinstance(method, AbstractMeshSearch):
+        accepted = "None for meshes, which is the exact search, or VertexVoxels"
+        raise TypeError(f"method must be {accepted}; got {type(method).__name__}.")
+    queries = checked_points(points)
+    batch = queries.shape[:-1]
+    fixed, still = lax.stop_gradient((queries.reshape(-1, 3), mesh))
+    if not is_traced(fixed, still):
+        known = np.asarray(fixed)
+        found = _known(closest_points(still, known) if method is None else method.search(known, still), still)
+    elif method is None:
+        found = _traced(fixed, still)
+    else:
+        raise TypeError("VertexVoxels runs on the host, not under jit or vmap; method=None is traced.")
+    if is_traced(queries, mesh):
+        found = _with_derivatives(found, queries.reshape(-1, 3), mesh)
+    return jax.tree_util.tree_map(lambda x: jnp.asarray(x).reshape((*batch, *x.shape[1:])), found)
+
+
+def checked_points(points: Numbers) -> Array:
+    """The points as an array (..., 3).
+
+    Raises:
+        TypeError: not real numbers.
+        ValueError: not finite, empty, or not in space.
+    """
+    queries = real_array("points", points)
+    if queries.ndim == 0 or queries.shape[-1] != 3:
+        raise ValueError(f"points has shape {queries.shape}; needs (..., 3).")
+    if queries.size == 0:
+        raise ValueError(f"points is empty: its shape is {queries.shape}.")
+    return queries
+
+
+def _known(found: ClosestPoints, mesh: TriangleMesh) -> Projection:
+    count = len(found.distance)
+    result = jax.tree_util.tree_map(lambda x: np.broadcast_to(np.asarray(x), count), RESULTS.successful)
+    segment = jnp.asarray(found.triangle.astype(np.asarray(mesh.triangles).dtype))
+    lengths = (jnp.asarray(x) for x in (found.distance, found.lower, found.upper, found.foot))
+    return Projection(*lengths, segment=segment, t=jnp.asarray(found.t), result=result)
+
+
+def _traced(points: Array, mesh: TriangleMesh) -> Projection:
+    good, size, corners = jnp.all(jnp.isfinite(points), axis=-1), 0.0, mesh.corners
+    if is_traced(mesh):
+        good = good & jnp.all(jnp.isfinite(corners))
+        corners = jnp.where(jnp.isfinite(corners), corners, 0.0)
+        size = jnp.max(jnp.abs(corners))
+    else:
+        # On the host, since the compiler takes seconds to work out a maximum of many known numbers.
+        corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
+        size = np.max(np.abs(corners))
+    points = jnp.where(good[:, None], points, 0.0)
+    exponent = jnp.frexp(jnp.maximum(jnp.max(jnp.abs(points)), size))[1]
+    points, corners = jnp.ldexp(points, -exponent), jnp.ldexp(corners, -exponent)
+    found = frames(corners, corners.dtype)
+    factor = error_factor(found.defect, corners.dtype)
+    square, triangle = _all_pairs(points, found.table)
+    t = barycentric(points, found.table[triangle], found.turn[triangle])
+    foot = jnp.sum(t[:, :, None] * corners[triangle], axis=1)
+    distance = jnp.sqrt(square)
+    error = round_up(round_up(factor * (distance + 2 * found.longest)) + absolute_floor(corners.dtype))
+    nu, most = smallest_normal(corners.dtype), largest(corners.dtype)
+    lower = jnp.ldexp(jnp.maximum(round_down(distance - error), 0.0), exponent)
+    lower = jnp.where(lower < 2 * nu, 0.0, jnp.minimum(lower, most))
+    upper = jnp.maximum(jnp.ldexp(round_up(distance + error), exponent), 2 * nu)
+    result = jax.vmap(lambda g: result_where(g, RESULTS.successful, RESULTS.nonfinite_value))(good)
+    return Projection(
+        distance=jnp.where(good, jnp.ldexp(distance, exponent), jnp.inf),
+        lower=jnp.where(good, lower, 0.0),
+        upper=jnp.where(good, upper, jnp.inf),
+        foot=jnp.ldexp(foot, exponent),
+        segment=triangle.astype(mesh.triangles.dtype),
+        t=t,
+        result=result,
+    )
+
+
+def _all_pairs(points: Array, table: Array) -> tuple[Array, Array]:
+    """Least squared distances over all rows of the table, and the first row that has each."""
+    blocks = _blocks(table, _TRIANGLES)
+    starts = jnp.arange(blocks.shape[0]) * blocks.shape[1]
+
+    def of_chunk(chunk: Array) -> tuple[Array, Array]:
+        def step(best: tuple[Array, Array], block: tuple[Array, Array]) -> tuple[tuple[Array, Array], None]:
+            rows, start = block
+            squares = squared_distances(chunk[:, None, :], rows)
+            index = jnp.argmin(squares, axis=1)
+            least = jnp.min(squares, axis=1)
+            better = least < best[0]
+            return (jnp.where(better, least, best[0]), jnp.where(better, start + index, best[1])), None
+
+        start = (jnp.full(chunk.shape[0], jnp.inf, chunk.dtype), jnp.zeros(chunk.shape[0], int))
+        return lax.scan(step, varying(start, chunk, table), (blocks, starts))[0]
+
+    square, index = lax.map(of_chunk, _blocks(points, _POINTS))
+    count = points.shape[0]
+    return square.reshape(-1)[:count], jnp.minimum(index.reshape(-1)[:count], table.shape[0] - 1)
+
+
+def _blocks(rows: Array, most: int) -> Array:
+    """The rows in blocks of equal length, the last one repeated where they do not fill the last block."""
+    count = rows.shape[0]
+    size = min(most, count)
+    index = np.minimum(np.arange(-(-count // size) * size), count - 1)
+    return rows[index].reshape(-1, size, rows.shape[-1])
+
+
+def _with_derivatives(found: Projection, queries: Array, mesh: TriangleMesh) -> Projection:
+    corners = mesh.vertices[mesh.triangles[found.segment]]
+    distance, foot, t = _attached(found.distance, found.foot, found.t, queries, corners)
+    return Projection(distance, found.lower, found.upper, foot, found.segment, t, found.result)
+
+
+@compiled
+def _attached(distance: Array, foot: Array, t: Array, queries: Array, corners: Array) -> tuple[Array, Array, Array]:
+    """The same numbers, with the derivatives of the feature that holds the foot."""
+
+    def with_rule(number: Array, other: Array, where: Array | bool = True) -> Array:
+        return number + jnp.where(where & jnp.isfinite(other), other - lax.stop_gradient(other), 0.0)
+
+    d, f, s = jax.vmap(foot_on)(queries, corners, t > 0)
+    return with_rule(distance, d, distance > 0), with_rule(foot, f), with_rule(t, s)
+
+
+def foot_on(
+    point: Float[Array, "3"], corners: Float[Array, "corners 3"], active: Array
+) -> tuple[Float[Array, ""], Float[Array, "3"], Float[Array, " corners"]]:
+    """Distance, foot and barycentric coordinates on the plane, line or point of the active corners.
+
+    A smooth function of point and corners where the distance is not zero. On a plane the distance is the product with
+    the normal, which keeps its digits where the point is close; at zero its derivative is that of one side.
+
+    Args:
+        point: the query.
+        corners: of a triangle.
+        active: which barycentric coordinates of the foot are positive; three of them for a face.
+    """
+    fixed = lax.stop_gradient((point, corners))
+    size = jnp.maximum(jnp.max(jnp.abs(fixed[0] - fixed[1])), jnp.max(jnp.abs(fixed[1] - fixed[1][0])))
+    exponent = jnp.where(size > 0, jnp.frexp(size)[1], 0)
+    scale = jnp.ldexp(jnp.ones((), point.dtype), -jnp.clip(exponent, -1000, 1000))
+    p, sides = (point - corners[0]) * scale, (corners - corners[0]) * scale
+    face = jnp.all(active)
+    on_face = _on_plane(p, jnp.where(face, sides, jnp.asarray(np.eye(3)[:, :3] - np.eye(3)[0], p.dtype)))
+    on_edge = _on_line(p, sides, jnp.argmax(active), 2 - jnp.argmax(active[::-1]))
+    face = face & on_face[0]
+    length, foot, t = (jnp.where(face, x, y) for x, y in zip(on_face[1:], on_edge, strict=True))
+    return length / scale, corners[0] + foot / scale, t
+
+
+def _on_plane(p: Array, corners: Array) -> tuple[Array, Array, Array, Array]:
+    """Whether there is a plane; distance, foot and coordinates there. The first corner is the origin."""
+    u, v = corners[1], corners[2]
+    normal = jnp.cross(u, v)
+    square = jnp.sum(normal * normal)
+    sound = square > 0
+    square = jnp.where(sound, square, 1.0)
+    unit = normal / jnp.sqrt(square)
+    height = jnp.sum(p * unit)
+    second, third = jnp.sum(jnp.cross(p, v) * normal) / square, jnp.sum(jnp.cross(u, p) * normal) / square
+    t = jnp.stack([1 - second - third, second, third])
+    return sound, jnp.where(lax.stop_gradient(height) < 0, -height, height), p - height * unit, t
+
+
+def _on_line(p: Array, corners: Array, first: Array, last: Array) -> tuple[Array, Array, Array]:
+    """Distance, foot and coordinates on the line through two corners, which may be one."""
+    a, side = corners[first], corners[last] - corners[first]
+    square = jnp.sum(side * side)
+    share = jnp.where(square > 0, jnp.sum((p - a) * side) / jnp.where(square > 0, square, 1.0), 0.0)
+    foot = a + share * side
+    off = p - foot
+    off_sq = jnp.sum(off * off)
+    length = jnp.sqrt(jnp.where(off_sq > 0, off_sq, 1.0))
+    index = np.arange(3)
+    t = jnp.where(index == last, share, 0.0) + jnp.where(index == first, 1 - share, 0.0)
+    return jnp.where(off_sq > 0, length, 0.0), foot, jnp.where(first == last, jnp.where(index == first, 1.0, 0.0), t)

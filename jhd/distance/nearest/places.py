@@ -1,0 +1,229 @@
+"""Points of implicit surfaces in boxes, for many at once: near a place, nearest to a point, and their proof.
+
+Points and feet are found by a few steps of Newton's method that keep to the box. Nothing hangs on them: a point is
+proven where the polynomial has two signs, rounding included, on a short segment of the closed box about it, or where it
+lies on a face, an edge or a corner on which the polynomial is known to be zero.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jhd.arithmetic.rounding import like_double, round_up, unit_roundoff
+from jhd.arrays import varying
+from jhd.distance.frame.surfaces import Side
+from jhd.distance.nearest.forms import signed_values
+
+# Second derivatives of a jet in the order xx, yy, zz, xy, xz, yz.
+_SYMMETRIC = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
+# The longest step, as a share of the box, and how far from singular the system of a foot has to be.
+_LONGEST, _DEFINITE = 0.3, 0.1
+# A direction within a face serves unless the gradient is this much longer.
+_TANGENT = 0.1
+# A change of sign farther away than this proves nothing about the point itself; near singular points it is about the
+# root of the roundoff.
+_FARTHEST = 1e-6
+# Where the gradient vanishes, changes of sign are looked for this far away.
+_DISTANCES = [2.0**-48, 2.0**-40, 2.0**-32, 2.0**-28, 2.0**-26, 2.0**-24, 2.0**-22, 2.0**-20]
+
+
+def jets(
+    coefficients: Array, points: Float[Array, "3 points"]
+) -> tuple[Float[Array, " points"], Float[Array, "3 points"], Float[Array, "6 points"]]:
+    """Values, gradients and second derivatives at points."""
+    n, count = coefficients.shape[0], points.shape[1]
+    x, y, z = (_powers(points[i], n) for i in range(3))
+    along_z = jnp.matmul(
+        coefficients.reshape(n * n, n), z.transpose(1, 0, 2).reshape(n, 3 * count), precision="highest"
+    )
+    along_z = along_z.reshape(n, n, 3, count)
+    plane = {(b, c): jnp.sum(along_z[:, :, c] * y[b], axis=1) for b, c in _upto(2)}
+    found = {(a, b, c): jnp.sum(plane[b, c] * x[a], axis=0) for b, c in _upto(2) for a in range(3 - b - c)}
+    gradient = jnp.stack([found[1, 0, 0], found[0, 1, 0], found[0, 0, 1]])
+    own = [found[2, 0, 0], found[0, 2, 0], found[0, 0, 2]]
+    return found[0, 0, 0], gradient, jnp.stack([*own, found[1, 1, 0], found[1, 0, 1], found[0, 1, 1]])
+
+
+def _upto(degree: int) -> list[tuple[int, int]]:
+    return [(b, c) for b in range(degree + 1) for c in range(degree + 1 - b)]
+
+
+def _powers(x: Array, count: int) -> Array:
+    """The powers, their first and second derivatives: (3, count, points)."""
+    rows = [jnp.ones_like(x)]
+    for _ in range(count - 1):
+        rows.append(rows[-1] * x)
+    zero = jnp.zeros_like(x)
+    first = [i * rows[i - 1] if i else zero for i in range(count)]
+    second = [i * (i - 1) * rows[i - 2] if i > 1 else zero for i in range(count)]
+    return jnp.stack([jnp.stack(rows), jnp.stack(first), jnp.stack(second)])
+
+
+def projected(
+    side: Side, points: Float[Array, "3 points"], fixed: Bool[Array, "3 points"], steps: int
+) -> Float[Array, "3 points"]:
+    """Points of the surface near some places in the box, keeping the coordinates that are fixed."""
+    lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
+
+    def step(_: Any, x: Array) -> Array:
+        value, gradient, _ = jets(side.coefficients, x)
+        return jnp.clip(x + _back(value, jnp.where(fixed, 0.0, gradient), x, lower, upper), lower, upper)
+
+    return jax.lax.fori_loop(0, steps, step, varying(points, side))
+
+
+def _back(value: Array, gradient: Array, x: Array, lower: Array, upper: Array) -> Array:
+    """The Newton step along the gradient; coordinates at a face that it would leave stay."""
+    move = -value * gradient / _positive(jnp.sum(gradient**2, axis=0))
+    for _ in range(2):
+        leaving = ((x <= lower) & (move < 0)) | ((x >= upper) & (move > 0))
+        gradient = jnp.where(leaving, 0.0, gradient)
+        move = -value * gradient / _positive(jnp.sum(gradient**2, axis=0))
+    return _short(move, lower, upper)
+
+
+def _short(move: Array, lower: Array, upper: Array) -> Array:
+    length, most = jnp.sqrt(jnp.sum(move**2, axis=0)), _LONGEST * jnp.max(upper - lower)
+    return jnp.where(jnp.isfinite(length), move * jnp.minimum(1.0, most / _positive(length)), 0.0)
+
+
+def local_feet(
+    side: Side, points: Float[Array, "3 points"], starts: Float[Array, "3 points"], steps: int
+) -> Float[Array, "3 points"]:
+    """Points of the surface near the starts that are about the nearest ones of their part of it.
+
+    A step solves (1 + mu T) s = t for the move s along the surface, with t the tangential part of point - q, mu its
+    share of the gradient, and T the tangential part of the second derivatives; where that is not positive, its size is
+    taken. Faces that the move would leave hold their coordinate for this step.
+    """
+    lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
+
+    def step(_: Any, q: Array) -> Array:
+        value, gradient, second = jets(side.coefficients, q)
+        hessian = second[_SYMMETRIC]
+
+        def hold(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
+            move = _tangential(points - q, gradient, hessian, state[0])
+            return state[0] | ((q <= lower) & (move < 0)) | ((q >= upper) & (move > 0)), move
+
+        held, move = jax.lax.fori_loop(0, 3, hold, (q > q, q - q))
+        move = _short(jnp.where(held, 0.0, move), lower, upper)
+        there = jnp.clip(q + move, lower, upper)
+        # The value at the new place, to second order, gives the way back.
+        value = value + jnp.sum(gradient * move, axis=0) + 0.5 * jnp.sum(hessian * move * move[:, None], axis=(0, 1))
+        slope = gradient + jnp.sum(hessian * move, axis=1)
+        return jnp.clip(there + _back(value, jnp.where(held, 0.0, slope), there, lower, upper), lower, upper)
+
+    def back(_: Any, q: Array) -> Array:
+        value, gradient, _ = jets(side.coefficients, q)
+        at_face = (q <= lower) | (q >= upper)
+        within = jnp.where(at_face, 0.0, gradient)
+        enough = jnp.sum(within**2, axis=0) > _TANGENT**2 * jnp.sum(gradient**2, axis=0)
+        return jnp.clip(q + _back(value, jnp.where(enough, within, gradient), q, lower, upper), lower, upper)
+
+    q = jax.lax.fori_loop(0, steps, step, varying(starts, side, points))
+    return jax.lax.fori_loop(0, 2, back, q)
+
+
+def _tangential(apart: Array, gradient: Array, hessian: Array, held: Array) -> Array:
+    n = jnp.where(held, 0.0, gradient)
+    e = jnp.where(held, 0.0, apart)
+    square = _positive(jnp.sum(n**2, axis=0))
+    mu = jnp.sum(e * n, axis=0) / square
+    t = e - mu * n
+    unit = n / jnp.sqrt(square)
+    h = jnp.where(held[:, None] | held[None], 0.0, hessian)
+    along = jnp.sum(h * unit, axis=1)
+    h = h - unit[:, None] * along[None] - along[:, None] * unit[None]
+    h = mu * (h + jnp.sum(along * unit, axis=0) * unit[:, None] * unit[None])
+    size = jnp.sqrt(jnp.sum(h**2, axis=(0, 1)))
+    # In the plane of the surface the eigenvalues of 1 + h have this sum and product.
+    trace = h[0, 0] + h[1, 1] + h[2, 2]
+    minor = 0.5 * (trace**2 - jnp.sum(h**2, axis=(0, 1)))
+    definite = (1 + trace + minor > _DEFINITE) & (2 + trace > 2 * _DEFINITE)
+    h = jnp.where(definite, h, size * jnp.eye(3, dtype=h.dtype)[..., None])
+    return _solved(h + jnp.eye(3, dtype=h.dtype)[..., None], t)
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Solutions of 3 x 3 systems, by Cramer's rule."""
+    rows = [_cross(matrix[i], matrix[j]) for i, j in ((1, 2), (2, 0), (0, 1))]
+    determinant = jnp.sum(matrix[0] * rows[0], axis=0)
+    found = sum(right[i] * rows[i] for i in range(3)) / jnp.where(determinant != 0, determinant, jnp.inf)
+    return jnp.where(jnp.isfinite(found), found, 0.0)
+
+
+def _cross(x: Array, y: Array) -> Array:
+    return jnp.stack([x[j] * y[k] - x[k] * y[j] for j, k in ((1, 2), (2, 0), (0, 1))])
+
+
+def proven_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
+    """Lengths within which a point of the surface, in its box, is proven; infinite where none is.
+
+    Both ends of a short segment along the gradient are floats in the box, and the signs there hold for the exact
+    polynomial. At a face the segment stays in it, unless the surface nearly touches it.
+    """
+    lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
+    value, gradient, _ = jets(side.coefficients, points)
+    error = signed_values(side, points)[1]
+    within = jnp.where((points <= lower) | (points >= upper), 0.0, gradient)
+    slope, whole = (jnp.sqrt(jnp.sum(x**2, axis=0)) for x in (within, gradient))
+    within = jnp.where(slope > _TANGENT * whole, within, gradient)
+    slope = _positive(jnp.sqrt(jnp.sum(within**2, axis=0)))
+    u = unit_roundoff(points.dtype)
+    step = 2 * (2 * error + jnp.abs(value)) / slope + 8 * u * jnp.max(jnp.abs(points), axis=0)
+    ends = [jnp.clip(points + sign * step * within / slope, lower, upper) for sign in (-1, 1)]
+    count = points.shape[1]
+    values, errors = signed_values(side, jnp.concatenate(ends, axis=1))
+    first, second, wrong, off = values[:count], values[count:], errors[:count], errors[count:]
+    proven = ((first > wrong) & (second < -off)) | ((first < -wrong) & (second > off))
+    far = [jnp.sqrt(jnp.sum((end - points) ** 2, axis=0)) * (1 + 8 * u) for end in ends]
+    inside = jnp.all((points >= lower) & (points <= upper), axis=0)
+    radius = round_up(jnp.maximum(*far))
+    radius = jnp.where(proven & inside & (radius <= like_double(_FARTHEST, points.dtype)), radius, jnp.inf)
+    return jnp.where(inside & _on_vanishing(side, points, lower, upper), 0.0, radius)
+
+
+def thorough_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
+    """As proven_radius, but proves also points where the gradient vanishes, as at the apex of a cone."""
+    radius = proven_radius(side, points)
+
+    def both(radius: Array) -> Array:
+        return jnp.minimum(radius, _singular_radius(side, points))
+
+    return jax.lax.cond(jnp.any(jnp.isinf(radius)), both, lambda radius: radius, radius)
+
+
+def _singular_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
+    """Lengths within which two of the six neighbours along the axes, moved into the box, have different signs.
+
+    The segment between both keeps to the box, and to the ball about the point that holds them.
+    """
+    lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
+    units = jnp.asarray(np.concatenate([np.eye(3), -np.eye(3)]).T[:, :, None], points.dtype)
+    inside = jnp.all((points >= lower) & (points <= upper), axis=0)
+
+    def within(distance: Array, radius: Array) -> Array:
+        ends = jnp.clip(points[:, None] + distance * units, lower[:, None], upper[:, None])
+        values, errors = (x.reshape(6, -1) for x in signed_values(side, ends.reshape(3, -1)))
+        proven = jnp.any(values > errors, axis=0) & jnp.any(values < -errors, axis=0)
+        far = jnp.max(jnp.sqrt(jnp.sum((ends - points[:, None]) ** 2, axis=0)), axis=0)
+        far = round_up(far * (1 + 8 * unit_roundoff(points.dtype)))
+        return jnp.where(proven & inside, jnp.minimum(far, radius), radius)
+
+    start = varying(jnp.full(points.shape[1], jnp.inf, points.dtype), side, points)
+    distances = jnp.asarray([like_double(x, points.dtype) for x in _DISTANCES], points.dtype)
+    return jax.lax.fori_loop(0, len(_DISTANCES), lambda i, radius: within(distances[i], radius), start)
+
+
+def _on_vanishing(side: Side, points: Array, lower: Array, upper: Array) -> Array:
+    place = jnp.where(points == lower, 0, jnp.where(points == upper, 2, 1))
+    return jnp.asarray(side.vanishing).ravel()[place[0] * 9 + place[1] * 3 + place[2]]
+
+
+def _positive(x: Array) -> Array:
+    """The numbers, infinity for those that are not above zero: a divisor."""
+    return jnp.where(x > 0, x, jnp.inf)

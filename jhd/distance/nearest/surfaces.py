@@ -1,0 +1,222 @@
+"""The proven distance from a point to an implicit surface in its box, and what a search of any kind starts from.
+
+A best-first search over boxes: those where the polynomial has no zero go, of the others the lower bounds of
+jhd.distance.cells.surfaces are kept, and the nearest is cut into eight. Their smallest bound is a bound of the distance
+at every moment; a proven foot ends the search when it is as near.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from jhd.arithmetic.rounding import like_double, round_up, unit_roundoff
+from jhd.arrays import varying
+from jhd.distance.frame.surfaces import Side
+from jhd.distance.nearest.forms import box_distances, boxes, form, lower_bounds
+from jhd.distance.nearest.places import local_feet, projected, proven_radius, thorough_radius
+
+# Cells along each axis that every search starts from, and places along each axis for the points of a cloud.
+_GRID, _PLACES = 8, 12
+_CLOUD_STEPS = 7
+# Open cells of one search, cells cut in a step, steps at most.
+_CAPACITY, _LANES, _MAX_STEPS = 2048, 16, 300
+# Cells of this width are not cut any more: a few units of roundoff of the coordinates.
+_NARROW = 2.0**-48
+# Places of a cloud that feet are looked for from, and Newton steps for feet.
+_STARTS, _FOOT_STEPS = 8, 5
+# Least gap, in units of roundoff.
+_CLOSE = 16
+
+
+class Cover(NamedTuple):
+    """Boxes that hold all of a surface: corners, and which of them may hold a point of it."""
+
+    lower: Float[Array, "3 cells"]
+    upper: Float[Array, "3 cells"]
+    alive: Bool[Array, " cells"]
+
+
+class Cloud(NamedTuple):
+    """Points close to a surface: each has one of it within its radius, which is infinite where none is proven."""
+
+    points: Float[Array, "3 points"]
+    radius: Float[Array, " points"]
+
+
+class Nearest(NamedTuple):
+    """Bounds of a distance and a proven foot, whose distance is `upper` but for its radius."""
+
+    lower: Float[Array, ""]
+    upper: Float[Array, ""]
+    foot: Float[Array, "3"]
+    steps: Int[Array, ""]
+
+
+def cover(side: Side) -> Cover:
+    """A grid over the box; neighbouring cells share the floats of their common ends."""
+    lower, upper = jnp.asarray(side.lower), jnp.asarray(side.upper)
+    shares = np.arange(_GRID + 1) / _GRID
+    cuts = lower[:, None] + (upper - lower)[:, None] * shares
+    cuts = jnp.clip(cuts.at[:, 0].set(lower).at[:, -1].set(upper), lower[:, None], upper[:, None])
+    index = np.indices((_GRID,) * 3).reshape(3, -1)
+    low, high = (jnp.stack([cuts[i][index[i] + k] for i in range(3)]) for k in (0, 1))
+    return Cover(low, high, form(side, boxes(low, high)).may_vanish)
+
+
+def cloud(side: Side) -> Cloud:
+    """Points of the surface inside the box, on its faces and on its edges."""
+    lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
+    shares, fixed = _places()
+    starts = jnp.where(shares == 0, lower, jnp.where(shares == 1, upper, lower + (upper - lower) * shares))
+    found = projected(side, starts, jnp.asarray(fixed), _CLOUD_STEPS)
+    return Cloud(found, proven_radius(side, found))
+
+
+def _places() -> tuple[np.ndarray, np.ndarray]:
+    """Places in the unit cube, its faces, edges and corners, and the coordinates that these fix."""
+    inner = (np.arange(_PLACES) + 0.5) / _PLACES
+    rows, fixed = [], []
+    for held in np.ndindex(2, 2, 2):
+        axes = [np.array([0.0, 1.0]) if h else inner for h in held]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1)
+        rows.append(grid)
+        fixed.append(np.broadcast_to(np.array(held, bool)[:, None], grid.shape))
+    return np.concatenate(rows, axis=1), np.concatenate(fixed, axis=1)
+
+
+def halved(lower: Float[Array, "3 cells"], upper: Float[Array, "3 cells"]) -> tuple[Array, Array]:
+    """The eight parts of each cell, arrays (3, 8 cells); the parts share the floats where they meet."""
+    middle = jnp.clip(0.5 * (lower + upper), lower, upper)
+    corners = np.indices((2, 2, 2)).reshape(3, 8, 1)
+    low = jnp.where(corners == 0, lower[:, None], middle[:, None])
+    high = jnp.where(corners == 0, middle[:, None], upper[:, None])
+    return low.reshape(3, -1), high.reshape(3, -1)
+
+
+def inner(side: Side, lower: Array, upper: Array) -> Array:
+    """The coordinates in which cells do not touch the box."""
+    return (lower > jnp.asarray(side.lower)[:, None]) & (upper < jnp.asarray(side.upper)[:, None])
+
+
+class _State(NamedTuple):
+    rows: Array  # (capacity, 6)
+    bound: Array  # inf where free
+    closed: Array  # smallest bound of what was dropped
+    upper: Array
+    foot: Array
+    steps: Array
+
+
+def nearest(
+    side: Side,
+    cover: Cover,
+    point: Float[Array, "3"],
+    starts: Float[Array, "3 points"],
+    least: Float[Array, ""],
+    close: Float[Array, ""],
+) -> Nearest:
+    """Bounds of the distance from a point to the surface.
+
+    Args:
+        side: the surface.
+        cover: boxes that hold all of it.
+        point: the point.
+        starts: places near which feet are looked for.
+        least: the search ends as soon as the distance is proven to be at most this.
+        close: and as soon as both bounds are as close as this, or as rounding lets them be.
+    """
+    u = unit_roundoff(point.dtype)
+
+    def better(state: _State, places: Array) -> tuple[Array, Array]:
+        found = local_feet(side, jnp.broadcast_to(point[:, None], places.shape), places, _FOOT_STEPS)
+        radius = thorough_radius(side, found)
+        far = round_up(jnp.sqrt(jnp.sum((found - point[:, None]) ** 2, axis=0)) * (1 + 8 * u) + radius)
+        far = jnp.where(jnp.isnan(far), jnp.inf, far)
+        best = jnp.argmin(far)
+        nearer = far[best] < state.upper
+        return jnp.where(nearer, far[best], state.upper), jnp.where(nearer, found[:, best], state.foot)
+
+    def target(state: _State) -> Array:
+        upper = state.upper
+        least_gap = jnp.maximum(close, _CLOSE * u * (1 + jnp.where(jnp.isfinite(upper), upper, 0.0)))
+        return jnp.minimum(upper - least_gap, state.closed)
+
+    def open_(state: _State) -> Array:
+        lowest = jnp.min(state.bound)
+        return (lowest < target(state)) & (state.upper > least) & (state.steps < _MAX_STEPS)
+
+    def step(state: _State) -> _State:
+        _, index = jax.lax.top_k(-state.bound.astype(jnp.float32), _LANES)
+        taken, parents = state.rows[index].T, state.bound[index]
+        live = parents < target(state)
+        narrow = jnp.max(taken[3:] - taken[:3], axis=0) < like_double(_NARROW, taken.dtype)
+        # What is close enough, or too narrow to cut, leaves the table but counts; single precision orders the table too
+        # coarsely to tell it from the rest, so it must not stay there.
+        closed = jnp.minimum(state.closed, jnp.min(jnp.where(live & ~narrow, jnp.inf, parents)))
+        low, high = halved(taken[:3], taken[3:])
+        cells = boxes(low, high)
+        part = form(side, cells)
+        bound = lower_bounds(part, cells, point, inner(side, low, high))
+        bound = jnp.fmax(bound, jnp.tile(parents, 8))  # a NaN bounds nothing
+        bound = jnp.where(part.may_vanish & jnp.tile(live & ~narrow, 8), bound, jnp.inf)
+        _, lowest = jax.lax.top_k(-bound.astype(jnp.float32), starts.shape[1])
+        places = jnp.where(state.steps == 0, starts, cells.centre[:, lowest])
+        upper, foot = better(state, places)
+        bound = jnp.where(bound < upper, bound, jnp.inf)
+        rows, kept, dropped = pushed(
+            state.rows,
+            state.bound.at[index].set(jnp.inf),
+            jnp.concatenate([low, high]).T,
+            bound,
+        )
+        return _State(rows, kept, jnp.minimum(closed, dropped), upper, foot, state.steps + 1)
+
+    infinity = jnp.asarray(jnp.inf, point.dtype)
+    first = jnp.where(cover.alive, box_distances(boxes(cover.lower, cover.upper), point)[0], jnp.inf)
+    room = _CAPACITY - first.size
+    rows = jnp.pad(jnp.concatenate([cover.lower, cover.upper]).T, ((0, room), (0, 0)))
+    start = _State(
+        rows, jnp.pad(first, (0, room), constant_values=jnp.inf), infinity, infinity, starts[:, 0], jnp.zeros((), int)
+    )
+    end = jax.lax.while_loop(open_, step, varying(start, side, point))
+    lower = jnp.minimum(jnp.minimum(jnp.min(end.bound), end.closed), end.upper)
+    return Nearest(lower, end.upper, end.foot, end.steps)
+
+
+def pushed(rows: Array, bound: Array, new: Array, new_bound: Array) -> tuple[Array, Array, Array]:
+    """A table with new rows where it is free, and the smallest bound of those that find no room; inf means free.
+
+    Where there is too little room, the rows of the largest bounds leave: to whom the smallest matter they do least.
+    """
+    count = new_bound.size
+    wanted, free = jnp.sum(jnp.isfinite(new_bound)), jnp.sum(jnp.isinf(bound))
+    bound, left = jax.lax.cond(wanted > free, _without_largest, lambda b, _: (b, _infinite(b)), bound, new_bound)
+    used = jnp.nonzero(jnp.isfinite(new_bound), size=count, fill_value=count)[0]
+    slots = jnp.nonzero(jnp.isinf(bound), size=count, fill_value=bound.size)[0]
+    # Beyond the end is nowhere.
+    there = jnp.where(used < count, slots, bound.size)
+    rows = rows.at[there].set(new[jnp.minimum(used, count - 1)], mode="drop")
+    values = jnp.append(new_bound, jnp.inf)[used]
+    dropped = jnp.min(jnp.where(there == bound.size, values, jnp.inf))
+    return rows, bound.at[there].set(values, mode="drop"), jnp.minimum(dropped, left)
+
+
+def _without_largest(bound: Array, new_bound: Array) -> tuple[Array, Array]:
+    """The bounds with room for all new ones made among the largest, and the smallest of those that left."""
+    key = jnp.where(jnp.isinf(bound), -jnp.inf, bound)
+    _, index = jax.lax.top_k(key.astype(jnp.float32), new_bound.size)
+    return bound.at[index].set(jnp.inf), jnp.min(bound[index])
+
+
+def _infinite(bound: Array) -> Array:
+    return jnp.full_like(bound[0], jnp.inf)
+
+
+def nearest_places(cloud: Cloud, point: Float[Array, "3"], count: int = _STARTS) -> Float[Array, "3 points"]:
+    """The proven points of a cloud nearest to a point, some unproven ones where there are too few."""
+    far = jnp.sum((cloud.points - point[:, None]) ** 2, axis=0) + jnp.where(jnp.isfinite(cloud.radius), 0.0, 100.0)
+    _, index = jax.lax.top_k(-far.astype(jnp.float32), count)
+    return cloud.points[:, index]

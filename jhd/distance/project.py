@@ -1,0 +1,404 @@
+"""Foot points of curves, all stationary ones, and the nearest point of a curve or mesh.
+
+On curves there are four methods and a search of our own; meshes have theirs in jhd.distance.nearest.meshes.
+
+The stationary parameters are the roots of f(s) = (P - B).B', in Bernstein form of degree 2 n - 1, or 3 n - 2 for
+rational curves; the nearest point is one of them or an end of a segment. `NearestSearch` and `ProjectedPolyhedron` are
+global and proven. Interval halving, Newton's method and their hybrid start at the control point that is nearest to P
+and are kept for comparison: they miss the nearest point on 3 to 16 % of random queries, prove nothing, and no bound
+rests on them.
+
+Source: Cao et al. 2014, equation (10), with its indices corrected; Shortest distance from a point to a Bezier curve
+(halving, Newton, hybrid); Patrikalakis & Maekawa, Shape Interrogation (2002), chapter 4.
+"""
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.arithmetic import bernstein, polynomial_systems
+from jhd.arithmetic.rounding import gamma
+from jhd.arrays import is_traced, real_array
+from jhd.compiled import compiled
+from jhd.distance.frame.jets import jet
+from jhd.distance.frame.pieces import piece_of
+from jhd.distance.frame.prepare import Frame, padded_count, replaced, trusted, usable
+from jhd.distance.nearest.curves import Nearest, best_end, in_chunks, nearest, repeated
+from jhd.distance.nearest.meshes import project_on_mesh
+from jhd.distance.nearest.stationarity import roots_on
+from jhd.distance.published.local_feet import best_local, halve, height, newton
+from jhd.distance.published.vertex_voxels import VertexVoxels
+from jhd.distance.witness.active import is_held, stationary
+from jhd.distance.witness.derivative import projection_with_derivatives
+from jhd.shapes.checks import Numbers
+from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd.shapes.mesh import TriangleMesh
+from jhd.solution import RESULTS, Projection, StationaryPoints, result_where, throw_unless_successful
+
+# Numbers of queries that programs are compiled for; more are done in blocks of the last size.
+_BLOCKS = (1, 16, 128, 1024)
+# Numbers of segments likewise; a single curve is worth a program of its own.
+_COUNTS = (1, 4, 16)
+# A larger change of the parameter by one more Newton step is no mending: the local methods stop where they please.
+_MENDED = 1e-6
+# Queries that are searched side by side: more wait for the slowest of them, fewer leave vector units idle.
+_CHUNK = 128
+
+
+class AbstractProjectionMethod(eqx.Module):
+    """How the nearest point is found; fields are options."""
+
+    @abstractmethod
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+        """The nearest point to one query, in scaled coordinates; `skip` marks repeated segments."""
+
+
+class NearestSearch(AbstractProjectionMethod):
+    """Best-first search with Bernstein bounds: global, proven, the fastest (see jhd.distance.nearest.curves)."""
+
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+        """The nearest point to one query."""
+        found = nearest(point, curve.control_points, curve.weights, 0.0, skip)
+        return found, result_where(found.closed, RESULTS.successful, RESULTS.gap_not_closed)
+
+
+class ProjectedPolyhedron(AbstractProjectionMethod):
+    """All stationary parameters by the projected-polyhedron solver, then the nearest of them and of the ends.
+
+    Global and proven. Every segment is solved, so a curve of many segments is better served by NearestSearch.
+
+    Args:
+        capacity: boxes that the solver can keep for one segment.
+    """
+
+    capacity: int = eqx.field(static=True, default=32)
+
+    def __check_init__(self) -> None:
+        _check_whole("capacity", self.capacity, 1)
+
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+        """The nearest point to one query."""
+        roots = jax.vmap(lambda k: roots_on(point, curve, k, self.capacity))(jnp.arange(curve.count))
+        return _nearest_of_roots(point, curve, roots, skip)
+
+
+class IntervalHalving(AbstractProjectionMethod):
+    """Steps left and right by an interval that is halved when the middle is best; a local method.
+
+    Args:
+        interval: first interval of the parameter.
+        tolerance: the interval at which it stops.
+        max_steps: limit on steps.
+    """
+
+    interval: float = eqx.field(static=True, default=0.1)
+    tolerance: float = eqx.field(static=True, default=1e-8)
+    max_steps: int = eqx.field(static=True, default=200)
+
+    def __check_init__(self) -> None:
+        _check_whole("max_steps", self.max_steps, 1)
+        _check_positive("interval", self.interval)
+        _check_positive("tolerance", self.tolerance)
+
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+        """The foot reached from the nearest control point of each segment, the best of all segments."""
+        return best_local(point, curve, lambda e, w, s: halve(e, w, s, self.interval, self.tolerance, self.max_steps))
+
+
+class NewtonProjection(AbstractProjectionMethod):
+    """Newton's method on (P - B).B' = 0 from the nearest control point's parameter; a local method.
+
+    Args:
+        tolerance: the step at which it stops.
+        max_steps: limit on steps.
+    """
+
+    tolerance: float = eqx.field(static=True, default=1e-14)
+    max_steps: int = eqx.field(static=True, default=32)
+
+    def __check_init__(self) -> None:
+        _check_whole("max_steps", self.max_steps, 1)
+        _check_positive("tolerance", self.tolerance)
+
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+        """The foot reached from the nearest control point of each segment, the best of all segments."""
+        return best_local(point, curve, lambda e, w, s: newton(e, w, s, self.tolerance, self.max_steps))
+
+
+class HybridProjection(AbstractProjectionMethod):
+    """Interval halving to a rough parameter, then Newton's method; a local method.
+
+    Args:
+        interval: first interval of the halving.
+        rough: interval at which Newton's method takes over.
+        tolerance: the Newton step at which it stops.
+        max_steps: limit on steps of each.
+    """
+
+    interval: float = eqx.field(static=True, default=0.1)
+    rough: float = eqx.field(static=True, default=1e-2)
+    tolerance: float = eqx.field(static=True, default=1e-14)
+    max_steps: int = eqx.field(static=True, default=64)
+
+    def __check_init__(self) -> None:
+        _check_whole("max_steps", self.max_steps, 1)
+        for name in ("interval", "rough", "tolerance"):
+            _check_positive(name, getattr(self, name))
+
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+        """The foot reached from the nearest control point of each segment, the best of all segments."""
+
+        def local(e: Array, w: Array | None, s: Array) -> tuple[Array, Array]:
+            rough, first = halve(e, w, s, self.interval, self.rough, self.max_steps)
+            fine, second = newton(e, w, rough, self.tolerance, self.max_steps)
+            # From a foot at an end, which is no root, Newton's method runs away.
+            return jnp.where(height(e, w, fine) <= height(e, w, rough), fine, rough), first + second
+
+        return best_local(point, curve, local)
+
+
+def project(
+    points: Numbers,
+    shape: AbstractCurve | TriangleMesh,
+    method: AbstractProjectionMethod | VertexVoxels | None = None,
+    *,
+    throw: bool = True,
+) -> Projection:
+    """Nearest points of a curve or mesh, with proven lower and upper distances.
+
+    Distance, foot and parameter are differentiable in the points and in the shape, twice; where several points are
+    equally near that of the foot named is taken, at distance zero the derivative is zero, and at an end or corner of
+    the curve that holds the foot the parameter does not move, nor does the foot leave the face, edge or vertex of a
+    mesh that holds it.
+
+    Works under jit and vmap, where checks of values are left out and `throw` is ignored: read `result`.
+
+    Args:
+        points: queries (..., dim); the batch shape is kept, and a single point has none.
+        shape: the curve, or a mesh. Under tracing every query is compared with every triangle.
+        method: for curves NearestSearch() or, as safe, ProjectedPolyhedron(), else a local one; for meshes None, which
+            is the exact search, or VertexVoxels(), which is local.
+        throw: whether to raise where the bounds were not closed.
+
+    Returns:
+        Distances with bounds, feet, segments and parameters (of meshes: triangles and barycentric coordinates). Local
+        methods prove no lower bound: it is 0.
+
+    Raises:
+        TypeError: points that are not real numbers, a shape or a method of another kind, VertexVoxels under tracing.
+        ValueError: points that are not finite, empty, or of another dimension than the shape; VertexVoxels too small.
+        NotProvenError: bounds not closed and throw is True.
+    """
+    if isinstance(shape, TriangleMesh):
+        return project_on_mesh(points, shape, method)
+    method = NearestSearch() if method is None else method
+    if not isinstance(method, AbstractProjectionMethod):
+        accepted = "NearestSearch, ProjectedPolyhedron, IntervalHalving, NewtonProjection, HybridProjection"
+        raise TypeError(f"method must be one of {accepted} for curves; got {type(method).__name__}.")
+    queries, curve = _checked(points, shape)
+    projection = _in_blocks(_project_block, method, *jax.lax.stop_gradient((queries, curve)))
+    projection = projection_with_derivatives(projection, queries, curve)
+    if throw:
+        throw_unless_successful(projection)
+    return projection
+
+
+def stationary_points(
+    points: Numbers, curve: AbstractCurve, *, capacity: int = 32, throw: bool = True
+) -> StationaryPoints:
+    """All parameters at which the distance to each point is stationary: roots of (P - B).B', with proven enclosures.
+
+    They are sorted along the curve; a multiple root comes once, and a stretch of constant distance as one interval. A
+    root at a joint comes once for each of the two segments.
+
+    Args:
+        points: queries (..., dim); the batch shape is kept.
+        curve: the curve.
+        capacity: room for the stationary parameters of one query over the whole curve.
+        throw: whether to raise where some did not fit.
+
+    Raises:
+        TypeError: points that are not real numbers, or a shape that is no curve.
+        ValueError: points that are not finite, empty, or of another dimension than the curve.
+        NotProvenError: capacity reached and throw is True; the solution holds those that fit.
+    """
+    _check_whole("capacity", capacity, 1)
+    queries, segments = _checked(points, curve)
+    found = _in_blocks(_stationary_block, capacity, queries, segments)
+    if throw:
+        throw_unless_successful(found)
+    return found
+
+
+def _check_whole(name: str, value: object, least: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{name} is {value!r}; needs a whole number of at least {least}.")
+
+
+def _check_positive(name: str, value: float) -> None:
+    if not (isinstance(value, int | float) and 0 < value < math.inf):
+        raise ValueError(f"{name} is {value!r}; needs a positive number.")
+
+
+def _checked(points: Numbers, shape: object) -> tuple[Array, BezierSegments]:
+    check_curve("shape", shape)
+    curve = shape.segments()  # pyright: ignore[reportAttributeAccessIssue]
+    queries = real_array("points", points)
+    if queries.ndim == 0 or queries.shape[-1] != curve.dim:
+        raise ValueError(f"points has shape {queries.shape}; needs (..., {curve.dim}).")
+    if queries.size == 0:
+        raise ValueError(f"points is empty: its shape is {queries.shape}.")
+    return queries, curve
+
+
+def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: BezierSegments) -> Any:
+    """Results of a jitted kernel for all queries: scaled by a power of two, in blocks of a few sizes when concrete."""
+    batch, traced = queries.shape[:-1], is_traced(queries, curve)
+    xp = jnp if traced else np
+    good = usable(curve)
+    curve = replaced(curve, good)
+    flat, points = xp.asarray(queries).reshape(-1, curve.dim), xp.asarray(curve.control_points)
+    if traced:
+        good = good & jnp.all(jnp.isfinite(flat), axis=-1)
+        flat = jnp.where(good[:, None], flat, 0.0)
+    exponent = xp.frexp(xp.maximum(xp.max(xp.abs(flat)), xp.max(xp.abs(points))))[1]
+    flat, points = xp.ldexp(flat, -exponent), xp.ldexp(points, -exponent)
+    count = curve.count if traced else next((c for c in _COUNTS if c >= curve.count), padded_count(curve.count))
+    index = np.minimum(np.arange(count), curve.count - 1)
+    weights = None if curve.weights is None else xp.asarray(curve.weights)[index]
+    scaled = trusted(points[index], weights, xp.asarray(curve.following)[index])
+    if traced:
+        found = [kernel(option, flat, scaled)]
+    else:
+        size = next((b for b in _BLOCKS if b >= len(flat)), _BLOCKS[-1])
+        padded = flat[np.minimum(np.arange(-(-len(flat) // size) * size), len(flat) - 1)]
+        found = [kernel(option, rows, scaled) for rows in padded.reshape(-1, size, curve.dim)]
+    joined = jax.tree_util.tree_map(lambda *parts: xp.concatenate(parts)[: len(flat)], *found)
+    joined = _marked(joined, good) if traced else joined
+    joined = jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), joined)
+    frame = Frame(xp.zeros(curve.dim), xp.zeros((), int), exponent)
+    return jax.tree_util.tree_map(jnp.asarray, _unscaled(joined, frame))
+
+
+def _marked(found: Any, good: Array) -> Any:
+    """Results with distances that claim nothing, and their own code, for queries that were no numbers."""
+    result = jax.vmap(lambda g, r: result_where(g, r, RESULTS.nonfinite_value))(good, found.result)
+    if isinstance(found, StationaryPoints):
+        valid = found.valid & good[:, None]
+        return eqx.tree_at(lambda p: (p.valid, p.result), found, (valid, result))
+    numbers = ((found.distance, jnp.inf), (found.lower, 0.0), (found.upper, jnp.inf))
+    chosen = tuple(jnp.where(good, x, y) for x, y in numbers)
+    return eqx.tree_at(lambda p: (p.distance, p.lower, p.upper, p.result), found, (*chosen, result))
+
+
+def _unscaled(found: Any, frame: Frame) -> Any:
+    if isinstance(found, StationaryPoints):
+        return eqx.tree_at(lambda s: s.distance, found, frame.length(found.distance))
+    lengths = (frame.length(found.distance), frame.length(found.lower, 0.0), frame.length(found.upper, math.inf))
+    where = lambda p: (p.distance, p.lower, p.upper, p.foot)  # noqa: E731
+    return eqx.tree_at(where, found, (*lengths, frame.place(found.foot)))
+
+
+@compiled
+def _project_block(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments) -> Projection:
+    skip = repeated(curve.control_points, curve.weights)
+
+    def one(point: Array) -> Projection:
+        found, result = method.one(point, curve, skip)
+        piece = piece_of(curve, found.segment)
+        # Distances are as good as they get where the parameter is off by the root of that; one step mends it.
+        t = stationary(found.t, point, piece, is_held(point, piece, found.t))
+        t = jnp.where(jnp.abs(t - found.t) < _MENDED, jnp.clip(t, 0.0, 1.0), found.t)
+        return Projection(found.distance, found.lower, found.upper, jet(*piece, t).point, found.segment, t, result)
+
+    return in_chunks(one, queries, _CHUNK)
+
+
+@partial(compiled, static=(0,))
+def _stationary_block(capacity: int, queries: Array, curve: BezierSegments) -> StationaryPoints:
+    skip = repeated(curve.control_points, curve.weights)
+    return in_chunks(lambda p: _stationary_of(p, curve, skip, capacity), queries, _CHUNK)
+
+
+def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: int) -> StationaryPoints:
+    """Stationary parameters of one query over all segments, the first `capacity` of them."""
+    per_segment = min(capacity, 4 * (curve.degree + 1)) if curve.degree else 2
+    roots = jax.vmap(lambda k: roots_on(point, curve, k, max(per_segment, 16)))(jnp.arange(curve.count))
+    valid = (roots.valid & ~skip[:, None]).ravel()
+    order = jnp.argsort(~valid, stable=True)[:capacity]
+    segment = jnp.repeat(jnp.arange(curve.count), roots.valid.shape[1])
+    lower, upper = roots.lower[..., 0].ravel(), roots.upper[..., 0].ravel()
+    pick = lambda x, fill: _padded(jnp.where(valid[order], x[order], fill), capacity)  # noqa: E731
+    middle = pick(0.5 * (lower + upper), 0.0)
+    chosen = pick(segment, 0)
+    at = jax.vmap(lambda k, s: jet(*piece_of(curve, k), s).point)(chosen, middle)
+    distance = jnp.where(_padded(valid[order], capacity), jnp.sqrt(jnp.sum((at - point) ** 2, axis=-1)), jnp.inf)
+    full = (jnp.sum(valid) > capacity) | jnp.any(_failed(roots.result))
+    result = result_where(full, RESULTS.capacity_reached, RESULTS.successful)
+    return StationaryPoints(
+        chosen, middle, pick(lower, 1.0), pick(upper, 0.0), distance, _padded(valid[order], capacity), result
+    )
+
+
+def _padded(x: Array, capacity: int) -> Array:
+    return jnp.pad(x, (0, capacity - x.shape[0]))
+
+
+def _failed(result: Any) -> Array:
+    return result != RESULTS.successful
+
+
+def _nearest_of_roots(
+    point: Array, curve: BezierSegments, roots: polynomial_systems.Roots, skip: Array
+) -> tuple[Nearest, Any]:
+    """The nearest among the ends and the stationary parameters, searched within the boxes that hold these.
+
+    The boxes are cut out of their segments and handed to the search as segments of their own: where a multiple root or
+    an uneven parametrisation leaves a wide box, it is narrowed by distances. Cutting out takes gamma(3 n + 4) of the
+    largest offset in each coordinate, a quotient included, and the bounds are moved by that much.
+    """
+    offsets = point - curve.control_points
+    best = best_end(offsets, jnp.max(jnp.abs(offsets), axis=(1, 2)))
+    valid = roots.valid & ~skip[:, None]
+    s0, s1 = (jnp.where(valid, x[..., 0], end) for x, end in ((roots.lower, 0.0), (roots.upper, 1.0)))
+
+    def cut(e: Array, w: Array | None, u0: Array, u1: Array) -> tuple[Array, Array | None]:
+        if w is None:
+            return bernstein.restrict(e, u0, u1, axis=0), None
+        weights = bernstein.restrict(w, u0, u1)
+        return bernstein.restrict(e * w[:, None], u0, u1, axis=0) / weights[:, None], weights
+
+    pieces = jax.vmap(jax.vmap(cut, in_axes=(None, None, 0, 0)))(offsets, curve.weights, s0, s1)
+    pieces = jax.tree_util.tree_map(lambda x: x.reshape((-1, *x.shape[2:])), pieces)
+    none = ~jnp.any(valid)
+    inner = nearest(jnp.zeros_like(point), -pieces[0], pieces[1], 0.0, ~valid.ravel())
+    cutting = math.sqrt(curve.dim) * gamma(3 * curve.degree + 4, point.dtype) * jnp.max(jnp.abs(offsets))
+    segment, box = inner.segment // valid.shape[1], inner.segment % valid.shape[1]
+    a, b = s0[segment, box], s1[segment, box]
+    inner = eqx.tree_at(
+        lambda n: (n.lower, n.upper, n.segment, n.t),
+        inner,
+        (
+            jnp.where(none, jnp.inf, inner.lower - cutting),
+            jnp.where(none, jnp.inf, inner.upper + cutting),
+            segment,
+            jnp.clip(a + inner.t * (b - a), 0.0, 1.0),
+        ),
+    )
+    # The nearest end errs by as much below as above.
+    lower = jnp.minimum(2 * best.distance - best.upper, inner.lower)
+    nearer = inner.upper < best.upper
+    found = jax.tree_util.tree_map(lambda x, y: jnp.where(nearer, x, y), inner, best)
+    closed = ~jnp.any(_failed(roots.result)) & (inner.closed | none)
+    lower = jnp.clip(lower, 0.0, found.upper)
+    steps = jnp.sum(roots.boxes) + inner.steps
+    found = eqx.tree_at(lambda n: (n.lower, n.closed, n.steps), found, (lower, closed, steps))
+    return found, result_where(closed, RESULTS.successful, RESULTS.capacity_reached)

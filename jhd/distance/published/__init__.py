@@ -1,0 +1,1 @@
+"""The methods of the sources, for comparison: faithful to them, and proven only where they say so."""

@@ -1,0 +1,1 @@
+"""All candidate events of two plane curves as roots of polynomial systems."""

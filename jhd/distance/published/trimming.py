@@ -1,0 +1,336 @@
+"""Biarcs and trimming before the equations: where a cannot be farthest from b no event is looked for.
+
+ 1. Both curves are replaced by biarcs with proven deviations; `hausdorff` uses them in both directions.
+ 2. A lower bound of the distance: places on a are ranked by their distance to the arcs of b, and the best ones are
+    measured by the proven nearest point. Such a bound owes nothing to the deviation of the arcs or to pixels.
+ 3. A piece of a is trimmed where all of it, with both deviations, is nearer to b than the lower bound: first by the
+    middle of its arc, then by the quarters of the arc, then by short chords of what is left.
+ 4. The systems of all events are solved on what is left, for distances between the lower bound and the bound of each
+    piece.
+
+Changes to the source. Its distance map and the terms eps1 to eps3 give way to step 2 (jhd.distance_map draws the map).
+Its test of an arc is unsafe and replaced (`arc_bounds`). It trims both curves, which can remove a foot of the maximum;
+here only the parameter of the maximum is trimmed and b stays whole: feet are told by their distances.
+
+Source: Kim et al. 2010, sections 2 to 4.
+"""
+
+from typing import Any, NamedTuple
+from weakref import ref
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array
+
+from jhd.arrays import real_array
+from jhd.distance.frame.method import AbstractHostMethod, Aim
+from jhd.distance.frame.prepare import Frame, evaluation_error, trusted
+from jhd.distance.published.algebraic import check_options, final_size
+from jhd.distance.published.arc_bounds import Arcs, Target, arcs_of, chords
+from jhd.distance.published.events.candidates import Search, candidate_events, near_ends
+from jhd.distance.published.events.forms import restricted
+from jhd.distance.published.events.host_pair import HostPair, HostSide, check_served
+from jhd.distance.published.events.survivors import Feet, Pieces
+from jhd.distance.published.farthest import Measured, best_of, measured
+from jhd.shapes.biarc_fit import fitted
+from jhd.shapes.curve import BezierSegments
+from jhd.shapes.deviation import HostArcs, HostCurve, complex_points
+from jhd.solution import HausdorffSolution
+
+# Places measured at a time.
+_SAMPLES = 16
+# The default deviation of biarcs: this share of the first lower bound, between shares of the unit of coordinates.
+_SHARE, _FINEST, _COARSEST = 1 / 64, 1e-5, 1e-2
+# Arcs of a that are looked at for the best place, places on each, rounds of closer places around the best, and places
+# of each round that are measured: eight at most, as the compiled program takes them.
+_BEST, _PLACES, _ROUNDS, _KEPT = 8, 9, 3, 2
+# Chords that what is left of an arc is cut into; again where they are this many times longer than the deviation, and so
+# trimmed for their length more than for what is known of b.
+_CHORDS, _LONG = 16, 8
+_NOTHING = (
+    Pieces(np.zeros(0, int), np.zeros((2, 0)), np.zeros((2, 0))),
+    Feet(np.zeros(0, int), np.zeros(0, int), np.zeros((2, 0))),
+)
+
+
+class BiarcTrimming(AbstractHostMethod):
+    """Biarcs, trimming, then all events on what is left; for polynomial plane curves with known control points.
+
+    `value` and `lower` as for AlgebraicEvents, and so are the counts in `stats`; in addition `arcs` of both curves,
+    `trimmed` (the share of the parameters of a that was removed) and `pieces` left. `upper` is the bound by which
+    pieces are trimmed: it is proven whatever the solver does, and above the value by a few deviations of the arcs, so
+    that a finer `deviation` brings it closer. That the value itself is the maximum is not proven. The result is
+    gap_not_closed where the events on what is left stay below a distance that was measured, which says that one was
+    missed.
+
+    Args:
+        atol: size of final boxes in space, as for AlgebraicEvents.
+        deviation: largest deviation of the biarcs, in the unit of the coordinates; by default a 64th of the distance
+            of the best of a few samples, between 1e-5 and 1e-2 of the extent. Finer arcs trim more and cost more.
+        capacity: open boxes of one system at which it counts as one with a curve of roots.
+        max_boxes: most boxes examined in all.
+
+    Raises:
+        ValueError: a negative atol, a deviation that is not positive, or numbers too small.
+    """
+
+    atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
+    deviation: Array | None = eqx.field(
+        default=None, converter=lambda x: None if x is None else real_array("deviation", x)
+    )
+    capacity: int = eqx.field(static=True, default=256)
+    max_boxes: int = eqx.field(static=True, default=2**23)
+
+    def __check_init__(self) -> None:
+        check_options(self.atol, (("capacity", self.capacity, 16), ("max_boxes", self.max_boxes, 0)))
+        if self.deviation is not None:
+            if self.deviation.shape != ():
+                raise ValueError(f"deviation has shape {self.deviation.shape}; needs a scalar.")
+            if not float(self.deviation) > 0:
+                raise ValueError(f"deviation is {float(self.deviation):g}; needs a positive number.")
+
+    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
+        """One direction in common coordinates; what lies below the level of the aim is trimmed too.
+
+        Raises:
+            TypeError: rational segments, curves in space, or control points that are traced.
+        """
+        check_served(type(self).__name__, a, b)
+        pair, arcs = _replaced(a, b, None if self.deviation is None else float(self.deviation), frame)
+        left = trimmed(pair, *arcs, float(aim.level))
+        search = Search(final_size(self.atol, frame), self.capacity, self.max_boxes)
+        candidates, stats = candidate_events(pair, left.pieces, search, left.feet)
+        kept = float(np.sum(left.pieces.side[1] - left.pieces.side[0]))
+        counts = {
+            "arcs": len(arcs[0].t0) + len(arcs[1].t0),
+            "pieces": len(left.pieces.segment),
+            "trimmed": 1.0 - kept / max(pair.a.moving, 1),
+        }
+        return best_of(
+            pair, candidates, left.best, stats, search, frame, float(aim.level), upper_bound(pair, left), **counts
+        )
+
+
+def arc_deviation(pair: HostPair, wanted: float | None, frame: Frame) -> float:
+    """The deviation that is asked of the arcs, in common coordinates.
+
+    Args:
+        pair: both curves.
+        wanted: in the unit of the user's coordinates; None takes a share of the distance of the best of some samples.
+        frame: leads back to those coordinates.
+    """
+    if wanted is not None:
+        return float(frame.common(np.asarray(wanted)))
+    return min(max(_SHARE * _first_sample(pair), _FINEST), _COARSEST)
+
+
+class _Replaced(NamedTuple):
+    """A pair and the arcs of both curves, known by the curves that they were made of."""
+
+    of: tuple[ref, ref]
+    deviation: float | None
+    pair: HostPair
+    arcs: tuple[Arcs, Arcs]
+
+
+# The last pair: `hausdorff` asks for both directions of one pair, one after the other. It is forgotten with its curves.
+_last: list[_Replaced] = []
+
+
+def _replaced(
+    a: BezierSegments, b: BezierSegments, wanted: float | None, frame: Frame
+) -> tuple[HostPair, tuple[Arcs, Arcs]]:
+    """The pair for the solver, and the arcs of a and of b."""
+    for known in _last[:1]:
+        if known.of[0]() is b and known.of[1]() is a and known.deviation == wanted:
+            return known.pair.reversed(), (known.arcs[1], known.arcs[0])
+    pair = HostPair.of(a, b)
+    arcs = both_arcs(pair, arc_deviation(pair, wanted, frame))
+    _last[:] = [_Replaced((ref(a, _forget), ref(b, _forget)), wanted, pair, arcs)]
+    return pair, arcs
+
+
+def _forget(curve: ref) -> None:
+    for known in _last[:1]:
+        if any(curve is x for x in known.of):
+            _last.clear()
+
+
+def both_arcs(pair: HostPair, deviation: float) -> tuple[Arcs, Arcs]:
+    """The arcs of both curves, for each stored segment that repeats no other, found in one pass."""
+    kept = [np.flatnonzero(~x.skip) for x in (pair.first, pair.second)]
+    points = [np.asarray(x.control_points)[rows] for x, rows in zip(pair.stored, kept, strict=True)]
+    every = np.concatenate(points)
+    host = HostCurve.of(trusted(every, None, np.full(len(every), -1)))
+    arcs = fitted(host, max(deviation, 1.01 * host.least))
+    cut = np.searchsorted(arcs.segment, len(points[0]))
+    parts = [HostArcs(*(x[rows] for x in arcs)) for rows in (slice(cut), slice(cut, None))]
+    first, second = (
+        arcs_of(part._replace(segment=rows[part.segment - start]))
+        for part, rows, start in zip(parts, kept, (0, len(points[0])), strict=True)
+    )
+    return first, second
+
+
+class Trimmed(NamedTuple):
+    """What is left of a.
+
+    Args:
+        pieces: parts of it.
+        feet: the parts of b where their feet can be.
+        upper: bound of the distances of all its segments that are no points, in common coordinates.
+        best: the farthest place measured, if any.
+    """
+
+    pieces: Pieces
+    feet: Feet
+    upper: float
+    best: Measured | None
+
+
+def upper_bound(pair: HostPair, left: Trimmed) -> float:
+    """Bound of the distance from a to b: that of the pieces, and for isolated points their distances to ends of b."""
+    single = near_ends(pair.a.points[0, :, pair.isolated], pair.b)
+    return max(left.upper, float(np.max(single, initial=0.0)) + evaluation_error(*pair.stored))
+
+
+def trimmed(pair: HostPair, d: Arcs, c: Arcs, level: float) -> Trimmed:
+    """Removes the pieces of a that are nearer to b than the level or a distance that was measured.
+
+    Args:
+        pair: both curves.
+        d: arcs of a, of the stored segments.
+        c: arcs of b.
+        level: distances up to it do not matter; in common coordinates.
+    """
+    # Points have arcs as well, but are no pieces.
+    moving = _moving(pair.first)
+    d = d.take(np.flatnonzero(moving[d.segment] >= 0))
+    level = max(level, 0.0)
+    if not len(d.t0):
+        return Trimmed(*_NOTHING, level, None)
+    target, error = Target(c), evaluation_error(*pair.stored)
+    d, upper = _above(level, d, target.coarse_reach(d) + error)
+    if not len(upper):
+        return Trimmed(*_NOTHING, level, None)
+    points = complex_points(np.asarray(pair.stored[0].control_points, np.float64)).T
+    segment, t = _best_place(points, target, d, upper)
+    best = measured(pair, moving[segment], t, None)
+    level = max(best.lower - error, level)
+    d, *_ = _above(level, d, upper)
+    d, upper = _above(level, d, target.reach_by_quarters(d) + error)
+    for _ in range(2):
+        d = _chords(points, d)
+        d, upper = _above(level, d, np.minimum(target.reach(d) + error, np.repeat(upper, _CHORDS)))
+        if np.max(np.abs(d.end - d.start), initial=0.0) <= _LONG * target.largest_deviation:
+            break
+    pieces = _pieces(d._replace(segment=moving[d.segment]), upper, level - 2 * error)
+    return Trimmed(pieces, _feet(pair, pieces, target), max(level, float(np.max(upper, initial=0.0))), best)
+
+
+def _above(level: float, d: Arcs, *values: np.ndarray) -> tuple[Any, ...]:
+    """The arcs, with their values, the first of which reaches the level."""
+    rows = np.flatnonzero(values[0] >= level)
+    return d.take(rows), *(x[rows] for x in values)
+
+
+def _chords(points: np.ndarray, d: Arcs) -> Arcs:
+    """The pieces of some arcs, each in so many chords, in order."""
+    share = np.arange(_CHORDS + 1) / _CHORDS
+    t = np.clip(d.t0[:, None] + (d.t1 - d.t0)[:, None] * share, d.t0[:, None], d.t1[:, None])
+    t[:, -1] = d.t1
+    segment, side = np.repeat(d.segment, _CHORDS), np.stack([t[:, :-1].ravel(), t[:, 1:].ravel()])
+    return chords(segment, side[0], side[1], restricted(points[:, segment], side))
+
+
+def _first_sample(pair: HostPair) -> float:
+    """The largest distance of some places spread over a: middles of its segments, more of them where it has few."""
+    count = pair.a.moving
+    if not count:
+        return measured(pair, pair.isolated[:_SAMPLES], np.zeros(min(len(pair.isolated), _SAMPLES)), None).distance
+    place = np.linspace(0, count, _SAMPLES)
+    segment = np.minimum(place.astype(int), count - 1)
+    return measured(pair, segment, place - segment, None).distance
+
+
+def _best_place(points: np.ndarray, target: Target, d: Arcs, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Stored segments and parameters of the places of a that are farthest from the arcs.
+
+    They are samples on the arcs with the largest bounds, and then samples ever closer around the best one, until they
+    are as close as the arcs are to the curve.
+    """
+    rows = np.argsort(-upper)[:_BEST]
+    share = np.linspace(0, 1, _PLACES)
+    t = (d.t0[rows, None] + (d.t1 - d.t0)[rows, None] * share).ravel()
+    segment = np.repeat(d.segment[rows], _PLACES)
+    width = np.repeat((d.t1 - d.t0)[rows] / (_PLACES - 1), _PLACES)
+    found: list[tuple[np.ndarray, np.ndarray]] = []
+    for _ in range(_ROUNDS):
+        x = _points_at(points[:, segment], t)
+        distance = target.distance(x)
+        order = np.argsort(-distance)[:_KEPT]
+        found.append((segment[order], t[order]))
+        k = order[0]
+        if np.abs(x[k] - x[k - 1]) <= target.largest_deviation:
+            break
+        t, segment = (
+            np.clip(t[k] + width[k] * np.linspace(-1, 1, 2 * _PLACES), 0, 1),
+            np.repeat(segment[k], 2 * _PLACES),
+        )
+        width = np.repeat(width[k] * 2 / (2 * _PLACES - 1), 2 * _PLACES)
+    segments, parameters = zip(*found, strict=True)
+    return np.concatenate(segments), np.concatenate(parameters)
+
+
+def _points_at(points: np.ndarray, t: np.ndarray) -> np.ndarray:
+    while len(points) > 1:
+        points = (1 - t) * points[:-1] + t * points[1:]
+    return points[0]
+
+
+def _pieces(arcs: Arcs, upper: np.ndarray, level: float) -> Pieces:
+    """Neighbouring pieces as one, with the interval of the distances that matter on each."""
+    segment, t0, t1 = arcs.segment, arcs.t0, arcs.t1
+    if not len(segment):
+        return _NOTHING[0]
+    goes_on = (segment[1:] == segment[:-1]) & (t0[1:] == t1[:-1])
+    first = np.flatnonzero(np.append(True, ~goes_on))
+    last = np.append(first[1:], len(segment)) - 1
+    most = np.maximum.reduceat(upper, first)
+    return Pieces(segment[first], np.stack([t0[first], t1[last]]), np.stack([np.full(len(first), level), most]))
+
+
+def _feet(pair: HostPair, pieces: Pieces, target: Target) -> Feet:
+    """Where the feet of the pieces can be: no farther than what is known of the distance there.
+
+    A foot of an event of the maximum is a nearest point, so its distance is at most the bound of the piece. Arcs of b
+    that are farther from a disc around the piece than that, with their deviations, hold no such foot.
+    """
+    points = restricted(pair.a.points[..., pieces.segment], pieces.side)
+    centre = points.mean(0)
+    radius = np.hypot(*np.moveaxis(points - centre, 1, 0)).max(0)
+    piece, arc = target.within(centre[0] + 1j * centre[1], radius + pieces.wanted[1])
+    moving = _moving(pair.second)
+    b, arcs = pair.b, target.arcs
+    segment = moving[arcs.segment[arc]]
+    rows = np.flatnonzero(segment >= 0)
+    piece, segment, t0, t1 = piece[rows], segment[rows], arcs.t0[arc[rows]], arcs.t1[arc[rows]]
+    goes_on = (piece[1:] == piece[:-1]) & (segment[1:] == segment[:-1]) & (t0[1:] == t1[:-1])
+    first, last = np.flatnonzero(np.append(True, ~goes_on)), np.flatnonzero(np.append(~goes_on, True))
+    if not len(rows):
+        first = last = rows
+    # Ends and corners of b are few, and told by their own distances later.
+    count, single = len(pieces.segment), np.arange(b.moving, b.points.shape[-1])
+    every = Feet(
+        np.concatenate([piece[first], np.repeat(np.arange(count), len(single))]),
+        np.concatenate([segment[first], np.tile(single, count)]),
+        np.concatenate([np.stack([t0[first], t1[last]]), np.zeros((2, count * len(single)))], axis=1),
+    )
+    return every.take(np.lexsort((every.side[0], every.segment, every.piece)))
+
+
+def _moving(side: HostSide) -> np.ndarray:
+    """For each stored segment its number among those of the solver that are no points, else -1."""
+    number = np.full(side.stored.count, -1)
+    number[side.index[: side.curve.moving]] = np.arange(side.curve.moving)
+    return number

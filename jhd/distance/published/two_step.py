@@ -1,0 +1,250 @@
+"""The two-step method: sample a, then refine the local maxima of the distance by root finding.
+
+Step 1 samples every segment of a and finds the nearest point of b for each sample. An interval between two samples is
+kept where the distance rises at its left and falls at its right end, where its ends have different feet, or where it
+touches a sample above both neighbours ("small-large-small").
+Step 2 follows the feet of both ends as branches. Where the branches differ, bisection on the difference of their
+distances finds the crossing, and Newton's method solves the three equations of a one-to-two event; on either side of
+it, or on the whole interval where the branches are one, bisection on (A - B).A' and Newton's method on two equations
+give an antipodal event. Every candidate is then measured by the proven nearest point; where a third branch turns out to
+be nearer than the two that were followed, the interval is cut there and both parts are refined again.
+
+Changes to the source: a maximum at an end of b is a maximum along a, not a minimum; branches are followed by
+continuation instead of ranked by length; corners of both curves and feet at ends are events. The method proves a lower
+bound only: it can miss a maximum that lies between samples.
+
+Source: Cao, Dong and Cao, Computation of Hausdorff distance between planar curves, 2014, sections 3 and 4.
+"""
+
+import math
+from typing import Literal, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jhd.arrays import varying
+from jhd.distance.frame.jets import jet
+from jhd.distance.frame.method import AbstractHausdorffMethod, Aim
+from jhd.distance.frame.pieces import Place, piece_of, preceding
+from jhd.distance.frame.prepare import Frame, evaluation_error
+from jhd.distance.nearest.curves import Nearest, in_chunks, nearest, repeated
+from jhd.distance.published.refinement import COARSE, Bracket, Pair, candidates, lengths
+from jhd.distance.witness.events import describe
+from jhd.shapes.curve import BezierSegments
+from jhd.solution import RESULTS, HausdorffSolution
+
+# Samples of the whole curve when their number is left open: shared among the segments, within these limits for each.
+_SAMPLES, _LEAST, _MOST = 512, 6, 128
+# Intervals refined together; most pairs need one or two rounds of so many.
+_LANES = 8
+# Free places for the halves of intervals that a third branch cuts.
+_EXTRA = 32
+# Samples searched side by side: more wait for the slowest of them, fewer do not fill the vector units.
+_CHUNK = 128
+# Arc length of an interval in units of its chord, for ranking only.
+_ARC = 1.25
+
+
+class TwoStep(AbstractHausdorffMethod):
+    """Sampling and root finding; fast, and good to about 1e-12 of the size, but without a proven upper bound.
+
+    Args:
+        samples: intervals a segment of a; by default 512 in all, at least 6 and at most 128 a segment. More samples
+            find narrower maxima.
+        spacing: "uniform" in the parameter, or "curvature": denser where the tangent turns.
+        max_rounds: limit on rounds of refinement, eight intervals each, largest possible distance first.
+    """
+
+    samples: int | None = eqx.field(static=True, default=None)
+    spacing: Literal["uniform", "curvature"] = eqx.field(static=True, default="uniform")
+    max_rounds: int = eqx.field(static=True, default=16)
+
+    def __check_init__(self) -> None:
+        if self.samples is not None and (not isinstance(self.samples, int) or self.samples < 2):
+            raise ValueError(f"samples is {self.samples!r}; needs a whole number of at least 2.")
+        if self.spacing not in ("uniform", "curvature"):
+            raise ValueError(f"spacing is {self.spacing!r}; needs 'uniform' or 'curvature'.")
+        if not isinstance(self.max_rounds, int) or self.max_rounds < 0:
+            raise ValueError(f"max_rounds is {self.max_rounds!r}; needs a whole number of at least 0.")
+
+    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
+        """One direction in common coordinates."""
+        skip = (repeated(curve.control_points, curve.weights) for curve in (a, b))
+        pair = Pair(a, b, preceding(b.following), *skip)
+        samples = _sampled(pair, self._parameters(a))
+        brackets = _brackets(samples)
+        best = _best_sample(samples)
+        state = jax.lax.while_loop(
+            lambda s: (jnp.max(s.brackets.key) > s.best.distance) & (s.rounds < self.max_rounds),
+            lambda s: _round(pair, s),
+            varying(_State(brackets, best, jnp.array(0), jnp.array(0)), a, b),
+        )
+        best = state.best
+        witness = describe(a, b, best.place, best.foot, jnp.ones(()))
+        lower = jnp.maximum(best.lower - evaluation_error(a, b), 0.0)
+        stats = {
+            "samples": jnp.array(samples.t.size),
+            "intervals": jnp.sum(jnp.isfinite(brackets.key)),
+            "rounds": state.rounds,
+            "cuts": state.cuts,
+        }
+        value = jnp.maximum(best.distance, lower)
+        return HausdorffSolution(value, lower, jnp.full_like(lower, jnp.inf), witness, RESULTS.successful, stats)
+
+    def _parameters(self, a: BezierSegments) -> Array:
+        """Sample parameters, (segments, samples + 1), from 0 to 1."""
+        count = self.samples or min(max(math.ceil(_SAMPLES / a.count), _LEAST), _MOST)
+        uniform = jnp.linspace(0.0, 1.0, count + 1)
+        if self.spacing == "uniform" or a.degree < 2:
+            return jnp.broadcast_to(uniform, (a.count, count + 1))
+        return jax.vmap(lambda k: _by_curvature(a, k, count))(jnp.arange(a.count))
+
+
+class _Samples(NamedTuple):
+    """Feet and distances of the samples of a; axes (segments, samples + 1)."""
+
+    t: Array
+    distance: Array
+    lower: Array
+    foot_segment: Array
+    foot_s: Array
+    slope: Array
+    point: Array
+    foot: Array
+
+
+class _Best(NamedTuple):
+    distance: Array
+    lower: Array
+    place: Place
+    foot: Place
+
+
+class _State(NamedTuple):
+    brackets: Bracket
+    best: _Best
+    rounds: Array
+    cuts: Array
+
+
+def _by_curvature(a: BezierSegments, segment: Array, count: int) -> Array:
+    """Parameters between which the curve goes on and turns by equal shares: half arc length, half angle."""
+    t = jnp.linspace(0.0, 1.0, 8 * count + 1)
+    tangents = jax.vmap(lambda t: jet(*piece_of(a, segment), t).first)(t)
+    speed = jnp.sqrt(jnp.sum(tangents**2, axis=-1))
+    unit = tangents / jnp.where(speed > 0, speed, 1.0)[:, None]
+    turn = jnp.sqrt(jnp.sum((unit[1:] - unit[:-1]) ** 2, axis=-1))
+    length = 0.5 * (speed[1:] + speed[:-1])
+    # What turns by less than a radian in all is divided by length: angles of a straight line are rounding.
+    share = _normalised(length) + turn / jnp.maximum(jnp.sum(turn), 1.0)
+    # A small uniform part keeps the parameters apart where the curve neither moves nor turns.
+    grown = jnp.concatenate([jnp.zeros(1), jnp.cumsum(share + 0.1 / t.size)])
+    inner = jnp.interp(jnp.linspace(0.0, 1.0, count + 1), grown / grown[-1], t)
+    return inner.at[0].set(0.0).at[-1].set(1.0)
+
+
+def _normalised(x: Array) -> Array:
+    total = jnp.sum(x)
+    return x / jnp.where(total > 0, total, 1.0)
+
+
+def _nearest_all(pair: Pair, points: Array, skip: Array) -> Nearest:
+    """Proven nearest points for rows of points, in chunks; rows to skip get bounds that are true and wide."""
+    b = pair.b
+
+    def search(query: tuple[Array, Array]) -> Nearest:
+        point, tolerance = query
+        return nearest(point, b.control_points, b.weights, tolerance, pair.skip_b)
+
+    return in_chunks(search, (points, jnp.where(skip, jnp.inf, 0.0)), _CHUNK)
+
+
+def _sampled(pair: Pair, t: Array) -> _Samples:
+    a, b = pair.a, pair.b
+    segments = jnp.arange(a.count)
+    jets = jax.vmap(lambda k, ts: jax.vmap(lambda u: jet(*piece_of(a, k), u))(ts))(segments, t)
+    found = _nearest_all(pair, jets.point.reshape(-1, a.dim), jnp.repeat(pair.skip_a, t.shape[1]))
+    found = jax.tree_util.tree_map(lambda x: x.reshape(t.shape), found)
+    foot = jax.vmap(jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point))(found.segment, found.t)
+    slope = jnp.sum((jets.point - foot) * jets.first, axis=-1)
+    distance = jnp.where(pair.skip_a[:, None], -jnp.inf, found.distance)
+    return _Samples(t, distance, found.lower, found.segment, found.t, slope, jets.point, foot)
+
+
+def _best_sample(samples: _Samples) -> _Best:
+    index = jnp.argmax(samples.distance)
+    pick = lambda x: x.ravel()[index]  # noqa: E731
+    place = Place(index // samples.t.shape[1], pick(samples.t))
+    return _Best(
+        pick(samples.distance), pick(samples.lower), place, Place(pick(samples.foot_segment), pick(samples.foot_s))
+    )
+
+
+def _brackets(samples: _Samples) -> Bracket:
+    """Intervals between samples that may hold a local maximum, followed by free places."""
+    d, left, right = samples.distance, slice(None, -1), slice(1, None)
+    chord = lengths(samples.point[:, right] - samples.point[:, left])
+    feet_apart = lengths(samples.foot[:, right] - samples.foot[:, left])
+    rises_and_falls = (samples.slope[:, left] > 0) & (samples.slope[:, right] < 0)
+    peak = (d[:, 1:-1] > d[:, :-2]) & (d[:, 1:-1] >= d[:, 2:]) | (d[:, 1:-1] >= d[:, :-2]) & (d[:, 1:-1] > d[:, 2:])
+    peak = jnp.pad(peak, ((0, 0), (1, 1)), constant_values=True)
+    # Feet of one branch move about as fast as the samples, unless a centre of curvature of b is near.
+    wanted = rises_and_falls | (feet_apart > 4 * chord) | peak[:, left] | peak[:, right]
+    key = jnp.where(wanted, 0.5 * (d[:, left] + d[:, right] + _ARC * chord), -jnp.inf)
+    segment = jnp.broadcast_to(jnp.arange(d.shape[0])[:, None], key.shape)
+    grids = (samples.t, samples.foot_segment, samples.foot_s)
+    ends = [x[:, part] for x in grids for part in (left, right)]
+    fields = (key, segment, ends[0], ends[1], ends[2], ends[4], ends[3], ends[5])
+    fill = (-jnp.inf, 0, 0.0, 0.0, 0, 0.0, 0, 0.0)
+    flat = (jnp.pad(x.ravel(), (0, _EXTRA), constant_values=v) for x, v in zip(fields, fill, strict=True))
+    return Bracket(*flat)
+
+
+def _round(pair: Pair, state: _State) -> _State:
+    """Refines the intervals with the largest keys and takes the best of their candidates."""
+    brackets, best = state.brackets, state.best
+    keys, index = jax.lax.top_k(brackets.key, _LANES)
+    lanes = Bracket(*(x[index] for x in brackets))
+    live = keys > best.distance
+    t, tracked = candidates(pair, lanes)
+    points = jax.vmap(lambda k, ts: jax.vmap(lambda u: jet(*piece_of(pair.a, k), u).point)(ts))(lanes.segment, t)
+    found = _nearest_all(pair, points.reshape(-1, pair.a.dim), jnp.repeat(~live, t.shape[1]))
+    found = jax.tree_util.tree_map(lambda x: x.reshape(t.shape), found)
+    distance = jnp.where(live[:, None], found.distance, -jnp.inf)
+    at = jnp.argmax(distance)
+    lane = at // t.shape[1]
+    foot = Place(found.segment.ravel()[at], found.t.ravel()[at])
+    top = _Best(distance.ravel()[at], found.lower.ravel()[at], Place(lanes.segment[lane], t.ravel()[at]), foot)
+    better = top.distance > best.distance
+    best = jax.tree_util.tree_map(lambda new, old: jnp.where(better, new, old), top, best)
+    brackets = brackets._replace(key=brackets.key.at[index].set(-jnp.inf))
+    halves, cut = _halves(pair, lanes, t, tracked, found, points)
+    halves = halves._replace(key=jnp.where(jnp.tile(live & cut, 2), halves.key, -jnp.inf))
+    return _State(_stored(brackets, halves), best, state.rounds + 1, state.cuts + jnp.sum(live & cut))
+
+
+def _stored(brackets: Bracket, new: Bracket) -> Bracket:
+    """Puts the new intervals where the smallest keys are, unless those are larger."""
+    _, worst = jax.lax.top_k(-brackets.key, new.key.shape[0])
+    take = new.key > brackets.key[worst]
+    return Bracket(*(old.at[worst].set(jnp.where(take, x, old[worst])) for old, x in zip(brackets, new, strict=True)))
+
+
+def _halves(
+    pair: Pair, lanes: Bracket, t: Array, tracked: Array, found: Nearest, points: Array
+) -> tuple[Bracket, Array]:
+    """The two parts of each interval about its best candidate, wanted where a branch not followed is nearer there."""
+    which = jnp.argmax(tracked, axis=1)
+    pick = lambda x: jnp.take_along_axis(x, which[:, None], axis=1)[:, 0]  # noqa: E731
+    cut_at, true, followed = pick(t), pick(found.distance), pick(tracked)
+    k, s = pick(found.segment), pick(found.t)
+    width = lanes.t1 - lanes.t0
+    inside = (cut_at > lanes.t0 + COARSE * width) & (cut_at < lanes.t1 - COARSE * width)
+    cut = (followed > true + 1e-13) & inside & (width > COARSE**4)
+    left = lanes._replace(t1=cut_at, k1=k, s1=s)
+    right = lanes._replace(t0=cut_at, k0=k, s0=s)
+    both = Bracket(*(jnp.concatenate([x, y]) for x, y in zip(left, right, strict=True)))
+    # What was followed bounds what the parts can hold, beside their keys.
+    return both._replace(key=jnp.tile(jnp.minimum(lanes.key, followed), 2)), cut

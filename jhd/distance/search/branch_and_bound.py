@@ -1,0 +1,96 @@
+"""The default method: proven lower and upper bounds, closed by branch and bound.
+
+The search itself is in jhd.distance.search.curves; here are its options, and how it runs in one program under tracing.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_batching import sequential_vmap
+from jaxtyping import Array
+
+from jhd.arrays import is_traced, real_array
+from jhd.distance.frame.method import AbstractHausdorffMethod, Aim
+from jhd.distance.frame.prepare import Frame
+from jhd.distance.search.candidates import Target
+from jhd.distance.search.curves import Wanted, advance, begin, solution_of
+from jhd.distance.search.solutions import Pair, in_one_go
+from jhd.shapes.curve import BezierSegments
+from jhd.solution import HausdorffSolution
+
+# Rows of a table of surfaces for each of those of curves.
+_SURFACE_ROWS = 32
+
+
+class BranchAndBound(AbstractHausdorffMethod):
+    """Certified distance: lower <= exact <= upper, with upper - lower below the tolerance.
+
+    Args:
+        atol: absolute tolerance on upper - lower, in the unit of the coordinates; by default 1e-10 (in float32: 64
+            units of roundoff) of the diagonal of the box of both shapes' control points, or what rounding leaves where
+            that is more. Of surfaces the boxes count.
+        rtol: tolerance relative to upper; the larger of both tolerances counts.
+        max_steps: most steps, of four cells each (of surfaces 32).
+        capacity: least length of the table of cells; twice the number of segments of a where that is more. Of curves,
+            outside jit and vmap, a longer table is taken where this one is full; of surfaces it is 32 times as long
+            from the start.
+    """
+
+    atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
+    rtol: Array = eqx.field(default=0.0, converter=lambda x: real_array("rtol", x))
+    max_steps: int = eqx.field(static=True, default=4000)
+    capacity: int = eqx.field(static=True, default=512)
+
+    def __check_init__(self) -> None:
+        for name in ("atol", "rtol"):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            if value.shape != ():
+                raise ValueError(f"{name} has shape {value.shape}; needs a scalar.")
+            if not is_traced(value) and not float(value) >= 0:
+                raise ValueError(f"{name} is {float(value):g}; needs a number of at least 0.")
+        for name, least in (("max_steps", 0), ("capacity", 16)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or value < least:
+                raise ValueError(f"{name} is {value!r}; needs a whole number of at least {least}.")
+
+    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
+        """One direction in common coordinates, in one go.
+
+        Of a batch the searches run one after the other on a CPU, where side by side all would take as long as the
+        longest of them, and side by side elsewhere.
+        """
+
+        def search(a: BezierSegments, b: BezierSegments, wanted: Wanted) -> HausdorffSolution:
+            state = begin(a, b, self.length_of_table(a))
+            return solution_of(a, b, wanted, advance(a, b, wanted, state, self.max_steps))
+
+        if jax.default_backend() == "cpu":
+            search = sequential_vmap(search)
+        return search(a, b, self.wanted(a, frame, aim))
+
+    def directed_surfaces(self, pair: Pair, frame: Frame, aim: Aim, direction: Any) -> HausdorffSolution:
+        """One direction of two surfaces in common coordinates, in one go; batches as for curves."""
+
+        def search(pair: Pair, wanted: Wanted) -> HausdorffSolution:
+            return in_one_go(pair, wanted, self.length_of_table(pair.a), self.max_steps, direction)
+
+        if jax.default_backend() == "cpu":
+            search = sequential_vmap(search)
+        return search(pair, self.wanted(pair.a, frame, aim))
+
+    def length_of_table(self, a: BezierSegments | Target) -> int:
+        """Number of cells there is room for."""
+        return max(self.capacity, 2 * a.count) if isinstance(a, BezierSegments) else _SURFACE_ROWS * self.capacity
+
+    def wanted(self, a: BezierSegments | Target, frame: Frame, aim: Aim) -> Wanted:
+        """What is asked for, in the common coordinates."""
+        dtype: Any = a.control_points.dtype if isinstance(a, BezierSegments) else a.side.lower.dtype
+        xp: Any = jnp if is_traced(self, frame) else np
+        # One program serves a given tolerance and the default one.
+        atol = xp.asarray(-1.0 if self.atol is None else frame.common(self.atol), dtype)
+        return Wanted(atol, xp.asarray(self.rtol, dtype), aim)

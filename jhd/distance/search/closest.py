@@ -1,0 +1,190 @@
+"""The search for the minimum distance: pairs of cells, those with the smallest bounds cut first.
+
+The table of pairs is sorted by lower bound. A step takes the first of them, cuts each in two where it is longest in
+space, bounds the halves, and sorts them in. Pairs whose bounds come within the tolerance of the smallest distance found
+are closed; what does not fit into the table is left out and its bound kept, so that the bounds are true whatever
+happens.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.arithmetic.rounding import gamma
+from jhd.arrays import varying
+from jhd.distance.cells.pairs import Best, Cell, CellBound, bound, length
+from jhd.distance.frame.net_jets import Net, eta, point_error
+
+# Pairs that are cut in one step.
+WIDTH = 16
+# Pairs are closed below the tolerance, so that the errors of the ends cannot exceed it.
+_CLOSE = 0.9
+
+
+class State(NamedTuple):
+    """The table sorted by lower bound (free places have an infinite one), and what is known beside it."""
+
+    lower: Array
+    cell: Cell
+    axis: Array
+    best: Best
+    settled: Array
+    lost: Array
+    steps: Array
+    pairs: Array
+
+
+class Parametric(NamedTuple):
+    """A pair of parametric shapes in common coordinates: what a search needs to know of it."""
+
+    a: Net
+    b: Net
+
+    def bound(self, cell: Cell) -> CellBound:
+        """Bounds over one pair of cells."""
+        return bound(self.a, self.b, cell)
+
+    @property
+    def floor(self) -> float:
+        """The gap that rounding leaves, in common coordinates."""
+        return 16 * (point_error(self.a) + point_error(self.b))
+
+
+# A pair of shapes with `bound(cell)` and `floor`, as Parametric has them; no common class, since both are tuples.
+Problem = Any
+
+
+def begin(a: Net, b: Net, pairs: Array, valid: Array, capacity: int) -> State:
+    """The table with some pairs of whole pieces, and a first distance, between corners of pieces."""
+    n = a.parameters + b.parameters
+    k, m = pairs[:, 0], pairs[:, 1]
+    dtype = a.points.dtype
+
+    def extents(net: Net) -> Array:
+        sizes = []
+        for axis in (-3, -2)[: net.parameters]:
+            steps = jnp.max(jnp.abs(jnp.diff(net.points, axis=axis)), axis=(-3, -2, -1), initial=0.0)
+            sizes.append(steps * (net.points.shape[axis] - 1))
+        return jnp.stack(sizes, axis=-1)
+
+    axis = jnp.argmax(jnp.concatenate([extents(a)[k], extents(b)[m]], axis=-1), axis=-1)
+    lower = jnp.where(valid, gaps(a, b, k, m), jnp.inf)
+    e = a.points[k, 0, 0] - b.points[m, 0, 0]
+    distance = jnp.where(valid, jax.vmap(length)(e), jnp.inf)
+    i = jnp.argmin(distance)
+    # The corner is a point of the shape; the difference is rounded once.
+    upper = distance[i] * (1 + gamma(16, dtype)) + point_error(a)
+    best = Best(upper, distance[i], k[i], m[i], jnp.zeros((n,), dtype))
+    zeros, ones = jnp.zeros((len(pairs), n), dtype), jnp.ones((len(pairs), n), dtype)
+    return table_of(lower, Cell(k, m, zeros, ones), axis, best, capacity)
+
+
+def table_of(lower: Array, cell: Cell, axis: Array, best: Best, capacity: int) -> State:
+    """The table with these pairs of cells."""
+    count, dtype = lower.shape[0], lower.dtype
+    lower, cell, axis = jax.tree_util.tree_map(partial(_padded, capacity), (lower, cell, axis))
+    lower = jnp.where(np.arange(lower.size) < count, lower, jnp.inf)
+    order = jnp.argsort(lower)
+    cell, axis = jax.tree_util.tree_map(lambda x: x[order], (cell, axis))
+    zero = jnp.array(0)
+    infinite = jnp.full((), jnp.inf, dtype)
+    return State(lower[order], cell, axis, best, infinite, jnp.array(False), zero, zero)
+
+
+def _padded(capacity: int, x: Array) -> Array:
+    return jnp.pad(x, [(0, max(capacity - x.shape[0], 0)), *[(0, 0)] * (x.ndim - 1)])
+
+
+def gaps(a: Net, b: Net, k: Array, m: Array) -> Array:
+    """Lower bounds of the distances of whole pieces, by the boxes of their control points."""
+    lows = [jnp.min(net.points, axis=(-3, -2)) for net in (a, b)]
+    highs = [jnp.max(net.points, axis=(-3, -2)) for net in (a, b)]
+    apart = jnp.maximum(jnp.maximum(lows[0][k] - highs[1][m], lows[1][m] - highs[0][k]), 0.0)
+    found = jax.vmap(length)(apart) * (1 - gamma(16, apart.dtype))
+    return jnp.maximum(found - eta(a) - eta(b), 0.0)
+
+
+def longer(state: State, factor: int) -> State:
+    """The same search with more room."""
+    size = factor * state.lower.size
+    lower = jnp.pad(state.lower, (0, size - state.lower.size), constant_values=jnp.inf)
+    cell, axis = jax.tree_util.tree_map(partial(_padded, size), (state.cell, state.axis))
+    return state._replace(lower=lower, cell=cell, axis=axis)
+
+
+def lower_of(state: State) -> Array:
+    """The proven lower bound reached."""
+    return jnp.minimum(jnp.minimum(state.lower[0], state.settled), state.best.upper)
+
+
+def tolerance_of(problem: Problem, atol: Array, rtol: Array, state: State) -> Array:
+    """The gap that closes the search: what is asked for, or what rounding leaves."""
+    found = jnp.where(jnp.isfinite(state.best.upper), state.best.upper, 0.0)
+    return jnp.maximum(jnp.maximum(atol, rtol * found), problem.floor)
+
+
+def is_open(problem: Problem, atol: Array, rtol: Array, state: State) -> Array:
+    """Whether there are pairs that may hold a distance smaller by more than the tolerance."""
+    return state.lower[0] < state.best.upper - _CLOSE * tolerance_of(problem, atol, rtol, state)
+
+
+def is_full(state: State) -> Array:
+    """Whether the next step may find no room."""
+    return jnp.isfinite(state.lower[state.lower.size - WIDTH])
+
+
+def advance(
+    problem: Problem, atol: Array, rtol: Array, state: State, limit: Array | int, growing: Array | bool = False
+) -> State:
+    """Goes on until the gap is closed or `limit` steps are taken; `growing` stops before the table is full."""
+
+    def going_on(state: State) -> Array:
+        open_ = is_open(problem, atol, rtol, state) & (state.steps < limit)
+        return open_ & ~(jnp.asarray(growing) & is_full(state))
+
+    start = varying(state, problem, atol, rtol)
+    return jax.lax.while_loop(going_on, lambda state: _step(problem, atol, rtol, state), start)
+
+
+def _step(problem: Problem, atol: Array, rtol: Array, state: State) -> State:
+    capacity = state.lower.size
+    taken, lower, axis = jax.tree_util.tree_map(lambda x: x[:WIDTH], (state.cell, state.lower, state.axis))
+    middle = 0.5 * (taken.low + taken.high)
+    cut = jnp.arange(taken.low.shape[-1]) == axis[:, None]
+    halves = Cell(
+        jnp.concatenate([taken.piece_a, taken.piece_a]),
+        jnp.concatenate([taken.piece_b, taken.piece_b]),
+        jnp.concatenate([taken.low, jnp.where(cut, middle, taken.low)]),
+        jnp.concatenate([jnp.where(cut, middle, taken.high), taken.high]),
+    )
+    before = jnp.concatenate([lower, lower])
+    found = jax.vmap(problem.bound)(halves)
+    valid = jnp.isfinite(before)
+    upper = jnp.where(valid & (found.upper >= 0), found.upper, jnp.inf)
+    i = jnp.argmin(upper)
+    new = Best(upper[i], found.distance[i], halves.piece_a[i], halves.piece_b[i], found.x[i])
+    better = upper[i] < state.best.upper
+    best = Best(*(jnp.where(better, x, y) for x, y in zip(new, state.best, strict=True)))
+    # Where something overflowed nothing is known but what the whole cell had.
+    lowers = jnp.where(jnp.isnan(found.lower), before, jnp.maximum(found.lower, before))
+    lowers = jnp.where(valid, lowers, jnp.inf)
+    state = state._replace(best=best, steps=state.steps + 1, pairs=state.pairs + jnp.sum(valid))
+    closed = (lowers >= best.upper - _CLOSE * tolerance_of(problem, atol, rtol, state)) | found.thin
+    settled = jnp.minimum(state.settled, jnp.min(jnp.where(closed, lowers, jnp.inf)))
+    lowers = jnp.where(closed, jnp.inf, lowers)
+    every = jnp.concatenate([lowers, jnp.where(np.arange(capacity) < WIDTH, jnp.inf, state.lower)])
+    order = jnp.argsort(every)
+    kept = every[order]
+    settled, lost = jnp.minimum(settled, kept[capacity]), state.lost | jnp.isfinite(kept[capacity])
+
+    def merged(new: Array, old: Array) -> Array:
+        return jnp.concatenate([new, old])[order[:capacity]]
+
+    cell = jax.tree_util.tree_map(merged, found.cell, state.cell)
+    return state._replace(
+        lower=kept[:capacity], cell=cell, axis=merged(found.axis, state.axis), settled=settled, lost=lost
+    )

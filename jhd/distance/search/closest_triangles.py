@@ -1,0 +1,202 @@
+"""Minimum distances of triangle meshes: the search from the host, and derivatives of its answer.
+
+Sets of points and polylines are meshes of degenerate triangles, so they are served too. Meshes are surfaces and not the
+solids that they may bound: one inside the other has the distance of the surfaces.
+
+The derivative is that of the distance of the features that hold the nearest points: two points, a point and a line, a
+point and a plane, or two lines. So it is right to any order wherever the points stay on these features.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+
+from jhd.arithmetic.rationals import float_above, float_below, float_near, root_between
+from jhd.arithmetic.rounding import gamma
+from jhd.arrays import is_traced
+from jhd.compiled import compiled
+from jhd.distance.search.tree_pairs import MeshBoxes, PairSearch, in_one_unit, mesh_boxes, stored_corners
+from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.mesh import TriangleMesh
+from jhd.solution import RESULTS, MinimumSolution
+from jhd.triangles.closest_point import kept, outward
+
+# The default tolerance as a share of the diagonal, and in units of roundoff where that is more.
+_RELATIVE, _ULPS = 1e-10, 64
+
+
+class Found(NamedTuple):
+    """How a search stands, in the user's unit.
+
+    Args:
+        steps: blocks of pairs looked at, and pairs measured exactly.
+        lower: proven lower bound.
+        upper: proven upper bound.
+    """
+
+    steps: int
+    lower: float
+    upper: float
+
+
+def as_mesh(shape: Any) -> TriangleMesh | None:
+    """A shape as a mesh of triangles, degenerate ones for points and segments; None where it is no union of them."""
+    if isinstance(shape, TriangleMesh):
+        return shape
+    if not isinstance(shape, AbstractCurve):
+        return None
+    points = shape.segments().control_points
+    count, order, dim = points.shape
+    if order > 2 or dim != 3:
+        return None
+    # Weights move points along their segment, and do not change it.
+    corners = np.arange(count * order).reshape(count, order)[:, [0, -1, -1]]
+    return TriangleMesh(points.reshape(-1, 3), corners)
+
+
+def of_meshes(
+    a: TriangleMesh,
+    b: TriangleMesh,
+    atol: Array | None,
+    rtol: Array,
+    max_steps: int,
+    report: Callable[[Found], object] | None,
+) -> MinimumSolution:
+    """Minimum distance of two meshes whose numbers are known, under differentiation too."""
+    first, second = lax.stop_gradient((a, b))
+    solution, place = _searched(first, second, atol, rtol, max_steps, report)
+    if not is_traced(a, b):
+        return solution
+    corners = [mesh.vertices[mesh.triangles[k]] for mesh, k in zip((a, b), place.triangles, strict=True)]
+    moved = _attached(jnp.stack(corners), place.weights, place.weights > 0)
+    apart = solution.value > 0
+    value, point_a, point_b = (
+        x + jnp.where(apart & jnp.isfinite(y), y - lax.stop_gradient(y), 0.0)
+        for x, y in zip((solution.value, solution.point_a, solution.point_b), moved, strict=True)
+    )
+    return replace(solution, value=value, point_a=point_a, point_b=point_b)
+
+
+class _Place(NamedTuple):
+    """The triangles that hold the nearest points, and barycentric coordinates there."""
+
+    triangles: tuple[int, int]
+    weights: Float[np.ndarray, "shapes corners"]
+
+
+def _searched(
+    a: TriangleMesh,
+    b: TriangleMesh,
+    atol: Array | None,
+    rtol: Array,
+    max_steps: int,
+    report: Callable[[Found], object] | None,
+) -> tuple[MinimumSolution, _Place]:
+    sides = in_one_unit(kept(mesh_boxes, a), kept(mesh_boxes, b))
+    corners = stored_corners(a), stored_corners(b)
+    allowed = _allowed(sides, atol, rtol)
+    search = PairSearch(*sides, corners)
+    interrupted = False
+    try:
+        while search.is_waiting and search.steps < max_steps:
+            search.advance()
+            if report is not None:
+                report(_found(search, sides[0]))
+        search.settle(allowed, max_steps)
+    except KeyboardInterrupt:
+        interrupted = True
+    found = _found(search, sides[0])
+    failed = RESULTS.interrupted if interrupted else RESULTS.gap_not_closed
+    result = RESULTS.successful if search.upper - search.lower <= allowed(search.upper) else failed
+    best, dtype = search.best, sides[0].corners.dtype
+    points = [
+        _places(triangles[k], w, dtype) for triangles, k, w in zip(corners, best.triangles, best.weights, strict=True)
+    ]
+    value = float_near(root_between(best.nearest.square)[0], dtype)
+    solution = MinimumSolution(
+        value=jnp.asarray(np.clip(value, found.lower, found.upper), dtype),
+        lower=jnp.asarray(found.lower, dtype),
+        upper=jnp.asarray(found.upper, dtype),
+        point_a=jnp.asarray(points[0]),
+        point_b=jnp.asarray(points[1]),
+        result=result,
+        stats={"steps": jnp.asarray(search.steps), "exact": jnp.asarray(search.exact)},
+    )
+    weights = np.array([[float_near(x, dtype) for x in row] for row in best.weights])
+    return solution, _Place(best.triangles, weights)
+
+
+def _found(search: PairSearch, side: MeshBoxes) -> Found:
+    """The bounds in the user's unit: those of the nearest pair measured, unless others may be nearer."""
+    dtype = side.corners.dtype
+    low, high = root_between(search.best.nearest.square)
+    lower, upper = float_below(low, dtype), float_above(high, dtype)
+    if search.lower < search.best.lower:
+        lower = min(lower, outward(np.array([search.lower]), side.exponent, dtype, -1)[0])
+    return Found(search.steps, lower, upper)
+
+
+def _allowed(sides: tuple[MeshBoxes, MeshBoxes], atol: Array | None, rtol: Array) -> Callable[[float], float]:
+    """The gap that is allowed at an upper bound, in the common unit."""
+    rows = np.concatenate([side.corners.reshape(-1, 3) for side in sides]).astype(np.float64)
+    diagonal, dtype = float(np.linalg.norm(rows.max(axis=0) - rows.min(axis=0))), sides[0].corners.dtype
+    share = max(_RELATIVE, _ULPS * float(np.finfo(dtype).eps))
+    absolute = share * diagonal if atol is None else float(np.ldexp(float(atol), -sides[0].exponent))
+    # What rounding leaves where not all pairs can be measured exactly.
+    absolute = max(absolute, gamma(256, dtype) * diagonal)
+    return lambda upper: max(absolute, float(rtol) * upper)
+
+
+def _places(corners: np.ndarray, weights: tuple[Fraction, ...], dtype: np.dtype) -> np.ndarray:
+    """The point at exact barycentric coordinates, rounded once."""
+    rows = [[Fraction(float(x)) for x in corner] for corner in corners]
+    place = [sum((w * row[k] for w, row in zip(weights, rows, strict=True)), Fraction(0)) for k in range(3)]
+    return np.array([float_near(x, dtype) for x in place])
+
+
+@compiled
+def _attached(corners: Array, weights: Array, active: Array) -> tuple[Array, Array, Array]:
+    """Distance and nearest points of the features that the active corners (2, 3) span, as functions of the corners.
+
+    At most two directions are free: of p + x d - (q + y e) the part that they cannot change is the distance.
+    """
+    fixed = lax.stop_gradient(corners)
+    origin, size = fixed[0, 0], jnp.max(jnp.abs(fixed - fixed[0, 0]))
+    scale = jnp.ldexp(jnp.ones((), size.dtype), -jnp.clip(jnp.frexp(size)[1], -1000, 1000))
+    corners = (corners - origin) * scale
+    first = jnp.argmax(active, axis=1)
+    base = corners[np.arange(2), first]
+    sides = (corners - base[:, None]) * jnp.asarray([1.0, -1.0], corners.dtype)[:, None, None]
+    free = (active & (np.arange(3) != first[:, None])).reshape(-1)
+    order = jnp.argsort(~free)[:2]
+    directions = sides.reshape(-1, 3)[order]
+    e = base[0] - base[1]
+    distance, shares = _apart(e, directions, free[order])
+    steps = jnp.zeros(6, corners.dtype).at[order].set(shares).reshape(2, 3, 1)
+    points = base + jnp.sum(steps * (corners - base[:, None]), axis=1)
+    return distance / scale, points[0] / scale + origin, points[1] / scale + origin
+
+
+def _apart(e: Array, directions: Array, free: Array) -> tuple[Array, Array]:
+    """The distance of e from zero along the free directions, and how far to go along them."""
+    u, v = (jnp.where(here, d, 0.0) for here, d in zip(free, directions, strict=True))
+    normal = jnp.cross(u, v)
+    a, b, c, d, f = u @ u, u @ v, v @ v, u @ e, v @ e
+    area_sq = jnp.sum(normal**2)
+    face = free[0] & free[1] & (area_sq > 0)
+    safe = jnp.where(face, area_sq, 1.0)
+    both = jnp.stack([b * f - c * d, b * d - a * f]) / safe
+    one = jnp.stack([-d / jnp.where(a > 0, a, 1.0), jnp.zeros_like(a)])
+    height = jnp.sum(e * normal) / jnp.sqrt(safe)
+    rest = e + one[0] * u
+    square = jnp.sum(rest * rest)
+    length = jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    # With the normal the distance keeps its digits where the points are close.
+    distance = jnp.where(face, jnp.where(height < 0, -height, height), jnp.where(square > 0, length, 0.0))
+    return distance, jnp.where(face, both, one)

@@ -1,0 +1,346 @@
+"""Proven lower and upper bounds of the directed Hausdorff distance of two curves, closed by branch and bound.
+
+Cells that cover a wait in a table with a proven upper bound each. A step takes the few with the largest bounds, bounds
+them by two branches split at their peak (jhd.distance.cells.branches), proves the distance of the most promising peak
+from below over all of b (jhd.distance.nearest.curves), and cuts the cells at their peaks. Maxima are met after three or
+four steps, because the bound of a cell cut at its peak is exact up to the mismatch of its feet.
+
+At every moment every point of a lies in a cell whose upper bound holds, so the largest of them is a bound of the
+distance, also when the search is stopped; what does not fit in the table is folded into it. Nothing is discarded on an
+unproven lower bound.
+
+Source: the search and the bounds are ours; the events are those of Elber & Grandine, GMP 2008.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array
+
+from jhd.arrays import varying
+from jhd.distance.cells.branches import Cell, CellBound, cell_upper_bound, first_upper_bound, local_foot
+from jhd.distance.frame.jets import jet
+from jhd.distance.frame.method import Aim
+from jhd.distance.frame.pieces import Place, piece_of
+from jhd.distance.frame.prepare import evaluation_error
+from jhd.distance.nearest.curves import Nearest, nearest, repeated
+from jhd.distance.witness import active
+from jhd.distance.witness.events import describe
+from jhd.shapes.curve import BezierSegments
+from jhd.solution import RESULTS, HausdorffSolution, Witness, result_where
+
+# Cells bounded in one step: two waste the vector units, eight bound cells that the first four would have closed.
+_LANES = 4
+# Samples of each segment of b for the first feet.
+_SEEDS = 4
+_SEED_STEPS = 3
+# Points whose nearest samples are looked for side by side.
+_BLOCK = 256
+# A peak nearer than this share of the cell to an end does not serve as a cut; the middle does.
+_NEAR_END = 0.02
+# Least gap in units of the error of the common coordinates: both bounds take it, and those of the cells as much again.
+_FLOOR = 8
+# Rounding of a distance, and of one whose foot has been refined, in units of roundoff of the common coordinates.
+_NOISE, _AGREEING = 4, 64
+# Default tolerance in units of the diagonal.
+_DEFAULT = 1e-10
+
+
+class Wanted(NamedTuple):
+    """What was asked for, in the common coordinates; a negative atol stands for the default."""
+
+    atol: Array
+    rtol: Array
+    aim: Aim
+
+
+class _Tolerances(NamedTuple):
+    """What was asked for, in the common coordinates, and what can be reached."""
+
+    atol: Array
+    rtol: Array
+    floor: Array
+
+    def wanted(self, distance: Array) -> Array:
+        """The tolerance at a distance."""
+        return jnp.maximum(self.atol, self.rtol * distance)
+
+
+def _tolerances(a: BezierSegments, b: BezierSegments, wanted: Wanted) -> _Tolerances:
+    dtype = a.control_points.dtype
+    # Closer than a few times the error of the common coordinates the bounds cannot get.
+    floor = jnp.asarray(_FLOOR * evaluation_error(a, b), dtype)
+    rows = jnp.concatenate([a.control_points.reshape(-1, a.dim), b.control_points.reshape(-1, a.dim)])
+    diagonal = jnp.sqrt(jnp.sum((jnp.max(rows, axis=0) - jnp.min(rows, axis=0)) ** 2))
+    default = jnp.maximum(max(_DEFAULT, 64 * float(jnp.finfo(dtype).eps)) * diagonal, floor)
+    return _Tolerances(jnp.where(wanted.atol < 0, default, wanted.atol), wanted.rtol, floor)
+
+
+class Table(NamedTuple):
+    """Cells that wait to be cut."""
+
+    cell: Cell
+    upper: Array  # -inf where free
+
+
+class _Seeds(NamedTuple):
+    """Samples of b: (samples, dim) points, their segments and parameters."""
+
+    points: Array
+    segment: Array
+    s: Array
+
+
+class State(NamedTuple):
+    """A search: its table of cells, and what it has proven and found so far."""
+
+    table: Table
+    lower: Array
+    value: Array
+    at: Place
+    foot: Place
+    closed: Array  # largest upper bound of the cells that were closed or dropped
+    dropped: Array
+    pending: Place  # a place of a to be measured in the first step
+    steps: Array
+
+    @property
+    def upper(self) -> Array:
+        """Proven bound of the whole distance."""
+        return jnp.maximum(jnp.maximum(jnp.max(self.table.upper), self.closed), self.lower)
+
+    @property
+    def waiting(self) -> Array:
+        """Number of cells in the table."""
+        return jnp.sum(self.table.upper > -jnp.inf)
+
+
+def unfinished(a: BezierSegments, b: BezierSegments, wanted: Wanted, state: State) -> Array:
+    """Whether more steps would serve what is wanted."""
+    above = jnp.max(state.table.upper) > _goal(_tolerances(a, b, wanted), wanted.aim, state.lower)
+    return above & (state.lower <= wanted.aim.ceiling)
+
+
+def _goal(tolerances: _Tolerances, aim: Aim, lower: Array) -> Array:
+    """Cells with upper bounds up to this one are closed."""
+    return jnp.maximum(aim.level, lower + jnp.maximum(tolerances.floor, tolerances.wanted(lower)))
+
+
+def advance(
+    a: BezierSegments, b: BezierSegments, wanted: Wanted, state: State, limit: ArrayLike, growing: ArrayLike = False
+) -> State:
+    """Goes on until what is wanted is reached, or the limit of steps; `growing` stops before the table is full."""
+    skip_b, seeds = repeated(b.control_points, b.weights), _seeds(b)
+    error, tolerances, aim = evaluation_error(a, b), _tolerances(a, b, wanted), wanted.aim
+
+    def open_(state: State) -> Array:
+        full = growing & (state.waiting + _LANES > state.table.upper.size)
+        above = jnp.max(state.table.upper) > _goal(tolerances, aim, state.lower)
+        return above & (state.lower <= aim.ceiling) & (state.steps < limit) & ~full
+
+    def step(state: State) -> State:
+        taken, uppers, rest = _largest(state.table)
+        found = jax.vmap(lambda c: cell_upper_bound(a, b, c))(taken)
+        upper = jnp.minimum(uppers, found.upper + error)
+        live = upper > _goal(tolerances, aim, state.lower)
+        # The most promising place is measured where it can raise the lower bound.
+        hope = jnp.where(live, found.distance, -jnp.inf)
+        best = jnp.argmax(hope)
+        first = state.steps == 0
+        segment = jnp.where(first, state.pending[0], taken.segment[best])
+        t = jnp.where(first, state.pending[1], found.t[best])
+        point = jet(*piece_of(a, segment), t).point
+        asked = first | (hope[best] > state.lower)
+        measured = nearest(point, b.control_points, b.weights, jnp.where(asked, 0.0, jnp.inf), skip_b)
+        raised = asked & (measured.distance > state.value)
+        state = state._replace(
+            lower=jnp.where(asked, jnp.maximum(measured.lower - error, state.lower), state.lower),
+            value=jnp.where(raised, measured.distance, state.value),
+            at=_where(raised, Place(segment, t), state.at),
+            foot=_where(raised, Place(measured.segment, measured.t), state.foot),
+            steps=state.steps + 1,
+        )
+        mine = (jnp.arange(_LANES) == best) & asked & ~first
+        goal = _goal(tolerances, aim, state.lower)
+        return _pushed(a, b, seeds, state._replace(table=rest), goal, taken, upper, found, mine, measured)
+
+    return jax.lax.while_loop(open_, step, varying(state, a, b))
+
+
+def solution_of(a: BezierSegments, b: BezierSegments, wanted: Wanted, state: State) -> HausdorffSolution:
+    """The solution that a search stands at."""
+    dtype = a.control_points.dtype
+    tolerances, upper = _tolerances(a, b, wanted), state.upper
+    described = describe(a, b, state.at, state.foot, jnp.ones((), dtype))
+    witness, value, lower = _polished(a, b, described, state)
+    lower = jnp.minimum(lower, upper)
+    # Four units for the rounding of this comparison itself.
+    gap = upper - jnp.maximum(lower, wanted.aim.level)
+    closed = gap <= tolerances.wanted(upper) * (1 + 4 * jnp.finfo(dtype).eps)
+    result = result_where(closed, RESULTS.successful, RESULTS.gap_not_closed)
+    result = result_where(~closed & state.dropped, RESULTS.capacity_reached, result)
+    stats = {"steps": state.steps, "cells": state.steps * _LANES}
+    return HausdorffSolution(jnp.clip(value, lower, upper), lower, upper, witness, result, stats)
+
+
+def _polished(a: BezierSegments, b: BezierSegments, witness: Witness, state: State) -> tuple[Witness, Array, Array]:
+    """The witness at the solution of its equations, with value and lower bound: peaks are off by the root of the gap.
+
+    Accepted only where the place is measured to be as far and both feet to be its nearest points.
+    """
+    k, (k1, k2) = witness.segment, witness.foot_segments
+    y = jnp.concatenate([witness.t[None], witness.foot_params])
+    system = active.active(piece_of(a, k), piece_of(b, k1), piece_of(b, k2), y, witness.event)
+    y = active.polished(y, system)
+    y = y.at[2].set(jnp.where(system.two, y[2], y[1]))
+    point = jet(*system.a, y[0]).point
+    feet = jnp.stack([jet(*system.first, y[1]).point, jet(*system.second, y[2]).point])
+    found = nearest(point, b.control_points, b.weights, 0.0, repeated(b.control_points, b.weights))
+    off = jnp.max(jnp.abs(jnp.sqrt(jnp.sum((feet - point) ** 2, axis=1)) - found.distance))
+    eps = float(jnp.finfo(point.dtype).eps)
+    better = (found.distance >= state.value - _NOISE * eps) & (off <= _AGREEING * eps)
+    new = replace(witness, t=y[0], point=point, feet=feet, foot_params=y[1:], multipliers=active.multipliers(y, system))
+    witness = jax.tree_util.tree_map(lambda x, y: jnp.where(better, x, y), new, witness)
+    lower = jnp.where(better, jnp.maximum(state.lower, found.lower - evaluation_error(a, b)), state.lower)
+    return witness, jnp.where(better, jnp.maximum(found.distance, state.value), state.value), lower
+
+
+def _where(condition: Array, new: Place, old: Place) -> Place:
+    return Place(*(jnp.where(condition, x, y) for x, y in zip(new, old, strict=True)))
+
+
+def _seeds(b: BezierSegments) -> _Seeds:
+    """Samples of b; the nearest of them starts the search of a foot."""
+    samples = jnp.linspace(0.0, 1.0, _SEEDS + 1, dtype=b.control_points.dtype)
+    points = jax.vmap(lambda k: jax.vmap(lambda s: jet(*piece_of(b, k), s).point)(samples))(jnp.arange(b.count))
+    return _Seeds(points.reshape(-1, b.dim), jnp.repeat(jnp.arange(b.count), samples.size), jnp.tile(samples, b.count))
+
+
+def _nearest_seed(seeds: _Seeds, points: Array) -> Array:
+    """Index of the nearest sample of each of the points (..., dim).
+
+    Only a guess hangs on it, so the index takes the place of the last bits of the squared distance, and one minimum of
+    integers over the leading axis finds both: argmin costs thirty times as much on CPU.
+    """
+    rows = points.reshape(-1, points.shape[-1])
+    count, integer = seeds.points.shape[0], jnp.int64 if points.dtype == jnp.float64 else jnp.int32
+    last_bits = 2 ** (count - 1).bit_length() - 1
+
+    def nearest_of(rows: Array) -> Array:
+        squares = sum(((x[:, None] - y) ** 2 for x, y in zip(seeds.points.T, rows.T, strict=True)), start=0.0)
+        key = jax.lax.bitcast_convert_type(squares, integer) & ~last_bits | jnp.arange(count, dtype=integer)[:, None]
+        return jnp.min(key, axis=0) & last_bits
+
+    if rows.shape[0] <= _BLOCK:
+        return nearest_of(rows).reshape(points.shape[:-1])
+    # In blocks, so that the table of all squares is never there.
+    blocks = jnp.pad(rows, ((0, -rows.shape[0] % _BLOCK), (0, 0))).reshape(-1, _BLOCK, rows.shape[1])
+    return jax.lax.map(nearest_of, blocks).ravel()[: rows.shape[0]].reshape(points.shape[:-1])
+
+
+def begin(a: BezierSegments, b: BezierSegments, capacity: int) -> State:
+    """One cell for each segment of a, with feet found from samples of b and a first upper bound."""
+    dtype, seeds, error = a.control_points.dtype, _seeds(b), evaluation_error(a, b)
+    ends = a.control_points[:, jnp.array([0, -1])]
+
+    def foot(point: Array, index: Array) -> tuple[Array, Array, Array]:
+        piece = piece_of(b, seeds.segment[index])
+        s = local_foot(point, piece, seeds.s[index], _SEED_STEPS)
+        return seeds.segment[index], s, jnp.sqrt(jnp.sum((jet(*piece, s).point - point) ** 2))
+
+    k, s, distance = jax.vmap(jax.vmap(foot))(ends, _nearest_seed(seeds, ends))
+    count, zeros = a.count, jnp.zeros((a.count,), dtype)
+    cell = Cell(jnp.arange(count), zeros, zeros + 1, k[:, 0], s[:, 0], k[:, 1], s[:, 1])
+    upper = jax.vmap(lambda c: first_upper_bound(a, b, c))(cell) + error
+    upper = jnp.where(repeated(a.control_points, a.weights), -jnp.inf, upper)
+    table = Table(
+        Cell(*(jnp.pad(x, (0, capacity - count)) for x in cell)),
+        jnp.pad(upper, (0, capacity - count), constant_values=-jnp.inf),
+    )
+    at = jnp.argmax(distance)
+    pending = Place(at // 2, (at % 2).astype(dtype))
+    none = jnp.array(-jnp.inf, dtype)
+    # Until a place is measured it is its own witness.
+    near = Place(k.ravel()[at], s.ravel()[at])
+    return State(table, zeros[0], none, pending, near, none, jnp.array(False), pending, jnp.array(0))
+
+
+def _largest(table: Table) -> tuple[Cell, Array, Table]:
+    """The cells with the largest upper bounds, and the table without them."""
+    # In single precision, which is thirty times faster on CPU; the order need not be exact.
+    _, index = jax.lax.top_k(table.upper.astype(jnp.float32), _LANES)
+    upper = table.upper[index]
+    return Cell(*(x[index] for x in table.cell)), upper, table._replace(upper=table.upper.at[index].set(-jnp.inf))
+
+
+def _pushed(
+    a: BezierSegments,
+    b: BezierSegments,
+    seeds: _Seeds,
+    state: State,
+    goal: Array,
+    cell: Cell,
+    upper: Array,
+    found: CellBound,
+    mine: Array,
+    measured: Nearest,
+) -> State:
+    """Cuts the cells, gives the cuts their feet, and puts the halves that are still above the goal into the table."""
+    width = cell.t1 - cell.t0
+    at_left = found.t <= cell.t0 + _NEAR_END * width
+    at_right = found.t >= cell.t1 - _NEAR_END * width
+    cut = jnp.where(at_left | at_right, cell.t0 + 0.5 * width, found.t)
+
+    def foot(point: Array, seed: Array, ks: Array, ss: Array) -> tuple[Array, Array]:
+        ks, ss = jnp.append(ks, seeds.segment[seed]), jnp.append(ss, seeds.s[seed])
+        ss = jax.vmap(lambda k, s: local_foot(point, piece_of(b, k), s, _SEED_STEPS))(ks, ss)
+        feet = jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point)(ks, ss)
+        best = jnp.argmin(jnp.sum((feet - point) ** 2, axis=-1))
+        return ks[best], ss[best]
+
+    # The proven foot is offered to all cells: several of them may follow the same wrong one.
+    near = (jnp.full_like(cell.k0, measured.segment), jnp.full_like(cell.s0, measured.t))
+    starts = [
+        jnp.stack(x, axis=1) for x in ((found.k, cell.k0, cell.k1, near[0]), (found.s, cell.s0, cell.s1, near[1]))
+    ]
+    at_both = jax.vmap(jax.vmap(foot), in_axes=(0, 0, None, None))
+    points = jax.vmap(jax.vmap(lambda k, t: jet(*piece_of(a, k), t).point), in_axes=(None, 0))(
+        cell.segment, jnp.stack([cut, found.t])
+    )
+    (k, peak_k), (s, peak_s) = at_both(points, _nearest_seed(seeds, points), *starts)
+    # The measured foot is proven to be the nearest.
+    peak_k, peak_s = jnp.where(mine, measured.segment, peak_k), jnp.where(mine, measured.t, peak_s)
+    inside = ~at_left & ~at_right
+    k, s = jnp.where(inside, peak_k, k), jnp.where(inside, peak_s, s)
+    # A peak at an end of the cell: the foot there may have been a wrong one.
+    cell = cell._replace(
+        k0=jnp.where(at_left, peak_k, cell.k0),
+        s0=jnp.where(at_left, peak_s, cell.s0),
+        k1=jnp.where(at_right, peak_k, cell.k1),
+        s1=jnp.where(at_right, peak_s, cell.s1),
+    )
+    # A peak above the lower bound at an end whose foot is not proven may be that of a wrong foot, and would stay one in
+    # ever smaller cells: such a cell waits uncut until it is its turn to be measured.
+    waits = ~inside & (found.distance > state.lower) & ~mine
+    end = (jnp.where(waits, old, new) for old, new in ((cell.t1, cut), (cell.k1, k), (cell.s1, s)))
+    left = cell._replace(**dict(zip(("t1", "k1", "s1"), end, strict=True)))
+    right = cell._replace(t0=cut, k0=k, s0=s)
+    halves = Cell(*(jnp.concatenate(pair) for pair in zip(left, right, strict=True)))
+    uppers = jnp.concatenate([upper, jnp.where(waits, -jnp.inf, upper)])
+    # A cell of a few ulp cannot be cut again.
+    open_ = (uppers > goal) & (jnp.tile(width, 2) > 8 * jnp.finfo(width.dtype).eps)
+    closed = jnp.maximum(state.closed, jnp.max(jnp.where(open_, -jnp.inf, uppers)))
+    new = jnp.where(open_, uppers, -jnp.inf)
+    _, slots = jax.lax.top_k(-state.table.upper.astype(jnp.float32), 2 * _LANES)
+    old = state.table.upper[slots]
+    # Where the table is full the smaller bound of the two makes room: it is folded into the result.
+    stays = old >= new
+    lost = jnp.max(jnp.minimum(old, new))
+    table = Table(
+        Cell(*(x.at[slots].set(jnp.where(stays, x[slots], y)) for x, y in zip(state.table.cell, halves, strict=True))),
+        state.table.upper.at[slots].set(jnp.maximum(old, new)),
+    )
+    return state._replace(table=table, closed=jnp.maximum(closed, lost), dropped=state.dropped | (lost > goal))

@@ -1,0 +1,276 @@
+"""Minimum distances where a shape is an implicit surface: the search, and derivatives of its answer.
+
+From the host the nearest points found are made sharp between the stretches of the search: the Lagrange system is solved
+about them, and signs in integers prove the surface to be within an ulp or two, where those of enclosures need hundreds.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_batching import sequential_vmap
+from jaxtyping import Array
+
+from jhd.arithmetic.rounding import gamma
+from jhd.arrays import is_traced
+from jhd.compiled import compiled
+from jhd.distance.cells.implicit import Implicit, error_of, exact_radius, implicit, parameters, size_of
+from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
+from jhd.distance.cells.pairs import Best, Cell, length
+from jhd.distance.frame.net_jets import Net, jet
+from jhd.distance.search.closest import State, advance, is_full, is_open, lower_of, table_of
+from jhd.distance.search.stretches import in_stretches
+from jhd.distance.witness.nets import net_of
+from jhd.shapes.implicit import ImplicitSurface
+from jhd.solution import RESULTS, MinimumSolution, result_where
+
+# The default tolerance as a share of the diagonal, and in units of roundoff where that is more.
+_RELATIVE, _ULPS = 1e-10, 64
+# The room for rounding where points are made sharp; the half side, as a share of the size, of the cells for that, and
+# steps there.
+_ROOM, _ABOUT, _STEPS = 4.0, 1e-4, 24
+
+
+class Outcome(NamedTuple):
+    """The outcome of a search: of two nets in their common coordinates, with a surface in the user's."""
+
+    best: Best
+    lower: Array
+    upper: Array
+    point_a: Array
+    point_b: Array
+    result: Any
+    stats: dict[str, Array]
+
+    def solution(self) -> MinimumSolution:
+        """What is handed to the user."""
+        value = jnp.clip(self.best.distance, self.lower, self.upper)
+        return MinimumSolution(value, self.lower, self.upper, self.point_a, self.point_b, self.result, self.stats)
+
+
+class _Wanted(NamedTuple):
+    atol: Array
+    rtol: Array
+
+
+def with_surface(
+    a: Any,
+    b: Any,
+    atol: Array | None,
+    rtol: Array,
+    max_steps: int,
+    capacity: int,
+    report: Callable[[Any], object] | None,
+) -> MinimumSolution:
+    """Minimum distance of two shapes of which one at least is an implicit surface.
+
+    Raises:
+        ValueError: a surface that is proven to have no point in its box (not under jit).
+    """
+    shapes = _arrays(a), _arrays(b)
+    sides = tuple(_side(shape) for shape in jax.lax.stop_gradient(shapes))
+    problem = WithSurface(sides[0], sides[1])
+    wanted = _wanted(problem, atol, rtol)
+    if is_traced(problem, wanted, jnp.zeros(())):
+        found = _in_one_go(problem, wanted, max_steps, capacity)
+    else:
+        state = _begun(problem, max(capacity, 1 << (2 * _pairs(problem)[0].size - 1).bit_length()))
+        found = in_stretches(partial(_sharp_stretch, problem, wanted), state, max_steps, report)
+        if np.isinf(np.asarray(found.lower)):
+            raise ValueError("a or b is a surface without points in its box: its polynomial is proven to have no zero.")
+    solution = found.solution()
+    if not is_traced(shapes):
+        return solution
+    value = _attached(shapes, jax.lax.stop_gradient(found), jax.lax.stop_gradient(solution.value))
+    return MinimumSolution(
+        value, solution.lower, solution.upper, solution.point_a, solution.point_b, solution.result, solution.stats
+    )
+
+
+class _Surface(NamedTuple):
+    """What is differentiable of an implicit surface."""
+
+    coefficients: Array
+    lower: Array
+    upper: Array
+
+
+def _arrays(shape: Any) -> Net | _Surface:
+    if isinstance(shape, ImplicitSurface):
+        return _Surface(shape.coefficients, shape.lower, shape.upper)
+    return net_of(shape)
+
+
+def _side(shape: Net | _Surface) -> Net | Implicit:
+    return implicit(*shape) if isinstance(shape, _Surface) else shape
+
+
+def _pairs(problem: WithSurface) -> tuple[np.ndarray, np.ndarray]:
+    counts = [1 if isinstance(side, Implicit) else side.points.shape[0] for side in problem[:2]]
+    grid = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 2)
+    return grid[:, 0], grid[:, 1]
+
+
+def _wanted(problem: WithSurface, atol: Array | None, rtol: Array) -> _Wanted:
+    if atol is not None:
+        return _Wanted(atol, rtol)
+    lows, highs = zip(*(_box(side) for side in problem[:2]), strict=True)
+    box = jnp.maximum(*highs) - jnp.minimum(*lows)
+    share = max(_RELATIVE, _ULPS * float(np.finfo(box.dtype).eps))
+    return _Wanted(share * length(box), rtol)
+
+
+def _box(side: Net | Implicit) -> tuple[Array, Array]:
+    if isinstance(side, Implicit):
+        return side.lower, side.upper
+    return jnp.min(side.points, axis=(0, 1, 2)), jnp.max(side.points, axis=(0, 1, 2))
+
+
+def _begin(problem: WithSurface, capacity: int) -> State:
+    first, second = _pairs(problem)
+    low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
+    count = len(first)
+    cells = Cell(jnp.asarray(first), jnp.asarray(second), *(jnp.broadcast_to(x, (count, x.size)) for x in (low, high)))
+    zero, infinite = jnp.array(0), jnp.full((), jnp.inf, low.dtype)
+    best = Best(infinite, infinite, zero, zero, 0.5 * (low + high))
+    # Every first cut is along the longest side of a box, or the first parameter.
+    axis = jnp.full((count,), jnp.argmax(high - low))
+    return table_of(jnp.zeros(count, low.dtype), cells, axis, best, capacity)
+
+
+def _ends(side: Net | Implicit) -> tuple[Array, Array]:
+    """The ends of the parameters."""
+    if isinstance(side, Implicit):
+        return side.lower, side.upper
+    return jnp.zeros(parameters(side)), jnp.ones(parameters(side))
+
+
+def _outcome(problem: WithSurface, wanted: _Wanted, state: State) -> Outcome:
+    best, n, dtype = state.best, parameters(problem.a), state.lower.dtype
+    point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
+    best = best._replace(distance=jnp.where(jnp.isfinite(best.upper), length(point_a - point_b), jnp.inf))
+    lower = jnp.maximum(lower_of(state) * (1 - gamma(6, dtype)), 0.0)
+    relative = wanted.rtol * jnp.where(jnp.isfinite(best.upper), best.upper, 0.0)
+    granted = jnp.maximum(jnp.maximum(wanted.atol, relative), 2 * problem.floor)
+    failed = result_where(state.lost, RESULTS.capacity_reached, RESULTS.gap_not_closed)
+    failed = result_where(jnp.isfinite(best.upper), failed, RESULTS.unverified)
+    result = result_where(best.upper - lower <= granted, RESULTS.successful, failed)
+    stats = {"steps": state.steps, "pairs": state.pairs, "waiting": jnp.sum(jnp.isfinite(state.lower))}
+    return Outcome(best, lower, best.upper, point_a, point_b, result, stats)
+
+
+def _point(side: Net | Implicit, k: Array, x: Array) -> Array:
+    return x if isinstance(side, Implicit) else jet(side.piece(k), x).point
+
+
+_begun = compiled(_begin, (1,))
+
+
+_advanced = compiled(advance)
+
+
+def _sharp_stretch(
+    problem: WithSurface, wanted: _Wanted, state: State, limit: Array, growing: Array
+) -> tuple[State, Outcome, Array]:
+    """Goes on for some steps and makes the nearest points sharp."""
+    problem = WithSurface(problem.a, problem.b, _room(problem, state.best))
+    state = _advanced(problem, wanted.atol, wanted.rtol, state, limit, growing)
+    state = state._replace(best=_sharp(problem, state.best))
+    problem = WithSurface(problem.a, problem.b, _room(problem, state.best))
+    return state, *_standing(problem, wanted, state)
+
+
+@compiled
+def _room(problem: WithSurface, best: Best) -> Array:
+    """The room for rounding about the nearest points found, which may be far smaller than the boxes are; else none."""
+    n = parameters(problem.a)
+    point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
+    reach = jnp.maximum(jnp.max(jnp.abs(point_a)), jnp.max(jnp.abs(point_b)))
+    size = jnp.maximum(size_of(problem.a), size_of(problem.b))
+    return jnp.where(jnp.isfinite(best.upper), _ROOM * reach / jnp.where(size > 0, size, 1.0), 0.0)
+
+
+@compiled
+def _standing(problem: WithSurface, wanted: _Wanted, state: State) -> tuple[Outcome, Array]:
+    """The outcome as it stands, and whether the search is unfinished, and full."""
+    going_on = is_open(problem, wanted.atol, wanted.rtol, state)
+    return _outcome(problem, wanted, state), jnp.stack([going_on, is_full(state)])
+
+
+def _sharp(problem: WithSurface, best: Best) -> Best:
+    """The nearest points where the Lagrange system is solved, if they are proven to be nearer than those found."""
+    if not np.isfinite(np.asarray(best.upper)):
+        return best
+    n = parameters(problem.a)
+    for x in (_solved(problem, best), best.x):
+        radii = [
+            exact_radius(side, np.asarray(part)) if isinstance(side, Implicit) else float(error_of(side))
+            for side, part in ((problem.a, x[:n]), (problem.b, x[n:]))
+        ]
+        best = _nearer(problem, best, x, np.asarray(radii, x.dtype))
+    return best
+
+
+@compiled
+def _solved(problem: WithSurface, best: Best) -> Array:
+    lows, highs = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
+    half = _ABOUT * jnp.max(highs - lows)
+    cell = Cell(best.piece_a, best.piece_b, jnp.maximum(best.x - half, lows), jnp.minimum(best.x + half, highs))
+    width = cell.high - cell.low
+    start = (best.x - cell.low) / jnp.where(width > 0, width, 1.0)
+    z = stationary(problem.a, problem.b, cell, start, _STEPS).z
+    # Sides of the cell are met exactly: they may be faces of the box.
+    return jnp.where(z >= 1, cell.high, jnp.clip(cell.low + z * width, cell.low, cell.high))
+
+
+@compiled
+def _nearer(problem: WithSurface, best: Best, x: Array, radii: Array) -> Best:
+    n = parameters(problem.a)
+    distance = length(_point(problem.a, best.piece_a, x[:n]) - _point(problem.b, best.piece_b, x[n:]))
+    upper = joined_upper(distance, radii)
+    new = Best(upper, distance, best.piece_a, best.piece_b, x)
+    return Best(*(jnp.where(upper < best.upper, y, z) for y, z in zip(new, best, strict=True)))
+
+
+def _in_one_go(problem: WithSurface, wanted: _Wanted, max_steps: int, capacity: int) -> Outcome:
+    def search(problem: WithSurface, wanted: _Wanted) -> Outcome:
+        state = _begin(problem, max(capacity, 2 * _pairs(problem)[0].size))
+        return _outcome(problem, wanted, advance(problem, wanted.atol, wanted.rtol, state, max_steps))
+
+    if jax.default_backend() == "cpu":
+        search = sequential_vmap(search)
+    return search(problem, wanted)
+
+
+@compiled
+def _attached(shapes: tuple[Any, Any], found: Outcome, value: Array) -> Array:
+    """The distance with its first derivatives in both shapes.
+
+    With u = (p - q) / |p - q| the Lagrange function is L = |p - q| - sum l_k f_k with l_k = u.f_k' / |f_k'|^2 over the
+    coordinates that no face of the box holds; coordinates at a face move with it. At distance zero, and where nothing
+    was found, all derivatives are zero.
+    """
+    n = parameters(_side(jax.lax.stop_gradient(shapes[0])))
+    usable = (value > 0) & jnp.isfinite(value)
+    e = jnp.where(usable, found.point_a - found.point_b, 1.0)
+    unit = e / length(e)
+    total = jnp.zeros_like(value)
+    for shape, point, sign, k, x in (
+        (shapes[0], found.point_a, 1.0, found.best.piece_a, found.best.x[:n]),
+        (shapes[1], found.point_b, -1.0, found.best.piece_b, found.best.x[n:]),
+    ):
+        if isinstance(shape, Net):
+            total += sign * jnp.sum(unit * jet(shape.piece(k), x).point)
+            continue
+        at_low, at_high = point <= shape.lower, point >= shape.upper
+        moving = jnp.where(at_low, shape.lower, jnp.where(at_high, shape.upper, point))
+        surface = ImplicitSurface(shape.coefficients, shape.lower, shape.upper, reduced=False)
+        slope = jax.lax.stop_gradient(surface.gradient(point))
+        free = jnp.where(at_low | at_high, 0.0, slope)
+        square = jnp.sum(free**2)
+        multiplier = sign * jnp.sum(unit * free) / jnp.where(square > 0, square, jnp.inf)
+        total += sign * jnp.sum(unit * moving) - multiplier * surface(moving)
+    return value + jnp.where(usable, total - jax.lax.stop_gradient(total), 0.0)

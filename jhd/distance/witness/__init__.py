@@ -1,0 +1,1 @@
+"""What is attained where: events, the systems that hold there, critical pairs, derivatives."""

@@ -1,0 +1,208 @@
+"""The active system: the equations that hold at a witness, and the distance there, as functions of both curves.
+
+At a witness the parameter t on a and the feet s1, s2 on b solve three equations G = 0. A foot is free, (A - B).B' = 0,
+or held at an end or corner of b. The parameter is held at an end or corner of a, or set by equal distances of two feet,
+or by (A - B).A' = 0. In the plane the last one is B' x A' = 0 at a free foot: the direction of A - B is lost to
+rounding where the curves nearly coincide, the normal of b is not. The distance is taken along that normal for the same
+reason.
+
+The value has the derivative lambda_1 d1 + lambda_2 d2, where d_i is that of the distance to foot i at fixed parameters
+and lambda the multipliers of the witness; a single foot has lambda = 1. The parameters y move by -J^-1 dG, and the
+Jacobian J fits Cramer's rule. `solution` is y as a function of both curves, whose derivative is written with
+`solution` again, so that all orders come out right. Where the determinant vanishes (concentric arcs, where the maximum
+is not isolated) nothing moves.
+
+Source: the events are those of Elber & Grandine, GMP 2008; implicit differentiation is Danskin's theorem for one foot.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jhd.arrays import varying
+from jhd.distance.frame.jets import Jet, jet
+from jhd.distance.frame.pieces import Piece
+from jhd.solution import EVENTS
+
+# A determinant below this share of the product of the lengths of its rows is none.
+_SINGULAR = 1e-10
+# A foot at an end of its segment is free when its residual is below this share of |A - B| |B'|.
+_STATIONARY = 1e-7
+# Newton steps of a polish; the peaks of the search are off by the root of its tolerance.
+_POLISH = 4
+
+
+class Active(NamedTuple):
+    """The pieces that carry a witness and its feet, which of the three parameters are held, whether both feet count."""
+
+    a: Piece
+    first: Piece
+    second: Piece
+    held: Array  # (3,)
+    two: Array
+
+    @property
+    def pieces(self) -> "Pieces":
+        """The three pieces alone."""
+        return self.a, self.first, self.second
+
+
+Pieces = tuple[Piece, Piece, Piece]
+
+
+def active(a: Piece, first: Piece, second: Piece, y: Array, event: Any) -> Active:
+    """The system that belongs to an event at the parameters y = (t, s1, s2)."""
+    at = jet(*a, y[0]).point
+    two = event == EVENTS.one_to_two
+    ends = (event == EVENTS.a_end) | (event == EVENTS.corner) | _single(a)
+    stay = jnp.stack([ends, is_held(at, first, y[1]), is_held(at, second, y[2]) | ~two])
+    return Active(a, first, second, stay, two)
+
+
+def _single(piece: Piece) -> Array:
+    return jnp.all(piece.control_points == piece.control_points[0])
+
+
+def is_held(point: Array, piece: Piece, s: Array) -> Array:
+    """Whether the foot of a point stays at an end or corner where the distance is not stationary, or at a point."""
+    foot = jet(*piece, s)
+    c = foot.point - point
+    moving = jnp.abs(c @ foot.first) > _STATIONARY * jnp.sqrt((c @ c) * (foot.first @ foot.first))
+    return (((s <= 0) | (s >= 1)) & moving) | _single(piece)
+
+
+def _cross(x: Array, y: Array) -> Array:
+    return x[0] * y[1] - x[1] * y[0]
+
+
+class _Jets(NamedTuple):
+    """Jets of a and of both feet."""
+
+    a: Jet
+    b: Jet
+    d: Jet
+
+
+def _jets(y: Array, pieces: Pieces) -> _Jets:
+    return _Jets(*(jet(*piece, s) for piece, s in zip(pieces, (y[0], y[1], y[2]), strict=True)))
+
+
+def _equations(jets: _Jets, system: Active) -> Array:
+    """G without the equations of the parameters that are held."""
+    a, b, d = jets
+    c, e = a.point - b.point, a.point - d.point
+    stationary = c @ a.first
+    if a.point.shape[0] == 2:
+        stationary = jnp.where(system.held[1], stationary, _cross(b.first, a.first))
+    # (c + e).(c - e) with c - e = d - b: the difference of the squares without cancellation.
+    return jnp.stack([jnp.where(system.two, (c + e) @ (d.point - b.point), stationary), c @ b.first, e @ d.first])
+
+
+def _jacobian(jets: _Jets, system: Active) -> Array:
+    """Rows of dG/dy; those of the parameters that are held are unit vectors."""
+    a, b, d = jets
+    c, e = a.point - b.point, a.point - d.point
+    zero = jnp.zeros((), c.dtype)
+    along = jnp.stack([a.first @ a.first + c @ a.second, -(b.first @ a.first), zero])
+    if a.point.shape[0] == 2:
+        normal = jnp.stack([_cross(b.first, a.second), _cross(b.second, a.first), zero])
+        along = jnp.where(system.held[1], along, normal)
+    equal = 2 * jnp.stack([a.first @ (d.point - b.point), -(c @ b.first), e @ d.first])
+    rows = [
+        jnp.where(system.two, equal, along),
+        jnp.stack([a.first @ b.first, c @ b.second - b.first @ b.first, zero]),
+        jnp.stack([a.first @ d.first, zero, e @ d.second - d.first @ d.first]),
+    ]
+    return jnp.where(system.held[:, None], jnp.eye(3, dtype=c.dtype), jnp.stack(rows))
+
+
+def _solve(rows: Array, right: Array) -> Array:
+    """The solution by Cramer's rule; zero where the determinant vanishes.
+
+    The inverse has the cross products of the rows as columns. It is formed apart from the right-hand side, in which
+    rules of derivatives must be linear term by term.
+    """
+    first, second, third = rows
+    columns = jnp.stack([jnp.cross(second, third), jnp.cross(third, first), jnp.cross(first, second)])
+    determinant = first @ columns[0]
+    size = jnp.prod(jnp.sqrt(jnp.sum(jax.lax.stop_gradient(rows) ** 2, axis=1)))
+    regular = jnp.abs(determinant) > _SINGULAR * size
+    return jnp.where(regular, right @ (columns / jnp.where(regular, determinant, 1.0)), 0.0)
+
+
+def stationary(s: Array, point: Array, piece: Piece, held: Array) -> Array:
+    """The parameter of a foot after a Newton step of (B - P).B' = 0, where it is free and the root is simple."""
+    b = jet(*piece, s)
+    c, speed_sq = b.point - point, b.first @ b.first
+    slope = speed_sq + c @ b.second
+    moves = ~held & (jnp.abs(slope) > _SINGULAR * speed_sq)
+    return s - jnp.where(moves, c @ b.first, 0.0) / jnp.where(moves, slope, 1.0)
+
+
+def newton(y: Array, system: Active) -> Array:
+    """One Newton step from y; y itself where the determinant vanishes."""
+    jets = _jets(y, system.pieces)
+    return y - _solve(_jacobian(jets, system), jnp.where(system.held, 0.0, _equations(jets, system)))
+
+
+def solution(start: Array, pieces: Pieces, held: Array, two: Array) -> Array:
+    """The solution of the system next to `start`, as a function of the pieces."""
+    return jnp.stack(_solution((start[0], start[1], start[2]), pieces, held, two))
+
+
+# Functions with rules of their own take and give scalars, but for the pieces. Under jit(vmap) an output must be batched
+# wherever its derivative is (jax 0.10.2 fails otherwise), and a scalar leaves no choice of a batch axis.
+@jax.custom_jvp
+def _solution(start: tuple, pieces: Pieces, held: Array, two: Array) -> tuple[Array, ...]:
+    system = Active(pieces[0], pieces[1], pieces[2], held, two)
+    y = newton(newton(jnp.stack(start), system), system)
+    return y[0], y[1], y[2]
+
+
+@_solution.defjvp
+def _solution_rule(primals: tuple, tangents: tuple) -> tuple[tuple, tuple]:
+    start, pieces, held, two = primals
+    found = _solution(start, pieces, held, two)
+    system, y = Active(pieces[0], pieces[1], pieces[2], held, two), jnp.stack(found)
+    _, moved = jax.jvp(lambda p: _equations(_jets(y, p), system), (pieces,), (tangents[1],))
+    change = -_solve(_jacobian(_jets(y, pieces), system), jnp.where(held, 0.0, moved))
+    return found, (change[0], change[1], change[2])
+
+
+def direction(c: Array, velocity: Array, held: Array) -> Array:
+    """Unit vector from a foot to the witness, c apart: the normal of b where that is known, zero where c is."""
+    square = c @ c
+    unit = c / jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    if c.shape[0] == 3:
+        return unit
+    speed_sq = velocity @ velocity
+    known = ~held & (speed_sq > 0)
+    normal = jnp.stack([-velocity[1], velocity[0]]) / jnp.sqrt(jnp.where(known, speed_sq, 1.0))
+    return jnp.where(known, jnp.where(normal @ c < 0, -normal, normal), unit)
+
+
+def distance(y: Array, system: Active) -> Array:
+    """Distance from the witness to its first foot; along the normal of b where that is known."""
+    a, b, _ = _jets(y, system.pieces)
+    c = a.point - b.point
+    return c @ direction(c, b.first, system.held[1])
+
+
+def polished(y: Array, system: Active) -> Array:
+    """Parameters after a few Newton steps, kept in [0, 1]."""
+    return jax.lax.fori_loop(0, _POLISH, lambda _, x: jnp.clip(newton(x, system), 0.0, 1.0), varying(y, system))
+
+
+def multipliers(y: Array, system: Active) -> Array:
+    """Weights of both feet with lambda_1 g1 + lambda_2 g2 = 0 for the slopes g_i of the distances along a."""
+    a, b, d = _jets(y, system.pieces)
+    slopes = [
+        direction(a.point - foot.point, foot.first, held) @ a.first
+        for foot, held in ((b, system.held[1]), (d, system.held[2]))
+    ]
+    spread = jnp.where(system.two, slopes[0] - slopes[1], 1.0)
+    opposite = system.two & (spread != 0)
+    share = jnp.clip(-slopes[1] / jnp.where(opposite, spread, 1.0), 0.0, 1.0)
+    return jnp.where(opposite, jnp.stack([share, 1 - share]), jnp.array([1.0, 0.0]))

@@ -1,0 +1,391 @@
+"""Critical pairs: the local maxima of the distance between two curves, in both directions, with their derivatives.
+
+They are the active set of a minimax problem: where one curve is fitted to the other, several of them are equal. Samples
+of each segment propose them, where the slope of the distance changes its sign or at ends and corners; bisection with
+the nearest foot tells one foot from two, Newton's method on the active system (jhd.distance.witness.active) refines
+them, and a proven search checks that no other foot is nearer. A maximum narrower than the samples are apart can be
+missed: nothing says that the list is complete.
+
+Source: the events are those of Elber & Grandine, GMP 2008; the search is ours.
+"""
+
+import math
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.arrays import is_traced, varying
+from jhd.compiled import compiled
+from jhd.distance.frame.jets import jet
+from jhd.distance.frame.pieces import Place, piece_of, preceding
+from jhd.distance.frame.prepare import Frame, prepare
+from jhd.distance.nearest.curves import in_chunks, nearest, repeated
+from jhd.distance.nearest.feet import follow_foot
+from jhd.distance.witness import active
+from jhd.distance.witness.derivative import attached
+from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
+
+# Samples of the curve that carries the maxima, shared among its segments within these limits for each.
+_SAMPLES, _LEAST, _MOST = 1024, 12, 256
+# Samples of each segment of the other curve for the first feet.
+_SEEDS = 12
+# Samples whose nearest points are looked for side by side.
+_CHUNK = 32
+# Newton steps that lead from a sample to a foot, one of them lost at each joint that is crossed.
+_FOLLOW = 7
+# Bisections of an interval between two samples; Newton steps after them.
+_BISECTIONS, _POLISH = 16, 5
+# Rounds of refinement: an interval whose foot was not the nearest starts again with the one that is.
+_ROUNDS = 3
+# Two feet are one where they are nearer than this share of the distance, or than one foot can have moved in a cell.
+_ONE_FOOT, _MOVED = 1e-3, 64.0
+# A foot is the nearest when none is nearer by this share, or this length in the common coordinates.
+_NEARER, _ROUNDED = 1e-9, 1e-13
+# Distances below this one, in the common coordinates, are zero.
+_ZERO = 1e-14
+# Tangents that differ by more than this angle (radians) make a joint a corner.
+_CORNER = 1e-6
+# Pairs at the same place, in the common coordinates, are one.
+_SAME = 1e-5
+
+
+def critical_pairs(a: AbstractCurve, b: AbstractCurve, capacity: int = 16) -> CriticalPairs:
+    """The largest local maxima of the distance from a to b and from b to a, largest first.
+
+    Each has a value and a witness that are differentiable in all arrays of both curves, as those of `hausdorff` are.
+    A pair of points that is a maximum in both directions is given once, as one of a. The list is not proven to be
+    complete; every value is the distance of a point of one curve to the other curve. Works under jit and vmap.
+
+    Args:
+        a: a curve.
+        b: a curve of the same dimension.
+        capacity: length of the list; entries beyond the number of maxima are not `valid` and have the value 0.
+
+    Raises:
+        TypeError: a shape of another kind, or a capacity that is no whole number.
+        ValueError: curves of different dimensions, or a capacity below 1.
+    """
+    check_curve("a", a)
+    check_curve("b", b)
+    if not isinstance(capacity, int) or isinstance(capacity, bool):
+        raise TypeError(f"capacity must be a whole number; got {type(capacity).__name__}.")
+    if capacity < 1:
+        raise ValueError(f"capacity is {capacity}; needs at least 1.")
+    pair = a.segments(), b.segments()
+    if pair[0].dim != pair[1].dim:
+        raise ValueError(f"a has {pair[0].dim} coordinates a point and b has {pair[1].dim}; needs the same.")
+    p, q, frame = prepare(*jax.lax.stop_gradient(pair))
+    found = _placed(_both(p, q, capacity), frame)
+    if not is_traced(*pair):
+        return found
+    value, witness = jax.vmap(attached, in_axes=(0, 0, None, None, None))(found.value, found.witness, *pair, frame)
+    return replace(found, value=jnp.where(found.valid, value, 0.0), witness=witness)
+
+
+def _placed(found: CriticalPairs, frame: Frame) -> CriticalPairs:
+    """What was found in the common coordinates, in the user's."""
+    witness = replace(found.witness, point=frame.place(found.witness.point), feet=frame.place(found.witness.feet))
+    usable = jnp.asarray(frame.usable)
+    result = result_where(usable, found.result, RESULTS.nonfinite_value)
+    return CriticalPairs(frame.length(found.value), witness, found.valid & usable, result)
+
+
+class _Pair(NamedTuple):
+    """Two curves in one direction, what precedes each segment of both, and samples of b for the first feet."""
+
+    a: BezierSegments
+    b: BezierSegments
+    before_a: Array
+    before_b: Array
+    seeds: Array  # (seeds, dim)
+    seed_at: Place
+
+
+class _Foot(NamedTuple):
+    """A foot on b of a point of a, and the slope of the distance along a."""
+
+    segment: Array
+    s: Array
+    point: Array
+    distance: Array
+    slope: Array
+
+
+class _Cell(NamedTuple):
+    """An interval of a segment of a that may hold a maximum, or an end of it, with places of b where feet may be."""
+
+    segment: Array
+    t0: Array
+    t1: Array
+    left: Place
+    right: Place
+    other: Place
+
+
+class _Found(NamedTuple):
+    value: Array
+    witness: Witness
+    wrong: Array  # whether another foot is nearer, or what was followed is none
+    nearest: Place
+
+
+class _Rounds(NamedTuple):
+    cells: _Cell
+    found: _Found
+    count: Array
+
+
+@partial(compiled, static=(2,))
+def _both(a: BezierSegments, b: BezierSegments, capacity: int) -> CriticalPairs:
+    """Critical pairs in the common coordinates."""
+    # One program for both directions, one after the other: compiled twice it would take twice as long.
+    count = max(a.count, b.count)
+    pairs = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), _padded(a, count), _padded(b, count))
+    turned = jax.tree_util.tree_map(lambda x: x[::-1], pairs)
+    found = jax.lax.map(lambda pair: _maxima(pair[0], pair[1], 2 * capacity), (pairs, turned))
+    there, back = (jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(2))
+    back = _of_other_direction(back)
+    value = jnp.concatenate([there[0], jnp.where(_repeats(there, back), -jnp.inf, back[0])])
+    witness = jax.tree_util.tree_map(lambda x, y: jnp.concatenate([x, y]), there[1], back[1])
+    order = jnp.argsort(-value)[:capacity]
+    kept = value[order]
+    valid = kept > -jnp.inf
+    # Entries that hold nothing are the first one once more, so that no derivative meets an empty system.
+    order = jnp.where(valid, order, order[0])
+    full = jnp.sum(value > -jnp.inf) > capacity
+    result = result_where(full, RESULTS.capacity_reached, RESULTS.successful)
+    kept_witness = jax.tree_util.tree_map(lambda x: x[order], witness)
+    return CriticalPairs(jnp.where(valid, kept, 0.0), kept_witness, valid, result)
+
+
+def _padded(curve: BezierSegments, count: int) -> BezierSegments:
+    """The curve with its last segment repeated."""
+    index = np.minimum(np.arange(count), curve.count - 1)
+    return jax.tree_util.tree_map(lambda x: jnp.asarray(x)[index], curve)
+
+
+def _of_other_direction(found: tuple[Array, Witness]) -> tuple[Array, Witness]:
+    value, witness = found
+    turned = jax.vmap(lambda _: DIRECTIONS.b_to_a)(value)
+    return value, replace(witness, direction=turned)
+
+
+def _repeats(there: tuple[Array, Witness], back: tuple[Array, Witness]) -> Array:
+    """Which maxima of one direction are pairs of the other: one foot, the same places, and the same of them held.
+
+    An end whose foot is near the other curve's end, and that other end with the first for its foot, are two maxima.
+    """
+    (first, w), (_, v) = there, back
+
+    def apart(x: Array, y: Array) -> Array:
+        return jnp.max(jnp.abs(x[:, None] - y), axis=-1)
+
+    def held(x: Witness) -> tuple[Array, Array]:
+        carrier, s = (x.event == EVENTS.a_end) | (x.event == EVENTS.corner), x.foot_params[:, 0]
+        return carrier, (x.event == EVENTS.b_end) | carrier & ((s <= 0) | (s >= 1))
+
+    (w_carrier, w_foot), (v_carrier, v_foot) = held(w), held(v)
+    alike = (v_carrier[:, None] == w_foot) & (v_foot[:, None] == w_carrier)
+    crosswise = alike & (jnp.maximum(apart(v.point, w.feet[:, 0]), apart(v.feet[:, 0], w.point)) < _SAME)
+    single = (v.event != EVENTS.one_to_two)[:, None] & (w.event != EVENTS.one_to_two)
+    return jnp.any(crosswise & single & (first > -jnp.inf), axis=1)
+
+
+def _maxima(a: BezierSegments, b: BezierSegments, lanes: int) -> tuple[Array, Witness]:
+    """Local maxima along a of the distance to b: values, -inf where there is none, and witnesses."""
+    pair = _prepared(a, b)
+    keys, cells, top = _proposed(pair, lanes)
+
+    def round_(state: _Rounds) -> _Rounds:
+        found = _refined(pair, state.cells)
+        return varying(_Rounds(state.cells._replace(other=found.nearest), found, state.count + 1), pair)
+
+    def again(state: _Rounds) -> Array:
+        return jnp.any(state.found.wrong & (keys > -jnp.inf)) & (state.count < _ROUNDS)
+
+    blank = jax.tree_util.tree_map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(lambda: _refined(pair, cells)))
+    start = _Rounds(cells, blank._replace(wrong=jnp.ones_like(blank.wrong)), jnp.array(0))
+    found = jax.lax.while_loop(again, round_, varying(start, pair)).found
+    value = jnp.where(found.wrong | (keys == -jnp.inf), -jnp.inf, found.value)
+    # The last lane holds the largest sample. It counts where it exceeds all maxima: along a flat stretch.
+    spare = (jnp.arange(lanes + 1) == lanes) & (jnp.max(value[:-1]) >= top * (1 - _NEARER) - _ROUNDED)
+    return jnp.where(spare, -jnp.inf, value), found.witness
+
+
+def _prepared(a: BezierSegments, b: BezierSegments) -> _Pair:
+    s = jnp.linspace(0.0, 1.0, _SEEDS + 1, dtype=b.control_points.dtype)
+    points = jax.vmap(lambda k: jax.vmap(lambda u: jet(*piece_of(b, k), u).point)(s))(jnp.arange(b.count))
+    at = Place(jnp.repeat(jnp.arange(b.count), s.size), jnp.tile(s, b.count))
+    return _Pair(a, b, preceding(a.following), preceding(b.following), points.reshape(-1, b.dim), at)
+
+
+def _seed(pair: _Pair, points: Array) -> Place:
+    """The nearest sample of b of each of the points (points, dim); the index takes the place of the last bits."""
+    count = pair.seeds.shape[0]
+    last_bits = 2 ** (count - 1).bit_length() - 1
+    offsets = [x[:, None] - y for x, y in zip(pair.seeds.T, points.T, strict=True)]
+    squares = sum((x * x for x in offsets), jnp.zeros(())).astype(jnp.float32)
+    key = jax.lax.bitcast_convert_type(squares, jnp.int32) & ~last_bits | jnp.arange(count, dtype=jnp.int32)[:, None]
+    index = jnp.min(key, axis=0) & last_bits
+    return Place(pair.seed_at.segment[index], pair.seed_at.t[index])
+
+
+def _foot(pair: _Pair, segment: Array, t: Array, starts: Place) -> _Foot:
+    """The nearest of the feet reached from the starts (starts,) of the point of a, and the slope there."""
+    at = jet(*piece_of(pair.a, segment), t)
+    feet = jax.vmap(lambda k, s: follow_foot(at.point, pair.b, pair.before_b, k, s, _FOLLOW))(*starts)
+    squares = jnp.sum((feet.point - at.point) ** 2, axis=-1)
+    best = jnp.argmin(squares)
+    k, s, point, pinned = (x[best] for x in feet)
+    c, tangent = at.point - point, jet(*piece_of(pair.b, k), s).first
+    distance = jnp.sqrt(squares[best])
+    slope = c @ at.first
+    if c.shape[0] == 2:
+        # The direction of A - B is lost to rounding where the curves nearly coincide, the normal of b is not.
+        side = jnp.sign(tangent[0] * c[1] - tangent[1] * c[0])
+        slope = jnp.where(pinned, slope, side * (tangent[0] * at.first[1] - tangent[1] * at.first[0]))
+    return _Foot(k, s, point, distance, slope)
+
+
+def _proposed(pair: _Pair, lanes: int) -> tuple[Array, _Cell, Array]:
+    """The most promising places of maxima, their keys (-inf where there is none), and the largest sample."""
+    a = pair.a
+    steps = min(max(math.ceil(_SAMPLES / a.count), _LEAST), _MOST)
+    t = jnp.tile(jnp.linspace(0.0, 1.0, steps + 1, dtype=a.control_points.dtype), a.count)
+    segment = jnp.repeat(jnp.arange(a.count), steps + 1)
+    skip, skipped = (repeated(curve.control_points, curve.weights) for curve in (a, pair.b))
+
+    def sampled(at: Place) -> _Foot:
+        # A foot that was followed from elsewhere can be a wrong one, and hide a wide maximum.
+        point = jet(*piece_of(a, at.segment), at.t).point
+        enough = jnp.where(skip[at.segment], jnp.inf, 0.0)
+        found = nearest(point, pair.b.control_points, pair.b.weights, enough, skipped)
+        return _foot(pair, at.segment, at.t, Place(found.segment[None], found.t[None]))
+
+    foot = in_chunks(sampled, Place(segment, t), _CHUNK)
+    foot = jax.tree_util.tree_map(lambda x: x.reshape(a.count, steps + 1, *x.shape[1:]), foot)
+    slope, distance = foot.slope, foot.distance
+    skip = skip[:, None]
+    # Where the curves meet the distance rises on both sides and has no slope.
+    met = distance <= _ZERO
+    rises = (slope[:, :-1] > 0) | met[:, :-1] & ~met[:, 1:]
+    inside = rises & ((slope[:, 1:] <= 0) | met[:, 1:] & ~met[:, :-1])
+    joined = jnp.where(a.following < 0, 1.0, -slope[jnp.maximum(a.following, 0), 0]) >= 0
+    at_end = (slope[:, -1] > 0) & joined
+    falls = (slope[:, 0] < 0) | (slope[:, 0] == 0) & (slope[:, 1] <= 0)
+    at_start = (pair.before_a < 0) & falls
+    key = jnp.concatenate([at_start[:, None], inside, at_end[:, None]], axis=1) & ~skip
+    # Cells of a segment: its start, the intervals between samples, its end.
+    low = jnp.arange(steps + 2) - 1
+    low, high = jnp.clip(low, 0, steps), jnp.clip(low + 1, 0, steps)
+    keys = jnp.where(key, jnp.maximum(distance[:, low], distance[:, high]), -jnp.inf).ravel()
+    # In single precision, which is thirty times faster on CPU; the order need not be exact.
+    _, index = jax.lax.top_k(keys.astype(jnp.float32), lanes)
+    row, column = index // (steps + 2), index % (steps + 2)
+    best = jnp.argmax(jnp.where(skip, -jnp.inf, distance))
+    row, best_column = jnp.append(row, best // (steps + 1)), best % (steps + 1)
+    low, high = (jnp.append(x[column], best_column) for x in (low, high))
+    t = t[: steps + 1]
+    left, right = (Place(foot.segment[row, x], foot.s[row, x]) for x in (low, high))
+    top = distance.ravel()[best]
+    return jnp.append(keys[index], top), _Cell(row, t[low], t[high], left, right, left), top
+
+
+def _starts(*places: Place) -> Place:
+    return Place(*(jnp.stack(x, axis=-1) for x in zip(*places, strict=True)))
+
+
+def _refined(pair: _Pair, cells: _Cell) -> _Found:
+    """The maximum in each cell."""
+
+    def foot(t: Array, left: Place, right: Place) -> _Foot:
+        points = jax.vmap(lambda k, u: jet(*piece_of(pair.a, k), u).point)(cells.segment, t)
+        starts = _starts(_seed(pair, points), left, right, cells.other)
+        return jax.vmap(lambda k, u, s: _foot(pair, k, u, s))(cells.segment, t, starts)
+
+    def halved(_: int, state: tuple[_Cell, Array, _Foot]) -> tuple[_Cell, Array, _Foot]:
+        cell = state[0]
+        middle = 0.5 * (cell.t0 + cell.t1)
+        here = foot(middle, cell.left, cell.right)
+        rising, at = here.slope > 0, Place(here.segment, here.s)
+        left, right = (
+            Place(*(jnp.where(which, x, y) for x, y in zip(at, old, strict=True)))
+            for which, old in ((rising, cell.left), (~rising, cell.right))
+        )
+        t0, t1 = jnp.where(rising, middle, cell.t0), jnp.where(rising, cell.t1, middle)
+        return cell._replace(t0=t0, t1=t1, left=left, right=right), middle, here
+
+    zeros = jnp.zeros_like(cells.t0)
+    points = jnp.zeros((*zeros.shape, pair.a.dim), zeros.dtype)
+    blank = _Foot(cells.left.segment, zeros, points, zeros, zeros)
+    small, t, here = jax.lax.fori_loop(0, _BISECTIONS, halved, varying((cells, zeros, blank), pair))
+    held = cells.t0 == cells.t1
+    return jax.vmap(lambda *lane: _described(pair, *lane))(small, t, here, held)
+
+
+def _described(pair: _Pair, cell: _Cell, t: Array, foot: _Foot, held: Array) -> _Found:
+    """The polished maximum of a cell that has been halved often enough."""
+    a, b = pair.a, pair.b
+    piece = piece_of(a, cell.segment)
+    speed = jnp.sqrt(jnp.sum(jet(*piece, t).first ** 2))
+    ends = jnp.stack([jet(*piece_of(b, k), s).point for k, s in (cell.left, cell.right)])
+    apart = jnp.sqrt(jnp.sum((ends[0] - ends[1]) ** 2))
+    moved = _MOVED * (cell.t1 - cell.t0) * speed
+    two = ~held & (apart > jnp.maximum(_ONE_FOOT * foot.distance, moved))
+    # The first foot in the order of segments and parameters is named first.
+    turned = two & (cell.left.segment + cell.left.t > cell.right.segment + cell.right.t)
+    first, second = (
+        Place(*(jnp.where(two, jnp.where(turned, x, y), z) for x, y, z in zip(*places, strict=True)))
+        for places in (
+            (cell.right, cell.left, (foot.segment, foot.s)),
+            (cell.left, cell.right, (foot.segment, foot.s)),
+        )
+    )
+    event = _event(pair, cell.segment, t, held, two)
+    y = jnp.stack([t, first.t, second.t])
+    system = active.active(piece, piece_of(b, first.segment), piece_of(b, second.segment), y, event)
+    event = EVENTS.where((event == EVENTS.antipodal) & system.held[1], EVENTS.b_end, event)
+    new = jax.lax.fori_loop(0, _POLISH, lambda _, x: jnp.clip(active.newton(x, system), 0.0, 1.0), varying(y, system))
+    # The maximum lies in the cell; where Newton's method leaves it the middle is kept.
+    stays = jnp.abs(new[0] - t) <= 4 * (cell.t1 - cell.t0)
+    y = jnp.where(stays, new, y)
+    s1, s2 = y[1], jnp.where(two, y[2], y[1])
+    at, value = jet(*piece, y[0]).point, active.distance(y, system)
+    near = nearest(at, b.control_points, b.weights, 0.0, repeated(b.control_points, b.weights))
+    witness = Witness(
+        segment=cell.segment,
+        t=y[0],
+        point=at,
+        feet=jnp.stack([jet(*system.first, s1).point, jet(*system.second, s2).point]),
+        foot_segments=jnp.stack([first.segment, second.segment]),
+        foot_params=jnp.stack([s1, s2]),
+        multipliers=active.multipliers(y, system),
+        event=EVENTS.where(value <= _ZERO, EVENTS.coincident, event),
+        direction=DIRECTIONS.a_to_b,
+    )
+    wrong = jnp.abs(value - near.distance) > near.distance * _NEARER + _ROUNDED
+    return _Found(value, witness, wrong, Place(near.segment, near.t))
+
+
+def _event(pair: _Pair, segment: Array, t: Array, held: Array, two: Array) -> Any:
+    """The event, but for a foot that is held; a joint without a corner is a place like any other."""
+    a = pair.a
+    neighbour = jnp.where(t >= 1, a.following[segment], pair.before_a[segment])
+    tangents = [_direction(*piece_of(a, k), u) for k, u in ((segment, t), (neighbour, jnp.where(t >= 1, 0.0, 1.0)))]
+    jump = jnp.sum((tangents[0] - tangents[1]) ** 2) > _CORNER**2
+    at_end = held & ((t <= 0) | (t >= 1))
+    event = EVENTS.where(two, EVENTS.one_to_two, EVENTS.antipodal)
+    event = EVENTS.where(at_end & (neighbour >= 0) & jump, EVENTS.corner, event)
+    return EVENTS.where(at_end & (neighbour < 0), EVENTS.a_end, event)
+
+
+def _direction(control_points: Array, weights: Array | None, t: Array) -> Array:
+    vector = jet(control_points, weights, t).first
+    length = jnp.sqrt(vector @ vector)
+    return vector / jnp.where(length > 0, length, 1.0)

@@ -1,0 +1,202 @@
+"""Derivatives of a Hausdorff distance and of its witness, and of nearest points, in all arrays they depend on.
+
+The search is not differentiated: its answer is a function of both curves by the active system
+(jhd.distance.witness.active), and its derivatives are those of that function, in forward and reverse mode, of first and
+higher order.
+
+Where several places are equally far the derivative is that of the witness named, one of the generalised derivatives of
+the maximum. Where the distance is zero it is not differentiable, and zero is taken.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jhd.arrays import is_traced
+from jhd.compiled import compiled
+from jhd.distance.frame.jets import jet
+from jhd.distance.frame.pieces import Piece
+from jhd.distance.frame.prepare import Frame, elevation_matrix
+from jhd.distance.witness import active
+from jhd.shapes.curve import BezierSegments
+from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness
+
+
+class _Answer(NamedTuple):
+    """What is differentiable of a solution."""
+
+    value: Array
+    t: Array
+    point: Array
+    feet: Array
+    foot_params: Array
+
+    def scalars(self) -> tuple[Array, ...]:
+        """All numbers one by one; see jhd.distance.witness.active on why."""
+        return self.value, self.t, *self.foot_params, *self.point, *self.feet.ravel()
+
+    @classmethod
+    def of_scalars(cls, scalars: tuple[Array, ...]) -> "_Answer":
+        """The inverse of `scalars`."""
+        value, t, first, second, *coordinates = scalars
+        rows = jnp.stack(coordinates).reshape(3, -1)
+        return cls(value, t, rows[0], rows[1:], jnp.stack([first, second]))
+
+
+def with_derivatives(solution: HausdorffSolution, a: BezierSegments, b: BezierSegments, frame: Frame) -> Any:
+    """The solution, its value and witness differentiable in both curves; all in the user's coordinates."""
+    if not is_traced(a, b):
+        return solution
+    value, witness = attached(solution.value, solution.witness, a, b, frame)
+    return HausdorffSolution(
+        value, solution.lower, solution.upper, witness, solution.result, solution.stats, solution.directed
+    )
+
+
+def attached(
+    value: Array, witness: Witness, a: BezierSegments, b: BezierSegments, frame: Frame
+) -> tuple[Array, Witness]:
+    """A distance and its witness, the same numbers, as functions of both curves; in the user's coordinates."""
+    w = witness
+    answer = _attached(_Answer(value, w.t, w.point, w.feet, w.foot_params), a, b, frame, w)
+    moving = Witness(
+        segment=w.segment,
+        t=answer.t,
+        point=answer.point,
+        feet=answer.feet,
+        foot_segments=w.foot_segments,
+        foot_params=answer.foot_params,
+        multipliers=w.multipliers,
+        event=w.event,
+        direction=w.direction,
+    )
+    return answer.value, moving
+
+
+def projection_with_derivatives(found: Projection, queries: Array, curve: BezierSegments) -> Projection:
+    """Nearest points, their distances and parameters differentiable in the queries and in the curve."""
+    if not is_traced(queries, curve):
+        return found
+    distance, foot, t = _attached_to_feet(found, queries, curve)
+    return Projection(distance, found.lower, found.upper, foot, found.segment, t, found.result)
+
+
+@compiled
+def _attached_to_feet(found: Projection, queries: Array, curve: BezierSegments) -> tuple[Array, Array, Array]:
+    fixed = jax.lax.stop_gradient((queries, curve.control_points))
+    exponent = jnp.frexp(jnp.maximum(*(jnp.max(jnp.abs(x)) for x in fixed)))[1]
+    scale = jnp.ldexp(jnp.ones((), queries.dtype), -jnp.clip(exponent, -1000, 1000))
+    rational = curve.weights is not None
+
+    def one(query: Array, distance: Array, foot: Array, segment: Array, t: Array) -> tuple[Array, Array, Array]:
+        points, weights = _piece(curve, segment, curve.degree, rational)
+        piece, point = Piece(points * scale, weights), query * scale
+        held, s = jax.lax.stop_gradient((active.is_held(point, piece, t), t))
+        # Two steps carry the first two derivatives of the parameter.
+        for _ in range(2):
+            s = active.stationary(s, point, piece, held)
+        b = jet(*piece, s)
+        c = point - b.point
+        length = c @ active.direction(c, b.first, held)
+        return _with(distance, length / scale, distance > 0), _with(foot, b.point / scale), _with(t, s)
+
+    batch = queries.shape[:-1]
+    flat = jax.tree_util.tree_map(
+        lambda x: x.reshape(-1, *x.shape[len(batch) :]), (queries, found.distance, found.foot, found.segment, found.t)
+    )
+    return jax.tree_util.tree_map(lambda x: x.reshape(*batch, *x.shape[1:]), jax.vmap(one)(*flat))
+
+
+def _with(number: Array, other: Array, where: Array | bool = True) -> Array:
+    """The number, with the derivatives of the other one."""
+    # What is not finite stands for a query that is no number; the answer that says so stays.
+    return number + jnp.where(where & jnp.isfinite(other), other - jax.lax.stop_gradient(other), 0.0)
+
+
+@compiled
+def _attached(answer: _Answer, a: BezierSegments, b: BezierSegments, frame: Frame, witness: Witness) -> _Answer:
+    """The same numbers, with the derivatives of the active system of the witness."""
+    turned = witness.direction == DIRECTIONS.b_to_a
+    scale = jnp.ldexp(jnp.ones((), answer.value.dtype), -jnp.clip(frame.first + frame.second, -1000, 1000))
+    centre = jnp.ldexp(jnp.asarray(frame.centre), frame.first)
+    degree = max(a.degree, b.degree)
+    rational = a.weights is not None or b.weights is not None
+
+    def piece(k: Array, of_b: Array) -> Piece:
+        # The curve that does not carry it lends its first segment, which is not looked at.
+        pieces = [_piece(c, jnp.where(of_b == own, k, 0), degree, rational) for c, own in ((a, False), (b, True))]
+        points, weights = (
+            jax.tree_util.tree_map(lambda x, y: jnp.where(of_b, y, x), *xs) for xs in zip(*pieces, strict=True)
+        )
+        return Piece((points - centre) * scale, weights)
+
+    pieces = (
+        piece(witness.segment, turned),
+        piece(witness.foot_segments[0], ~turned),
+        piece(witness.foot_segments[1], ~turned),
+    )
+    return _with_rule(answer, pieces, scale, witness.event)
+
+
+def _piece(curve: BezierSegments, k: Array, degree: int, rational: bool) -> Piece:
+    """One segment, written in this degree."""
+    points = curve.control_points[k]
+    weights = jnp.ones(points.shape[:-1], points.dtype) if curve.weights is None else curve.weights[k]
+    if not rational:
+        return Piece(_raised(points, degree), None)
+    if degree == curve.degree:
+        return Piece(points, weights)
+    raised = _raised(weights[:, None], degree)
+    return Piece(_raised(points * weights[:, None], degree) / raised, raised[:, 0])
+
+
+def _raised(rows: Array, degree: int) -> Array:
+    if degree == rows.shape[0] - 1:
+        return rows
+    raising = jnp.asarray(elevation_matrix(rows.shape[0] - 1, degree), rows.dtype)
+    # Sums keep the batch axis of vmap in front, where a matrix product may move it; see jhd.distance.witness.active.
+    return jnp.sum(raising[:, :, None] * rows, axis=1)
+
+
+def _with_rule(answer: _Answer, pieces: active.Pieces, scale: Array, event: Any) -> _Answer:
+    """The same answer, with the derivatives of the active system."""
+    return _Answer.of_scalars(_scalars_with_rule(answer.scalars(), pieces, scale, event))
+
+
+@jax.custom_jvp
+def _scalars_with_rule(scalars: tuple, pieces: active.Pieces, scale: Array, event: Any) -> tuple:
+    return scalars
+
+
+@_scalars_with_rule.defjvp
+def _rule(primals: tuple, tangents: tuple) -> tuple[tuple, tuple]:
+    scalars, pieces, scale, event = primals
+    answer = _Answer.of_scalars(scalars)
+    a, first, second = pieces
+    start = jax.lax.stop_gradient(jnp.concatenate([answer.t[None], answer.foot_params]))
+    held, two = jax.lax.stop_gradient(active.active(a, first, second, start, event)[3:])
+    # At distance zero all derivatives are zero by convention; there they need not exist.
+    apart = event != EVENTS.coincident
+    y, y_dot = jax.jvp(lambda p: active.solution(start, p, held, two), (pieces,), (tangents[1],))
+    system = active.Active(a, first, second, held, two)
+    jets = [jet(*piece, s) for piece, s in zip(pieces, y, strict=True)]
+    # How the three points move at fixed parameters.
+    at_rest = [
+        jax.jvp(lambda p, s=s: jet(*p, s).point, (piece,), (moved,))[1]
+        for piece, s, moved in zip(pieces, y, tangents[1], strict=True)
+    ]
+    units = [active.direction(jets[0].point - jets[i].point, jets[i].first, held[i]) for i in (1, 2)]
+    stretch = jnp.stack([unit @ (at_rest[0] - at_rest[i]) for i, unit in ((1, units[0]), (2, units[1]))])
+    points = [still + j.first * s for still, j, s in zip(at_rest, jets, y_dot, strict=True)]
+    # A single foot is given twice.
+    feet = jnp.where(two, jnp.stack(points[1:]), points[1])
+    change = _Answer(
+        value=active.multipliers(y, system) @ stretch / scale,
+        t=y_dot[0],
+        point=points[0] / scale,
+        feet=feet / scale,
+        foot_params=jnp.where(two, y_dot[1:], y_dot[1]),
+    )
+    return scalars, tuple(jnp.where(apart, x, 0.0) for x in change.scalars())

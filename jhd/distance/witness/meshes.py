@@ -1,0 +1,188 @@
+"""The witness of a distance between meshes: all nearest triangles of the farthest point, their weights, derivatives.
+
+The distance from a point to one foot is a convex function, so a maximum over a that is no vertex of a has several feet
+at one distance. To first order the maximum moves so that they stay equal, and its derivative is the sum of theirs at
+the fixed place on a, with multipliers that are non-negative, have the sum one, and balance the directions along a.
+
+Source: Danskin, The theory of max-min and its application to weapons allocation problems (1967); the multipliers are
+those of the active feet, as for curves (jhd.distance.witness.active).
+"""
+
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array
+
+from jhd.arrays import is_traced
+from jhd.compiled import compiled
+from jhd.distance.cells.triangles import Side
+from jhd.distance.nearest.meshes import foot_on
+from jhd.shapes.mesh import TriangleMesh
+from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Witness
+from jhd.triangles.closest_point import barycentric_of, nearest_triangles, pair_squares
+
+_FEET = 4
+# Triangles are looked for around the point this far away, and count as nearest within this much; shares of the size.
+_RING, _EQUAL = 1e-6, 1e-8
+# Barycentric coordinates below this put the point on an edge.
+_ON_EDGE = 1e-9
+
+
+class Feet(NamedTuple):
+    """The active feet of a point, one row each, the first repeated with multiplier zero.
+
+    Args:
+        triangle: of b, as sorted in the tree.
+        t: barycentric coordinates.
+        multipliers: weights in the derivative.
+        count: number of feet with positive multipliers.
+    """
+
+    triangle: np.ndarray
+    t: np.ndarray
+    multipliers: np.ndarray
+    count: int
+
+
+def active_feet(side: Side, owner: int, weights: np.ndarray, nearest: int, gap: float) -> Feet:
+    """The feet of a point of a that balance, in the unit of the tree.
+
+    Args:
+        side: both meshes.
+        owner: the triangle of a.
+        weights: barycentric coordinates of the point.
+        nearest: a nearest triangle of b.
+        gap: upper - lower, which the distances of active feet may differ by.
+    """
+    corners = side.corners[owner].astype(np.float64)
+    point = weights @ corners
+    sides = np.stack([corners[1] - corners[0], corners[2] - corners[0]])
+    free = weights > _ON_EDGE
+    steps = _directions(corners, free)
+    size = max(float(np.max(np.abs(sides))), 1e-300)
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ring = steps if len(steps) < 2 else np.cos(angles)[:, None] * steps[0] + np.sin(angles)[:, None] * steps[1]
+    around = np.concatenate([[point], point + _RING * size * ring, point - _RING * size * ring])
+    triangles = np.unique(
+        np.append(nearest_triangles(side.tree, around.astype(side.corners.dtype)).triangle, nearest)
+    ).astype(np.int32)
+    rows = np.broadcast_to(point.astype(side.corners.dtype), (len(triangles), 3))
+    distance = np.sqrt(pair_squares(side.tree.table, rows, triangles).astype(np.float64))
+    near = np.flatnonzero(distance <= distance.min() + max(4 * gap, _EQUAL * size))
+    near = near[np.argsort(distance[near], kind="stable")]
+    t = barycentric_of(side.tree, rows[: len(near)], triangles[near])
+    feet = np.einsum("nk,nkd->nd", t, _corners_of(side, triangles[near]))
+    # Triangles that share the foot are one.
+    kept: list[int] = []
+    for k in range(len(near)):
+        if all(np.max(np.abs(feet[k] - feet[i])) > 1e-2 * _RING * size for i in kept):
+            kept.append(k)
+    kept = kept[:8]
+    units = [_unit(point - feet[k]) for k in kept]
+    chosen, multipliers = _balance(np.array([[unit @ step for step in steps] for unit in units]).reshape(len(kept), -1))
+    rows_ = [kept[k] for k in chosen]
+    padded = rows_ + rows_[:1] * (_FEET - len(rows_))
+    shares = np.concatenate([multipliers, np.zeros(_FEET - len(rows_))])
+    return Feet(triangles[near][padded], t[padded], shares, len(rows_))
+
+
+def _corners_of(side: Side, triangles: np.ndarray) -> np.ndarray:
+    """Corners of triangles of b, in the order of the mesh and the unit of the tree."""
+    return side.b_corners[side.tree.order[triangles]].astype(np.float64)
+
+
+def _unit(x: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(x)
+    return x / length if length > 0 else x
+
+
+def _directions(corners: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Orthogonal unit vectors along which a point can move on its face or edge; none for a corner."""
+    moving = corners[free]
+    if len(moving) < 2:
+        return np.zeros((0, 3))
+    first = _unit(moving[1] - moving[0])
+    if len(moving) == 2:
+        return first[None]
+    second = (moving[2] - moving[0]) - ((moving[2] - moving[0]) @ first) * first
+    return np.stack([first, _unit(second)])
+
+
+def _balance(slopes: np.ndarray) -> tuple[list[int], np.ndarray]:
+    """A smallest set of feet and weights whose slopes cancel best: (feet, directions)."""
+    count, dim = slopes.shape
+    best: tuple[float, list[int], np.ndarray] = (np.inf, [0], np.ones(1))
+    for size in range(1, min(count, dim + 1) + 1):
+        for chosen in combinations(range(count), size):
+            rows = slopes[list(chosen)].T
+            system = np.concatenate([rows, 1e3 * np.ones((1, size))])
+            weights = np.linalg.lstsq(system, np.append(np.zeros(dim), 1e3), rcond=None)[0]
+            if weights.min() < -1e-7 or not np.isfinite(weights).all():
+                continue
+            weights = np.maximum(weights, 0) / np.maximum(weights, 0).sum()
+            miss = float(np.linalg.norm(rows @ weights))
+            if miss < best[0] - 1e-4:
+                best = miss, list(chosen), weights
+    return best[1], best[2]
+
+
+def event_of(feet: Feet, weights: np.ndarray, distance: float) -> Any:
+    """How the maximum arises: several feet, a vertex or edge of a, or the feature of b that holds the foot."""
+    if distance <= 0:
+        return EVENTS.coincident
+    if feet.count > 1:
+        return EVENTS.one_to_two
+    if np.any(weights <= _ON_EDGE):
+        return EVENTS.corner
+    return EVENTS.antipodal if np.all(feet.t[0] > 0) else EVENTS.b_end
+
+
+def with_mesh_derivatives(solution: HausdorffSolution, a: TriangleMesh, b: TriangleMesh) -> HausdorffSolution:
+    """The solution, its value and witness differentiable in the vertices of both meshes, to first order.
+
+    Derivatives are those at the fixed place on a, weighted by the multipliers. At distance zero they are zero.
+    """
+    if not is_traced(a, b):
+        return solution
+    w = solution.witness
+    turned = w.direction == DIRECTIONS.b_to_a
+    first = [mesh.vertices[mesh.triangles[jnp.minimum(w.segment, mesh.count - 1)]] for mesh in (a, b)]
+    second = [mesh.vertices[mesh.triangles[jnp.minimum(w.foot_segments, mesh.count - 1)]] for mesh in (a, b)]
+    carrier, target = jnp.where(turned, first[1], first[0]), jnp.where(turned, second[0], second[1])
+    value, point, feet = _moving(carrier, target, w.t, w.foot_params, w.multipliers)
+    moved = [
+        x + jnp.where(jnp.isfinite(y), y - lax.stop_gradient(y), 0.0)
+        for x, y in ((solution.value, jnp.where(solution.value > 0, value, 0.0)), (w.point, point), (w.feet, feet))
+    ]
+    where = lambda s: (s.value, s.witness.point, s.witness.feet)  # noqa: E731
+    return eqx.tree_at(where, solution, tuple(moved))
+
+
+@compiled
+def _moving(carrier: Array, target: Array, t: Array, s: Array, multipliers: Array) -> tuple[Array, Array, Array]:
+    point = jnp.sum(t[:, None] * carrier, axis=0)
+    distance, feet, _ = jax.vmap(lambda corners, active: foot_on(point, corners, active))(target, s > 0)
+    return jnp.sum(multipliers * distance), point, feet
+
+
+def witness_of(feet: Feet, side: Side, owner: int, weights: np.ndarray, distance: float) -> Witness:
+    """The witness in the user's unit, from a to b."""
+    exponent, dtype = side.tree.exponent, side.corners.dtype
+    point = np.ldexp(weights @ side.corners[owner].astype(np.float64), exponent)
+    places = np.einsum("nk,nkd->nd", feet.t.astype(np.float64), _corners_of(side, feet.triangle))
+    return Witness(
+        segment=jnp.asarray(int(owner)),
+        t=jnp.asarray(weights.astype(dtype)),
+        point=jnp.asarray(point.astype(dtype)),
+        feet=jnp.asarray(np.ldexp(places, exponent).astype(dtype)),
+        foot_segments=jnp.asarray(side.tree.order[feet.triangle].astype(int)),
+        foot_params=jnp.asarray(feet.t.astype(dtype)),
+        multipliers=jnp.asarray(feet.multipliers.astype(dtype)),
+        event=event_of(feet, weights, distance),
+        direction=DIRECTIONS.a_to_b,
+    )

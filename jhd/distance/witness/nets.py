@@ -1,0 +1,160 @@
+"""A pair of parametric shapes in common coordinates, and the nearest pair of points as a function of both.
+
+The exact distance is that of the stored arrays; `jhd.distance.frame.prepare.preparation_error` bounds what moving them
+to the origin and raising the degree of curves does.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array
+
+from jhd.arrays import is_traced
+from jhd.compiled import compiled
+from jhd.distance.cells.pairs import Best, derivatives, length, newton_step
+from jhd.distance.frame.net_jets import Jet, Net, jet
+from jhd.distance.frame.prepare import Frame, elevation_matrix, padded_count, preparation_error, raised_degree
+from jhd.shapes.checks import largest_weight_ratio
+from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.patch import AbstractPatch
+
+# Power of two that stands for no extent at all; single precision ends at 2^-126.
+_VANISHING = 100
+# A parameter at the border of its piece is held there when the slope is above this share of the derivative.
+_HELD = 1e-7
+_POLISH = 16
+_NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
+
+
+def net_of(shape: AbstractCurve | AbstractPatch | TriangleMesh) -> Net:
+    """Control points (pieces, rows, columns, dim) and weights of a shape; curves have one column.
+
+    A triangle is the bilinear patch of which one side is a single point: the same set of points, exactly.
+    """
+    if isinstance(shape, TriangleMesh):
+        return Net(shape.corners[:, np.array([[0, 1], [0, 2]])], None)
+    if isinstance(shape, AbstractCurve):
+        segments = shape.segments()
+        weights = None if segments.weights is None else segments.weights[:, :, None]
+        return Net(segments.control_points[:, :, None], weights)
+    patches = shape.patches()
+    return Net(patches.control_points, patches.weights)
+
+
+def prepared(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
+    """Both with coordinates in [-1, 1] about the origin, the frame that leads back, and a bound of the error made.
+
+    On concrete shapes this runs in NumPy, which keeps subnormals.
+    """
+    traced = is_traced(a, b)
+    xp = jnp if traced else np
+    good = _usable(a) & _usable(b) if traced else True
+    points = [xp.asarray(net.points) for net in (a, b)]
+    points = [jnp.where(good, x, 0.0) for x in points] if traced else points
+    first = _exponent(xp, points)
+    points = [xp.ldexp(x, -first) for x in points]
+    lows, highs = zip(*((xp.min(x, axis=(0, 1, 2)), xp.max(x, axis=(0, 1, 2))) for x in points), strict=True)
+    centre = 0.5 * (xp.minimum(lows[0], lows[1]) + xp.maximum(highs[0], highs[1]))
+    points = [x - centre for x in points]
+    extent = xp.maximum(xp.max(xp.abs(points[0])), xp.max(xp.abs(points[1])))
+    second = xp.where(extent > 0, _exponent(xp, points), -_VANISHING)
+    nets = [_bucketed(xp, xp.ldexp(x, -second), net.weights, good) for x, net in zip(points, (a, b), strict=True)]
+    error = sum(preparation_error(max(net.degrees), net.dim, net.points.dtype) for net in nets)
+    return nets[0], nets[1], Frame(centre, first, second, good), float(error)
+
+
+def _exponent(xp: Any, arrays: list[Any]) -> Any:
+    first, second = (xp.max(xp.abs(x)) for x in arrays)
+    return xp.frexp(xp.maximum(first, second))[1]
+
+
+def _usable(net: Net) -> Array:
+    good = jnp.all(jnp.isfinite(net.points))
+    if net.weights is None:
+        return good
+    least, most = jnp.min(net.weights), jnp.max(net.weights)
+    return good & (least > 0) & (most < jnp.inf) & (most / largest_weight_ratio(net.weights.dtype) <= least)
+
+
+def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
+    """The net with curves raised to a degree that programs are compiled for, and pieces repeated to such a number."""
+    index = np.minimum(np.arange(padded_count(points.shape[0])), points.shape[0] - 1)
+    if weights is not None:
+        weights = xp.asarray(weights)
+        weights = xp.where(good, weights, 1.0) if is_traced(good) else weights
+        weights = xp.ldexp(weights, -xp.frexp(xp.max(weights, axis=(1, 2), keepdims=True))[1])
+    degree = points.shape[1] - 1
+    target = raised_degree(degree)
+    if points.shape[2] == 1 and target > degree:
+        raising = elevation_matrix(degree, target).astype(points.dtype)[:, :, None, None]
+        rows = points if weights is None else points * weights[..., None]
+        points = xp.sum(raising * rows[:, None], axis=2)
+        if weights is not None:
+            weights = xp.sum(raising[..., 0] * weights[:, None], axis=2)
+            points = points / weights[..., None]
+    return Net(points[index], None if weights is None else weights[index])
+
+
+def polished(a: Net, b: Net, best: Best) -> Best:
+    """The nearest pair moved to where the distance is stationary, parameters at a border held; else as it was."""
+    n = a.parameters
+    pieces = a.piece(best.piece_a), b.piece(best.piece_b)
+    held = _held(*pieces, best.x)
+
+    def residual(x: Array, args: Any) -> Array:
+        (a, b), start, held = args
+        return jnp.where(held, x - start, derivatives(*_jets(a, b, x))[1])
+
+    found = optx.root_find(residual, _NEWTON, best.x, (pieces, best.x, held), max_steps=_POLISH, throw=False).value
+    x = jnp.clip(jnp.where(jnp.isfinite(found), found, best.x), 0.0, 1.0)
+    distances = jnp.stack([length(jet(pieces[0], x[:n]).point - jet(pieces[1], x[n:]).point) for x in (x, best.x)])
+    x = jnp.where(distances[0] <= distances[1], x, best.x)
+    return best._replace(x=x, distance=jnp.min(distances))
+
+
+def _jets(a: Net, b: Net, x: Array) -> tuple[Jet, Jet]:
+    return jet(a, x[: a.parameters]), jet(b, x[a.parameters :])
+
+
+def _held(a: Net, b: Net, x: Array) -> Array:
+    """Which parameters are kept at the border of their piece by the slope of the distance."""
+    p, q = _jets(a, b, x)
+    slope = derivatives(p, q)[1]
+    small = _HELD * jnp.sum(jnp.abs(jnp.concatenate([p.first, q.first])), axis=-1)
+    return ((x <= 0) & (slope > small)) | ((x >= 1) & (slope < -small))
+
+
+@compiled
+def attached(a: Net, b: Net, frame: Frame, best: Best, value: Array) -> tuple[Array, Array, Array]:
+    """The distance with its derivatives in both shapes, and the points with theirs, in the user's coordinates.
+
+    At fixed parameters the derivative of the distance is that of the minimum (the envelope theorem); two steps of
+    Newton's method on the parameters that are not held carry the second derivatives, and those of the points. At
+    distance zero the derivative of the distance is zero by convention.
+    """
+    n = a.parameters
+    scale = jnp.ldexp(jnp.ones((), value.dtype), -jnp.clip(frame.first + frame.second, -1000, 1000))
+    centre = jnp.ldexp(jnp.asarray(frame.centre), frame.first)
+
+    def piece(net: Net, k: Array) -> Net:
+        return Net((net.points[k] - centre) * scale, None if net.weights is None else net.weights[k])
+
+    pieces = piece(a, best.piece_a), piece(b, best.piece_b)
+    x, held = jax.lax.stop_gradient((best.x, _held(*pieces, best.x)))
+    for _ in range(2):
+        _, slope, bent = derivatives(*_jets(*pieces, x))
+        step = newton_step(slope, bent, held)
+        x = x + jnp.where(jnp.all(jnp.isfinite(step)), step, 0.0)
+    p, q = jet(pieces[0], x[:n]).point, jet(pieces[1], x[n:]).point
+    e = p - q
+    square = jnp.sum(e * e)
+    apart = value > 0
+    away = jnp.sqrt(jnp.where(apart & (square > 0), square, 1.0)) / scale
+    moved = value + jnp.where(apart & (square > 0), away - jax.lax.stop_gradient(away), 0.0)
+    # At distance zero the points are not functions of the shapes.
+    p, q = (jnp.where(apart, r, jax.lax.stop_gradient(r)) / scale + centre for r in (p, q))
+    return moved, p, q
