@@ -83,5 +83,6 @@ from jhd.solution import (  # noqa: E402
     StationaryPoints,
     Witness,
 )
+from jhd.triangles import PreparedMesh, prepared  # noqa: E402
 
 __version__ = "0.1.0"

@@ -14,10 +14,7 @@ Source: the task is that of "3-D signed Euclidean distance transform and its app
 around the nearest vertex can miss the nearest triangle; the search is ours.
 """
 
-import hashlib
-from collections import OrderedDict
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,13 +26,10 @@ from jhd.compiled import compiled
 from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.box_tree import BoxTree, Hints, Level, box_tree, hints
 from jhd.triangles.point_triangle import absolute_floor, barycentric, error_factor, frames, squared_distances
-
-_R = TypeVar("_R")
+from jhd.triangles.prepared import prepared
 
 # Numbers of pairs, and of points, that programs are compiled for.
 BLOCKS = (512, 4096, 32768)
-# Trees that are kept; one of a million triangles takes 300 MB.
-_KEPT = 6
 # Points that are farther away than this, in powers of two of the mesh, are searched with the mesh scaled down.
 _FAR = {8: 400, 4: 40}
 
@@ -105,24 +99,8 @@ class ClosestPoints(NamedTuple):
 
 
 def triangle_tree(mesh: TriangleMesh) -> TriangleTree:
-    """The tree of a mesh whose numbers are known; the last few are kept, so asking again costs little."""
-    return kept(_built, mesh)
-
-
-def kept(build: Callable[[TriangleMesh], _R], mesh: TriangleMesh) -> _R:
-    """What is built from a mesh, once for as long as it is among the last few."""
-    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
-    hashed = hashlib.blake2b(vertices.tobytes() + b"|" + triangles.tobytes() + vertices.dtype.char.encode())
-    key = (build, hashed.digest())
-    if key not in _built_before:
-        while len(_built_before) >= _KEPT:
-            _built_before.popitem(last=False)
-        _built_before[key] = build(mesh)
-    _built_before.move_to_end(key)
-    return _built_before[key]
-
-
-_built_before: OrderedDict[tuple[Any, bytes], Any] = OrderedDict()
+    """The tree of a mesh whose numbers are known."""
+    return prepared(mesh).part(_built)
 
 
 def _built(mesh: TriangleMesh) -> TriangleTree:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jhd.shapes.mesh import TriangleMesh, edges_of
-from jhd.triangles.closest_point import kept
+from jhd.triangles.prepared import prepared
 
 
 class Pseudonormals(NamedTuple):
@@ -41,7 +41,7 @@ def pseudonormals(mesh: TriangleMesh, sign: str = "pseudonormal") -> Pseudonorma
     Raises:
         ValueError: a mesh that is not closed, or not consistently oriented.
     """
-    return kept(_weighted if sign == "pseudonormal" else _averages, mesh)
+    return prepared(mesh).part(_weighted if sign == "pseudonormal" else _averages)
 
 
 def _weighted(mesh: TriangleMesh) -> Pseudonormals:

@@ -41,10 +41,10 @@ from jhd.triangles.closest_point import (
     curve_places,
     in_blocks,
     in_unit_of,
-    kept,
     popped,
     triangle_tree,
 )
+from jhd.triangles.prepared import prepared
 
 # Largest error of one node, in turn: the first decides nearly all points of a closed mesh, the last opens every node.
 _TOLERANCES = (1.2e-2, 2e-3, 1e-5, 0.0)
@@ -85,7 +85,7 @@ def is_inside(
         found: their nearest points, which save work where the mesh is closed; then points that may be on it, to within
             rounding, are called outside.
     """
-    if found is None or not kept(_is_cycle, mesh):
+    if found is None or not prepared(mesh).part(_is_cycle):
         return _decided(mesh, points)
     off = np.flatnonzero(found.lower > 0)
     inside = np.zeros(len(points), bool)
@@ -176,7 +176,7 @@ def _decided(mesh: TriangleMesh, points: np.ndarray) -> np.ndarray:
     tree = triangle_tree(mesh)
     exponent = tree.exponent
     tree, scaled = in_unit_of(tree, points)
-    moments = _shrunk(kept(_moments, mesh), tree.exponent - exponent)
+    moments = _shrunk(prepared(mesh).part(_moments), tree.exponent - exponent)
     inside, open_ = np.zeros(len(points), bool), np.arange(len(points))
     for tolerance in _TOLERANCES:
         left = []
@@ -207,7 +207,7 @@ def winding_numbers(
     tree = triangle_tree(mesh)
     exponent = tree.exponent
     tree, scaled = in_unit_of(tree, points)
-    moments = _shrunk(kept(_moments, mesh), tree.exponent - exponent)
+    moments = _shrunk(prepared(mesh).part(_moments), tree.exponent - exponent)
     starts = range(0, len(points), BLOCKS[-1])
     parts = [_numbers(tree, moments, scaled[start : start + BLOCKS[-1]], atol) for start in starts]
     return np.concatenate([x for x, _ in parts]), np.concatenate([x for _, x in parts])

@@ -168,11 +168,3 @@ def test_frames_measure_their_own_defect():
         assert np.all(np.maximum(first, second) <= found.defect * length + 1e-16)
         assert found.defect <= largest
         assert np.all(found.table[:, 17] >= 0) and np.all(found.table[:, 16] <= found.table[:, 9])
-
-
-def test_trees_are_kept_and_forgotten():
-    mesh = sphere(200)
-    assert triangle_tree(mesh) is triangle_tree(TriangleMesh(mesh.vertices, mesh.triangles))
-    for scale in range(2, 10):
-        triangle_tree(TriangleMesh(mesh.vertices * scale, mesh.triangles))
-    assert len(module._built_before) <= module._KEPT

@@ -26,11 +26,11 @@ from jhd.triangles.closest_point import (
     TriangleTree,
     barycentric_of,
     in_unit_of,
-    kept,
     outward,
     pair_squares,
     triangle_tree,
 )
+from jhd.triangles.prepared import prepared
 
 # Finest grids that are tried: three such indices fit into one integer, and few floats are closer.
 _FINEST = 1 << 20
@@ -52,7 +52,7 @@ class GridOptions(NamedTuple):
     transform: str
 
     def __call__(self, mesh: TriangleMesh) -> "VertexGrid":
-        """The grid of a mesh, as `kept` asks for it."""
+        """The grid of a mesh, as a prepared mesh asks for it."""
         return _built(mesh, self)
 
 
@@ -87,7 +87,7 @@ def local_points(mesh: TriangleMesh, points: Float[np.ndarray, "points 3"], opti
     Raises:
         ValueError: a grid of more voxels than the capacity.
     """
-    grid, tree = kept(options, mesh), triangle_tree(mesh)
+    grid, tree = prepared(mesh).part(options), triangle_tree(mesh)
     with np.errstate(over="ignore"):
         voxels = _voxels_of(grid, np.ldexp(points.astype(np.float64), -tree.exponent))
     tree, scaled = in_unit_of(tree, points)

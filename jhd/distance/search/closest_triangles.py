@@ -25,7 +25,8 @@ from jhd.distance.search.tree_pairs import MeshBoxes, PairSearch, in_one_unit, m
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import RESULTS, MinimumSolution
-from jhd.triangles.closest_point import kept, outward
+from jhd.triangles.closest_point import outward
+from jhd.triangles.prepared import prepared
 
 # The default tolerance as a share of the diagonal, and in units of roundoff where that is more.
 _RELATIVE, _ULPS = 1e-10, 64
@@ -98,7 +99,7 @@ def _searched(
     max_steps: int,
     report: Callable[[Found], object] | None,
 ) -> tuple[MinimumSolution, _Place]:
-    sides = in_one_unit(kept(mesh_boxes, a), kept(mesh_boxes, b))
+    sides = in_one_unit(prepared(a).part(mesh_boxes), prepared(b).part(mesh_boxes))
     corners = stored_corners(a), stored_corners(b)
     allowed = _allowed(sides, atol, rtol)
     search = PairSearch(*sides, corners)

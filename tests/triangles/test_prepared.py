@@ -1,0 +1,46 @@
+"""What is prepared of a mesh is made once, found again by its numbers, and forgotten when nobody holds it."""
+
+import gc
+import weakref
+
+import numpy as np
+
+import jhd
+from jhd.triangles.closest_point import triangle_tree
+from jhd.triangles.prepared import PreparedMesh, prepared
+
+CORNERS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+
+
+def mesh(scale=1.0):
+    return jhd.TriangleMesh(CORNERS * scale, FACES)
+
+
+def test_the_same_numbers_find_what_was_made():
+    assert prepared(mesh()) is prepared(mesh())
+    assert triangle_tree(mesh()) is triangle_tree(mesh())
+    assert prepared(mesh(2.0)) is not prepared(mesh())
+
+
+def test_arrays_that_only_look_alike_are_told_apart():
+    other = jhd.TriangleMesh(CORNERS, FACES[:, [1, 2, 0]])
+    assert prepared(other) is not prepared(mesh())
+
+
+def test_every_part_is_made_once():
+    made = []
+    held = PreparedMesh(mesh())
+    for _ in range(3):
+        assert held.part(lambda m, made=made: made.append(m) or m.count) == 4
+        assert held.part(made.append) is None
+    # Functions made anew are other functions; the method is the same one.
+    assert len(made) == 4 and repr(held) == "PreparedMesh(4 triangles, 4 parts made)"
+
+
+def test_the_last_few_are_held_and_the_others_only_by_who_holds_them():
+    held, lost = prepared(mesh(3.0)), weakref.ref(prepared(mesh(5.0)))
+    for scale in range(10, 20):
+        prepared(mesh(float(scale)))
+    gc.collect()
+    assert prepared(mesh(3.0)) is held and lost() is None
