@@ -1,8 +1,8 @@
 """The table of pairs of surfaces: what it says fits together, and dense samples do not refute it."""
 
 from decimal import Decimal
+from functools import partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,7 +10,8 @@ from mpmath import mp, mpf
 from scipy.spatial import KDTree
 
 from jhd.compiled import compiled
-from jhd.distance.witness.surface_foot import local_foot
+from jhd.distance.frame.surfaces import Side
+from jhd.distance.nearest.places import local_feet
 from tests.surface_cases import CASES
 from tests.surface_reference import cloud, solve, values
 
@@ -24,7 +25,7 @@ _ROUNDING = 1e-14
 # Feet of samples satisfy the polynomial to this share of its terms.
 _ON_SURFACE = 1e-12
 _BLOCK = 512
-_feet = compiled(jax.vmap(local_foot, in_axes=(None, None, None, 0, 0)))
+_feet = compiled(partial(local_feet, steps=16))
 
 
 def name_of(direction):
@@ -126,11 +127,12 @@ def test_dense_samples_find_nothing_farther_and_no_nearer_foot(direction):
     order = np.argsort(-nearest)[:_BLOCK]
     _, starts = tree.query(points[order], k=3)
     shape = 3 if max(b.coefficients.shape) <= 3 else 5
-    f = jnp.asarray(np.pad(b.coefficients, [(0, shape - n) for n in b.coefficients.shape]))
+    f = np.pad(b.coefficients, [(0, shape - n) for n in b.coefficients.shape])
+    side = Side(f, np.zeros_like(f), np.array(b.lower, float), np.array(b.upper, float), np.zeros((3, 3, 3), bool))
     bound = nearest[order]
     for start in np.asarray(starts).T:
-        rows = [jnp.asarray(np.resize(x, (_BLOCK, 3))) for x in (points[order], sample[start])]
-        foot = np.asarray(_feet(f, jnp.asarray(b.lower), jnp.asarray(b.upper), *rows).point)[: len(order)]
+        rows = [jnp.asarray(np.resize(x, (_BLOCK, 3)).T) for x in (points[order], sample[start])]
+        foot = np.asarray(_feet(side, *rows)).T[: len(order)]
         on = np.abs(values(b.coefficients, foot)) <= _ON_SURFACE * terms(b, foot)
         bound = np.where(on, np.minimum(bound, np.linalg.norm(foot - points[order], axis=1)), bound)
     assert np.max(bound) <= exact + 1e-10 * scale

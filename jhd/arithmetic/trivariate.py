@@ -36,6 +36,7 @@ from jaxtyping import Array, Float
 from jhd.arithmetic import rounding
 from jhd.arithmetic.affine import affine_range, local_form, modified_affine_range
 from jhd.arithmetic.interval import Interval
+from jhd.arithmetic.polynomials import horner
 
 Ends = tuple[Array, Array]
 
@@ -89,7 +90,7 @@ def corner_values(
 def evaluate(coefficients: Float[Array, "i j k"], points: Float[Array, "3 boxes"]) -> Interval:
     """Intervals that contain the values at points, by Horner's rule in 3 n roundings."""
     a, c, h, absolute = _scaled(coefficients, points, jnp.zeros_like(points))
-    value = _horner(a, c)
+    value = horner(a, c)
     return Interval(*rounding.widen(value, value, _error(a, c, h, 3 * _degrees(a), absolute)))
 
 
@@ -98,7 +99,7 @@ def _degrees(a: Array) -> int:
 
 
 def _error(a: Array, c: Array, h: Array, roundings: int, absolute: Array) -> Array:
-    magnitude = _horner(jnp.abs(a), jnp.abs(c) + h)
+    magnitude = horner(jnp.abs(a), jnp.abs(c) + h)
     return rounding.absolute_error(roundings + 8, magnitude) + absolute
 
 
@@ -123,17 +124,6 @@ def _scaled(a: Array, c: Array, h: Array) -> tuple[Array, Array, Array, Array]:
     operations = 6 * a.size * (_degrees(a) + 4)
     c, h = c / scale[:, None], h / scale[:, None]
     return a, c, h, rounding.round_up(1.01 * lost + operations * nu)
-
-
-def _horner(a: Array, x: Array) -> Array:
-    """Values at points (3, boxes), one variable after the other, the last first."""
-    result = a[..., None]
-    for axis in (2, 1, 0):
-        rows = result
-        result = jnp.broadcast_to(rows[..., -1, :], (*rows.shape[:-2], x.shape[-1]))
-        for power in range(rows.shape[-2] - 2, -1, -1):
-            result = result * x[axis] + rows[..., power, :]
-    return result
 
 
 def _centred(a: Array, c: Array, h: Array) -> tuple[Ends, int]:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd.arithmetic import exact_polynomials
+from jhd.arithmetic.polynomials import horner, jets
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
 from jhd.shapes import polynomial_text
@@ -91,8 +92,9 @@ class ImplicitSurface(eqx.Module):
         exact = exact_polynomials.integers(given)
         part = exact_polynomials.square_free_part(exact)
         reduced = part is not exact
-        surface = cls(exact_polynomials.floats(part, scaled=False) if reduced else _rounded(given), lower, upper)
-        return cls(surface.coefficients, lower, upper, reduced=reduced or surface.reduced)
+        rounded = exact_polynomials.floats(part, scaled=False) if reduced else _rounded(given)
+        _check_not_constant(rounded)
+        return cls(rounded, lower, upper, reduced=reduced)
 
     @property
     def dim(self) -> int:
@@ -196,29 +198,14 @@ def _rows(name: str, points: Numbers) -> Array:
     return rows
 
 
-def _horner(coefficients: Array, points: Array) -> Array:
-    """Values at points (..., 3), one variable after the other, the last first."""
-    result = coefficients
-    for variable in (2, 1, 0):
-        t = points[..., variable]
-        rows, t = result, t.reshape(t.shape + (1,) * variable)
-        result = jnp.broadcast_to(rows[..., -1], t.shape[: points.ndim - 1] + rows.shape[-1 - variable : -1])
-        for power in range(rows.shape[-1] - 2, -1, -1):
-            result = result * t + rows[..., power]
-    return result
+def _values_at(coefficients: Array, points: Array) -> Array:
+    """Values at points (..., 3)."""
+    return horner(coefficients, points.reshape(-1, 3).T).reshape(points.shape[:-1])
 
 
-def _slopes(coefficients: Array, points: Array) -> Array:
+def _gradients_at(coefficients: Array, points: Array) -> Array:
     """Gradients at points (..., 3)."""
-    return jnp.stack([_horner(_derivative(coefficients, axis), points) for axis in range(3)], axis=-1)
-
-
-def _derivative(coefficients: Array, axis: int) -> Array:
-    n = coefficients.shape[axis] - 1
-    if n == 0:
-        return jnp.zeros_like(coefficients)
-    factors = np.arange(1, n + 1).reshape([-1 if i == axis else 1 for i in range(3)])
-    return jax.lax.slice_in_dim(coefficients, 1, n + 1, axis=axis) * factors
+    return jnp.moveaxis(jets(coefficients, jnp.moveaxis(points, -1, 0)).gradient, 0, -1)
 
 
 def _pattern(matrix: np.ndarray) -> tuple[tuple[bool, ...], ...]:
@@ -300,4 +287,4 @@ def _raised(polynomials: Array, axis: int) -> Array:
     return jnp.pad(inside, padding)
 
 
-_values, _gradients, _image = compiled(_horner), compiled(_slopes), compiled(_image_of, (5, 6))
+_values, _gradients, _image = compiled(_values_at), compiled(_gradients_at), compiled(_image_of, (5, 6))

@@ -11,10 +11,10 @@ Source: ours; for the Bernstein form see jhd.distance.cells.surfaces.
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jhd.arithmetic.polynomials import jets
 from jhd.arithmetic.rounding import smallest_normal, unit_roundoff
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, Form, form, multiples
-from jhd.distance.nearest.places import jets
 
 # Room above the value that is expected to suffice, and errors of both ends in it.
 _ROOM, _ERRORS = 1.1, 3.0

@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jhd.arithmetic.polynomials import horner
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.arithmetic.trivariate import bernstein_along, bernstein_conversion
 from jhd.arrays import varying
@@ -88,26 +89,15 @@ def form(side: Side, cells: Boxes) -> Form:
     local = jax.lax.fori_loop(0, 3, about, varying(whole, side, cells))
     terms = jax.lax.fori_loop(0, 3, lambda _, x: jnp.moveaxis(bernstein_along(x, 0), 0, 2), local)
     sizes = gamma(7 * _degrees(a) + 40, a.dtype) * jnp.abs(a) + side.error
-    error = evaluated(sizes, jnp.abs(cells.centre) + cells.half) + _underflow(a.dtype)
+    error = horner(sizes, jnp.abs(cells.centre) + cells.half) + _underflow(a.dtype)
     return Form(local, terms.reshape(-1, terms.shape[-1]), error)
-
-
-def evaluated(coefficients: Array, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
-    """Values of a polynomial by Horner's rule, in at most twice its degrees of roundings each."""
-    x = jnp.broadcast_to(coefficients[..., None], (*coefficients.shape, points.shape[-1]))
-    for axis in range(3):
-        value = x[-1]
-        for row in x[-2::-1]:
-            value = value * points[axis] + row
-        x = value
-    return x
 
 
 def signed_values(side: Side, points: Float[Array, "3 points"]) -> tuple[Array, Array]:
     """Values of the polynomial at points, and bounds of their errors: gamma(6 N) m + e for Horner's rule."""
     a = jnp.asarray(side.coefficients)
     sizes = gamma(6 * _degrees(a) + 8, a.dtype) * jnp.abs(a) + side.error
-    return evaluated(a, points), evaluated(sizes, jnp.abs(points)) + _underflow(a.dtype)
+    return horner(a, points), horner(sizes, jnp.abs(points)) + _underflow(a.dtype)
 
 
 def lower_bounds(

@@ -12,13 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jhd.arithmetic.polynomials import jets
 from jhd.arithmetic.rounding import like_double, round_up, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import signed_values
 
-# Second derivatives of a jet in the order xx, yy, zz, xy, xz, yz.
-_SYMMETRIC = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 # The longest step, as a share of the box, and how far from singular the system of a foot has to be.
 _LONGEST, _DEFINITE = 0.3, 0.1
 # A direction within a face serves unless the gradient is this much longer.
@@ -30,38 +29,6 @@ _FARTHEST = 1e-6
 _DISTANCES = [2.0**-48, 2.0**-40, 2.0**-32, 2.0**-28, 2.0**-26, 2.0**-24, 2.0**-22, 2.0**-20]
 
 
-def jets(
-    coefficients: Array, points: Float[Array, "3 points"]
-) -> tuple[Float[Array, " points"], Float[Array, "3 points"], Float[Array, "6 points"]]:
-    """Values, gradients and second derivatives at points."""
-    n, count = coefficients.shape[0], points.shape[1]
-    x, y, z = (_powers(points[i], n) for i in range(3))
-    along_z = jnp.matmul(
-        coefficients.reshape(n * n, n), z.transpose(1, 0, 2).reshape(n, 3 * count), precision="highest"
-    )
-    along_z = along_z.reshape(n, n, 3, count)
-    plane = {(b, c): jnp.sum(along_z[:, :, c] * y[b], axis=1) for b, c in _upto(2)}
-    found = {(a, b, c): jnp.sum(plane[b, c] * x[a], axis=0) for b, c in _upto(2) for a in range(3 - b - c)}
-    gradient = jnp.stack([found[1, 0, 0], found[0, 1, 0], found[0, 0, 1]])
-    own = [found[2, 0, 0], found[0, 2, 0], found[0, 0, 2]]
-    return found[0, 0, 0], gradient, jnp.stack([*own, found[1, 1, 0], found[1, 0, 1], found[0, 1, 1]])
-
-
-def _upto(degree: int) -> list[tuple[int, int]]:
-    return [(b, c) for b in range(degree + 1) for c in range(degree + 1 - b)]
-
-
-def _powers(x: Array, count: int) -> Array:
-    """The powers, their first and second derivatives: (3, count, points)."""
-    rows = [jnp.ones_like(x)]
-    for _ in range(count - 1):
-        rows.append(rows[-1] * x)
-    zero = jnp.zeros_like(x)
-    first = [i * rows[i - 1] if i else zero for i in range(count)]
-    second = [i * (i - 1) * rows[i - 2] if i > 1 else zero for i in range(count)]
-    return jnp.stack([jnp.stack(rows), jnp.stack(first), jnp.stack(second)])
-
-
 def projected(
     side: Side, points: Float[Array, "3 points"], fixed: Bool[Array, "3 points"], steps: int
 ) -> Float[Array, "3 points"]:
@@ -69,7 +36,7 @@ def projected(
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
 
     def step(_: Any, x: Array) -> Array:
-        value, gradient, _ = jets(side.coefficients, x)
+        value, gradient, _ = jets(jnp.asarray(side.coefficients), x)
         return jnp.clip(x + _back(value, jnp.where(fixed, 0.0, gradient), x, lower, upper), lower, upper)
 
     return jax.lax.fori_loop(0, steps, step, varying(points, side))
@@ -102,8 +69,7 @@ def local_feet(
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
 
     def step(_: Any, q: Array) -> Array:
-        value, gradient, second = jets(side.coefficients, q)
-        hessian = second[_SYMMETRIC]
+        value, gradient, hessian = jets(jnp.asarray(side.coefficients), q)
 
         def hold(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
             move = _tangential(points - q, gradient, hessian, state[0])
@@ -118,7 +84,7 @@ def local_feet(
         return jnp.clip(there + _back(value, jnp.where(held, 0.0, slope), there, lower, upper), lower, upper)
 
     def back(_: Any, q: Array) -> Array:
-        value, gradient, _ = jets(side.coefficients, q)
+        value, gradient, _ = jets(jnp.asarray(side.coefficients), q)
         at_face = (q <= lower) | (q >= upper)
         within = jnp.where(at_face, 0.0, gradient)
         enough = jnp.sum(within**2, axis=0) > _TANGENT**2 * jnp.sum(gradient**2, axis=0)
@@ -167,7 +133,7 @@ def proven_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, 
     polynomial. At a face the segment stays in it, unless the surface nearly touches it.
     """
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
-    value, gradient, _ = jets(side.coefficients, points)
+    value, gradient, _ = jets(jnp.asarray(side.coefficients), points)
     error = signed_values(side, points)[1]
     within = jnp.where((points <= lower) | (points >= upper), 0.0, gradient)
     slope, whole = (jnp.sqrt(jnp.sum(x**2, axis=0)) for x in (within, gradient))

@@ -18,13 +18,14 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
+from jhd.arithmetic.polynomials import jets
 from jhd.arithmetic.rounding import like_double, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.cells.signs import sign_bounds
 from jhd.distance.cells.surfaces import FEET, upper_bounds
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, box_distances, boxes, form
-from jhd.distance.nearest.places import jets, local_feet, projected, thorough_radius
+from jhd.distance.nearest.places import local_feet, projected, thorough_radius
 from jhd.distance.nearest.surfaces import Cloud, halved, inner, pushed
 from jhd.distance.search.candidates import HINTS, NOISE, Best, Place, Target, improved
 from jhd.distance.search.curves import Wanted

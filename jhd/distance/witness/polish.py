@@ -27,9 +27,9 @@ import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
+from jhd.arithmetic.polynomials import PolynomialJet, jets
 from jhd.arithmetic.rounding import like_double
 from jhd.arrays import varying
-from jhd.distance.witness.surface_foot import SADDLE, TANGENT, Jet, jet, least_curvature, length
 
 # Rounds of the active set of a maximum, and Newton steps in each round.
 _ROUNDS, _NEWTON = 6, 10
@@ -40,6 +40,10 @@ _NEAR, _BEYOND, _CONVERGED = 1e-3, 1e-12, 1e-11
 _NEGATIVE = 1e-9
 # Singular values below this share of the largest are none: families of solutions do not move along themselves.
 _SOLVED, _FLAT = 1e-13, 1e-10
+# Curvatures of half the squared distance, which is one on a plane, below which a place is no nearest point.
+_SADDLE = 1e-6
+# A face this near to being tangent to the surface is left free at first: sine of the angle.
+_TANGENT = 0.05
 
 
 class Polished(NamedTuple):
@@ -63,9 +67,9 @@ class Problem(NamedTuple):
     size: Array  # their unit
     scale: Array  # (5,): values of the polynomials at places one unit from the surfaces
 
-    def jets(self, x: Array) -> Jet:
+    def jets(self, x: Array) -> PolynomialJet:
         """Value and gradient of each polynomial at its place."""
-        return jax.vmap(jet)(self.f, self.centre + self.size * x)
+        return jax.vmap(jets)(self.f, self.centre + self.size * x)
 
     def face(self, faces: Array) -> Array:
         """Where the face lies that holds each coordinate, the upper one where none does."""
@@ -171,7 +175,7 @@ def posed(shapes: Shapes, centre: Array, size: Array) -> Problem:
     return Problem(shapes.f[owner], lower, upper, start, centre, size, scale)
 
 
-def started(shapes: Shapes, places: Array, weights: Array) -> tuple[Problem, Unknowns, Jet]:
+def started(shapes: Shapes, places: Array, weights: Array) -> tuple[Problem, Unknowns, PolynomialJet]:
     """The problem about the first of five places, all unknowns there, and the jets."""
     size = jnp.max(shapes.upper - shapes.lower)
     problem = posed(shapes, places[0], size)
@@ -193,7 +197,7 @@ class Balance(NamedTuple):
     distances: Array  # (4,)
 
 
-def balance(y: Unknowns, at: Jet, faces: Array) -> Balance:
+def balance(y: Unknowns, at: PolynomialJet, faces: Array) -> Balance:
     """The terms at some values of the unknowns, from the jets there."""
     slopes = length(jnp.where(faces == 0, at.gradient, 0.0))
     slopes = jnp.where(slopes > 0, slopes, 1.0)
@@ -229,12 +233,12 @@ def first_faces(problem: Problem, gradients: Array, near: float) -> Array:
     faces = jnp.where(x <= problem.lower + near, -1.0, jnp.where(x >= problem.upper - near, 1.0, 0.0))
     slopes = length(gradients)[:, None]
     rest = length(jnp.where(faces == 0, gradients, 0.0))[:, None]
-    touched = (rest <= TANGENT * slopes) & jnp.any(faces == 0, axis=-1, keepdims=True)
+    touched = (rest <= _TANGENT * slopes) & jnp.any(faces == 0, axis=-1, keepdims=True)
     # Of the faces at an edge those across the surface go on holding.
-    return jnp.where(touched & (jnp.abs(gradients) > TANGENT * slopes), 0.0, faces)
+    return jnp.where(touched & (jnp.abs(gradients) > _TANGENT * slopes), 0.0, faces)
 
 
-def multiplied(y: Unknowns, at: Jet, faces: Array) -> Unknowns:
+def multiplied(y: Unknowns, at: PolynomialJet, faces: Array) -> Unknowns:
     """The unknowns with the multipliers of least squares, those of p and of the feet."""
     y = y._replace(s=y.s.at[0].set(0.0))
     terms = balance(y, at, faces)
@@ -243,7 +247,7 @@ def multiplied(y: Unknowns, at: Jet, faces: Array) -> Unknowns:
     return y._replace(s=jnp.concatenate([jnp.sum(terms.pull[0] * normals[0])[None], feet]))
 
 
-def revised(y: Unknowns, at: Jet, problem: Problem, active: Active) -> Active:
+def revised(y: Unknowns, at: PolynomialJet, problem: Problem, active: Active) -> Active:
     """The active set after a solution: faces that were passed hold; what has a negative multiplier is let go."""
     terms = balance(y, at, active.faces)
     unit = jnp.concatenate([jnp.ones(1), jnp.where(terms.distances > 0, terms.distances, 1.0)])
@@ -258,16 +262,16 @@ def revised(y: Unknowns, at: Jet, problem: Problem, active: Active) -> Active:
     return Active(jnp.where(counts[:, None], faces, active.faces), used)
 
 
-def _saddles(y: Unknowns, at: Jet, faces: Array, size: Array) -> Array:
+def _saddles(y: Unknowns, at: PolynomialJet, faces: Array, size: Array) -> Array:
     """Which feet are places from which the distance falls along b, to second order."""
 
     def least(s: Array, gradient: Array, hessian: Array, held: Array) -> Array:
         normal = jnp.where(held == 0, gradient, 0.0)
         slope = length(normal)
         matrix = jnp.eye(3, dtype=s.dtype) + s * size / jnp.where(slope > 0, slope, 1.0) * hessian
-        return least_curvature(matrix, normal, held == 0)
+        return _least_curvature(matrix, normal, held == 0)
 
-    return jax.vmap(least)(y.s[1:], at.gradient[1:], at.hessian[1:], faces[1:]) < -like_double(SADDLE, y.s.dtype)
+    return jax.vmap(least)(y.s[1:], at.gradient[1:], at.hessian[1:], faces[1:]) < -like_double(_SADDLE, y.s.dtype)
 
 
 def _passed(x: Array, problem: Problem) -> Array:
@@ -277,3 +281,20 @@ def _passed(x: Array, problem: Problem) -> Array:
     way = jnp.where(beyond != 0, x - problem.start, 1.0)
     share = jnp.where(beyond != 0, (problem.face(beyond) - problem.start) / jnp.where(way != 0, way, 1.0), jnp.inf)
     return jnp.where(share <= jnp.maximum(jnp.min(share, axis=-1, keepdims=True), 0.0), beyond, 0.0)
+
+
+def _least_curvature(matrix: Array, normal: Array, free: Array) -> Array:
+    """The smaller eigenvalue of a matrix on the free directions of a surface; at most zero where there is only one."""
+    square = jnp.sum(normal * normal)
+    unit = normal / jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    along = jnp.where(free, jnp.eye(3, dtype=normal.dtype), 0.0) - unit[:, None] * unit
+    curved = jnp.sum(along[:, :, None] * jnp.sum(matrix[:, :, None] * along[None], axis=1)[None], axis=1)
+    # One eigenvalue is zero; the others have this sum and the sum of squares of all entries.
+    trace = jnp.trace(curved)
+    return 0.5 * (trace - jnp.sqrt(jnp.maximum(2 * jnp.sum(curved * curved) - trace * trace, 0.0)))
+
+
+def length(vector: Array) -> Array:
+    """Euclidean length, with the derivative zero at zero."""
+    square = jnp.sum(vector * vector, axis=-1)
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)

@@ -1,4 +1,4 @@
-"""Local feet and local maxima on implicit surfaces: against the table, and where the equations are hard to solve."""
+"""Local maxima of the distance on implicit surfaces: against the table, and where the equations are hard to solve."""
 
 import jax
 import jax.numpy as jnp
@@ -7,15 +7,12 @@ import pytest
 
 from jhd.compiled import compiled
 from jhd.distance.witness.polish import polish
-from jhd.distance.witness.surface_foot import local_foot
 from tests.surface_cases import BY_NAME, CASES, X, Y, Z, sphere, surface
-from tests.surface_reference import cloud, values
 
 # Newton's method ends at rounding; the values of the table are of size one.
 _ROUNDING = 1e-13
 _LANES = 64
 _polish = compiled(jax.vmap(polish))
-_foot = compiled(jax.vmap(local_foot, in_axes=(None, None, None, 0, 0)))
 
 
 def padded(coefficients, size):
@@ -123,48 +120,3 @@ def test_maxima_scale_with_the_surfaces():
     found = polished(problems, 3)
     assert np.asarray(found.converged).all()
     np.testing.assert_allclose(found.distance / found.distance[1], [2.0**-30, 1, 2.0**30], rtol=1e-13)
-
-
-def feet(b, points, starts):
-    return _foot(*(jnp.asarray(x) for x in (padded(b.coefficients, 5), b.lower, b.upper, points, starts)))
-
-
-@pytest.mark.parametrize("name", ["paper_cones", "hyperboloid_cylinder"])
-def test_feet_are_nearest_points(name):
-    """No point of a dense sample is nearer than the foot that starts from the nearest one, and all feet are found."""
-    generator = np.random.default_rng(5)
-    for b in (BY_NAME[name].a, BY_NAME[name].b):
-        sample = cloud(b, 24)
-        points = generator.uniform(b.lower, b.upper, (256, 3))
-        distances = np.linalg.norm(points[:, None] - sample, axis=2)
-        found = feet(b, points, sample[np.argmin(distances, axis=1)])
-        foot = np.asarray(found.point)
-        assert np.asarray(found.converged).all()
-        assert np.all(np.linalg.norm(foot - points, axis=1) <= distances.min(axis=1) + 1e-12)
-        assert np.max(np.abs(values(b.coefficients, foot))) <= 1e-12
-        assert np.all((foot >= b.lower) & (foot <= b.upper))
-
-
-def test_a_face_that_the_surface_touches_lets_go():
-    """A cylinder with its face on x = 3/2, from points outside and inside, from starts on the face and off it."""
-    b = surface(X**2 + Z**2 - 2.25, (-2, -2, -2), (1.5, 2, 2))
-    starts = np.array([[1.2, 0.3, 0.9], [1.5, 0.01, 0.01], [1.5, 0.3, 0.2], [1.49, 0.0, 0.1], [0.3, 1, 1.47]])
-    points = np.repeat([[2.0, 0.1, 0.0], [1.0, 0.1, 0.0]], 5, axis=0)
-    found = feet(b, np.resize(points, (256, 3)), np.resize(np.tile(starts, (2, 1)), (256, 3)))
-    assert np.asarray(found.converged).all()
-    np.testing.assert_allclose(found.point, np.tile([1.5, 0.1, 0.0], (256, 1)), atol=1e-12)
-
-
-def test_faces_hold_and_let_go():
-    """Feet on a face, an edge and inside, from starts elsewhere on the box."""
-    b = surface(Z - X * Y * 0.25, 1)
-    points = np.array([[2.0, 0.2, 0.1], [1.5, 1.5, 0.5], [0.25, 0.25, 0.5], [-3.0, 0.5, 2.0]])
-    starts = np.array([[-1.0, 1, -0.25], [1, -1, -0.25], [1, 1, 0.25], [1, 1, 0.25]])
-    found = feet(b, np.resize(points, (256, 3)), np.resize(starts, (256, 3)))
-    foot = np.asarray(found.point)[:4]
-    assert np.asarray(found.converged).all()
-    assert foot[0, 0] == 1 and (foot[1, :2] == 1).all() and (np.abs(foot[2]) < 0.5).all() and foot[3, 0] == -1
-    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 401)] * 2, indexing="ij"), axis=-1)
-    sample = np.concatenate([grid, grid[..., :1] * grid[..., 1:] / 4], axis=-1).reshape(-1, 3)
-    for point, place in zip(points, foot, strict=True):
-        assert np.linalg.norm(place - point) <= np.min(np.linalg.norm(sample - point, axis=1)) + 1e-12
