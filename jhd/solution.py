@@ -88,6 +88,11 @@ def result_where(condition: Array, yes: Any, no: Any) -> Any:
     return RESULTS.where(condition, yes, no)
 
 
+def with_result(solution: Any, result: Any) -> Any:
+    """The same solution, ended in another way."""
+    return eqx.tree_at(lambda s: s.result, solution, result)
+
+
 def name_of(item: Any) -> str:
     """The name of a member of RESULTS, EVENTS or DIRECTIONS; the members themselves print their sentence."""
     index = int(item._value)

@@ -29,6 +29,6 @@ from jhd.distance.published.two_step import TwoStep
 from jhd.distance.published.vertex_voxels import VertexVoxels
 from jhd.distance.published.voxel_pairs import TiedPairs, VoxelPairs
 from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.distance.search.driver import Progress
+from jhd.distance.search.search import Progress
 from jhd.distance.signed_distance import signed_distance
 from jhd.distance.witness.critical import critical_pairs

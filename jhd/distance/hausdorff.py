@@ -14,7 +14,7 @@ from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.pairs import Shape, pair_of, surfaces_of
 from jhd.distance.published.cube_intervals import CubeIntervals
 from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.distance.search.driver import Progress
+from jhd.distance.search.search import Progress
 from jhd.shapes.checks import Numbers
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.solution import (

@@ -6,6 +6,7 @@ coordinates of its search; bounds handed from one direction to the other stay in
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -15,18 +16,19 @@ from jaxtyping import Array
 
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
-from jhd.distance.frame.method import AbstractHausdorffMethod, Aim
+from jhd.distance.frame.method import AbstractHausdorffMethod, AbstractHostMethod, Aim
 from jhd.distance.frame.prepare import Frame, prepare
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.published.cube_intervals import CubeIntervals
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.candidates import Target
-from jhd.distance.search.driver import Host
+from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd.distance.search.meshes import mesh_directed
+from jhd.distance.search.search import Session, Standing, drive
 from jhd.distance.search.solutions import Pair, target
 from jhd.distance.witness.derivative import with_derivatives
 from jhd.distance.witness.surfaces import with_surface_derivatives
-from jhd.shapes.curve import AbstractCurve, check_curve
+from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.solution import DIRECTIONS, HausdorffSolution, name_of
@@ -95,7 +97,7 @@ class CurvePair(AbstractPair):
         # The two-step method takes fewer samples of a segment where there are more of them.
         sharing = isinstance(method, BranchAndBound)
         self._a, self._b, self._frame = prepare(*jax.lax.stop_gradient(self._given), sharing=sharing)
-        self._host = Host(self._frame, progress)
+        self._session = Session(progress, self._frame.length)
 
     def length(self, value: Array) -> Any:
         """See AbstractPair."""
@@ -103,9 +105,19 @@ class CurvePair(AbstractPair):
 
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """See AbstractPair."""
-        curves = (self._b, self._a) if turned else (self._a, self._b)
-        aim = _aim(level, ceiling, self._a.control_points.dtype)
-        return self._host.run(self._method, *curves, aim, _direction(turned))
+        a, b = (self._b, self._a) if turned else (self._a, self._b)
+        aim, method = _aim(level, ceiling, self._a.control_points.dtype), self._method
+        # Inside jit all operations are traced, those on known numbers too.
+        if is_traced(a, b, method, aim, jnp.zeros(())):
+            return method.directed(a, b, self._frame, aim)
+        if isinstance(method, BranchAndBound):
+            wanted = method.wanted(a, self._frame, aim)
+            search = CurveSearch(a, b, wanted, method.length_of_table(a), method.max_steps)
+            return drive(search, self._session, _direction(turned))
+        run = method.directed if isinstance(method, AbstractHostMethod) else partial(_in_one_go, method)
+        solution = run(a, b, self._frame, aim)
+        self._session.report(_direction(turned), Standing(solution, False, False, 0, 0))
+        return solution
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -125,7 +137,7 @@ class SurfacePair(AbstractPair):
             raise TypeError(f"method must be {known} for implicit surfaces; got {type(method).__name__}.")
         self._method, self._given = method, surfaces_of(a, b)
         self._targets, self._frame = _targets(*self._given)
-        self._host = Host(self._frame, progress)
+        self._session = Session(progress, self._frame.length)
 
     def length(self, value: Array) -> Any:
         """See AbstractPair."""
@@ -134,8 +146,11 @@ class SurfacePair(AbstractPair):
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """See AbstractPair."""
         pair = self._targets.turned() if turned else self._targets.pair()
-        aim = _aim(level, ceiling, self._frame.centre.dtype)
-        return self._host.run_surfaces(self._method, pair, aim, _direction(turned))
+        aim, method, direction = _aim(level, ceiling, self._frame.centre.dtype), self._method, _direction(turned)
+        if is_traced(pair, method, aim, jnp.zeros(())):
+            return method.directed_surfaces(pair, self._frame, aim, direction)
+        wanted, capacity = method.wanted(pair.a, self._frame, aim), method.length_of_table(pair.a)
+        return drive(SurfaceSearch(pair, wanted, direction, capacity, method.max_steps), self._session, direction)
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -174,6 +189,13 @@ class MeshPair(AbstractPair):
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
         return solution
+
+
+@compiled
+def _in_one_go(
+    method: AbstractHausdorffMethod, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim
+) -> HausdorffSolution:
+    return method.directed(a, b, frame, aim)
 
 
 def surfaces_of(a: Any, b: Any) -> tuple[ImplicitSurface, ImplicitSurface]:

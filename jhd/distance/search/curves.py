@@ -33,7 +33,7 @@ from jhd.shapes.curve import BezierSegments
 from jhd.solution import RESULTS, HausdorffSolution, Witness, result_where
 
 # Cells bounded in one step: two waste the vector units, eight bound cells that the first four would have closed.
-_LANES = 4
+LANES = 4
 # Samples of each segment of b for the first feet.
 _SEEDS = 4
 _SEED_STEPS = 3
@@ -137,7 +137,7 @@ def advance(
     error, tolerances, aim = evaluation_error(a, b), _tolerances(a, b, wanted), wanted.aim
 
     def open_(state: State) -> Array:
-        full = growing & (state.waiting + _LANES > state.table.upper.size)
+        full = growing & (state.waiting + LANES > state.table.upper.size)
         above = jnp.max(state.table.upper) > _goal(tolerances, aim, state.lower)
         return above & (state.lower <= aim.ceiling) & (state.steps < limit) & ~full
 
@@ -163,7 +163,7 @@ def advance(
             foot=_where(raised, Place(measured.segment, measured.t), state.foot),
             steps=state.steps + 1,
         )
-        mine = (jnp.arange(_LANES) == best) & asked & ~first
+        mine = (jnp.arange(LANES) == best) & asked & ~first
         goal = _goal(tolerances, aim, state.lower)
         return _pushed(a, b, seeds, state._replace(table=rest), goal, taken, upper, found, mine, measured)
 
@@ -182,7 +182,7 @@ def solution_of(a: BezierSegments, b: BezierSegments, wanted: Wanted, state: Sta
     closed = gap <= tolerances.wanted(upper) * (1 + 4 * jnp.finfo(dtype).eps)
     result = result_where(closed, RESULTS.successful, RESULTS.gap_not_closed)
     result = result_where(~closed & state.dropped, RESULTS.capacity_reached, result)
-    stats = {"steps": state.steps, "cells": state.steps * _LANES}
+    stats = {"steps": state.steps, "cells": state.steps * LANES}
     return HausdorffSolution(jnp.clip(value, lower, upper), lower, upper, witness, result, stats)
 
 
@@ -271,7 +271,7 @@ def begin(a: BezierSegments, b: BezierSegments, capacity: int) -> State:
 def _largest(table: Table) -> tuple[Cell, Array, Table]:
     """The cells with the largest upper bounds, and the table without them."""
     # In single precision, which is thirty times faster on CPU; the order need not be exact.
-    _, index = jax.lax.top_k(table.upper.astype(jnp.float32), _LANES)
+    _, index = jax.lax.top_k(table.upper.astype(jnp.float32), LANES)
     upper = table.upper[index]
     return Cell(*(x[index] for x in table.cell)), upper, table._replace(upper=table.upper.at[index].set(-jnp.inf))
 
@@ -334,7 +334,7 @@ def _pushed(
     open_ = (uppers > goal) & (jnp.tile(width, 2) > 8 * jnp.finfo(width.dtype).eps)
     closed = jnp.maximum(state.closed, jnp.max(jnp.where(open_, -jnp.inf, uppers)))
     new = jnp.where(open_, uppers, -jnp.inf)
-    _, slots = jax.lax.top_k(-state.table.upper.astype(jnp.float32), 2 * _LANES)
+    _, slots = jax.lax.top_k(-state.table.upper.astype(jnp.float32), 2 * LANES)
     old = state.table.upper[slots]
     # Where the table is full the smaller bound of the two makes room: it is folded into the result.
     stays = old >= new

@@ -21,7 +21,7 @@ from jhd.arithmetic.rounding import unit_roundoff
 from jhd.arrays import is_traced
 from jhd.distance.cells.triangles import Cells, Side, first_cells, split
 from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.distance.search.driver import Progress
+from jhd.distance.search.search import Progress
 from jhd.distance.witness.meshes import active_feet, with_mesh_derivatives, witness_of
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.solution import RESULTS, HausdorffSolution

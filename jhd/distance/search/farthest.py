@@ -1,0 +1,129 @@
+"""Searches for the farthest point that run as one compiled program a stretch: of curves, and of implicit surfaces."""
+
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.compiled import compiled
+from jhd.distance.cells.branches import Cell
+from jhd.distance.frame.pieces import Place
+from jhd.distance.search import solutions as surface_solution
+from jhd.distance.search import surfaces as surface_search
+from jhd.distance.search.curves import LANES, State, Table, Wanted, advance, begin, solution_of, unfinished
+from jhd.distance.search.search import AbstractSearch, Standing
+from jhd.distance.search.solutions import Pair
+from jhd.shapes.curve import BezierSegments
+from jhd.solution import HausdorffSolution
+
+# Steps of the first stretch, which hold all but hard pairs.
+_FIRST_STEPS = 128
+# The table grows by this factor.
+_GROWTH = 4
+
+
+class CurveSearch(AbstractSearch):
+    """The search of jhd.distance.search.curves; a state is that of a table, and whether it is still to be begun in.
+
+    Args:
+        a: the curve whose farthest point is looked for, in common coordinates.
+        b: the other one.
+        wanted: what is asked for.
+        capacity: length of the table at first.
+        max_steps: most steps.
+    """
+
+    first_steps = _FIRST_STEPS
+
+    def __init__(self, a: BezierSegments, b: BezierSegments, wanted: Wanted, capacity: int, max_steps: int):
+        self._asked, self._capacity, self.max_steps = (a, b, wanted), capacity, max_steps
+
+    def begin(self) -> tuple[State, bool]:
+        """See AbstractSearch; the program of the first stretch does the work."""
+        return _blank(self._capacity, np.dtype(self._asked[0].control_points.dtype).name), True
+
+    def advance(self, state: tuple[State, bool], limit: int, growing: bool) -> tuple[tuple[State, bool], Standing]:
+        """See AbstractSearch."""
+        table, solution, news = _stretch(*self._asked, *state, limit, growing)
+        return (table, False), Standing(solution, *np.asarray(news))
+
+    def longer(self, state: tuple[State, bool]) -> tuple[State, bool]:
+        """See AbstractSearch."""
+        table, more = state[0].table, (_GROWTH - 1) * state[0].table.upper.size
+        cell = Cell(*(jnp.pad(x, (0, more)) for x in table.cell))
+        upper = jnp.pad(table.upper, (0, more), constant_values=-jnp.inf)
+        return state[0]._replace(table=Table(cell, upper)), False
+
+
+class SurfaceSearch(AbstractSearch):
+    """The same for surfaces, whose table stays as long as it is: more of it than that hardly helps.
+
+    Args:
+        pair: both surfaces in common coordinates.
+        wanted: what is asked for.
+        direction: a member of DIRECTIONS.
+        capacity: length of the table.
+        max_steps: most steps.
+    """
+
+    first_steps = _FIRST_STEPS
+
+    def __init__(self, pair: Pair, wanted: Wanted, direction: Any, capacity: int, max_steps: int):
+        self._asked, self._capacity, self.max_steps = (pair, wanted, direction), capacity, max_steps
+
+    def begin(self) -> tuple[surface_search.State, bool]:
+        """See AbstractSearch."""
+        return _blank_surfaces(self._capacity, np.dtype(self._asked[0].a.side.lower.dtype).name), True
+
+    def advance(
+        self, state: tuple[surface_search.State, bool], limit: int, growing: bool
+    ) -> tuple[tuple[surface_search.State, bool], Standing]:
+        """See AbstractSearch."""
+        table, solution, news = _surface_stretch(*self._asked, *state, limit)
+        return (table, False), Standing(solution, *np.asarray(news))
+
+    def longer(self, state: tuple[surface_search.State, bool]) -> tuple[surface_search.State, bool]:
+        """See AbstractSearch; it is never full."""
+        return state
+
+
+@compiled
+def _stretch(
+    a: BezierSegments, b: BezierSegments, wanted: Wanted, state: State, fresh: Array, limit: Array, growing: Array
+) -> tuple[State, HausdorffSolution, Array]:
+    """Begins the search if it is fresh, goes on for some steps, and says how it stands, in four numbers."""
+    capacity = state.table.upper.size
+    state = jax.lax.cond(fresh, lambda _: begin(a, b, capacity), lambda state: state, state)
+    state = advance(a, b, wanted, state, limit, growing)
+    going_on = unfinished(a, b, wanted, state)
+    full = going_on & (state.waiting + LANES > capacity)
+    return state, solution_of(a, b, wanted, state), jnp.stack([going_on, full, state.steps, state.waiting])
+
+
+@lru_cache(maxsize=8)
+def _blank(capacity: int, dtype: str) -> State:
+    """A state of the right shapes, to begin in."""
+    numbers, index = jnp.zeros(capacity, dtype), jnp.zeros(capacity, int)
+    cell = Cell(index, numbers, numbers, index, numbers, index, numbers)
+    number, count = jnp.zeros((), dtype), jnp.array(0)
+    place = Place(count, number)
+    return State(Table(cell, numbers), number, number, place, place, number, jnp.array(False), place, count)
+
+
+@compiled
+def _surface_stretch(
+    pair: Pair, wanted: Wanted, direction: Any, state: surface_search.State, fresh: Array, limit: Array
+) -> tuple[surface_search.State, HausdorffSolution, Array]:
+    capacity = state.table.bound.size
+    state = jax.lax.cond(fresh, lambda _: surface_search.begin(pair.a, pair.b, capacity), lambda state: state, state)
+    state, going_on = surface_solution.advanced(pair, wanted, state, limit)
+    news = jnp.stack([going_on, jnp.array(False), state.steps, state.waiting])
+    return state, surface_solution.solution_of(pair, wanted, state, direction), news
+
+
+@lru_cache(maxsize=8)
+def _blank_surfaces(capacity: int, dtype: str) -> surface_search.State:
+    return surface_search.blank(capacity, dtype)

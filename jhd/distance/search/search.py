@@ -1,0 +1,150 @@
+"""What a search is, and the one loop that runs it from the host.
+
+A search goes in stretches of a bounded number of steps. Between two of them Python hears Ctrl-C, progress is reported,
+and a table that is about to be full is exchanged for a longer one. Its bounds are true wherever it stands. So an
+interruption hands back those reached, and what a call searches after one (the other direction) those it begins with.
+"""
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jhd.solution import RESULTS, name_of, with_result
+
+# The seconds that stretches after the first two are made to last, and how much longer the next one may be.
+_SECONDS, _LONGER = 0.2, 4.0
+
+
+class Progress(NamedTuple):
+    """How far a search has come; bounds in the unit of the coordinates.
+
+    Args:
+        direction: the name of a member of DIRECTIONS; None for a minimum distance, which has none.
+        steps: steps taken in this direction.
+        waiting: cells, or pairs of them, that are still to be looked at.
+        lower: proven lower bound of the distance in this direction.
+        upper: proven upper bound of it.
+    """
+
+    direction: str | None
+    steps: int
+    waiting: int
+    lower: float
+    upper: float
+
+
+class Standing(NamedTuple):
+    """How a search stands.
+
+    Args:
+        solution: what it has proven and found, in its own coordinates: a HausdorffSolution or a MinimumSolution.
+        going_on: whether more steps would serve what is wanted.
+        full: whether it stopped because its table is full; then `longer` helps.
+        steps: steps taken in all.
+        waiting: cells, or pairs of them, that are still to be looked at.
+    """
+
+    solution: Any
+    going_on: bool
+    full: bool
+    steps: int
+    waiting: int
+
+
+class AbstractSearch(ABC):
+    """A search for bounds that get closer with each step; its state is handed to and fro, so it can be taken up again.
+
+    Args:
+        max_steps: most steps in all.
+        first_steps: steps of the first stretch, which hold all but hard cases; 0 for the bounds it begins with.
+    """
+
+    max_steps: int
+    first_steps: int
+
+    @abstractmethod
+    def begin(self) -> Any:
+        """The state in which no step has been taken."""
+
+    @abstractmethod
+    def advance(self, state: Any, limit: int, growing: bool) -> tuple[Any, Standing]:
+        """Goes on until what is wanted is reached, or some limit.
+
+        Args:
+            state: where it stands.
+            limit: steps at most, all of them counted since it began.
+            growing: whether to stop before the table is full.
+        """
+
+    @abstractmethod
+    def longer(self, state: Any) -> Any:
+        """The same state with more room."""
+
+
+class Session:
+    """What the searches of one call of an entry share: who hears of progress, and whether they were interrupted.
+
+    Args:
+        progress: called with a Progress after each stretch, or None.
+        length: leads a length (and the direction in which to round it) to the user's unit; None where it is there.
+    """
+
+    def __init__(
+        self, progress: Callable[[Progress], object] | None = None, length: Callable[[Any, float], Any] | None = None
+    ):
+        self._progress, self._length, self.interrupted = progress, length, False
+
+    def report(self, direction: Any, standing: Standing) -> None:
+        """Tells how a search stands; the direction is a member of DIRECTIONS, or None."""
+        if self._progress is None:
+            return
+        ends = standing.solution.lower, standing.solution.upper
+        if self._length is not None:
+            ends = self._length(ends[0], 0.0), self._length(ends[1], np.inf)
+        name = None if direction is None else name_of(direction)
+        self._progress(Progress(name, int(standing.steps), int(standing.waiting), float(ends[0]), float(ends[1])))
+
+
+def drive(search: AbstractSearch, session: Session, direction: Any = None) -> Any:
+    """The solution of a search run to its end, or as it stands where it is interrupted.
+
+    Args:
+        search: the search.
+        session: that of the call.
+        direction: a member of DIRECTIONS, or None; for progress alone.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted before it had any bounds.
+    """
+    state: Any = None
+    standing: Standing | None = None
+    taken, stretch = 0, search.first_steps
+    while True:
+        limit = 0 if session.interrupted else min(taken + stretch, search.max_steps)
+        began = time.perf_counter()
+        try:
+            fresh = state is None
+            state, standing = search.advance(search.begin() if fresh else state, limit, not session.interrupted)
+            session.report(direction, standing)
+        except KeyboardInterrupt:
+            if standing is None:
+                raise
+            session.interrupted = True
+        if session.interrupted or not standing.going_on or standing.steps >= search.max_steps:
+            return _ended(standing, session)
+        # The first stretch may have been compiled in it.
+        if not fresh:
+            stretch = max(1, int(stretch * min(_LONGER, _SECONDS / (time.perf_counter() - began))))
+        stretch, taken = max(1, stretch), int(standing.steps)
+        if standing.full:
+            state = search.longer(state)
+
+
+def _ended(standing: Standing, session: Session) -> Any:
+    solution = standing.solution
+    if session.interrupted and name_of(solution.result) != "successful":
+        return with_result(solution, RESULTS.interrupted)
+    return solution
