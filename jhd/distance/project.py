@@ -260,7 +260,10 @@ def _checked(points: Numbers, shape: object) -> tuple[Array, BezierSegments]:
 
 
 def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: BezierSegments) -> Any:
-    """Results of a jitted kernel for all queries: scaled by a power of two, in blocks of a few sizes when concrete."""
+    """Results of a jitted kernel for all queries: scaled by a power of two, in blocks of a few sizes when concrete.
+
+    The kernel takes the option, queries, the curve padded by repetition, and how many of its segments are not padding.
+    """
     batch, traced = queries.shape[:-1], is_traced(queries, curve)
     xp = jnp if traced else np
     good = usable(curve)
@@ -276,11 +279,12 @@ def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: B
     weights = None if curve.weights is None else xp.asarray(curve.weights)[index]
     scaled = trusted(points[index], weights, xp.asarray(curve.following)[index])
     if traced:
-        found = [kernel(option, flat, scaled)]
+        found = [kernel(option, flat, scaled, curve.count)]
     else:
         size = next((b for b in _BLOCKS if b >= len(flat)), _BLOCKS[-1])
         padded = flat[np.minimum(np.arange(-(-len(flat) // size) * size), len(flat) - 1)]
-        found = [kernel(option, rows, scaled) for rows in padded.reshape(-1, size, curve.dim)]
+        used = np.asarray(curve.count)
+        found = [kernel(option, rows, scaled, used) for rows in padded.reshape(-1, size, curve.dim)]
     joined = jax.tree_util.tree_map(lambda *parts: xp.concatenate(parts)[: len(flat)], *found)
     joined = _marked(joined, good) if traced else joined
     joined = jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), joined)
@@ -308,7 +312,7 @@ def _unscaled(found: Any, frame: Frame) -> Any:
 
 
 @compiled
-def _project_block(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments) -> Projection:
+def _project_block(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments, _: Any) -> Projection:
     skip = repeated(curve.control_points, curve.weights)
 
     def one(point: Array) -> Projection:
@@ -323,8 +327,9 @@ def _project_block(method: AbstractProjectionMethod, queries: Array, curve: Bezi
 
 
 @partial(compiled, static=(0,))
-def _stationary_block(capacity: int, queries: Array, curve: BezierSegments) -> StationaryPoints:
-    skip = repeated(curve.control_points, curve.weights)
+def _stationary_block(capacity: int, queries: Array, curve: BezierSegments, used: Any) -> StationaryPoints:
+    # A segment that repeats the one before it has stationary parameters of its own; only padding has none.
+    skip = jnp.arange(curve.count) >= used
     return in_chunks(lambda p: _stationary_of(p, curve, skip, capacity), queries, _CHUNK)
 
 

@@ -317,6 +317,20 @@ def test_a_set_of_points_has_no_stationary_parameter_that_moves():
     np.testing.assert_allclose(np.asarray(found.distance)[valid], 5.0)
 
 
+def test_a_segment_that_repeats_the_one_before_it_has_stationary_points_of_its_own():
+    row = np.array([[0.0, 0.0], [1.0, 0.0]])
+    curve = jhd.BezierSegments(np.stack([row, row, row + [0.0, 1.0]]))
+    for found in (
+        jhd.stationary_points([0.5, 2.0], curve, capacity=8),
+        jax.jit(lambda p: jhd.stationary_points(p, curve, capacity=8))(jnp.array([0.5, 2.0])),
+    ):
+        valid = np.asarray(found.valid)
+        np.testing.assert_array_equal(np.asarray(found.segment)[valid], [0, 1, 2])
+        np.testing.assert_allclose(np.asarray(found.distance)[valid], [2.0, 2.0, 1.0])
+        near = jhd.project([0.5, -2.0], curve)
+        assert int(near.segment) in (0, 1) and float(near.distance) == 2.0
+
+
 def test_what_does_not_fit_is_said():
     parabola = jhd.BezierCurve([[-2.0, 4.0], [0.0, -4.0], [2.0, 4.0]])
     found = jhd.stationary_points([0.0, 2.0], parabola, capacity=2, throw=False)

@@ -28,7 +28,12 @@ def piece_of(curve: BezierSegments, segment: Array) -> Piece:
 
 
 def preceding(following: Array) -> Array:
-    """For each segment the one that ends where it starts, -1 at a free start: `following` turned round."""
-    index = jnp.arange(following.shape[-1])
-    starts_where = following[None, :] == index[:, None]
-    return jnp.where(jnp.any(starts_where, axis=1), jnp.argmax(starts_where, axis=1), -1)
+    """For each segment the one that ends where it starts, -1 at a free start: `following` turned round.
+
+    Where several end there, as repeated segments do, it is the first of them.
+    """
+    count = following.shape[-1]
+    # The free ends, -1, all write to the slot behind the last.
+    slots = jnp.where(following < 0, count, following)
+    first = jnp.full(count + 1, count).at[slots].min(jnp.arange(count))[:count]
+    return jnp.where(first < count, first, -1)

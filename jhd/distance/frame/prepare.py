@@ -51,7 +51,9 @@ def trusted(control_points: Any, weights: Any, following: Any) -> BezierSegments
 
 @lru_cache(maxsize=2)
 def _structure(rational: bool) -> Any:
-    one = BezierSegments(np.zeros((1, 1, 2)), np.ones((1, 1)) if rational else None)
+    # Asked for first inside a trace, its operations would be part of that program, dead, and of no other.
+    with jax.ensure_compile_time_eval():
+        one = BezierSegments(np.zeros((1, 1, 2)), np.ones((1, 1)) if rational else None)
     return jax.tree_util.tree_structure(one)
 
 

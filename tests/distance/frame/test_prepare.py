@@ -11,12 +11,14 @@ import jhd
 from jhd.arithmetic.rounding import gamma
 from jhd.distance.frame.prepare import (
     Frame,
+    _structure,
     elevation_matrix,
     padded_count,
     preparation_error,
     prepare,
     raised_degree,
     shared_count,
+    trusted,
 )
 from tests.cases import CASES
 from tests.distance import exact, pairs
@@ -187,3 +189,15 @@ def test_long_curves_do_not_share_a_size():
     assert shared_count(1, 90, 3) == (96, 96)
     assert shared_count(1, 100, 3) == (4, 192)
     assert shared_count(1, 1, 6) == (16, 16)
+
+
+def test_the_text_of_a_program_does_not_depend_on_what_was_traced_before():
+    def text(curve):
+        # A function of its own each time: jax keeps what it has traced.
+        return str(jax.make_jaxpr(lambda points: trusted(points, None, curve.following).control_points)(points))
+
+    points = jnp.zeros((2, 4, 2))
+    curve = jhd.BezierSegments(points)
+    _structure.cache_clear()
+    first = text(curve)
+    assert text(curve) == first
