@@ -153,7 +153,7 @@ def minimum_distance(
         report = None if progress is None else lambda found: progress(MinimumProgress(*found))
         solution = of_meshes(*meshes, *tolerances, max_steps, report)
     elif isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
-        report = None if progress is None else lambda found: progress(_plain_report(found))
+        report = None if progress is None else lambda found, frame: progress(_report(found, frame))
         solution = with_surface(a, b, *tolerances, max_steps, capacity, report)
     else:
         solution = _parametric(a, b, tolerances, max_steps, capacity, progress)
@@ -191,7 +191,7 @@ def _parametric(
         found = _in_one_go(p, q, counts, wanted, max_steps, capacity)
     else:
         found = _from_host(p, q, counts, wanted, max_steps, capacity, frame, progress)
-    solution = _in_users_coordinates(found, frame)
+    solution = found.solution(frame)
     if is_traced(nets):
         value, point_a, point_b = attached(*nets, frame, jax.lax.stop_gradient(found.best), solution.value)
         keep = jnp.isfinite(solution.value)
@@ -307,10 +307,6 @@ def _from_host(
     return in_stretches(partial(_stretch, a, b, wanted), state, max_steps, report)
 
 
-def _plain_report(found: Any) -> MinimumProgress:
-    return MinimumProgress(int(found.stats["steps"]), float(found.lower), float(found.upper))
-
-
 def _report(found: Outcome, frame: Frame) -> MinimumProgress:
     lower, upper = frame.length(found.lower, 0.0), frame.length(found.upper, np.inf)
     return MinimumProgress(int(found.stats["steps"]), float(lower), float(upper))
@@ -339,14 +335,3 @@ def _near_pairs(a: Net, b: Net, counts: tuple[int, int]) -> tuple[np.ndarray, np
     size = max(16, 1 << (len(pairs) - 1).bit_length())
     index = np.minimum(np.arange(size), len(pairs) - 1)
     return pairs[index], np.arange(size) < len(pairs)
-
-
-def _in_users_coordinates(found: Outcome, frame: Frame) -> MinimumSolution:
-    value, lower = frame.length(found.best.distance), frame.length(found.lower, 0.0)
-    upper, result = frame.length(found.upper, np.inf), found.result
-    if is_traced(frame.usable):
-        good = frame.usable
-        value, upper = jnp.where(good, value, jnp.inf), jnp.where(good, upper, jnp.inf)
-        lower, result = jnp.where(good, lower, 0.0), result_where(good, result, RESULTS.nonfinite_value)
-    points = frame.place(found.point_a), frame.place(found.point_b)
-    return MinimumSolution(value, lower, upper, *points, result, found.stats)

@@ -15,7 +15,7 @@ the gradient of f in a cell that is away from the faces of its box.
 
 A distance is proven by points near the computed ones: f changes its sign, rounding included, along a short segment.
 
-Rounding: polynomials by `jhd.arithmetic.trivariate`, all else in balls; coordinates are the user's.
+Rounding: polynomials as in `jhd.distance.cells.implicit`, all else in balls; coordinates are at most one.
 
 Source: Hansen & Walster, Global Optimization Using Interval Analysis (2004), chapter 12 to 14; Bertsekas, Constrained
 Optimization and Lagrange Multiplier Methods (1982), for the quadratic terms.
@@ -28,35 +28,28 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arithmetic import trivariate
 from jhd.arithmetic.balls import Ball, dot, minus, plus, semidefinite, times
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.distance.cells.implicit import (
-    At,
-    Implicit,
-    Local,
-    between,
-    error_of,
-    parameters,
-    proven_point,
-    shape_at,
-    shape_over,
-)
+from jhd.distance.cells.implicit import At, Local, error_of, parameters, polynomial_at, shape_at, shape_over
 from jhd.distance.cells.pairs import Cell, CellBound, bends, expand, joined, length, newton_step
 from jhd.distance.frame.net_jets import Net, jet, part_of, skew
+from jhd.distance.frame.surfaces import Side
+from jhd.distance.nearest.places import proven_radius, returned
 
 # Steps of Newton's method on the Lagrange system of a cell.
 _STEPS = 6
 # The share of the quadratic terms: in the steps, where it makes them keep to the surfaces, and in the bounds.
 _STIFF, _CONVEX = 1e5, 30.0
 _THINNEST = 16
+# Steps of Newton's method back onto a surface.
+_BACK = 3
 
 
 class WithSurface(NamedTuple):
-    """A pair of shapes in the user's coordinates, of which one at least is an implicit surface."""
+    """A pair of shapes in common coordinates, of which one at least is an implicit surface."""
 
-    a: Net | Implicit
-    b: Net | Implicit
+    a: Net | Side
+    b: Net | Side
     # What rounding may leave, in errors of points: much where points are proven by signs of enclosures.
     room: Array | float = 64.0
 
@@ -115,7 +108,7 @@ class _Place(NamedTuple):
     parts: tuple[Any, Any]
 
 
-def _there(a: Net | Implicit, b: Net | Implicit, parts: tuple[Any, Any], cell: Cell, z: Array) -> tuple[At, At]:
+def _there(a: Net | Side, b: Net | Side, parts: tuple[Any, Any], cell: Cell, z: Array) -> tuple[At, At]:
     n, width = parameters(a), cell.high - cell.low
     return (
         shape_at(a, parts[0], cell.low[:n], width[:n], z[:n]),
@@ -123,7 +116,7 @@ def _there(a: Net | Implicit, b: Net | Implicit, parts: tuple[Any, Any], cell: C
     )
 
 
-def stationary(a: Net | Implicit, b: Net | Implicit, cell: Cell, start: Array, steps: int = _STEPS) -> _Place:
+def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: int = _STEPS) -> _Place:
     """Where the Lagrange system is about solved within a cell, its sides as constraints; nothing is proven."""
     n = parameters(a)
     parts = _part(a, cell.piece_a, cell.low[:n], cell.high[:n]), _part(b, cell.piece_b, cell.low[n:], cell.high[n:])
@@ -146,7 +139,7 @@ def stationary(a: Net | Implicit, b: Net | Implicit, cell: Cell, start: Array, s
     return _Place(jnp.where(jnp.isfinite(z), z, 0.5), jnp.where(jnp.isfinite(multipliers), multipliers, 0.0), parts)
 
 
-def _bound(a: Net | Implicit, b: Net | Implicit, cell: Cell) -> CellBound:
+def _bound(a: Net | Side, b: Net | Side, cell: Cell) -> CellBound:
     n, dtype, width = parameters(a), cell.low.dtype, cell.high - cell.low
     place = stationary(a, b, cell, jnp.full(cell.low.shape, 0.5, dtype))
     local = (
@@ -169,9 +162,7 @@ def _of_boxes(apart: Ball) -> Array:
     return length(gaps) * (1 - gamma(12, gaps.dtype))
 
 
-def _of_second_order(
-    a: Net | Implicit, b: Net | Implicit, cell: Cell, place: _Place, over: "_Stacked", apart: Ball
-) -> Array:
+def _of_second_order(a: Net | Side, b: Net | Side, cell: Cell, place: _Place, over: "_Stacked", apart: Ball) -> Array:
     """The larger of the bounds by F and by the unit vector that joins the points; see the module."""
     z, n, dtype = place.z, parameters(a), cell.low.dtype
     there = _there(a, b, place.parts, cell, z)
@@ -190,14 +181,14 @@ def _of_second_order(
 
 
 def _excluded(
-    a: Net | Implicit, b: Net | Implicit, cell: Cell, local: tuple[Local, Local], over: "_Stacked", apart: Ball
+    a: Net | Side, b: Net | Side, cell: Cell, local: tuple[Local, Local], over: "_Stacked", apart: Ball
 ) -> Array:
     """Whether the cell is proven to hold no nearest pair."""
     n, low, high = parameters(a), cell.low, cell.high
     out = jnp.zeros((), bool)
     naive = dot(over.first, Ball(apart.mid[None], apart.rad[None]))
     for shape, side, span in ((a, local[0], slice(0, n)), (b, local[1], slice(n, None))):
-        if isinstance(shape, Implicit):
+        if isinstance(shape, Side):
             value: Any = side.value
             out |= (value.lower > 0) | (value.upper < 0) | _not_parallel(shape, side, apart, low[span], high[span])
         else:
@@ -206,8 +197,8 @@ def _excluded(
     return out
 
 
-def _part(shape: Net | Implicit, k: Array, low: Array, high: Array) -> Any:
-    return None if isinstance(shape, Implicit) else part_of(shape.piece(k), low, high)
+def _part(shape: Net | Side, k: Array, low: Array, high: Array) -> Any:
+    return None if isinstance(shape, Side) else part_of(shape.piece(k), low, high)
 
 
 class _Tight(NamedTuple):
@@ -229,13 +220,12 @@ def _pointwise(a: Any, b: Any, at: tuple[At, At], place: Array, n: int, parts: t
     total = place.shape[0]
     for shape, here, span, part in zip((a, b), at, (slice(0, n), slice(n, None)), parts, strict=True):
         wrong = error_of(shape)
-        if isinstance(shape, Implicit):
+        if isinstance(shape, Side):
             # The point is a float by definition, at a parameter that differs by its rounding.
-            found = jax.vmap(lambda c, x=place[span]: trivariate.evaluate(c, x[:, None]))(shape.table[:4])
-            balls = between(found.lower[:, 0], found.upper[:, 0])
-            values.append(jax.tree_util.tree_map(lambda x: x[0], balls))
+            value, gradient = polynomial_at(shape, place[span])
+            values.append(value)
             width = jnp.diagonal(here.first)
-            slope = times(jax.tree_util.tree_map(lambda x: x[1:], balls), Ball(width, gamma(4, width.dtype) * width))
+            slope = times(gradient, Ball(width, gamma(4, width.dtype) * width))
             slopes.append(_placed(slope, span, total))
             points.append(Ball(place[span], jnp.zeros_like(width)))
             shifts.append(_ratio(gamma(8, width.dtype) * (jnp.abs(place[span]) + width), width))
@@ -318,30 +308,32 @@ def _second_order(
     return found - gamma(6, dtype) * (jnp.abs(value.lower) + taken) - 64 * smallest_normal(dtype)
 
 
-def _not_parallel(shape: Implicit, side: Local, apart: Ball, low: Array, high: Array) -> Array:
+def _not_parallel(shape: Side, side: Local, apart: Ball, low: Array, high: Array) -> Array:
     """Whether p - q and the gradient are proven not to be parallel, in coordinates that no face of the box holds."""
     if side.slope is None:
         return jnp.zeros((), bool)
-    inside = (low > shape.lower) & (high < shape.upper)
+    inside = (low > jnp.asarray(shape.lower)) & (high < jnp.asarray(shape.upper))
     i, j = np.array([1, 2, 0]), np.array([2, 0, 1])
     take = lambda ball, k: Ball(ball.mid[k], ball.rad[k])  # noqa: E731
     cross = minus(times(take(apart, i), take(side.slope, j)), times(take(apart, j), take(side.slope, i)))
     return jnp.any(((cross.lower > 0) | (cross.upper < 0)) & inside[i] & inside[j])
 
 
-def _proven(a: Net | Implicit, b: Net | Implicit, cell: Cell, place: _Place) -> tuple[Array, Array, Array]:
+def _proven(a: Net | Side, b: Net | Side, cell: Cell, place: _Place) -> tuple[Array, Array, Array]:
     """An upper bound of the distance by points proven near a place, where they are, and how far they are apart."""
     n, places = parameters(a), cell.low + place.z * (cell.high - cell.low)
     radii, moved = [], []
     for shape, span in ((a, slice(0, n)), (b, slice(n, None))):
-        if isinstance(shape, Implicit):
-            point, radius = proven_point(shape, places[span])
+        if isinstance(shape, Side):
+            near = jnp.clip(places[span], jnp.asarray(shape.lower), jnp.asarray(shape.upper))
+            found = returned(shape, near[:, None], _BACK)
+            point, radius = found[:, 0], proven_radius(shape, found)[0]
         else:
             point, radius = places[span], error_of(shape)
         moved.append(point)
         radii.append(radius)
     points = [
-        moved[k] if isinstance(shape, Implicit) else jet(place.parts[k], span).point
+        moved[k] if isinstance(shape, Side) else jet(place.parts[k], span).point
         for k, (shape, span) in enumerate(((a, place.z[:n]), (b, place.z[n:])))
     ]
     distance = length(points[0] - points[1])

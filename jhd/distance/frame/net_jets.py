@@ -21,6 +21,7 @@ from jaxtyping import Array
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.balls import Ball, hull, minus, plus, reciprocal, times
 from jhd.arithmetic.rounding import gamma
+from jhd.shapes.checks import largest_weight_ratio
 
 
 class Net(NamedTuple):
@@ -47,6 +48,15 @@ class Net(NamedTuple):
     def piece(self, k: Array) -> "Net":
         """One piece, without the first axis."""
         return Net(self.points[k], None if self.weights is None else self.weights[k])
+
+
+def usable_net(net: Net) -> Array:
+    """Whether all control points are finite and all weights finite and positive."""
+    good = jnp.all(jnp.isfinite(net.points))
+    if net.weights is None:
+        return good
+    least, most = jnp.min(net.weights), jnp.max(net.weights)
+    return good & (least > 0) & (most < jnp.inf) & (most / largest_weight_ratio(net.weights.dtype) <= least)
 
 
 class Jet(NamedTuple):

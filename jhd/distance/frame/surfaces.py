@@ -1,12 +1,13 @@
-"""A pair of implicit surfaces in common coordinates: moved to the origin, scaled by a power of two, in one degree.
+"""Implicit surfaces in common coordinates, each with another shape: moved to the origin, scaled by a power of two.
 
 The exact distance is that of the stored coefficients and boxes. The corners of the boxes move without rounding: an axis
 is moved only where its coordinates lie so far from the origin, compared with their extent, that the difference to their
-middle is exact (Sterbenz). Each coefficient comes with a bound of its error. Where the surfaces are known they are
-written in the new coordinates in exact arithmetic and rounded once, so neither size nor place costs digits; under
-tracing the shift is rounded, and far from the origin its errors are large and said to be so.
+middle is exact (Sterbenz), and so do the control points of a parametric shape. Each coefficient comes with a bound of
+its error. Where the surfaces are known they are written in the new coordinates in exact arithmetic and rounded once, so
+neither size nor place costs digits; under tracing the shift is rounded, and far from the origin its errors are large
+and said to be so.
 
-Coordinates of corners below the smallest normal number count as zero.
+Coordinates below the smallest normal number count as zero.
 """
 
 from fractions import Fraction
@@ -21,6 +22,7 @@ from jaxtyping import Array
 from jhd.arithmetic import exact_polynomials
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arrays import is_traced
+from jhd.distance.frame.net_jets import Net, usable_net
 from jhd.distance.frame.prepare import Frame
 from jhd.shapes.implicit import ImplicitSurface
 
@@ -52,12 +54,16 @@ class Side(NamedTuple):
     vanishing: Any  # (3, 3, 3)
 
 
-def prepare_surfaces(a: ImplicitSurface, b: ImplicitSurface) -> tuple[Side, Side, Frame]:
-    """Both surfaces in common coordinates of size at most one, and the frame that leads back to the user's."""
+def prepare_surfaces(a: Any, b: Any) -> tuple[Any, Any, Frame]:
+    """Both shapes in common coordinates of size at most one, and the frame that leads back to the user's.
+
+    Each is an ImplicitSurface, one of them at least, which becomes a Side, or a Net, which stays one.
+    """
     traced = is_traced(a, b)
     xp: Any = jnp if traced else np
     good = _usable(a) & _usable(b) if traced else True
-    ends = [[xp.where(good, end, default) for end, default in zip(s.box(), (-1.0, 1.0), strict=True)] for s in (a, b)]
+    boxes = [_box(xp, shape) for shape in (a, b)]
+    ends = [[xp.where(good, end, default) for end, default in zip(box, (-1.0, 1.0), strict=True)] for box in boxes]
     first = _exponent(xp, xp.stack([end for box in ends for end in box]))
     ends = [[xp.ldexp(end, -first) for end in box] for box in ends]
     low, high = xp.minimum(ends[0][0], ends[1][0]), xp.maximum(ends[0][1], ends[1][1])
@@ -68,10 +74,32 @@ def prepare_surfaces(a: ImplicitSurface, b: ImplicitSurface) -> tuple[Side, Side
     ends = [[xp.ldexp(end, -second) for end in box] for box in ends]
     frame = Frame(centre, first, second, good)
     written = _rounded if traced else _exact
-    polynomials = [written(s, frame, box) for s, box in zip((a, b), ends, strict=True)]
-    size = padded(max(max(p[0].shape) - 1 for p in polynomials)) + 1
-    sides = [_side(xp, p, box, size) for p, box in zip(polynomials, ends, strict=True)]
+    known = [None if isinstance(s, Net) else written(s, frame, box) for s, box in zip((a, b), ends, strict=True)]
+    size = padded(max(max(p[0].shape) - 1 for p in known if p is not None)) + 1
+    sides = [
+        _moved(xp, shape, frame) if p is None else _side(xp, p, box, size)
+        for shape, p, box in zip((a, b), known, ends, strict=True)
+    ]
     return sides[0], sides[1], frame
+
+
+def _box(xp: Any, shape: ImplicitSurface | Net) -> tuple[Any, Any]:
+    if isinstance(shape, ImplicitSurface):
+        return shape.box()
+    points = xp.asarray(shape.points)
+    return xp.min(points, axis=(0, 1, 2)), xp.max(points, axis=(0, 1, 2))
+
+
+def _moved(xp: Any, net: Net, frame: Frame) -> Net:
+    """The net in common coordinates, without rounding, its weights with the largest one in [1/2, 1)."""
+    points, weights = xp.asarray(net.points), net.weights
+    if is_traced(frame.usable):
+        points = jnp.where(frame.usable, points, 0.0)
+        weights = None if weights is None else jnp.where(frame.usable, weights, 1.0)
+    if weights is not None:
+        weights = xp.asarray(weights)
+        weights = xp.ldexp(weights, -xp.frexp(xp.max(weights, axis=(1, 2), keepdims=True))[1])
+    return Net(xp.ldexp(xp.ldexp(points, -frame.first) - frame.centre, -frame.second), weights)
 
 
 def padded(degree: int) -> int:
@@ -87,7 +115,9 @@ def _side(xp: Any, polynomial: tuple[Any, Any, Any], box: list[Any], size: int) 
     return Side(a, e, box[0], box[1], vanishing)
 
 
-def _usable(surface: ImplicitSurface) -> Any:
+def _usable(surface: ImplicitSurface | Net) -> Any:
+    if isinstance(surface, Net):
+        return usable_net(surface)
     numbers = jnp.concatenate([surface.coefficients.ravel(), surface.lower, surface.upper])
     return jnp.all(jnp.isfinite(numbers)) & jnp.any(surface.coefficients != 0) & jnp.all(surface.lower < surface.upper)
 
@@ -99,17 +129,22 @@ def _exponent(xp: Any, x: Any) -> Any:
 
 def _exact(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Coefficients, their errors and the strata where they vanish, from exact arithmetic."""
-    two = Fraction(2)
-    first, second = int(frame.first), int(frame.second)
-    middle = [Fraction(float(x)) * two**first for x in np.asarray(frame.centre)]
-    exact = exact_polynomials.trimmed(exact_polynomials.integers(np.asarray(surface.coefficients)))
-    exact = exact_polynomials.substituted(exact, middle, [two ** (first + second)] * 3)
+    exact = exact_polynomial(surface, frame)
     dtype = np.asarray(surface.lower).dtype
     nu, u = smallest_normal(dtype), float(np.finfo(dtype).eps)
     floats = exact_polynomials.floats(exact)
     rounded = np.where(np.abs(floats) < nu, 0.0, floats).astype(dtype)
     error = np.where(exact == 0, 0.0, np.maximum(u * np.abs(floats), 2 * nu))
     return rounded, error, _vanishing(exact, floats, box)
+
+
+def exact_polynomial(surface: ImplicitSurface, frame: Frame) -> np.ndarray:
+    """A positive multiple of the polynomial of a known surface in common coordinates, in integers."""
+    two = Fraction(2)
+    first, second = int(frame.first), int(frame.second)
+    middle = [Fraction(float(x)) * two**first for x in np.asarray(frame.centre)]
+    exact = exact_polynomials.trimmed(exact_polynomials.integers(np.asarray(surface.coefficients)))
+    return exact_polynomials.substituted(exact, middle, [two ** (first + second)] * 3)
 
 
 def _vanishing(exact: np.ndarray, floats: np.ndarray, box: list[Any]) -> np.ndarray:

@@ -89,7 +89,7 @@ def form(side: Side, cells: Boxes) -> Form:
     local = jax.lax.fori_loop(0, 3, about, varying(whole, side, cells))
     terms = jax.lax.fori_loop(0, 3, lambda _, x: jnp.moveaxis(bernstein_along(x, 0), 0, 2), local)
     sizes = gamma(7 * _degrees(a) + 40, a.dtype) * jnp.abs(a) + side.error
-    error = horner(sizes, jnp.abs(cells.centre) + cells.half) + _underflow(a.dtype)
+    error = horner(sizes, jnp.abs(cells.centre) + cells.half) + underflow(a.dtype)
     return Form(local, terms.reshape(-1, terms.shape[-1]), error)
 
 
@@ -97,7 +97,7 @@ def signed_values(side: Side, points: Float[Array, "3 points"]) -> tuple[Array, 
     """Values of the polynomial at points, and bounds of their errors: gamma(6 N) m + e for Horner's rule."""
     a = jnp.asarray(side.coefficients)
     sizes = gamma(6 * _degrees(a) + 8, a.dtype) * jnp.abs(a) + side.error
-    return horner(a, points), horner(sizes, jnp.abs(points)) + _underflow(a.dtype)
+    return horner(a, points), horner(sizes, jnp.abs(points)) + underflow(a.dtype)
 
 
 def lower_bounds(
@@ -173,7 +173,8 @@ def _degrees(a: Array) -> int:
     return sum(a.shape) - 3
 
 
-def _underflow(dtype: np.dtype) -> float:
+def underflow(dtype: np.dtype) -> float:
+    """More than what underflow takes from any value, where coordinates and coefficients are at most one."""
     return 2.0**-900 if np.dtype(dtype) == np.float64 else 2.0**-110
 
 

@@ -1,10 +1,14 @@
 """Points of implicit surfaces in boxes, for many at once: near a place, nearest to a point, and their proof.
 
 Points and feet are found by a few steps of Newton's method that keep to the box. Nothing hangs on them: a point is
-proven where the polynomial has two signs, rounding included, on a short segment of the closed box about it, or where it
-lies on a face, an edge or a corner on which the polynomial is known to be zero.
+proven where the polynomial has two signs on a short segment of the closed box about it, or where it lies on a face, an
+edge or a corner on which the polynomial is known to be zero. In floating point the signs are those of enclosures, which
+err by far more than an ulp of the point; in integers they are exact.
 """
 
+import math
+from fractions import Fraction
+from itertools import product
 from typing import Any
 
 import jax
@@ -12,11 +16,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jhd.arithmetic import exact_polynomials
 from jhd.arithmetic.polynomials import jets
 from jhd.arithmetic.rounding import like_double, round_up, unit_roundoff
 from jhd.arrays import varying
-from jhd.distance.frame.surfaces import Side
+from jhd.distance.frame.prepare import Frame
+from jhd.distance.frame.surfaces import Side, exact_polynomial
 from jhd.distance.nearest.forms import signed_values
+from jhd.shapes.implicit import ImplicitSurface
 
 # The longest step, as a share of the box, and how far from singular the system of a foot has to be.
 _LONGEST, _DEFINITE = 0.3, 0.1
@@ -26,6 +33,8 @@ _TANGENT = 0.1
 # root of the roundoff.
 _FARTHEST = 1e-6
 # Where the gradient vanishes, changes of sign are looked for this far away.
+# Steps of signs in integers, as powers of two of the roundoff of the largest coordinate.
+_RADII = (-2, 1, 4, 8)
 _DISTANCES = [2.0**-48, 2.0**-40, 2.0**-32, 2.0**-28, 2.0**-26, 2.0**-24, 2.0**-22, 2.0**-20]
 
 
@@ -83,15 +92,25 @@ def local_feet(
         slope = gradient + jnp.sum(hessian * move, axis=1)
         return jnp.clip(there + _back(value, jnp.where(held, 0.0, slope), there, lower, upper), lower, upper)
 
+    return returned(side, jax.lax.fori_loop(0, steps, step, varying(starts, side, points)), 2)
+
+
+def returned(side: Side, points: Float[Array, "3 points"], steps: int) -> Float[Array, "3 points"]:
+    """Points of the surface near some places of the box, within the faces that these lie on unless it touches them."""
+    lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
+
     def back(_: Any, q: Array) -> Array:
         value, gradient, _ = jets(jnp.asarray(side.coefficients), q)
-        at_face = (q <= lower) | (q >= upper)
-        within = jnp.where(at_face, 0.0, gradient)
-        enough = jnp.sum(within**2, axis=0) > _TANGENT**2 * jnp.sum(gradient**2, axis=0)
-        return jnp.clip(q + _back(value, jnp.where(enough, within, gradient), q, lower, upper), lower, upper)
+        return jnp.clip(q + _back(value, _within(q, gradient, lower, upper), q, lower, upper), lower, upper)
 
-    q = jax.lax.fori_loop(0, steps, step, varying(starts, side, points))
-    return jax.lax.fori_loop(0, 2, back, q)
+    return jax.lax.fori_loop(0, steps, back, varying(points, side))
+
+
+def _within(q: Array, gradient: Array, lower: Array, upper: Array) -> Array:
+    """The part of the gradient within the faces that a place lies on; all of it where that is hardly anything."""
+    within = jnp.where((q <= lower) | (q >= upper), 0.0, gradient)
+    enough = jnp.sum(within**2, axis=0) > _TANGENT**2 * jnp.sum(gradient**2, axis=0)
+    return jnp.where(enough, within, gradient)
 
 
 def _tangential(apart: Array, gradient: Array, hessian: Array, held: Array) -> Array:
@@ -135,9 +154,7 @@ def proven_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, 
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
     value, gradient, _ = jets(jnp.asarray(side.coefficients), points)
     error = signed_values(side, points)[1]
-    within = jnp.where((points <= lower) | (points >= upper), 0.0, gradient)
-    slope, whole = (jnp.sqrt(jnp.sum(x**2, axis=0)) for x in (within, gradient))
-    within = jnp.where(slope > _TANGENT * whole, within, gradient)
+    within = _within(points, gradient, lower, upper)
     slope = _positive(jnp.sqrt(jnp.sum(within**2, axis=0)))
     u = unit_roundoff(points.dtype)
     step = 2 * (2 * error + jnp.abs(value)) / slope + 8 * u * jnp.max(jnp.abs(points), axis=0)
@@ -183,6 +200,37 @@ def _singular_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Arra
     start = varying(jnp.full(points.shape[1], jnp.inf, points.dtype), side, points)
     distances = jnp.asarray([like_double(x, points.dtype) for x in _DISTANCES], points.dtype)
     return jax.lax.fori_loop(0, len(_DISTANCES), lambda i, radius: within(distances[i], radius), start)
+
+
+def exact_radius(surface: ImplicitSurface, side: Side, frame: Frame, x: np.ndarray) -> float:
+    """A length within which a known surface, in its box, has a point, proven by signs in integers; else infinite.
+
+    The signs are those at the places x + h w of the box, w of zeros, ones and minus ones, for a few steps h from some
+    ulps on: between two places of different signs there is a point of the surface. Zero where x is on the surface.
+
+    Args:
+        surface: the surface in the user's coordinates.
+        side: the same in common ones.
+        frame: leads from one to the other.
+        x: a point of the box, in common coordinates.
+    """
+    polynomial = exact_polynomial(surface, frame)
+    lower, upper = (np.asarray(end, np.float64).tolist() for end in (side.lower, side.upper))
+    centre, info = [Fraction(c) for c in np.asarray(x, np.float64).tolist()], np.finfo(np.asarray(x).dtype)
+    size = max(*np.abs(lower), *np.abs(upper))
+    for power in _RADII:
+        step = Fraction(max(size * float(info.eps), float(info.tiny))) * Fraction(2) ** power
+        inside = [
+            [w for w in (0, -1, 1) if low <= c + w * step <= high]
+            for c, low, high in zip(centre, lower, upper, strict=True)
+        ]
+        places = np.array(list(product(*inside)), dtype=int).reshape(-1, 3).T
+        found = exact_polynomials.signs(exact_polynomials.substituted(polynomial, centre, [step] * 3), places)
+        if places.size and found[0] == 0:
+            return 0.0
+        if places.size and found.min() <= 0 <= found.max():
+            return math.sqrt(3) * float(step) * (1 + 1e-15)
+    return math.inf
 
 
 def _on_vanishing(side: Side, points: Array, lower: Array, upper: Array) -> Array:

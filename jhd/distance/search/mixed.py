@@ -1,10 +1,12 @@
 """Minimum distances where a shape is an implicit surface: the search, and derivatives of its answer.
 
+All of it is in common coordinates, to which surfaces and control points move without rounding where they are known.
 From the host the nearest points found are made sharp between the stretches of the search: the Lagrange system is solved
 about them, and signs in integers prove the surface to be within an ulp or two, where those of enclosures need hundreds.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -14,13 +16,16 @@ import numpy as np
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
 
-from jhd.arithmetic.rounding import gamma
+from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
-from jhd.distance.cells.implicit import Implicit, error_of, exact_radius, implicit, parameters, size_of
+from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
 from jhd.distance.cells.pairs import Best, Cell, length
 from jhd.distance.frame.net_jets import Net, jet
+from jhd.distance.frame.prepare import Frame
+from jhd.distance.frame.surfaces import Side, prepare_surfaces
+from jhd.distance.nearest.places import exact_radius
 from jhd.distance.search.closest import State, advance, is_full, is_open, lower_of, table_of
 from jhd.distance.search.stretches import in_stretches
 from jhd.distance.witness.nets import net_of
@@ -35,7 +40,7 @@ _ROOM, _ABOUT, _STEPS = 4.0, 1e-4, 24
 
 
 class Outcome(NamedTuple):
-    """The outcome of a search: of two nets in their common coordinates, with a surface in the user's."""
+    """The outcome of a search, in common coordinates."""
 
     best: Best
     lower: Array
@@ -45,10 +50,16 @@ class Outcome(NamedTuple):
     result: Any
     stats: dict[str, Array]
 
-    def solution(self) -> MinimumSolution:
-        """What is handed to the user."""
-        value = jnp.clip(self.best.distance, self.lower, self.upper)
-        return MinimumSolution(value, self.lower, self.upper, self.point_a, self.point_b, self.result, self.stats)
+    def solution(self, frame: Frame) -> MinimumSolution:
+        """What is handed to the user, in the coordinates that the frame leads back to."""
+        value, lower = frame.length(self.best.distance), frame.length(self.lower, 0.0)
+        upper, result = frame.length(self.upper, np.inf), self.result
+        if is_traced(frame.usable):
+            good = frame.usable
+            value, upper = jnp.where(good, value, jnp.inf), jnp.where(good, upper, jnp.inf)
+            lower, result = jnp.where(good, lower, 0.0), result_where(good, result, RESULTS.nonfinite_value)
+        points = frame.place(self.point_a), frame.place(self.point_b)
+        return MinimumSolution(value, lower, upper, *points, result, self.stats)
 
 
 class _Wanted(NamedTuple):
@@ -63,53 +74,41 @@ def with_surface(
     rtol: Array,
     max_steps: int,
     capacity: int,
-    report: Callable[[Any], object] | None,
+    report: Callable[[Outcome, Frame], object] | None,
 ) -> MinimumSolution:
     """Minimum distance of two shapes of which one at least is an implicit surface.
 
     Raises:
         ValueError: a surface that is proven to have no point in its box (not under jit).
     """
-    shapes = _arrays(a), _arrays(b)
-    sides = tuple(_side(shape) for shape in jax.lax.stop_gradient(shapes))
-    problem = WithSurface(sides[0], sides[1])
-    wanted = _wanted(problem, atol, rtol)
+    shapes = tuple(shape if isinstance(shape, ImplicitSurface) else net_of(shape) for shape in (a, b))
+    still = jax.lax.stop_gradient(shapes)
+    *sides, frame = prepare_surfaces(*still)
+    problem = WithSurface(*sides)
+    wanted = _wanted(problem, None if atol is None else jnp.asarray(frame.common(atol)), rtol)
     if is_traced(problem, wanted, jnp.zeros(())):
         found = _in_one_go(problem, wanted, max_steps, capacity)
     else:
         state = _begun(problem, max(capacity, 1 << (2 * _pairs(problem)[0].size - 1).bit_length()))
-        found = in_stretches(partial(_sharp_stretch, problem, wanted), state, max_steps, report)
+        told = None if report is None else lambda found: report(found, frame)
+        found = in_stretches(partial(_sharp_stretch, _Known(still, frame), problem, wanted), state, max_steps, told)
         if np.isinf(np.asarray(found.lower)):
             raise ValueError("a or b is a surface without points in its box: its polynomial is proven to have no zero.")
-    solution = found.solution()
+    solution = found.solution(frame)
     if not is_traced(shapes):
         return solution
-    value = _attached(shapes, jax.lax.stop_gradient(found), jax.lax.stop_gradient(solution.value))
-    return MinimumSolution(
-        value, solution.lower, solution.upper, solution.point_a, solution.point_b, solution.result, solution.stats
-    )
+    return replace(solution, value=_attached(shapes, *jax.lax.stop_gradient((found, solution))))
 
 
-class _Surface(NamedTuple):
-    """What is differentiable of an implicit surface."""
+class _Known(NamedTuple):
+    """Shapes of which all numbers are known, in the user's coordinates, and their frame."""
 
-    coefficients: Array
-    lower: Array
-    upper: Array
-
-
-def _arrays(shape: Any) -> Net | _Surface:
-    if isinstance(shape, ImplicitSurface):
-        return _Surface(shape.coefficients, shape.lower, shape.upper)
-    return net_of(shape)
-
-
-def _side(shape: Net | _Surface) -> Net | Implicit:
-    return implicit(*shape) if isinstance(shape, _Surface) else shape
+    shapes: tuple[Any, ...]
+    frame: Frame
 
 
 def _pairs(problem: WithSurface) -> tuple[np.ndarray, np.ndarray]:
-    counts = [1 if isinstance(side, Implicit) else side.points.shape[0] for side in problem[:2]]
+    counts = [1 if isinstance(side, Side) else side.points.shape[0] for side in problem[:2]]
     grid = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 2)
     return grid[:, 0], grid[:, 1]
 
@@ -123,8 +122,8 @@ def _wanted(problem: WithSurface, atol: Array | None, rtol: Array) -> _Wanted:
     return _Wanted(share * length(box), rtol)
 
 
-def _box(side: Net | Implicit) -> tuple[Array, Array]:
-    if isinstance(side, Implicit):
+def _box(side: Net | Side) -> tuple[Array, Array]:
+    if isinstance(side, Side):
         return side.lower, side.upper
     return jnp.min(side.points, axis=(0, 1, 2)), jnp.max(side.points, axis=(0, 1, 2))
 
@@ -141,29 +140,32 @@ def _begin(problem: WithSurface, capacity: int) -> State:
     return table_of(jnp.zeros(count, low.dtype), cells, axis, best, capacity)
 
 
-def _ends(side: Net | Implicit) -> tuple[Array, Array]:
+def _ends(side: Net | Side) -> tuple[Array, Array]:
     """The ends of the parameters."""
-    if isinstance(side, Implicit):
+    if isinstance(side, Side):
         return side.lower, side.upper
-    return jnp.zeros(parameters(side)), jnp.ones(parameters(side))
+    return jnp.zeros(parameters(side), side.points.dtype), jnp.ones(parameters(side), side.points.dtype)
 
 
 def _outcome(problem: WithSurface, wanted: _Wanted, state: State) -> Outcome:
     best, n, dtype = state.best, parameters(problem.a), state.lower.dtype
     point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
     best = best._replace(distance=jnp.where(jnp.isfinite(best.upper), length(point_a - point_b), jnp.inf))
-    lower = jnp.maximum(lower_of(state) * (1 - gamma(6, dtype)), 0.0)
-    relative = wanted.rtol * jnp.where(jnp.isfinite(best.upper), best.upper, 0.0)
+    # What flushing of coordinates below the smallest normal number moves.
+    flushed = 16 * smallest_normal(dtype)
+    lower, upper = jnp.maximum(lower_of(state) * (1 - gamma(6, dtype)) - flushed, 0.0), best.upper + flushed
+    best = best._replace(distance=jnp.clip(best.distance, lower, upper))
+    relative = wanted.rtol * jnp.where(jnp.isfinite(upper), upper, 0.0)
     granted = jnp.maximum(jnp.maximum(wanted.atol, relative), 2 * problem.floor)
     failed = result_where(state.lost, RESULTS.capacity_reached, RESULTS.gap_not_closed)
-    failed = result_where(jnp.isfinite(best.upper), failed, RESULTS.unverified)
-    result = result_where(best.upper - lower <= granted, RESULTS.successful, failed)
+    failed = result_where(jnp.isfinite(upper), failed, RESULTS.unverified)
+    result = result_where(upper - lower <= granted, RESULTS.successful, failed)
     stats = {"steps": state.steps, "pairs": state.pairs, "waiting": jnp.sum(jnp.isfinite(state.lower))}
-    return Outcome(best, lower, best.upper, point_a, point_b, result, stats)
+    return Outcome(best, lower, upper, point_a, point_b, result, stats)
 
 
-def _point(side: Net | Implicit, k: Array, x: Array) -> Array:
-    return x if isinstance(side, Implicit) else jet(side.piece(k), x).point
+def _point(side: Net | Side, k: Array, x: Array) -> Array:
+    return x if isinstance(side, Side) else jet(side.piece(k), x).point
 
 
 _begun = compiled(_begin, (1,))
@@ -173,12 +175,12 @@ _advanced = compiled(advance)
 
 
 def _sharp_stretch(
-    problem: WithSurface, wanted: _Wanted, state: State, limit: Array, growing: Array
+    known: _Known, problem: WithSurface, wanted: _Wanted, state: State, limit: Array, growing: Array
 ) -> tuple[State, Outcome, Array]:
     """Goes on for some steps and makes the nearest points sharp."""
     problem = WithSurface(problem.a, problem.b, _room(problem, state.best))
     state = _advanced(problem, wanted.atol, wanted.rtol, state, limit, growing)
-    state = state._replace(best=_sharp(problem, state.best))
+    state = state._replace(best=_sharp(known, problem, state.best))
     problem = WithSurface(problem.a, problem.b, _room(problem, state.best))
     return state, *_standing(problem, wanted, state)
 
@@ -200,15 +202,17 @@ def _standing(problem: WithSurface, wanted: _Wanted, state: State) -> tuple[Outc
     return _outcome(problem, wanted, state), jnp.stack([going_on, is_full(state)])
 
 
-def _sharp(problem: WithSurface, best: Best) -> Best:
+def _sharp(known: _Known, problem: WithSurface, best: Best) -> Best:
     """The nearest points where the Lagrange system is solved, if they are proven to be nearer than those found."""
     if not np.isfinite(np.asarray(best.upper)):
         return best
     n = parameters(problem.a)
     for x in (_solved(problem, best), best.x):
         radii = [
-            exact_radius(side, np.asarray(part)) if isinstance(side, Implicit) else float(error_of(side))
-            for side, part in ((problem.a, x[:n]), (problem.b, x[n:]))
+            exact_radius(shape, side, known.frame, np.asarray(part))
+            if isinstance(side, Side)
+            else float(error_of(side))
+            for shape, side, part in zip(known.shapes, problem[:2], (x[:n], x[n:]), strict=True)
         ]
         best = _nearer(problem, best, x, np.asarray(radii, x.dtype))
     return best
@@ -246,31 +250,30 @@ def _in_one_go(problem: WithSurface, wanted: _Wanted, max_steps: int, capacity: 
 
 
 @compiled
-def _attached(shapes: tuple[Any, Any], found: Outcome, value: Array) -> Array:
-    """The distance with its first derivatives in both shapes.
+def _attached(shapes: tuple[Any, Any], found: Outcome, solution: MinimumSolution) -> Array:
+    """The distance with its first derivatives in both shapes, from the outcome and the same in the user's coordinates.
 
     With u = (p - q) / |p - q| the Lagrange function is L = |p - q| - sum l_k f_k with l_k = u.f_k' / |f_k'|^2 over the
     coordinates that no face of the box holds; coordinates at a face move with it. At distance zero, and where nothing
     was found, all derivatives are zero.
     """
-    n = parameters(_side(jax.lax.stop_gradient(shapes[0])))
-    usable = (value > 0) & jnp.isfinite(value)
+    n = shapes[0].parameters if isinstance(shapes[0], Net) else 3
+    value, usable = solution.value, (solution.value > 0) & jnp.isfinite(solution.value)
     e = jnp.where(usable, found.point_a - found.point_b, 1.0)
     unit = e / length(e)
     total = jnp.zeros_like(value)
     for shape, point, sign, k, x in (
-        (shapes[0], found.point_a, 1.0, found.best.piece_a, found.best.x[:n]),
-        (shapes[1], found.point_b, -1.0, found.best.piece_b, found.best.x[n:]),
+        (shapes[0], solution.point_a, 1.0, found.best.piece_a, found.best.x[:n]),
+        (shapes[1], solution.point_b, -1.0, found.best.piece_b, found.best.x[n:]),
     ):
         if isinstance(shape, Net):
             total += sign * jnp.sum(unit * jet(shape.piece(k), x).point)
             continue
         at_low, at_high = point <= shape.lower, point >= shape.upper
         moving = jnp.where(at_low, shape.lower, jnp.where(at_high, shape.upper, point))
-        surface = ImplicitSurface(shape.coefficients, shape.lower, shape.upper, reduced=False)
-        slope = jax.lax.stop_gradient(surface.gradient(point))
+        slope = jax.lax.stop_gradient(shape.gradient(point))
         free = jnp.where(at_low | at_high, 0.0, slope)
         square = jnp.sum(free**2)
         multiplier = sign * jnp.sum(unit * free) / jnp.where(square > 0, square, jnp.inf)
-        total += sign * jnp.sum(unit * moving) - multiplier * surface(moving)
+        total += sign * jnp.sum(unit * moving) - multiplier * shape(moving)
     return value + jnp.where(usable, total - jax.lax.stop_gradient(total), 0.0)

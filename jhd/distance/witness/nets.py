@@ -15,9 +15,8 @@ from jaxtyping import Array
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.cells.pairs import Best, derivatives, length, newton_step
-from jhd.distance.frame.net_jets import Jet, Net, jet
+from jhd.distance.frame.net_jets import Jet, Net, jet, usable_net
 from jhd.distance.frame.prepare import Frame, elevation_matrix, padded_count, preparation_error, raised_degree
-from jhd.shapes.checks import largest_weight_ratio
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
@@ -52,7 +51,7 @@ def prepared(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
     """
     traced = is_traced(a, b)
     xp = jnp if traced else np
-    good = _usable(a) & _usable(b) if traced else True
+    good = usable_net(a) & usable_net(b) if traced else True
     points = [xp.asarray(net.points) for net in (a, b)]
     points = [jnp.where(good, x, 0.0) for x in points] if traced else points
     first = _exponent(xp, points)
@@ -70,14 +69,6 @@ def prepared(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
 def _exponent(xp: Any, arrays: list[Any]) -> Any:
     first, second = (xp.max(xp.abs(x)) for x in arrays)
     return xp.frexp(xp.maximum(first, second))[1]
-
-
-def _usable(net: Net) -> Array:
-    good = jnp.all(jnp.isfinite(net.points))
-    if net.weights is None:
-        return good
-    least, most = jnp.min(net.weights), jnp.max(net.weights)
-    return good & (least > 0) & (most < jnp.inf) & (most / largest_weight_ratio(net.weights.dtype) <= least)
 
 
 def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
