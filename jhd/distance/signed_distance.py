@@ -14,6 +14,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array
 
+from jhd.arithmetic.scaling import common_exponent, ldexp
 from jhd.arrays import is_traced
 from jhd.distance.nearest.meshes import checked_points, project_on_mesh
 from jhd.distance.published.vertex_voxels import VertexVoxels
@@ -79,9 +80,8 @@ def _flat(found: Projection, axes: int) -> ClosestPoints:
 
 def _wound(points: Array, mesh: TriangleMesh) -> Array:
     corners = mesh.corners if is_traced(mesh) else np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
-    size = jnp.maximum((jnp if is_traced(mesh) else np).max(abs(corners)), jnp.max(jnp.abs(points)))
-    scale = jnp.where(jnp.isfinite(size) & (size > 0), size, 1.0)
-    return jnp.abs(summed_angles(jnp.asarray(corners) / scale, points / scale)) >= 0.5
+    power = common_exponent(corners, points)
+    return jnp.abs(summed_angles(ldexp(corners, -power), ldexp(points, -power))) >= 0.5
 
 
 def _beyond(points: Array, found: Projection, mesh: TriangleMesh, sign: str) -> np.ndarray:
@@ -93,6 +93,5 @@ def _beyond(points: Array, found: Projection, mesh: TriangleMesh, sign: str) -> 
     """
     if is_traced(points, mesh):
         raise TypeError(f"sign={sign!r} needs known points and a known mesh; under jit take sign='winding'.")
-    offset = np.asarray(points, np.float64) - np.asarray(found.foot, np.float64)
     triangle, t = np.asarray(found.segment).reshape(-1), np.asarray(found.t).reshape(-1, 3)
-    return is_behind(mesh, offset.reshape(-1, 3), triangle, t, sign)
+    return is_behind(mesh, np.asarray(points).reshape(-1, 3), triangle, t, sign)

@@ -20,8 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jhd.arithmetic.scaling import common_exponent
 from jhd.arrays import is_traced, real_array
-from jhd.fields.adaptive_build import DEEPEST, MODES, FieldProgress, Task, build_octree
+from jhd.fields.adaptive_build import DEEPEST, MODES, FieldProgress, Task, build_octree, first_grid
 from jhd.fields.adaptive_error import Boxes, largest_error, meeting
 from jhd.fields.adaptive_evaluate import Cells, values_at
 from jhd.fields.adaptive_extract import Leaves, extracted
@@ -29,6 +30,7 @@ from jhd.fields.adaptive_samples import SIGNS, Surface, is_inner, surface_of
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.triangles.closest_point import closest_points
+from jhd.triangles.prepared import in_unit
 
 _FORMAT = "jhd.AdaptiveDistanceField 1"
 
@@ -106,13 +108,16 @@ class AdaptiveDistanceField(eqx.Module):
             ValueError: a tolerance that is not positive and finite, an unknown mode or sign, a depth or number out of
                 range, or pseudonormals of a mesh that is not closed and consistently oriented.
         """
-        surface = _surface("mesh", mesh, _one_of("sign", sign, SIGNS))
+        surface, power = _surface("mesh", mesh, _one_of("sign", sign, SIGNS))
         tolerance = _positive("atol", atol)
         depth = _whole("max_depth", max_depth, 0, DEEPEST)
         most = _whole("max_cells", max_cells, 1, 1 << 27)
-        tree = build_octree(Task(surface, tolerance, _one_of("mode", mode, MODES), depth, most, progress))
-        grid = tree.grid
-        numbers = (grid.start * grid.side, np.ldexp(grid.side, -tree.depth), tree.values, tolerance)
+        grid = first_grid(mesh, tolerance)
+        # What is beyond floats there asks for all cells, or for none.
+        asked = _scaled(tolerance, -power)
+        unit_grid = grid._replace(side=float(np.ldexp(grid.side, -power)))
+        tree = build_octree(Task(surface, unit_grid, asked, _one_of("mode", mode, MODES), depth, most, progress))
+        numbers = (grid.start * grid.side, np.ldexp(grid.side, -tree.depth), _scaled(tree.values, power), tolerance)
         lower, spacing, values, atol_ = (jnp.asarray(x, surface.dtype) for x in numbers)
         names = ("roots", "nodes", "places", "widths", "corners")
         whole = {name: jnp.asarray(getattr(tree, name), jnp.int32) for name in names}
@@ -171,12 +176,15 @@ class AdaptiveDistanceField(eqx.Module):
             ValueError: a resolution out of range, or no zero on the grid.
         """
         count, known = _whole("resolution", resolution, 2, 4096), self._known()
+        power = int(common_exponent(np.asarray(known.lower), np.asarray(known.upper)))
+        known = known._times(-power)
         at_corners = np.asarray(known.values)[np.asarray(known.corners)]
         places, widths = (np.asarray(x, np.int64) for x in (known.places, known.widths))
         cells = np.array(known.roots.shape) << known.depth
         leaves = Leaves(places, widths, at_corners.min(axis=1), at_corners.max(axis=1), cells)
         low, high = (np.asarray(x, np.float64) for x in (known.lower, known.upper))
-        return extracted(leaves, low, high, count, known._numbers)
+        found = extracted(leaves, low, high, count, known._numbers)
+        return TriangleMesh(np.ldexp(np.asarray(found.vertices), power), found.triangles)
 
     def sampled_error(self, mesh: TriangleMesh, samples: int = 100_000, seed: int = 0) -> float:
         """The largest |field - signed distance| at random points: of the band in mode "band", of the box in "full".
@@ -192,9 +200,9 @@ class AdaptiveDistanceField(eqx.Module):
             TypeError: no TriangleMesh, numbers that are not whole, or what is traced.
             ValueError: numbers out of range, or no leaf that meets the mesh.
         """
-        surface = _surface("mesh", mesh)
+        surface, power = _surface("mesh", mesh)
         count = _whole("samples", samples, 1, 1 << 31)
-        random, known = np.random.default_rng(_whole("seed", seed, 0, 1 << 63)), self._known()
+        random, known = np.random.default_rng(_whole("seed", seed, 0, 1 << 63)), self._known()._times(-power)
         boxes = known._boxes(surface)
         volume = boxes.width**3
         chosen = random.choice(len(volume), count, p=volume / volume.sum())
@@ -202,7 +210,7 @@ class AdaptiveDistanceField(eqx.Module):
         points = points.astype(surface.dtype)
         found = closest_points(surface.mesh, points)
         exact = np.where(is_inner(surface, points, found, boxes.width[chosen]), -found.distance, found.distance)
-        return float(np.max(np.abs(known._numbers(points) - exact)))
+        return float(_scaled(np.max(np.abs(known._numbers(points) - exact)), power))
 
     def proven_error(self, mesh: TriangleMesh, *, rtol: float = 0.25, max_boxes: int = 400_000) -> float:
         """A proven upper bound of |field - signed distance|: in the band in mode "band", in the box in "full".
@@ -222,12 +230,13 @@ class AdaptiveDistanceField(eqx.Module):
             ValueError: a mesh that is not closed and consistently oriented, whose signed distance jumps; numbers out of
                 range; or no leaf that meets the mesh.
         """
-        surface = _surface("mesh", mesh)
+        surface, power = _surface("mesh", mesh)
         if not surface.linked:
             needed = "every edge of the mesh run along as often one way as the other"
             raise ValueError(f"proven_error needs {needed}: else the signed distance jumps across the holes.")
         ratio, most = _positive("rtol", rtol), _whole("max_boxes", max_boxes, 1, 1 << 31)
-        return largest_error(surface, self._known()._boxes(surface), ratio, most)
+        error = largest_error(surface, self._known()._times(-power)._boxes(surface), ratio, most)
+        return float(np.nextafter(_scaled(error, power), np.inf))
 
     def save(self, path: str | Path) -> None:
         """Writes the field as an .npz file of arrays, with exactly this name."""
@@ -252,6 +261,18 @@ class AdaptiveDistanceField(eqx.Module):
             raise FileNotFoundError(f"{path}: no such file.") from None
         except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
             raise ValueError(f"{path}: {error}") from error
+
+    def _times(self, power: int) -> "AdaptiveDistanceField":
+        """The field of everything 2^power times as large.
+
+        Raises:
+            ValueError: it leaves the range of floats: the field is of another size than the mesh.
+        """
+        lengths = lambda f: (f.lower, f.spacing, f.values, f.atol)  # noqa: E731
+        scaled = [_scaled(np.asarray(x), power) for x in lengths(self)]
+        if not all(np.isfinite(x).all() for x in scaled[:3]):
+            raise ValueError("the field is too large beside the mesh; needs the mesh that it was built from.")
+        return eqx.tree_at(lengths, self, tuple(jnp.asarray(x) for x in scaled))
 
     def _cells(self) -> Cells:
         return Cells(*(getattr(self, name) for name in Cells._fields))
@@ -316,11 +337,19 @@ def _checked(content: dict[str, Any]) -> dict[str, Any]:
     return known
 
 
-def _surface(name: str, mesh: Any, sign: str = "winding") -> Surface:
+def _surface(name: str, mesh: Any, sign: str = "winding") -> tuple[Surface, int]:
+    """The mesh prepared in a unit of its own, and the power of two of that."""
     check_mesh(name, mesh)
     if is_traced(mesh):
         raise TypeError(f"{name} must be known: the cells depend on its numbers, so it cannot be traced.")
-    return surface_of(mesh, sign)
+    unit, power = in_unit(mesh)
+    return surface_of(unit, sign), power
+
+
+def _scaled(x: Any, power: int) -> Any:
+    """The product x 2^power, infinite where that is beyond all floats."""
+    with np.errstate(over="ignore"):
+        return np.ldexp(x, power)
 
 
 def _one_of(name: str, value: object, names: tuple[str, ...]) -> Any:

@@ -120,9 +120,10 @@ class _Level(NamedTuple):
 
 
 class Task(NamedTuple):
-    """What is asked for: see AdaptiveDistanceField.build."""
+    """What is asked for: see AdaptiveDistanceField.build; all of it, the first grid too, in the unit of the surface."""
 
     surface: Surface
+    grid: Grid
     atol: float
     mode: str
     max_depth: int
@@ -145,7 +146,7 @@ def may_meet(distance: Float[np.ndarray, "cells 8"], side: float) -> Bool[np.nda
 
 def build_octree(task: Task) -> Octree:
     """The octree of a mesh whose numbers are known."""
-    grid = first_grid(task.surface.mesh, task.atol)
+    grid = task.grid
     samples, level = _begin(task, grid)
     levels: list[_Level] = []
     unresolved, cells = 0, len(level.cells)
@@ -168,13 +169,21 @@ def build_octree(task: Task) -> Octree:
 
 
 def first_grid(mesh: TriangleMesh, atol: float) -> Grid:
-    """The first level for a mesh: a box with a margin, so that its sides are outside of a closed mesh."""
+    """The first level for a mesh: a box with a margin, so that its sides are outside of a closed mesh.
+
+    Raises:
+        ValueError: a box that leaves the range of floats.
+    """
     lower, upper = (np.asarray(end, np.float64) for end in mesh.box())
     info = np.finfo(np.asarray(mesh.vertices).dtype)
     size, reach = float(np.max(upper - lower)), float(np.max(np.abs([lower, upper])))
     # A mesh that is a single place still has a box that floats can divide.
     least = _LEAST * max(reach * float(info.eps), float(info.smallest_normal) / float(info.eps))
     margin = max(_MARGIN * size, _TOLERANCES * atol, least)
+    if not reach + 2 * (size + 2 * margin) < float(info.max):
+        raise ValueError(
+            f"the box of the field has coordinates of {reach:g} and a margin; needs less than {info.max:g}."
+        )
     side = float(2.0 ** np.ceil(np.log2((size + 2 * margin) / _FIRST)))
     start, end = np.floor((lower - margin) / side), np.ceil((upper + margin) / side)
     room = (1 << info.nmant) / np.max(np.abs([start, end]))

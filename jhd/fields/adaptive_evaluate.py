@@ -12,6 +12,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jhd.arithmetic.rounding import power_of_two
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.triangles.closest_point import in_blocks
@@ -53,8 +54,9 @@ def value_at(cells: Cells, point: Float[Array, "3"], depth: int) -> Float[Array,
     leaf = _leaf(cells, cell, depth)
     w = (u - cells.places[leaf]) / cells.widths[leaf]
     offset = point - inside
-    square = jnp.sum(offset * offset)
-    beyond = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+    unit = power_of_two(lax.stop_gradient(jnp.max(jnp.abs(offset))))
+    square = jnp.sum((offset / unit) ** 2)
+    beyond = jnp.where(square > 0, unit * jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
     return interpolated(cells.values[cells.corners[leaf]], w) + beyond
 
 

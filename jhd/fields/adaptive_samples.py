@@ -124,10 +124,8 @@ def unsigned(
 
 
 def _is_behind(mesh: TriangleMesh, tree: TriangleTree, scaled: np.ndarray, near: np.ndarray) -> np.ndarray:
-    t, triangle = barycentric_of(tree, scaled, near), tree.order[near]
-    corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)[triangle]]
-    foot = np.einsum("nk,nkd->nd", t, np.ldexp(corners, -tree.exponent))
-    return is_behind(mesh, scaled - foot, triangle, t)
+    t = barycentric_of(tree, scaled, near)
+    return is_behind(mesh, np.ldexp(scaled, tree.exponent), tree.order[near], t)
 
 
 def _met(samples: Samples, others: np.ndarray, apart: np.ndarray, clearance: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ from the plane by the twist v00 - v10 - v01 + v11 times x y, x + y <= 1: at most
 are the image of the same parameters, the sum bounds the distance both ways: from any point of the surface to the mesh
 and from any point of the mesh to the surface.
 
+All this is done with coordinates divided by a power of two, of order one, and the vertices as they are stored.
 Rounding, for coordinates about a common centre, of size at most r. The entries of a restriction of degree p are sums of
 products of p factors, 3 p roundings; two of them, the point and its weight, and the sums make at most 4 (p + q) + 10.
 The coefficients of N - w B take p + q + 12 more, with non-negative factors that add up to the weight; the length and
@@ -23,9 +24,21 @@ import numpy as np
 
 from jhd.arithmetic.bernstein import product_weights
 from jhd.arithmetic.rounding import gamma
+from jhd.arithmetic.scaling import common_exponent, unit_weights
 
 # The numbers of cells grow by this factor until the bound is small enough.
 _GROWTH = 1.25
+# Tolerances, for surfaces of size one, between which the first numbers of cells are worked out.
+_SOUGHT = (1e-100, 1e100)
+
+
+class _Grid(NamedTuple):
+    """Numbers of cells of every patch, the power of two of the coordinates, and the precision of the vertices."""
+
+    m: int
+    n: int
+    power: int
+    dtype: np.dtype
 
 
 class Tessellation(NamedTuple):
@@ -43,16 +56,17 @@ def tessellate(points: np.ndarray, weights: np.ndarray | None, atol: float, most
         ValueError: more than `most` triangles are needed.
     """
     dtype = points.dtype
-    points = points.astype(np.float64)
-    heavy = np.ones(points.shape[:-1]) if weights is None else weights.astype(np.float64)
-    # Weights of one size cannot underflow when they are multiplied.
-    heavy = np.ldexp(heavy, -np.frexp(heavy.max(axis=(1, 2), keepdims=True))[1])
-    m, n = _first_counts(points, atol)
+    power = int(common_exponent(points))
+    points = np.ldexp(points.astype(np.float64), -power)
+    # Beyond either end nothing is told by how far: every number of cells is enough, or none.
+    wanted = float(np.clip(np.ldexp(np.longdouble(atol), -power), *_SOUGHT))
+    heavy = np.ones(points.shape[:-1]) if weights is None else unit_weights(np, weights.astype(np.float64), (1, 2))
+    m, n = _first_counts(points, wanted)
     while True:
         # Written so that numbers beyond the integers are refused too.
         if not 2.0 * len(points) * m * n <= most:
             raise ValueError(f"atol is {atol:g}; more than max_triangles = {most} triangles would be needed.")
-        found = _on_grid(points, heavy, int(m), int(n), dtype)
+        found = _on_grid(points, heavy, _Grid(int(m), int(n), power, dtype))
         if found.deviation <= atol:
             return found
         # A direction of degree zero holds nothing to cut.
@@ -77,14 +91,18 @@ def _first_counts(points: np.ndarray, atol: float) -> tuple[float, float]:
     return float(np.ceil(m * lacking)), float(np.ceil(n * lacking))
 
 
-def _on_grid(points: np.ndarray, weights: np.ndarray, m: int, n: int, dtype: np.dtype) -> Tessellation:
-    count, rows, columns = weights.shape
+def _on_grid(points: np.ndarray, weights: np.ndarray, grid: _Grid) -> Tessellation:
+    """The triangles of one grid, in the user's coordinates, from points divided by 2^power."""
+    (count, rows, columns), (m, n) = weights.shape, grid[:2]
     p, q = rows - 1, columns - 1
     u, v = np.linspace(0.0, 1.0, m + 1), np.linspace(0.0, 1.0, n + 1)
-    vertices = _corners(points, weights, u, v).astype(dtype)
+    vertices = np.ldexp(_corners(points, weights, u, v), grid.power).astype(grid.dtype)
     low, high = points.min(axis=(0, 1, 2)), points.max(axis=(0, 1, 2))
     centre = low + 0.5 * (high - low)
-    about, corners = points - centre, vertices.astype(np.float64) - centre
+    about, corners = points - centre, np.ldexp(vertices.astype(np.float64), -grid.power) - centre
+    # Far from the origin the surface may be small beside its coordinates.
+    second = common_exponent(about, corners)
+    about, corners = np.ldexp(about, -second), np.ldexp(corners, -second)
     net = np.concatenate([about * weights[..., None], weights[..., None]], axis=-1)
     along_v = np.stack([_restriction(v[j], v[j + 1], q) for j in range(n)])
     rows_of_v = np.einsum("nbj,kijc->knibc", along_v, net)
@@ -95,8 +113,9 @@ def _on_grid(points: np.ndarray, weights: np.ndarray, m: int, n: int, dtype: np.
         square = np.stack([ends[:, :, :-1], ends[:, :, 1:]], axis=-2)  # (patches, 2 along u, cells, 2 along v, 3)
         worst = max(worst, _bent(cells, np.moveaxis(square, 1, 2)))
     size = max(float(np.abs(about).max()), float(np.abs(corners).max()))
-    error = 2 * np.sqrt(3.0) * gamma(5 * (p + q) + 34, np.float64) * size + 1e-300
-    deviation = (worst + error) * (1 + 1e-15)
+    error = 2 * np.sqrt(3.0) * gamma(5 * (p + q) + 34, np.float64) * size
+    with np.errstate(over="ignore"):
+        deviation = np.ldexp((worst + error) * (1 + 1e-15), grid.power + second)
     return Tessellation(*_joined(vertices, count, m, n), float(np.nextafter(deviation, np.inf)))
 
 

@@ -25,8 +25,8 @@ from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.compiled import compiled
 from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.box_tree import BoxTree, Hints, Level, box_tree, hints
-from jhd.triangles.point_triangle import absolute_floor, barycentric, error_factor, frames, squared_distances
-from jhd.triangles.prepared import prepared
+from jhd.triangles.point_triangle import LENGTHS, absolute_floor, barycentric, error_factor, frames, squared_distances
+from jhd.triangles.prepared import in_unit, prepared
 
 # Numbers of pairs, and of points, that programs are compiled for.
 BLOCKS = (512, 4096, 32768)
@@ -100,15 +100,18 @@ class ClosestPoints(NamedTuple):
 
 def triangle_tree(mesh: TriangleMesh) -> TriangleTree:
     """The tree of a mesh whose numbers are known."""
-    return prepared(mesh).part(_built)
+    return prepared(mesh).part(_tree)
+
+
+def _tree(mesh: TriangleMesh) -> TriangleTree:
+    unit, power = in_unit(mesh)
+    return _built(mesh) if power == 0 else triangle_tree(unit)._replace(exponent=power)
 
 
 def _built(mesh: TriangleMesh) -> TriangleTree:
+    """The tree of a mesh that `in_unit` gives."""
     corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
     dtype = corners.dtype
-    size = np.max(np.abs(corners))
-    exponent = int(np.frexp(size)[1]) if size > 0 else 0
-    corners = np.ldexp(corners, -exponent)
     tree: BoxTree = box_tree(corners)
     corners = corners[tree.order]
     stored = frames(corners.astype(np.float64), dtype)
@@ -119,7 +122,7 @@ def _built(mesh: TriangleMesh) -> TriangleTree:
         levels=tree.levels,
         order=tree.order,
         hints=hints(corners.astype(np.float64)),
-        exponent=exponent,
+        exponent=0,
         longest=float(stored.longest),
         factor=float(error_factor(stored.defect, dtype)),
     )
@@ -142,6 +145,10 @@ def closest_points(mesh: TriangleMesh, points: Float[np.ndarray, "points 3"]) ->
         points: in the unit of the mesh.
     """
     tree = triangle_tree(mesh)
+    far = _excess(tree, np.max(np.abs(points), axis=1)) > 0
+    if far.any() and not far.all():
+        # By themselves, lest the others lose the digits of the mesh.
+        return _joined(far, closest_points(mesh, points[far]), closest_points(mesh, points[~far]))
     tree, scaled = in_unit_of(tree, points)
     found = nearest_triangles(tree, scaled)
     t = barycentric_of(tree, scaled, found.triangle)
@@ -160,11 +167,21 @@ def closest_points(mesh: TriangleMesh, points: Float[np.ndarray, "points 3"]) ->
     )
 
 
+def _joined(which: np.ndarray, first: ClosestPoints, second: ClosestPoints) -> ClosestPoints:
+    """Both parts in one, the first where `which` is true."""
+    rows = np.empty(len(which), int)
+    rows[which], rows[~which] = np.arange(which.sum()), which.sum() + np.arange((~which).sum())
+    return ClosestPoints(*(np.concatenate(pair)[rows] for pair in zip(first, second, strict=True)))
+
+
+def _excess(tree: TriangleTree, size: Any) -> Any:
+    """The powers of two by which coordinates of such sizes are too large for the tree's unit, if positive."""
+    return np.where(size > 0, np.frexp(size)[1] - tree.exponent, 0) - _FAR[size.dtype.itemsize]
+
+
 def in_unit_of(tree: TriangleTree, points: np.ndarray) -> tuple[TriangleTree, np.ndarray]:
     """The points in the tree's unit, and the tree itself unless they are so far away that squares would overflow."""
-    size = np.max(np.abs(points))
-    most = int(np.frexp(size)[1]) if size > 0 else 0
-    excess = most - tree.exponent - _FAR[points.dtype.itemsize]
+    excess = int(_excess(tree, np.max(np.abs(points))))
     if excess > 0:
         tree = _shrunk(tree, excess)
     return tree, np.ldexp(points, -tree.exponent)
@@ -172,9 +189,8 @@ def in_unit_of(tree: TriangleTree, points: np.ndarray) -> tuple[TriangleTree, np
 
 def _shrunk(tree: TriangleTree, power: int) -> TriangleTree:
     """The same tree in a larger unit; what underflows is below `absolute_floor`."""
-    lengths = np.array([0, 1, 2, 9, 12, 15, 16, 17])
     table = np.array(tree.table)
-    table[:, lengths] = np.ldexp(table[:, lengths], -power)
+    table[:, LENGTHS] = np.ldexp(table[:, LENGTHS], -power)
     boxes = np.asarray(tree.boxes)
     boxes = np.where(np.isfinite(boxes), np.ldexp(boxes, -power), boxes)
     grid = Hints(
@@ -195,7 +211,7 @@ def outward(length: np.ndarray, exponent: int, dtype: Any, sign: int) -> np.ndar
     with np.errstate(over="ignore", under="ignore"):
         scaled = np.nextafter(np.ldexp(np.maximum(length, 0.0), exponent).astype(dtype), dtype.type(sign * np.inf))
     if sign < 0:
-        return np.where(scaled < info.smallest_normal, 0.0, np.minimum(scaled, info.max)).astype(dtype)
+        return np.clip(scaled, 0.0, info.max).astype(dtype)
     return np.maximum(scaled, info.smallest_normal).astype(dtype)
 
 

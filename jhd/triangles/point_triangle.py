@@ -7,13 +7,15 @@ x = w.u, y = w.v, z = w.(u x v) with w = p - A. Its squared distance is z^2 wher
 least squared distance of (x, y) to the three edges; nothing is divided, so slivers cost no digits. A triangle without
 area has h = 0: no point is strictly inside, and its edges do the rest. This covers the seven regions of the paper.
 
-Error. Let eps be the largest, over all triangles, of |u.u - 1|, |v.v - 1|, |u.v|, |A + L u - B| / L and
-|A + c u + h v - C| / L, which `frames` measures. Three steps lead from the exact distance d to the computed one:
+Error. Let M be the largest L, and eps the largest, over all triangles, of |u.u - 1|, |v.v - 1|, |u.v|,
+|A + L u - B| / M and |A + c u + h v - C| / M, which `frames` measures. A triangle is put into its frame with sides
+divided by a power of two of its own, so a tiny one has as good directions as the others, and what underflows of it is
+far below M. Three steps lead from the exact distance d to the computed one:
 
 - With F = (u, v, u x v), F'F differs from the identity by at most 3 eps, so there is an orthogonal Q with
   |F - Q| <= 2 eps. The coordinates are scalar products of three rounded terms (four roundings for x and y, seven for
   z, whose terms add up to at most sqrt(2) |w|), so they are off by at most (gamma(12) + 2 eps) |w| in length.
-- The stored corners are those of Q'(T - A) up to 4 eps L. A distance moves by at most as much as its point and the
+- The stored corners are those of Q'(T - A) up to 4 eps M. A distance moves by at most as much as its point and the
   corners do.
 - In the plane, the unit vectors (c1, s1), (c2, s2) along AC and BC, and their lengths, have relative errors of eight
   roundings at most in each component, which turns and shifts an edge by at most 8 u (|w| + L) + 8 u L; products and
@@ -21,7 +23,7 @@ Error. Let eps be the largest, over all triangles, of |u.u - 1|, |v.v - 1|, |u.v
   known up to factors of 1 + 10 u, it is right for a height of the triangle changed by a factor of 1 + 21 u, so an error
   of this decision moves the distance by at most 21 u L.
 
-Together |computed - d| <= (gamma(48) + 6 eps) (|w| + L), and |w| <= d + L. The sum of squares and its root take another
+Together |computed - d| <= (gamma(48) + 6 eps) (|w| + M), and |w| <= d + M. The sum of squares and its root take another
 gamma(4) of the result. Squares below the smallest normal number nu are lost, and with them sqrt(6 nu) of the length.
 
 Source: the seven regions of Lin03 ("3-D signed Euclidean distance transform and its applications", 2003); the frame and
@@ -37,10 +39,13 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
+from jhd.arithmetic.scaling import ldexp
 from jhd.arrays import is_traced
 
 # Columns of the table of triangles.
 COLUMNS = 18
+# Those of them that are lengths.
+LENGTHS = (0, 1, 2, 9, 12, 15, 16, 17)
 
 
 class Frames(NamedTuple):
@@ -49,7 +54,7 @@ class Frames(NamedTuple):
     Args:
         table: A, u, v, L, c1, s1, l1, c2, s2, l2, c, h of each.
         turn: which corner of the triangle A is.
-        longest: the largest L.
+        longest: M, the largest L.
         defect: eps of this module's docstring, with room for the rounding of measuring it.
     """
 
@@ -68,12 +73,14 @@ def frames(corners: Float[Any, "triangles 3 3"], dtype: DTypeLike) -> Frames:
     """
     xp: Any = jnp if is_traced(corners) else np
     roundoff = unit_roundoff(corners.dtype)
-    lengths = xp.sqrt(_dot(edges := xp.roll(corners, -1, axis=1) - corners, edges))
-    turn = xp.argmax(lengths, axis=1)
+    edges = xp.roll(corners, -1, axis=1) - corners
+    power = xp.frexp(xp.max(xp.abs(edges), axis=(1, 2)))[1]
+    edges = ldexp(edges, -power[:, None, None])
+    turn = xp.argmax(xp.sqrt(_dot(edges, edges)), axis=1)
     places = (turn[:, None] + np.arange(3)) % 3
     a, b, c = (xp.take_along_axis(corners, places[:, [k], None], axis=1)[:, 0] for k in range(3))
-    u, length = _normalised(xp, b - a, np.array([1.0, 0.0, 0.0]))
-    side = c - a
+    u, length = _normalised(xp, ldexp(b - a, -power[:, None]), np.array([1.0, 0.0, 0.0]))
+    side = ldexp(c - a, -power[:, None])
     along = xp.clip(_dot(side, u), 0.0, length)
     v = side - along[:, None] * u
     # One projection leaves what rounding put along u; twice is enough, and the third is for the ones that vanish.
@@ -86,7 +93,8 @@ def frames(corners: Float[Any, "triangles 3 3"], dtype: DTypeLike) -> Frames:
     v, height = _normalised(xp, xp.where(flat[:, None], spare, v), np.array([0.0, 1.0, 0.0]))
     height = xp.where(flat, 0.0, height)
     parts = [length, *_edge(xp, along, height), *_edge(xp, along - length, height), along, height]
-    table = xp.concatenate([a, u, v, xp.stack(parts, axis=1)], axis=1).astype(dtype)
+    columns = xp.concatenate([a, u, v, xp.stack(parts, axis=1)], axis=1)
+    table = xp.ldexp(columns, np.isin(np.arange(COLUMNS), LENGTHS[3:]) * power[:, None]).astype(dtype)
     defect = _defect(xp, table.astype(corners.dtype), b, c) + 16 * roundoff
     return Frames(table, turn, xp.max(table[:, 9]), defect)
 
@@ -117,8 +125,9 @@ def _defect(xp: Any, table: Any, b: Any, c: Any) -> Any:
     """The measured eps of the stored triangles."""
     a, u, v, length = table[:, :3], table[:, 3:6], table[:, 6:9], table[:, 9]
     gram = [xp.abs(_dot(u, u) - 1), xp.abs(_dot(v, v) - 1), xp.abs(_dot(u, v))]
-    known = xp.where(length > 0, length, 1.0)[:, None]
-    # Divided by L first, so that no square underflows.
+    longest = xp.max(length)
+    known = xp.where(longest > 0, longest, 1.0)
+    # Divided by M first, so that no square underflows which counts.
     misses = [((b - a) - length[:, None] * u) / known, ((c - a) - (table[:, 16:17] * u + table[:, 17:18] * v)) / known]
     return xp.max(xp.stack([*gram, *(xp.sqrt(_dot(miss, miss)) for miss in misses)]))
 

@@ -2,22 +2,28 @@
 
 Whoever holds a PreparedMesh keeps what was made. The last few are held here too, so that asking again about the same
 numbers costs no more than to compare them.
+
+Whatever depends on squares of coordinates is made of the mesh `in_unit`, and so is shared by meshes of all sizes.
 """
 
 import hashlib
 from collections import deque
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 from weakref import WeakValueDictionary
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
+from jhd.arithmetic.scaling import common_exponent
 from jhd.shapes.mesh import TriangleMesh
 
 _R = TypeVar("_R")
 
-# Meshes that are held here: the two of a pair, and as many before them. One of a million triangles takes 300 MB a tree.
-_HELD = 4
+# Meshes that are held here: the two of a pair, and as many before them, each as it is and in its unit. One of a million
+# triangles takes 300 MB a tree.
+_HELD = 8
 
 
 class PreparedMesh:
@@ -64,3 +70,41 @@ def prepared(mesh: TriangleMesh) -> PreparedMesh:
         _last.remove(found)
     _last.append(found)
     return found
+
+
+class _InUnit(NamedTuple):
+    """A mesh divided by a power of two, held with what is made of it; None where that is the mesh itself."""
+
+    held: PreparedMesh | None
+    power: int
+
+
+def in_unit(mesh: TriangleMesh) -> tuple[TriangleMesh, int]:
+    """The mesh, its numbers known, divided by the power of two that brings its coordinates to [1/2, 1); and the power.
+
+    Nothing that is worked out about it has squares that underflow or overflow, but for triangles that are tiny in it.
+    """
+    held, power = prepared(mesh).part(_in_unit)
+    return (mesh if held is None else held.mesh), power
+
+
+def _in_unit(mesh: TriangleMesh) -> _InUnit:
+    vertices = np.asarray(mesh.vertices)
+    power = int(common_exponent(vertices[np.asarray(mesh.triangles)]))
+    if power == 0:
+        return _InUnit(None, 0)
+    # Vertices that no triangle has may overflow.
+    with np.errstate(over="ignore"):
+        scaled = np.ldexp(vertices, -power)
+    return _InUnit(prepared(eqx.tree_at(lambda m: m.vertices, mesh, jnp.asarray(scaled))), power)
+
+
+def scaled_down(points: np.ndarray, power: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points divided by 2^power, and which of them that leaves in the range of floats.
+
+    The others, put at the origin here, are so far from a mesh that `in_unit` divided by it that they are outside.
+    """
+    with np.errstate(over="ignore"):
+        scaled = np.ldexp(points, -power)
+    near = np.all(np.isfinite(scaled), axis=1)
+    return np.where(near[:, None], scaled, 0.0).astype(points.dtype), np.flatnonzero(near)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jhd.shapes.mesh import TriangleMesh, edges_of
-from jhd.triangles.prepared import prepared
+from jhd.triangles.prepared import in_unit, prepared, scaled_down
 
 
 class Pseudonormals(NamedTuple):
@@ -41,7 +41,7 @@ def pseudonormals(mesh: TriangleMesh, sign: str = "pseudonormal") -> Pseudonorma
     Raises:
         ValueError: a mesh that is not closed, or not consistently oriented.
     """
-    return prepared(mesh).part(_weighted if sign == "pseudonormal" else _averages)
+    return prepared(in_unit(mesh)[0]).part(_weighted if sign == "pseudonormal" else _averages)
 
 
 def _weighted(mesh: TriangleMesh) -> Pseudonormals:
@@ -55,8 +55,9 @@ def _averages(mesh: TriangleMesh) -> Pseudonormals:
 def _angles(mesh: TriangleMesh) -> np.ndarray:
     """The angles of each triangle at its corners."""
     corners = np.asarray(mesh.corners, np.float64)
-    corners = corners / (np.max(np.abs(corners)) or 1.0)
     sides = np.roll(corners, -1, axis=1) - corners
+    size = np.max(np.abs(sides), axis=(1, 2), keepdims=True)
+    sides = sides / np.where(size > 0, size, 1.0)
     before = -np.roll(sides, 1, axis=1)
     crossed = np.linalg.norm(np.cross(sides, before), axis=2)
     return np.arctan2(crossed, np.sum(sides * before, axis=2))
@@ -81,7 +82,7 @@ def _normals(mesh: TriangleMesh, sign: str) -> Pseudonormals:
 
 def is_behind(
     mesh: TriangleMesh,
-    offset: Float[np.ndarray, "points 3"],
+    points: Float[np.ndarray, "points 3"],
     triangle: Int[np.ndarray, " points"],
     t: Float[np.ndarray, "points 3"],
     sign: str = "pseudonormal",
@@ -90,7 +91,7 @@ def is_behind(
 
     Args:
         mesh: the mesh.
-        offset: from the nearest point of the mesh to each point, in any unit.
+        points: in its unit.
         triangle: the triangle that holds the nearest point.
         t: its barycentric coordinates there, exactly 0 off a face.
         sign: as for `pseudonormals`.
@@ -98,9 +99,15 @@ def is_behind(
     Raises:
         ValueError: as `pseudonormals`.
     """
+    mesh, power = in_unit(mesh)
+    points, near = scaled_down(points, power)
+    corners = np.asarray(mesh.vertices, np.float64)[np.asarray(mesh.triangles)[triangle]]
+    offset = points - np.einsum("nk,nkd->nd", t, corners)
     normals, active = pseudonormals(mesh, sign), np.count_nonzero(t > 0, axis=1)
     edge = normals.edge[triangle, np.argmin(t, axis=1)]
     corner = normals.corner[triangle, np.argmax(t, axis=1)]
     normal = np.where(active[:, None] == 3, normals.face[triangle], np.where(active[:, None] == 2, edge, corner))
     size = np.max(np.abs(offset), axis=1, keepdims=True)
-    return np.sum(offset / np.where(size > 0, size, 1.0) * normal, axis=1) < 0
+    behind = np.zeros(len(points), bool)
+    behind[near] = (np.sum(offset / np.where(size > 0, size, 1.0) * normal, axis=1) < 0)[near]
+    return behind

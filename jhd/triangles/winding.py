@@ -44,7 +44,7 @@ from jhd.triangles.closest_point import (
     popped,
     triangle_tree,
 )
-from jhd.triangles.prepared import prepared
+from jhd.triangles.prepared import in_unit, prepared, scaled_down
 
 # Largest error of one node, in turn: the first decides nearly all points of a closed mesh, the last opens every node.
 _TOLERANCES = (1.2e-2, 2e-3, 1e-5, 0.0)
@@ -56,6 +56,8 @@ _FEW, _TURNS = 256, 3
 _STEPS_AWAY = [2.0**-k for k in (3, 5, 7, 10, 13, 16, 20)]
 # Triangles whose solid angles are formed at once under tracing.
 _PAIRS = 1 << 16
+# What underflow takes off the sums of a node at most, in smallest normal numbers: triangles lose fractions of one.
+_LOST = 64
 
 
 class _Moments(NamedTuple):
@@ -85,12 +87,16 @@ def is_inside(
         found: their nearest points, which save work where the mesh is closed; then points that may be on it, to within
             rounding, are called outside.
     """
-    if found is None or not prepared(mesh).part(_is_cycle):
-        return _decided(mesh, points)
-    off = np.flatnonzero(found.lower > 0)
+    mesh, power = in_unit(mesh)
+    points, near = scaled_down(points, power)
     inside = np.zeros(len(points), bool)
+    if found is None or not prepared(mesh).part(_is_cycle):
+        inside[near] = _decided(mesh, points[near])
+        return inside
+    off = near[found.lower[near] > 0]
     if len(off):
-        inside[off] = _grouped(mesh, points[off], found.lower[off], found.foot[off])
+        room, foot = (np.ldexp(x[off], -power) for x in (found.lower, found.foot))
+        inside[off] = _grouped(mesh, points[off], room, foot)
     return inside
 
 
@@ -126,18 +132,16 @@ def _move_away(mesh: TriangleMesh, points: np.ndarray, room: np.ndarray, foot: n
     A step is proven where the ball free of the mesh about the new place meets that about the old one. The longest steps
     are tried first: where the mesh is nearly flat, the room grows by all of the step.
     """
-    tree = triangle_tree(mesh)
     away = points - foot
     length = np.max(np.abs(away), axis=1, keepdims=True)
     away = away / np.where(length > 0, length, 1.0)
     away = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1.0)
-    size = float(np.ldexp(1.0, tree.exponent))
     left = np.arange(len(points))
     for share in _STEPS_AWAY:
-        left = left[room[left] < 0.5 * share * size]
+        left = left[room[left] < 0.5 * share]
         if len(left) <= _FEW:
             return
-        moved = (points[left] + away[left] * (share * size)).astype(points.dtype)
+        moved = (points[left] + away[left] * share).astype(points.dtype)
         there = closest_points(mesh, moved)
         apart = np.linalg.norm(moved.astype(np.float64) - points[left], axis=1)
         meets = (apart * (1 + 1e-6) < (room[left] + there.lower) * (1 - 1e-6)) & (there.lower > room[left])
@@ -152,7 +156,7 @@ def _is_cycle(mesh: TriangleMesh) -> bool:
 
 def _linked(points: np.ndarray, clearance: np.ndarray, tree: TriangleTree) -> tuple[np.ndarray, np.ndarray]:
     """An order of the points, and for each in that order the number of its group, joined by balls that meet."""
-    order = np.argsort(curve_places(tree, np.ldexp(points, -tree.exponent)), kind="stable")
+    order = np.argsort(curve_places(tree, points), kind="stable")
     rows, room = points[order], clearance[order] * (1 - 1e-6)
     count, links = len(points), []
     for step in (k for k in _STEPS if k < count):
@@ -172,11 +176,8 @@ def _linked(points: np.ndarray, clearance: np.ndarray, tree: TriangleTree) -> tu
 
 
 def _decided(mesh: TriangleMesh, points: np.ndarray) -> np.ndarray:
-    """The same for each point by itself."""
-    tree = triangle_tree(mesh)
-    exponent = tree.exponent
-    tree, scaled = in_unit_of(tree, points)
-    moments = _shrunk(prepared(mesh).part(_moments), tree.exponent - exponent)
+    """The same for each point by itself, of a mesh as `in_unit` gives it."""
+    tree, moments, scaled = _prepared(mesh, points)
     inside, open_ = np.zeros(len(points), bool), np.arange(len(points))
     for tolerance in _TOLERANCES:
         left = []
@@ -204,19 +205,23 @@ def winding_numbers(
         points: in its unit; on the mesh the number jumps, and the bound says so.
         atol: largest error of one node; with 0 all triangles are taken one by one.
     """
-    tree = triangle_tree(mesh)
-    exponent = tree.exponent
-    tree, scaled = in_unit_of(tree, points)
-    moments = _shrunk(prepared(mesh).part(_moments), tree.exponent - exponent)
+    mesh, power = in_unit(mesh)
+    tree, moments, scaled = _prepared(mesh, np.ldexp(points, -power))
     starts = range(0, len(points), BLOCKS[-1])
     parts = [_numbers(tree, moments, scaled[start : start + BLOCKS[-1]], atol) for start in starts]
     return np.concatenate([x for x, _ in parts]), np.concatenate([x for _, x in parts])
 
 
+def _prepared(mesh: TriangleMesh, points: np.ndarray) -> tuple[TriangleTree, _Moments, np.ndarray]:
+    """Tree, sums and points in one unit, for a mesh as `in_unit` gives it."""
+    tree, scaled = in_unit_of(triangle_tree(mesh), points)
+    return tree, _shrunk(prepared(mesh).part(_moments), tree.exponent), scaled
+
+
 def _moments(mesh: TriangleMesh) -> _Moments:
     """The sums of every node, each from its triangles."""
     tree, given = triangle_tree(mesh), np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
-    corners = np.ldexp(given[tree.order], -tree.exponent).astype(np.float64)
+    corners = given[tree.order].astype(np.float64)
     normal = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     parts, span = [], 1
     for level in tree.levels:
@@ -235,7 +240,8 @@ def _moments(mesh: TriangleMesh) -> _Moments:
 def _of_level(corners: np.ndarray, normal: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """c, N, M, R, S and area of the nodes whose triangles begin at these places."""
     low, high = np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts)
-    centre, area = 0.5 * (low + high), np.linalg.norm(normal, axis=1)
+    centre, size = 0.5 * (low + high), np.max(np.abs(normal), axis=1)
+    area = size * np.linalg.norm(normal / np.where(size > 0, size, 1.0)[:, None], axis=1)
     sizes = np.diff(np.append(starts, len(corners)))
     off = corners - np.repeat(centre, sizes, axis=0)[:, None]
     reach_sq = np.sum(off * off, axis=2).max(axis=1)
@@ -287,7 +293,8 @@ def _numbers(
 def _expansions(table: Array, points: Array, node: Array) -> tuple[Array, Array]:
     """Winding numbers of nodes by the expansion, and bounds of their errors; infinity where q may be among them.
 
-    The terms are at most A / |r|^2 and 4 A R / |r|^3, and have far less than 64 roundings.
+    The terms are at most A / |r|^2 and 4 A R / |r|^3, and have far less than 64 roundings. What underflows of N, M and
+    S adds a part of its own.
     """
     row = table[node]
     r = [row[:, k] - points[:, k] for k in range(3)]
@@ -305,8 +312,9 @@ def _expansions(table: Array, points: Array, node: Array) -> tuple[Array, Array]
     value = (flux + trace) / cube - 3 * twice / (cube * square)
     gap = length * (1 - gamma(16, points.dtype)) - radius
     gap = jnp.where(sound & (gap > 0), gap, 1.0)
-    rounding = gamma(1024, points.dtype) * area * (1 + 4 * radius / length) / square
-    remainder = 3 * second / (gap * gap) / (gap * gap)
+    lost = _LOST * smallest_normal(points.dtype)
+    rounding = (gamma(1024, points.dtype) * area * (1 + 4 * radius / length) + lost * (1 + 1 / length)) / square
+    remainder = 3 * (second + lost) / (gap * gap) / (gap * gap)
     bound = jnp.where(sound & (gap > 0), (remainder + rounding) * (1 + gamma(64, points.dtype)), jnp.inf)
     return value / (4 * math.pi), bound / (4 * math.pi)
 

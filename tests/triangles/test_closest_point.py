@@ -165,6 +165,6 @@ def test_frames_measure_their_own_defect():
         first = np.linalg.norm(a + length[:, None] * u - others[:, 0], axis=1)
         second = np.linalg.norm(a + table[:, 16:17] * u + table[:, 17:] * v - others[:, 1], axis=1)
         # The differences here have roundings of the size of A.
-        assert np.all(np.maximum(first, second) <= found.defect * length + 1e-16)
+        assert np.all(np.maximum(first, second) <= found.defect * found.longest + 1e-16)
         assert found.defect <= largest
         assert np.all(found.table[:, 17] >= 0) and np.all(found.table[:, 16] <= found.table[:, 9])

@@ -18,6 +18,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from jhd.arithmetic.rounding import largest, round_down, round_up, smallest_normal
+from jhd.arithmetic.scaling import common_exponent, ldexp
 from jhd.arrays import is_traced, real_array, varying
 from jhd.compiled import compiled
 from jhd.shapes.checks import Numbers
@@ -92,18 +93,15 @@ def _known(found: ClosestPoints, mesh: TriangleMesh) -> Projection:
 
 
 def _traced(points: Array, mesh: TriangleMesh) -> Projection:
-    good, size, corners = jnp.all(jnp.isfinite(points), axis=-1), 0.0, mesh.corners
+    good, corners = jnp.all(jnp.isfinite(points), axis=-1), mesh.corners
     if is_traced(mesh):
         good = good & jnp.all(jnp.isfinite(corners))
         corners = jnp.where(jnp.isfinite(corners), corners, 0.0)
-        size = jnp.max(jnp.abs(corners))
     else:
-        # On the host, since the compiler takes seconds to work out a maximum of many known numbers.
         corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
-        size = np.max(np.abs(corners))
     points = jnp.where(good[:, None], points, 0.0)
-    exponent = jnp.frexp(jnp.maximum(jnp.max(jnp.abs(points)), size))[1]
-    points, corners = jnp.ldexp(points, -exponent), jnp.ldexp(corners, -exponent)
+    exponent = common_exponent(corners, points)
+    points, corners = ldexp(points, -exponent), ldexp(corners, -exponent)
     found = frames(corners, corners.dtype)
     factor = error_factor(found.defect, corners.dtype)
     square, triangle = _all_pairs(points, found.table)

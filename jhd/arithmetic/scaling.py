@@ -1,0 +1,62 @@
+"""Powers of two: the size of arrays, and scaling that changes no digit.
+
+Coordinates of any size are brought to order one before anything is multiplied: then squares neither overflow nor
+vanish. NumPy scales exactly, subnormal numbers too. XLA reads these as zero; `frexp` and `ldexp` here take them apart
+by their bits, which no backend changes, so that a compiled program scales what comes in without loss. What goes below
+the smallest normal number on the way out is lost there.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array
+
+from jhd.arrays import is_traced
+
+# Below all exponents: that of zero, which no number has.
+_NONE = -(10**6)
+
+
+def common_exponent(*arrays: Any) -> Any:
+    """The k for which 2^-k times the largest entry lies in [1/2, 1); 0 where all entries are zero."""
+    if not is_traced(arrays):
+        return np.frexp(max(np.max(np.abs(x)) for x in arrays))[1]
+    # Of known arrays on the host: the compiler takes seconds to work out a maximum of many known numbers.
+    most = jnp.max(
+        jnp.stack([_exponent(x) if is_traced(x) else (common_exponent(x) if np.any(x) else _NONE) for x in arrays])
+    )
+    return jnp.where(most == _NONE, 0, most)
+
+
+def _exponent(x: Array) -> Array:
+    mantissa, power = frexp(x)
+    return jnp.max(jnp.where(mantissa != 0, power, _NONE))
+
+
+def frexp(x: Array) -> tuple[Array, Array]:
+    """Mantissas in [1/2, 1) and exponents of finite numbers in a compiled program; 0 and 0 for zeros alone.
+
+    A subnormal number is its integer mantissa times the smallest one, and integers become floats exactly.
+    """
+    info = jnp.finfo(x.dtype)
+    bits = lax.bitcast_convert_type(x, jnp.dtype(f"int{info.bits}"))
+    digits = bits & ((1 << info.nmant) - 1)
+    subnormal = ((bits >> info.nmant) & ((1 << info.nexp) - 1) == 0) & (digits != 0)
+    whole = jnp.where(bits < 0, -digits, digits).astype(x.dtype)
+    mantissa, power = jnp.frexp(jnp.where(subnormal, whole, x))
+    return mantissa, power + jnp.where(subnormal, info.minexp - info.nmant, 0)
+
+
+def ldexp(x: Any, power: Any) -> Any:
+    """The product x 2^power; exact but for what leaves the range of the results, for subnormal x too."""
+    if not is_traced(x, power):
+        return np.ldexp(x, power)
+    mantissa, own = frexp(jnp.asarray(x))
+    return jnp.ldexp(mantissa, own + power)
+
+
+def unit_weights(xp: Any, weights: Any, axes: int | tuple[int, ...] = -1) -> Any:
+    """Positive weights scaled to a largest one in [1/2, 1) along the axes, which changes no point."""
+    return xp.ldexp(weights, -xp.frexp(xp.max(weights, axis=axes, keepdims=True))[1])
