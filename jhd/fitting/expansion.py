@@ -81,7 +81,7 @@ def expand(pairs: CriticalPairs, fixed: Moving, moving: Moving, least: float) ->
         carrier, other = (moving, fixed) if turned else (fixed, moving)
         at = witness["segment"][k], witness["t"][k]
         feet = list(zip(witness["foot_segments"][k], witness["foot_params"][k], strict=True))
-        two = events[k] == int(EVENTS.one_to_two._value)
+        two = min(witness["multipliers"][k]) > 0
         feet, weights = (feet, witness["multipliers"][k]) if two else (feet[:1], [1.0])
         x, ys = _jet(carrier, *at, count), [_jet(other, *foot, count) for foot in feet]
         ends = [int(event._value) for event in (EVENTS.a_end, EVENTS.corner)]
@@ -173,7 +173,8 @@ def _derivatives(
         k[-1, 1] = k[1, -1] = -u @ y.first
         k[-1, 2] = k[2, -1] = v @ z.first
         c[-1] = u @ (x.tangent - y.tangent) - v @ (x.tangent - z.tangent)
-    free = np.array([not held_t, *(not h for h in held), *([True] * (size - 1 - feet))])
+    # At an end the multipliers are constants.
+    free = np.array([not held_t, *(not h for h in held), *([True] * (feet * (dim - 1))), *([not held_t] * (feet - 1))])
     k, c = k[np.ix_(free, free)], c[free]
     hessian = m - c.T @ np.linalg.lstsq(k, c, rcond=_SINGULAR)[0]
     return g, 0.5 * (hessian + hessian.T)

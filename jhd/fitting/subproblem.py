@@ -1,12 +1,14 @@
 """The step of a minimax problem: an interior point method for its quadratic model, and multipliers.
 
 Source: the predictor and corrector are Mehrotra's, SIAM J. Optim. 2 (1992), with quadratic constraints linearised at
-each step; the multipliers are found by the method of Lawson and Hanson, Solving Least Squares Problems (1974), ch. 23.
+each step; the multipliers are least squares with non-negative unknowns.
 """
 
 from typing import Any
 
 import numpy as np
+
+from jhd.arithmetic.least_squares import non_negative
 
 # Steps of the interior point method, of which 8 to 20 are needed; its tolerance in units of order one.
 _STEPS, _TOLERANCE = 60, 1e-13
@@ -94,32 +96,5 @@ def multipliers(gradient: FloatArray, price: FloatArray) -> FloatArray:
     """
     size = np.sqrt(np.max(np.sum(gradient**2, axis=1))) or 1.0
     rows = np.vstack([gradient.T / size, np.diag(price), np.ones((1, len(gradient)))])
-    mu = _non_negative(rows, np.append(np.zeros(len(rows) - 1), 1.0))
+    mu = non_negative(rows, np.append(np.zeros(len(rows) - 1), 1.0))
     return mu / np.sum(mu)
-
-
-def _non_negative(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Least squares with non-negative unknowns."""
-    count = matrix.shape[1]
-    x, basic = np.zeros(count), np.zeros(count, bool)
-    for _ in range(3 * count):
-        pull = matrix.T @ (right - matrix @ x)
-        pull[basic] = -np.inf
-        new = int(np.argmax(pull))
-        if basic.all() or pull[new] <= 1e-14:
-            break
-        basic[new] = True
-        while True:
-            z = np.zeros(count)
-            z[basic] = np.linalg.lstsq(matrix[:, basic], right, rcond=None)[0]
-            low = basic & (z <= 0)
-            if not low.any():
-                break
-            share = np.min(x[low] / np.maximum(x[low] - z[low], 1e-300))
-            x = x + share * (z - x)
-            basic &= x > 1e-15
-            x[~basic] = 0.0
-            if not basic.any():
-                return np.eye(count)[0]
-        x = z
-    return x

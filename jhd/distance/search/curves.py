@@ -193,7 +193,8 @@ def _polished(a: BezierSegments, b: BezierSegments, witness: Witness, state: Sta
     """
     k, (k1, k2) = witness.segment, witness.foot_segments
     y = jnp.concatenate([witness.t[None], witness.foot_params])
-    system = active.active(piece_of(a, k), piece_of(b, k1), piece_of(b, k2), y, witness.event)
+    pieces = piece_of(a, k), piece_of(b, k1), piece_of(b, k2)
+    system = active.active(*pieces, y, witness.event, witness.multipliers)
     y = active.polished(y, system)
     y = y.at[2].set(jnp.where(system.two, y[2], y[1]))
     point = jet(*system.a, y[0]).point
@@ -202,7 +203,8 @@ def _polished(a: BezierSegments, b: BezierSegments, witness: Witness, state: Sta
     off = jnp.max(jnp.abs(jnp.sqrt(jnp.sum((feet - point) ** 2, axis=1)) - found.distance))
     eps = float(jnp.finfo(point.dtype).eps)
     better = (found.distance >= state.value - _NOISE * eps) & (off <= _AGREEING * eps)
-    new = replace(witness, t=y[0], point=point, feet=feet, foot_params=y[1:], multipliers=active.multipliers(y, system))
+    multipliers = active.multipliers(y, system, witness.multipliers)
+    new = replace(witness, t=y[0], point=point, feet=feet, foot_params=y[1:], multipliers=multipliers)
     witness = jax.tree_util.tree_map(lambda x, y: jnp.where(better, x, y), new, witness)
     lower = jnp.where(better, jnp.maximum(state.lower, found.lower - evaluation_error(a, b)), state.lower)
     return witness, jnp.where(better, jnp.maximum(found.distance, state.value), state.value), lower

@@ -7,7 +7,8 @@ rounding where the curves nearly coincide, the normal of b is not. The distance 
 reason.
 
 The value has the derivative lambda_1 d1 + lambda_2 d2, where d_i is that of the distance to foot i at fixed parameters
-and lambda the multipliers of the witness; a single foot has lambda = 1. The parameters y move by -J^-1 dG, and the
+and lambda the multipliers of the witness; a single foot has lambda = 1, and at an end or corner of a the multipliers
+are constants (jhd.distance.witness.multipliers). The parameters y move by -J^-1 dG, and the
 Jacobian J fits Cramer's rule. `solution` is y as a function of both curves, whose derivative is written with
 `solution` again, so that all orders come out right. Where the determinant vanishes (concentric arcs, where the maximum
 is not isolated) nothing moves.
@@ -52,11 +53,12 @@ class Active(NamedTuple):
 Pieces = tuple[Piece, Piece, Piece]
 
 
-def active(a: Piece, first: Piece, second: Piece, y: Array, event: Any) -> Active:
-    """The system that belongs to an event at the parameters y = (t, s1, s2)."""
+def active(a: Piece, first: Piece, second: Piece, y: Array, event: Any, multipliers: Array) -> Active:
+    """The system that belongs to an event at the parameters y = (t, s1, s2); at ends the multipliers tell the feet."""
     at = jet(*a, y[0]).point
-    two = event == EVENTS.one_to_two
-    ends = (event == EVENTS.a_end) | (event == EVENTS.corner) | _single(a)
+    ends = (event == EVENTS.a_end) | (event == EVENTS.corner)
+    two = (event == EVENTS.one_to_two) | ends & jnp.all(multipliers > 0)
+    ends = ends | _single(a)
     stay = jnp.stack([ends, is_held(at, first, y[1]), is_held(at, second, y[2]) | ~two])
     return Active(a, first, second, stay, two)
 
@@ -183,6 +185,13 @@ def direction(c: Array, velocity: Array, held: Array) -> Array:
     return jnp.where(known, jnp.where(normal @ c < 0, -normal, normal), unit)
 
 
+def units(y: Array, system: Active) -> Array:
+    """The unit vectors from both feet to the witness, in rows."""
+    a, *feet = _jets(y, system.pieces)
+    pairs = zip(feet, system.held[1:], strict=True)
+    return jnp.stack([direction(a.point - foot.point, foot.first, held) for foot, held in pairs])
+
+
 def distance(y: Array, system: Active) -> Array:
     """Distance from the witness to its first foot; along the normal of b where that is known."""
     a, b, _ = _jets(y, system.pieces)
@@ -195,14 +204,15 @@ def polished(y: Array, system: Active) -> Array:
     return jax.lax.fori_loop(0, _POLISH, lambda _, x: jnp.clip(newton(x, system), 0.0, 1.0), varying(y, system))
 
 
-def multipliers(y: Array, system: Active) -> Array:
-    """Weights of both feet with lambda_1 g1 + lambda_2 g2 = 0 for the slopes g_i of the distances along a."""
-    a, b, d = _jets(y, system.pieces)
-    slopes = [
-        direction(a.point - foot.point, foot.first, held) @ a.first
-        for foot, held in ((b, system.held[1]), (d, system.held[2]))
-    ]
+def multipliers(y: Array, system: Active, held: Array) -> Array:
+    """Weights of both feet with lambda_1 g1 + lambda_2 g2 = 0 for the slopes g_i of the distances along a.
+
+    Those given as `held` hold where the parameter on a does: a range of them may serve there
+    (jhd.distance.witness.multipliers), and the same ones are taken as long as the feet stay.
+    """
+    slopes = units(y, system) @ jet(*system.a, y[0]).first
     spread = jnp.where(system.two, slopes[0] - slopes[1], 1.0)
     opposite = system.two & (spread != 0)
     share = jnp.clip(-slopes[1] / jnp.where(opposite, spread, 1.0), 0.0, 1.0)
-    return jnp.where(opposite, jnp.stack([share, 1 - share]), jnp.array([1.0, 0.0]))
+    balanced = jnp.where(opposite, jnp.stack([share, 1 - share]), jnp.array([1.0, 0.0]))
+    return jnp.where(system.held[0], held, balanced)

@@ -28,6 +28,8 @@ from jhd.distance.nearest.curves import in_chunks, nearest, repeated
 from jhd.distance.nearest.feet import follow_foot
 from jhd.distance.witness import active
 from jhd.distance.witness.derivative import attached
+from jhd.distance.witness.ends import Around, around
+from jhd.distance.witness.multipliers import share
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
 
@@ -49,8 +51,8 @@ _ONE_FOOT, _MOVED = 1e-3, 64.0
 _NEARER, _ROUNDED = 1e-9, 1e-13
 # Distances below this one, in the common coordinates, are zero.
 _ZERO = 1e-14
-# Tangents that differ by more than this angle (radians) make a joint a corner.
-_CORNER = 1e-6
+# A maximum of two feet this near to an end of its segment is at the end, which the tie determines to rounding.
+_AT_END = 1e-12
 # Pairs at the same place, in the common coordinates, are one.
 _SAME = 1e-5
 
@@ -347,14 +349,24 @@ def _described(pair: _Pair, cell: _Cell, t: Array, foot: _Foot, held: Array) -> 
             (cell.left, cell.right, (foot.segment, foot.s)),
         )
     )
-    event = _event(pair, cell.segment, t, held, two)
+    border = jnp.round(t)
+    place = around(a, pair.before_a, Place(cell.segment, border))
+    event = _event(place, held & (t == border), EVENTS.where(two, EVENTS.one_to_two, EVENTS.antipodal))
     y = jnp.stack([t, first.t, second.t])
-    system = active.active(piece, piece_of(b, first.segment), piece_of(b, second.segment), y, event)
+    one = jnp.array([1.0, 0.0])
+    system = active.active(piece, piece_of(b, first.segment), piece_of(b, second.segment), y, event, one)
     event = EVENTS.where((event == EVENTS.antipodal) & system.held[1], EVENTS.b_end, event)
     new = jax.lax.fori_loop(0, _POLISH, lambda _, x: jnp.clip(active.newton(x, system), 0.0, 1.0), varying(y, system))
     # The maximum lies in the cell; where Newton's method leaves it the middle is kept.
     stays = jnp.abs(new[0] - t) <= 4 * (cell.t1 - cell.t0)
     y = jnp.where(stays, new, y)
+    # Between the arms of b an end or corner can be a maximum that rises on one side, towards it, for either foot alone.
+    ending = two & (jnp.abs(y[0] - border) <= _AT_END)
+    y = y.at[0].set(jnp.where(ending, border, y[0]))
+    event = _event(place, ending, event)
+    slopes = active.units(y, system) @ place.into.T
+    most = share(slopes[0], slopes[1])
+    multipliers = jnp.where(ending, jnp.stack([most, 1 - most]), active.multipliers(y, system, one))
     s1, s2 = y[1], jnp.where(two, y[2], y[1])
     at, value = jet(*piece, y[0]).point, active.distance(y, system)
     near = nearest(at, b.control_points, b.weights, 0.0, repeated(b.control_points, b.weights))
@@ -365,7 +377,7 @@ def _described(pair: _Pair, cell: _Cell, t: Array, foot: _Foot, held: Array) -> 
         feet=jnp.stack([jet(*system.first, s1).point, jet(*system.second, s2).point]),
         foot_segments=jnp.stack([first.segment, second.segment]),
         foot_params=jnp.stack([s1, s2]),
-        multipliers=active.multipliers(y, system),
+        multipliers=multipliers,
         event=EVENTS.where(value <= _ZERO, EVENTS.coincident, event),
         direction=DIRECTIONS.a_to_b,
     )
@@ -373,19 +385,7 @@ def _described(pair: _Pair, cell: _Cell, t: Array, foot: _Foot, held: Array) -> 
     return _Found(value, witness, wrong, Place(near.segment, near.t))
 
 
-def _event(pair: _Pair, segment: Array, t: Array, held: Array, two: Array) -> Any:
-    """The event, but for a foot that is held; a joint without a corner is a place like any other."""
-    a = pair.a
-    neighbour = jnp.where(t >= 1, a.following[segment], pair.before_a[segment])
-    tangents = [_direction(*piece_of(a, k), u) for k, u in ((segment, t), (neighbour, jnp.where(t >= 1, 0.0, 1.0)))]
-    jump = jnp.sum((tangents[0] - tangents[1]) ** 2) > _CORNER**2
-    at_end = held & ((t <= 0) | (t >= 1))
-    event = EVENTS.where(two, EVENTS.one_to_two, EVENTS.antipodal)
-    event = EVENTS.where(at_end & (neighbour >= 0) & jump, EVENTS.corner, event)
-    return EVENTS.where(at_end & (neighbour < 0), EVENTS.a_end, event)
-
-
-def _direction(control_points: Array, weights: Array | None, t: Array) -> Array:
-    vector = jet(control_points, weights, t).first
-    length = jnp.sqrt(vector @ vector)
-    return vector / jnp.where(length > 0, length, 1.0)
+def _event(place: Around, held: Array, event: Any) -> Any:
+    """The event, that of an end or corner where the parameter is held there."""
+    event = EVENTS.where(held & place.corner, EVENTS.corner, event)
+    return EVENTS.where(held & place.end, EVENTS.a_end, event)

@@ -5,7 +5,9 @@ The search is not differentiated: its answer is a function of both curves by the
 higher order.
 
 Where several places are equally far the derivative is that of the witness named, one of the generalised derivatives of
-the maximum. Where the distance is zero it is not differentiable, and zero is taken.
+the maximum. Where several feet are equally near at an end or corner of a it lies between the one-sided derivatives in
+every direction (jhd.distance.witness.multipliers). Where the distance is zero it is not differentiable, and zero is
+taken.
 """
 
 from typing import Any, NamedTuple
@@ -137,7 +139,7 @@ def _attached(answer: _Answer, a: BezierSegments, b: BezierSegments, frame: Fram
         piece(witness.foot_segments[0], ~turned),
         piece(witness.foot_segments[1], ~turned),
     )
-    return _with_rule(answer, pieces, scale, witness.event)
+    return _with_rule(answer, pieces, scale, (witness.event, witness.multipliers))
 
 
 def _piece(curve: BezierSegments, k: Array, degree: int, rational: bool) -> Piece:
@@ -160,23 +162,23 @@ def _raised(rows: Array, degree: int) -> Array:
     return jnp.sum(raising[:, :, None] * rows, axis=1)
 
 
-def _with_rule(answer: _Answer, pieces: active.Pieces, scale: Array, event: Any) -> _Answer:
-    """The same answer, with the derivatives of the active system."""
-    return _Answer.of_scalars(_scalars_with_rule(answer.scalars(), pieces, scale, event))
+def _with_rule(answer: _Answer, pieces: active.Pieces, scale: Array, kind: tuple[Any, Array]) -> _Answer:
+    """The same answer, with the derivatives of the active system of the kind: its event and multipliers."""
+    return _Answer.of_scalars(_scalars_with_rule(answer.scalars(), pieces, scale, kind))
 
 
 @jax.custom_jvp
-def _scalars_with_rule(scalars: tuple, pieces: active.Pieces, scale: Array, event: Any) -> tuple:
+def _scalars_with_rule(scalars: tuple, pieces: active.Pieces, scale: Array, kind: tuple[Any, Array]) -> tuple:
     return scalars
 
 
 @_scalars_with_rule.defjvp
 def _rule(primals: tuple, tangents: tuple) -> tuple[tuple, tuple]:
-    scalars, pieces, scale, event = primals
+    scalars, pieces, scale, (event, multipliers) = primals
     answer = _Answer.of_scalars(scalars)
     a, first, second = pieces
     start = jax.lax.stop_gradient(jnp.concatenate([answer.t[None], answer.foot_params]))
-    held, two = jax.lax.stop_gradient(active.active(a, first, second, start, event)[3:])
+    held, two = jax.lax.stop_gradient(active.active(a, first, second, start, event, multipliers)[3:])
     # At distance zero all derivatives are zero by convention; there they need not exist.
     apart = event != EVENTS.coincident
     y, y_dot = jax.jvp(lambda p: active.solution(start, p, held, two), (pieces,), (tangents[1],))
@@ -187,13 +189,12 @@ def _rule(primals: tuple, tangents: tuple) -> tuple[tuple, tuple]:
         jax.jvp(lambda p, s=s: jet(*p, s).point, (piece,), (moved,))[1]
         for piece, s, moved in zip(pieces, y, tangents[1], strict=True)
     ]
-    units = [active.direction(jets[0].point - jets[i].point, jets[i].first, held[i]) for i in (1, 2)]
-    stretch = jnp.stack([unit @ (at_rest[0] - at_rest[i]) for i, unit in ((1, units[0]), (2, units[1]))])
+    stretch = jnp.stack([unit @ (at_rest[0] - at_rest[i]) for i, unit in enumerate(active.units(y, system), 1)])
     points = [still + j.first * s for still, j, s in zip(at_rest, jets, y_dot, strict=True)]
     # A single foot is given twice.
     feet = jnp.where(two, jnp.stack(points[1:]), points[1])
     change = _Answer(
-        value=active.multipliers(y, system) @ stretch / scale,
+        value=active.multipliers(y, system, multipliers) @ stretch / scale,
         t=y_dot[0],
         point=points[0] / scale,
         feet=feet / scale,

@@ -16,6 +16,8 @@ from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Piece, Place, piece_of, preceding
 from jhd.distance.nearest.curves import repeated, segment_bounds
 from jhd.distance.nearest.feet import Branch, foot_at, newton_step
+from jhd.distance.witness.ends import around
+from jhd.distance.witness.multipliers import two_of
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import DIRECTIONS, EVENTS, Witness
 
@@ -23,8 +25,6 @@ from jhd.solution import DIRECTIONS, EVENTS, Witness
 _TIE = 1e-9
 # Feet closer than this share of the size are one foot; two feet of one maximum merge only at a centre of curvature.
 _SAME_FOOT = 1e-6
-# Tangents that differ by more than this angle (radians) make a joint a corner.
-_CORNER = 1e-6
 # Starts of Newton's method on each segment when the feet of a witness are gathered; of many segments those with the
 # smallest lower bounds are searched.
 _STARTS, _SEARCHED = 8, 32
@@ -63,9 +63,10 @@ def _foot_residual(stationarity: Array, s: Array, branch: Branch) -> Array:
 def describe(a: BezierSegments, b: BezierSegments, at: Place, foot: Place, size: Array) -> Witness:
     """The witness at the parameter (segment, t) of a: nearest feet on b, multipliers and the kind of event.
 
-    All local feet that are equally near are gathered. Where two of them pull the distance opposite ways along a, the
-    maximum is one-to-two and its multipliers solve lambda_1 g_1 + lambda_2 g_2 = 0, g_i = d/dt |A - B(s_i)|; otherwise
-    the nearest foot alone is active. The first foot in the order of segments and parameters is named first.
+    All local feet that are equally near are gathered, and of them one or two count, as jhd.distance.witness.multipliers
+    has it: two inside of a, where the maximum is then one-to-two, if they pull the distance opposite ways along a; two
+    at an end or corner if the nearest one alone would make the maximum leave it. The first foot in the order of
+    segments and parameters is named first.
 
     Args:
         a: the curve that carries the maximum.
@@ -82,25 +83,23 @@ def describe(a: BezierSegments, b: BezierSegments, at: Place, foot: Place, size:
     distances = jnp.sqrt(jnp.sum((here.point - feet) ** 2, axis=-1))
     least = jnp.min(distances)
     active = distances <= least + _TIE * size
-    safe = jnp.where(distances > 0, distances, 1.0)
-    slopes = (here.point - feet) @ here.first / safe
-    up = jnp.argmax(jnp.where(active, slopes, -jnp.inf))
-    down = jnp.argmin(jnp.where(active, slopes, jnp.inf))
+    place = around(a, preceding(a.following), at)
+    units = (here.point - feet) / jnp.where(distances > 0, distances, 1.0)[:, None]
     nearest = jnp.argmin(distances)
-    end, corner = _end_or_corner(a, segment, t)
-    apart = jnp.sum((feet[up] - feet[down]) ** 2) > (_SAME_FOOT * size) ** 2
-    two = (slopes[up] > 0) & (slopes[down] < 0) & apart & ~end & ~corner
-    turned = segments[up] + params[up] > segments[down] + params[down]
-    order = jnp.where(turned, jnp.stack([down, up]), jnp.stack([up, down]))
-    chosen = jnp.where(two, order, jnp.stack([nearest, nearest]))
-    g = slopes[chosen]
-    spread = jnp.where(two, g[0] - g[1], 1.0)
-    multipliers = jnp.where(two, jnp.stack([-g[1], g[0]]) / spread, jnp.array([1.0, 0.0]))
-    _, pinned = foot_at(here.point, b, segments[nearest], params[nearest])
+    pair, share = two_of(units @ place.into.T, active, nearest)
+    apart = jnp.sum((feet[pair[0]] - feet[pair[1]]) ** 2) > (_SAME_FOOT * size) ** 2
+    two = (share > 0) & (share < 1) & apart
+    order = segments[pair] + params[pair]
+    turned = two & (order[0] > order[1])
+    pair, share = jnp.where(turned, pair[::-1], pair), jnp.where(turned, 1 - share, share)
+    single = pair[jnp.where(share >= 0.5, 0, 1)]
+    chosen = jnp.where(two, pair, single)
+    multipliers = jnp.where(two, jnp.stack([share, 1 - share]), jnp.array([1.0, 0.0]))
+    _, pinned = foot_at(here.point, b, segments[single], params[single])
     event = EVENTS.where(pinned, EVENTS.b_end, EVENTS.antipodal)
     event = EVENTS.where(two, EVENTS.one_to_two, event)
-    event = EVENTS.where(corner, EVENTS.corner, event)
-    event = EVENTS.where(end, EVENTS.a_end, event)
+    event = EVENTS.where(place.corner, EVENTS.corner, event)
+    event = EVENTS.where(place.end, EVENTS.a_end, event)
     event = EVENTS.where(least <= _TIE**1.5 * size, EVENTS.coincident, event)
     return Witness(
         segment=segment,
@@ -135,29 +134,3 @@ def _local_feet(point: Array, b: BezierSegments) -> tuple[Array, Array]:
 
     segments, params = jax.vmap(feet_on)(segments)
     return segments.ravel(), params.ravel()
-
-
-def _end_or_corner(a: BezierSegments, segment: Array, t: Array) -> tuple[Array, Array]:
-    """Whether (segment, t) is a free end of a, and whether it is a joint where the tangent jumps."""
-    nxt, last = a.following[segment], preceding(a.following)[segment]
-    neighbour = jnp.where(t >= 1, nxt, jnp.where(t <= 0, last, segment))
-    at_end = (t <= 0) | (t >= 1)
-    first = _direction(a, segment, t)
-    second = _direction(a, neighbour, jnp.where(t >= 1, 0.0, jnp.where(t <= 0, 1.0, t)))
-    # The angle between unit vectors is nearly the length of their difference.
-    jump = jnp.sum((first - second) ** 2) > _CORNER**2
-    joined = at_end & (neighbour >= 0)
-    return at_end & (neighbour < 0), joined & jump
-
-
-def _direction(a: BezierSegments, segment: Array, t: Array) -> Array:
-    """Unit tangent of a segment; at an end with zero speed that of the chord to a point a little inside."""
-    piece = piece_of(a, segment)
-    here = jet(*piece, t)
-    inside = jet(*piece, jnp.clip(t, 1e-4, 1 - 1e-4)).point - here.point
-    inside = jnp.where(t >= 1, -inside, inside)
-    extent = jnp.max(jnp.abs(piece.control_points - piece.control_points[0]))
-    slow = jnp.max(jnp.abs(here.first)) <= 1e-9 * extent
-    vector = jnp.where(slow, inside, here.first)
-    length = jnp.sqrt(jnp.sum(vector**2))
-    return vector / jnp.where(length > 0, length, 1.0)

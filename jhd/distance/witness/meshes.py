@@ -1,14 +1,11 @@
 """The witness of a distance between meshes: all nearest triangles of the farthest point, their weights, derivatives.
 
 The distance from a point to one foot is a convex function, so a maximum over a that is no vertex of a has several feet
-at one distance. To first order the maximum moves so that they stay equal, and its derivative is the sum of theirs at
-the fixed place on a, with multipliers that are non-negative, have the sum one, and balance the directions along a.
-
-Source: Danskin, The theory of max-min and its application to weapons allocation problems (1967); the multipliers are
-those of the active feet, as for curves (jhd.distance.witness.active).
+at one distance, and one at a vertex can have. To first order the maximum moves so that they stay equal, and its
+derivative is the sum of theirs at the fixed place on a, with the multipliers of jhd.distance.witness.multipliers: they
+balance along a face; at an edge or a vertex no direction into one of the triangles there raises the distance.
 """
 
-from itertools import combinations
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -22,6 +19,7 @@ from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.cells.triangles import Side
 from jhd.distance.nearest.meshes import foot_on
+from jhd.distance.witness.multipliers import balanced
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Witness
 from jhd.triangles.closest_point import barycentric_of, nearest_triangles, pair_squares
@@ -29,8 +27,13 @@ from jhd.triangles.closest_point import barycentric_of, nearest_triangles, pair_
 _FEET = 4
 # Triangles are looked for around the point this far away, and count as nearest within this much; shares of the size.
 _RING, _EQUAL = 1e-6, 1e-8
+# In these directions: within the plane of a face, else all around, to the corners, edges and sides of a cube.
+_ANGLES = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+_CUBE = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
 # Barycentric coordinates below this put the point on an edge.
 _ON_EDGE = 1e-9
+# A triangle whose height is below this share of its side has no direction across that is known.
+_NEEDLE = 1e-12
 
 
 class Feet(NamedTuple):
@@ -60,20 +63,18 @@ def active_feet(side: Side, owner: int, weights: np.ndarray, nearest: int, gap: 
         gap: upper - lower, which the distances of active feet may differ by.
     """
     corners = side.corners[owner].astype(np.float64)
-    point = weights @ corners
-    sides = np.stack([corners[1] - corners[0], corners[2] - corners[0]])
-    free = weights > _ON_EDGE
-    steps = _directions(corners, free)
-    size = max(float(np.max(np.abs(sides))), 1e-300)
-    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    ring = steps if len(steps) < 2 else np.cos(angles)[:, None] * steps[0] + np.sin(angles)[:, None] * steps[1]
-    around = np.concatenate([[point], point + _RING * size * ring, point - _RING * size * ring])
+    point, free = weights @ corners, weights > _ON_EDGE
+    size = max(float(np.max(np.abs(corners[1:] - corners[0]))), 1e-300)
+    rays = _into(side, owner, free)
+    ring = np.cos(_ANGLES)[:, None] * rays[0] + np.sin(_ANGLES)[:, None] * rays[1] if free.all() else _CUBE
+    around = point + _RING * size * np.concatenate([np.zeros((1, 3)), ring, rays])
     triangles = np.unique(
         np.append(nearest_triangles(side.tree, around.astype(side.corners.dtype)).triangle, nearest)
     ).astype(np.int32)
     rows = np.broadcast_to(point.astype(side.corners.dtype), (len(triangles), 3))
     distance = np.sqrt(pair_squares(side.tree.table, rows, triangles).astype(np.float64))
-    near = np.flatnonzero(distance <= distance.min() + max(4 * gap, _EQUAL * size))
+    equal = max(4 * gap, _EQUAL * size)
+    near = np.flatnonzero(distance <= distance.min() + equal)
     near = near[np.argsort(distance[near], kind="stable")]
     t = barycentric_of(side.tree, rows[: len(near)], triangles[near])
     feet = np.einsum("nk,nkd->nd", t, _corners_of(side, triangles[near]))
@@ -82,12 +83,12 @@ def active_feet(side: Side, owner: int, weights: np.ndarray, nearest: int, gap: 
     for k in range(len(near)):
         if all(np.max(np.abs(feet[k] - feet[i])) > 1e-2 * _RING * size for i in kept):
             kept.append(k)
-    kept = kept[:8]
-    units = [_unit(point - feet[k]) for k in kept]
-    chosen, multipliers = _balance(np.array([[unit @ step for step in steps] for unit in units]).reshape(len(kept), -1))
+    units = np.array([_unit(point - feet[k]) for k in kept])
+    multipliers = balanced(units, rays, (distance[near][kept] - distance.min()) / equal)
+    chosen = np.flatnonzero(multipliers)
     rows_ = [kept[k] for k in chosen]
     padded = rows_ + rows_[:1] * (_FEET - len(rows_))
-    shares = np.concatenate([multipliers, np.zeros(_FEET - len(rows_))])
+    shares = np.append(multipliers[chosen], np.zeros(_FEET - len(rows_)))
     return Feet(triangles[near][padded], t[padded], shares, len(rows_))
 
 
@@ -97,44 +98,40 @@ def _corners_of(side: Side, triangles: np.ndarray) -> np.ndarray:
 
 
 def _unit(x: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(x)
-    return x / length if length > 0 else x
+    length = np.linalg.norm(x, axis=-1, keepdims=True)
+    return x / np.where(length > 0, length, 1.0)
 
 
-def _directions(corners: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Orthogonal unit vectors along which a point can move on its face or edge; none for a corner."""
-    moving = corners[free]
-    if len(moving) < 2:
-        return np.zeros((0, 3))
-    first = _unit(moving[1] - moving[0])
-    if len(moving) == 2:
-        return first[None]
-    second = (moving[2] - moving[0]) - ((moving[2] - moving[0]) @ first) * first
-    return np.stack([first, _unit(second)])
+def _into(side: Side, owner: int, free: np.ndarray) -> np.ndarray:
+    """Unit vectors whose combinations are the directions into the triangles of a at a place of a triangle's corners.
 
-
-def _balance(slopes: np.ndarray) -> tuple[list[int], np.ndarray]:
-    """A smallest set of feet and weights whose slopes cancel best: (feet, directions)."""
-    count, dim = slopes.shape
-    best: tuple[float, list[int], np.ndarray] = (np.inf, [0], np.ones(1))
-    for size in range(1, min(count, dim + 1) + 1):
-        for chosen in combinations(range(count), size):
-            rows = slopes[list(chosen)].T
-            system = np.concatenate([rows, 1e3 * np.ones((1, size))])
-            weights = np.linalg.lstsq(system, np.append(np.zeros(dim), 1e3), rcond=None)[0]
-            if weights.min() < -1e-7 or not np.isfinite(weights).all():
-                continue
-            weights = np.maximum(weights, 0) / np.maximum(weights, 0).sum()
-            miss = float(np.linalg.norm(rows @ weights))
-            if miss < best[0] - 1e-4:
-                best = miss, list(chosen), weights
-    return best[1], best[2]
+    On a face there are four of them, the first two orthogonal; on an edge those along it and across each triangle; at a
+    vertex both sides of each triangle and the vector between them, which a flat angle needs. Triangles meet where their
+    corners are the same numbers.
+    """
+    own = side.corners[owner][free]
+    at = (side.corners[:, :, None] == own).all(axis=-1)
+    touching = np.flatnonzero(at.any(axis=1).all(axis=1))
+    base = own[0].astype(np.float64)
+    shared = at[touching].any(axis=2)[..., None]
+    sides = np.where(shared, 0.0, side.corners[touching].astype(np.float64) - base)
+    if len(own) == 1:
+        ends = _unit(sides)
+        return np.concatenate([ends.reshape(-1, 3), _unit(ends.sum(axis=1))])
+    along = _unit(own[1].astype(np.float64) - base)
+    third = own[2:].astype(np.float64) - base if len(own) == 3 else sides.sum(axis=1)
+    across = third - (third @ along)[:, None] * along
+    flat = np.linalg.norm(across, axis=1) <= _NEEDLE * np.linalg.norm(third, axis=1)
+    rays = np.concatenate([along[None], _unit(np.where(flat[:, None], 0.0, across))])
+    return np.concatenate([rays, -rays if len(own) == 3 else -rays[:1]])
 
 
 def event_of(feet: Feet, weights: np.ndarray, distance: float) -> Any:
-    """How the maximum arises: several feet, a vertex or edge of a, or the feature of b that holds the foot."""
+    """How the maximum arises: a vertex of a, several feet, an edge of a, or the feature of b that holds the foot."""
     if distance <= 0:
         return EVENTS.coincident
+    if np.count_nonzero(weights > _ON_EDGE) == 1:
+        return EVENTS.corner
     if feet.count > 1:
         return EVENTS.one_to_two
     if np.any(weights <= _ON_EDGE):
