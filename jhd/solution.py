@@ -238,8 +238,10 @@ class Projection(eqx.Module):
         lower: proven lower bound of the distance to the whole shape; 0 for the local methods.
         upper: proven upper bound.
         foot: the nearest point found.
-        segment: its segment; of a mesh, its triangle.
-        t: its parameter there; of a mesh, the three barycentric coordinates, exactly 0 off a face.
+        segment: its segment; of a mesh, its triangle; of a parametric surface, the number of its Bezier patch; of a
+            polynomial surface -1.
+        t: its parameter there; of a mesh, the three barycentric coordinates, exactly 0 off a face; of a parametric
+            surface, the parameters (u, v) of the patch; of a polynomial surface nan.
         result: a member of RESULTS for each query.
     """
 

@@ -36,11 +36,14 @@ from jhd.distance.nearest.meshes import project_on_mesh
 from jhd.distance.nearest.stationarity import roots_on
 from jhd.distance.published.local_feet import best_local, halve, height, newton
 from jhd.distance.published.vertex_voxels import VertexVoxels
+from jhd.distance.search.targets import project_on_surface
 from jhd.distance.witness.active import is_held, stationary
 from jhd.distance.witness.derivative import projection_with_derivatives
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.patch import AbstractPatch
 from jhd.solution import RESULTS, Projection, StationaryPoints, result_where, throw_unless_successful
 
 # Numbers of queries that programs are compiled for; more are done in blocks of the last size.
@@ -167,45 +170,55 @@ class HybridProjection(AbstractProjectionMethod):
 
 def project(
     points: Numbers,
-    shape: AbstractCurve | TriangleMesh,
+    shape: AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh,
     method: AbstractProjectionMethod | VertexVoxels | None = None,
     *,
     throw: bool = True,
 ) -> Projection:
-    """Nearest points of a curve or mesh, with proven lower and upper distances.
+    """Nearest points of a shape of any kind, with proven lower and upper distances.
 
     Distance, foot and parameter are differentiable in the points and in the shape, twice; where several points are
     equally near that of the foot named is taken, at distance zero the derivative is zero, and at an end or corner of
-    the curve that holds the foot the parameter does not move, nor does the foot leave the face, edge or vertex of a
-    mesh that holds it.
+    the shape that holds the foot the parameter does not move, nor does the foot leave the face, edge or vertex of a
+    mesh that holds it, or the face of the box of a polynomial surface.
 
-    Works under jit and vmap, where checks of values are left out and `throw` is ignored: read `result`.
+    Works under jit and vmap, where checks of values are left out and `throw` is ignored: read `result`. Surfaces are
+    searched from the host there too.
 
     Args:
         points: queries (..., dim); the batch shape is kept, and a single point has none.
-        shape: the curve, or a mesh. Under tracing every query is compared with every triangle.
+        shape: a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, which is
+            clipped to its box, or a mesh. Under tracing every query is compared with every triangle.
         method: for curves NearestSearch() or, as safe, ProjectedPolyhedron(), else a local one; for meshes None, which
-            is the exact search, or VertexVoxels(), which is local.
+            is the exact search, or VertexVoxels(), which is local; for surfaces None.
         throw: whether to raise where the bounds were not closed.
 
     Returns:
-        Distances with bounds, feet, segments and parameters (of meshes: triangles and barycentric coordinates). Local
-        methods prove no lower bound: it is 0.
+        Distances with bounds, feet, segments and parameters (see Projection for those of other shapes). Local methods
+        prove no lower bound: it is 0. Where no point of a polynomial surface can be proven, upper is infinite.
 
     Raises:
         TypeError: points that are not real numbers, a shape or a method of another kind, VertexVoxels under tracing.
-        ValueError: points that are not finite, empty, or of another dimension than the shape; VertexVoxels too small.
+        ValueError: points that are not finite, empty, or of another dimension than the shape; VertexVoxels too small;
+            a polynomial surface without points in its box.
         NotProvenError: bounds not closed and throw is True.
     """
     if isinstance(shape, TriangleMesh):
         return project_on_mesh(points, shape, method)
+    if isinstance(shape, AbstractPatch | ImplicitSurface):
+        if method is not None:
+            raise TypeError(f"method must be None for surfaces; got {type(method).__name__}.")
+        return _finished(project_on_surface(points, shape), throw)
     method = NearestSearch() if method is None else method
     if not isinstance(method, AbstractProjectionMethod):
         accepted = "NearestSearch, ProjectedPolyhedron, IntervalHalving, NewtonProjection, HybridProjection"
         raise TypeError(f"method must be one of {accepted} for curves; got {type(method).__name__}.")
     queries, curve = _checked(points, shape)
     projection = _in_blocks(_project_block, method, *jax.lax.stop_gradient((queries, curve)))
-    projection = projection_with_derivatives(projection, queries, curve)
+    return _finished(projection_with_derivatives(projection, queries, curve), throw)
+
+
+def _finished(projection: Projection, throw: bool) -> Projection:
     if throw:
         throw_unless_successful(projection)
     return projection

@@ -133,6 +133,30 @@ def _length(count: int) -> int:
     return max(16, 1 << (count - 1).bit_length())
 
 
+def point_tree(points: Float[np.ndarray, "points 3"]) -> TriangleTree:
+    """The tree of a set of points, which it takes for triangles: its table has their coordinates alone.
+
+    A squared distance then errs by five roundings, and the root by one more; no length but the distance counts.
+    """
+    size = np.max(np.abs(points))
+    exponent = int(np.frexp(size)[1]) if size > 0 else 0
+    points = np.ldexp(points, -exponent)
+    corners = np.broadcast_to(points[:, None], (len(points), 3, 3))
+    tree = box_tree(corners)
+    points = points[tree.order]
+    return TriangleTree(
+        table=jnp.asarray(_padded(points, _length(len(points)))),
+        turn=np.zeros(len(points), int),
+        boxes=jnp.asarray(_padded(tree.boxes, _length(len(tree.boxes)))),
+        levels=tree.levels,
+        order=tree.order,
+        hints=hints(np.repeat(points[:, None], 3, axis=1).astype(np.float64)),
+        exponent=exponent,
+        longest=0.0,
+        factor=gamma(8, points.dtype),
+    )
+
+
 def _padded(rows: np.ndarray, length: int) -> np.ndarray:
     return rows[np.minimum(np.arange(length), len(rows) - 1)]
 
@@ -190,7 +214,9 @@ def in_unit_of(tree: TriangleTree, points: np.ndarray) -> tuple[TriangleTree, np
 def _shrunk(tree: TriangleTree, power: int) -> TriangleTree:
     """The same tree in a larger unit; what underflows is below `absolute_floor`."""
     table = np.array(tree.table)
-    table[:, LENGTHS] = np.ldexp(table[:, LENGTHS], -power)
+    # A table of points has three columns.
+    lengths = [k for k in LENGTHS if k < table.shape[1]]
+    table[:, lengths] = np.ldexp(table[:, lengths], -power)
     boxes = np.asarray(tree.boxes)
     boxes = np.where(np.isfinite(boxes), np.ldexp(boxes, -power), boxes)
     grid = Hints(

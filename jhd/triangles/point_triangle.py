@@ -168,7 +168,9 @@ def _in_plane(point: Array, row: Array) -> _InPlane:
 
 
 def squared_distances(points: Float[Array, "*#batch 3"], rows: Float[Array, "*#batch columns"]) -> Array:
-    """Squared distances of points to triangles, by rows of the table; both broadcast."""
+    """Squared distances of points to triangles, by rows of the table, or to points, rows of three; both broadcast."""
+    if rows.shape[-1] == 3:
+        return jnp.sum((points - rows) ** 2, axis=-1)
     p = _in_plane(points, rows)
     return p.z_sq + jnp.where(p.inside, 0.0, jnp.minimum(p.edge_sq[0], jnp.minimum(p.edge_sq[1], p.edge_sq[2])))
 

@@ -193,7 +193,9 @@ def bound(a: Net, b: Net, cell: Cell) -> CellBound:
     extent = jnp.where(wide, jnp.max(sides.first.size, axis=-1), -1.0)
     x = low + z * (high - low)
     lower = jnp.where(excluded, jnp.inf, lower)
-    return CellBound(lower, upper, distance, x, left, jnp.argmax(extent), ~jnp.any(wide))
+    # A cell that has only now shrunk to a point is bounded once more, as that point.
+    thin = ~jnp.any(high - low > _THINNEST * jnp.finfo(dtype).eps)
+    return CellBound(lower, upper, distance, x, left, jnp.argmax(extent), thin)
 
 
 def _unit(at: tuple[Jet, Jet]) -> tuple[Array, Array]:

@@ -1,0 +1,27 @@
+"""Searches that need the host inside compiled programs: under jit, vmap and grad they are called from there.
+
+What is called is not differentiated; derivatives are attached to its answer outside, by the rules that serve known
+shapes. Of a batch the searches run one after the other.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
+
+def from_host(function: Callable[..., Any], like: Any, *arguments: Any) -> Any:
+    """What a function of known arrays gives, where the arrays are traced.
+
+    Args:
+        function: takes the arguments with NumPy arrays in place of tracers; its answer is a function of them alone.
+        like: shapes and types of its answer, as jax.ShapeDtypeStruct.
+        arguments: pytrees of arrays.
+    """
+
+    def known(*values: Any) -> Any:
+        found = function(*jax.tree_util.tree_map(np.asarray, values))
+        return jax.tree_util.tree_map(lambda x, s: np.asarray(x, s.dtype).reshape(s.shape), found, like)
+
+    return jax.pure_callback(known, like, *jax.lax.stop_gradient(arguments), vmap_method="sequential")

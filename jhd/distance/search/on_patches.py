@@ -1,0 +1,306 @@
+"""Nearest points of parametric surfaces, proven, for many queries at once.
+
+A query is a pair search of a point and a net (jhd.distance.cells.pairs). The cells of all queries wait in one list: a
+block of them is bounded by a compiled program, and the host cuts those that may still hold a nearer point. So the work
+is that of the cells alone, whichever query they belong to. The first feet come from samples of the surface and a few
+steps of Newton's method.
+
+Rounding. The control points are taken relative to the query, which rounds each coordinate once, and scaled by a power
+of two to at most one, for each pair of query and piece: bounds of a cell are relative to how far away its piece is.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.arithmetic.bernstein import binomials
+from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.compiled import compiled
+from jhd.distance.cells.pairs import Cell, bound, length, nearest_in
+from jhd.distance.frame.net_jets import Net, jet, point_error
+from jhd.distance.frame.prepare import padded_count
+from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
+from jhd.distance.search.rows import BLOCK, each, in_blocks
+from jhd.shapes.patch import AbstractPatch
+from jhd.triangles.closest_point import TriangleTree, in_unit_of, nearest_triangles, outward, point_tree
+
+# Samples of a piece along each parameter from which feet are looked for, and Newton steps for feet.
+_SAMPLES, _FOOT_STEPS = 6, 10
+# Queries or cells that are bounded side by side.
+_LANES = 64
+# Pairs of queries and boxes of pieces that are formed at once.
+_PAIRS = 1 << 20
+# A query that needs more cells than this keeps the bounds it has.
+_MOST = 4096
+# A query may be so many powers of two farther away than the surface is large before its coordinates would overflow.
+_FAR = {8: 900, 4: 90}
+# The gap at which a query is done, in units of roundoff of its distance and the size of the surface.
+_CLOSE = 512
+
+
+class _Cells(NamedTuple):
+    """Cells that wait: query, piece, ends of the parameters (cells, 2 parameters), proven lower bound."""
+
+    who: np.ndarray
+    piece: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    lower: np.ndarray
+
+    def take(self, rows: Any) -> "_Cells":
+        """Some of the cells."""
+        return _Cells(*(x[rows] for x in self))
+
+
+class _Feet(NamedTuple):
+    """The best foot of every query: proven upper bound, computed distance, piece, parameters."""
+
+    upper: np.ndarray
+    distance: np.ndarray
+    piece: np.ndarray
+    x: np.ndarray
+
+
+class PatchTarget(AbstractTarget):
+    """A parametric surface, its coordinates divided by 2^exponent, which leaves at most one."""
+
+    block = 1024
+
+    def __init__(self, surface: AbstractPatch):
+        patches = surface.patches()
+        points, weights = np.asarray(patches.control_points), patches.weights
+        size = np.max(np.abs(points))
+        self.exponent = int(np.frexp(size)[1]) if size > 0 else 0
+        points = np.ldexp(points, -self.exponent)
+        if weights is not None:
+            weights = np.asarray(weights)
+            weights = np.ldexp(weights, -np.frexp(np.max(weights, axis=(1, 2), keepdims=True))[1])
+        self.count = len(points)
+        index = np.minimum(np.arange(padded_count(self.count)), self.count - 1)
+        self.net = Net(points, weights)
+        self._padded = Net(points[index], None if weights is None else weights[index])
+        places = np.linspace(0.0, 1.0, _SAMPLES).astype(points.dtype)
+        samples = _samples(self.net, places)
+        self._places = places
+        self._tree: TriangleTree = point_tree(samples.reshape(-1, 3))
+
+    def feet(self, points: np.ndarray) -> np.ndarray:
+        """See AbstractTarget."""
+        scaled, shift = self._scaled(points)
+        return outward(self._near(scaled, shift).upper, self.exponent + shift, points.dtype, 1)
+
+    def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
+        """See AbstractTarget."""
+        scaled, shift = self._scaled(points)
+        unit, dtype = self.exponent + shift, points.dtype
+        least = np.ldexp(max(enough, -1.0), -unit) if np.isfinite(enough) else -np.inf
+        feet, lower, closed = self._searched(scaled, shift, least)
+        foot = in_blocks(_points, self._shrunk(shift), feet.piece, feet.x)
+        x = feet.x if feet.x.shape[1] == 2 else np.concatenate([feet.x, np.zeros_like(feet.x)], axis=1)
+        low, high = outward(lower, unit, dtype, -1), outward(feet.upper, unit, dtype, 1)
+        return ProvenFeet(
+            distance=np.clip(np.ldexp(feet.distance, unit), low, high),
+            lower=low,
+            upper=high,
+            foot=np.ldexp(foot, unit),
+            segment=feet.piece,
+            t=x,
+            closed=closed,
+        )
+
+    def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, int]:
+        """The queries in the unit of the surface, or in a larger one by a power of two where they would overflow."""
+        size = np.max(np.abs(points))
+        most = int(np.frexp(size)[1]) if size > 0 else 0
+        shift = max(0, most - self.exponent - _FAR[points.dtype.itemsize])
+        return np.ldexp(points, -(self.exponent + shift)), shift
+
+    def _shrunk(self, shift: int) -> Net:
+        return self._padded if shift == 0 else self._padded._replace(points=np.ldexp(self._padded.points, -shift))
+
+    def _near(self, points: np.ndarray, shift: int) -> _Feet:
+        """Feet near the nearest samples, and what is left of the distance after some steps from there."""
+        tree, rows = in_unit_of(self._tree, np.ldexp(points, shift) if shift == 0 else points)
+        sample = tree.order[nearest_triangles(tree, rows).triangle]
+        n = self.net.parameters
+        piece, place = np.divmod(sample, _SAMPLES**n)
+        places = np.stack(np.unravel_index(place, (_SAMPLES,) * n), axis=1)
+        return self._moved(points, shift, piece, self._places[places])
+
+    def _moved(self, points: np.ndarray, shift: int, piece: np.ndarray, x: np.ndarray) -> _Feet:
+        upper, distance, x = in_blocks(_foot, self._shrunk(shift), points, piece, x)
+        return _Feet(upper.astype(np.float64), distance, piece, x)
+
+    def _searched(self, points: np.ndarray, shift: int, enough: float) -> tuple[_Feet, np.ndarray, np.ndarray]:
+        """The best feet, proven lower bounds, and whether these are close enough."""
+        feet, dtype = self._near(points, shift), points.dtype
+        net, u = self._shrunk(shift), float(np.finfo(dtype).eps)
+        settled, work = np.full(len(points), np.inf), np.zeros(len(points), int)
+        feet = _Feet(*(np.array(x) for x in feet))
+
+        def goal() -> np.ndarray:
+            """Cells with bounds from here on need not be looked at."""
+            size = np.ldexp(1.0, -shift)
+            close = _CLOSE * u * np.minimum(feet.upper + size, np.maximum(64 * feet.upper, size))
+            return np.where(feet.upper <= enough, -np.inf, feet.upper - close)
+
+        stack = [self._whole(points, net, feet.upper)]
+        while stack:
+            cells = stack.pop()
+            stop = cells.lower >= goal()[cells.who]
+            stop |= work[cells.who] > _MOST
+            np.minimum.at(settled, cells.who[stop], cells.lower[stop])
+            cells = cells.take(~stop)
+            if not len(cells.who):
+                continue
+            if len(cells.who) > BLOCK:
+                stack.append(cells.take(slice(BLOCK, None)))
+                cells = cells.take(slice(None, BLOCK))
+            np.add.at(work, cells.who, 1)
+            found = in_blocks(_bounded, net, points[cells.who], *cells[1:4])
+            _take_over(feet, cells, *found[1:4])
+            lower = np.maximum(cells.lower, np.nan_to_num(found[0].astype(np.float64), nan=0.0, posinf=np.inf))
+            low, high, axis, thin = found[4:]
+            np.minimum.at(settled, cells.who[thin], lower[thin])
+            stack.append(_halved(_Cells(cells.who, cells.piece, low, high, lower).take(~thin), axis[~thin]))
+        lower = np.minimum(settled, feet.upper)
+        closed = (lower >= goal()) | (feet.upper <= enough)
+        polished = self._moved(points, shift, feet.piece, feet.x)
+        better = polished.upper <= feet.upper
+        feet = _Feet(
+            *(np.where(better.reshape(-1, *[1] * (x.ndim - 1)), y, x) for x, y in zip(feet, polished, strict=True))
+        )
+        return feet, np.minimum(lower, feet.upper), closed
+
+    def _whole(self, points: np.ndarray, net: Net, upper: np.ndarray) -> _Cells:
+        """Whole pieces whose boxes are not farther away than the feet; boxes of control points round three times."""
+        low, high = (f(net.points[: self.count], axis=(1, 2)).astype(np.float64) for f in (np.min, np.max))
+        rows, pieces, lowers = [], [], []
+        step = max(1, _PAIRS // self.count)
+        room = 1 - gamma(16, np.float64)
+        for start in range(0, len(points), step):
+            p = points[start : start + step, None].astype(np.float64)
+            apart = np.maximum(np.maximum(low - p, p - high), 0.0) * room
+            size = np.max(apart, axis=2, keepdims=True)
+            scaled = apart / np.where(size > 0, size, 1.0)
+            lower = size[..., 0] * np.sqrt(np.sum(scaled * scaled, axis=2)) * room
+            row, piece = np.nonzero(lower <= upper[start : start + step, None])
+            rows.append(row + start)
+            pieces.append(piece)
+            lowers.append(lower[row, piece])
+        who, piece = np.concatenate(rows), np.concatenate(pieces)
+        n, dtype = self.net.parameters, points.dtype
+        return _Cells(who, piece, np.zeros((len(who), n), dtype), np.ones((len(who), n), dtype), np.concatenate(lowers))
+
+
+def _halved(cells: _Cells, axis: np.ndarray) -> _Cells:
+    """Both halves of every cell; one of what has shrunk to a point."""
+    along = axis[:, None] == np.arange(cells.low.shape[1])
+    middle = 0.5 * (cells.low + cells.high)
+    first = cells._replace(high=np.where(along, middle, cells.high))
+    second = cells._replace(low=np.where(along, middle, cells.low)).take(np.any(cells.low < cells.high, axis=1))
+    return _Cells(*(np.concatenate(x) for x in zip(first, second, strict=True)))
+
+
+def _take_over(feet: _Feet, cells: _Cells, upper: np.ndarray, distance: np.ndarray, x: np.ndarray) -> None:
+    """The feet found in cells, where they are nearer than those known."""
+    upper = np.where(np.isnan(upper), np.inf, upper.astype(np.float64))
+    order = np.lexsort((-upper, cells.who))
+    # Of each query the nearest is written last.
+    rows = order[upper[order] < feet.upper[cells.who[order]]]
+    who = cells.who[rows]
+    feet.upper[who], feet.distance[who], feet.piece[who] = upper[rows], distance[rows], cells.piece[rows]
+    feet.x[who] = x[rows]
+
+
+def _samples(net: Net, places: np.ndarray) -> np.ndarray:
+    """Points of all pieces at a grid of parameters, about."""
+    p, q = net.degrees
+
+    def basis(degree: int, t: np.ndarray) -> np.ndarray:
+        k = np.arange(degree + 1)
+        return binomials(degree) * t[:, None] ** k * (1 - t[:, None]) ** (degree - k)
+
+    u, v = basis(p, places), basis(q, places if net.parameters == 2 else places[:1])
+    weights = np.ones(net.points.shape[:-1], net.points.dtype) if net.weights is None else net.weights
+    along = [np.einsum("ia,jb,kabd->kijd", u, v, x) for x in (net.points * weights[..., None], weights[..., None])]
+    return (along[0] / along[1]).astype(net.points.dtype)
+
+
+class _About(NamedTuple):
+    """A piece relative to a query, its coordinates at most one in a unit of its own, and the query as a net."""
+
+    point: Net
+    piece: Net
+    unit: Array
+
+    @property
+    def error(self) -> float:
+        """Bound on what taking differences moves a control point by, flushed digits included, in the unit."""
+        return gamma(4, self.piece.points.dtype)
+
+
+def _about(net: Net, point: Array, piece: Array) -> _About:
+    part = net.piece(piece)
+    offsets = jnp.asarray(part.points) - point
+    unit = jnp.maximum(jnp.max(jnp.abs(offsets)), 4 * smallest_normal(offsets.dtype))
+    power = jnp.frexp(unit)[1]
+    one = jnp.ones((1, 1, 3), offsets.dtype)
+    return _About(Net(0 * one, None), Net(jnp.ldexp(offsets, -power), part.weights), power)
+
+
+def _lengths(about: _About, lower: Array, upper: Array, distance: Array) -> tuple[Array, Array, Array]:
+    """Bounds and a distance in the unit of the surface; what is flushed there counts."""
+    dtype = distance.dtype
+    tiny = 64 * smallest_normal(dtype)
+    low = jnp.maximum(lower - about.error, 0.0) * (1 - gamma(4, dtype))
+    low = jnp.maximum(jnp.ldexp(low, about.unit) - tiny, 0.0)
+    high = (upper + about.error) * (1 + gamma(4, dtype))
+    return low, jnp.ldexp(high, about.unit) + tiny, jnp.ldexp(distance, about.unit)
+
+
+def _fixed(n: int) -> np.ndarray:
+    """The query has one parameter, which has one value only."""
+    return np.arange(1 + n) == 0
+
+
+@compiled
+def _foot(net: Net, count: Array, points: Array, piece: Array, start: Array) -> Any:
+    """Upper bounds, distances and parameters of points of pieces near the starts, moved towards the nearest."""
+
+    def one(point: Array, k: Array, x: Array) -> Any:
+        about = _about(net, point, k)
+        x = jnp.concatenate([jnp.zeros((1,), x.dtype), x])
+        x = nearest_in(about.point, about.piece, x, jnp.asarray(_fixed(net.parameters)), _FOOT_STEPS)
+        distance = length(jet(about.piece, x[1:]).point)
+        upper = distance * (1 + gamma(12, distance.dtype)) + point_error(about.piece)
+        _, upper, distance = _lengths(about, jnp.zeros_like(upper), upper, distance)
+        return upper, distance, x[1:]
+
+    return each(one, count, (points, piece, start), _LANES)
+
+
+@compiled
+def _bounded(net: Net, count: Array, points: Array, piece: Array, low: Array, high: Array) -> Any:
+    """Bounds, a foot, and what is left of cells, with the axis to cut along."""
+
+    def one(point: Array, k: Array, low: Array, high: Array) -> Any:
+        about = _about(net, point, k)
+        zero = jnp.zeros((1,), low.dtype)
+        whole = jax.tree_util.tree_map(lambda x: None if x is None else x[None], (about.point, about.piece))
+        first = jnp.zeros((), int)
+        found = bound(*whole, Cell(first, first, jnp.concatenate([zero, low]), jnp.concatenate([zero, high])))
+        # An excluded cell has an infinite bound.
+        lower, upper, distance = _lengths(about, found.lower, found.upper, found.distance)
+        left = found.cell
+        return lower, upper, distance, found.x[1:], left.low[1:], left.high[1:], found.axis - 1, found.thin
+
+    return each(one, count, (points, piece, low, high), _LANES)
+
+
+@compiled
+def _points(net: Net, count: Array, piece: Array, x: Array) -> Array:
+    return each(lambda k, x: jet(net.piece(k), x).point, count, (piece, x), _LANES)

@@ -1,0 +1,157 @@
+"""Nearest points of polynomial surfaces, proven, for many queries at once; see jhd.distance.nearest.surfaces.
+
+A query so far away that the whole box is one place beside it is answered by the box and by a proven point in it.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.arithmetic.rounding import gamma, round_up, smallest_normal, unit_roundoff
+from jhd.compiled import compiled
+from jhd.distance.frame.surfaces import prepare_surfaces
+from jhd.distance.nearest.places import local_feet, thorough_radius
+from jhd.distance.nearest.surfaces import nearest, nearest_places
+from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
+from jhd.distance.search.candidates import Target
+from jhd.distance.search.rows import each, in_blocks
+from jhd.distance.search.solutions import target
+from jhd.shapes.implicit import ImplicitSurface
+from jhd.triangles.closest_point import outward
+
+# Places of the cloud that feet are looked for from, Newton steps for feet, and queries side by side.
+_STARTS, _FOOT_STEPS, _LANES = 4, 6, 64
+# The gap at which a query is done, as a share of the box, and in units of roundoff of its distance where that is more.
+_CLOSE, _ULPS = 1e-12, 64
+# A query this many boxes away takes the box for a point.
+_FAR = {8: 2.0**56, 4: 2.0**26}
+
+
+class SurfaceTarget(AbstractTarget):
+    """A polynomial surface in coordinates of its own.
+
+    Raises:
+        ValueError: the surface is proven to have no point in its box.
+    """
+
+    block = 64
+
+    def __init__(self, surface: ImplicitSurface):
+        side, _, self.frame = prepare_surfaces(surface, surface)
+        self.target, empty = _looked_at(side)
+        if bool(empty):
+            raise ValueError("the surface is empty: the polynomial is proven to have no zero in the box.")
+        cloud = self.target.cloud
+        radius = np.asarray(cloud.radius)
+        self.proven = bool(np.any(np.isfinite(radius)))
+        best = int(np.argmin(radius))
+        self._point, self._radius = np.asarray(cloud.points)[:, best], radius[best]
+
+    @property
+    def exponent(self) -> int:
+        """The power of two that the common coordinates are divided by."""
+        return int(self.frame.first) + int(self.frame.second)
+
+    def feet(self, points: np.ndarray) -> np.ndarray:
+        """See AbstractTarget; infinite where no point of the surface is proven."""
+        x, far = self._scaled(points)
+        upper = in_blocks(_feet, self.target, x)[0].astype(np.float64)
+        upper = outward(upper + _moved(x), self.exponent, points.dtype, 1)
+        return np.where(far, self._from_afar(points)[1], upper)
+
+    def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
+        """See AbstractTarget."""
+        x, far = self._scaled(points)
+        least = np.ldexp(enough, -self.exponent) if np.isfinite(enough) else -np.inf
+        leasts = np.full(len(x), least, x.dtype)
+        lower, upper, foot = in_blocks(_nearest, self.target, x, leasts)
+        lower, upper = lower.astype(np.float64) - _moved(x), upper.astype(np.float64) + _moved(x)
+        distance = np.sqrt(np.sum((foot - x) ** 2, axis=1))
+        u = unit_roundoff(x.dtype)
+        allowed = 4 * max(_CLOSE, _ULPS * u) * (1 + np.where(np.isfinite(upper), upper, 0.0))
+        closed = (upper - lower <= allowed) | (upper <= least)
+        low, high = (outward(end, self.exponent, points.dtype, sign) for end, sign in ((lower, -1), (upper, 1)))
+        places = np.asarray(self.frame.place(foot))
+        own, other = self._from_afar(points)
+        low, high = np.where(far, own, low), np.where(far, other, high)
+        places = np.where(far[:, None], np.asarray(self.frame.place(self._point)), places)
+        known = np.isfinite(high)
+        distance = np.where(known, np.clip(np.ldexp(distance, self.exponent), low, high), np.inf)
+        return ProvenFeet(
+            distance=distance,
+            lower=low,
+            upper=high,
+            foot=np.where(known[:, None], places, np.nan),
+            segment=np.full(len(x), -1),
+            t=np.full(len(x), np.nan, points.dtype),
+            closed=(closed | far) & known,
+        )
+
+    def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The queries in common coordinates, those far away replaced, and which of them are."""
+        first, second = int(self.frame.first), int(self.frame.second)
+        with np.errstate(over="ignore"):
+            x = np.ldexp(np.ldexp(points, -first) - np.asarray(self.frame.centre), -second)
+        far = ~np.all(np.abs(x) <= _FAR[points.dtype.itemsize], axis=1)
+        return np.where(far[:, None], 0.0, x).astype(points.dtype), far
+
+    def _from_afar(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds by the box and by one proven point, in the unit of the points."""
+        dtype = points.dtype
+        side = self.target.side
+        low, high, foot = (np.asarray(self.frame.place(np.asarray(x)), np.float64) for x in (*side[2:4], self._point))
+        size = np.max(np.abs(points))
+        power = int(np.frexp(max(size, np.max(np.abs(low)), np.max(np.abs(high))))[1])
+        p, low, high, foot = (np.ldexp(x, -power) for x in (points.astype(np.float64), low, high, foot))
+        # Corners and the point are placed with two roundings each.
+        slack = gamma(8, dtype) * (1 + np.max(np.abs(np.stack([low, high]))))
+        apart = np.maximum(np.maximum(low - p, p - high) - slack, 0.0)
+        lower = np.sqrt(np.sum(apart**2, axis=1)) * (1 - gamma(8, np.float64)) - 2 * slack
+        upper = np.sqrt(np.sum((p - foot) ** 2, axis=1)) * (1 + gamma(8, np.float64)) + 4 * slack
+        with np.errstate(over="ignore"):
+            upper = upper + np.ldexp(float(self._radius), min(self.exponent - power, 0))
+        return outward(lower, power, dtype, -1), outward(upper, power, dtype, 1)
+
+
+def _moved(x: np.ndarray) -> np.ndarray:
+    """Bound on what writing queries in common coordinates moves them by."""
+    return gamma(4, x.dtype) * np.sqrt(3) * np.max(np.abs(x), axis=1).astype(np.float64) + 64 * smallest_normal(x.dtype)
+
+
+_looked_at = compiled(target)
+
+
+def _best_of(target: Target, point: Array, starts: Array) -> tuple[Array, Array]:
+    """The best foot from some places, and the places themselves, with its proven distance."""
+    found = local_feet(target.side, jnp.broadcast_to(point[:, None], starts.shape), starts, _FOOT_STEPS)
+    found = jnp.concatenate([found, starts], axis=1)
+    radius = thorough_radius(target.side, found)
+    u = unit_roundoff(point.dtype)
+    far = round_up(jnp.sqrt(jnp.sum((found - point[:, None]) ** 2, axis=0)) * (1 + 8 * u) + radius)
+    far = jnp.where(jnp.isnan(far), jnp.inf, far)
+    return jnp.min(far), found[:, jnp.argmin(far)]
+
+
+@compiled
+def _feet(target: Target, count: Array, points: Array) -> Any:
+    def one(point: Array) -> tuple[Array, Array]:
+        return _best_of(target, point, nearest_places(target.cloud, point, _STARTS))
+
+    return each(one, count, (points,), _LANES)
+
+
+@compiled
+def _nearest(target: Target, count: Array, points: Array, least: Array) -> Any:
+    """Bounds and feet, one query after the other."""
+    close = jnp.asarray(max(_CLOSE, _ULPS * unit_roundoff(points.dtype)), points.dtype)
+
+    def one(point: Array, least: Array) -> Any:
+        starts = nearest_places(target.cloud, point, _STARTS)
+        found = nearest(target.side, target.cover, point, starts, least, close)
+        # Distances are as good as they get where feet are off by the root of that; some steps mend it.
+        upper, foot = _best_of(target, point, found.foot[:, None])
+        return found.lower, jnp.minimum(upper, found.upper), foot
+
+    return each(one, count, (points, least), 1)

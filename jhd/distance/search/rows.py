@@ -1,0 +1,44 @@
+"""Programs for any number of rows: compiled for one number, at the cost of those that are there.
+
+A call takes a block of rows and how many of them count; the program goes through these some at a time.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+# Rows that one call of a program takes.
+BLOCK = 4096
+
+
+def in_blocks(program: Any, shape: Any, *rows: np.ndarray) -> Any:
+    """A program of a shape, a count and rows on any number of rows, in blocks of one size."""
+    count, parts = len(rows[0]), []
+    for start in range(0, count, BLOCK):
+        part = [x[start : start + BLOCK] for x in rows]
+        size = len(part[0])
+        part = [np.concatenate([x, np.zeros((BLOCK - size, *x.shape[1:]), x.dtype)]) for x in part]
+        found = program(shape, np.asarray(size), *part)
+        parts.append(jax.tree_util.tree_map(lambda x, size=size: np.asarray(x)[:size], found))
+    return parts[0] if len(parts) == 1 else jax.tree_util.tree_map(lambda *x: np.concatenate(x), *parts)
+
+
+def each(function: Any, count: Array, rows: tuple[Array, ...], lanes: int) -> Any:
+    """The function of the first `count` rows, `lanes` of them side by side, one by one for 1; the others give zeros."""
+    shapes = jax.eval_shape(jax.vmap(function), *rows)
+    start = jax.tree_util.tree_map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+
+    def step(k: Array, out: Any) -> Any:
+        part = [jax.lax.dynamic_slice_in_dim(x, k * lanes, lanes) for x in rows]
+        found = jax.vmap(function)(*part) if lanes > 1 else _single(function, part)
+        return jax.tree_util.tree_map(lambda x, y: jax.lax.dynamic_update_slice_in_dim(x, y, k * lanes, 0), out, found)
+
+    return jax.lax.fori_loop(0, (count + lanes - 1) // lanes, step, start)
+
+
+def _single(function: Any, part: list[Array]) -> Any:
+    """The function of one row, without a batch, in which a loop would cost more."""
+    return jax.tree_util.tree_map(lambda x: x[None], function(*(x[0] for x in part)))

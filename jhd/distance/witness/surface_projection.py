@@ -1,0 +1,190 @@
+"""Derivatives of nearest points on surfaces: of the distance, of the foot and of its parameters, in query and surface.
+
+The foot solves equations: on a patch the distance is stationary in the parameters that no border holds, on a polynomial
+surface the polynomial is zero and the query lies on the normal, in the coordinates that no face holds. Two Newton steps
+from the foot found, which is a constant, carry first and second derivatives. Where the equations are singular (a whole
+region is equally near, a collapsed edge) nothing moves, which leaves the first derivative of the distance as it is.
+
+Along the normal of a surface the distance keeps its digits where the query is close. At distance zero it has the
+derivative zero by convention.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.arithmetic.polynomials import jets
+from jhd.compiled import compiled
+from jhd.distance.frame.net_jets import Net, jet
+from jhd.solution import Projection
+
+# A parameter at the border of its piece is held there when the slope is above this share of the derivative.
+_HELD = 1e-7
+# A derivative this much shorter than the piece is large is that along a collapsed edge.
+_COLLAPSED = 1e-10
+# The equations are singular where their determinant is below this share of what it could be.
+_SINGULAR = 1e-8
+
+
+def with_patch_derivatives(found: Projection, queries: Array, net: Net) -> Projection:
+    """Nearest points (points, ...) of a net, differentiable in the queries and in the net."""
+    return _with(found, *_on_patches(queries, found.segment, found.t, net))
+
+
+def with_surface_derivatives(found: Projection, queries: Array, surface: Any) -> Projection:
+    """Nearest points (points, ...) of a polynomial surface, differentiable in queries, coefficients and box."""
+    coefficients, box = surface.coefficients, jnp.stack(surface.box())
+    return _with(found, *_on_surface(queries, found.foot, coefficients, box))
+
+
+def _with(found: Projection, distance: Array, foot: Array, t: Array | None = None) -> Projection:
+    """The same numbers, with the derivatives of others where these are finite."""
+
+    def moved(number: Array, other: Array, where: Array | bool = True) -> Array:
+        return number + jnp.where(where & jnp.isfinite(other), other - jax.lax.stop_gradient(other), 0.0)
+
+    numbers = [moved(found.distance, distance, found.distance > 0), moved(found.foot, foot)]
+    numbers.append(found.t if t is None else moved(found.t, t))
+    return eqx.tree_at(lambda p: (p.distance, p.foot, p.t), found, tuple(numbers))
+
+
+def _scale(size: Array) -> Array:
+    """A power of two that brings a size to about one."""
+    exponent = jnp.frexp(jnp.where(size > 0, size, 1.0))[1]
+    return jnp.ldexp(jnp.ones_like(size), -jnp.clip(exponent, -1000, 1000))
+
+
+@compiled
+def _on_patches(queries: Array, segment: Array, t: Array, net: Net) -> tuple[Array, Array, Array]:
+    n = net.parameters
+
+    def one(query: Array, k: Array, t: Array) -> tuple[Array, Array, Array]:
+        piece = net.piece(k)
+        offsets = piece.points - query
+        scale = _scale(jax.lax.stop_gradient(jnp.max(jnp.abs(offsets))))
+        piece = Net(offsets * scale, piece.weights)
+        x = t[:n]
+        still = jax.lax.stop_gradient((piece, x))
+        held = _held(*still)
+        for _ in range(2):
+            step = _step(piece, x, held)
+            x = x + jnp.where(jnp.all(jnp.isfinite(step)), step, 0.0)
+        at = jet(piece, x)
+        free = ~jnp.any(held) if n == 2 else False
+        normal = jnp.cross(at.first[0], at.first[1]) if n == 2 else jnp.zeros_like(at.point)
+        length = _length(at.point, normal, free)
+        return length / scale, at.point / scale + query, jnp.concatenate([x, t[n:]])
+
+    return jax.vmap(one)(queries, segment, t)
+
+
+def _held(piece: Net, x: Array) -> Array:
+    """Which parameters do not move: those held by a border, along collapsed edges, and all at singular feet."""
+    at = jet(piece, x)
+    slope = at.first @ at.point
+    lengths = jnp.sqrt(jnp.sum(at.first**2, axis=-1))
+    small = _HELD * lengths * jnp.max(jnp.abs(piece.points))
+    held = ((x <= 0) & (slope > small)) | ((x >= 1) & (slope < -small))
+    held = held | (lengths <= _COLLAPSED * jnp.max(jnp.abs(piece.points - piece.points[0, 0])))
+    hessian = _hessian(at, held)
+    size = jnp.prod(jnp.sum(jnp.abs(hessian), axis=-1))
+    return held | ~(jnp.abs(_determinant(hessian)) > _SINGULAR * size)
+
+
+def _hessian(at: Any, held: Array) -> Array:
+    hessian = jnp.sum(at.first[:, None] * at.first[None], axis=-1) + jnp.sum(at.second * at.point, axis=-1)
+    return jnp.where(held[:, None] | held[None, :], jnp.eye(held.size, dtype=hessian.dtype), hessian)
+
+
+def _determinant(m: Array) -> Array:
+    return m[0, 0] if m.shape[0] == 1 else m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
+
+
+def _step(piece: Net, x: Array, held: Array) -> Array:
+    """Newton's step to where the distance from the origin is stationary."""
+    at = jet(piece, x)
+    right = jnp.where(held, 0.0, -jnp.sum(at.first * at.point, axis=-1))
+    hessian = _hessian(at, held)
+    if x.size == 1:
+        return right / hessian[0]
+    rows = jnp.stack([hessian[1, 1], -hessian[0, 1]]), jnp.stack([-hessian[1, 0], hessian[0, 0]])
+    return jnp.stack([jnp.sum(row * right) for row in rows]) / _determinant(hessian)
+
+
+def _length(apart: Array, normal: Array, free: Array | bool) -> Array:
+    """The length of a vector, by the normal where the foot is free and has one."""
+    square = jnp.sum(normal**2)
+    sound = free & (square > 0)
+    along = jnp.sum(apart * normal) / jnp.sqrt(jnp.where(sound, square, 1.0))
+    off = jnp.sum(apart**2)
+    length = jnp.sqrt(jnp.where(off > 0, off, 1.0))
+    signed = jnp.where(jax.lax.stop_gradient(along) < 0, -along, along)
+    return jnp.where(sound, signed, jnp.where(off > 0, length, 0.0))
+
+
+@compiled
+def _on_surface(queries: Array, feet: Array, coefficients: Array, box: Array) -> tuple[Array, Array]:
+    scale = _scale(jax.lax.stop_gradient(jnp.max(jnp.abs(box))))
+    degrees = np.sum(np.indices(coefficients.shape), axis=0)
+    # In units of the box no power of a coordinate overflows.
+    powers = jnp.exp2(-degrees * jnp.log2(scale))
+    c = coefficients * powers
+    c = c / jax.lax.stop_gradient(jnp.max(jnp.abs(c)))
+    box = box * scale
+
+    def one(query: Array, foot: Array) -> tuple[Array, Array]:
+        p = query * scale
+        x = jax.lax.stop_gradient(foot) * scale
+        x, faces = jax.lax.stop_gradient((x, box))
+        at_low, at_high = x <= faces[0], x >= faces[1]
+        y, usable, held = _start(c, x, jax.lax.stop_gradient(p), at_low, at_high)
+        walls = jnp.where(at_low, box[0], box[1])
+
+        def equations(y: Array, p: Array, c: Array, walls: Array) -> Array:
+            at = jets(c, y[:3])
+            pull = jnp.where(held, y[:3] - walls, y[:3] - p + y[3] * at.gradient)
+            return jnp.append(pull, at.value)
+
+        for _ in range(2):
+            slope = jax.jacfwd(equations)(y, p, c, walls)
+            slope = jnp.where(usable, slope, jnp.eye(4, dtype=slope.dtype))
+            step = jnp.linalg.solve(slope, equations(y, p, c, walls))
+            y = y - jnp.where(usable, step, 0.0)
+        normal = jets(c, y[:3]).gradient
+        # Where nothing moves, faces do, and the surface by its own speed along the normal.
+        length = jnp.where(usable, _length(p - y[:3], normal, ~jnp.any(held)), _length(p - y[:3], normal, False))
+        return length / scale, y[:3] / scale
+
+    return jax.vmap(one)(queries, feet)
+
+
+def _start(c: Array, x: Array, p: Array, at_low: Array, at_high: Array) -> tuple[Array, Array, Array]:
+    """Foot and multiplier, whether their equations can be solved, and which coordinates faces hold.
+
+    A face holds where the query pulls the foot beyond it.
+    """
+    at = jets(c, x)
+    border = at_low | at_high
+    multiplier = _multiplier(at.gradient, p - x, border)
+    # First all faces hold; those whose pull is inward let go.
+    pull = p - x - multiplier * at.gradient
+    held = (at_low & (pull < 0)) | (at_high & (pull > 0))
+    multiplier = _multiplier(at.gradient, p - x, held)
+    hessian = jnp.eye(3) + multiplier * at.hessian
+    matrix = jnp.where(held[:, None], jnp.eye(3, dtype=x.dtype), hessian)
+    column = jnp.where(held, 0.0, at.gradient)
+    top = jnp.concatenate([matrix, column[:, None]], axis=1)
+    system = jnp.concatenate([top, jnp.append(at.gradient, 0.0)[None]])
+    rows = jnp.prod(jnp.sum(jnp.abs(system), axis=1))
+    usable = jnp.abs(jnp.linalg.det(system)) > _SINGULAR * rows
+    return jnp.append(x, multiplier), usable & (rows > 0), held
+
+
+def _multiplier(gradient: Array, apart: Array, held: Array) -> Array:
+    free = jnp.where(held, 0.0, gradient)
+    square = jnp.sum(free**2)
+    return jnp.sum(free * apart) / jnp.where(square > 0, square, jnp.inf)

@@ -1,0 +1,191 @@
+"""Nearest points of surfaces: proven, against closed forms in rational numbers at every scale; their derivatives."""
+
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jhd
+from jhd.distance.search.targets import target_of
+from jhd.solution import RESULTS, name_of
+
+RNG = np.random.default_rng(20)
+# A square of side 3 in the plane z = 0: these floats are exact.
+GRID = np.stack([*np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij"), np.zeros((4, 4))], axis=-1)
+BUMPY = GRID + 0.4 * RNG.normal(size=GRID.shape)
+SPHERE = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
+
+
+def from_square(point, scale):
+    """The squared distance to the square times a power of two, exactly."""
+    p = [Fraction(float(x)) for x in point]
+    side = 3 * Fraction(float(scale))
+    return sum((x - min(max(x, 0), side)) ** 2 for x in p[:2]) + p[2] ** 2
+
+
+def encloses(found, squares):
+    """Whether the bounds hold, in rational numbers, without a tolerance."""
+    rows = zip(np.asarray(found.lower), np.asarray(found.upper), squares, strict=True)
+    return all(
+        Fraction(float(low)) ** 2 <= square and (np.isinf(high) or square <= Fraction(float(high)) ** 2)
+        for low, high, square in rows
+    )
+
+
+@pytest.mark.parametrize(("patch", "query"), [(0, 0), (-990, -990), (1000, 1000), (0, 900), (-900, 900), (0, -600)])
+def test_distances_to_a_square_are_enclosed_at_every_scale(patch, query):
+    s, q = 2.0**patch, 2.0**query
+    special = [[0, 0, 0], [1, 2, 0], [3, 3, 1], [1, 1, 1e-9], [4, 4, 4]]
+    points = np.concatenate([RNG.normal(size=(4, 3)) * 3, special]) * q
+    found = jhd.project(points, jhd.BezierPatch(GRID * s))
+    squares = [from_square(p, s) for p in points]
+    assert encloses(found, squares)
+    exact = np.array([float(x / Fraction(q) ** 2) ** 0.5 for x in squares]) * q
+    room = 1e-12 * (exact + 3 * s) + 4 * np.finfo(float).tiny
+    assert np.all(np.asarray(found.upper) - exact <= room)
+    assert np.all(exact - np.asarray(found.lower) <= room)
+
+
+def test_feet_of_patches_are_points_of_the_piece_named_at_the_parameters_named():
+    patches = jhd.BezierPatches(np.stack([BUMPY, BUMPY + [0, 0, 2.0], BUMPY + [3, 0, 0]]))
+    points = RNG.normal(size=(3, 5, 3)) * 2 + [1, 1, 0]
+    found = jhd.project(points, patches)
+    assert found.distance.shape == (3, 5)
+    assert found.t.shape == (3, 5, 2)
+    there = patches.point(found.segment, found.t[..., 0], found.t[..., 1])
+    np.testing.assert_allclose(there, found.foot, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.norm(np.asarray(found.foot) - points, axis=-1), found.distance, rtol=1e-13)
+    u, v = np.meshgrid(np.linspace(0, 1, 90), np.linspace(0, 1, 90), indexing="ij")
+    samples = np.concatenate([np.asarray(patches.point(k, u, v)).reshape(-1, 3) for k in range(3)])
+    nearest = np.array([np.linalg.norm(samples - p, axis=1).min() for p in points.reshape(-1, 3)]).reshape(3, 5)
+    assert np.all(np.asarray(found.lower) <= nearest)
+    assert np.all(nearest <= np.asarray(found.upper) + 0.05)
+
+
+def test_a_quarter_of_a_cylinder_and_collapsed_edges_are_measured_as_their_formulas_say():
+    w = np.sqrt(0.5)
+    arc, weights = np.array([[1.0, 0], [1, 1], [0, 1]]), np.array([1, w, 1])
+    cylinder = jhd.BezierPatch(
+        np.stack([np.concatenate([arc, np.full((3, 1), z)], axis=1) for z in (0.0, 2.0)]), np.stack([weights] * 2)
+    )
+    points = np.abs(RNG.normal(size=(8, 3))) * [1, 1, 0.5]
+    found = jhd.project(points, cylinder)
+    inside = np.clip(points[:, 2], 0, 2) - points[:, 2]
+    exact = np.hypot(np.hypot(points[:, 0], points[:, 1]) - 1, inside)
+    np.testing.assert_allclose(found.distance, exact, atol=1e-13)
+    assert np.all(np.asarray(found.upper - found.lower) < 1e-11)
+    fan = GRID * (np.arange(4.0) / 3)[:, None, None]  # the first edge is one point
+    found = jhd.project([[-1.0, 0, 0], [0, 0, 1]], jhd.BezierPatch(fan))
+    np.testing.assert_allclose(found.distance, [1, 1], atol=1e-13)
+
+
+def test_distances_to_a_sphere_are_those_of_its_formula_from_its_centre_to_far_away():
+    points = np.concatenate(
+        [RNG.normal(size=(20, 3)), [[0, 0, 0], [1, 0, 0], [1e30, 0, 0], [0, 1e-200, 0], [0, 0, 1e300]]]
+    )
+    found = jhd.project(points, SPHERE)
+    size = np.array([Fraction(0)] * len(points), object)
+    for k, p in enumerate(points):
+        size[k] = sum(Fraction(float(x)) ** 2 for x in p)
+    for low, high, square in zip(np.asarray(found.lower), np.asarray(found.upper), size, strict=True):
+        # | |p| - 1 | lies in [low, high]: |p| in [1 - high, 1 - low] or in [1 + low, 1 + high].
+        low, high = Fraction(float(low)), Fraction(float(high))
+        assert (1 + low) ** 2 <= square <= (1 + high) ** 2 or max(1 - high, 0) ** 2 <= square <= (1 - low) ** 2
+    assert np.all(np.asarray(found.segment) == -1)
+    assert np.all(np.isnan(found.t))
+    np.testing.assert_allclose(np.linalg.norm(np.asarray(found.foot), axis=1), 1, atol=1e-14)
+
+
+def test_a_polynomial_without_a_change_of_sign_has_no_proven_foot_but_a_true_lower_bound():
+    double = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2", [-2, -2, -2], [2, 2, 2])
+    found = jhd.project([[1.0, 0, 0], [0, 0, 3]], double, throw=False)
+    assert [name_of(jax.tree_util.tree_map(lambda x, k=k: x[k], found.result)) for k in (0, 1)] == ["unverified"] * 2
+    assert np.all(np.isinf(found.upper))
+    assert np.all(np.asarray(found.lower) <= [1, 3])
+    with pytest.raises(jhd.NotProvenError):
+        jhd.project([1.0, 0, 0], double)
+
+
+def test_surfaces_are_refused_where_they_have_no_point_and_methods_where_they_serve_curves():
+    with pytest.raises(ValueError, match="empty"):
+        jhd.project([0.0, 0, 0], jhd.ImplicitSurface.parse("x**2 + 1", [-1, -1, -1], [1, 1, 1]))
+    with pytest.raises(TypeError, match="None for surfaces"):
+        jhd.project([0.0, 0, 0], SPHERE, jhd.NearestSearch())
+    with pytest.raises(ValueError, match="shape"):
+        jhd.project([0.0, 0], jhd.BezierPatch(GRID))
+
+
+STEP = 1e-6
+
+
+def differences(function, arrays, directions):
+    ahead, behind = ([x + sign * STEP * d for x, d in zip(arrays, directions, strict=True)] for sign in (1, -1))
+    return [
+        (np.asarray(x) - np.asarray(y)) / (2 * STEP) for x, y in zip(function(*ahead), function(*behind), strict=True)
+    ]
+
+
+def on_patch(points, net):
+    found = jhd.project(points, jhd.BezierPatch(net))
+    return found.distance, found.foot, found.t
+
+
+def on_surface(points, coefficients, lower, upper):
+    found = jhd.project(points, jhd.ImplicitSurface(coefficients, lower, upper, reduced=False))
+    return found.distance, found.foot
+
+
+BORDER = jhd.ImplicitSurface.parse("x**2 + 2*y**2 + 3*z**2 + x*y*z - 1", [-1.5, -0.4, -2], [2, 2, 2])
+
+
+@pytest.mark.parametrize(
+    ("function", "arrays"),
+    [
+        (on_patch, (np.array([[1.0, 1, 2], [-1, 1, 1], [4, 5, 0], [2, 1, -1]]), BUMPY)),
+        (on_surface, (np.array([[0.1, -0.9, 1.1], [1, 1, 1], [0.2, -2, 0]]), BORDER.coefficients, *BORDER.box())),
+    ],
+)
+def test_derivatives_of_nearest_points_are_those_of_differences_and_the_same_under_jit_and_vmap(function, arrays):
+    arrays = [jnp.asarray(x) for x in arrays]
+    directions = [jnp.asarray(RNG.normal(size=x.shape)) for x in arrays]
+    value, change = jax.jvp(function, arrays, directions)
+    for moved, seen in zip(change, differences(function, arrays, directions), strict=True):
+        np.testing.assert_allclose(moved, seen, atol=3e-8)
+    compiled = jax.jit(jax.value_and_grad(lambda *x: jnp.sum(function(*x)[0]), tuple(range(len(arrays)))))(*arrays)
+    np.testing.assert_allclose(compiled[0], np.sum(value[0]), rtol=1e-14)
+    along = sum(float(np.sum(x * d)) for x, d in zip(compiled[1], directions, strict=True))
+    np.testing.assert_allclose(along, np.sum(change[0]), rtol=1e-10)
+    alone = jax.vmap(lambda p: function(p, *arrays[1:])[0])(arrays[0])
+    np.testing.assert_allclose(alone, value[0], rtol=1e-14)
+    gradient = jax.grad(lambda p: function(p, *arrays[1:])[0])
+    bent = jax.jvp(gradient, (arrays[0][0],), (directions[0][0],))[1]
+    ahead, behind = (gradient(arrays[0][0] + sign * STEP * directions[0][0]) for sign in (1, -1))
+    np.testing.assert_allclose(bent, (ahead - behind) / (2 * STEP), atol=1e-7)
+
+
+def test_at_distance_zero_and_where_all_of_the_surface_is_nearest_derivatives_are_finite():
+    for query, expected in (([1.0, 0, 0], 0.0), ([0.0, 0, 0], 1.0)):
+        gradient = jax.grad(lambda p: jhd.project(p, SPHERE).distance)(jnp.asarray(query))
+        assert abs(float(jnp.linalg.norm(gradient)) - expected) < 1e-9
+
+
+def test_under_jit_what_is_no_number_is_said_to_be_none():
+    found = jax.jit(lambda p: jhd.project(p, SPHERE))(jnp.array([[jnp.nan, 0, 0], [2.0, 0, 0]]))
+    names = [RESULTS.nonfinite_value, RESULTS.successful]
+    assert bool(jnp.all(found.result == jax.tree_util.tree_map(lambda *x: jnp.stack(x), *names)))
+    assert np.isinf(found.upper[0])
+    assert float(found.lower[0]) == 0
+
+
+def test_a_target_says_upper_bounds_at_once_and_stops_where_enough_is_known():
+    points = RNG.normal(size=(30, 3)) + [1, 1, 0]
+    for shape in (jhd.BezierPatch(BUMPY), SPHERE, jhd.points(BUMPY.reshape(-1, 3))):
+        target = target_of(shape)
+        found = target.nearest(points)
+        assert np.all(target.feet(points) >= np.asarray(found.lower))
+        some = target.nearest(points, float(np.median(np.asarray(found.upper))))
+        assert np.all(np.asarray(some.lower) <= np.asarray(found.upper))
+        top = np.asarray(found.lower) > np.median(np.asarray(found.upper))
+        np.testing.assert_allclose(np.asarray(some.lower)[top], np.asarray(found.lower)[top], atol=1e-11)
