@@ -19,7 +19,7 @@ from jaxtyping import Array
 from jhd.arithmetic.bernstein import binomials
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.compiled import compiled
-from jhd.distance.cells.pairs import Cell, bound, length, nearest_in
+from jhd.distance.cells.pairs import Cell, bound, derivatives, length, nearest_in, newton_step
 from jhd.distance.frame.net_jets import Net, jet, point_error
 from jhd.distance.frame.prepare import padded_count
 from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
@@ -31,6 +31,8 @@ from jhd.triangles.closest_point import TriangleTree, in_unit_of, nearest_triang
 _SAMPLES, _FOOT_STEPS = 6, 10
 # Queries or cells that are bounded side by side.
 _LANES = 64
+# A larger change of the parameters by one more Newton step is no mending.
+_MENDED = 1e-6
 # Pairs of queries and boxes of pieces that are formed at once.
 _PAIRS = 1 << 20
 # A query that needs more cells than this keeps the bounds it has.
@@ -71,7 +73,8 @@ class PatchTarget(AbstractTarget):
 
     def __init__(self, surface: AbstractPatch):
         patches = surface.patches()
-        points, weights = np.asarray(patches.control_points), patches.weights
+        points: Any = np.asarray(patches.control_points)
+        weights: Any = patches.weights
         size = np.max(np.abs(points))
         self.exponent = int(np.frexp(size)[1]) if size > 0 else 0
         points = np.ldexp(points, -self.exponent)
@@ -267,6 +270,16 @@ def _fixed(n: int) -> np.ndarray:
     return np.arange(1 + n) == 0
 
 
+def _mended(about: _About, x: Array, fixed: Array) -> Array:
+    """Distances are as good as they get where the parameters are off by the root of that; two more steps mend it."""
+    for _ in range(2):
+        _, slope, bent = derivatives(jet(about.point, x[:1]), jet(about.piece, x[1:]))
+        held = fixed | ((x <= 0) & (slope > 0)) | ((x >= 1) & (slope < 0))
+        step = newton_step(slope, bent, held)
+        x = jnp.where(jnp.max(jnp.abs(step)) < _MENDED, jnp.clip(x + step, 0.0, 1.0), x)
+    return x
+
+
 @compiled
 def _foot(net: Net, count: Array, points: Array, piece: Array, start: Array) -> Any:
     """Upper bounds, distances and parameters of points of pieces near the starts, moved towards the nearest."""
@@ -274,7 +287,8 @@ def _foot(net: Net, count: Array, points: Array, piece: Array, start: Array) -> 
     def one(point: Array, k: Array, x: Array) -> Any:
         about = _about(net, point, k)
         x = jnp.concatenate([jnp.zeros((1,), x.dtype), x])
-        x = nearest_in(about.point, about.piece, x, jnp.asarray(_fixed(net.parameters)), _FOOT_STEPS)
+        fixed = jnp.asarray(_fixed(net.parameters))
+        x = _mended(about, nearest_in(about.point, about.piece, x, fixed, _FOOT_STEPS), fixed)
         distance = length(jet(about.piece, x[1:]).point)
         upper = distance * (1 + gamma(12, distance.dtype)) + point_error(about.piece)
         _, upper, distance = _lengths(about, jnp.zeros_like(upper), upper, distance)
@@ -290,9 +304,10 @@ def _bounded(net: Net, count: Array, points: Array, piece: Array, low: Array, hi
     def one(point: Array, k: Array, low: Array, high: Array) -> Any:
         about = _about(net, point, k)
         zero = jnp.zeros((1,), low.dtype)
-        whole = jax.tree_util.tree_map(lambda x: None if x is None else x[None], (about.point, about.piece))
+        a, b = jax.tree_util.tree_map(lambda x: x[None], (about.point, about.piece))
         first = jnp.zeros((), int)
-        found = bound(*whole, Cell(first, first, jnp.concatenate([zero, low]), jnp.concatenate([zero, high])))
+        cell = Cell(first, first, jnp.concatenate([zero, low]), jnp.concatenate([zero, high]))
+        found = bound(a, b, cell)
         # An excluded cell has an infinite bound.
         lower, upper, distance = _lengths(about, found.lower, found.upper, found.distance)
         left = found.cell
