@@ -5,6 +5,7 @@ leaves have leading axes.
 """
 
 import json
+from dataclasses import fields
 from typing import Any
 
 import equinox as eqx
@@ -21,7 +22,8 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
 
     gap_not_closed = "The bounds are true but wider than the tolerance asked for: raise max_steps, or atol or rtol."
     capacity_reached = (
-        "A queue of fixed length was full, so the answer is true but wider or incomplete: raise capacity."
+        "A queue of fixed length was full, so the answer is true but wider or incomplete: raise capacity (or max_boxes "
+        "where there is one), or atol or rtol."
     )
     interrupted = "The search was interrupted: the bounds are those it had reached."
     fit_steps_exhausted = "The fit was still improving when its steps were used up: raise max_steps."
@@ -103,15 +105,16 @@ def name_of(item: Any) -> str:
 
 
 class Witness(eqx.Module):
-    """Where a directed Hausdorff distance is attained; `direction` says which curve carries it and which the feet.
+    """Where a directed Hausdorff distance is attained; `direction` says which shape carries it and which the feet.
 
     Args:
-        segment: index of the segment that carries the point.
-        t: parameter on it, in [0, 1].
+        segment: index of the segment that carries the point; of a mesh, of its triangle; -1 on an implicit surface.
+        t: parameter on it, in [0, 1]; of a mesh, three barycentric coordinates; NaN on an implicit surface.
         point: the point there.
-        feet: the active feet on the other curve, two rows; a single foot is repeated with multiplier 0.
-        foot_segments: their segments.
-        foot_params: their parameters.
+        feet: the active feet on the other shape, two rows for curves and four for surfaces and meshes; those that are
+            not used repeat the first one with multiplier 0.
+        foot_segments: their segments or triangles; -1 on an implicit surface.
+        foot_params: their parameters, or rows of barycentric coordinates; NaN on an implicit surface.
         multipliers: weights of the feet in the gradient, non-negative with sum one (0.5 each where they are undefined).
         event: a member of EVENTS.
         direction: a member of DIRECTIONS.
@@ -141,7 +144,8 @@ class HausdorffSolution(eqx.Module):
     """A Hausdorff distance with its bounds: lower <= exact <= upper.
 
     `value` is what to differentiate. upper is inf where the method proves no upper bound, lower 0 where it proves no
-    lower one. `stats` counts work (never seconds). `directed` says whether it is the distance from a to b alone.
+    lower one. `stats` counts work (never seconds). `directed` says whether it is the distance from a to b alone; where
+    it is the larger of both directed ones, `directions` holds these, from a to b and from b to a.
     `float(solution)` is the value.
     """
 
@@ -152,6 +156,10 @@ class HausdorffSolution(eqx.Module):
     result: Any
     stats: dict[str, Array]
     directed: bool = eqx.field(static=True, default=True)
+    # Not stored: it is as much again for each direction.
+    directions: "tuple[HausdorffSolution, HausdorffSolution] | None" = eqx.field(
+        default=None, metadata={"stored": False}
+    )
 
     @property
     def event(self) -> Any:
@@ -297,6 +305,8 @@ class CriticalPairs(eqx.Module):
 class Decision(eqx.Module):
     """The answer to whether a distance is at most a threshold, with the bounds that were reached.
 
+    `if` takes it for what it answers; where it is undecided that raises ValueError.
+
     Args:
         answer: a member of ANSWERS.
         lower: proven lower bound of the distance.
@@ -310,6 +320,19 @@ class Decision(eqx.Module):
     upper: Float[Array, "*batch"]
     result: Any
     stats: dict[str, Array]
+
+    def __bool__(self) -> bool:
+        """Whether the answer is yes; an undecided one is neither.
+
+        Raises:
+            ValueError: it is undecided, or a batch of decisions.
+        """
+        if np.ndim(self.lower):
+            raise ValueError(f"there are {np.size(self.lower)} decisions; look at `answer`, or index or vmap them.")
+        if bool(self.answer == ANSWERS.undecided):
+            bounds = f"between {float(self.lower)!r} and {float(self.upper)!r}"
+            raise ValueError(f"undecided: the distance lies {bounds}; ask for a smaller atol, or read `answer`.")
+        return bool(self.answer == ANSWERS.yes)
 
 
 class FitSolution(eqx.Module):
@@ -358,13 +381,14 @@ class NotProvenError(RuntimeError):
 
 
 def throw_unless_successful(solution: Any) -> None:
-    """Raises NotProvenError carrying the solution unless every result in it is successful; tracers pass."""
-    result = solution.result
-    if is_traced(result):
+    """Raises NotProvenError carrying the solution unless it is what its method promises, every lane; tracers pass."""
+    if is_traced(solution.result):
         return
-    failed = np.ravel(np.asarray(result._value) != np.asarray(RESULTS.successful._value))
+    found = np.ravel(np.asarray(solution.result._value))
+    # A method that proves nothing promises no more.
+    failed = ~np.isin(found, [int(item._value) for item in (RESULTS.successful, RESULTS.unproven)])
     if failed.any():
-        index = int(np.ravel(np.asarray(result._value))[np.argmax(failed)])
+        index = int(found[np.argmax(failed)])
         raise NotProvenError(RESULTS._index_to_message[index], solution)
 
 
@@ -373,7 +397,8 @@ def to_plain(value: Any) -> Any:
     if hasattr(value, "_enumeration"):  # a member of an enumeration is a Module too
         return _names(value)
     if isinstance(value, eqx.Module):
-        return {name: to_plain(getattr(value, name)) for name in value.__dataclass_fields__}
+        stored = (field.name for field in fields(value) if field.metadata.get("stored", True))
+        return {name: to_plain(getattr(value, name)) for name in stored}
     if isinstance(value, dict):
         return {name: to_plain(item) for name, item in value.items()}
     if isinstance(value, jax.Array | np.ndarray):

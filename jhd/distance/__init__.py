@@ -12,7 +12,7 @@ stand the entries: `hausdorff`, `minimum`, `project`, `signed_distance`.
 from jhd.distance.certificate.certificate import Certificate, certify
 from jhd.distance.certificate.verification import CertificateError, verify
 from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
-from jhd.distance.minimum import MinimumProgress, minimum_distance
+from jhd.distance.minimum import minimum_distance
 from jhd.distance.project import (
     HybridProjection,
     IntervalHalving,
@@ -30,5 +30,6 @@ from jhd.distance.published.vertex_voxels import VertexVoxels
 from jhd.distance.published.voxel_pairs import TiedPairs, VoxelPairs
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.search import Progress
+from jhd.distance.search.search import Progress as MinimumProgress
 from jhd.distance.signed_distance import signed_distance
 from jhd.distance.witness.critical import critical_pairs

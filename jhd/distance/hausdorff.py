@@ -3,23 +3,18 @@
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
-from jhd.distance.frame.method import AbstractHausdorffMethod
-from jhd.distance.pairs import Shape, pair_of, surfaces_of
-from jhd.distance.published.cube_intervals import CubeIntervals
+from jhd.distance.frame.directions import larger
+from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
+from jhd.distance.pairs import Shape, pair_of
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.search import Progress
 from jhd.shapes.checks import Numbers
-from jhd.shapes.implicit import ImplicitSurface
 from jhd.solution import (
     ANSWERS,
-    DIRECTIONS,
     RESULTS,
     Decision,
     HausdorffSolution,
@@ -39,8 +34,8 @@ def directed_hausdorff(
     """Directed Hausdorff distance: the maximum over a of the minimum over b of the distance.
 
     The distance is that of the stored numbers (Bezier segments, coefficients, triangles) taken as real. Works under jit
-    and vmap, where checks of values are left out and `throw` is ignored: read `result`. Meshes must be known numbers;
-    the value is differentiable in their vertices, too.
+    and vmap, where checks of values are left out and `throw` is ignored: read `result`. Meshes are searched from the
+    host, there too; the value is differentiable in all arrays of both shapes, of meshes once, of others twice.
 
     Args:
         a: the shape whose farthest point is looked for: a curve, an implicit surface or a mesh.
@@ -58,12 +53,8 @@ def directed_hausdorff(
         ValueError: curves of different dimensions, or a surface proven empty in its box.
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
-    if isinstance(method, CubeIntervals) and ImplicitSurface in (type(a), type(b)):
-        return _finish(
-            method.directed_surfaces(*surfaces_of(a, b), progress=progress), throw and method.rule != "paper"
-        )
     pair = pair_of(a, b, method, progress)
-    return _finish(pair.differentiable(pair.measured()), throw)
+    return _finish(pair.finished(pair.measured()), throw)
 
 
 def hausdorff(
@@ -75,6 +66,9 @@ def hausdorff(
     progress: Callable[[Any], object] | None = None,
 ) -> HausdorffSolution:
     """Hausdorff distance: the larger of both directed distances; the witness's `direction` says which, a_to_b at a tie.
+
+    `directions` holds both directed distances. The one from b to a is looked for only where it exceeds the other one:
+    below that its bounds are true and may be wide.
 
     Args:
         a: a curve, an implicit surface or a mesh.
@@ -91,13 +85,11 @@ def hausdorff(
         ValueError: curves of different dimensions, or a surface proven empty in its box.
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
-    if isinstance(method, CubeIntervals) and ImplicitSurface in (type(a), type(b)):
-        return _finish(method.surfaces(*surfaces_of(a, b), progress=progress), throw and method.rule != "paper")
     pair = pair_of(a, b, method, progress)
     there = pair.measured()
     # In the other direction only what exceeds the first one's lower bound matters.
     back = pair.measured(turned=True, level=there.lower)
-    return _finish(pair.differentiable(_larger(there, back)), throw)
+    return _finish(pair.larger(pair.finished(there), pair.finished(back)), throw)
 
 
 def hausdorff_at_most(
@@ -127,17 +119,13 @@ def hausdorff_at_most(
         TypeError: a shape of another kind, or another method than BranchAndBound.
         ValueError: curves of different dimensions, a surface proven empty in its box, or a threshold that is no length.
     """
-    pair, limit = pair_of(a, b, _proving(method), progress), _checked_limit(threshold)
+    method = BranchAndBound() if method is None else method
+    # It proves both bounds, and ends where they say enough.
+    check_serves(method, a, b, (BranchAndBound,))
+    pair, limit = pair_of(a, b, method, progress), _checked_limit(threshold)
     inner = pair.length(limit)
     there, back = (pair.measured(turned=turned, level=inner, ceiling=inner) for turned in (False, True))
-    return _decided(pair.reported(_larger(there, back)), limit)
-
-
-def _proving(method: object) -> BranchAndBound:
-    method = BranchAndBound() if method is None else method
-    if not isinstance(method, BranchAndBound):
-        raise TypeError(f"method must be BranchAndBound(), which proves both bounds; got {type(method).__name__}.")
-    return method
+    return _decided(larger(pair.reported(there), pair.reported(back)), limit)
 
 
 def _checked_limit(threshold: Numbers) -> Array:
@@ -154,23 +142,6 @@ def _decided(solution: HausdorffSolution, limit: Array) -> Decision:
     ended = result_where(solution.result == RESULTS.successful, RESULTS.gap_not_closed, solution.result)
     result = result_where(below | above, RESULTS.successful, ended)
     return Decision(answer, solution.lower, solution.upper, result, solution.stats)
-
-
-@compiled
-def _larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-    back = eqx.tree_at(lambda s: s.witness.direction, back, DIRECTIONS.b_to_a)
-    turned = back.value > there.value
-    larger = jax.tree_util.tree_map(lambda x, y: jnp.where(turned, x, y), back, there)
-    stats = {f"{name}_{key}": x for name, s in (("a_to_b", there), ("b_to_a", back)) for key, x in s.stats.items()}
-    return HausdorffSolution(
-        value=larger.value,
-        lower=jnp.maximum(there.lower, back.lower),
-        upper=jnp.maximum(there.upper, back.upper),
-        witness=larger.witness,
-        result=result_where(there.result == RESULTS.successful, back.result, there.result),
-        stats=stats,
-        directed=False,
-    )
 
 
 def _finish(solution: HausdorffSolution, throw: bool) -> HausdorffSolution:

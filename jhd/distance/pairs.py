@@ -6,6 +6,7 @@ coordinates of its search; bounds handed from one direction to the other stay in
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -16,10 +17,15 @@ from jaxtyping import Array
 
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
-from jhd.distance.frame.method import AbstractHausdorffMethod, AbstractHostMethod, Aim
+from jhd.distance.frame.aim import Aim
+from jhd.distance.frame.directions import larger
+from jhd.distance.frame.method import AbstractCurveMethod, AbstractHausdorffMethod, AbstractHostMethod, check_serves
 from jhd.distance.frame.prepare import Frame, prepare
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
-from jhd.distance.published.cube_intervals import CubeIntervals
+from jhd.distance.published.algebraic import AlgebraicEvents
+from jhd.distance.published.cube_intervals import CubeIntervals, larger_interval
+from jhd.distance.published.trimming import BiarcTrimming
+from jhd.distance.published.two_step import TwoStep
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
@@ -27,11 +33,12 @@ from jhd.distance.search.meshes import mesh_directed
 from jhd.distance.search.search import Session, Standing, drive
 from jhd.distance.search.solutions import Pair, target
 from jhd.distance.witness.derivative import with_derivatives
+from jhd.distance.witness.meshes import with_mesh_derivatives
 from jhd.distance.witness.surfaces import with_surface_derivatives
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.shapes.mesh import TriangleMesh, check_mesh
-from jhd.solution import DIRECTIONS, HausdorffSolution, name_of
+from jhd.solution import DIRECTIONS, HausdorffSolution
 
 Shape = AbstractCurve | ImplicitSurface | TriangleMesh
 Report = Callable[[Any], object] | None
@@ -60,35 +67,37 @@ class AbstractPair(ABC):
 
     @abstractmethod
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """The reported solution, its value with derivatives in both shapes."""
+        """A reported solution, its value with derivatives in both shapes."""
+
+    @abstractmethod
+    def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+        """The Hausdorff distance of both directed ones, as they are handed to the user."""
+
+    def finished(self, solution: HausdorffSolution) -> HausdorffSolution:
+        """A measured solution as it is handed to the user."""
+        return self.differentiable(self.reported(solution))
 
 
-def pair_of(
-    a: Shape, b: Shape, method: AbstractHausdorffMethod | CubeIntervals | None, progress: Report
-) -> AbstractPair:
-    """The pair of two shapes under a method that proves both bounds by a search.
+def pair_of(a: Shape, b: Shape, method: AbstractHausdorffMethod | None, progress: Report) -> AbstractPair:
+    """The pair of two shapes under a method; by default BranchAndBound().
 
     Raises:
         TypeError: shapes of different or unknown kinds, or a method that does not serve them.
         ValueError: curves of different dimensions, or a surface proven empty in its box.
     """
+    check, kind = next((check, kind) for known, check, kind in _KINDS if isinstance(a, known) or isinstance(b, known))
+    check("a", a)
+    check("b", b)
     method = BranchAndBound() if method is None else method
-    if isinstance(a, TriangleMesh) or isinstance(b, TriangleMesh):
-        return MeshPair(a, b, method, progress)
-    if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface):
-        return SurfacePair(a, b, method, progress)
-    return CurvePair(a, b, method, progress)
+    check_serves(method, a, b, _METHODS)
+    kind = CubePair if isinstance(method, CubeIntervals) else kind
+    return kind(a, b, method, progress)
 
 
 class CurvePair(AbstractPair):
     """Two curves in common coordinates, where nothing is differentiated."""
 
-    def __init__(self, a: Any, b: Any, method: object, progress: Report):
-        check_curve("a", a)
-        check_curve("b", b)
-        if not isinstance(method, AbstractHausdorffMethod):
-            known = "BranchAndBound(), TwoStep(), BiarcTrimming() or AlgebraicEvents()"
-            raise TypeError(f"method must be {known}; got {type(method).__name__}.")
+    def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         self._method = method
         self._given = a.segments(), b.segments()
         p, q = self._given
@@ -106,17 +115,22 @@ class CurvePair(AbstractPair):
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """See AbstractPair."""
         a, b = (self._b, self._a) if turned else (self._a, self._b)
-        aim, method = _aim(level, ceiling, self._a.control_points.dtype), self._method
+        aim = _aim(level, ceiling, self._a.control_points.dtype)
+        solution = self._directed(a, b, aim, _direction(turned))
+        return _turned(solution) if turned else solution
+
+    def _directed(self, a: BezierSegments, b: BezierSegments, aim: Aim, direction: Any) -> HausdorffSolution:
+        method = self._method
         # Inside jit all operations are traced, those on known numbers too.
         if is_traced(a, b, method, aim, jnp.zeros(())):
             return method.directed(a, b, self._frame, aim)
         if isinstance(method, BranchAndBound):
             wanted = method.wanted(a, self._frame, aim)
             search = CurveSearch(a, b, wanted, method.length_of_table(a), method.max_steps)
-            return drive(search, self._session, _direction(turned))
+            return drive(search, self._session, direction)
         run = method.directed if isinstance(method, AbstractHostMethod) else partial(_in_one_go, method)
         solution = run(a, b, self._frame, aim)
-        self._session.report(_direction(turned), Standing(solution, False, False, 0, 0))
+        self._session.report(direction, Standing(solution, False, False, 0, 0))
         return solution
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
@@ -125,17 +139,18 @@ class CurvePair(AbstractPair):
 
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
-        return with_derivatives(self.reported(solution), *self._given, self._frame)
+        return with_derivatives(solution, *self._given, self._frame)
+
+    def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+        """See AbstractPair."""
+        return larger(there, back)
 
 
 class SurfacePair(AbstractPair):
     """Two implicit surfaces in common coordinates, where nothing is differentiated."""
 
-    def __init__(self, a: Any, b: Any, method: object, progress: Report):
-        if not isinstance(method, BranchAndBound):
-            known = "BranchAndBound() or CubeIntervals()"
-            raise TypeError(f"method must be {known} for implicit surfaces; got {type(method).__name__}.")
-        self._method, self._given = method, surfaces_of(a, b)
+    def __init__(self, a: Any, b: Any, method: Any, progress: Report):
+        self._method, self._given = method, (a, b)
         self._targets, self._frame = _targets(*self._given)
         self._session = Session(progress, self._frame.length)
 
@@ -158,18 +173,18 @@ class SurfacePair(AbstractPair):
 
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
-        return with_surface_derivatives(self.reported(solution), *self._given)
+        return with_surface_derivatives(solution, *self._given)
+
+    def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+        """See AbstractPair."""
+        return larger(there, back)
 
 
 class MeshPair(AbstractPair):
-    """Two meshes, in their own coordinates; a measured distance has its derivatives already."""
+    """Two meshes, in their own coordinates, where nothing is differentiated."""
 
-    def __init__(self, a: Any, b: Any, method: object, progress: Report):
-        if not isinstance(method, BranchAndBound):
-            raise TypeError(f"method must be BranchAndBound() for meshes; got {type(method).__name__}.")
-        check_mesh("a", a)
-        check_mesh("b", b)
-        self._method, self._meshes, self._progress = method, (a, b), progress
+    def __init__(self, a: Any, b: Any, method: Any, progress: Report):
+        self._method, self._meshes, self._session = method, (a, b), Session(progress)
 
     def length(self, value: Array) -> Any:
         """See AbstractPair."""
@@ -177,10 +192,10 @@ class MeshPair(AbstractPair):
 
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """See AbstractPair."""
-        a, b = self._meshes[::-1] if turned else self._meshes
-        low = -np.inf if level is None else _known(level)
-        high = np.inf if ceiling is None else _known(ceiling)
-        return mesh_directed(a, b, self._method, low, high, self._progress, name_of(_direction(turned)))
+        a, b = jax.lax.stop_gradient(self._meshes[::-1] if turned else self._meshes)
+        aim = jax.lax.stop_gradient(_aim(level, ceiling, a.vertices.dtype))
+        solution = mesh_directed(a, b, self._method, aim, self._session, _direction(turned))
+        return _turned(solution) if turned else solution
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -188,21 +203,62 @@ class MeshPair(AbstractPair):
 
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
+        return with_mesh_derivatives(solution, *self._meshes)
+
+    def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+        """See AbstractPair."""
+        return larger(there, back)
+
+
+class CubePair(AbstractPair):
+    """Two implicit surfaces as the cells of CubeIntervals, in their own coordinates."""
+
+    def __init__(self, a: Any, b: Any, method: CubeIntervals, progress: Report):
+        self._method = method
+        self._first, self._second, self._scale = method.cells_of(a, b, progress)
+
+    def length(self, value: Array) -> Any:
+        """See AbstractPair."""
+        return value
+
+    def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
+        """See AbstractPair; all of it is measured."""
+        cells = (self._second, self._first) if turned else (self._first, self._second)
+        return self._method.measured(*cells, self._scale, _direction(turned))
+
+    def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
+        """See AbstractPair."""
         return solution
+
+    def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
+        """See AbstractPair; there are no derivatives."""
+        return solution
+
+    def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+        """See AbstractPair."""
+        return larger_interval(there, back)
+
+
+# What serves at all, in the order in which it is named.
+_METHODS = BranchAndBound, TwoStep, BiarcTrimming, AlgebraicEvents, CubeIntervals
+# A pair belongs to the first of these kinds that one of its shapes is of; anything else is not a shape.
+_KINDS: tuple[tuple[type, Callable[[str, Any], None], Callable[..., AbstractPair]], ...] = (
+    (TriangleMesh, check_mesh, MeshPair),
+    (ImplicitSurface, check_surface, SurfacePair),
+    (object, check_curve, CurvePair),
+)
 
 
 @compiled
 def _in_one_go(
-    method: AbstractHausdorffMethod, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim
+    method: AbstractCurveMethod, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim
 ) -> HausdorffSolution:
     return method.directed(a, b, frame, aim)
 
 
-def surfaces_of(a: Any, b: Any) -> tuple[ImplicitSurface, ImplicitSurface]:
-    """Both shapes, which must be implicit surfaces; TypeError where one is not."""
-    check_surface("a", a)
-    check_surface("b", b)
-    return a, b
+def _turned(solution: HausdorffSolution) -> HausdorffSolution:
+    """A solution of a search that knows of one direction alone, from b to a."""
+    return replace(solution, witness=replace(solution.witness, direction=DIRECTIONS.b_to_a))
 
 
 def _direction(turned: bool) -> Any:
@@ -212,10 +268,6 @@ def _direction(turned: bool) -> Any:
 def _aim(level: Any, ceiling: Any, dtype: np.dtype) -> Aim:
     infinity = np.asarray(np.inf, dtype)
     return Aim(-infinity if level is None else level, infinity if ceiling is None else ceiling)
-
-
-def _known(bound: Any) -> float:
-    return float(jax.lax.stop_gradient(bound))
 
 
 class _Targets(NamedTuple):

@@ -34,6 +34,22 @@ def test_a_threshold_inside_the_gap_is_undecided():
     assert decision.lower <= EXACT["degrees_3_and_3"] <= decision.upper
 
 
+def test_a_decision_counts_as_what_it_answers_and_an_undecided_one_as_nothing():
+    a, b = pairs.both(pairs.BY_NAME["degrees_3_and_3"])
+    assert jhd.hausdorff_at_most(a, b, 2 * EXACT["degrees_3_and_3"])
+    assert not jhd.hausdorff_at_most(a, b, EXACT["degrees_3_and_3"] / 2)
+    undecided = jhd.hausdorff_at_most(a, b, EXACT["degrees_3_and_3"])
+    with pytest.raises(
+        ValueError, match=f"undecided: the distance lies between {float(undecided.lower)!r} and .* atol"
+    ):
+        bool(undecided)
+    batch = jax.tree_util.tree_map(lambda x: jax.numpy.stack([x, x]), undecided)
+    with pytest.raises(ValueError, match="there are 2 decisions"):
+        bool(batch)
+    with pytest.raises(jax.errors.TracerBoolConversionError):
+        jax.jit(lambda d: 1 if d else 0)(undecided)
+
+
 def test_zero_is_an_answer():
     a = jhd.BezierCurve([(0, 0), (1, 1), (2, 0)])
     assert name_of(jhd.hausdorff_at_most(a, a.transform(np.eye(2), (0, 1)), 0).answer) == "no"

@@ -278,7 +278,8 @@ def test_what_is_no_method_is_refused(entry, method, as_a_user):
     with pytest.raises(TypeError) as caught:
         entry(ONE, ONE, method)
     known = "BranchAndBound(), TwoStep(), BiarcTrimming() or AlgebraicEvents()"
-    assert str(caught.value) == f"method must be {known}; got {type(method).__name__}."
+    kinds = "BezierCurve and BezierCurve"
+    assert str(caught.value) == f"method must be {known} for {kinds}; got {type(method).__name__}."
 
 
 # ---- single precision ----------------------------------------------------------------------------

@@ -48,7 +48,9 @@ def test_the_derivative_agrees_with_differences():
 
 def test_other_shapes_and_methods_are_refused(as_a_user):
     mesh = flat(0.0)
-    with pytest.raises(TypeError, match=r"method must be BranchAndBound\(\) for meshes; got TwoStep."):
+    with pytest.raises(
+        TypeError, match=r"method must be BranchAndBound\(\) for TriangleMesh and TriangleMesh; got TwoStep."
+    ):
         jhd.hausdorff(mesh, mesh, jhd.TwoStep())
     with pytest.raises(TypeError, match="b must be a TriangleMesh .*; got BezierCurve."):
         jhd.hausdorff(mesh, jhd.BezierCurve([(0, 0, 0), (1, 1, 1)]))

@@ -8,6 +8,7 @@ from scipy.optimize import minimize
 
 from jhd.distance.minimum import minimum_distance
 from jhd.distance.published.voxel_pairs import VoxelPairs
+from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.curve import circle, points, polyline
 from jhd.shapes.implicit import ImplicitSurface
@@ -147,9 +148,9 @@ def test_numbers_that_are_known_late_and_unusable_are_reported():
         (BezierCurve(ARCH), {"atol": -1.0}, ValueError, "atol is -1; needs a number of at least 0"),
         (BezierCurve(ARCH), {"rtol": np.zeros(2)}, ValueError, r"rtol has shape \(2,\)"),
         (BezierCurve(ARCH), {"max_steps": -1}, ValueError, "max_steps is -1"),
-        (BezierCurve(ARCH), {"capacity": 3}, ValueError, "capacity is 3; needs a whole number of at least 64"),
-        (BezierCurve(ARCH), {"method": "fast"}, TypeError, "method must be None or VoxelPairs"),
-        (BezierCurve(ARCH), {"method": VoxelPairs(0.1)}, TypeError, "a must be an ImplicitSurface"),
+        (BezierCurve(ARCH), {"capacity": 3}, ValueError, "capacity is 3; needs a whole number of at least 16"),
+        (BezierCurve(ARCH), {"method": "fast"}, TypeError, r"method must be BranchAndBound\(\) for BezierCurve and"),
+        (BezierCurve(ARCH), {"method": VoxelPairs(0.1)}, TypeError, "for BezierCurve and BezierCurve; got VoxelPairs"),
     ],
 )
 def test_what_is_no_question_is_refused(as_a_user, a, options, error, message):
@@ -166,10 +167,23 @@ def test_a_search_that_is_cut_short_says_so_and_its_bounds_are_true():
     assert reached.lower <= full.lower and reached.upper >= full.upper and reached.lower > 0
 
 
-def test_progress_is_reported_and_interruption_keeps_the_bounds():
+def test_a_method_holds_the_options_and_not_both_are_given():
+    a, b = BezierCurve(ARCH), BezierCurve(ARCH * [1, -1] + [0.1, 2.5])
+    found = [
+        minimum_distance(a, b, BranchAndBound(max_steps=0), throw=False),
+        minimum_distance(a, b, max_steps=0, throw=False),
+    ]
+    assert [name_of(each.result) for each in found] == ["gap_not_closed"] * 2
+    assert (found[0].lower, found[0].upper) == (found[1].lower, found[1].upper)
+    with pytest.raises(ValueError, match="method is given, and so is atol, capacity"):
+        minimum_distance(a, b, BranchAndBound(), atol=0.5, capacity=64)
+
+
+def test_progress_is_reported():
     seen = []
-    minimum_distance(BezierCurve(ARCH), BezierCurve(ARCH + [0.1, 2.0]), progress=seen.append)
-    assert seen and seen[-1].lower <= seen[-1].upper
+    full = minimum_distance(BezierCurve(ARCH), BezierCurve(ARCH + [0.1, 2.0]), progress=seen.append)
+    assert seen and all(x.lower <= full.value <= x.upper and x.direction is None for x in seen)
+    assert seen[-1].steps == int(full.stats["steps"])
 
 
 def test_the_solution_prints_and_becomes_json():

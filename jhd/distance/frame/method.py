@@ -1,24 +1,36 @@
-"""What a Hausdorff method is: fields are its options, and one function answers one direction of a prepared pair."""
+"""What a method is: fields are its options, and it says which shapes it serves."""
 
 from abc import abstractmethod
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 
+from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.prepare import Frame
-from jhd.shapes.curve import BezierSegments
+from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.solution import HausdorffSolution
 
 
-class Aim(NamedTuple):
-    """What of a distance matters, in the common coordinates: nothing up to `level`, nothing more above `ceiling`."""
+class AbstractMethod(eqx.Module):
+    """Options of a method."""
 
-    level: Any
-    ceiling: Any
+    @classmethod
+    @abstractmethod
+    def serves(cls, a: Any, b: Any) -> bool:
+        """Whether it measures the distances of these shapes."""
 
 
-class AbstractHausdorffMethod(eqx.Module):
-    """Options of a method, and how it is carried out on a pair of curves in common scaled coordinates."""
+class AbstractHausdorffMethod(AbstractMethod):
+    """Options of a method for Hausdorff distances."""
+
+
+class AbstractCurveMethod(AbstractHausdorffMethod):
+    """Options of a method for curves alone, and how it is carried out on a pair of them in common coordinates."""
+
+    @classmethod
+    def serves(cls, a: Any, b: Any) -> bool:
+        """Whether both are curves."""
+        return isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
 
     @abstractmethod
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
@@ -32,5 +44,15 @@ class AbstractHausdorffMethod(eqx.Module):
         """
 
 
-class AbstractHostMethod(AbstractHausdorffMethod):
+class AbstractHostMethod(AbstractCurveMethod):
     """A method whose work depends on the numbers: it runs on the host, on known curves only, not under jit or vmap."""
+
+
+def check_serves(method: Any, a: Any, b: Any, known: tuple[type[AbstractMethod], ...]) -> None:
+    """Raises TypeError, naming the known methods that serve a pair of shapes, for anything else."""
+    if isinstance(method, known) and method.serves(a, b):
+        return
+    *names, last = [f"{kind.__name__}()" for kind in known if kind.serves(a, b)]
+    serving = f"{', '.join(names)} or {last}" if names else last
+    kinds = f"{type(a).__name__} and {type(b).__name__}"
+    raise TypeError(f"method must be {serving} for {kinds}; got {type(method).__name__}.")

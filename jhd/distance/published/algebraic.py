@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arrays import is_traced, real_array
-from jhd.distance.frame.method import AbstractHostMethod, Aim
+from jhd.distance.frame.aim import Aim
+from jhd.distance.frame.method import AbstractHostMethod
 from jhd.distance.frame.prepare import Frame
 from jhd.distance.published.events.candidates import Search, candidate_events
 from jhd.distance.published.events.host_pair import HostPair, check_served

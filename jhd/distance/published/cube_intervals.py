@@ -20,6 +20,7 @@ Source: AlgSurf (modified affine arithmetic, octree, intervals of cubes), sectio
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -32,13 +33,12 @@ from jaxtyping import Array
 from jhd.arithmetic import rounding
 from jhd.arithmetic.rationals import float_above, float_below, root_between
 from jhd.compiled import compiled
-from jhd.distance.frame.method import AbstractHausdorffMethod, Aim
-from jhd.distance.frame.prepare import Frame
+from jhd.distance.frame.directions import larger
+from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.fields.boxes import squared_distances
 from jhd.fields.octree import VoxelProgress, Voxels, checked_cells, voxelise
-from jhd.shapes.curve import BezierSegments
 from jhd.shapes.implicit import ImplicitSurface, check_surface
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, result_where
+from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 
 # Cells of a that are compared at once with a tile of cells of b: 2 MB of numbers.
 _CHUNK, _TILE = 1024, 256
@@ -81,10 +81,10 @@ class CubeIntervals(AbstractHausdorffMethod):
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; needs {' or '.join(map(repr, allowed))}.")
 
-    def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
-        """Raises TypeError: curves have no cells."""
-        known = "BranchAndBound(), TwoStep(), BiarcTrimming() or AlgebraicEvents()"
-        raise TypeError(f"method must be {known} for curves; CubeIntervals serves surfaces.")
+    @classmethod
+    def serves(cls, a: Any, b: Any) -> bool:
+        """Whether both are implicit surfaces."""
+        return isinstance(a, ImplicitSurface) and isinstance(b, ImplicitSurface)
 
     def directed_surfaces(
         self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Progress = None
@@ -100,7 +100,7 @@ class CubeIntervals(AbstractHausdorffMethod):
             TypeError: shapes of another kind, or traced ones.
             ValueError: a surface that is proven empty in its box.
         """
-        return self._one(*self._cells(a, b, progress), DIRECTIONS.a_to_b)
+        return self.measured(*self.cells_of(a, b, progress), DIRECTIONS.a_to_b)
 
     def surfaces(self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Progress = None) -> HausdorffSolution:
         """The Hausdorff distance, the larger of both directed ones; each end is the larger of both ends.
@@ -114,16 +114,14 @@ class CubeIntervals(AbstractHausdorffMethod):
             TypeError: shapes of another kind, or traced ones.
             ValueError: a surface that is proven empty in its box.
         """
-        p, q, scale = self._cells(a, b, progress)
-        there, back = self._one(p, q, scale, DIRECTIONS.a_to_b), self._one(q, p, scale, DIRECTIONS.b_to_a)
-        larger = back if float(back.upper) > float(there.upper) else there
-        lower, upper = jnp.maximum(there.lower, back.lower), jnp.maximum(there.upper, back.upper)
-        result = result_where(there.result == RESULTS.successful, back.result, there.result)
-        value = jnp.where(result == RESULTS.unverified, jnp.nan, _middle(lower, upper))
-        stats = {f"{name}_{key}": x for name, s in (("a_to_b", there), ("b_to_a", back)) for key, x in s.stats.items()}
-        return HausdorffSolution(value, lower, upper, larger.witness, result, stats, directed=False)
+        p, q, scale = self.cells_of(a, b, progress)
+        return larger_interval(
+            self.measured(p, q, scale, DIRECTIONS.a_to_b), self.measured(q, p, scale, DIRECTIONS.b_to_a)
+        )
 
-    def _cells(self, a: ImplicitSurface, b: ImplicitSurface, progress: Progress) -> tuple["_Cells", "_Cells", "_Scale"]:
+    def cells_of(
+        self, a: ImplicitSurface, b: ImplicitSurface, progress: Progress
+    ) -> tuple["_Cells", "_Cells", "_Scale"]:
         """The cells of both surfaces in common coordinates."""
         check_surface("a", a)
         check_surface("b", b)
@@ -132,7 +130,8 @@ class CubeIntervals(AbstractHausdorffMethod):
         common = _on_one_grid if _same_cube(a, b) and self.cells <= _LARGEST_GRID else _on_two_grids
         return common((a, b), voxels, self.cells)
 
-    def _one(self, p: "_Cells", q: "_Cells", scale: "_Scale", direction: Any) -> HausdorffSolution:
+    def measured(self, p: "_Cells", q: "_Cells", scale: "_Scale", direction: Any) -> HausdorffSolution:
+        """The directed distance from the surface of the cells p; the direction is a member of DIRECTIONS."""
         safe = self.rule == "safe"
         proven = q.proven if safe else np.ones_like(q.proven)
         nearest = _by_axes if self.pairs == "separable" and scale.exact else _by_tiles
@@ -145,7 +144,7 @@ class CubeIntervals(AbstractHausdorffMethod):
         result = (RESULTS.successful if verified else RESULTS.unverified) if safe else RESULTS.unproven
         place = int(np.argmax(most)) if np.isfinite(upper_sq) else int(np.argmax(least))
         return HausdorffSolution(
-            value=jnp.where(result == RESULTS.unverified, jnp.nan, _middle(lower, upper)),
+            value=_value(lower, upper, result),
             lower=lower,
             upper=upper,
             witness=_witness(p, q, place, proven, self.cells, direction),
@@ -158,6 +157,12 @@ class CubeIntervals(AbstractHausdorffMethod):
                 "pairs": jnp.asarray(min(p.count * q.count, int(jnp.iinfo(jnp.result_type(int)).max))),
             },
         )
+
+
+def larger_interval(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+    """The larger of both directions, whose value is the middle of its own interval."""
+    found = larger(there, back)
+    return replace(found, value=_value(found.lower, found.upper, found.result))
 
 
 class _Cells(NamedTuple):
@@ -349,5 +354,5 @@ def _witness(p: _Cells, q: _Cells, place: int, proven: np.ndarray, cells: int, d
     )
 
 
-def _middle(lower: Array, upper: Array) -> Array:
-    return jnp.clip(0.5 * lower + 0.5 * upper, lower, upper)
+def _value(lower: Array, upper: Array, result: Any) -> Array:
+    return jnp.where(result == RESULTS.unverified, jnp.nan, jnp.clip(0.5 * lower + 0.5 * upper, lower, upper))

@@ -23,7 +23,8 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arrays import real_array
-from jhd.distance.frame.method import AbstractHostMethod, Aim
+from jhd.distance.frame.aim import Aim
+from jhd.distance.frame.method import AbstractHostMethod
 from jhd.distance.frame.prepare import Frame, evaluation_error, trusted
 from jhd.distance.published.algebraic import check_options, final_size
 from jhd.distance.published.arc_bounds import Arcs, Target, arcs_of, chords

@@ -25,8 +25,9 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd.arrays import varying
+from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.jets import jet
-from jhd.distance.frame.method import AbstractHausdorffMethod, Aim
+from jhd.distance.frame.method import AbstractCurveMethod
 from jhd.distance.frame.pieces import Place, piece_of, preceding
 from jhd.distance.frame.prepare import Frame, evaluation_error
 from jhd.distance.nearest.curves import Nearest, in_chunks, nearest, repeated
@@ -47,7 +48,7 @@ _CHUNK = 128
 _ARC = 1.25
 
 
-class TwoStep(AbstractHausdorffMethod):
+class TwoStep(AbstractCurveMethod):
     """Sampling and root finding; fast, and good to about 1e-12 of the size, but without a proven upper bound.
 
     Args:

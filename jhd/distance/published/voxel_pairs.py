@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jhd.arrays import is_traced, real_array
+from jhd.distance.frame.method import AbstractMethod
 from jhd.fields.distance_transform import distance_transform
 from jhd.fields.octree import voxelise
 from jhd.shapes.implicit import ImplicitSurface, check_surface
@@ -45,7 +46,7 @@ class TiedPairs(NamedTuple):
     points_b: Float[np.ndarray, "pairs 3"]
 
 
-class VoxelPairs(eqx.Module):
+class VoxelPairs(AbstractMethod):
     """The published method: samples in the nearest pair of cubes. Its answer is RESULTS.unproven, with no bounds.
 
     The paper takes spacing = (samples - 1) eps for an error of eps, which it does not keep in general.
@@ -74,6 +75,11 @@ class VoxelPairs(eqx.Module):
             raise ValueError(f"ties is {self.ties!r}; needs 'first' or 'all'.")
         if self.origin is not None and self.origin.shape != (3,):
             raise ValueError(f"origin has shape {self.origin.shape}; needs (3,).")
+
+    @classmethod
+    def serves(cls, a: Any, b: Any) -> bool:
+        """Whether both are implicit surfaces."""
+        return isinstance(a, ImplicitSurface) and isinstance(b, ImplicitSurface)
 
     def minimum(self, a: ImplicitSurface, b: ImplicitSurface) -> MinimumSolution:
         """The distance of the nearest samples, as a solution without bounds.

@@ -13,10 +13,11 @@ from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
 
 from jhd.arrays import is_traced, real_array
-from jhd.distance.frame.method import AbstractHausdorffMethod, Aim
+from jhd.distance.frame.aim import Aim, Wanted
+from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.frame.prepare import Frame
 from jhd.distance.search.candidates import Target
-from jhd.distance.search.curves import Wanted, advance, begin, solution_of
+from jhd.distance.search.curves import advance, begin, solution_of
 from jhd.distance.search.solutions import Pair, in_one_go
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import HausdorffSolution
@@ -30,13 +31,13 @@ class BranchAndBound(AbstractHausdorffMethod):
 
     Args:
         atol: absolute tolerance on upper - lower, in the unit of the coordinates; by default 1e-10 (in float32: 64
-            units of roundoff) of the diagonal of the box of both shapes' control points, or what rounding leaves where
-            that is more. Of surfaces the boxes count.
+            units in the last place) of the diagonal of the box of both shapes' control points, or what rounding leaves
+            where that is more. Of implicit surfaces the boxes count.
         rtol: tolerance relative to upper; the larger of both tolerances counts.
-        max_steps: most steps, of four cells each (of surfaces 32).
+        max_steps: most steps, of four cells each (of implicit surfaces 32, of meshes 16384).
         capacity: least length of the table of cells; twice the number of segments of a where that is more. Of curves,
-            outside jit and vmap, a longer table is taken where this one is full; of surfaces it is 32 times as long
-            from the start.
+            and for minimum distances, a longer table is taken outside jit and vmap where this one is full; of implicit
+            surfaces it is 32 times as long from the start, and of meshes 2048 times as many cells may wait.
     """
 
     atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
@@ -57,6 +58,11 @@ class BranchAndBound(AbstractHausdorffMethod):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or value < least:
                 raise ValueError(f"{name} is {value!r}; needs a whole number of at least {least}.")
+
+    @classmethod
+    def serves(cls, a: Any, b: Any) -> bool:
+        """See AbstractMethod: it serves every pair that there is a search for."""
+        return True
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """One direction in common coordinates, in one go.

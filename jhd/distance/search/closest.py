@@ -15,12 +15,19 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import varying
+from jhd.arrays import is_traced, varying
 from jhd.distance.cells.pairs import Best, Cell, CellBound, bound, length
 from jhd.distance.frame.net_jets import Net, eta, point_error
+from jhd.distance.frame.prepare import Frame
+from jhd.solution import RESULTS, MinimumSolution, result_where
 
 # Pairs that are cut in one step.
 WIDTH = 16
+# Steps of the first stretch from the host, and how the table grows.
+FIRST_STEPS = 64
+GROWTH = 4
+# A table beyond this length is not exchanged for a longer one: it would fill the memory.
+LONGEST = 1 << 20
 # Pairs are closed below the tolerance, so that the errors of the ends cannot exceed it.
 _CLOSE = 0.9
 
@@ -36,6 +43,29 @@ class State(NamedTuple):
     lost: Array
     steps: Array
     pairs: Array
+
+
+class Outcome(NamedTuple):
+    """The outcome of a search, in common coordinates."""
+
+    best: Best
+    lower: Array
+    upper: Array
+    point_a: Array
+    point_b: Array
+    result: Any
+    stats: dict[str, Array]
+
+    def solution(self, frame: Frame) -> MinimumSolution:
+        """What is handed to the user, in the coordinates that the frame leads back to."""
+        value, lower = frame.length(self.best.distance), frame.length(self.lower, 0.0)
+        upper, result = frame.length(self.upper, np.inf), self.result
+        if is_traced(frame.usable):
+            good = frame.usable
+            value, upper = jnp.where(good, value, jnp.inf), jnp.where(good, upper, jnp.inf)
+            lower, result = jnp.where(good, lower, 0.0), result_where(good, result, RESULTS.nonfinite_value)
+        points = frame.place(self.point_a), frame.place(self.point_b)
+        return MinimumSolution(value, lower, upper, *points, result, self.stats)
 
 
 class Parametric(NamedTuple):
@@ -106,6 +136,17 @@ def gaps(a: Net, b: Net, k: Array, m: Array) -> Array:
     apart = jnp.maximum(jnp.maximum(lows[0][k] - highs[1][m], lows[1][m] - highs[0][k]), 0.0)
     found = jax.vmap(length)(apart) * (1 - gamma(16, apart.dtype))
     return jnp.maximum(found - eta(a) - eta(b), 0.0)
+
+
+def room_for(pairs: int, capacity: int) -> int:
+    """The length of a table that holds so many pairs and the halves of those that a step takes."""
+    return max(capacity, 4 * WIDTH, 1 << (2 * pairs - 1).bit_length())
+
+
+def news_of(state: State, going_on: Array, growing: Array) -> Array:
+    """Whether it goes on, whether it stopped for want of room, steps, and pairs that wait."""
+    full = going_on & jnp.asarray(growing) & is_full(state)
+    return jnp.stack([going_on, full, state.steps, jnp.sum(jnp.isfinite(state.lower))])
 
 
 def longer(state: State, factor: int) -> State:

@@ -10,40 +10,28 @@ point and a plane, or two lines. So it is right to any order wherever the points
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from jhd.arithmetic.rationals import float_above, float_below, float_near, root_between
 from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
+from jhd.distance.frame.aim import default_tolerance
+from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.from_program import from_program
+from jhd.distance.search.search import AbstractSearch, Progress, Session, Standing, drive
 from jhd.distance.search.tree_pairs import MeshBoxes, PairSearch, in_one_unit, mesh_boxes, stored_corners
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import RESULTS, MinimumSolution
 from jhd.triangles.closest_point import outward
 from jhd.triangles.prepared import prepared
-
-# The default tolerance as a share of the diagonal, and in units of roundoff where that is more.
-_RELATIVE, _ULPS = 1e-10, 64
-
-
-class Found(NamedTuple):
-    """How a search stands, in the user's unit.
-
-    Args:
-        steps: blocks of pairs looked at, and pairs measured exactly.
-        lower: proven lower bound.
-        upper: proven upper bound.
-    """
-
-    steps: int
-    lower: float
-    upper: float
 
 
 def as_mesh(shape: Any) -> TriangleMesh | None:
@@ -62,20 +50,20 @@ def as_mesh(shape: Any) -> TriangleMesh | None:
 
 
 def of_meshes(
-    a: TriangleMesh,
-    b: TriangleMesh,
-    atol: Array | None,
-    rtol: Array,
-    max_steps: int,
-    report: Callable[[Found], object] | None,
+    a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, progress: Callable[[Progress], object] | None
 ) -> MinimumSolution:
-    """Minimum distance of two meshes whose numbers are known, under differentiation too."""
+    """Minimum distance of two meshes, with derivatives in both; under tracing it is searched from the host as well."""
     first, second = lax.stop_gradient((a, b))
-    solution, place = _searched(first, second, atol, rtol, max_steps, report)
+    # Inside jit all operations are traced, those on known numbers too.
+    if is_traced(first, second, method, jnp.zeros(())):
+        found = from_program(_searched, partial(_unusable, a.vertices.dtype), (first, second), method)
+    else:
+        found = _searched((first, second), method, progress)
+    solution, (triangles, weights) = found
     if not is_traced(a, b):
         return solution
-    corners = [mesh.vertices[mesh.triangles[k]] for mesh, k in zip((a, b), place.triangles, strict=True)]
-    moved = _attached(jnp.stack(corners), place.weights, place.weights > 0)
+    corners = [mesh.vertices[mesh.triangles[k]] for mesh, k in zip((a, b), triangles, strict=True)]
+    moved = _attached(jnp.stack(corners), weights, weights > 0)
     apart = solution.value > 0
     value, point_a, point_b = (
         x + jnp.where(apart & jnp.isfinite(y), y - lax.stop_gradient(y), 0.0)
@@ -84,74 +72,124 @@ def of_meshes(
     return replace(solution, value=value, point_a=point_a, point_b=point_b)
 
 
+def _searched(
+    meshes: tuple[TriangleMesh, TriangleMesh],
+    method: BranchAndBound,
+    progress: Callable[[Progress], object] | None = None,
+) -> "_Found":
+    return drive(TriangleSearch(*meshes, method), Session(progress))
+
+
 class _Place(NamedTuple):
     """The triangles that hold the nearest points, and barycentric coordinates there."""
 
-    triangles: tuple[int, int]
-    weights: Float[np.ndarray, "shapes corners"]
+    triangles: tuple[Any, Any]
+    weights: Any  # (shapes, corners)
 
 
-def _searched(
-    a: TriangleMesh,
-    b: TriangleMesh,
-    atol: Array | None,
-    rtol: Array,
-    max_steps: int,
-    report: Callable[[Found], object] | None,
-) -> tuple[MinimumSolution, _Place]:
-    sides = in_one_unit(prepared(a).part(mesh_boxes), prepared(b).part(mesh_boxes))
-    corners = stored_corners(a), stored_corners(b)
-    allowed = _allowed(sides, atol, rtol)
-    search = PairSearch(*sides, corners)
-    interrupted = False
-    try:
-        while search.is_waiting and search.steps < max_steps:
-            search.advance()
-            if report is not None:
-                report(_found(search, sides[0]))
-        search.settle(allowed, max_steps)
-    except KeyboardInterrupt:
-        interrupted = True
-    found = _found(search, sides[0])
-    failed = RESULTS.interrupted if interrupted else RESULTS.gap_not_closed
-    result = RESULTS.successful if search.upper - search.lower <= allowed(search.upper) else failed
-    best, dtype = search.best, sides[0].corners.dtype
-    points = [
-        _places(triangles[k], w, dtype) for triangles, k, w in zip(corners, best.triangles, best.weights, strict=True)
-    ]
-    value = float_near(root_between(best.nearest.square)[0], dtype)
-    solution = MinimumSolution(
-        value=jnp.asarray(np.clip(value, found.lower, found.upper), dtype),
-        lower=jnp.asarray(found.lower, dtype),
-        upper=jnp.asarray(found.upper, dtype),
-        point_a=jnp.asarray(points[0]),
-        point_b=jnp.asarray(points[1]),
-        result=result,
-        stats={"steps": jnp.asarray(search.steps), "exact": jnp.asarray(search.exact)},
-    )
-    weights = np.array([[float_near(x, dtype) for x in row] for row in best.weights])
-    return solution, _Place(best.triangles, weights)
+class _Found(NamedTuple):
+    """A solution in the user's unit, and where it is attained."""
+
+    solution: MinimumSolution
+    place: _Place
+
+    @property
+    def lower(self) -> Array:
+        return self.solution.lower
+
+    @property
+    def upper(self) -> Array:
+        return self.solution.upper
+
+    @property
+    def result(self) -> Any:
+        return self.solution.result
 
 
-def _found(search: PairSearch, side: MeshBoxes) -> Found:
-    """The bounds in the user's unit: those of the nearest pair measured, unless others may be nearer."""
-    dtype = side.corners.dtype
-    low, high = root_between(search.best.nearest.square)
-    lower, upper = float_below(low, dtype), float_above(high, dtype)
-    if search.lower < search.best.lower:
-        lower = min(lower, outward(np.array([search.lower]), side.exponent, dtype, -1)[0])
-    return Found(search.steps, lower, upper)
+def _unusable(dtype: Any) -> _Found:
+    """What is answered about meshes that hold a NaN, and the form of every answer."""
+    zero, infinite, nowhere = jnp.zeros((), dtype), jnp.full((), jnp.inf, dtype), jnp.full(3, jnp.nan, dtype)
+    stats = {"steps": jnp.array(0), "exact": jnp.array(0)}
+    solution = MinimumSolution(infinite, zero, infinite, nowhere, nowhere, RESULTS.nonfinite_value, stats)
+    return _Found(solution, _Place((jnp.array(0), jnp.array(0)), jnp.zeros((2, 3), dtype)))
 
 
-def _allowed(sides: tuple[MeshBoxes, MeshBoxes], atol: Array | None, rtol: Array) -> Callable[[float], float]:
+class TriangleSearch(AbstractSearch):
+    """The search of jhd.distance.search.tree_pairs, which is its own state: what is left to do whatever interrupts it.
+
+    Args:
+        a: the first mesh, its numbers known.
+        b: the second one, likewise.
+        method: the options.
+    """
+
+    first_steps = 1
+
+    def __init__(self, a: TriangleMesh, b: TriangleMesh, method: BranchAndBound):
+        self._sides = in_one_unit(prepared(a).part(mesh_boxes), prepared(b).part(mesh_boxes))
+        self._corners = stored_corners(a), stored_corners(b)
+        self._allowed = _allowed(self._sides, method)
+        self.max_steps = method.max_steps
+
+    def begin(self) -> PairSearch:
+        """See AbstractSearch."""
+        return PairSearch(*self._sides, self._corners)
+
+    def advance(self, state: PairSearch, limit: int, growing: bool) -> tuple[PairSearch, Standing]:
+        """See AbstractSearch."""
+        while state.is_waiting and state.steps < limit:
+            state.advance()
+        if not state.is_waiting:
+            state.settle(self._allowed, limit - state.steps)
+        going_on = state.is_waiting or not state.is_settled
+        return state, Standing(self._found(state), going_on, False, state.steps + state.tried, state.waiting)
+
+    def longer(self, state: PairSearch) -> PairSearch:
+        """See AbstractSearch; it takes the room that it needs."""
+        return state
+
+    def _found(self, state: PairSearch) -> _Found:
+        best, dtype = state.best, self._sides[0].corners.dtype
+        points = [
+            _places(triangles[k], w, dtype)
+            for triangles, k, w in zip(self._corners, best.triangles, best.weights, strict=True)
+        ]
+        lower, upper = self._bounds(state)
+        value = float_near(root_between(best.nearest.square)[0], dtype)
+        near = state.upper - state.lower <= self._allowed(state.upper)
+        solution = MinimumSolution(
+            value=jnp.asarray(np.clip(value, lower, upper), dtype),
+            lower=jnp.asarray(lower, dtype),
+            upper=jnp.asarray(upper, dtype),
+            point_a=jnp.asarray(points[0]),
+            point_b=jnp.asarray(points[1]),
+            result=RESULTS.successful if near else RESULTS.gap_not_closed,
+            stats={"steps": jnp.asarray(state.steps), "exact": jnp.asarray(state.exact)},
+        )
+        weights = np.array([[float_near(x, dtype) for x in row] for row in best.weights])
+        return _Found(solution, _Place(best.triangles, weights))
+
+    def _bounds(self, state: PairSearch) -> tuple[Any, Any]:
+        """The bounds in the user's unit: those of the nearest pair measured, unless others may be nearer."""
+        dtype = self._sides[0].corners.dtype
+        low, high = root_between(state.best.nearest.square)
+        lower, upper = float_below(low, dtype), float_above(high, dtype)
+        if state.lower < state.best.lower:
+            lower = min(lower, outward(np.array([state.lower]), self._sides[0].exponent, dtype, -1)[0])
+        return lower, upper
+
+
+def _allowed(sides: tuple[MeshBoxes, MeshBoxes], method: BranchAndBound) -> Callable[[float], float]:
     """The gap that is allowed at an upper bound, in the common unit."""
     rows = np.concatenate([side.corners.reshape(-1, 3) for side in sides]).astype(np.float64)
     diagonal, dtype = float(np.linalg.norm(rows.max(axis=0) - rows.min(axis=0))), sides[0].corners.dtype
-    share = max(_RELATIVE, _ULPS * float(np.finfo(dtype).eps))
-    absolute = share * diagonal if atol is None else float(np.ldexp(float(atol), -sides[0].exponent))
     # What rounding leaves where not all pairs can be measured exactly.
-    absolute = max(absolute, gamma(256, dtype) * diagonal)
-    return lambda upper: max(absolute, float(rtol) * upper)
+    floor = gamma(256, dtype) * diagonal
+    absolute = default_tolerance(diagonal, dtype, floor)
+    if method.atol is not None:
+        absolute = max(float(np.ldexp(float(method.atol), -sides[0].exponent)), floor)
+    rtol = float(method.rtol)
+    return lambda upper: max(absolute, rtol * upper)
 
 
 def _places(corners: np.ndarray, weights: tuple[Fraction, ...], dtype: np.dtype) -> np.ndarray:

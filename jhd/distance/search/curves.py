@@ -22,8 +22,8 @@ from jaxtyping import Array
 
 from jhd.arrays import varying
 from jhd.distance.cells.branches import Cell, CellBound, cell_upper_bound, first_upper_bound, local_foot
+from jhd.distance.frame.aim import Aim, Wanted, default_tolerance
 from jhd.distance.frame.jets import jet
-from jhd.distance.frame.method import Aim
 from jhd.distance.frame.pieces import Place, piece_of
 from jhd.distance.frame.prepare import evaluation_error
 from jhd.distance.nearest.curves import Nearest, nearest, repeated
@@ -45,16 +45,6 @@ _NEAR_END = 0.02
 _FLOOR = 8
 # Rounding of a distance, and of one whose foot has been refined, in units of roundoff of the common coordinates.
 _NOISE, _AGREEING = 4, 64
-# Default tolerance in units of the diagonal.
-_DEFAULT = 1e-10
-
-
-class Wanted(NamedTuple):
-    """What was asked for, in the common coordinates; a negative atol stands for the default."""
-
-    atol: Array
-    rtol: Array
-    aim: Aim
 
 
 class _Tolerances(NamedTuple):
@@ -75,7 +65,7 @@ def _tolerances(a: BezierSegments, b: BezierSegments, wanted: Wanted) -> _Tolera
     floor = jnp.asarray(_FLOOR * evaluation_error(a, b), dtype)
     rows = jnp.concatenate([a.control_points.reshape(-1, a.dim), b.control_points.reshape(-1, a.dim)])
     diagonal = jnp.sqrt(jnp.sum((jnp.max(rows, axis=0) - jnp.min(rows, axis=0)) ** 2))
-    default = jnp.maximum(max(_DEFAULT, 64 * float(jnp.finfo(dtype).eps)) * diagonal, floor)
+    default = default_tolerance(diagonal, dtype, floor)
     return _Tolerances(jnp.where(wanted.atol < 0, default, wanted.atol), wanted.rtol, floor)
 
 

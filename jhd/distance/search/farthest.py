@@ -10,10 +10,11 @@ from jaxtyping import Array
 
 from jhd.compiled import compiled
 from jhd.distance.cells.branches import Cell
+from jhd.distance.frame.aim import Wanted
 from jhd.distance.frame.pieces import Place
 from jhd.distance.search import solutions as surface_solution
 from jhd.distance.search import surfaces as surface_search
-from jhd.distance.search.curves import LANES, State, Table, Wanted, advance, begin, solution_of, unfinished
+from jhd.distance.search.curves import LANES, State, Table, advance, begin, solution_of, unfinished
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.solutions import Pair
 from jhd.shapes.curve import BezierSegments

@@ -1,38 +1,40 @@
 """Hausdorff distances of triangle meshes: branch and bound over the triangles of the one, with proven bounds.
 
 The lower bound is the distance of the best point found, the upper one the largest bound of a cell that was not needed
-any more, or that is still waiting (see jhd.distance.cells.triangles). Rounds of a bounded number of cells run from the
-host: those with the largest bounds are split, and cells are dropped as soon as their bound is within the tolerance of
-the lower one.
+any more, or that is still waiting (see jhd.distance.cells.triangles). In a step a bounded number of cells, those with
+the largest bounds, are split from the host, and cells are dropped as soon as their bound is within the tolerance of the
+lower one.
 
 Sources: Kang, Kyung, Yoon, Kim, Fast and robust Hausdorff distance computation from triangle mesh to quad mesh in near-
 zero cases (2018), and CGAL's bounded-error Hausdorff distance, after Tang, Lee, Kim, Interactive Hausdorff distance
 computation for general polygonal models (2009), bound a cell in the same way; splitting at ties and the proof are ours.
 """
 
-from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
-from jhd.arithmetic.rounding import unit_roundoff
 from jhd.arrays import is_traced
 from jhd.distance.cells.triangles import Cells, Side, first_cells, split
+from jhd.distance.frame.aim import Aim, default_tolerance
 from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.distance.search.search import Progress
-from jhd.distance.witness.meshes import active_feet, with_mesh_derivatives, witness_of
-from jhd.shapes.mesh import TriangleMesh, check_mesh
-from jhd.solution import RESULTS, HausdorffSolution
+from jhd.distance.search.from_program import from_program
+from jhd.distance.search.search import AbstractSearch, Session, Standing, drive
+from jhd.distance.witness.meshes import FEET, active_feet, witness_of
+from jhd.shapes.mesh import TriangleMesh
+from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 from jhd.triangles.closest_point import in_unit_of, outward, triangle_tree
 
-# Cells split in one round, and most that wait; each takes about 400 bytes, and its parts as much.
-_BATCH, _WAITING = 1 << 14, 1 << 20
+# Cells split in one step, and most that wait for each row of the capacity; a cell takes about 400 bytes, and its parts
+# as much.
+_BATCH = 1 << 14
+_ROOM = 1 << 11
+# What is counted: steps, cells, cells that were split, and points that were measured.
+_COUNTS = "steps", "cells", "split", "points"
 # Where the lower bound is below this share of the upper one, a may lie in b.
 _COINCIDENT = 1e-3
-# Default tolerance, as a share of the diagonal of the box of both meshes; the second in units of roundoff.
-_ATOL, _ROUNDOFFS = 1e-10, 4096
 
 
 class _Best(NamedTuple):
@@ -45,38 +47,145 @@ class _Best(NamedTuple):
     lower: float
 
 
-def mesh_directed(
-    a: TriangleMesh,
-    b: TriangleMesh,
-    method: BranchAndBound,
-    level: float = -np.inf,
-    ceiling: float = np.inf,
-    progress: Callable[[Progress], object] | None = None,
-    direction: str = "a_to_b",
-) -> HausdorffSolution:
-    """Directed Hausdorff distance of meshes: the maximum over a of the distance to b, with proven bounds.
+class _Cut(NamedTuple):
+    """A search: cells that wait, the best point, the largest bound of cells that were dropped, and counts."""
 
-    The value is differentiable in the vertices of both, to first order (see jhd.distance.witness.meshes).
+    waiting: Cells
+    best: _Best
+    dropped: float
+    corners: int  # of a that were measured
+    steps: int = 0
+    split: int = 0
+
+    @property
+    def upper(self) -> float:
+        """Proven bound of the whole distance."""
+        return max(self.dropped, float(self.waiting.upper.max(initial=-np.inf)), self.best.lower)
+
+
+def mesh_directed(
+    a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, aim: Aim, session: Session, direction: Any
+) -> HausdorffSolution:
+    """The directed distance of two meshes in their own coordinates; under tracing it is searched from the host as well.
 
     Args:
-        a: the mesh whose farthest point is looked for; its numbers must be known, under differentiation too.
+        a: the mesh whose farthest point is looked for.
         b: the mesh that distances are taken to.
-        method: its tolerances, by default 1e-10 of the diagonal of the box of both (4096 units of roundoff in single
-            precision), or what rounding leaves; max_steps bounds the rounds; the capacity is not used.
-        level: nothing up to this matters: cells are dropped at it, and the upper bound stops there.
-        ceiling: nothing above matters: the search ends when the lower bound exceeds it.
-        progress: called after each round; interruption ends the search with the bounds reached.
-        direction: for `progress` alone.
-
-    Raises:
-        TypeError: not meshes, or meshes that are traced.
+        method: the options.
+        aim: what of the distance matters.
+        session: that of the call; not under tracing.
+        direction: a member of DIRECTIONS.
     """
-    check_mesh("a", a)
-    check_mesh("b", b)
-    fixed = lax.stop_gradient((a, b))
-    if is_traced(fixed):
-        raise TypeError("Hausdorff distances of meshes are searched from the host: not under jit or vmap.")
-    return with_mesh_derivatives(_searched(*fixed, method, level, ceiling, progress, direction), a, b)
+
+    def search(meshes: Any, method: BranchAndBound, aim: Aim) -> HausdorffSolution:
+        return drive(MeshSearch(*meshes, method, aim), session, direction)
+
+    # Inside jit all operations are traced, those on known numbers too.
+    if is_traced(a, b, method, aim, jnp.zeros(())):
+        session = Session()
+        return from_program(search, partial(_unusable, a.vertices.dtype), (a, b), method, aim)
+    return search((a, b), method, aim)
+
+
+def _unusable(dtype: Any) -> HausdorffSolution:
+    """What is answered about meshes that hold a NaN, and the form of every answer."""
+    number, nowhere, none = jnp.full((), jnp.inf, dtype), jnp.full(3, jnp.nan, dtype), jnp.array(0)
+    witness = Witness(
+        segment=none,
+        t=jnp.full(3, jnp.nan, dtype),
+        point=nowhere,
+        feet=jnp.full((FEET, 3), jnp.nan, dtype),
+        foot_segments=jnp.zeros(FEET, int),
+        foot_params=jnp.full((FEET, 3), jnp.nan, dtype),
+        multipliers=jnp.asarray(np.eye(FEET)[0], dtype),
+        event=EVENTS.coincident,
+        direction=DIRECTIONS.a_to_b,
+    )
+    stats = dict.fromkeys(_COUNTS, none)
+    return HausdorffSolution(number, jnp.zeros((), dtype), number, witness, RESULTS.nonfinite_value, stats)
+
+
+class MeshSearch(AbstractSearch):
+    """The search for the point of a mesh that is farthest from another one; its solutions are in the user's unit.
+
+    Args:
+        a: the mesh whose farthest point is looked for, its numbers known.
+        b: the mesh that distances are taken to, likewise.
+        method: its tolerances, by default those of jhd.distance.frame.aim; its capacity bounds the cells that wait.
+        aim: what of the distance matters: cells are dropped at its level, and the upper bound stops there.
+    """
+
+    first_steps = 0
+
+    def __init__(self, a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, aim: Aim):
+        self._a, self._method, self.max_steps = a, method, method.max_steps
+        self._side, self._scaled = _side(a, b)
+        self._atol = _absolute(self._side, method)
+        self._level, self._ceiling = (float(np.ldexp(float(x), -self._side.tree.exponent)) for x in aim)
+
+    def begin(self) -> _Cut:
+        """See AbstractSearch."""
+        cells, used = first_cells(self._side, np.asarray(self._a.triangles), self._scaled)
+        return self._dropping(_Cut(cells, _improved(None, self._side, cells), -np.inf, len(used)))
+
+    def advance(self, state: _Cut, limit: int, growing: bool) -> tuple[_Cut, Standing]:
+        """See AbstractSearch."""
+        while self._is_open(state) and state.steps < limit and self._has_room(state):
+            state = self._dropping(self._step(state))
+        going_on = self._is_open(state) and self._has_room(state)
+        return state, Standing(self._solution(state), going_on, False, state.steps, state.waiting.count)
+
+    def longer(self, state: _Cut) -> _Cut:
+        """See AbstractSearch; it takes the room that it is given."""
+        return state
+
+    def _is_open(self, state: _Cut) -> bool:
+        return bool(state.waiting.count) and state.best.lower <= self._ceiling
+
+    def _has_room(self, state: _Cut) -> bool:
+        return state.waiting.count <= _ROOM * self._method.capacity
+
+    def _dropping(self, state: _Cut) -> _Cut:
+        """The state without the cells whose bounds are within what is allowed."""
+        done = state.waiting.upper <= max(state.best.lower + self._allowed(state.best.lower), self._level)
+        dropped = max(state.dropped, float(state.waiting.upper[done].max(initial=-np.inf)))
+        return state._replace(waiting=state.waiting.take(np.flatnonzero(~done)), dropped=dropped)
+
+    def _allowed(self, lower: float) -> float:
+        """The gap that is allowed at a lower bound, in the unit of the tree."""
+        return max(self._atol, float(self._method.rtol) * lower, _rounding(self._side, lower))
+
+    def _step(self, state: _Cut) -> _Cut:
+        """The cells with the largest bounds split."""
+        waiting, best, steps = state.waiting, state.best, state.steps
+        order = np.argsort(-waiting.upper, kind="stable")
+        clipping = best.lower <= _COINCIDENT * float(waiting.upper.max()) or steps % 8 > 5
+        parts = split(self._side, waiting.take(order[:_BATCH]), steps, clipping)
+        return state._replace(
+            waiting=Cells.join([waiting.take(order[_BATCH:]), parts]),
+            best=_improved(best, self._side, parts),
+            steps=steps + 1,
+            split=state.split + min(_BATCH, waiting.count),
+        )
+
+    def _solution(self, state: _Cut) -> HausdorffSolution:
+        side, best, upper = self._side, state.best, state.upper
+        dtype, exponent = side.corners.dtype, side.tree.exponent
+        feet = active_feet(side, best.owner, best.weights, best.nearest, upper - best.lower)
+        lower, top = (outward(np.array([x]), exponent, dtype, sign)[0] for x, sign in ((best.lower, -1), (upper, 1)))
+        # What cannot be told from zero is called zero.
+        distance = best.distance if best.lower > 0 else 0.0
+        value = np.clip(np.ldexp(distance, exponent).astype(dtype), lower, top)
+        result = RESULTS.gap_not_closed if self._has_room(state) else RESULTS.capacity_reached
+        counts = state.steps, self._a.count + 4 * state.split, state.split, state.corners + 3 * state.split
+        return HausdorffSolution(
+            value=jnp.asarray(value),
+            lower=jnp.asarray(lower),
+            upper=jnp.asarray(top),
+            witness=witness_of(feet, side, best.owner, best.weights, distance),
+            result=result if self._is_open(state) else RESULTS.successful,
+            stats={name: jnp.asarray(count) for name, count in zip(_COUNTS, counts, strict=True)},
+        )
 
 
 def _side(a: TriangleMesh, b: TriangleMesh) -> tuple[Side, np.ndarray]:
@@ -87,73 +196,18 @@ def _side(a: TriangleMesh, b: TriangleMesh) -> tuple[Side, np.ndarray]:
     return Side(corners, float(np.max(np.abs(corners))), tree, b_corners), scaled
 
 
-def _tolerance(side: Side, method: BranchAndBound) -> Callable[[float], float]:
-    """The gap that is allowed at a lower bound, in the unit of the tree."""
+def _absolute(side: Side, method: BranchAndBound) -> float:
+    """The absolute tolerance in the unit of the tree."""
+    if method.atol is not None:
+        return float(np.ldexp(float(method.atol), -side.tree.exponent))
     ends = np.concatenate([side.corners.reshape(-1, 3), side.b_corners.reshape(-1, 3)]).astype(np.float64)
     diagonal = float(np.linalg.norm(ends.max(axis=0) - ends.min(axis=0)))
-    share = max(_ATOL, _ROUNDOFFS * unit_roundoff(side.corners.dtype))
-    given = method.atol
-    atol = share * diagonal if given is None else float(np.ldexp(float(given), -side.tree.exponent))
-    rtol = float(method.rtol)
-
-    def allowed(lower: float) -> float:
-        # Bounds err to both sides; less than this cannot be told.
-        rounding = 4 * float(side.tree.error(np.array(lower))) + 4 * float(side.slack(64))
-        return max(atol, rtol * lower, rounding)
-
-    return allowed
+    return float(default_tolerance(diagonal, side.corners.dtype, _rounding(side, 0.0)))
 
 
-def _searched(
-    a: TriangleMesh,
-    b: TriangleMesh,
-    method: BranchAndBound,
-    level: float,
-    ceiling: float,
-    progress: Callable[[Progress], object] | None,
-    direction: str,
-) -> HausdorffSolution:
-    side, scaled = _side(a, b)
-    exponent = side.tree.exponent
-    level, ceiling = (float(np.ldexp(float(x), -exponent)) for x in (level, ceiling))
-    allowed = _tolerance(side, method)
-    waiting, used = first_cells(side, np.asarray(a.triangles), scaled)
-    best = _improved(None, side, waiting)
-    dropped, rounds, split_count, result = -np.inf, 0, 0, RESULTS.successful
-    try:
-        while True:
-            done = waiting.upper <= max(best.lower + allowed(best.lower), level)
-            dropped = max(dropped, float(waiting.upper[done].max(initial=-np.inf)))
-            waiting = waiting.take(np.flatnonzero(~done))
-            if progress is not None:
-                top = max(dropped, float(waiting.upper.max(initial=-np.inf)))
-                ends = (
-                    float(outward(np.array([x]), exponent, np.dtype(float), k)[0])
-                    for x, k in ((best.lower, -1), (top, 1))
-                )
-                progress(Progress(direction, rounds, waiting.count, *ends))
-            if not waiting.count or best.lower > ceiling:
-                break
-            if rounds >= method.max_steps or waiting.count > _WAITING:
-                result = RESULTS.gap_not_closed
-                break
-            order = np.argsort(-waiting.upper, kind="stable")
-            clipping = best.lower <= _COINCIDENT * float(waiting.upper.max()) or rounds % 8 > 5
-            parts = split(side, waiting.take(order[:_BATCH]), rounds, clipping)
-            best = _improved(best, side, parts)
-            split_count += min(_BATCH, waiting.count)
-            waiting = Cells.join([waiting.take(order[_BATCH:]), parts])
-            rounds += 1
-    except KeyboardInterrupt:
-        result = RESULTS.interrupted
-    upper = max(dropped, float(waiting.upper.max(initial=-np.inf)), best.lower)
-    stats = {
-        "steps": rounds,
-        "cells": a.count + 4 * split_count,
-        "split": split_count,
-        "points": len(used) + 3 * split_count,
-    }
-    return _solution(side, best, upper, result, stats)
+def _rounding(side: Side, lower: float) -> float:
+    """Less than this cannot be told, where bounds err to both sides."""
+    return 4 * float(side.tree.error(np.array(lower))) + 4 * float(side.slack(64))
 
 
 def _improved(best: _Best | None, side: Side, cells: Cells) -> _Best:
@@ -167,20 +221,3 @@ def _improved(best: _Best | None, side: Side, cells: Cells) -> _Best:
     lower = max((there - error) * (1 - 4e-16), best.lower if best is not None else 0.0, 0.0)
     weights = cells.weights[row, corner].astype(np.float64)
     return _Best(int(cells.owner[row]), weights, there, int(cells.nearest[row, corner]), lower)
-
-
-def _solution(side: Side, best: _Best, upper: float, result: Any, stats: dict[str, int]) -> HausdorffSolution:
-    dtype, exponent = side.corners.dtype, side.tree.exponent
-    feet = active_feet(side, best.owner, best.weights, best.nearest, upper - best.lower)
-    lower, top = (outward(np.array([x]), exponent, dtype, sign)[0] for x, sign in ((best.lower, -1), (upper, 1)))
-    # What cannot be told from zero is called zero.
-    distance = best.distance if best.lower > 0 else 0.0
-    value = np.clip(np.ldexp(distance, exponent).astype(dtype), lower, top)
-    return HausdorffSolution(
-        value=jnp.asarray(value),
-        lower=jnp.asarray(lower),
-        upper=jnp.asarray(top),
-        witness=witness_of(feet, side, best.owner, best.weights, distance),
-        result=result,
-        stats={name: jnp.asarray(count) for name, count in stats.items()},
-    )

@@ -7,7 +7,6 @@ about them, and signs in integers prove the surface to be within an ulp or two, 
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -22,44 +21,34 @@ from jhd.compiled import compiled
 from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
 from jhd.distance.cells.pairs import Best, Cell, length
+from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.frame.prepare import Frame
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.nearest.places import exact_radius
-from jhd.distance.search.closest import State, advance, is_full, is_open, lower_of, table_of
-from jhd.distance.search.stretches import in_stretches
+from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.closest import (
+    FIRST_STEPS,
+    GROWTH,
+    LONGEST,
+    Outcome,
+    State,
+    advance,
+    is_open,
+    longer,
+    lower_of,
+    news_of,
+    room_for,
+    table_of,
+)
+from jhd.distance.search.search import AbstractSearch, Progress, Session, Standing, drive
 from jhd.distance.witness.nets import net_of
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.solution import RESULTS, MinimumSolution, result_where
 
-# The default tolerance as a share of the diagonal, and in units of roundoff where that is more.
-_RELATIVE, _ULPS = 1e-10, 64
 # The room for rounding where points are made sharp; the half side, as a share of the size, of the cells for that, and
 # steps there.
 _ROOM, _ABOUT, _STEPS = 4.0, 1e-4, 24
-
-
-class Outcome(NamedTuple):
-    """The outcome of a search, in common coordinates."""
-
-    best: Best
-    lower: Array
-    upper: Array
-    point_a: Array
-    point_b: Array
-    result: Any
-    stats: dict[str, Array]
-
-    def solution(self, frame: Frame) -> MinimumSolution:
-        """What is handed to the user, in the coordinates that the frame leads back to."""
-        value, lower = frame.length(self.best.distance), frame.length(self.lower, 0.0)
-        upper, result = frame.length(self.upper, np.inf), self.result
-        if is_traced(frame.usable):
-            good = frame.usable
-            value, upper = jnp.where(good, value, jnp.inf), jnp.where(good, upper, jnp.inf)
-            lower, result = jnp.where(good, lower, 0.0), result_where(good, result, RESULTS.nonfinite_value)
-        points = frame.place(self.point_a), frame.place(self.point_b)
-        return MinimumSolution(value, lower, upper, *points, result, self.stats)
 
 
 class _Wanted(NamedTuple):
@@ -68,13 +57,7 @@ class _Wanted(NamedTuple):
 
 
 def with_surface(
-    a: Any,
-    b: Any,
-    atol: Array | None,
-    rtol: Array,
-    max_steps: int,
-    capacity: int,
-    report: Callable[[Outcome, Frame], object] | None,
+    a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None
 ) -> MinimumSolution:
     """Minimum distance of two shapes of which one at least is an implicit surface.
 
@@ -85,13 +68,12 @@ def with_surface(
     still = jax.lax.stop_gradient(shapes)
     *sides, frame = prepare_surfaces(*still)
     problem = WithSurface(*sides)
-    wanted = _wanted(problem, None if atol is None else jnp.asarray(frame.common(atol)), rtol)
+    wanted = _wanted(problem, frame, method)
     if is_traced(problem, wanted, jnp.zeros(())):
-        found = _in_one_go(problem, wanted, max_steps, capacity)
+        found = _in_one_go(problem, wanted, method)
     else:
-        state = _begun(problem, max(capacity, 1 << (2 * _pairs(problem)[0].size - 1).bit_length()))
-        told = None if report is None else lambda found: report(found, frame)
-        found = in_stretches(partial(_sharp_stretch, _Known(still, frame), problem, wanted), state, max_steps, told)
+        search = MixedSearch(_Known(still, frame), problem, wanted, method)
+        found = drive(search, Session(progress, frame.length))
         if np.isinf(np.asarray(found.lower)):
             raise ValueError("a or b is a surface without points in its box: its polynomial is proven to have no zero.")
     solution = found.solution(frame)
@@ -113,13 +95,12 @@ def _pairs(problem: WithSurface) -> tuple[np.ndarray, np.ndarray]:
     return grid[:, 0], grid[:, 1]
 
 
-def _wanted(problem: WithSurface, atol: Array | None, rtol: Array) -> _Wanted:
-    if atol is not None:
-        return _Wanted(atol, rtol)
+def _wanted(problem: WithSurface, frame: Frame, method: BranchAndBound) -> _Wanted:
+    if method.atol is not None:
+        return _Wanted(jnp.asarray(frame.common(method.atol)), method.rtol)
     lows, highs = zip(*(_box(side) for side in problem[:2]), strict=True)
     box = jnp.maximum(*highs) - jnp.minimum(*lows)
-    share = max(_RELATIVE, _ULPS * float(np.finfo(box.dtype).eps))
-    return _Wanted(share * length(box), rtol)
+    return _Wanted(default_tolerance(length(box), box.dtype, problem.floor), method.rtol)
 
 
 def _box(side: Net | Side) -> tuple[Array, Array]:
@@ -174,15 +155,40 @@ _begun = compiled(_begin, (1,))
 _advanced = compiled(advance)
 
 
-def _sharp_stretch(
-    known: _Known, problem: WithSurface, wanted: _Wanted, state: State, limit: Array, growing: Array
-) -> tuple[State, Outcome, Array]:
-    """Goes on for some steps and makes the nearest points sharp."""
-    problem = WithSurface(problem.a, problem.b, _room(problem, state.best))
-    state = _advanced(problem, wanted.atol, wanted.rtol, state, limit, growing)
-    state = state._replace(best=_sharp(known, problem, state.best))
-    problem = WithSurface(problem.a, problem.b, _room(problem, state.best))
-    return state, *_standing(problem, wanted, state)
+class MixedSearch(AbstractSearch):
+    """The search of jhd.distance.search.closest where a shape is an implicit surface; nearest points are made sharp.
+
+    Args:
+        known: both shapes.
+        problem: the same in common coordinates.
+        wanted: what is asked for.
+        method: the options.
+    """
+
+    first_steps = FIRST_STEPS
+
+    def __init__(self, known: _Known, problem: WithSurface, wanted: _Wanted, method: BranchAndBound):
+        self._known, self._problem, self._wanted = known, problem, wanted
+        self._capacity, self.max_steps = method.capacity, method.max_steps
+
+    def begin(self) -> State:
+        """See AbstractSearch."""
+        return _begun(self._problem, room_for(_pairs(self._problem)[0].size, self._capacity))
+
+    def advance(self, state: State, limit: int, growing: bool) -> tuple[State, Standing]:
+        """See AbstractSearch."""
+        problem, grows = self._with_room(state), np.asarray(growing and state.lower.size < LONGEST)
+        state = _advanced(problem, *self._wanted, state, np.asarray(limit), grows)
+        state = state._replace(best=_sharp(self._known, problem, state.best))
+        found, news = _standing(self._with_room(state), self._wanted, state, grows)
+        return state, Standing(found, *np.asarray(news))
+
+    def longer(self, state: State) -> State:
+        """See AbstractSearch."""
+        return longer(state, GROWTH)
+
+    def _with_room(self, state: State) -> WithSurface:
+        return WithSurface(self._problem.a, self._problem.b, _room(self._problem, state.best))
 
 
 @compiled
@@ -196,10 +202,10 @@ def _room(problem: WithSurface, best: Best) -> Array:
 
 
 @compiled
-def _standing(problem: WithSurface, wanted: _Wanted, state: State) -> tuple[Outcome, Array]:
-    """The outcome as it stands, and whether the search is unfinished, and full."""
+def _standing(problem: WithSurface, wanted: _Wanted, state: State, growing: Array) -> tuple[Outcome, Array]:
+    """The outcome as it stands, and how the search stands in four numbers."""
     going_on = is_open(problem, wanted.atol, wanted.rtol, state)
-    return _outcome(problem, wanted, state), jnp.stack([going_on, is_full(state)])
+    return _outcome(problem, wanted, state), news_of(state, going_on, growing)
 
 
 def _sharp(known: _Known, problem: WithSurface, best: Best) -> Best:
@@ -239,10 +245,10 @@ def _nearer(problem: WithSurface, best: Best, x: Array, radii: Array) -> Best:
     return Best(*(jnp.where(upper < best.upper, y, z) for y, z in zip(new, best, strict=True)))
 
 
-def _in_one_go(problem: WithSurface, wanted: _Wanted, max_steps: int, capacity: int) -> Outcome:
+def _in_one_go(problem: WithSurface, wanted: _Wanted, method: BranchAndBound) -> Outcome:
     def search(problem: WithSurface, wanted: _Wanted) -> Outcome:
-        state = _begin(problem, max(capacity, 2 * _pairs(problem)[0].size))
-        return _outcome(problem, wanted, advance(problem, wanted.atol, wanted.rtol, state, max_steps))
+        state = _begin(problem, room_for(_pairs(problem)[0].size, method.capacity))
+        return _outcome(problem, wanted, advance(problem, wanted.atol, wanted.rtol, state, method.max_steps))
 
     if jax.default_backend() == "cpu":
         search = sequential_vmap(search)

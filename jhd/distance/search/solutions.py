@@ -10,12 +10,12 @@ from jaxtyping import Array, Bool
 from jhd.arithmetic.rounding import like_double, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.cells.surfaces import FEET
+from jhd.distance.frame.aim import Wanted
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import boxes, form
 from jhd.distance.nearest.places import projected, proven_radius
 from jhd.distance.nearest.surfaces import cloud, cover, halved, inner, pushed
 from jhd.distance.search.candidates import Target
-from jhd.distance.search.curves import Wanted
 from jhd.distance.search.surfaces import State, advance, begin, tolerance, unfinished
 from jhd.solution import EVENTS, RESULTS, HausdorffSolution, Witness, result_where
 

@@ -23,12 +23,12 @@ from jhd.arithmetic.rounding import like_double, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.cells.signs import sign_bounds
 from jhd.distance.cells.surfaces import FEET, upper_bounds
+from jhd.distance.frame.aim import Wanted, default_tolerance
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, box_distances, boxes, form
 from jhd.distance.nearest.places import local_feet, projected, thorough_radius
 from jhd.distance.nearest.surfaces import Cloud, halved, inner, pushed
 from jhd.distance.search.candidates import HINTS, NOISE, Best, Place, Target, improved
-from jhd.distance.search.curves import Wanted
 
 # Cells bounded in one step.
 _LANES = 32
@@ -42,8 +42,8 @@ _BLOCK = 256
 _TOGETHER = 4.0
 # Most steps between two places that are measured.
 _LONGEST_WAIT = 16
-# Least gap in units of roundoff of the common coordinates, and the default tolerance in units of the diagonal.
-_FLOOR, _DEFAULT = 256, 1e-10
+# Least gap in units of roundoff of the common coordinates.
+_FLOOR = 256
 
 
 class Table(NamedTuple):
@@ -84,8 +84,7 @@ def diagonal(a: Side, b: Side) -> Array:
 
 def tolerance(a: Side, b: Side, wanted: Wanted, distance: Array) -> Array:
     """The tolerance at a distance."""
-    u = unit_roundoff(distance.dtype)
-    default = jnp.maximum(max(_DEFAULT, 128 * u) * diagonal(a, b), _FLOOR * u)
+    default = default_tolerance(diagonal(a, b), distance.dtype, _FLOOR * unit_roundoff(distance.dtype))
     atol = jnp.where(wanted.atol < 0, default, wanted.atol)
     return jnp.maximum(atol, wanted.rtol * distance)
 

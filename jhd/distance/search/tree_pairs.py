@@ -147,7 +147,7 @@ class PairSearch:
         top = len(a.levels) - 1
         self._near: list[Pairs] = []
         self._stack = [(top, Pairs(root, root, np.zeros(1)))]
-        self.upper, self.steps, self.exact = np.inf, 0, 0
+        self.upper, self.steps, self.exact, self.tried, self.is_settled = np.inf, 0, 0, 0, False
         self._settled: dict[tuple[int, int], Settled] = {}
         # The nearest pair settled; the descent settles one.
         self.best: Settled
@@ -166,6 +166,11 @@ class PairSearch:
         """Whether there are pairs of boxes that have not been looked at."""
         return bool(self._stack) and self.upper > 0
 
+    @property
+    def waiting(self) -> int:
+        """The number of pairs, of boxes or of triangles, that are still to be looked at."""
+        return sum(len(pairs.a) for _, pairs in self._stack) + sum(len(pairs.a) for pairs in self._near)
+
     def advance(self) -> None:
         """Looks at the next block of pairs; what is left to do is handed over at the end, whatever interrupts it."""
         level, waiting = self._stack[-1]
@@ -183,24 +188,24 @@ class PairSearch:
         self._stack[-1:] = left
 
     def settle(self, allowed: Callable[[float], float], most: int) -> None:
-        """Measures the triangles that are left in rational arithmetic, the nearest first.
+        """Measures the triangles that are left in rational arithmetic, the nearest first, until it `is_settled`.
 
         Args:
             allowed: the gap that may stay at an upper bound if more than a few pairs are left.
-            most: pairs at most.
+            most: pairs at most in all.
         """
         known = None
-        for k in range(most):
-            if self.upper == 0:
-                return
+        while not self.is_settled and self.tried < most:
             left = self._left()
             if self.best is not known:
                 known, left = self.best, self._beyond(left)
             self._near = [left]
-            if not len(left.a) or (k >= _SETTLED and self.upper - self.lower <= allowed(self.upper)):
-                return
-            self._settle(int(left.a[0]), int(left.b[0]))
-            self._near = [left.take(slice(1, None))]
+            near_enough = self.tried >= _SETTLED and self.upper - self.lower <= allowed(self.upper)
+            self.is_settled = self.upper == 0 or not len(left.a) or near_enough
+            if not self.is_settled:
+                self._settle(int(left.a[0]), int(left.b[0]))
+                self._near = [left.take(slice(1, None))]
+                self.tried += 1
 
     def _left(self) -> Pairs:
         """The pairs of triangles that may be nearer than the upper bound, the nearest first."""

@@ -24,7 +24,7 @@ from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Witness
 from jhd.triangles.closest_point import barycentric_of, nearest_triangles, pair_squares
 
-_FEET = 4
+FEET = 4
 # Triangles are looked for around the point this far away, and count as nearest within this much; shares of the size.
 _RING, _EQUAL = 1e-6, 1e-8
 # In these directions: within the plane of a face, else all around, to the corners, edges and sides of a cube.
@@ -87,8 +87,8 @@ def active_feet(side: Side, owner: int, weights: np.ndarray, nearest: int, gap: 
     multipliers = balanced(units, rays, (distance[near][kept] - distance.min()) / equal)
     chosen = np.flatnonzero(multipliers)
     rows_ = [kept[k] for k in chosen]
-    padded = rows_ + rows_[:1] * (_FEET - len(rows_))
-    shares = np.append(multipliers[chosen], np.zeros(_FEET - len(rows_)))
+    padded = rows_ + rows_[:1] * (FEET - len(rows_))
+    shares = np.append(multipliers[chosen], np.zeros(FEET - len(rows_)))
     return Feet(triangles[near][padded], t[padded], shares, len(rows_))
 
 

@@ -183,7 +183,7 @@ def test_rounded_squares_get_the_room_of_five_roundings():
 
 def test_cells_in_common_coordinates_cover_the_exact_ones():
     a, b = parsed("x + y - 1", [0.1, 0.2, -0.3], [0.7, 1.3, 0.1]), parsed("z", [-1 / 3, 0, -0.1], [1.1, 0.3, 0.7])
-    *both, scale = CubeIntervals(7)._cells(a, b, None)
+    *both, scale = CubeIntervals(7).cells_of(a, b, None)
     origin = [Fraction(x) for x in a.lower.tolist()]
     rounded = 0
     for cells, surface in zip(both, (a, b), strict=True):
@@ -244,7 +244,7 @@ def test_curves_are_refused():
     curve = jhd.points([[0.0, 0.0, 0.0]])
     with pytest.raises(TypeError, match="b must be an ImplicitSurface; got BezierSegments"):
         CubeIntervals().surfaces(BALL, curve)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(TypeError, match="CubeIntervals serves surfaces"):
+    with pytest.raises(TypeError, match="AlgebraicEvents.. for BezierSegments and BezierSegments; got CubeIntervals"):
         jhd.hausdorff(curve, curve, CubeIntervals())
 
 
@@ -268,8 +268,16 @@ def test_a_surface_that_proves_nothing_raises_and_keeps_what_is_known():
     ("shapes", "method", "message"),
     [
         ((CONES[0], jhd.circle([0.0, 0.0], 1.0)), None, "b must be an ImplicitSurface; got BezierSegments."),
-        (CONES, jhd.TwoStep(), r"CubeIntervals\(\) for implicit surfaces; got TwoStep."),
-        ((jhd.circle([0.0, 0.0], 1.0),) * 2, CubeIntervals(), "CubeIntervals serves surfaces"),
+        (
+            CONES,
+            jhd.TwoStep(),
+            r"BranchAndBound\(\) or CubeIntervals\(\) for ImplicitSurface and ImplicitSurface; got TwoStep.",
+        ),
+        (
+            (jhd.circle([0.0, 0.0], 1.0),) * 2,
+            CubeIntervals(),
+            "AlgebraicEvents.. for BezierSegments and BezierSegments; got",
+        ),
     ],
 )
 def test_pairs_and_methods_that_do_not_go_together_are_refused(shapes, method, message, as_a_user):

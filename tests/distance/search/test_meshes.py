@@ -5,8 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jhd
+from jhd.distance.frame.aim import Aim
 from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.distance.search.meshes import mesh_directed
+from jhd.distance.search.meshes import MeshSearch
+from jhd.distance.search.search import Session, drive
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import EVENTS, RESULTS
 from jhd.triangles.closest_point import closest_points
@@ -21,6 +24,11 @@ VALLEY = TriangleMesh(
     [[-1.0, -1, 1], [0, -1, 0], [1, -1, 1], [-1, 1, 1], [0, 1, 0], [1, 1, 1]],
     [[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]],
 )
+
+
+def mesh_directed(a, b, method=METHOD, level=-np.inf, ceiling=np.inf, progress=None):
+    """The search itself, without derivatives."""
+    return drive(MeshSearch(a, b, method, Aim(level, ceiling)), Session(progress))
 
 
 def soup(corners):
@@ -63,7 +71,7 @@ def test_the_derivative_counts_all_feet():
     def distance(height, slope):
         """Both slopes of the valley rise by `slope`, its bottom by `height`."""
         steep = VALLEY.vertices * jnp.array([1.0, 1.0, 1.0]).at[2].set(slope) + jnp.array([0.0, 0.0, 1.0]) * height
-        return mesh_directed(lid, TriangleMesh(steep, VALLEY.triangles), METHOD).value
+        return jhd.directed_hausdorff(lid, TriangleMesh(steep, VALLEY.triangles)).value
 
     # The distance is (1 - height) cos(arctan slope).
     gradient = jax.grad(distance, (0, 1))(0.0, 1.0)
@@ -78,7 +86,7 @@ def test_the_derivative_in_the_vertices_is_that_of_differences():
 
     def distance(s):
         first = TriangleMesh(moved + s * directions[0], a.triangles)
-        return mesh_directed(first, TriangleMesh(b.vertices * (1 + s) + s * directions[1], b.triangles), METHOD).value
+        return jhd.directed_hausdorff(first, TriangleMesh(b.vertices * (1 + s) + s * directions[1], b.triangles)).value
 
     numeric = (float(distance(1e-5)) - float(distance(-1e-5))) / 2e-5
     assert float(jax.grad(distance)(0.0)) == pytest.approx(numeric, abs=1e-5)
@@ -178,8 +186,56 @@ def test_steps_that_are_used_up_and_interruption_leave_true_bounds():
     assert reports[1].lower <= float(full.upper) and reports[1].upper >= float(full.lower)
 
 
-def test_traced_meshes_and_other_shapes_are_refused(as_a_user):
-    with pytest.raises(TypeError, match="not under jit or vmap"):
-        jax.jit(lambda v: mesh_directed(TriangleMesh(v, PLATE.triangles), VALLEY, METHOD).value)(PLATE.vertices)
+def test_more_cells_than_there_is_room_for_end_the_search_with_true_bounds(monkeypatch):
+    monkeypatch.setattr("jhd.distance.search.meshes._ROOM", 1)
+    a, b = torus(12, 8), torus(10, 7)
+    found, full = mesh_directed(a, b, BranchAndBound(capacity=16)), mesh_directed(a, b, BranchAndBound(capacity=4096))
+    assert found.result == RESULTS.capacity_reached and full.result == RESULTS.successful
+    assert float(found.lower) <= float(full.lower) <= float(full.upper) <= float(found.upper)
+
+
+def test_other_shapes_are_refused(as_a_user):
     with pytest.raises(TypeError, match="b must be a TriangleMesh"):
-        mesh_directed(PLATE, PLATE.vertices, METHOD)  # pyright: ignore[reportArgumentType]
+        jhd.directed_hausdorff(PLATE, PLATE.vertices)  # pyright: ignore[reportArgumentType]
+
+
+def lifted(shift):
+    """A cube, larger by a tenth and moved, which has its farthest corner on one side."""
+    return TriangleMesh(CORNERS * 1.1 + jnp.asarray(shift), CUBE)
+
+
+def test_a_compiled_program_gives_the_plain_answer_and_its_derivative():
+    cube = TriangleMesh(CORNERS, CUBE)
+
+    def distance(shift):
+        return jhd.hausdorff(lifted(shift), cube)
+
+    shifts = jnp.array([[0.0, 0, 0.25], [0.5, 0.1, 0]])
+    plain = [distance(shift) for shift in shifts]
+    batch = jax.jit(jax.vmap(distance))(shifts)
+    for k, one in enumerate(plain):
+        assert (batch.lower[k], batch.value[k], batch.upper[k]) == (one.lower, one.value, one.upper)
+        assert batch.stats["a_to_b_steps"][k] == one.stats["a_to_b_steps"]
+    slopes = jax.jit(jax.vmap(jax.grad(lambda shift: distance(shift).value)))(shifts)
+    expected = [jax.grad(lambda shift: distance(shift).value)(shift) for shift in shifts]
+    np.testing.assert_allclose(slopes, expected, atol=1e-14)
+    assert np.abs(slopes).max() > 0.5
+
+
+def test_a_search_called_from_a_program_runs_beside_other_work():
+    cube = TriangleMesh(CORNERS, CUBE)
+
+    @jax.jit
+    def both(shift, x):
+        step = lambda _, y: jnp.sin(y @ y.T) / 2  # noqa: E731
+        return jhd.directed_hausdorff(lifted(shift), cube).value + 0 * jax.lax.fori_loop(0, 20, step, x)[0, 0]
+
+    expected = jhd.directed_hausdorff(lifted(jnp.array([0.0, 0, 0.5])), cube).value
+    pending = [both(jnp.array([0.0, 0, 0.5]), jnp.full((64, 64), 1.0 / (64 + k))) for k in range(4)]
+    np.testing.assert_array_equal(jnp.stack(pending), jnp.full(4, expected))
+
+
+def test_what_is_no_number_in_a_program_is_reported():
+    cube = TriangleMesh(CORNERS, CUBE)
+    found = jax.jit(lambda shift: jhd.hausdorff(lifted(shift), cube))(jnp.array([0, 0, jnp.nan]))
+    assert found.result == RESULTS.nonfinite_value and found.lower == 0 and np.isinf(found.upper)

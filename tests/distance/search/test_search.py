@@ -5,8 +5,17 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.search.closest_triangles import TriangleSearch
+from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
+from jhd.distance.search.meshes import MeshSearch
+from jhd.distance.search.mixed import MixedSearch
+from jhd.distance.search.nets import NetSearch
 from jhd.solution import name_of
 from tests.distance import pairs
+from tests.distance.nearest.test_meshes import torus
+from tests.distance.search.test_mixed import spheres
+from tests.distance.search.test_surfaces import CONES
+from tests.distance.test_minimum import ARCH
 
 # Two directions that take many steps: a folded segment and the line it lies on.
 LINE, FOLDED = pairs.both(pairs.BY_NAME["segment_folded"])
@@ -38,23 +47,51 @@ def interrupt(_):
     raise KeyboardInterrupt
 
 
-def test_an_interrupted_search_hands_back_the_bounds_it_had_reached():
-    whole = jhd.directed_hausdorff(FOLDED, LINE)
-    stopped = jhd.directed_hausdorff(FOLDED, LINE, throw=False, progress=interrupt)
+# Pairs whose searches are not done where they begin, and the search of each kind.
+FARTHEST = {
+    "curves": (CurveSearch, (FOLDED, LINE)),
+    "surfaces": (SurfaceSearch, CONES),
+    "meshes": (MeshSearch, (torus(12, 8), torus(10, 7))),
+}
+APART = [5.0, 1.0, 0.5]
+CLOSEST = {
+    "nets": (NetSearch, (jhd.BezierCurve(ARCH), jhd.BezierCurve(ARCH * [1, -1] + [0.1, 2.5]))),
+    "surfaces": (MixedSearch, spheres()),
+    "meshes": (TriangleSearch, (torus(12, 8), torus(10, 7).transform(np.eye(3), APART))),
+}
+
+
+@pytest.mark.parametrize("kind", FARTHEST)
+def test_an_interrupted_search_hands_back_the_bounds_it_had_reached(kind, monkeypatch):
+    search, shapes = FARTHEST[kind]
+    monkeypatch.setattr(search, "first_steps", 1)
+    whole = jhd.directed_hausdorff(*shapes)
+    stopped = jhd.directed_hausdorff(*shapes, throw=False, progress=interrupt)
     assert name_of(stopped.result) == "interrupted"
-    assert stopped.lower <= whole.lower
-    assert whole.upper <= stopped.upper < np.inf
-    assert int(stopped.stats["steps"]) < int(whole.stats["steps"])
+    assert stopped.lower <= whole.lower and whole.upper <= stopped.upper < np.inf
+    assert int(stopped.stats["steps"]) <= 1 < int(whole.stats["steps"])
 
 
-def test_an_interruption_of_the_first_direction_ends_the_second_with_true_bounds():
-    a, b = FOLDED, LINE
-    stopped = jhd.hausdorff(a, b, throw=False, progress=interrupt)
+@pytest.mark.parametrize("kind", FARTHEST)
+def test_an_interruption_of_one_direction_ends_the_other_where_it_begins(kind, monkeypatch):
+    search, shapes = FARTHEST[kind]
+    monkeypatch.setattr(search, "first_steps", 1)
+    whole = jhd.hausdorff(*shapes)
+    stopped = jhd.hausdorff(*shapes, throw=False, progress=interrupt)
     assert name_of(stopped.result) == "interrupted"
     assert int(stopped.stats["b_to_a_steps"]) == 0
-    whole = jhd.hausdorff(a, b)
-    assert stopped.lower <= whole.lower
-    assert whole.upper <= stopped.upper < np.inf
+    assert stopped.lower <= whole.lower and whole.upper <= stopped.upper < np.inf
+
+
+@pytest.mark.parametrize("kind", CLOSEST)
+def test_an_interrupted_search_for_a_minimum_hands_back_the_bounds_it_had_reached(kind, monkeypatch):
+    search, shapes = CLOSEST[kind]
+    monkeypatch.setattr(search, "first_steps", 0)
+    whole = jhd.minimum_distance(*shapes)
+    stopped = jhd.minimum_distance(*shapes, throw=False, progress=interrupt)
+    assert name_of(stopped.result) == "interrupted"
+    assert 0 <= stopped.lower <= whole.lower and whole.upper <= stopped.upper
+    assert int(stopped.stats["steps"]) == 0 < int(whole.stats["steps"])
 
 
 def test_an_interruption_is_raised_with_the_solution():

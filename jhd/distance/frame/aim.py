@@ -1,0 +1,41 @@
+"""What is asked of a search: how close its bounds are to be, and what of the distance matters."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array
+
+from jhd.arrays import is_traced
+
+# The default tolerance as a share of the diagonal, and in units of the last place of one where that is more.
+_SHARE = 1e-10
+_EPS = 64
+
+
+class Aim(NamedTuple):
+    """What of a distance matters, in the common coordinates: nothing up to `level`, nothing more above `ceiling`."""
+
+    level: Any
+    ceiling: Any
+
+
+class Wanted(NamedTuple):
+    """What was asked for, in the common coordinates; a negative atol stands for the default."""
+
+    atol: Array
+    rtol: Array
+    aim: Aim
+
+
+def default_tolerance(diagonal: Any, dtype: DTypeLike, floor: Any) -> Any:
+    """The gap that is allowed where nothing is asked for: 1e-10 of the diagonal, 64 eps of it where that is more.
+
+    Args:
+        diagonal: length of the diagonal of the box of both shapes.
+        dtype: of the arithmetic.
+        floor: what rounding leaves, which counts where it is more.
+    """
+    xp: Any = jnp if is_traced(diagonal, floor) else np
+    return xp.maximum(max(_SHARE, _EPS * float(jnp.finfo(dtype).eps)) * diagonal, floor)
