@@ -16,10 +16,12 @@ import jhd
 from jhd.solution import name_of
 from tests import reference
 from tests.cases import CASES, EVENTS
-from tests.distance import pairs
+from tests.distance import exact, pairs
 
 # The default tolerance, in diagonals.
 GAP = 1e-10
+# What the reference, which samples and refines, is off by at most, in diagonals.
+REFERENCE = 1e-9
 # No pair of the table takes more cells than this; the most is a folded segment with about 900.
 MOST_CELLS = 5000
 
@@ -81,11 +83,26 @@ def test_bounds_are_true_whenever_the_search_is_stopped(name, steps):
     assert least <= Fraction(float(solution.upper))
 
 
+TRACED = []
+
+
+@jax.jit
+def traced(a, b, atol):
+    """One program, of two cubics and the shortest table, for all that is asked of the search within jit."""
+    TRACED.append(None)
+    method = jhd.BranchAndBound(atol=atol, capacity=16)
+    return jhd.directed_hausdorff(jhd.BezierSegments(a), jhd.BezierSegments(b), method)
+
+
+def cubics(name):
+    """The control points of a case of single segments, as cubics."""
+    return [np.asarray(curve.elevate(3).control_points) for curve in pairs.both(pairs.BY_NAME[name])]
+
+
 def test_a_full_table_is_folded_into_the_upper_bound():
     name = "segment_folded"
-    a, b = pairs.both(pairs.BY_NAME[name])
-    method = jhd.BranchAndBound(capacity=16)
-    solution = jax.jit(lambda b, a: jhd.directed_hausdorff(b, a, method))(b, a)
+    a, b = cubics(name)
+    solution = traced(b, a, 0.0)
     assert name_of(solution.result) == "capacity_reached"
     assert pairs.bounds(pairs.BY_NAME[name].exact_ba)[0] <= Fraction(float(solution.upper))
 
@@ -129,16 +146,12 @@ def test_bounds_of_lattice_cubics_hold_against_the_reference(pair, offset, scale
 
 
 def test_options_are_leaves_and_a_new_tolerance_does_not_compile_again():
-    a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
-    traced = []
-
-    @jax.jit
-    def upper(atol):
-        traced.append(None)
-        return jhd.directed_hausdorff(a, b, jhd.BranchAndBound(atol=atol)).upper
-
-    assert upper(1e-3) >= upper(1e-9)
-    assert len(traced) == 1
+    a, b = cubics("arch_and_wave")
+    rough = traced(a, b, 1e-1)
+    before = len(TRACED)
+    fine = traced(a, b, 1e-9)
+    assert len(TRACED) == before
+    assert fine.upper - fine.lower <= 1e-9 < rough.upper - rough.lower <= 1e-1
 
 
 @pytest.mark.parametrize(
@@ -248,6 +261,44 @@ def test_a_distance_beyond_the_largest_float_has_a_finite_lower_bound():
 
 @pytest.mark.parametrize("scale", [1e-307, 1e-310])
 def test_upper_bounds_of_subnormal_coordinates_are_true_under_jit(scale):
-    low, high = np.array([[[0.0, 0.0], [1.0, 0.0]]]) * scale, np.array([[[0.0, 2.0], [1.0, 2.0]]]) * scale
-    upper = jax.jit(lambda p, q: jhd.directed_hausdorff(jhd.BezierSegments(p), jhd.BezierSegments(q)).upper)
-    assert float(np.asarray(upper(low, high))) >= 2 * scale * (1 - 1e-15)
+    x = np.linspace(0.0, 1.0, 4)
+    low, high = (np.stack([x, np.full(4, y)], axis=1)[None] * scale for y in (0.0, 2.0))
+    # No tolerance: both are segments along x over the same interval.
+    assert float(np.asarray(traced(low, high, 0.0).upper)) >= 2.0 * scale
+
+
+# ---- random pairs --------------------------------------------------------------------------------
+
+
+def random_pair(seed):
+    rng = np.random.default_rng(seed)
+    return tuple(rng.normal(size=(rng.integers(1, 4), rng.integers(1, 5), 2)) for _ in range(2))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_bounds_of_random_pairs_hold_the_reference_and_the_distance_of_the_witness(seed):
+    a, b = random_pair(seed)
+    solution = jhd.directed_hausdorff(jhd.BezierSegments(a), jhd.BezierSegments(b))
+    expected = reference.directed_hausdorff((a, None), (b, None))
+    accuracy = REFERENCE * reference.diagonal((a, None), (b, None))
+    assert expected.value - accuracy <= solution.value <= expected.upper + accuracy
+    assert solution.lower <= expected.upper and expected.value - accuracy <= solution.upper
+    # The lower bound is below the exact distance of the place that the solution names.
+    point = exact.point(a[int(solution.witness.segment)], None, Fraction(float(solution.witness.t)))
+    point = np.array([float(x) for x in point])
+    _, segment, s = reference.project(point, b)
+    assert Fraction(float(solution.lower)) ** 2 <= exact.minimum_near(point, b[segment], None, s)
+
+
+def test_a_batch_under_jit_and_vmap_is_its_single_calls_and_what_is_not_finite_stays_in_its_lane():
+    a, b = np.random.default_rng(3).normal(size=(2, 4, 1, 4, 2))
+    a[1, 0, 0, 0] = np.nan
+    found = jax.jit(jax.vmap(lambda x, y: jhd.hausdorff(jhd.BezierSegments(x), jhd.BezierSegments(y))))(a, b)
+    lanes = [jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(4)]
+    assert [name_of(lane.result) for lane in lanes] == ["successful", "nonfinite_value", "successful", "successful"]
+    assert float(lanes[1].lower) == 0 and float(lanes[1].upper) == np.inf
+    for k in (0, 2, 3):
+        one = jhd.hausdorff(jhd.BezierSegments(a[k]), jhd.BezierSegments(b[k]))
+        np.testing.assert_allclose(lanes[k].value, one.value, rtol=1e-12)
+        np.testing.assert_allclose(lanes[k].lower, one.lower, rtol=1e-11)
+        assert (name_of(lanes[k].event), name_of(lanes[k].direction)) == (name_of(one.event), name_of(one.direction))
