@@ -21,8 +21,10 @@ from jhd.distance.nearest.places import local_feet, projected, proven_radius, th
 # Cells along each axis that every search starts from, and places along each axis for the points of a cloud.
 _GRID, _PLACES = 8, 12
 _CLOUD_STEPS = 7
-# Open cells of one search, cells cut in a step, steps at most.
-_CAPACITY, _LANES, _MAX_STEPS = 2048, 16, 300
+# Open cells of one search at least, and cells cut in a step.
+CAPACITY, _LANES = 2048, 16
+# Steps at most for so many open cells, and in proportion for more.
+_MAX_STEPS = 300
 # Cells of this width are not cut any more: a few units of roundoff of the coordinates.
 _NARROW = 2.0**-48
 # Places of a cloud that feet are looked for from, and Newton steps for feet.
@@ -117,8 +119,11 @@ def nearest(
     starts: Float[Array, "3 points"],
     least: Float[Array, ""],
     close: Float[Array, ""],
+    capacity: int = CAPACITY,
 ) -> Nearest:
     """Bounds of the distance from a point to the surface.
+
+    From the axis of a torus a whole circle is as near: the gap that remains is the smaller the more room there is.
 
     Args:
         side: the surface.
@@ -127,7 +132,9 @@ def nearest(
         starts: places near which feet are looked for.
         least: the search ends as soon as the distance is proven to be at most this.
         close: and as soon as both bounds are as close as this, or as rounding lets them be.
+        capacity: open cells that there is room for; steps follow it.
     """
+    max_steps = _MAX_STEPS * capacity // CAPACITY
     u = unit_roundoff(point.dtype)
 
     def better(state: _State, places: Array) -> tuple[Array, Array]:
@@ -146,7 +153,7 @@ def nearest(
 
     def open_(state: _State) -> Array:
         lowest = jnp.min(state.bound)
-        return (lowest < target(state)) & (state.upper > least) & (state.steps < _MAX_STEPS)
+        return (lowest < target(state)) & (state.upper > least) & (state.steps < max_steps)
 
     def step(state: _State) -> _State:
         _, index = jax.lax.top_k(-state.bound.astype(jnp.float32), _LANES)
@@ -176,7 +183,7 @@ def nearest(
 
     infinity = jnp.asarray(jnp.inf, point.dtype)
     first = jnp.where(cover.alive, box_distances(boxes(cover.lower, cover.upper), point)[0], jnp.inf)
-    room = _CAPACITY - first.size
+    room = capacity - first.size
     rows = jnp.pad(jnp.concatenate([cover.lower, cover.upper]).T, ((0, room), (0, 0)))
     start = _State(
         rows, jnp.pad(first, (0, room), constant_values=jnp.inf), infinity, infinity, starts[:, 0], jnp.zeros((), int)

@@ -37,7 +37,8 @@ class BranchAndBound(AbstractHausdorffMethod):
         max_steps: most steps, of four cells each (of implicit surfaces 32, of meshes 16384).
         capacity: least length of the table of cells; twice the number of segments of a where that is more. Of curves,
             and for minimum distances, a longer table is taken outside jit and vmap where this one is full; of implicit
-            surfaces it is 32 times as long from the start, and of meshes 2048 times as many cells may wait.
+            surfaces it is 32 times as long from the start, for the next power of two, and the tables and steps of
+            nearest points follow it, and of meshes 2048 times as many cells may wait.
     """
 
     atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
@@ -91,7 +92,7 @@ class BranchAndBound(AbstractHausdorffMethod):
 
     def length_of_table(self, a: BezierSegments | Target) -> int:
         """Number of cells there is room for."""
-        return max(self.capacity, 2 * a.count) if isinstance(a, BezierSegments) else _SURFACE_ROWS * self.capacity
+        return max(self.capacity, 2 * a.count) if isinstance(a, BezierSegments) else _SURFACE_ROWS * (1 << (self.capacity - 1).bit_length())
 
     def wanted(self, a: BezierSegments | Target, frame: Frame, aim: Aim) -> Wanted:
         """What is asked for, in the common coordinates."""

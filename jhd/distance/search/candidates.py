@@ -16,7 +16,7 @@ from jhd.arrays import varying
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.places import thorough_radius
-from jhd.distance.nearest.surfaces import Cloud, Cover, nearest, nearest_places
+from jhd.distance.nearest.surfaces import CAPACITY, Cloud, Cover, nearest, nearest_places
 from jhd.distance.witness.polish import polish
 
 # The last points of b that were found nearest.
@@ -63,7 +63,9 @@ class _Round(NamedTuple):
     count: Array
 
 
-def improved(a: Target, b: Target, best: Best, place: Place, asked: Bool[Array, ""], close: Array) -> Best:
+def improved(
+    a: Target, b: Target, best: Best, place: Place, asked: Bool[Array, ""], close: Array, capacity: int = CAPACITY
+) -> Best:
     """The best one after another place has been measured and polished, where that is asked for.
 
     Args:
@@ -73,12 +75,13 @@ def improved(a: Target, b: Target, best: Best, place: Place, asked: Bool[Array, 
         place: a point close to a, and its feet.
         asked: whether to do anything.
         close: how close the bounds of its distance are to be.
+        capacity: open cells that a search for its distance has room for.
     """
     start = varying(best, a, b, place)
-    return jax.lax.cond(asked, lambda best: _measured(a, b, best, place, close), lambda best: best, start)
+    return jax.lax.cond(asked, lambda best: _measured(a, b, best, place, close, capacity), lambda best: best, start)
 
 
-def _measured(a: Target, b: Target, best: Best, place: Place, close: Array) -> Best:
+def _measured(a: Target, b: Target, best: Best, place: Place, close: Array, capacity: int) -> Best:
     noise = NOISE * unit_roundoff(best.lower.dtype)
     box_a, box_b = ((jnp.asarray(t.side.lower), jnp.asarray(t.side.upper)) for t in (a, b))
     coefficients = jnp.asarray(a.side.coefficients), jnp.asarray(b.side.coefficients)
@@ -92,7 +95,7 @@ def _measured(a: Target, b: Target, best: Best, place: Place, close: Array) -> B
         radius = thorough_radius(a.side, point[:, None])[0]
         starts = jnp.concatenate([found.feet, r.feet, best.hints]).T
         starts = jnp.concatenate([starts, nearest_places(b.cloud, point)], axis=1)
-        near = nearest(b.side, b.cover, point, starts, best.lower + radius, close)
+        near = nearest(b.side, b.cover, point, starts, best.lower + radius, close, capacity)
         proven = jnp.isfinite(radius) & (plain | found.converged)
         lower = jnp.where(proven, round_down(near.lower - radius), -jnp.inf)
         value = jnp.sqrt(jnp.sum((near.foot - point) ** 2))

@@ -25,6 +25,8 @@ _NARROW = 2.0**-44
 _POINT_STEPS = 8
 # A distance of so many units of roundoff is none; so much less than the largest weight is none.
 _COINCIDENT, _WEIGHTLESS = 256, 1e-9
+# A measured distance whose bounds are apart by this share of the tolerance has no small part in the gap.
+_WIDE = 0.5
 # So many cells left where a search ends belong to a family of points that are nearly as far.
 _FAMILY = 400
 
@@ -118,9 +120,12 @@ def solution_of(pair: Pair, wanted: Wanted, state: State, direction: Any) -> Hau
     gap = upper - jnp.maximum(lower, wanted.aim.level)
     closed = gap <= tolerance(a.side, b.side, wanted, upper) * (1 + 4 * u)
     family = state.waiting >= _FAMILY
-    result = result_where(closed, RESULTS.successful, RESULTS.gap_not_closed)
-    result = result_where(~closed & (state.folded > -jnp.inf), RESULTS.capacity_reached, result)
-    result = result_where(~closed & family, RESULTS.family_of_maxima, result)
+    result = result_where(family, RESULTS.family_of_maxima, RESULTS.gap_not_closed)
+    # Room is what lacks where cells were dropped, or where a place is farther than its bound says: from there many
+    # points of b are about as near.
+    wide = best.value - best.lower > _WIDE * tolerance(a.side, b.side, wanted, upper)
+    result = result_where(state.full | wide, RESULTS.capacity_reached, result)
+    result = result_where(closed, RESULTS.successful, result)
     result = result_where(proven, result, RESULTS.unverified)
     result = result_where(empty, RESULTS.empty_surface, result)
     value = jnp.where(proven, jnp.clip(best.value, lower, upper), jnp.nan)

@@ -27,7 +27,7 @@ from jhd.distance.frame.aim import Wanted, default_tolerance
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, box_distances, boxes, form
 from jhd.distance.nearest.places import local_feet, projected, thorough_radius
-from jhd.distance.nearest.surfaces import Cloud, halved, inner, pushed
+from jhd.distance.nearest.surfaces import CAPACITY, Cloud, halved, inner, pushed
 from jhd.distance.search.candidates import HINTS, NOISE, Best, Place, Target, improved
 
 # Cells bounded in one step.
@@ -36,6 +36,8 @@ _LANES = 32
 _STEPS_OF_FEET, _STEPS_OF_POINTS = 3, 4
 # Cells of this width are not cut any more; places this near to a surface count as on it. For double precision.
 _NARROW, _ON = 2.0**-46, 1e-9
+# Rows of the table for each open cell that the distance of a place is looked for with.
+_ROWS_OF_MEASURE = 8
 # Points whose nearest points of a cloud are looked for side by side.
 _BLOCK = 256
 # Feet count together where their distances agree to this many half diagonals of a cell.
@@ -59,7 +61,8 @@ class State(NamedTuple):
     table: Table
     best: Best
     closed: Array  # largest bound of the cells that were closed or dropped
-    folded: Array  # largest bound of those that were dropped
+    folded: Array  # largest bound of those that were dropped, or are too narrow to be cut
+    full: Array  # whether any was dropped
     steps: Array
     cells: Array
     patience: Array  # (2,), the step at which a place may be measured again, and the last wait
@@ -109,7 +112,7 @@ def blank(capacity: int, dtype: str) -> State:
     vector, feet, hints = (jnp.zeros(shape, dtype) for shape in ((3,), (FEET, 3), (HINTS, 3)))
     best = Best(number, number, Place(vector, feet, jnp.zeros((FEET,), dtype)), hints, count)
     table = Table(jnp.zeros((capacity, 6 + 3 * FEET), dtype), jnp.zeros((capacity,), dtype))
-    return State(table, best, number, number, count, count, jnp.zeros((2,), int))
+    return State(table, best, number, number, jnp.array(False), count, count, jnp.zeros((2,), int))
 
 
 def begin(a: Target, b: Target, capacity: int) -> State:
@@ -132,7 +135,7 @@ def begin(a: Target, b: Target, capacity: int) -> State:
     place = Place(points[:, best], jnp.tile(feet[:, best], (FEET, 1)), jnp.eye(FEET, dtype=dtype)[0])
     count = jnp.zeros((), int)
     nothing = Best(zero, none, place, jnp.tile(feet[:, best], (HINTS, 1)), count)
-    return State(table, nothing, none, none, count, count, jnp.array([0, 1]))
+    return State(table, nothing, none, none, jnp.array(False), count, count, jnp.array([0, 1]))
 
 
 def advance(a: Target, b: Target, wanted: Wanted, state: State, limit: ArrayLike) -> State:
@@ -177,7 +180,8 @@ def _step(a: Target, b: Target, wanted: Wanted, state: State) -> State:
     hoped = lanes.promise[best] > jnp.maximum(state.best.lower, wanted.aim.level) + gain
     # After places that promised more than they held, a few steps go by before the next one is looked at.
     asked = first | (hoped & (state.steps >= state.patience[0]))
-    found = improved(a, b, state.best, place, asked, 0.1 * gain)
+    capacity = max(CAPACITY, bound.size // _ROWS_OF_MEASURE)
+    found = improved(a, b, state.best, place, asked, 0.1 * gain, capacity)
     wait = jnp.where(found.lower > state.best.lower + gain, 1, jnp.minimum(2 * state.patience[1], _LONGEST_WAIT))
     patience = jnp.where(asked, jnp.stack([state.steps + wait, wait]), state.patience)
     state = state._replace(best=found, patience=patience)
@@ -283,6 +287,7 @@ def _cut(a: Side, state: State, lanes: _Lanes, limit: Array) -> State:
         table=Table(table, -negative),
         closed=jnp.maximum(jnp.maximum(state.closed, closed), folded),
         folded=jnp.maximum(state.folded, folded),
+        full=state.full | (dropped < jnp.inf),
         cells=state.cells + jnp.sum(lanes.bound > -jnp.inf),
     )
 

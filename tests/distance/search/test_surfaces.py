@@ -130,6 +130,20 @@ def test_progress_is_reported_and_an_interruption_ends_with_true_bounds():
     assert float(stopped.lower) <= math.sqrt(1.21) - 1 <= float(stopped.upper) < math.inf
 
 
+@pytest.mark.slow
+def test_more_room_closes_the_gap_where_a_circle_of_feet_is_as_near():
+    """From the poles of the ellipsoid all of a circle of the torus is nearest."""
+    box, exact = ([-4] * 3, [4] * 3), math.sqrt(5) - 1
+    ellipsoid, torus = parsed("x^2/9 + y^2/4 + z^2 - 1", *box), parsed("(x^2 + y^2 + z^2 + 3)^2 - 16*(x^2 + y^2)", *box)
+    gaps = []
+    for capacity in (512, 2048):
+        solution = jhd.directed_hausdorff(ellipsoid, torus, jhd.BranchAndBound(capacity=capacity), throw=False)
+        check(solution, exact, 1e-5)
+        assert name_of(solution.result) == "capacity_reached"
+        gaps.append(float(solution.upper - solution.lower))
+    assert gaps[1] < 0.25 * gaps[0]
+
+
 def test_too_little_room_leaves_true_bounds_and_says_so():
     inner, outer = SPHERE, parsed("x^2 + y^2 + z^2 - 1.5625")
     solution = jhd.directed_hausdorff(inner, outer, jhd.BranchAndBound(max_steps=60), throw=False)
