@@ -1,10 +1,8 @@
-"""Boxes: children, corners, and the distances between the points of two of them."""
+"""Boxes: their children, and the distances between the points of two of them."""
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
-
-from jhd.arithmetic.interval import Interval
+from jaxtyping import Array, Int
 
 # The corners of the unit cube, x slowest.
 CORNERS = np.array(list(np.ndindex(2, 2, 2)))
@@ -13,11 +11,6 @@ CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 def children(cells: Int[np.ndarray, "cells 3"]) -> Int[np.ndarray, "children 3"]:
     """The eight parts of each cell, numbers 2 i and 2 i + 1 along each axis; those of one cell together."""
     return (2 * cells[:, None, :] + CORNERS.astype(cells.dtype)).reshape(-1, 3)
-
-
-def corners(lower: Float[Array, "*boxes 3"], upper: Float[Array, "*boxes 3"]) -> Float[Array, "*boxes corners 3"]:
-    """The eight corners of each box, in the order of CORNERS."""
-    return jnp.where(CORNERS == 1, upper[..., None, :], lower[..., None, :])
 
 
 def squared_distances(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -41,35 +34,3 @@ def squared_distances(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[A
         reaches.append(jnp.minimum(before, after))
     least, most = (x * x + y * y + z * z for x, y, z in (gaps, reaches))
     return least, most
-
-
-def distance(a: tuple[Array, Array], b: tuple[Array, Array]) -> Interval:
-    """Interval of the distances between points of box a and points of box b, by interval arithmetic, rounded outward.
-
-    Args:
-        a: lower and upper corners, arrays (..., 3).
-        b: the same; both broadcast.
-    """
-    total = Interval.exact(jnp.zeros(()))
-    for axis in range(3):
-        x, y = (Interval(box[0][..., axis], box[1][..., axis]) for box in (a, b))
-        total = total + (x - y).square()
-    return total.sqrt()
-
-
-def vertex_distances(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Smallest and largest of the 64 distances between the corners of two boxes, as rounded.
-
-    The paper's other choice. The largest is that of the boxes, the smallest is not: two boxes side by side may be
-    nearest in the middle of their faces. On cells of one grid both are, since cells either have the same place in a
-    coordinate or are nearest there at corners.
-
-    Args:
-        a: lower and upper corners, arrays (..., 3).
-        b: the same; both broadcast.
-
-    Source: AlgSurf, section 2, step 4.
-    """
-    steps = corners(*a)[..., :, None, :] - corners(*b)[..., None, :, :]
-    distances = jnp.sqrt(jnp.sum(steps * steps, axis=-1))
-    return distances.min((-2, -1)), distances.max((-2, -1))

@@ -258,15 +258,6 @@ class BezierPatches(AbstractPatch):
         return BezierPatches(affine_image(self.control_points, matrix, offset), self.weights)
 
 
-def check_patch(name: str, value: object) -> None:
-    """Raises TypeError unless the value is a parametric surface."""
-    if not isinstance(value, AbstractPatch):
-        raise TypeError(
-            f"{name} must be a parametric surface (BezierPatch, BezierPatches, BSplineSurface); "
-            f"got {type(value).__name__}."
-        )
-
-
 def checked_net(control_points: Numbers, weights: Numbers | None, axes: tuple[str, ...]) -> tuple[Array, Array | None]:
     """Control points in space and their weights; ValueError and TypeError as for the patches."""
     points = real_array("control_points", control_points)

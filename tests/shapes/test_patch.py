@@ -9,7 +9,7 @@ import pytest
 
 from jhd.shapes.bspline_surface import BSplineSurface
 from jhd.shapes.mesh import edges_of
-from jhd.shapes.patch import BezierPatch, BezierPatches, check_patch
+from jhd.shapes.patch import BezierPatch, BezierPatches
 
 RANDOM = np.random.default_rng(0)
 POINTS = RANDOM.normal(size=(4, 3, 3))
@@ -58,11 +58,6 @@ def test_what_is_no_patch_is_refused(as_a_user, points, weights, error, message)
 def test_what_are_no_knots_is_refused(as_a_user, knots_u, knots_v, message):
     with pytest.raises(ValueError, match=message):
         BSplineSurface(POINTS, knots_u, knots_v)
-
-
-def test_other_objects_are_no_patches():
-    with pytest.raises(TypeError, match="patch must be a parametric surface"):
-        check_patch("patch", 3)
 
 
 @pytest.mark.parametrize("weights", [None, WEIGHTS], ids=["polynomial", "rational"])

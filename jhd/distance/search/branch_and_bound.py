@@ -92,7 +92,9 @@ class BranchAndBound(AbstractHausdorffMethod):
 
     def length_of_table(self, a: BezierSegments | Target) -> int:
         """Number of cells there is room for."""
-        return max(self.capacity, 2 * a.count) if isinstance(a, BezierSegments) else _SURFACE_ROWS * (1 << (self.capacity - 1).bit_length())
+        if isinstance(a, BezierSegments):
+            return max(self.capacity, 2 * a.count)
+        return _SURFACE_ROWS * (1 << (self.capacity - 1).bit_length())
 
     def wanted(self, a: BezierSegments | Target, frame: Frame, aim: Aim) -> Wanted:
         """What is asked for, in the common coordinates."""
