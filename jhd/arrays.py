@@ -77,3 +77,22 @@ def check_finite(name: str, array: ArrayLike) -> None:
     found = values[place]
     shown = str(float(found)) if found.ndim == 0 else "(" + ", ".join(f"{float(x):g}" for x in found) + ")"
     raise ValueError(f"{name}[{', '.join(map(str, place))}] is not finite: {shown}.")
+
+
+def check_scalar(name: str, value: Array | None, *, positive: bool = False) -> None:
+    """Raises ValueError unless the array is one number of at least 0, or above it; None and values of tracers pass."""
+    if value is None:
+        return
+    if value.shape != ():
+        raise ValueError(f"{name} has shape {value.shape}; needs a scalar.")
+    if is_traced(value):
+        return
+    if not (float(value) > 0 if positive else float(value) >= 0):
+        needed = "positive number" if positive else "number of at least 0"
+        raise ValueError(f"{name} is {float(value):g}; needs a {needed}.")
+
+
+def check_whole(name: str, value: object, least: int) -> None:
+    """Raises ValueError unless the value is an int of at least this size."""
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{name} is {value!r}; needs a whole number of at least {least}.")

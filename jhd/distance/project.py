@@ -26,7 +26,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic import bernstein, polynomial_systems
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import is_traced, real_array
+from jhd.arrays import check_whole, is_traced, real_array
 from jhd.compiled import compiled
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import piece_of
@@ -85,7 +85,7 @@ class ProjectedPolyhedron(AbstractProjectionMethod):
     capacity: int = eqx.field(static=True, default=32)
 
     def __check_init__(self) -> None:
-        _check_whole("capacity", self.capacity, 1)
+        check_whole("capacity", self.capacity, 1)
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
         """The nearest point to one query."""
@@ -107,7 +107,7 @@ class IntervalHalving(AbstractProjectionMethod):
     max_steps: int = eqx.field(static=True, default=200)
 
     def __check_init__(self) -> None:
-        _check_whole("max_steps", self.max_steps, 1)
+        check_whole("max_steps", self.max_steps, 1)
         _check_positive("interval", self.interval)
         _check_positive("tolerance", self.tolerance)
 
@@ -128,7 +128,7 @@ class NewtonProjection(AbstractProjectionMethod):
     max_steps: int = eqx.field(static=True, default=32)
 
     def __check_init__(self) -> None:
-        _check_whole("max_steps", self.max_steps, 1)
+        check_whole("max_steps", self.max_steps, 1)
         _check_positive("tolerance", self.tolerance)
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
@@ -152,7 +152,7 @@ class HybridProjection(AbstractProjectionMethod):
     max_steps: int = eqx.field(static=True, default=64)
 
     def __check_init__(self) -> None:
-        _check_whole("max_steps", self.max_steps, 1)
+        check_whole("max_steps", self.max_steps, 1)
         for name in ("interval", "rough", "tolerance"):
             _check_positive(name, getattr(self, name))
 
@@ -243,17 +243,12 @@ def stationary_points(
         ValueError: points that are not finite, empty, or of another dimension than the curve.
         NotProvenError: capacity reached and throw is True; the solution holds those that fit.
     """
-    _check_whole("capacity", capacity, 1)
+    check_whole("capacity", capacity, 1)
     queries, segments = _checked(points, curve)
     found = _in_blocks(_stationary_block, capacity, queries, segments)
     if throw:
         throw_unless_successful(found)
     return found
-
-
-def _check_whole(name: str, value: object, least: int) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{name} is {value!r}; needs a whole number of at least {least}.")
 
 
 def _check_positive(name: str, value: float) -> None:

@@ -13,7 +13,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import is_traced, real_array
+from jhd.arrays import check_scalar, check_whole, real_array
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.method import AbstractHostMethod
 from jhd.distance.frame.prepare import Frame
@@ -56,7 +56,9 @@ class AlgebraicEvents(AbstractHostMethod):
     max_boxes: int = eqx.field(static=True, default=2**23)
 
     def __check_init__(self) -> None:
-        check_options(self.atol, (("capacity", self.capacity, 16), ("max_boxes", self.max_boxes, 0)))
+        check_scalar("atol", self.atol)
+        check_whole("capacity", self.capacity, 16)
+        check_whole("max_boxes", self.max_boxes, 0)
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """One direction in common coordinates.
@@ -72,18 +74,6 @@ class AlgebraicEvents(AbstractHostMethod):
         search = Search(final_size(self.atol, frame), self.capacity, self.max_boxes)
         candidates, stats = candidate_events(pair, whole, search)
         return best_of(pair, candidates, None, stats, search, frame)
-
-
-def check_options(atol: Array | None, counts: tuple[tuple[str, int, int], ...]) -> None:
-    """Raises ValueError for a tolerance that is no length or a count below its least."""
-    if atol is not None:
-        if atol.shape != ():
-            raise ValueError(f"atol has shape {atol.shape}; needs a scalar.")
-        if not is_traced(atol) and not float(atol) >= 0:
-            raise ValueError(f"atol is {float(atol):g}; needs a number of at least 0.")
-    for name, value, least in counts:
-        if not isinstance(value, int) or isinstance(value, bool) or value < least:
-            raise ValueError(f"{name} is {value!r}; needs a whole number of at least {least}.")
 
 
 def final_size(atol: Array | None, frame: Frame) -> float:

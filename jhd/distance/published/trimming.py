@@ -22,11 +22,11 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import real_array
+from jhd.arrays import check_scalar, check_whole, real_array
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.method import AbstractHostMethod
 from jhd.distance.frame.prepare import Frame, evaluation_error, trusted
-from jhd.distance.published.algebraic import check_options, final_size
+from jhd.distance.published.algebraic import final_size
 from jhd.distance.published.arc_bounds import Arcs, Target, arcs_of, chords
 from jhd.distance.published.events.candidates import Search, candidate_events, near_ends
 from jhd.distance.published.events.forms import restricted
@@ -83,12 +83,10 @@ class BiarcTrimming(AbstractHostMethod):
     max_boxes: int = eqx.field(static=True, default=2**23)
 
     def __check_init__(self) -> None:
-        check_options(self.atol, (("capacity", self.capacity, 16), ("max_boxes", self.max_boxes, 0)))
-        if self.deviation is not None:
-            if self.deviation.shape != ():
-                raise ValueError(f"deviation has shape {self.deviation.shape}; needs a scalar.")
-            if not float(self.deviation) > 0:
-                raise ValueError(f"deviation is {float(self.deviation):g}; needs a positive number.")
+        check_scalar("atol", self.atol)
+        check_whole("capacity", self.capacity, 16)
+        check_whole("max_boxes", self.max_boxes, 0)
+        check_scalar("deviation", self.deviation, positive=True)
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """One direction in common coordinates; what lies below the level of the aim is trimmed too.

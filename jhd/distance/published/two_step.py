@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arrays import varying
+from jhd.arrays import check_whole, varying
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.method import AbstractCurveMethod
@@ -63,12 +63,11 @@ class TwoStep(AbstractCurveMethod):
     max_rounds: int = eqx.field(static=True, default=16)
 
     def __check_init__(self) -> None:
-        if self.samples is not None and (not isinstance(self.samples, int) or self.samples < 2):
-            raise ValueError(f"samples is {self.samples!r}; needs a whole number of at least 2.")
+        if self.samples is not None:
+            check_whole("samples", self.samples, 2)
         if self.spacing not in ("uniform", "curvature"):
             raise ValueError(f"spacing is {self.spacing!r}; needs 'uniform' or 'curvature'.")
-        if not isinstance(self.max_rounds, int) or self.max_rounds < 0:
-            raise ValueError(f"max_rounds is {self.max_rounds!r}; needs a whole number of at least 0.")
+        check_whole("max_rounds", self.max_rounds, 0)
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """One direction in common coordinates."""

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jhd.arrays import is_traced, real_array
+from jhd.arrays import check_whole, is_traced, real_array
 from jhd.distance.frame.method import AbstractMethod
 from jhd.fields.distance_transform import distance_transform
 from jhd.fields.octree import voxelise
@@ -69,8 +69,7 @@ class VoxelPairs(AbstractMethod):
     def __check_init__(self) -> None:
         if not (isinstance(self.spacing, int | float) and 0 < self.spacing < math.inf):
             raise ValueError(f"spacing is {self.spacing!r}; needs a positive number.")
-        if not isinstance(self.samples, int) or isinstance(self.samples, bool) or self.samples < 2:
-            raise ValueError(f"samples is {self.samples!r}; needs a whole number of at least 2.")
+        check_whole("samples", self.samples, 2)
         if self.ties not in ("first", "all"):
             raise ValueError(f"ties is {self.ties!r}; needs 'first' or 'all'.")
         if self.origin is not None and self.origin.shape != (3,):

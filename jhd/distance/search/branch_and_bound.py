@@ -12,7 +12,7 @@ import numpy as np
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
 
-from jhd.arrays import is_traced, real_array
+from jhd.arrays import check_scalar, check_whole, is_traced, real_array
 from jhd.distance.frame.aim import Aim, Wanted
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.frame.prepare import Frame
@@ -47,18 +47,10 @@ class BranchAndBound(AbstractHausdorffMethod):
     capacity: int = eqx.field(static=True, default=512)
 
     def __check_init__(self) -> None:
-        for name in ("atol", "rtol"):
-            value = getattr(self, name)
-            if value is None:
-                continue
-            if value.shape != ():
-                raise ValueError(f"{name} has shape {value.shape}; needs a scalar.")
-            if not is_traced(value) and not float(value) >= 0:
-                raise ValueError(f"{name} is {float(value):g}; needs a number of at least 0.")
-        for name, least in (("max_steps", 0), ("capacity", 16)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or value < least:
-                raise ValueError(f"{name} is {value!r}; needs a whole number of at least {least}.")
+        check_scalar("atol", self.atol)
+        check_scalar("rtol", self.rtol)
+        check_whole("max_steps", self.max_steps, 0)
+        check_whole("capacity", self.capacity, 16)
 
     @classmethod
     def serves(cls, a: Any, b: Any) -> bool:
