@@ -58,7 +58,7 @@ def test_bounds_of_quadrics_enclose_the_distance(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rtol", [COARSE, 1e-4, FINE])
+@pytest.mark.parametrize("rtol", [COARSE, FINE])
 @pytest.mark.parametrize("name", [case.name for case in CASES])
 def test_bounds_enclose_the_distance(name, rtol):
     case = BY_NAME[name]

@@ -104,7 +104,7 @@ def test_values_agree_with_the_table_and_lie_in_its_bounds(name, direction):
     assert name_of(solution.result) == "successful" or name in CONTINUA
 
 
-@pytest.mark.parametrize("seed", [*range(6), *(pytest.param(k, marks=pytest.mark.slow) for k in range(6, 100))])
+@pytest.mark.parametrize("seed", [*range(6), *(pytest.param(k, marks=pytest.mark.slow) for k in range(6, 46))])
 def test_random_chains_agree_with_branch_and_bound(seed):
     a, b = random_pair(seed)
     check_against_branch_and_bound(a, b, jhd.AlgebraicEvents())
