@@ -35,6 +35,13 @@ def _exponent(x: Array) -> Array:
     return jnp.max(jnp.where(mantissa != 0, power, _NONE))
 
 
+def scale_of(power: Any, dtype: Any) -> Array:
+    """The number 2^-power as far as normal numbers reach, for products that are differentiated."""
+    # Twenty-four powers are left at either end for what is multiplied by it.
+    most = jnp.finfo(dtype).maxexp - 24
+    return jnp.ldexp(jnp.ones((), dtype), -jnp.clip(power, -most, most))
+
+
 def frexp(x: Array) -> tuple[Array, Array]:
     """Mantissas in [1/2, 1) and exponents of finite numbers in a compiled program; 0 and 0 for zeros alone.
 

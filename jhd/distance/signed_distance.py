@@ -16,8 +16,9 @@ from jaxtyping import Array
 
 from jhd.arithmetic.scaling import common_exponent, ldexp
 from jhd.arrays import is_traced
-from jhd.distance.nearest.meshes import checked_points, project_on_mesh
+from jhd.distance.nearest.meshes import checked_points
 from jhd.distance.published.vertex_voxels import VertexVoxels
+from jhd.distance.witness.mesh_feet import project_on_mesh
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.solution import Projection

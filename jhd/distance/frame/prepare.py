@@ -18,6 +18,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.bernstein import product_weights
 from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arithmetic.scaling import scale_of
 from jhd.arrays import is_traced
 from jhd.shapes.checks import largest_weight_ratio
 from jhd.shapes.curve import BezierSegments
@@ -82,6 +83,14 @@ class Frame(eqx.Module):
     def _place(self, x: Any) -> Any:
         xp = jnp if is_traced(x, self) else np
         return xp.ldexp(xp.ldexp(xp.asarray(x), self.second) + self.centre, self.first)
+
+    def scale(self, dtype: DTypeLike) -> Array:
+        """The power of two that brings lengths of the user's to the common unit."""
+        return scale_of(self.first + self.second, dtype)
+
+    def moved(self, x: Array) -> Array:
+        """Points of the user's in the common coordinates, as a function that is differentiated."""
+        return (x - jnp.ldexp(jnp.asarray(self.centre), self.first)) * self.scale(x.dtype)
 
     def common(self, x: Any) -> Any:
         """A length of the user's in the common coordinates."""

@@ -1,11 +1,8 @@
-"""Nearest points of a triangle mesh, with proven bounds and with derivatives.
+"""Nearest points of a triangle mesh, with proven bounds.
 
 Where all numbers are known the tree of jhd.triangles.closest_point is searched from the host. Under tracing every
 triangle is looked at: the work is that of all pairs, in blocks that bound the memory, and the proof is the same. The
 published local search, VertexVoxels, is there for comparison.
-
-Derivatives are those of the foot on the face, edge or corner that holds it: the distance to a plane, a line or a point
-as a function of the query and of the corners, so they are right to any order wherever the foot stays on that feature.
 """
 
 from abc import abstractmethod
@@ -15,12 +12,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from jhd.arithmetic.rounding import largest, round_down, round_up, smallest_normal
 from jhd.arithmetic.scaling import common_exponent, ldexp
 from jhd.arrays import is_traced, real_array, varying
-from jhd.compiled import compiled
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import RESULTS, Projection, result_where
@@ -39,22 +35,21 @@ class AbstractMeshSearch(eqx.Module):
         """The points found for queries (points, 3), all numbers known."""
 
 
-def project_on_mesh(points: Numbers, mesh: TriangleMesh, method: object = None) -> Projection:
-    """Nearest points of a mesh; see jhd.project.
+def nearest_on_mesh(queries: Array, mesh: TriangleMesh, method: object = None) -> Projection:
+    """Nearest points of a mesh, as constants; see jhd.project.
 
     Args:
-        points: queries (..., 3).
+        queries: (..., 3), as `checked_points` gives them.
         mesh: the mesh.
         method: None for the exact search, or the published one.
 
     Raises:
-        TypeError: points that are not real numbers, another method, or VertexVoxels under tracing.
-        ValueError: points that are not finite, empty, or not in space; a grid of more voxels than the capacity.
+        TypeError: another method, or VertexVoxels under tracing.
+        ValueError: a grid of more voxels than the capacity.
     """
     if method is not None and not isinstance(method, AbstractMeshSearch):
         accepted = "None for meshes, which is the exact search, or VertexVoxels"
         raise TypeError(f"method must be {accepted}; got {type(method).__name__}.")
-    queries = checked_points(points)
     batch = queries.shape[:-1]
     fixed, still = lax.stop_gradient((queries.reshape(-1, 3), mesh))
     if not is_traced(fixed, still):
@@ -64,8 +59,6 @@ def project_on_mesh(points: Numbers, mesh: TriangleMesh, method: object = None) 
         found = _traced(fixed, still)
     else:
         raise TypeError("VertexVoxels runs on the host, not under jit or vmap; method=None is traced.")
-    if is_traced(queries, mesh):
-        found = _with_derivatives(found, queries.reshape(-1, 3), mesh)
     return jax.tree_util.tree_map(lambda x: jnp.asarray(x).reshape((*batch, *x.shape[1:])), found)
 
 
@@ -153,74 +146,3 @@ def _blocks(rows: Array, most: int) -> Array:
     size = min(most, count)
     index = np.minimum(np.arange(-(-count // size) * size), count - 1)
     return rows[index].reshape(-1, size, rows.shape[-1])
-
-
-def _with_derivatives(found: Projection, queries: Array, mesh: TriangleMesh) -> Projection:
-    corners = mesh.vertices[mesh.triangles[found.segment]]
-    distance, foot, t = _attached(found.distance, found.foot, found.t, queries, corners)
-    return Projection(distance, found.lower, found.upper, foot, found.segment, t, found.result)
-
-
-@compiled
-def _attached(distance: Array, foot: Array, t: Array, queries: Array, corners: Array) -> tuple[Array, Array, Array]:
-    """The same numbers, with the derivatives of the feature that holds the foot."""
-
-    def with_rule(number: Array, other: Array, where: Array | bool = True) -> Array:
-        return number + jnp.where(where & jnp.isfinite(other), other - lax.stop_gradient(other), 0.0)
-
-    d, f, s = jax.vmap(foot_on)(queries, corners, t > 0)
-    return with_rule(distance, d, distance > 0), with_rule(foot, f), with_rule(t, s)
-
-
-def foot_on(
-    point: Float[Array, "3"], corners: Float[Array, "corners 3"], active: Array
-) -> tuple[Float[Array, ""], Float[Array, "3"], Float[Array, " corners"]]:
-    """Distance, foot and barycentric coordinates on the plane, line or point of the active corners.
-
-    A smooth function of point and corners where the distance is not zero. On a plane the distance is the product with
-    the normal, which keeps its digits where the point is close; at zero its derivative is that of one side.
-
-    Args:
-        point: the query.
-        corners: of a triangle.
-        active: which barycentric coordinates of the foot are positive; three of them for a face.
-    """
-    fixed = lax.stop_gradient((point, corners))
-    size = jnp.maximum(jnp.max(jnp.abs(fixed[0] - fixed[1])), jnp.max(jnp.abs(fixed[1] - fixed[1][0])))
-    exponent = jnp.where(size > 0, jnp.frexp(size)[1], 0)
-    scale = jnp.ldexp(jnp.ones((), point.dtype), -jnp.clip(exponent, -1000, 1000))
-    p, sides = (point - corners[0]) * scale, (corners - corners[0]) * scale
-    face = jnp.all(active)
-    on_face = _on_plane(p, jnp.where(face, sides, jnp.asarray(np.eye(3)[:, :3] - np.eye(3)[0], p.dtype)))
-    on_edge = _on_line(p, sides, jnp.argmax(active), 2 - jnp.argmax(active[::-1]))
-    face = face & on_face[0]
-    length, foot, t = (jnp.where(face, x, y) for x, y in zip(on_face[1:], on_edge, strict=True))
-    return length / scale, corners[0] + foot / scale, t
-
-
-def _on_plane(p: Array, corners: Array) -> tuple[Array, Array, Array, Array]:
-    """Whether there is a plane; distance, foot and coordinates there. The first corner is the origin."""
-    u, v = corners[1], corners[2]
-    normal = jnp.cross(u, v)
-    square = jnp.sum(normal * normal)
-    sound = square > 0
-    square = jnp.where(sound, square, 1.0)
-    unit = normal / jnp.sqrt(square)
-    height = jnp.sum(p * unit)
-    second, third = jnp.sum(jnp.cross(p, v) * normal) / square, jnp.sum(jnp.cross(u, p) * normal) / square
-    t = jnp.stack([1 - second - third, second, third])
-    return sound, jnp.where(lax.stop_gradient(height) < 0, -height, height), p - height * unit, t
-
-
-def _on_line(p: Array, corners: Array, first: Array, last: Array) -> tuple[Array, Array, Array]:
-    """Distance, foot and coordinates on the line through two corners, which may be one."""
-    a, side = corners[first], corners[last] - corners[first]
-    square = jnp.sum(side * side)
-    share = jnp.where(square > 0, jnp.sum((p - a) * side) / jnp.where(square > 0, square, 1.0), 0.0)
-    foot = a + share * side
-    off = p - foot
-    off_sq = jnp.sum(off * off)
-    length = jnp.sqrt(jnp.where(off_sq > 0, off_sq, 1.0))
-    index = np.arange(3)
-    t = jnp.where(index == last, share, 0.0) + jnp.where(index == first, 1 - share, 0.0)
-    return jnp.where(off_sq > 0, length, 0.0), foot, jnp.where(first == last, jnp.where(index == first, 1.0, 0.0), t)

@@ -8,7 +8,6 @@ point and a plane, or two lines. So it is right to any order wherever the points
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from typing import Any, NamedTuple
@@ -20,9 +19,11 @@ from jaxtyping import Array
 
 from jhd.arithmetic.rationals import float_above, float_below, float_near, root_between
 from jhd.arithmetic.rounding import gamma
+from jhd.arithmetic.scaling import common_exponent, scale_of
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import default_tolerance
+from jhd.distance.frame.attach import attached
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.from_program import from_program
 from jhd.distance.search.search import AbstractSearch, Progress, Session, Standing, drive
@@ -63,13 +64,8 @@ def of_meshes(
     if not is_traced(a, b):
         return solution
     corners = [mesh.vertices[mesh.triangles[k]] for mesh, k in zip((a, b), triangles, strict=True)]
-    moved = _attached(jnp.stack(corners), weights, weights > 0)
-    apart = solution.value > 0
-    value, point_a, point_b = (
-        x + jnp.where(apart & jnp.isfinite(y), y - lax.stop_gradient(y), 0.0)
-        for x, y in zip((solution.value, solution.point_a, solution.point_b), moved, strict=True)
-    )
-    return replace(solution, value=value, point_a=point_a, point_b=point_b)
+    value, point_a, point_b = _moving(jnp.stack(corners), weights, weights > 0)
+    return attached(solution, solution.value > 0, value=value, point_a=point_a, point_b=point_b)
 
 
 def _searched(
@@ -200,14 +196,14 @@ def _places(corners: np.ndarray, weights: tuple[Fraction, ...], dtype: np.dtype)
 
 
 @compiled
-def _attached(corners: Array, weights: Array, active: Array) -> tuple[Array, Array, Array]:
+def _moving(corners: Array, weights: Array, active: Array) -> tuple[Array, Array, Array]:
     """Distance and nearest points of the features that the active corners (2, 3) span, as functions of the corners.
 
     At most two directions are free: of p + x d - (q + y e) the part that they cannot change is the distance.
     """
     fixed = lax.stop_gradient(corners)
-    origin, size = fixed[0, 0], jnp.max(jnp.abs(fixed - fixed[0, 0]))
-    scale = jnp.ldexp(jnp.ones((), size.dtype), -jnp.clip(jnp.frexp(size)[1], -1000, 1000))
+    origin = fixed[0, 0]
+    scale = scale_of(common_exponent(fixed - origin), corners.dtype)
     corners = (corners - origin) * scale
     first = jnp.argmax(active, axis=1)
     base = corners[np.arange(2), first]

@@ -6,7 +6,6 @@ about them, and signs in integers prove the surface to be within an ulp or two, 
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -22,6 +21,7 @@ from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
 from jhd.distance.cells.pairs import Best, Cell, length
 from jhd.distance.frame.aim import default_tolerance
+from jhd.distance.frame.attach import attached
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.frame.prepare import Frame
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
@@ -79,7 +79,8 @@ def with_surface(
     solution = found.solution(frame)
     if not is_traced(shapes):
         return solution
-    return replace(solution, value=_attached(shapes, *jax.lax.stop_gradient((found, solution))))
+    moving = _moving(shapes, *jax.lax.stop_gradient((found, solution)))
+    return attached(solution, solution.value > 0, value=moving)
 
 
 class _Known(NamedTuple):
@@ -256,18 +257,18 @@ def _in_one_go(problem: WithSurface, wanted: _Wanted, method: BranchAndBound) ->
 
 
 @compiled
-def _attached(shapes: tuple[Any, Any], found: Outcome, solution: MinimumSolution) -> Array:
-    """The distance with its first derivatives in both shapes, from the outcome and the same in the user's coordinates.
+def _moving(shapes: tuple[Any, Any], found: Outcome, solution: MinimumSolution) -> Array:
+    """A function of both shapes with the first derivatives of the distance, from the outcome in both coordinates.
 
     With u = (p - q) / |p - q| the Lagrange function is L = |p - q| - sum l_k f_k with l_k = u.f_k' / |f_k'|^2 over the
     coordinates that no face of the box holds; coordinates at a face move with it. At distance zero, and where nothing
     was found, all derivatives are zero.
     """
     n = shapes[0].parameters if isinstance(shapes[0], Net) else 3
-    value, usable = solution.value, (solution.value > 0) & jnp.isfinite(solution.value)
+    usable = (solution.value > 0) & jnp.isfinite(solution.value)
     e = jnp.where(usable, found.point_a - found.point_b, 1.0)
     unit = e / length(e)
-    total = jnp.zeros_like(value)
+    total = jnp.zeros_like(solution.value)
     for shape, point, sign, k, x in (
         (shapes[0], solution.point_a, 1.0, found.best.piece_a, found.best.x[:n]),
         (shapes[1], solution.point_b, -1.0, found.best.piece_b, found.best.x[n:]),
@@ -282,4 +283,4 @@ def _attached(shapes: tuple[Any, Any], found: Outcome, solution: MinimumSolution
         square = jnp.sum(free**2)
         multiplier = sign * jnp.sum(unit * free) / jnp.where(square > 0, square, jnp.inf)
         total += sign * jnp.sum(unit * moving) - multiplier * shape(moving)
-    return value + jnp.where(usable, total - jax.lax.stop_gradient(total), 0.0)
+    return total

@@ -1,7 +1,6 @@
 """Minimum distances of curves and parametric surfaces: in one program under tracing, from the host elsewhere."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -33,7 +32,7 @@ from jhd.distance.search.closest import (
     room_for,
 )
 from jhd.distance.search.search import AbstractSearch, Progress, Session, Standing, drive
-from jhd.distance.witness.nets import attached, net_of, polished, prepared
+from jhd.distance.witness.nets import net_of, polished, prepared, with_net_derivatives
 from jhd.solution import RESULTS, MinimumSolution, result_where
 
 
@@ -56,17 +55,7 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress
         found = _in_one_go(p, q, counts, wanted, method)
     else:
         found = drive(NetSearch(p, q, counts, wanted, method), Session(progress, frame.length))
-    solution = found.solution(frame)
-    if is_traced(nets):
-        value, point_a, point_b = attached(*nets, frame, jax.lax.stop_gradient(found.best), solution.value)
-        keep = jnp.isfinite(solution.value)
-        solution = replace(
-            solution,
-            value=jnp.where(keep, value, solution.value),
-            point_a=solution.point_a + _moving(point_a),
-            point_b=solution.point_b + _moving(point_b),
-        )
-    return solution
+    return with_net_derivatives(found.solution(frame), *nets, frame, found.best)
 
 
 class NetSearch(AbstractSearch):
@@ -100,11 +89,6 @@ class NetSearch(AbstractSearch):
     def longer(self, state: State) -> State:
         """See AbstractSearch."""
         return longer(state, GROWTH)
-
-
-def _moving(point: Array) -> Array:
-    """Zero, with the derivatives of the point."""
-    return jnp.where(jnp.isfinite(point), point - jax.lax.stop_gradient(point), 0.0)
 
 
 def _wanted(a: Net, b: Net, frame: Frame, error: float, method: BranchAndBound) -> _Asked:

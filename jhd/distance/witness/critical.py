@@ -27,7 +27,7 @@ from jhd.distance.frame.prepare import Frame, prepare
 from jhd.distance.nearest.curves import in_chunks, nearest, repeated
 from jhd.distance.nearest.feet import follow_foot
 from jhd.distance.witness import active
-from jhd.distance.witness.derivative import attached
+from jhd.distance.witness.derivative import moving
 from jhd.distance.witness.ends import Around, around
 from jhd.distance.witness.multipliers import share
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
@@ -86,7 +86,7 @@ def critical_pairs(a: AbstractCurve, b: AbstractCurve, capacity: int = 16) -> Cr
     found = _placed(_both(p, q, capacity), frame)
     if not is_traced(*pair):
         return found
-    value, witness = jax.vmap(attached, in_axes=(0, 0, None, None, None))(found.value, found.witness, *pair, frame)
+    value, witness = jax.vmap(moving, in_axes=(0, 0, None, None, None))(found.value, found.witness, *pair, frame)
     return replace(found, value=jnp.where(found.valid, value, 0.0), witness=witness)
 
 

@@ -10,14 +10,17 @@ every direction (jhd.distance.witness.multipliers). Where the distance is zero i
 taken.
 """
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jhd.arithmetic.scaling import common_exponent, scale_of
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
+from jhd.distance.frame.attach import attached
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Piece
 from jhd.distance.frame.prepare import Frame, elevation_matrix
@@ -51,48 +54,34 @@ def with_derivatives(solution: HausdorffSolution, a: BezierSegments, b: BezierSe
     """The solution, its value and witness differentiable in both curves; all in the user's coordinates."""
     if not is_traced(a, b):
         return solution
-    value, witness = attached(solution.value, solution.witness, a, b, frame)
-    return HausdorffSolution(
-        value, solution.lower, solution.upper, witness, solution.result, solution.stats, solution.directed
-    )
+    value, witness = moving(solution.value, solution.witness, a, b, frame)
+    return replace(solution, value=value, witness=witness)
 
 
-def attached(
-    value: Array, witness: Witness, a: BezierSegments, b: BezierSegments, frame: Frame
-) -> tuple[Array, Witness]:
+def moving(value: Array, witness: Witness, a: BezierSegments, b: BezierSegments, frame: Frame) -> tuple[Array, Witness]:
     """A distance and its witness, the same numbers, as functions of both curves; in the user's coordinates."""
     w = witness
     answer = _attached(_Answer(value, w.t, w.point, w.feet, w.foot_params), a, b, frame, w)
-    moving = Witness(
-        segment=w.segment,
-        t=answer.t,
-        point=answer.point,
-        feet=answer.feet,
-        foot_segments=w.foot_segments,
-        foot_params=answer.foot_params,
-        multipliers=w.multipliers,
-        event=w.event,
-        direction=w.direction,
-    )
-    return answer.value, moving
+    places = {name: getattr(answer, name) for name in ("t", "point", "feet", "foot_params")}
+    return answer.value, replace(witness, **places)
 
 
 def projection_with_derivatives(found: Projection, queries: Array, curve: BezierSegments) -> Projection:
     """Nearest points, their distances and parameters differentiable in the queries and in the curve."""
     if not is_traced(queries, curve):
         return found
-    distance, foot, t = _attached_to_feet(found, queries, curve)
-    return Projection(distance, found.lower, found.upper, foot, found.segment, t, found.result)
+    distance, foot, t = _feet(found, queries, curve)
+    return attached(attached(found, found.distance > 0, distance=distance), foot=foot, t=t)
 
 
 @compiled
-def _attached_to_feet(found: Projection, queries: Array, curve: BezierSegments) -> tuple[Array, Array, Array]:
-    fixed = jax.lax.stop_gradient((queries, curve.control_points))
-    exponent = jnp.frexp(jnp.maximum(*(jnp.max(jnp.abs(x)) for x in fixed)))[1]
-    scale = jnp.ldexp(jnp.ones((), queries.dtype), -jnp.clip(exponent, -1000, 1000))
+def _feet(found: Projection, queries: Array, curve: BezierSegments) -> tuple[Array, Array, Array]:
+    """Distances, feet and parameters as functions of the queries and the curve."""
+    exponent = common_exponent(*jax.lax.stop_gradient((queries, curve.control_points)))
+    scale = scale_of(exponent, queries.dtype)
     rational = curve.weights is not None
 
-    def one(query: Array, distance: Array, foot: Array, segment: Array, t: Array) -> tuple[Array, Array, Array]:
+    def one(query: Array, segment: Array, t: Array) -> tuple[Array, Array, Array]:
         points, weights = _piece(curve, segment, curve.degree, rational)
         piece, point = Piece(points * scale, weights), query * scale
         held, s = jax.lax.stop_gradient((active.is_held(point, piece, t), t))
@@ -101,28 +90,17 @@ def _attached_to_feet(found: Projection, queries: Array, curve: BezierSegments) 
             s = active.stationary(s, point, piece, held)
         b = jet(*piece, s)
         c = point - b.point
-        length = c @ active.direction(c, b.first, held)
-        return _with(distance, length / scale, distance > 0), _with(foot, b.point / scale), _with(t, s)
+        return c @ active.direction(c, b.first, held) / scale, b.point / scale, s
 
     batch = queries.shape[:-1]
-    flat = jax.tree_util.tree_map(
-        lambda x: x.reshape(-1, *x.shape[len(batch) :]), (queries, found.distance, found.foot, found.segment, found.t)
-    )
+    flat = (x.reshape(-1, *x.shape[len(batch) :]) for x in (queries, found.segment, found.t))
     return jax.tree_util.tree_map(lambda x: x.reshape(*batch, *x.shape[1:]), jax.vmap(one)(*flat))
-
-
-def _with(number: Array, other: Array, where: Array | bool = True) -> Array:
-    """The number, with the derivatives of the other one."""
-    # What is not finite stands for a query that is no number; the answer that says so stays.
-    return number + jnp.where(where & jnp.isfinite(other), other - jax.lax.stop_gradient(other), 0.0)
 
 
 @compiled
 def _attached(answer: _Answer, a: BezierSegments, b: BezierSegments, frame: Frame, witness: Witness) -> _Answer:
     """The same numbers, with the derivatives of the active system of the witness."""
     turned = witness.direction == DIRECTIONS.b_to_a
-    scale = jnp.ldexp(jnp.ones((), answer.value.dtype), -jnp.clip(frame.first + frame.second, -1000, 1000))
-    centre = jnp.ldexp(jnp.asarray(frame.centre), frame.first)
     degree = max(a.degree, b.degree)
     rational = a.weights is not None or b.weights is not None
 
@@ -132,14 +110,14 @@ def _attached(answer: _Answer, a: BezierSegments, b: BezierSegments, frame: Fram
         points, weights = (
             jax.tree_util.tree_map(lambda x, y: jnp.where(of_b, y, x), *xs) for xs in zip(*pieces, strict=True)
         )
-        return Piece((points - centre) * scale, weights)
+        return Piece(frame.moved(points), weights)
 
     pieces = (
         piece(witness.segment, turned),
         piece(witness.foot_segments[0], ~turned),
         piece(witness.foot_segments[1], ~turned),
     )
-    return _with_rule(answer, pieces, scale, (witness.event, witness.multipliers))
+    return _with_rule(answer, pieces, frame.scale(answer.value.dtype), (witness.event, witness.multipliers))
 
 
 def _piece(curve: BezierSegments, k: Array, degree: int, rational: bool) -> Piece:

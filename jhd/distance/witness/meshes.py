@@ -6,19 +6,19 @@ derivative is the sum of theirs at the fixed place on a, with the multipliers of
 balance along a face; at an edge or a vertex no direction into one of the triangles there raises the distance.
 """
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array
 
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.cells.triangles import Side
-from jhd.distance.nearest.meshes import foot_on
+from jhd.distance.frame.attach import attached
+from jhd.distance.witness.mesh_feet import foot_on
 from jhd.distance.witness.multipliers import balanced
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Witness
@@ -152,12 +152,8 @@ def with_mesh_derivatives(solution: HausdorffSolution, a: TriangleMesh, b: Trian
     second = [mesh.vertices[mesh.triangles[jnp.minimum(w.foot_segments, mesh.count - 1)]] for mesh in (a, b)]
     carrier, target = jnp.where(turned, first[1], first[0]), jnp.where(turned, second[0], second[1])
     value, point, feet = _moving(carrier, target, w.t, w.foot_params, w.multipliers)
-    moved = [
-        x + jnp.where(jnp.isfinite(y), y - lax.stop_gradient(y), 0.0)
-        for x, y in ((solution.value, jnp.where(solution.value > 0, value, 0.0)), (w.point, point), (w.feet, feet))
-    ]
-    where = lambda s: (s.value, s.witness.point, s.witness.feet)  # noqa: E731
-    return eqx.tree_at(where, solution, tuple(moved))
+    solution = replace(solution, witness=attached(w, point=point, feet=feet))
+    return attached(solution, solution.value > 0, value=value)
 
 
 @compiled

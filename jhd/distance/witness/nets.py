@@ -15,11 +15,13 @@ from jaxtyping import Array
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.cells.pairs import Best, derivatives, length, newton_step
+from jhd.distance.frame.attach import attached
 from jhd.distance.frame.net_jets import Jet, Net, jet, usable_net
 from jhd.distance.frame.prepare import Frame, elevation_matrix, padded_count, preparation_error, raised_degree
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
+from jhd.solution import MinimumSolution
 
 # Power of two that stands for no extent at all; single precision ends at 2^-126.
 _VANISHING = 100
@@ -119,20 +121,26 @@ def _held(a: Net, b: Net, x: Array) -> Array:
     return ((x <= 0) & (slope > small)) | ((x >= 1) & (slope < -small))
 
 
-@compiled
-def attached(a: Net, b: Net, frame: Frame, best: Best, value: Array) -> tuple[Array, Array, Array]:
-    """The distance with its derivatives in both shapes, and the points with theirs, in the user's coordinates.
+def with_net_derivatives(solution: MinimumSolution, a: Net, b: Net, frame: Frame, best: Best) -> MinimumSolution:
+    """The solution with its derivatives in both shapes, in the user's coordinates.
 
     At fixed parameters the derivative of the distance is that of the minimum (the envelope theorem); two steps of
     Newton's method on the parameters that are not held carry the second derivatives, and those of the points. At
-    distance zero the derivative of the distance is zero by convention.
+    distance zero the derivatives are zero by convention.
     """
+    if not is_traced(a, b):
+        return solution
+    distance, point_a, point_b = _moving(a, b, frame, jax.lax.stop_gradient(best))
+    return attached(solution, solution.value > 0, value=distance, point_a=point_a, point_b=point_b)
+
+
+@compiled
+def _moving(a: Net, b: Net, frame: Frame, best: Best) -> tuple[Array, Array, Array]:
+    """Distance and nearest points as functions of both shapes."""
     n = a.parameters
-    scale = jnp.ldexp(jnp.ones((), value.dtype), -jnp.clip(frame.first + frame.second, -1000, 1000))
-    centre = jnp.ldexp(jnp.asarray(frame.centre), frame.first)
 
     def piece(net: Net, k: Array) -> Net:
-        return Net((net.points[k] - centre) * scale, None if net.weights is None else net.weights[k])
+        return Net(frame.moved(net.points[k]), None if net.weights is None else net.weights[k])
 
     pieces = piece(a, best.piece_a), piece(b, best.piece_b)
     x, held = jax.lax.stop_gradient((best.x, _held(*pieces, best.x)))
@@ -141,11 +149,6 @@ def attached(a: Net, b: Net, frame: Frame, best: Best, value: Array) -> tuple[Ar
         step = newton_step(slope, bent, held)
         x = x + jnp.where(jnp.all(jnp.isfinite(step)), step, 0.0)
     p, q = jet(pieces[0], x[:n]).point, jet(pieces[1], x[n:]).point
-    e = p - q
-    square = jnp.sum(e * e)
-    apart = value > 0
-    away = jnp.sqrt(jnp.where(apart & (square > 0), square, 1.0)) / scale
-    moved = value + jnp.where(apart & (square > 0), away - jax.lax.stop_gradient(away), 0.0)
-    # At distance zero the points are not functions of the shapes.
-    p, q = (jnp.where(apart, r, jax.lax.stop_gradient(r)) / scale + centre for r in (p, q))
-    return moved, p, q
+    square, scale = jnp.sum((p - q) ** 2), frame.scale(p.dtype)
+    distance = jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    return jnp.where(square > 0, distance, 0.0) / scale, p / scale, q / scale

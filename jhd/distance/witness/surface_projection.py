@@ -11,14 +11,15 @@ derivative zero by convention.
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.polynomials import jets
+from jhd.arithmetic.scaling import common_exponent, scale_of
 from jhd.compiled import compiled
+from jhd.distance.frame.attach import attached
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.solution import Projection
 
@@ -32,30 +33,15 @@ _SINGULAR = 1e-8
 
 def with_patch_derivatives(found: Projection, queries: Array, net: Net) -> Projection:
     """Nearest points (points, ...) of a net, differentiable in the queries and in the net."""
-    return _with(found, *_on_patches(queries, found.segment, found.t, net))
+    distance, foot, t = _on_patches(queries, found.segment, found.t, net)
+    return attached(attached(found, found.distance > 0, distance=distance), foot=foot, t=t)
 
 
 def with_surface_derivatives(found: Projection, queries: Array, surface: Any) -> Projection:
     """Nearest points (points, ...) of a polynomial surface, differentiable in queries, coefficients and box."""
     coefficients, box = surface.coefficients, jnp.stack(surface.box())
-    return _with(found, *_on_surface(queries, found.foot, coefficients, box))
-
-
-def _with(found: Projection, distance: Array, foot: Array, t: Array | None = None) -> Projection:
-    """The same numbers, with the derivatives of others where these are finite."""
-
-    def moved(number: Array, other: Array, where: Array | bool = True) -> Array:
-        return number + jnp.where(where & jnp.isfinite(other), other - jax.lax.stop_gradient(other), 0.0)
-
-    numbers = [moved(found.distance, distance, found.distance > 0), moved(found.foot, foot)]
-    numbers.append(found.t if t is None else moved(found.t, t))
-    return eqx.tree_at(lambda p: (p.distance, p.foot, p.t), found, tuple(numbers))
-
-
-def _scale(size: Array) -> Array:
-    """A power of two that brings a size to about one."""
-    exponent = jnp.frexp(jnp.where(size > 0, size, 1.0))[1]
-    return jnp.ldexp(jnp.ones_like(size), -jnp.clip(exponent, -1000, 1000))
+    distance, foot = _on_surface(queries, found.foot, coefficients, box)
+    return attached(attached(found, found.distance > 0, distance=distance), foot=foot)
 
 
 @compiled
@@ -65,7 +51,7 @@ def _on_patches(queries: Array, segment: Array, t: Array, net: Net) -> tuple[Arr
     def one(query: Array, k: Array, t: Array) -> tuple[Array, Array, Array]:
         piece = net.piece(k)
         offsets = piece.points - query
-        scale = _scale(jax.lax.stop_gradient(jnp.max(jnp.abs(offsets))))
+        scale = scale_of(common_exponent(jax.lax.stop_gradient(offsets)), offsets.dtype)
         piece = Net(offsets * scale, piece.weights)
         x = t[:n]
         still = jax.lax.stop_gradient((piece, x))
@@ -128,7 +114,7 @@ def _length(apart: Array, normal: Array, free: Array | bool) -> Array:
 
 @compiled
 def _on_surface(queries: Array, feet: Array, coefficients: Array, box: Array) -> tuple[Array, Array]:
-    scale = _scale(jax.lax.stop_gradient(jnp.max(jnp.abs(box))))
+    scale = scale_of(common_exponent(jax.lax.stop_gradient(box)), box.dtype)
     degrees = np.sum(np.indices(coefficients.shape), axis=0)
     # In units of the box no power of a coordinate overflows.
     powers = jnp.exp2(-degrees * jnp.log2(scale))

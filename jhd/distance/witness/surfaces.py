@@ -21,6 +21,7 @@ a surface whose gradient vanishes at its place, where the point can have any spe
 Source: Danskin's theorem and the envelope theorem; implicit differentiation of the Karush-Kuhn-Tucker conditions.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -83,16 +84,7 @@ def with_surface_derivatives(solution: HausdorffSolution, a: ImplicitSurface, b:
     """
     if not is_traced(a, b):
         return solution
-    value = _attached(solution.value, a, b, solution.witness)
-    return HausdorffSolution(
-        value,
-        solution.lower,
-        solution.upper,
-        solution.witness,
-        solution.result,
-        solution.stats,
-        solution.directed,
-    )
+    return replace(solution, value=_attached(solution.value, a, b, solution.witness))
 
 
 @compiled

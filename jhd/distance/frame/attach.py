@@ -1,0 +1,26 @@
+"""Derivatives attached to numbers that were found without them, in the same way for every search.
+
+No search is differentiated: what it finds are constants. The equations that hold there make the same numbers functions
+of the shapes, and `number + f - constant(f)` has the digits of the number and the derivatives of f, of all orders.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array
+
+from jhd.compiled import compiled
+
+
+@compiled
+def carrying(number: Any, other: Array, where: Array | bool = True) -> Array:
+    """The number, with the derivatives of the other one where asked for and both are finite, elsewhere with none."""
+    usable = where & jnp.isfinite(number) & jnp.isfinite(other)
+    return number + jnp.where(usable, other - lax.stop_gradient(other), 0.0)
+
+
+def attached(found: Any, where: Array | bool = True, **others: Array) -> Any:
+    """What was found, with its fields named in `others` carrying the derivatives of these."""
+    return replace(found, **{name: carrying(getattr(found, name), other, where) for name, other in others.items()})
