@@ -16,6 +16,8 @@ from jhd.arrays import check_scalar, check_whole, is_traced, real_array
 from jhd.distance.frame.aim import Aim, Wanted
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.frame.prepare import Frame
+from jhd.distance.nearest.blocks import is_long
+from jhd.distance.nearest.near_curve import near_curve
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.curves import advance, begin, solution_of
 from jhd.distance.search.solutions import Pair, in_one_go
@@ -24,6 +26,8 @@ from jhd.solution import HausdorffSolution
 
 # Rows of a table of surfaces for each of those of curves.
 _SURFACE_ROWS = 32
+# Segments of a long curve for each row of its table at first.
+_LONG_SHARE = 8
 
 
 class BranchAndBound(AbstractHausdorffMethod):
@@ -65,8 +69,9 @@ class BranchAndBound(AbstractHausdorffMethod):
         """
 
         def search(a: BezierSegments, b: BezierSegments, wanted: Wanted) -> HausdorffSolution:
-            state = begin(a, b, self.length_of_table(a))
-            return solution_of(a, b, wanted, advance(a, b, wanted, state, self.max_steps))
+            near = near_curve(b, is_long(a) or is_long(b))
+            state = begin(a, near, wanted, max(self.capacity, 2 * a.count))
+            return solution_of(a, near, wanted, advance(a, near, wanted, state, self.max_steps))
 
         if jax.default_backend() == "cpu":
             search = sequential_vmap(search)
@@ -84,9 +89,10 @@ class BranchAndBound(AbstractHausdorffMethod):
 
     def length_of_table(self, a: BezierSegments | Target) -> int:
         """Number of cells there is room for."""
-        if isinstance(a, BezierSegments):
-            return max(self.capacity, 2 * a.count)
-        return _SURFACE_ROWS * (1 << (self.capacity - 1).bit_length())
+        if not isinstance(a, BezierSegments):
+            return _SURFACE_ROWS * (1 << (self.capacity - 1).bit_length())
+        # Of a long curve few cells are left when the first bounds are known; where more are, it begins anew with room.
+        return max(self.capacity, a.count // _LONG_SHARE if is_long(a) else 2 * a.count)
 
     def wanted(self, a: BezierSegments | Target, frame: Frame, aim: Aim) -> Wanted:
         """What is asked for, in the common coordinates."""

@@ -13,6 +13,7 @@ Source: the search and the bounds are ours; the events are those of Elber & Gran
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -26,7 +27,9 @@ from jhd.distance.frame.aim import Aim, Wanted, default_tolerance
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Place, piece_of
 from jhd.distance.frame.prepare import evaluation_error
-from jhd.distance.nearest.curves import Nearest, nearest, repeated
+from jhd.distance.nearest.blocks import Blocks
+from jhd.distance.nearest.curves import Nearest, in_chunks, repeated
+from jhd.distance.nearest.near_curve import NearCurve
 from jhd.distance.witness import active
 from jhd.distance.witness.events import describe
 from jhd.shapes.curve import BezierSegments
@@ -34,11 +37,10 @@ from jhd.solution import RESULTS, HausdorffSolution, Witness, result_where
 
 # Cells bounded in one step: two waste the vector units, eight bound cells that the first four would have closed.
 LANES = 4
-# Samples of each segment of b for the first feet.
-_SEEDS = 4
+# Newton steps of a foot from where its search starts.
 _SEED_STEPS = 3
-# Points whose nearest samples are looked for side by side.
-_BLOCK = 256
+# Segments of a long curve whose cells are made side by side.
+_CHUNK = 4096
 # A peak nearer than this share of the cell to an end does not serve as a cut; the middle does.
 _NEAR_END = 0.02
 # Least gap in units of the error of the common coordinates: both bounds take it, and those of the cells as much again.
@@ -76,14 +78,6 @@ class Table(NamedTuple):
     upper: Array  # -inf where free
 
 
-class _Seeds(NamedTuple):
-    """Samples of b: (samples, dim) points, their segments and parameters."""
-
-    points: Array
-    segment: Array
-    s: Array
-
-
 class State(NamedTuple):
     """A search: its table of cells, and what it has proven and found so far."""
 
@@ -108,9 +102,9 @@ class State(NamedTuple):
         return jnp.sum(self.table.upper > -jnp.inf)
 
 
-def unfinished(a: BezierSegments, b: BezierSegments, wanted: Wanted, state: State) -> Array:
+def unfinished(a: BezierSegments, near: NearCurve, wanted: Wanted, state: State) -> Array:
     """Whether more steps would serve what is wanted."""
-    above = jnp.max(state.table.upper) > _goal(_tolerances(a, b, wanted), wanted.aim, state.lower)
+    above = jnp.max(state.table.upper) > _goal(_tolerances(a, near.curve, wanted), wanted.aim, state.lower)
     return above & (state.lower <= wanted.aim.ceiling)
 
 
@@ -120,10 +114,10 @@ def _goal(tolerances: _Tolerances, aim: Aim, lower: Array) -> Array:
 
 
 def advance(
-    a: BezierSegments, b: BezierSegments, wanted: Wanted, state: State, limit: ArrayLike, growing: ArrayLike = False
+    a: BezierSegments, near: NearCurve, wanted: Wanted, state: State, limit: ArrayLike, growing: ArrayLike = False
 ) -> State:
     """Goes on until what is wanted is reached, or the limit of steps; `growing` stops before the table is full."""
-    skip_b, seeds = repeated(b.control_points, b.weights), _seeds(b)
+    b = near.curve
     error, tolerances, aim = evaluation_error(a, b), _tolerances(a, b, wanted), wanted.aim
 
     def open_(state: State) -> Array:
@@ -144,7 +138,7 @@ def advance(
         t = jnp.where(first, state.pending[1], found.t[best])
         point = jet(*piece_of(a, segment), t).point
         asked = first | (hope[best] > state.lower)
-        measured = nearest(point, b.control_points, b.weights, jnp.where(asked, 0.0, jnp.inf), skip_b)
+        measured = near.nearest(point, jnp.where(asked, 0.0, jnp.inf))
         raised = asked & (measured.distance > state.value)
         state = state._replace(
             lower=jnp.where(asked, jnp.maximum(measured.lower - error, state.lower), state.lower),
@@ -155,17 +149,17 @@ def advance(
         )
         mine = (jnp.arange(LANES) == best) & asked & ~first
         goal = _goal(tolerances, aim, state.lower)
-        return _pushed(a, b, seeds, state._replace(table=rest), goal, taken, upper, found, mine, measured)
+        return _pushed(a, near, state._replace(table=rest), goal, taken, upper, found, mine, measured)
 
-    return jax.lax.while_loop(open_, step, varying(state, a, b))
+    return jax.lax.while_loop(open_, step, varying(state, a, near))
 
 
-def solution_of(a: BezierSegments, b: BezierSegments, wanted: Wanted, state: State) -> HausdorffSolution:
+def solution_of(a: BezierSegments, near: NearCurve, wanted: Wanted, state: State) -> HausdorffSolution:
     """The solution that a search stands at."""
-    dtype = a.control_points.dtype
+    b, dtype = near.curve, a.control_points.dtype
     tolerances, upper = _tolerances(a, b, wanted), state.upper
     described = describe(a, b, state.at, state.foot, jnp.ones((), dtype))
-    witness, value, lower = _polished(a, b, described, state)
+    witness, value, lower = _polished(a, near, described, state)
     lower = jnp.minimum(lower, upper)
     # Four units for the rounding of this comparison itself.
     gap = upper - jnp.maximum(lower, wanted.aim.level)
@@ -176,12 +170,12 @@ def solution_of(a: BezierSegments, b: BezierSegments, wanted: Wanted, state: Sta
     return HausdorffSolution(jnp.clip(value, lower, upper), lower, upper, witness, result, stats)
 
 
-def _polished(a: BezierSegments, b: BezierSegments, witness: Witness, state: State) -> tuple[Witness, Array, Array]:
+def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: State) -> tuple[Witness, Array, Array]:
     """The witness at the solution of its equations, with value and lower bound: peaks are off by the root of the gap.
 
     Accepted only where the place is measured to be as far and both feet to be its nearest points.
     """
-    k, (k1, k2) = witness.segment, witness.foot_segments
+    b, k, (k1, k2) = near.curve, witness.segment, witness.foot_segments
     y = jnp.concatenate([witness.t[None], witness.foot_params])
     pieces = piece_of(a, k), piece_of(b, k1), piece_of(b, k2)
     system = active.active(*pieces, y, witness.event, witness.multipliers)
@@ -189,7 +183,7 @@ def _polished(a: BezierSegments, b: BezierSegments, witness: Witness, state: Sta
     y = y.at[2].set(jnp.where(system.two, y[2], y[1]))
     point = jet(*system.a, y[0]).point
     feet = jnp.stack([jet(*system.first, y[1]).point, jet(*system.second, y[2]).point])
-    found = nearest(point, b.control_points, b.weights, 0.0, repeated(b.control_points, b.weights))
+    found = near.nearest(point)
     off = jnp.max(jnp.abs(jnp.sqrt(jnp.sum((feet - point) ** 2, axis=1)) - found.distance))
     eps = float(jnp.finfo(point.dtype).eps)
     better = (found.distance >= state.value - _NOISE * eps) & (off <= _AGREEING * eps)
@@ -204,46 +198,13 @@ def _where(condition: Array, new: Place, old: Place) -> Place:
     return Place(*(jnp.where(condition, x, y) for x, y in zip(new, old, strict=True)))
 
 
-def _seeds(b: BezierSegments) -> _Seeds:
-    """Samples of b; the nearest of them starts the search of a foot."""
-    samples = jnp.linspace(0.0, 1.0, _SEEDS + 1, dtype=b.control_points.dtype)
-    points = jax.vmap(lambda k: jax.vmap(lambda s: jet(*piece_of(b, k), s).point)(samples))(jnp.arange(b.count))
-    return _Seeds(points.reshape(-1, b.dim), jnp.repeat(jnp.arange(b.count), samples.size), jnp.tile(samples, b.count))
-
-
-def _nearest_seed(seeds: _Seeds, points: Array) -> Array:
-    """Index of the nearest sample of each of the points (..., dim).
-
-    Only a guess hangs on it, so the index takes the place of the last bits of the squared distance, and one minimum of
-    integers over the leading axis finds both: argmin costs thirty times as much on CPU.
-    """
-    rows = points.reshape(-1, points.shape[-1])
-    count, integer = seeds.points.shape[0], jnp.int64 if points.dtype == jnp.float64 else jnp.int32
-    last_bits = 2 ** (count - 1).bit_length() - 1
-
-    def nearest_of(rows: Array) -> Array:
-        squares = sum(((x[:, None] - y) ** 2 for x, y in zip(seeds.points.T, rows.T, strict=True)), start=0.0)
-        key = jax.lax.bitcast_convert_type(squares, integer) & ~last_bits | jnp.arange(count, dtype=integer)[:, None]
-        return jnp.min(key, axis=0) & last_bits
-
-    if rows.shape[0] <= _BLOCK:
-        return nearest_of(rows).reshape(points.shape[:-1])
-    # In blocks, so that the table of all squares is never there.
-    blocks = jnp.pad(rows, ((0, -rows.shape[0] % _BLOCK), (0, 0))).reshape(-1, _BLOCK, rows.shape[1])
-    return jax.lax.map(nearest_of, blocks).ravel()[: rows.shape[0]].reshape(points.shape[:-1])
-
-
-def begin(a: BezierSegments, b: BezierSegments, capacity: int) -> State:
+def begin(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> State:
     """One cell for each segment of a, with feet found from samples of b and a first upper bound."""
-    dtype, seeds, error = a.control_points.dtype, _seeds(b), evaluation_error(a, b)
-    ends = a.control_points[:, jnp.array([0, -1])]
-
-    def foot(point: Array, index: Array) -> tuple[Array, Array, Array]:
-        piece = piece_of(b, seeds.segment[index])
-        s = local_foot(point, piece, seeds.s[index], _SEED_STEPS)
-        return seeds.segment[index], s, jnp.sqrt(jnp.sum((jet(*piece, s).point - point) ** 2))
-
-    k, s, distance = jax.vmap(jax.vmap(foot))(ends, _nearest_seed(seeds, ends))
+    if isinstance(near.guide, Blocks):
+        return _begin_long(a, near, wanted, capacity)
+    b, dtype = near.curve, a.control_points.dtype
+    error, ends = evaluation_error(a, b), a.control_points[:, jnp.array([0, -1])]
+    k, s, distance = jax.vmap(jax.vmap(partial(_first_foot, b)))(ends, near.starts(ends))
     count, zeros = a.count, jnp.zeros((a.count,), dtype)
     cell = Cell(jnp.arange(count), zeros, zeros + 1, k[:, 0], s[:, 0], k[:, 1], s[:, 1])
     upper = jax.vmap(lambda c: first_upper_bound(a, b, c))(cell) + error
@@ -260,6 +221,52 @@ def begin(a: BezierSegments, b: BezierSegments, capacity: int) -> State:
     return State(table, zeros[0], none, pending, near, none, jnp.array(False), pending, jnp.array(0))
 
 
+def _first_foot(b: BezierSegments, point: Array, start: Place) -> tuple[Array, Array, Array]:
+    piece = piece_of(b, start.segment)
+    s = local_foot(point, piece, start.t, _SEED_STEPS)
+    return start.segment, s, jnp.sqrt(jnp.sum((jet(*piece, s).point - point) ** 2))
+
+
+def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> State:
+    """The same for many segments, with feet at both ends of each from one start.
+
+    The place that seems the farthest is
+    measured, so that only cells with larger bounds come into the table; those that do not fit are folded.
+    """
+    b, dtype = near.curve, a.control_points.dtype
+    error, skip = evaluation_error(a, b), repeated(a.control_points, a.weights)
+
+    def first(row: tuple[Array, Place]) -> tuple[Cell, Array, Array]:
+        segment, start = row
+        ends = a.control_points[segment][jnp.array([0, -1])]
+        k, s, distance = jax.vmap(partial(_first_foot, b), in_axes=(0, None))(ends, start)
+        zero = jnp.zeros((), dtype)
+        cell = Cell(segment, zero, zero + 1, k[0], s[0], k[1], s[1])
+        return cell, first_upper_bound(a, b, cell) + error, distance
+
+    index = jnp.arange(a.count)
+    starts = near.starts(jax.vmap(lambda k: jet(*piece_of(a, k), jnp.asarray(0.5, dtype)).point)(index))
+    cell, upper, distance = in_chunks(first, (index, starts), _CHUNK)
+    far = jnp.argmax(distance)
+    at = Place(far // 2, (far % 2).astype(dtype))
+    measured = near.nearest(a.control_points[at.segment][-(far % 2)])
+    lower = jnp.maximum(measured.lower - error, 0.0)
+    goal = _goal(_tolerances(a, b, wanted), wanted.aim, lower)
+    live = ~skip & (upper > goal)
+    waiting = jnp.where(live, upper, -jnp.inf)
+    # In single precision, which is thirty times faster on CPU; the order need not be exact.
+    _, kept = jax.lax.top_k(waiting.astype(jnp.float32), min(capacity, a.count))
+    lost = jnp.max(waiting.at[kept].set(-jnp.inf))
+    closed = jnp.maximum(jnp.max(jnp.where(live | skip, -jnp.inf, upper)), lost)
+    room = capacity - kept.size
+    table = Table(
+        Cell(*(jnp.pad(x[kept], (0, room)) for x in cell)),
+        jnp.pad(waiting[kept], (0, room), constant_values=-jnp.inf),
+    )
+    foot = Place(measured.segment, measured.t)
+    return State(table, lower, measured.distance, at, foot, closed, lost > goal, at, jnp.array(0))
+
+
 def _largest(table: Table) -> tuple[Cell, Array, Table]:
     """The cells with the largest upper bounds, and the table without them."""
     # In single precision, which is thirty times faster on CPU; the order need not be exact.
@@ -270,8 +277,7 @@ def _largest(table: Table) -> tuple[Cell, Array, Table]:
 
 def _pushed(
     a: BezierSegments,
-    b: BezierSegments,
-    seeds: _Seeds,
+    near: NearCurve,
     state: State,
     goal: Array,
     cell: Cell,
@@ -281,28 +287,28 @@ def _pushed(
     measured: Nearest,
 ) -> State:
     """Cuts the cells, gives the cuts their feet, and puts the halves that are still above the goal into the table."""
-    width = cell.t1 - cell.t0
+    b, width = near.curve, cell.t1 - cell.t0
     at_left = found.t <= cell.t0 + _NEAR_END * width
     at_right = found.t >= cell.t1 - _NEAR_END * width
     cut = jnp.where(at_left | at_right, cell.t0 + 0.5 * width, found.t)
 
-    def foot(point: Array, seed: Array, ks: Array, ss: Array) -> tuple[Array, Array]:
-        ks, ss = jnp.append(ks, seeds.segment[seed]), jnp.append(ss, seeds.s[seed])
+    def foot(point: Array, start: Place, ks: Array, ss: Array) -> tuple[Array, Array]:
+        ks, ss = jnp.append(ks, start.segment), jnp.append(ss, start.t)
         ss = jax.vmap(lambda k, s: local_foot(point, piece_of(b, k), s, _SEED_STEPS))(ks, ss)
         feet = jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point)(ks, ss)
         best = jnp.argmin(jnp.sum((feet - point) ** 2, axis=-1))
         return ks[best], ss[best]
 
     # The proven foot is offered to all cells: several of them may follow the same wrong one.
-    near = (jnp.full_like(cell.k0, measured.segment), jnp.full_like(cell.s0, measured.t))
+    proven = (jnp.full_like(cell.k0, measured.segment), jnp.full_like(cell.s0, measured.t))
     starts = [
-        jnp.stack(x, axis=1) for x in ((found.k, cell.k0, cell.k1, near[0]), (found.s, cell.s0, cell.s1, near[1]))
+        jnp.stack(x, axis=1) for x in ((found.k, cell.k0, cell.k1, proven[0]), (found.s, cell.s0, cell.s1, proven[1]))
     ]
     at_both = jax.vmap(jax.vmap(foot), in_axes=(0, 0, None, None))
     points = jax.vmap(jax.vmap(lambda k, t: jet(*piece_of(a, k), t).point), in_axes=(None, 0))(
         cell.segment, jnp.stack([cut, found.t])
     )
-    (k, peak_k), (s, peak_s) = at_both(points, _nearest_seed(seeds, points), *starts)
+    (k, peak_k), (s, peak_s) = at_both(points, near.starts(points), *starts)
     # The measured foot is proven to be the nearest.
     peak_k, peak_s = jnp.where(mine, measured.segment, peak_k), jnp.where(mine, measured.t, peak_s)
     inside = ~at_left & ~at_right

@@ -12,6 +12,8 @@ from jhd.compiled import compiled
 from jhd.distance.cells.branches import Cell
 from jhd.distance.frame.aim import Wanted
 from jhd.distance.frame.pieces import Place
+from jhd.distance.nearest.blocks import is_long
+from jhd.distance.nearest.near_curve import near_curve
 from jhd.distance.search import solutions as surface_solution
 from jhd.distance.search import surfaces as surface_search
 from jhd.distance.search.curves import LANES, State, Table, advance, begin, solution_of, unfinished
@@ -56,7 +58,8 @@ class CurveSearch(AbstractSearch):
         table, more = state[0].table, (_GROWTH - 1) * state[0].table.upper.size
         cell = Cell(*(jnp.pad(x, (0, more)) for x in table.cell))
         upper = jnp.pad(table.upper, (0, more), constant_values=-jnp.inf)
-        return state[0]._replace(table=Table(cell, upper)), False
+        # Where no step was taken, cells were left out for want of room: it begins anew.
+        return state[0]._replace(table=Table(cell, upper)), int(state[0].steps) == 0
 
 
 class SurfaceSearch(AbstractSearch):
@@ -96,12 +99,12 @@ def _stretch(
     a: BezierSegments, b: BezierSegments, wanted: Wanted, state: State, fresh: Array, limit: Array, growing: Array
 ) -> tuple[State, HausdorffSolution, Array]:
     """Begins the search if it is fresh, goes on for some steps, and says how it stands, in four numbers."""
-    capacity = state.table.upper.size
-    state = jax.lax.cond(fresh, lambda _: begin(a, b, capacity), lambda state: state, state)
-    state = advance(a, b, wanted, state, limit, growing)
-    going_on = unfinished(a, b, wanted, state)
+    capacity, near = state.table.upper.size, near_curve(b, is_long(a) or is_long(b))
+    state = jax.lax.cond(fresh, lambda _: begin(a, near, wanted, capacity), lambda state: state, state)
+    state = advance(a, near, wanted, state, limit, growing)
+    going_on = unfinished(a, near, wanted, state)
     full = going_on & (state.waiting + LANES > capacity)
-    return state, solution_of(a, b, wanted, state), jnp.stack([going_on, full, state.steps, state.waiting])
+    return state, solution_of(a, near, wanted, state), jnp.stack([going_on, full, state.steps, state.waiting])
 
 
 @lru_cache(maxsize=8)

@@ -1,0 +1,250 @@
+"""Long curves: segments in blocks that lie close together, so that most of them are passed over by a box.
+
+Segments are sorted along a curve that fills space and cut into blocks with a box each; queries likewise into groups.
+A group looks at blocks in the order of the distance of their boxes, until the next one is out of reach of all its
+queries. What a query sees of a segment is its chord.
+
+With delta the largest distance of the control points from the chord, every point of the segment is within delta of the
+chord, as the distance from a convex set is convex; and every point of the chord is within delta of the segment, which
+passes over all of them on its way from one end to the other. So with D the distance of a query from the chord,
+that from the segment lies in [D - delta, D + delta], for positive weights too.
+
+Rounding, for coordinates of at most one, u the unit roundoff and d the dimension. The offset, the chord and its points
+take 12 roundings of numbers up to two in each component, the length d + 2 more, and the parameter of the chord's
+nearest point is off by gamma(2 d + 10) |offset| in units of length, which no distance exceeds in its effect. In all
+that is below gamma(40) 4 sqrt(d). A chord whose square is below u^4 counts as its first point. A box is exact, and its
+distance takes less than that as well.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array
+
+from jhd.arithmetic.rounding import gamma
+from jhd.arrays import varying
+from jhd.distance.nearest.curves import Nearest, nearest, repeated
+from jhd.shapes.curve import BezierSegments
+
+# From this number of segments on blocks are faster than all segments at once.
+_LONG = 512
+# Segments of a block, queries of a group, and segments that a query searches before it searches all.
+_BLOCK, _GROUP, _LISTED = 64, 128, 8
+# Blocks that are looked at for a guess; more are in reach only where very many segments are equally far.
+_GUESSED = 64
+
+
+def is_long(curve: BezierSegments) -> bool:
+    """Whether a curve has so many segments that blocks pay."""
+    return curve.count >= _LONG
+
+
+class Blocks(NamedTuple):
+    """A curve of many segments in sorted blocks; all coordinates at most one in size.
+
+    Args:
+        curve: the curve.
+        segment: numbers of the segments as sorted, (blocks, segments).
+        start: first points.
+        chord: vectors to the last ones, zero where they are too short to count.
+        inverse: one over their squares, or zero.
+        delta: bounds of how far the segments are from their chords, inf for repeated segments.
+        lower: corners of the boxes of the blocks.
+        upper: likewise.
+    """
+
+    curve: BezierSegments
+    segment: Array
+    start: Array
+    chord: Array
+    inverse: Array
+    delta: Array
+    lower: Array
+    upper: Array
+
+
+def blocks_of(curve: BezierSegments) -> Blocks:
+    """The blocks of a curve."""
+    points, dtype = curve.control_points, curve.control_points.dtype
+    low, high = jnp.min(points, axis=1), jnp.max(points, axis=1)
+    order = jnp.argsort(places(0.5 * (low + high)))
+    order = order[np.minimum(np.arange(-(-curve.count // _BLOCK) * _BLOCK), curve.count - 1)].reshape(-1, _BLOCK)
+    start, chord = points[:, 0], points[:, -1] - points[:, 0]
+    square = jnp.sum(chord * chord, axis=-1)
+    counts = square > float(jnp.finfo(dtype).eps) ** 4
+    chord = jnp.where(counts[:, None], chord, 0.0)
+    inverse = jnp.where(counts, 1 / jnp.where(counts, square, 1.0), 0.0)
+    away = jax.vmap(lambda p, s, c, i: jax.vmap(lambda q: _square_and_place(q, s, c, i)[0])(p))
+    delta = jnp.sqrt(jnp.max(away(points, start, chord, inverse), axis=1)) + _error(curve.dim, dtype)
+    delta = jnp.where(repeated(points, curve.weights), jnp.inf, delta)
+    rows = (start, chord, inverse, delta, low, high)
+    start, chord, inverse, delta, low, high = (x[order] for x in rows)
+    return Blocks(curve, order, start, chord, inverse, delta, jnp.min(low, axis=1), jnp.max(high, axis=1))
+
+
+def places(points: Array) -> Array:
+    """Places of points along a curve that fills their box: the bits of their coordinates in turn."""
+    integer = jnp.int64 if points.dtype == jnp.float64 else jnp.int32
+    bits = (8 * jnp.dtype(integer).itemsize - 2) // points.shape[1]
+    low = jnp.min(points, axis=0)
+    extent = jnp.max(jnp.max(points, axis=0) - low)
+    cells = ((points - low) / jnp.where(extent > 0, extent, 1.0) * (2**bits - 1)).astype(integer)
+
+    def with_bit(k: Any, place: Array) -> Array:
+        for axis in range(points.shape[1]):
+            place = place << 1 | (cells[:, axis] >> (bits - 1 - k)) & 1
+        return place
+
+    start = varying(jnp.zeros(points.shape[:1], integer), points)
+    return jax.lax.fori_loop(0, bits, with_bit, start)
+
+
+def in_groups(function: Callable[[Array], Any], points: Array) -> Any:
+    """The results of a function of groups (queries, dim) for all points, which are sorted for it."""
+    count = points.shape[0]
+    size = min(_GROUP, count)
+    order = jnp.argsort(places(points))
+    back = jnp.zeros_like(order).at[order].set(jnp.arange(count))
+    rows = order[np.minimum(np.arange(-(-count // size) * size), count - 1)].reshape(-1, size)
+    found = jax.lax.map(function, points[rows])
+    return jax.tree_util.tree_map(lambda x: x.reshape((-1, *x.shape[2:]))[back], found)
+
+
+def guesses(blocks: Blocks, points: Array) -> tuple[Array, Array]:
+    """For each of the points in a group the segment of the nearest chord, and the parameter there; not proven."""
+    integer = jnp.int64 if points.dtype == jnp.float64 else jnp.int32
+
+    def look(k: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        least, chosen = found
+        squares = _to_chords(blocks, k, points)[0] + jnp.where(jnp.isinf(blocks.delta[k]), jnp.inf, 0.0)[:, None]
+        # The index takes the place of the last bits, so that one minimum finds both: argmin is slow on CPU.
+        number = jnp.arange(_BLOCK, dtype=integer)[:, None]
+        key = jnp.min(jax.lax.bitcast_convert_type(squares, integer) & -_BLOCK | number, axis=0)
+        square, index = jax.lax.bitcast_convert_type(key & -_BLOCK, points.dtype), key & (_BLOCK - 1)
+        return jnp.minimum(square, least), jnp.where(square < least, k * _BLOCK + index, chosen)
+
+    count = points.shape[0]
+    start = jnp.full(count, jnp.inf, points.dtype), jnp.zeros(count, int)
+    _, (_, chosen) = _nearest_first(blocks, points, lambda found: jnp.sqrt(jnp.max(found[0])), look, start, _GUESSED)
+    k, i = chosen // _BLOCK, chosen % _BLOCK
+    rows = (blocks.start[k, i], blocks.chord[k, i], blocks.inverse[k, i])
+    return blocks.segment[k, i], jax.vmap(_square_and_place)(points, *rows)[1]
+
+
+def nearest_in_blocks(blocks: Blocks, points: Array) -> Nearest:
+    """Proven nearest points, as by `nearest` on all segments, to the points of a group.
+
+    Each query searches the few segments with the smallest lower bounds; where others are in its reach, the whole group
+    searches all.
+    """
+    lower, listed, rest, reach = _listed(blocks, points)
+    curve = blocks.curve
+
+    def among(_: None) -> Nearest:
+        def one(point: Array, segments: Array, lower: Array, rest: Array, reach: Array) -> Nearest:
+            weights = None if curve.weights is None else curve.weights[segments]
+            found = nearest(point, curve.control_points[segments], weights, 0.0, lower > reach)
+            # Those left out are at least as far as the bound that left them out.
+            least = jnp.minimum(found.lower, jnp.minimum(jnp.min(jnp.where(lower > reach, lower, jnp.inf)), rest))
+            return eqx.tree_at(lambda n: (n.lower, n.segment), found, (least, segments[found.segment]))
+
+        return jax.vmap(one)(points, listed, lower, rest, reach)
+
+    def among_all(_: None) -> Nearest:
+        skip = repeated(curve.control_points, curve.weights)
+        return jax.vmap(lambda p: nearest(p, curve.control_points, curve.weights, 0.0, skip))(points)
+
+    return jax.lax.cond(jnp.any(rest <= reach), among_all, among, None)
+
+
+def _listed(blocks: Blocks, points: Array) -> tuple[Array, Array, Array, Array]:
+    """For each of the points of a group the segments with the smallest lower bounds, and what is known of the others.
+
+    Returns:
+        Lower bounds (queries, listed) of the distances to the listed segments; these segments; a lower bound of the
+        distance to all others; and an upper bound of the distance to the curve.
+    """
+    error, count = _error(points.shape[1], points.dtype), points.shape[0]
+
+    def look(k: Array, found: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        reach, lower, listed = found
+        squares, starts = _to_chords(blocks, k, points)
+        distance, delta = jnp.sqrt(squares), blocks.delta[k][:, None]
+        reach = jnp.minimum(reach, jnp.min(distance + delta, axis=0) + error)
+        reach = jnp.minimum(reach, jnp.sqrt(jnp.min(starts, axis=0)) + error)
+        # Repeated segments have no upper bound and none below.
+        new = jnp.where(jnp.isinf(delta), jnp.inf, distance - delta - error).T
+        lower = jnp.concatenate([lower, _down(new)], axis=1)
+        listed = jnp.concatenate([listed, jnp.broadcast_to(blocks.segment[k], new.shape)], axis=1)
+        lower, index = jax.lax.top_k(-lower, _LISTED + 1)
+        return reach, -lower, jnp.take_along_axis(listed, index, axis=1)
+
+    blank = jnp.full((count, _LISTED + 1), jnp.inf, jnp.float32)
+    start = jnp.full(count, jnp.inf, points.dtype), blank, jnp.zeros((count, _LISTED + 1), int)
+    beyond, (reach, lower, listed) = _nearest_first(blocks, points, lambda found: jnp.max(found[0]), look, start)
+    lower = lower.astype(points.dtype)
+    return lower[:, :-1], listed[:, :-1], jnp.minimum(lower[:, -1], beyond), reach
+
+
+def _nearest_first(
+    blocks: Blocks,
+    points: Array,
+    worst: Callable[[Any], Array],
+    look: Callable[[Array, Any], Any],
+    start: Any,
+    most: int | None = None,
+) -> tuple[Array, Any]:
+    """Looks at the blocks from the nearest on while their lower bounds are not above the worst of the points.
+
+    Returns:
+        A lower bound of the distance to all segments of the blocks not looked at, and what was found.
+    """
+    low, high = jnp.min(points, axis=0), jnp.max(points, axis=0)
+    gaps = jnp.maximum(jnp.maximum(blocks.lower - high, low - blocks.upper), 0.0)
+    lower = jnp.sqrt(jnp.sum(gaps * gaps, axis=1)) - _error(points.shape[1], points.dtype)
+    most = lower.size if most is None else most
+
+    def going(state: tuple[Array, Any, Array]) -> Array:
+        lower, found, count = state
+        return (jnp.min(lower) <= worst(found)) & (count < most)
+
+    def step(state: tuple[Array, Any, Array]) -> tuple[Array, Any, Array]:
+        lower, found, count = state
+        k = jnp.argmin(lower)
+        return lower.at[k].set(jnp.inf), look(k, found), count + 1
+
+    state = varying((lower, start, jnp.array(0)), blocks, points)
+    lower, found, _ = jax.lax.while_loop(going, step, state)
+    return jnp.min(lower), found
+
+
+def _to_chords(blocks: Blocks, k: Array, points: Array) -> tuple[Array, Array]:
+    """Squared distances of the points from the chords of a block, and from their starts: (segments, points)."""
+    start, chord, inverse = blocks.start[k], blocks.chord[k], blocks.inverse[k][:, None]
+    # Component by component, so that the long axis is the last.
+    d = [x - s[:, None] for x, s in zip(points.T, start.T, strict=True)]
+    v = [x[:, None] for x in chord.T]
+    t = jnp.clip(sum((x * y for x, y in zip(d, v, strict=True)), start=0.0) * inverse, 0.0, 1.0)
+    squares = sum(((x - t * y) ** 2 for x, y in zip(d, v, strict=True)), start=0.0)
+    return squares, sum((x * x for x in d), start=0.0)
+
+
+def _square_and_place(point: Array, start: Array, chord: Array, inverse: Array) -> tuple[Array, Array]:
+    d = point - start
+    t = jnp.clip(jnp.sum(d * chord) * inverse, 0.0, 1.0)
+    return jnp.sum((d - t * chord) ** 2), t
+
+
+def _down(x: Array) -> Array:
+    """Not above, in single precision, in which the few smallest of many lengths are found much faster on CPU."""
+    return jnp.maximum(x, 0.0).astype(jnp.float32) * np.float32(1 - 2.0**-22) - np.float32(2.0**-100)
+
+
+def _error(dim: int, dtype: DTypeLike) -> float:
+    return 4 * math.sqrt(dim) * gamma(40, dtype)

@@ -1,0 +1,84 @@
+"""Long curves in blocks: the same bounds as all segments at once give, whatever the order of the segments."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jhd
+from jhd.distance.nearest.blocks import blocks_of, guesses, in_groups, is_long, nearest_in_blocks
+from jhd.distance.nearest.curves import nearest
+
+COUNT, QUERIES = 768, 200
+
+
+def _segments(kind, rng):
+    """Control points (768, 4, 2) of size below one, and queries."""
+    queries = rng.uniform(-0.5, 0.5, size=(QUERIES, 2))
+    small = 0.02 * rng.normal(size=(COUNT, 4, 2)) + rng.uniform(-0.5, 0.5, size=(COUNT, 1, 2))
+    if kind == "repeated":
+        small[100:200] = small[99]
+    if kind == "overlapping":
+        small = np.clip(0.2 * rng.normal(size=(COUNT, 4, 2)), -1, 1)
+    if kind == "points":
+        small = np.repeat(small[:, :1], 4, axis=1)
+        queries[:50] = small[:50, 0]
+    if kind == "around":
+        angles = np.linspace(0, 2 * np.pi, COUNT + 1)
+        ring = 0.5 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        small = ring[:-1, None] + np.linspace(0, 1, 4)[:, None] * (ring[1:] - ring[:-1])[:, None]
+        queries *= 1e-3
+    return small, queries
+
+
+@jax.jit
+def _both(points, queries):
+    curve = jhd.BezierSegments(points)
+    blocks = blocks_of(curve)
+    found = in_groups(lambda rows: (nearest_in_blocks(blocks, rows), guesses(blocks, rows)), queries)
+    return found, jax.vmap(lambda q: nearest(q, points, None))(queries)
+
+
+@pytest.mark.parametrize("kind", ["plain", "repeated", "overlapping", "points", "around"])
+def test_blocks_prove_what_all_segments_prove(kind):
+    points, queries = _segments(kind, np.random.default_rng(3))
+    (found, (segment, t)), expected = _both(jnp.asarray(points), jnp.asarray(queries))
+    assert np.all(found.closed)
+    assert np.all(found.lower <= expected.upper) and np.all(expected.lower <= found.upper)
+    assert np.all(found.upper - found.lower <= 1e-13)
+    # What is named attains the distance.
+    curve = jhd.BezierSegments(points)
+    rows = np.asarray(points)[np.asarray(found.segment)]
+    s = np.asarray(found.t)[:, None]
+    places = sum(c * (1 - s) ** (3 - i) * s**i * rows[:, i] for i, c in enumerate((1, 3, 3, 1)))
+    np.testing.assert_allclose(np.linalg.norm(places - queries, axis=1), found.distance, atol=1e-14)
+    assert np.all((segment >= 0) & (segment < curve.count) & (t >= 0) & (t <= 1))
+
+
+def test_sets_of_many_points_agree_with_all_pairs():
+    rng = np.random.default_rng(4)
+    a, b = rng.normal(size=(700, 2)), rng.normal(size=(600, 2))
+    b[100:150] = b[99]
+    table = np.linalg.norm(a[:, None] - b, axis=-1)
+    for scale in (1e-300, 1.0, 1e300):
+        p, q = (jhd.points(scale * x) for x in (a, b))
+        assert is_long(p)
+        for solution, exact in (
+            (jhd.directed_hausdorff(p, q), table.min(axis=1).max()),
+            (jhd.directed_hausdorff(q, p), table.min(axis=0).max()),
+        ):
+            np.testing.assert_allclose([solution.lower, solution.upper], exact * scale, rtol=1e-11)
+            # All points but a few are closed by their first bounds.
+            assert solution.stats["steps"] <= 4
+    assert float(jhd.directed_hausdorff(jhd.points(a), jhd.points(a[::-1])).upper) < 1e-12
+
+
+def test_a_table_that_is_too_short_for_a_long_curve_grows_before_the_first_step():
+    # Every segment is as far from the other ring, so none is closed by the first bounds at a tolerance of zero.
+    angles = np.linspace(0, 2 * np.pi, 769)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    a, b = jhd.polyline(ring), jhd.polyline(2 * ring)
+    method = jhd.BranchAndBound(capacity=16)
+    solution = jhd.directed_hausdorff(a, b, method)
+    roomy = jhd.directed_hausdorff(a, b)
+    assert float(solution.lower) <= float(roomy.upper) and float(roomy.lower) <= float(solution.upper)
