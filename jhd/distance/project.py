@@ -32,11 +32,12 @@ from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import piece_of
 from jhd.distance.frame.prepare import Frame, padded_count, replaced, trusted, usable
 from jhd.distance.nearest.curves import Nearest, best_end, in_chunks, nearest, repeated
+from jhd.distance.nearest.feet import is_held
 from jhd.distance.nearest.stationarity import roots_on
 from jhd.distance.published.local_feet import best_local, halve, height, newton
 from jhd.distance.published.vertex_voxels import VertexVoxels
 from jhd.distance.search.targets import project_on_surface
-from jhd.distance.witness.active import is_held, stationary
+from jhd.distance.witness.active import stationary
 from jhd.distance.witness.derivative import projection_with_derivatives
 from jhd.distance.witness.mesh_feet import project_on_mesh
 from jhd.shapes.checks import Numbers

@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd.distance.nearest.feet import stays
 from jhd.solution import DIRECTIONS, EVENTS, CriticalPairs
 
-# A foot at an end of its segment is free when its residual is below this share of |X - Y| |Y'|.
-_STATIONARY = 1e-7
 # Singular values below this share of the largest are none: where they vanish nothing moves.
 _SINGULAR = 1e-12
 
@@ -136,7 +135,7 @@ def _direction(x: _Jet, y: _Jet, s: float) -> tuple[FloatArray, bool]:
     """Unit vector from the foot to the point, and whether the foot is held."""
     c = x.point - y.point
     length, speed = np.sqrt(c @ c), np.sqrt(y.first @ y.first)
-    held = bool(speed == 0 or (s <= 0 or s >= 1) and abs(c @ y.first) > _STATIONARY * length * speed)
+    held = bool(speed == 0 or stays(s, c @ y.first, length * speed))
     if len(c) == 2 and not held:
         normal = np.array([-y.first[1], y.first[0]]) / speed
         return (normal if normal @ c >= 0 else -normal), held

@@ -42,6 +42,7 @@ from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arrays import varying
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Piece, piece_of
+from jhd.distance.nearest.feet import stays
 from jhd.shapes.curve import BezierSegments
 
 # Newton steps that carry a foot to the other end of its cell, from a start of second order.
@@ -52,8 +53,6 @@ _SHORT = 4.0
 _NODES, _PEAK_STEPS = 9, 2
 # Ratio of the foot speeds at the ends of a cell beyond which a Moebius map would only do harm.
 _MOST_SKEW = 16.0
-# A foot at an end of its segment is held there when its residual is above this share of |B'|^2.
-_HELD = 1e-7
 
 
 class Cell(NamedTuple):
@@ -184,8 +183,7 @@ def _foot_speed(point: Array, velocity: Array, width: Array, piece: Piece, s: Ar
     slope = square + c @ b.second
     slope = jnp.where(slope > jnp.minimum(1e-3 * square, width * jnp.abs(common)), slope, square)
     speed = common / jnp.where(slope > 0, slope, 1.0)
-    held = ((s <= 0) | (s >= 1)) & (jnp.abs(c @ b.first) > _HELD * square)
-    return jnp.where(held, 0.0, speed)
+    return jnp.where(stays(s, c @ b.first, square), 0.0, speed)
 
 
 def _restricted(piece: Piece, t0: Array, t1: Array) -> Piece:

@@ -9,12 +9,11 @@ import numpy as np
 
 from jhd.distance.certificate import verification
 from jhd.distance.frame.prepare import Frame
+from jhd.distance.nearest.feet import stays
 from jhd.shapes.curve import BezierSegments
 
 # Feet nearer than this to an end of their segment are put on it.
 SNAP = 1e-15
-# A foot at an end of its segment is held there when its residual is above this share of |B'|^2.
-_HELD = 1e-7
 
 
 class Host(NamedTuple):
@@ -75,8 +74,7 @@ def foot_speed(b: Host, foot: np.ndarray, s: np.ndarray, jet: tuple[np.ndarray, 
     square = dot(first, first)
     slope = square + dot(e, second)
     slope = np.where(slope > 1e-3 * square, slope, square)
-    held = ((s <= 0) | (s >= 1)) & (np.abs(dot(e, first)) > _HELD * square)
-    return np.where(held, 0.0, dot(jet[1], first) / np.where(slope > 0, slope, 1.0))
+    return np.where(stays(s, dot(e, first), square), 0.0, dot(jet[1], first) / np.where(slope > 0, slope, 1.0))
 
 
 def dot(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -27,6 +27,11 @@ def piece_of(curve: BezierSegments, segment: Array) -> Piece:
     return Piece(curve.control_points[segment], None if curve.weights is None else curve.weights[segment])
 
 
+def is_point(piece: Piece) -> Array:
+    """Whether all control points of a segment are one."""
+    return jnp.all(piece.control_points == piece.control_points[0])
+
+
 def preceding(following: Array) -> Array:
     """For each segment the one that ends where it starts, -1 at a free start: `following` turned round.
 

@@ -8,11 +8,13 @@ from jaxtyping import Array
 
 from jhd.arrays import varying
 from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import Piece, piece_of
+from jhd.distance.frame.pieces import Piece, is_point, piece_of
 from jhd.shapes.curve import BezierSegments
 
-# A foot at an end of its segment is free when its residual is below this share of |A - B| |B'|.
-_STATIONARY = 1e-7
+# A foot at an end of its segment is free where the slope of the distance is below this share of its size: Newton's
+# method stops within the root of rounding, 1e-8, of a free one. A share of |A - B| |B'| is an angle, which tells a foot
+# on a corner from one beside it; a share of |B'|^2 counts feet as free where A - B is rounding, of close curves.
+_HELD = 1e-7
 
 
 class Branch(NamedTuple):
@@ -69,11 +71,23 @@ def newton_step(point: Array, piece: Piece, s: Array) -> Array:
 
 
 def foot_at(point: Array, b: BezierSegments, segment: Array, s: Array) -> tuple[Array, Array]:
-    """The point at a parameter, and whether the foot is held there: at an end where the distance is not stationary."""
-    foot = jet(*piece_of(b, segment), s)
+    """The point at a parameter, and whether the foot is held there."""
+    piece = piece_of(b, segment)
+    return jet(*piece, s).point, is_held(point, piece, s)
+
+
+def is_held(point: Array, piece: Piece, s: Array) -> Array:
+    """Whether the foot of a point stays at an end or corner where the distance is not stationary, or at a point."""
+    foot = jet(*piece, s)
     c = foot.point - point
-    scale = jnp.sqrt((c @ c) * (foot.first @ foot.first))
-    moving = jnp.abs(c @ foot.first) > _STATIONARY * scale
-    controls = b.control_points[segment]
-    isolated = jnp.all(controls == controls[0])
-    return foot.point, (((s <= 0) | (s >= 1)) & moving) | isolated
+    return stays(s, c @ foot.first, jnp.sqrt((c @ c) * (foot.first @ foot.first))) | is_point(piece)
+
+
+def stays(s: Any, slope: Any, size: Any) -> Any:
+    """Whether a foot is at an end of its segment, with a slope that is more than rounding of a size; in NumPy too."""
+    return ((s <= 0) | (s >= 1)) & (abs(slope) > _HELD * size)
+
+
+def presses(s: Any, slope: Any, size: Any) -> Any:
+    """The same where the distance falls towards the end, as at a minimum."""
+    return stays(s, slope, size) & ((slope > 0) == (s <= 0))

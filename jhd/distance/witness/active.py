@@ -24,13 +24,12 @@ from jaxtyping import Array
 
 from jhd.arrays import varying
 from jhd.distance.frame.jets import Jet, jet
-from jhd.distance.frame.pieces import Piece
+from jhd.distance.frame.pieces import Piece, is_point
+from jhd.distance.nearest.feet import is_held
 from jhd.solution import EVENTS
 
 # A determinant below this share of the product of the lengths of its rows is none.
 _SINGULAR = 1e-10
-# A foot at an end of its segment is free when its residual is below this share of |A - B| |B'|.
-_STATIONARY = 1e-7
 # Newton steps of a polish; the peaks of the search are off by the root of its tolerance.
 _POLISH = 4
 
@@ -58,21 +57,9 @@ def active(a: Piece, first: Piece, second: Piece, y: Array, event: Any, multipli
     at = jet(*a, y[0]).point
     ends = (event == EVENTS.a_end) | (event == EVENTS.corner)
     two = (event == EVENTS.one_to_two) | ends & jnp.all(multipliers > 0)
-    ends = ends | _single(a)
+    ends = ends | is_point(a)
     stay = jnp.stack([ends, is_held(at, first, y[1]), is_held(at, second, y[2]) | ~two])
     return Active(a, first, second, stay, two)
-
-
-def _single(piece: Piece) -> Array:
-    return jnp.all(piece.control_points == piece.control_points[0])
-
-
-def is_held(point: Array, piece: Piece, s: Array) -> Array:
-    """Whether the foot of a point stays at an end or corner where the distance is not stationary, or at a point."""
-    foot = jet(*piece, s)
-    c = foot.point - point
-    moving = jnp.abs(c @ foot.first) > _STATIONARY * jnp.sqrt((c @ c) * (foot.first @ foot.first))
-    return (((s <= 0) | (s >= 1)) & moving) | _single(piece)
 
 
 def _cross(x: Array, y: Array) -> Array:

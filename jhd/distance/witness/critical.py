@@ -29,6 +29,7 @@ from jhd.distance.nearest.feet import follow_foot
 from jhd.distance.witness import active
 from jhd.distance.witness.derivative import moving
 from jhd.distance.witness.ends import Around, around
+from jhd.distance.witness.events import ZERO
 from jhd.distance.witness.multipliers import share
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
@@ -49,8 +50,6 @@ _ROUNDS = 3
 _ONE_FOOT, _MOVED = 1e-3, 64.0
 # A foot is the nearest when none is nearer by this share, or this length in the common coordinates.
 _NEARER, _ROUNDED = 1e-9, 1e-13
-# Distances below this one, in the common coordinates, are zero.
-_ZERO = 1e-14
 # A maximum of two feet this near to an end of its segment is at the end, which the tie determines to rounding.
 _AT_END = 1e-12
 # Pairs at the same place, in the common coordinates, are one.
@@ -275,7 +274,7 @@ def _proposed(pair: _Pair, lanes: int) -> tuple[Array, _Cell, Array]:
     slope, distance = foot.slope, foot.distance
     skip = skip[:, None]
     # Where the curves meet the distance rises on both sides and has no slope.
-    met = distance <= _ZERO
+    met = distance <= ZERO
     rises = (slope[:, :-1] > 0) | met[:, :-1] & ~met[:, 1:]
     inside = rises & ((slope[:, 1:] <= 0) | met[:, 1:] & ~met[:, :-1])
     joined = jnp.where(a.following < 0, 1.0, -slope[jnp.maximum(a.following, 0), 0]) >= 0
@@ -378,7 +377,7 @@ def _described(pair: _Pair, cell: _Cell, t: Array, foot: _Foot, held: Array) -> 
         foot_segments=jnp.stack([first.segment, second.segment]),
         foot_params=jnp.stack([s1, s2]),
         multipliers=multipliers,
-        event=EVENTS.where(value <= _ZERO, EVENTS.coincident, event),
+        event=EVENTS.where(value <= ZERO, EVENTS.coincident, event),
         direction=DIRECTIONS.a_to_b,
     )
     wrong = jnp.abs(value - near.distance) > near.distance * _NEARER + _ROUNDED

@@ -24,6 +24,7 @@ from jhd.distance.frame.attach import attached
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Piece
 from jhd.distance.frame.prepare import Frame, elevation_matrix
+from jhd.distance.nearest.feet import is_held
 from jhd.distance.witness import active
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness
@@ -84,7 +85,7 @@ def _feet(found: Projection, queries: Array, curve: BezierSegments) -> tuple[Arr
     def one(query: Array, segment: Array, t: Array) -> tuple[Array, Array, Array]:
         points, weights = _piece(curve, segment, curve.degree, rational)
         piece, point = Piece(points * scale, weights), query * scale
-        held, s = jax.lax.stop_gradient((active.is_held(point, piece, t), t))
+        held, s = jax.lax.stop_gradient((is_held(point, piece, t), t))
         # Two steps carry the first two derivatives of the parameter.
         for _ in range(2):
             s = active.stationary(s, point, piece, held)

@@ -23,6 +23,8 @@ from jhd.solution import DIRECTIONS, EVENTS, Witness
 
 # The distance of two feet that count as equally near, relative to the size of the pair: refined maxima reach 1e-12.
 _TIE = 1e-9
+# Distances below this, in common coordinates, are zero: points of curves are evaluated to a hundred roundings.
+ZERO = 3e-14
 # Feet closer than this share of the size are one foot; two feet of one maximum merge only at a centre of curvature.
 _SAME_FOOT = 1e-6
 # Starts of Newton's method on each segment when the feet of a witness are gathered; of many segments those with the
@@ -100,7 +102,7 @@ def describe(a: BezierSegments, b: BezierSegments, at: Place, foot: Place, size:
     event = EVENTS.where(two, EVENTS.one_to_two, event)
     event = EVENTS.where(place.corner, EVENTS.corner, event)
     event = EVENTS.where(place.end, EVENTS.a_end, event)
-    event = EVENTS.where(least <= _TIE**1.5 * size, EVENTS.coincident, event)
+    event = EVENTS.where(least <= ZERO * size, EVENTS.coincident, event)
     return Witness(
         segment=segment,
         t=t,

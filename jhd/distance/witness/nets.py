@@ -18,6 +18,7 @@ from jhd.distance.cells.pairs import Best, derivatives, length, newton_step
 from jhd.distance.frame.attach import attached
 from jhd.distance.frame.net_jets import Jet, Net, jet, usable_net
 from jhd.distance.frame.prepare import Frame, elevation_matrix, padded_count, preparation_error, raised_degree
+from jhd.distance.nearest.feet import presses
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
@@ -25,8 +26,6 @@ from jhd.solution import MinimumSolution
 
 # Power of two that stands for no extent at all; single precision ends at 2^-126.
 _VANISHING = 100
-# A parameter at the border of its piece is held there when the slope is above this share of the derivative.
-_HELD = 1e-7
 _POLISH = 16
 _NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
 
@@ -117,8 +116,7 @@ def _held(a: Net, b: Net, x: Array) -> Array:
     """Which parameters are kept at the border of their piece by the slope of the distance."""
     p, q = _jets(a, b, x)
     slope = derivatives(p, q)[1]
-    small = _HELD * jnp.sum(jnp.abs(jnp.concatenate([p.first, q.first])), axis=-1)
-    return ((x <= 0) & (slope > small)) | ((x >= 1) & (slope < -small))
+    return presses(x, slope, jnp.sum(jnp.abs(jnp.concatenate([p.first, q.first])), axis=-1))
 
 
 def with_net_derivatives(solution: MinimumSolution, a: Net, b: Net, frame: Frame, best: Best) -> MinimumSolution:

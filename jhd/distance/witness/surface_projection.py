@@ -21,10 +21,9 @@ from jhd.arithmetic.scaling import common_exponent, scale_of
 from jhd.compiled import compiled
 from jhd.distance.frame.attach import attached
 from jhd.distance.frame.net_jets import Net, jet
+from jhd.distance.nearest.feet import presses
 from jhd.solution import Projection
 
-# A parameter at the border of its piece is held there when the slope is above this share of the derivative.
-_HELD = 1e-7
 # A derivative this much shorter than the piece is large is that along a collapsed edge.
 _COLLAPSED = 1e-10
 # The equations are singular where their determinant is below this share of what it could be.
@@ -73,8 +72,7 @@ def _held(piece: Net, x: Array) -> Array:
     at = jet(piece, x)
     slope = at.first @ at.point
     lengths = jnp.sqrt(jnp.sum(at.first**2, axis=-1))
-    small = _HELD * lengths * jnp.max(jnp.abs(piece.points))
-    held = ((x <= 0) & (slope > small)) | ((x >= 1) & (slope < -small))
+    held = presses(x, slope, lengths * jnp.max(jnp.abs(piece.points)))
     held = held | (lengths <= _COLLAPSED * jnp.max(jnp.abs(piece.points - piece.points[0, 0])))
     hessian = _hessian(at, held)
     size = jnp.prod(jnp.sum(jnp.abs(hessian), axis=-1))
