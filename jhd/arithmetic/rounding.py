@@ -145,6 +145,15 @@ def _bits(x: Array) -> tuple[Array, int]:
     return lax.bitcast_convert_type(x, jnp.dtype(f"int{info.bits}")), 1 << info.nmant
 
 
+def ordered(x: ArrayLike) -> Array:
+    """Integers in the order of numbers that are not negative, subnormal ones too, which comparisons take for zeros.
+
+    Numbers below zero have negative integers; minus zero has that of zero.
+    """
+    bits = _bits(jnp.asarray(x))[0]
+    return jnp.where(bits == jnp.iinfo(bits.dtype).min, 0, bits)
+
+
 def power_of_two(x: ArrayLike) -> Array:
     """Largest power of two not above |x|, one where x is subnormal, zero or not finite.
 

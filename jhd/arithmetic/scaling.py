@@ -64,6 +64,8 @@ def ldexp(x: Any, power: Any) -> Any:
     return jnp.ldexp(mantissa, own + power)
 
 
-def unit_weights(xp: Any, weights: Any, axes: int | tuple[int, ...] = -1) -> Any:
-    """Positive weights scaled to a largest one in [1/2, 1) along the axes, which changes no point."""
+def unit_weights(weights: Any, axes: int | tuple[int, ...] = -1) -> Any:
+    """Positive weights scaled to a largest one in [1/2, 1) along the axes, which changes no point; differentiable."""
+    xp: Any = jnp if is_traced(weights) else np
+    weights = xp.asarray(weights)
     return xp.ldexp(weights, -xp.frexp(xp.max(weights, axis=axes, keepdims=True))[1])

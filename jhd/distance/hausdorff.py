@@ -1,10 +1,12 @@
 """The entries: directed and two-sided Hausdorff distances of two shapes."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 from jaxtyping import Array
 
+from jhd.arithmetic.rounding import ordered
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
 from jhd.distance.frame.directions import larger
@@ -123,8 +125,9 @@ def hausdorff_at_most(
     # It proves both bounds, and ends where they say enough.
     check_serves(method, a, b, (BranchAndBound,))
     pair, limit = pair_of(a, b, method, progress), _checked_limit(threshold)
-    inner = pair.length(limit)
-    there, back = (pair.measured(turned=turned, level=inner, ceiling=inner) for turned in (False, True))
+    # Inward, so that bounds cut off at the level are not above the threshold, nor at the ceiling below it.
+    level, ceiling = pair.length(limit, 0.0), pair.length(limit, math.inf)
+    there, back = (pair.measured(turned=turned, level=level, ceiling=ceiling) for turned in (False, True))
     return _decided(larger(pair.reported(there), pair.reported(back)), limit)
 
 
@@ -137,7 +140,8 @@ def _checked_limit(threshold: Numbers) -> Array:
 
 @compiled
 def _decided(solution: HausdorffSolution, limit: Array) -> Decision:
-    below, above = solution.upper <= limit, solution.lower > limit
+    lower, upper, most = (ordered(x) for x in (solution.lower, solution.upper, limit))
+    below, above = upper <= most, lower > most
     answer = ANSWERS.where(below, ANSWERS.yes, ANSWERS.where(above, ANSWERS.no, ANSWERS.undecided))
     ended = result_where(solution.result == RESULTS.successful, RESULTS.gap_not_closed, solution.result)
     result = result_where(below | above, RESULTS.successful, ended)

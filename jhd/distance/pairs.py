@@ -48,7 +48,7 @@ class AbstractPair(ABC):
     """Two checked shapes and the method for them."""
 
     @abstractmethod
-    def length(self, value: Array) -> Any:
+    def length(self, value: Array, toward: float | None = None) -> Any:
         """A length in the coordinates of the search."""
 
     @abstractmethod
@@ -108,9 +108,9 @@ class CurvePair(AbstractPair):
         self._a, self._b, self._frame = prepare(*jax.lax.stop_gradient(self._given), sharing=sharing)
         self._session = Session(progress, self._frame.length)
 
-    def length(self, value: Array) -> Any:
+    def length(self, value: Array, toward: float | None = None) -> Any:
         """See AbstractPair."""
-        return self._frame.common(value)
+        return self._frame.common(value, toward)
 
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """See AbstractPair."""
@@ -154,9 +154,9 @@ class SurfacePair(AbstractPair):
         self._targets, self._frame = _targets(*self._given)
         self._session = Session(progress, self._frame.length)
 
-    def length(self, value: Array) -> Any:
+    def length(self, value: Array, toward: float | None = None) -> Any:
         """See AbstractPair."""
-        return self._frame.common(value)
+        return self._frame.common(value, toward)
 
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """See AbstractPair."""
@@ -186,7 +186,7 @@ class MeshPair(AbstractPair):
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         self._method, self._meshes, self._session = method, (a, b), Session(progress)
 
-    def length(self, value: Array) -> Any:
+    def length(self, value: Array, toward: float | None = None) -> Any:
         """See AbstractPair."""
         return value
 

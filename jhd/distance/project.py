@@ -26,6 +26,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic import bernstein, polynomial_systems
 from jhd.arithmetic.rounding import gamma
+from jhd.arithmetic.scaling import unit_weights
 from jhd.arrays import check_whole, is_traced, real_array
 from jhd.compiled import compiled
 from jhd.distance.frame.jets import jet
@@ -285,7 +286,7 @@ def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: B
     flat, points = xp.ldexp(flat, -exponent), xp.ldexp(points, -exponent)
     count = curve.count if traced else next((c for c in _COUNTS if c >= curve.count), padded_count(curve.count))
     index = np.minimum(np.arange(count), curve.count - 1)
-    weights = None if curve.weights is None else xp.asarray(curve.weights)[index]
+    weights = None if curve.weights is None else unit_weights(curve.weights)[index]
     scaled = trusted(points[index], weights, xp.asarray(curve.following)[index])
     if traced:
         found = [kernel(option, flat, scaled, curve.count)]

@@ -10,6 +10,7 @@ import operator
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -17,7 +18,7 @@ from jaxtyping import Array, Float
 from jhd.arrays import is_traced, real_array
 from jhd.shapes.checks import Numbers, check_control_points, checked_between
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
-from jhd.shapes.homogeneous import cartesian, elevate, hodograph, homogeneous
+from jhd.shapes.homogeneous import cartesian, elevate, hodograph, homogeneous, in_unit, out_of_unit
 from jhd.shapes.joints import completed
 from jhd.shapes.knots import bezier_pieces, evaluate, insert, ratio, unrolled
 
@@ -188,10 +189,18 @@ class BSplineCurve(AbstractCurve):
         A segment starts with the end of the one before it, and is marked as joined to it, wherever the multiplicity of
         the knot leaves the curve continuous; elsewhere where the points agree.
         """
-        points, weights, jumps = self._pieces()
+        points, weights, jumps = self._scaled_pieces()
         xp = jnp if is_traced(jumps) else np
         index = np.arange(1, points.shape[0] + 1) % points.shape[0]
         return BezierSegments(points, weights, completed(xp.where(xp.asarray(jumps)[index], -1, index), points))
+
+    def _scaled_pieces(self) -> tuple[Any, Any, Array]:
+        """The pieces, worked out in units in which no product of a point and its weight underflows."""
+        points, weights, of_points, of_weights = in_unit(self.control_points, self.weights)
+        leaves = [points, self.knots] if weights is None else [points, self.knots, weights]
+        unit = jax.tree_util.tree_unflatten(jax.tree_util.tree_structure(self), leaves)
+        points, weights, jumps = unit._pieces()
+        return out_of_unit(points, of_points), out_of_unit(weights, of_weights), jumps
 
     @eqx.filter_jit
     def _pieces(self) -> tuple[Array, Array | None, Array]:

@@ -4,6 +4,7 @@ Source: Piegl & Tiller, The NURBS Book (1997), chapters 3 to 5; Farin, Curves an
 chapter 15.
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -12,7 +13,7 @@ from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import affine_image
-from jhd.shapes.homogeneous import cartesian, homogeneous
+from jhd.shapes.homogeneous import cartesian, homogeneous, in_unit, out_of_unit
 from jhd.shapes.knots import bezier_pieces, evaluate
 from jhd.shapes.patch import AbstractPatch, BezierPatches, checked_net, points_at
 
@@ -113,9 +114,12 @@ class BSplineSurface(AbstractPatch):
         Neighbours share their control points on the common edge exactly, wherever the multiplicity of the knot leaves
         the surface continuous.
         """
-        pieces = _pieces(self)
+        # In units in which no product of a point and its weight underflows.
+        *parts, of_points, of_weights = in_unit(self.control_points, self.weights)
+        where = lambda s: (s.control_points, s.weights)  # noqa: E731
+        pieces = _pieces(eqx.tree_at(where, self, tuple(parts), is_leaf=lambda x: x is None))
         points, weights = cartesian(pieces, self.weights is not None)
-        return BezierPatches(points, weights)
+        return BezierPatches(out_of_unit(points, of_points), out_of_unit(weights, of_weights))
 
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BSplineSurface":
         """The image under x -> matrix x + offset; differentiable in both.

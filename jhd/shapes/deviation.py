@@ -11,6 +11,7 @@ import numpy as np
 
 from jhd.arithmetic.bernstein import binomials, product_weights
 from jhd.arithmetic.rounding import gamma, unit_roundoff
+from jhd.arithmetic.scaling import unit_weights
 from jhd.shapes.curve import BezierSegments
 
 # Sweeps up to 106 degrees: the weight of the rational quadratic stays at 0.6 and above, and the proof needs less than
@@ -81,7 +82,7 @@ class HostCurve(NamedTuple):
         points, weights = scaled(points, -second), None
         if curve.weights is not None:
             weights = np.asarray(curve.weights, np.float64).T
-            weights = np.ldexp(weights, -np.frexp(weights.max(axis=0))[1])
+            weights = unit_weights(weights, 0)
             points = points * weights
         noise = gamma((8 if weights is None else 32) * (curve.degree + 1) + 8, np.float64)
         rounding = np.ldexp(8 * noise, first + second) + 5 * unit_roundoff(dtype) * largest

@@ -5,6 +5,7 @@ Homogeneous form: the points times their weights with the weights as one more co
 
 import math
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from jhd.arithmetic import bernstein
+from jhd.arrays import is_traced
 
 
 @jax.jit
@@ -21,6 +23,24 @@ def homogeneous(control_points: Array, weights: Array | None) -> Array:
     if weights is None:
         return control_points
     return jnp.concatenate([control_points * weights[..., None], weights[..., None]], axis=-1)
+
+
+def in_unit(control_points: Array, weights: Array | None) -> tuple[Any, Any, Any, Any]:
+    """Points and weights divided by powers of two, the largest of either then in [1/2, 1), and these powers.
+
+    Then products of both are normal numbers, but for points that are tiny beside the others. Known arrays are divided
+    on the host, which keeps subnormal numbers.
+    """
+    xp: Any = jnp if is_traced(control_points, weights) else np
+    parts = [None if x is None else xp.asarray(x) for x in (control_points, weights)]
+    powers = [0 if x is None else xp.frexp(xp.max(xp.abs(x)))[1] for x in parts]
+    points, divided = (None if x is None else xp.ldexp(x, -k) for x, k in zip(parts, powers, strict=True))
+    return points, divided, powers[0], powers[1]
+
+
+def out_of_unit(array: Array | None, power: Any) -> Any:
+    """An array times a power of two, on the host where it is known."""
+    return None if array is None else (jnp if is_traced(array, power) else np).ldexp(array, power)
 
 
 def cartesian(homogeneous: Array, rational: bool) -> tuple[Array, Array | None]:

@@ -60,7 +60,7 @@ def tessellate(points: np.ndarray, weights: np.ndarray | None, atol: float, most
     points = np.ldexp(points.astype(np.float64), -power)
     # Beyond either end nothing is told by how far: every number of cells is enough, or none.
     wanted = float(np.clip(np.ldexp(np.longdouble(atol), -power), *_SOUGHT))
-    heavy = np.ones(points.shape[:-1]) if weights is None else unit_weights(np, weights.astype(np.float64), (1, 2))
+    heavy = np.ones(points.shape[:-1]) if weights is None else unit_weights(weights.astype(np.float64), (1, 2))
     m, n = _first_counts(points, wanted)
     while True:
         # Written so that numbers beyond the integers are refused too.

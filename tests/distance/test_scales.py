@@ -1,10 +1,15 @@
 """Bounds and signs hold at every scale: shapes times powers of two, from subnormal numbers to near overflow."""
 
+from fractions import Fraction
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.cells.pairs import newton_step
+from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.fields.adaptive import AdaptiveDistanceField
 
 RANDOM = np.random.default_rng(0)
@@ -71,3 +76,74 @@ def test_a_mesh_of_a_patch_is_as_good_at_every_scale(power):
 def test_a_mesh_of_a_patch_that_is_small_beside_its_place_claims_no_better():
     saddle = np.array([[[0, 0, 0], [0, 1, 0]], [[0, 0, 1], [0, 1, 3]]], float) * 1e-200 + [1, 0, 0]
     assert 0.25e-200 <= jhd.BezierPatch(saddle).to_mesh(1e-200).deviation <= 1e-200
+
+
+CONTROL, WEIGHTS = RANDOM.normal(size=(4, 2)), RANDOM.uniform(0.5, 2.0, size=4)
+
+
+def test_a_common_factor_of_the_weights_changes_nothing():
+    one, other = (jhd.BezierCurve(CONTROL, np.ldexp(WEIGHTS, k)) for k in (0, -1015))
+    for ask in (jhd.project, jhd.stationary_points):
+        found, again = ask(QUERIES[:8, :2], one), ask(QUERIES[:8, :2], other)
+        for x, y in zip(jax.tree_util.tree_leaves(found), jax.tree_util.tree_leaves(again), strict=True):
+            np.testing.assert_array_equal(x, y)
+
+
+def test_a_common_factor_of_the_weights_changes_no_distance_to_a_surface():
+    sphere = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [-1, -1, -1], [1, 1, 1])
+    rows = np.array([[2.0, 0, 0], [2, 1, 0], [3, 1, 0]])
+    found = jhd.minimum_distance(jhd.BezierCurve(rows, np.ldexp([1, 0.5, 1], -1015)), sphere)
+    assert found.lower <= 1 <= found.upper <= 1 + 1e-8
+
+
+@pytest.mark.parametrize(("power", "of_weights"), [(-1000, -100), (-1030, 0), (900, 900)])
+def test_a_spline_has_the_same_segments_in_every_unit(power, of_weights):
+    plain = jhd.BSplineCurve.clamped(CONTROL, 2, WEIGHTS).segments()
+    scaled = jhd.BSplineCurve.clamped(np.ldexp(CONTROL, power), 2, np.ldexp(WEIGHTS, of_weights)).segments()
+    back = np.ldexp(np.asarray(scaled.control_points), -power)
+    np.testing.assert_allclose(back, plain.control_points, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(np.ldexp(np.asarray(scaled.weights), -of_weights), plain.weights)
+
+
+def test_a_surface_made_of_splines_has_the_same_patches_in_every_unit():
+    net, weights = RANDOM.normal(size=(3, 3, 3)), RANDOM.uniform(0.5, 2.0, size=(3, 3))
+    plain, scaled = (
+        jhd.BSplineSurface.clamped(np.ldexp(net, k), (2, 1), np.ldexp(weights, k)).patches() for k in (0, -1000)
+    )
+    np.testing.assert_array_equal(np.ldexp(np.asarray(scaled.control_points), 1000), plain.control_points)
+
+
+def test_subnormal_coefficients_count_under_jit():
+    # z = 1e-20 x^4 up to x = 4e6, where the second term is half as large as the first.
+    coefficients = np.zeros((5, 1, 2))
+    coefficients[0, 0, 1], coefficients[4, 0, 0] = 1e-300, -1e-320
+
+    def side(c):
+        surface = jhd.ImplicitSurface(c, [0.0, 0, 0], [4e6] * 3)
+        return prepare_surfaces(surface, surface)[0]
+
+    known, compiled = side(coefficients), jax.jit(side)(coefficients)
+    ratio = Fraction(1e-320) / Fraction(1e-300) * Fraction(2) ** (3 * 22)
+    for found in (known, compiled):
+        first, second = (Fraction(float(found.coefficients[i])) for i in ((0, 0, 1), (4, 0, 0)))
+        errors = [Fraction(float(found.error[i])) for i in ((0, 0, 1), (4, 0, 0))]
+        assert abs(second + ratio * first) <= errors[1] + ratio * errors[0]
+
+
+def test_decisions_about_subnormal_lengths_are_true():
+    least = 5e-324
+    a, b = jhd.points([[0.0, 0.0]]), jhd.points([[3 * least, 0.0]])
+    answers = [jhd.hausdorff_at_most(a, b, k * least) for k in range(6)]
+    for k, found in enumerate(answers):
+        assert found.answer != (jhd.ANSWERS.yes if k < 3 else jhd.ANSWERS.no)
+        assert not (found.answer == jhd.ANSWERS.yes and float(found.lower) > k * least)
+    assert answers[0].answer == jhd.ANSWERS.no and answers[5].answer == jhd.ANSWERS.yes
+    far = jhd.hausdorff_at_most(a, b, 1e308)
+    assert far.answer == jhd.ANSWERS.yes
+
+
+def test_a_step_of_newton_is_finite_in_single_precision():
+    # Zeros of the second derivatives are no pivots.
+    zero = np.zeros(2, np.float32)
+    step = newton_step(jnp.asarray(zero), jnp.zeros((2, 2), np.float32), jnp.zeros(2, bool))
+    np.testing.assert_array_equal(step, zero)

@@ -92,12 +92,12 @@ def newton_step(gradient: Array, hessian: Array, fixed: Array) -> Array:
     matrix = jnp.where(held, jnp.eye(n, dtype=hessian.dtype), hessian)
     lower, pivots = factors(matrix)
     # A pivot that is no more than rounding would send the step anywhere.
-    least = 1e-12 * jnp.max(jnp.abs(jnp.diagonal(matrix)))
+    least = 1e-12 * jnp.max(jnp.abs(jnp.diagonal(matrix))) + smallest_normal(hessian.dtype)
     right = jnp.where(fixed, 0.0, -gradient)
     rows: list[Array] = []
     for k in range(n):
         rows.append(right[k] - sum((lower[k, j] * rows[j] for j in range(k)), jnp.zeros((), right.dtype)))
-    scaled = [y / jnp.maximum(jnp.abs(pivots[k]), least + 1e-300) for k, y in enumerate(rows)]
+    scaled = [y / jnp.maximum(jnp.abs(pivots[k]), least) for k, y in enumerate(rows)]
     out: list[Array] = [jnp.zeros((), right.dtype)] * n
     for k in reversed(range(n)):
         out[k] = scaled[k] - sum((lower[j, k] * out[j] for j in range(k + 1, n)), jnp.zeros((), right.dtype))

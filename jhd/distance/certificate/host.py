@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jhd.arithmetic.scaling import unit_weights
 from jhd.distance.certificate import verification
 from jhd.distance.frame.prepare import Frame
 from jhd.distance.nearest.feet import stays
@@ -33,7 +34,7 @@ def host(curve: BezierSegments, frame: Frame) -> Host:
     points = np.ldexp(np.ldexp(points, -int(frame.first)) - centre, -int(frame.second))
     weights = np.ones(points.shape[:-1]) if weights is None else weights
     # Weights of one size, as in the common coordinates: their products must not overflow.
-    weights = np.ldexp(weights, -np.frexp(weights.max(axis=-1, keepdims=True))[1])[..., None]
+    weights = unit_weights(weights)[..., None]
     rows = np.concatenate([points * weights, weights], axis=-1)
     return Host(rows, curve.weights is not None, verification.segments_of(plain))
 

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
+from jhd.arithmetic.rounding import ordered
 from jhd.compiled import compiled
 from jhd.solution import RESULTS, HausdorffSolution, result_where
 
@@ -21,15 +23,20 @@ def larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSoluti
 
 @compiled
 def _larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-    turned = back.value > there.value
+    turned = ordered(back.value) > ordered(there.value)
     chosen = jax.tree_util.tree_map(lambda x, y: jnp.where(turned, x, y), back, there)
     stats = {f"{name}_{key}": x for name, s in (("a_to_b", there), ("b_to_a", back)) for key, x in s.stats.items()}
     return HausdorffSolution(
         value=chosen.value,
-        lower=jnp.maximum(there.lower, back.lower),
-        upper=jnp.maximum(there.upper, back.upper),
+        lower=_maximum(there.lower, back.lower),
+        upper=_maximum(there.upper, back.upper),
         witness=chosen.witness,
         result=result_where(there.result == RESULTS.successful, back.result, there.result),
         stats=stats,
         directed=False,
     )
+
+
+def _maximum(x: Array, y: Array) -> Array:
+    # Of subnormal lengths, which the compiled maximum takes for zeros, the larger one too.
+    return jnp.where(ordered(x) >= ordered(y), x, y)

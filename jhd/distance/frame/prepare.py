@@ -18,7 +18,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.bernstein import product_weights
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.arithmetic.scaling import scale_of
+from jhd.arithmetic.scaling import ldexp, scale_of, unit_weights
 from jhd.arrays import is_traced
 from jhd.shapes.checks import largest_weight_ratio
 from jhd.shapes.curve import BezierSegments
@@ -92,10 +92,19 @@ class Frame(eqx.Module):
         """Points of the user's in the common coordinates, as a function that is differentiated."""
         return (x - jnp.ldexp(jnp.asarray(self.centre), self.first)) * self.scale(x.dtype)
 
-    def common(self, x: Any) -> Any:
-        """A length of the user's in the common coordinates."""
+    def common(self, x: Any, toward: float | None = None) -> Any:
+        """A length of the user's in the common coordinates; what is no normal number there is rounded towards `toward`.
+
+        Rounded towards zero it is at most four, which is more than any distance there.
+        """
         xp = jnp if is_traced(x, self) else np
-        return xp.ldexp(xp.asarray(x), -(self.first + self.second))
+        with np.errstate(over="ignore"):
+            scaled = ldexp(xp.asarray(x), -(self.first + self.second))
+        if toward is None:
+            return scaled
+        nu = smallest_normal(scaled.dtype)
+        lost, end = (xp.abs(scaled) < nu) & (scaled != 0), 0.0 if toward == 0 else nu
+        return xp.where(lost, xp.asarray(end, scaled.dtype), xp.minimum(scaled, 4.0) if toward == 0 else scaled)
 
     def length(self, x: Any, toward: float | None = None) -> Array:
         """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
@@ -230,7 +239,7 @@ def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int, rational
         weights = xp.ones(points.shape[:-1], points.dtype)
     if weights is not None:
         weights = xp.asarray(weights)
-        weights = xp.ldexp(weights, -xp.frexp(xp.max(weights, axis=-1, keepdims=True))[1])
+        weights = unit_weights(weights)
         points = points * weights[..., None]
     if degree > curve.degree:
         raising = elevation_matrix(curve.degree, degree).astype(points.dtype)

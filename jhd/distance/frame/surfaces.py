@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arithmetic import exact_polynomials
+from jhd.arithmetic import exact_polynomials, scaling
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arrays import is_traced
 from jhd.distance.frame.net_jets import Net, usable_net
@@ -91,14 +91,11 @@ def _box(xp: Any, shape: ImplicitSurface | Net) -> tuple[Any, Any]:
 
 
 def _moved(xp: Any, net: Net, frame: Frame) -> Net:
-    """The net in common coordinates, without rounding, its weights with the largest one in [1/2, 1)."""
+    """The net in common coordinates, without rounding."""
     points, weights = xp.asarray(net.points), net.weights
     if is_traced(frame.usable):
         points = jnp.where(frame.usable, points, 0.0)
         weights = None if weights is None else jnp.where(frame.usable, weights, 1.0)
-    if weights is not None:
-        weights = xp.asarray(weights)
-        weights = xp.ldexp(weights, -xp.frexp(xp.max(weights, axis=(1, 2), keepdims=True))[1])
     return Net(xp.ldexp(xp.ldexp(points, -frame.first) - frame.centre, -frame.second), weights)
 
 
@@ -119,7 +116,8 @@ def _usable(surface: ImplicitSurface | Net) -> Any:
     if isinstance(surface, Net):
         return usable_net(surface)
     numbers = jnp.concatenate([surface.coefficients.ravel(), surface.lower, surface.upper])
-    return jnp.all(jnp.isfinite(numbers)) & jnp.any(surface.coefficients != 0) & jnp.all(surface.lower < surface.upper)
+    some = jnp.any(scaling.frexp(surface.coefficients)[0] != 0)
+    return jnp.all(jnp.isfinite(numbers)) & some & jnp.all(surface.lower < surface.upper)
 
 
 def _exponent(xp: Any, x: Any) -> Any:
@@ -213,14 +211,15 @@ def _rounded(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[Ar
 def _scaled(a: Array, error: Array, exponents: Any) -> tuple[Array, Array]:
     """Both times 2^exponents and a power of two that brings the largest coefficient to [1/2, 1).
 
-    What falls below 2^-960 of it becomes zero, with an error that says so.
+    What falls below 2^-960 of it becomes zero, with an error that says so. Subnormal coefficients count as they are.
     """
-    mantissa, own = jnp.frexp(a)
-    total = jnp.where(a == 0, -(10**8), own + exponents)
+    mantissa, own = scaling.frexp(a)
+    some = mantissa != 0
+    total = jnp.where(some, own + exponents, -(10**8))
     shift = total - jnp.max(total)
     kept = shift >= _LOWEST
-    lost = jnp.where((a != 0) & ~kept, 2.0**_LOWEST if a.dtype == jnp.float64 else smallest_normal(a.dtype), 0.0)
-    scaled = jnp.where(kept & (a != 0), jnp.ldexp(mantissa, jnp.where(kept, shift, 0)), 0.0)
+    lost = jnp.where(some & ~kept, 2.0**_LOWEST if a.dtype == jnp.float64 else smallest_normal(a.dtype), 0.0)
+    scaled = jnp.where(kept & some, jnp.ldexp(mantissa, jnp.where(kept, shift, 0)), 0.0)
     # Errors are rounded up to a power of two of their own.
     unit, power = jnp.frexp(error)
     power = power + exponents - jnp.max(total)

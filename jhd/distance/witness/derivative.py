@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arithmetic.scaling import common_exponent, scale_of
+from jhd.arithmetic.scaling import common_exponent, scale_of, unit_weights
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.frame.attach import attached
@@ -124,7 +124,7 @@ def _attached(answer: _Answer, a: BezierSegments, b: BezierSegments, frame: Fram
 def _piece(curve: BezierSegments, k: Array, degree: int, rational: bool) -> Piece:
     """One segment, written in this degree."""
     points = curve.control_points[k]
-    weights = jnp.ones(points.shape[:-1], points.dtype) if curve.weights is None else curve.weights[k]
+    weights = jnp.ones(points.shape[:-1], points.dtype) if curve.weights is None else unit_weights(curve.weights[k])
     if not rational:
         return Piece(_raised(points, degree), None)
     if degree == curve.degree:

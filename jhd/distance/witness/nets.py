@@ -12,6 +12,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
+from jhd.arithmetic.scaling import unit_weights
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.cells.pairs import Best, derivatives, length, newton_step
@@ -31,18 +32,20 @@ _NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
 
 
 def net_of(shape: AbstractCurve | AbstractPatch | TriangleMesh) -> Net:
-    """Control points (pieces, rows, columns, dim) and weights of a shape; curves have one column.
+    """Control points (pieces, rows, columns, dim) and weights of a shape, the largest of a piece in [1/2, 1).
 
+    Curves have one column.
     A triangle is the bilinear patch of which one side is a single point: the same set of points, exactly.
     """
     if isinstance(shape, TriangleMesh):
         return Net(shape.corners[:, np.array([[0, 1], [0, 2]])], None)
     if isinstance(shape, AbstractCurve):
         segments = shape.segments()
-        weights = None if segments.weights is None else segments.weights[:, :, None]
+        weights = None if segments.weights is None else unit_weights(segments.weights[:, :, None], (1, 2))
         return Net(segments.control_points[:, :, None], weights)
     patches = shape.patches()
-    return Net(patches.control_points, patches.weights)
+    weights = None if patches.weights is None else unit_weights(patches.weights, (1, 2))
+    return Net(patches.control_points, weights)
 
 
 def prepared(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
@@ -78,7 +81,6 @@ def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
     if weights is not None:
         weights = xp.asarray(weights)
         weights = xp.where(good, weights, 1.0) if is_traced(good) else weights
-        weights = xp.ldexp(weights, -xp.frexp(xp.max(weights, axis=(1, 2), keepdims=True))[1])
     degree = points.shape[1] - 1
     target = raised_degree(degree)
     if points.shape[2] == 1 and target > degree:
