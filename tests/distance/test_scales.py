@@ -138,6 +138,9 @@ def test_decisions_about_subnormal_lengths_are_true():
         assert found.answer != (jhd.ANSWERS.yes if k < 3 else jhd.ANSWERS.no)
         assert not (found.answer == jhd.ANSWERS.yes and float(found.lower) > k * least)
     assert answers[0].answer == jhd.ANSWERS.no and answers[5].answer == jhd.ANSWERS.yes
+    # The larger of two directions, of which one is zero.
+    both = jhd.points([[0.0, 0.0], [3 * least, 0.0]])
+    assert all(np.asarray(jhd.hausdorff(*pair).upper) >= 3 * least for pair in ((a, both), (both, a)))
     far = jhd.hausdorff_at_most(a, b, 1e308)
     assert far.answer == jhd.ANSWERS.yes
 
