@@ -117,8 +117,9 @@ def _begin(problem: WithSurface, capacity: int) -> State:
     cells = Cell(jnp.asarray(first), jnp.asarray(second), *(jnp.broadcast_to(x, (count, x.size)) for x in (low, high)))
     zero, infinite = jnp.array(0), jnp.full((), jnp.inf, low.dtype)
     best = Best(infinite, infinite, zero, zero, 0.5 * (low + high))
-    # Every first cut is along the longest side of a box, or the first parameter.
-    axis = jnp.full((count,), jnp.argmax(high - low))
+    # Every first cut is along the longest side of a box: the pieces of a net are small already.
+    sides = [side.upper - side.lower if isinstance(side, Side) else jnp.zeros(parameters(side)) for side in problem[:2]]
+    axis = jnp.full((count,), jnp.argmax(jnp.concatenate(sides)))
     return table_of(jnp.zeros(count, low.dtype), cells, axis, best, capacity)
 
 
