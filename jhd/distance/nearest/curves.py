@@ -40,8 +40,8 @@ from jhd.distance.frame.jets import jet
 
 # Open cells beside the whole segments. A search holds a handful; symmetric and degenerate input up to about twenty.
 _CAPACITY = 32
-# Cuts for one point, beside one for each segment. Random queries take 1 to 6; a point at the centre of a nearly circular
-# stretch some 60.
+# Cuts for one point, beside one for each segment. Random queries take 1 to 6; a point at the centre of a nearly
+# circular stretch some 60.
 _MAX_STEPS = 400
 # Newton steps for a local foot; it is started at the smallest coefficient, so three reach full precision mostly.
 _NEWTON_STEPS = 4

@@ -101,7 +101,8 @@ def _wanted(problem: WithSurface, frame: Frame, method: BranchAndBound) -> _Want
         return _Wanted(jnp.asarray(frame.common(method.atol)), method.rtol)
     lows, highs = zip(*(_box(side) for side in problem[:2]), strict=True)
     box = jnp.maximum(*highs) - jnp.minimum(*lows)
-    return _Wanted(default_tolerance(length(box), box.dtype, problem.floor), method.rtol)
+    # What rounding leaves counts in the search, where it is known how far the nearest points are out.
+    return _Wanted(default_tolerance(length(box), box.dtype, 0.0), method.rtol)
 
 
 def _box(side: Net | Side) -> tuple[Array, Array]:
