@@ -9,7 +9,6 @@ from jaxtyping import Array
 from jhd.arithmetic.rounding import ordered
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
-from jhd.distance.frame.directions import larger
 from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
 from jhd.distance.pairs import Shape, pair_of
 from jhd.distance.search.branch_and_bound import BranchAndBound
@@ -73,8 +72,8 @@ def hausdorff(
     below that its bounds are true and may be wide.
 
     Args:
-        a: a curve, an implicit surface or a mesh.
-        b: a shape of the same kind and dimension.
+        a: a curve, an implicit surface or a mesh; or a parametric surface where b is points.
+        b: a shape of the same kind and dimension, or points (jhd.points), which go with every kind; so does a.
         method: how; by default BranchAndBound(). CubeIntervals() serves surfaces, not under jit.
         throw: whether to raise where the method did not reach what it promises.
         progress: as for `directed_hausdorff`.
@@ -108,8 +107,8 @@ def hausdorff_at_most(
     steps where the threshold is not close to the distance.
 
     Args:
-        a: a curve, an implicit surface or a mesh.
-        b: a shape of the same kind and dimension.
+        a: a curve, an implicit surface or a mesh; or a parametric surface where b is points.
+        b: a shape of the same kind and dimension, or points (jhd.points), which go with every kind; so does a.
         threshold: a length of at least 0, in the unit of the coordinates.
         method: options of the search; its tolerance says when it gives up.
         progress: as for `directed_hausdorff`.
@@ -128,7 +127,7 @@ def hausdorff_at_most(
     # Inward, so that bounds cut off at the level are not above the threshold, nor at the ceiling below it.
     level, ceiling = pair.length(limit, 0.0), pair.length(limit, math.inf)
     there, back = (pair.measured(turned=turned, level=level, ceiling=ceiling) for turned in (False, True))
-    return _decided(larger(pair.reported(there), pair.reported(back)), limit)
+    return _decided(pair.larger(pair.reported(there), pair.reported(back)), limit)
 
 
 def _checked_limit(threshold: Numbers) -> Array:

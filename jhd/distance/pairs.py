@@ -1,4 +1,4 @@
-"""Pairs of shapes of one kind: checked, prepared for a search, measured in either direction, and reported.
+"""Pairs of shapes of one kind, or of points and any kind: checked, prepared, measured in either direction, reported.
 
 Each kind of pair answers the same few questions, so that the entries need not know of kinds. A pair measures in the
 coordinates of its search; bounds handed from one direction to the other stay in them.
@@ -18,7 +18,7 @@ from jaxtyping import Array
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import Aim
-from jhd.distance.frame.directions import larger
+from jhd.distance.frame.directions import alike, larger
 from jhd.distance.frame.method import AbstractCurveMethod, AbstractHausdorffMethod, AbstractHostMethod, check_serves
 from jhd.distance.frame.prepare import Frame, prepare
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
@@ -30,6 +30,7 @@ from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd.distance.search.meshes import mesh_directed
+from jhd.distance.search.points import is_points, points_directed
 from jhd.distance.search.search import Session, Standing, drive
 from jhd.distance.search.solutions import Pair, target
 from jhd.distance.witness.derivative import with_derivatives
@@ -38,9 +39,10 @@ from jhd.distance.witness.surfaces import with_surface_derivatives
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.shapes.mesh import TriangleMesh, check_mesh
+from jhd.shapes.patch import AbstractPatch
 from jhd.solution import DIRECTIONS, HausdorffSolution
 
-Shape = AbstractCurve | ImplicitSurface | TriangleMesh
+Shape = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
 Report = Callable[[Any], object] | None
 
 
@@ -85,10 +87,13 @@ def pair_of(a: Shape, b: Shape, method: AbstractHausdorffMethod | None, progress
         TypeError: shapes of different or unknown kinds, or a method that does not serve them.
         ValueError: curves of different dimensions, or a surface proven empty in its box.
     """
+    method = BranchAndBound() if method is None else method
+    if _with_points(a, b, method):
+        check_serves(method, a, b, _METHODS)
+        return PointPair(a, b, method, progress)
     check, kind = next((check, kind) for known, check, kind in _KINDS if isinstance(a, known) or isinstance(b, known))
     check("a", a)
     check("b", b)
-    method = BranchAndBound() if method is None else method
     check_serves(method, a, b, _METHODS)
     kind = CubePair if isinstance(method, CubeIntervals) else kind
     return kind(a, b, method, progress)
@@ -210,6 +215,41 @@ class MeshPair(AbstractPair):
         return larger(there, back)
 
 
+class PointPair(AbstractPair):
+    """A set of points and a shape, in their own coordinates; a measured distance has its derivatives already."""
+
+    def __init__(self, a: Any, b: Any, method: Any, progress: Report):
+        self._method, self._session = method, Session(progress)
+        self._given = tuple(_working(shape) for shape in (a, b))
+        p, q = self._given
+        if p.dim != q.dim:
+            raise ValueError(f"a has {p.dim} coordinates a point and b has {q.dim}; needs the same.")
+
+    def length(self, value: Array, toward: float | None = None) -> Any:
+        """See AbstractPair."""
+        return value
+
+    def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
+        """See AbstractPair."""
+        a, b = self._given[::-1] if turned else self._given
+        points = a if is_points(a) else b
+        aim = jax.lax.stop_gradient(_aim(level, ceiling, points.control_points.dtype))
+        solution = points_directed(a, b, self._method, aim, self._session, _direction(turned))
+        return _turned(solution) if turned else solution
+
+    def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
+        """See AbstractPair."""
+        return solution
+
+    def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
+        """See AbstractPair."""
+        return solution
+
+    def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+        """See AbstractPair."""
+        return replace(larger(*alike(there, back)), directions=(there, back))
+
+
 class CubePair(AbstractPair):
     """Two implicit surfaces as the cells of CubeIntervals, in their own coordinates."""
 
@@ -247,6 +287,25 @@ _KINDS: tuple[tuple[type, Callable[[str, Any], None], Callable[..., AbstractPair
     (ImplicitSurface, check_surface, SurfacePair),
     (object, check_curve, CurvePair),
 )
+
+
+# Points among themselves are searched by trees from this many pairs on: below, the search on curves starts sooner.
+_PAIRS = 1 << 16
+
+
+def _with_points(a: Any, b: Any, method: Any) -> bool:
+    """Whether a pair is for the searches of sets of points."""
+    if not (is_points(a) or is_points(b)):
+        return False
+    if not (is_points(a) and is_points(b)):
+        return any(isinstance(shape, TriangleMesh | AbstractPatch | ImplicitSurface) for shape in (a, b))
+    known = not is_traced(jax.lax.stop_gradient((a, b)), method, jnp.zeros(()))
+    return known and isinstance(method, BranchAndBound) and a.count * b.count >= _PAIRS
+
+
+def _working(shape: Any) -> Any:
+    """The form of a shape that searches take."""
+    return shape.patches() if isinstance(shape, AbstractPatch) else shape
 
 
 @compiled

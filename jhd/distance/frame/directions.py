@@ -1,6 +1,7 @@
 """The Hausdorff distance of two directed ones: the larger of them, and the larger of their bounds."""
 
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +20,27 @@ def larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSoluti
         back: from b to a, in the same unit.
     """
     return replace(_larger(there, back), directions=(there, back))
+
+
+def alike(there: HausdorffSolution, back: HausdorffSolution) -> tuple[HausdorffSolution, HausdorffSolution]:
+    """Both in one form: what shapes of two kinds count and how they name places is filled up with zeros."""
+    first, second = there.witness, back.witness
+    forms = (
+        jnp.broadcast_shapes(first.t.shape, second.t.shape),
+        jnp.broadcast_shapes(
+            *(w.foot_params.shape if w.foot_params.ndim == 2 else (*w.foot_params.shape, 1) for w in (first, second))
+        ),
+    )
+    names = {**there.stats, **back.stats}
+    return _formed(there, *forms, names), _formed(back, *forms, names)
+
+
+def _formed(solution: HausdorffSolution, t: tuple, params: tuple, names: Any) -> HausdorffSolution:
+    w = solution.witness
+    own = w.foot_params if w.foot_params.ndim == 2 else jnp.broadcast_to(w.foot_params[:, None], params)
+    own = own if params[1] > 1 else own[:, 0]
+    witness = replace(w, t=jnp.broadcast_to(w.t, t), foot_params=own)
+    return replace(solution, witness=witness, stats={n: solution.stats.get(n, jnp.array(0)) for n in names})
 
 
 @compiled

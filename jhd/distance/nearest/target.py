@@ -52,6 +52,14 @@ class AbstractTarget(ABC):
 
     # Points that are best asked for together.
     block: int = BLOCKS[-1]
+    # Rows for feet in a witness.
+    feet_named: int = 4
+    # Whether bounds are always those of rounding.
+    sharp: bool = True
+
+    @abstractmethod
+    def rounding(self, distance: float) -> float:
+        """The gap that bounds of a distance may keep, by rounding."""
 
     @abstractmethod
     def feet(self, points: np.ndarray) -> np.ndarray:
@@ -70,9 +78,15 @@ class AbstractTarget(ABC):
 class PointTarget(AbstractTarget):
     """A set of points; those of the plane lie at height zero."""
 
+    feet_named = 2
+
     def __init__(self, points: BezierSegments):
         self.rows = np.asarray(points.control_points)[:, 0]
         self.tree = point_tree(in_space(self.rows))
+
+    def rounding(self, distance: float) -> float:
+        """See AbstractTarget."""
+        return _left(self.tree, distance)
 
     def feet(self, points: np.ndarray) -> np.ndarray:
         """See AbstractTarget."""
@@ -101,6 +115,10 @@ class MeshTarget(AbstractTarget):
     def __init__(self, mesh: TriangleMesh):
         self.mesh, self.tree = mesh, triangle_tree(mesh)
 
+    def rounding(self, distance: float) -> float:
+        """See AbstractTarget."""
+        return _left(self.tree, distance)
+
     def feet(self, points: np.ndarray) -> np.ndarray:
         """See AbstractTarget."""
         return _hinted(self.tree, points)
@@ -109,6 +127,12 @@ class MeshTarget(AbstractTarget):
         """See AbstractTarget: the bounds are always those of rounding."""
         found = closest_points(self.mesh, points)
         return ProvenFeet(*found, closed=np.ones(len(points), bool))
+
+
+def _left(tree: TriangleTree, distance: float) -> float:
+    """What the bounds of a distance by a tree may be apart, in the user's unit."""
+    with np.errstate(over="ignore"):
+        return 4 * float(np.ldexp(tree.error(np.ldexp(distance, -tree.exponent)), tree.exponent))
 
 
 def _hinted(tree: TriangleTree, points: np.ndarray) -> np.ndarray:

@@ -70,6 +70,7 @@ class PatchTarget(AbstractTarget):
     """A parametric surface, its coordinates divided by 2^exponent, which leaves at most one."""
 
     block = 1024
+    sharp = False
 
     def __init__(self, surface: AbstractPatch):
         patches = surface.patches()
@@ -89,6 +90,11 @@ class PatchTarget(AbstractTarget):
         samples = _samples(self.net, places)
         self._places = places
         self._tree: TriangleTree = point_tree(samples.reshape(-1, 3))
+
+    def rounding(self, distance: float) -> float:
+        """See AbstractTarget."""
+        size = float(np.ldexp(1.0, self.exponent))
+        return 4 * _CLOSE * float(np.finfo(self.net.points.dtype).eps) * (size + distance)
 
     def feet(self, points: np.ndarray) -> np.ndarray:
         """See AbstractTarget."""

@@ -37,10 +37,11 @@ class SurfaceTarget(AbstractTarget):
     """
 
     block = 64
+    sharp = False
 
     def __init__(self, surface: ImplicitSurface):
         side, _, self.frame = prepare_surfaces(surface, surface)
-        self.target, empty = _looked_at(side)
+        self.target, empty = looked_at(side)
         if bool(empty):
             raise ValueError("the surface is empty: the polynomial is proven to have no zero in the box.")
         cloud = self.target.cloud
@@ -53,6 +54,11 @@ class SurfaceTarget(AbstractTarget):
     def exponent(self) -> int:
         """The power of two that the common coordinates are divided by."""
         return int(self.frame.first) + int(self.frame.second)
+
+    def rounding(self, distance: float) -> float:
+        """See AbstractTarget."""
+        u = unit_roundoff(self._point.dtype)
+        return float(np.ldexp(8 * max(_CLOSE, _ULPS * u), self.exponent)) + 8 * max(_CLOSE, _ULPS * u) * distance
 
     def feet(self, points: np.ndarray) -> np.ndarray:
         """See AbstractTarget; infinite where no point of the surface is proven."""
@@ -120,7 +126,7 @@ def _moved(x: np.ndarray) -> np.ndarray:
     return gamma(4, x.dtype) * np.sqrt(3) * np.max(np.abs(x), axis=1).astype(np.float64) + 64 * smallest_normal(x.dtype)
 
 
-_looked_at = compiled(target)
+looked_at = compiled(target)
 
 
 def _best_of(target: Target, point: Array, starts: Array) -> tuple[Array, Array]:

@@ -96,7 +96,7 @@ def _answer(points: np.ndarray, surface: Any) -> tuple[np.ndarray, ...]:
     nothing, end = np.zeros(count, dtype), np.full(count, 3)
     t = np.zeros((count, 2), dtype) if isinstance(surface, BezierPatches) else np.full(count, np.nan, dtype)
     unknown = (nothing + np.inf, nothing, nothing + np.inf, np.full((count, 3), np.nan, dtype), np.full(count, -1), t)
-    if not _usable(surface):
+    if not usable(surface):
         return *unknown, end
     try:
         target = target_of(surface)
@@ -109,7 +109,7 @@ def _answer(points: np.ndarray, surface: Any) -> tuple[np.ndarray, ...]:
     return *wide, np.where(good, end, 3)
 
 
-def _usable(surface: Any) -> bool:
+def usable(surface: Any) -> bool:
     """Whether the numbers of a surface are those of one."""
     leaves = [np.asarray(x) for x in jax.tree_util.tree_leaves(surface)]
     if not all(np.all(np.isfinite(x)) for x in leaves):

@@ -1,0 +1,131 @@
+"""Hausdorff distances from sets of points: the farthest of them from a target.
+
+A set of points needs no cells. All get a proven upper bound at once, from a point of the target near them; then the
+farthest ones are measured, until the largest distance proven reaches the next upper bound.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from jhd.distance.frame.aim import Aim
+from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
+from jhd.distance.search.search import AbstractSearch, Standing
+from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
+
+# Points of the first step; each step takes twice as many, up to what is best for the target.
+_FIRST = 32
+# What is counted: steps, points, and points that were measured.
+COUNTS = "steps", "points", "measured"
+# Steps of the first stretch.
+_FIRST_STEPS = 16
+
+
+class _Farthest(NamedTuple):
+    index: int
+    foot: ProvenFeet  # one row
+    lower: float
+
+
+class _State(NamedTuple):
+    order: np.ndarray  # points from the farthest to the nearest, by their bounds
+    bounds: np.ndarray
+    measured: int
+    settled: float  # largest upper bound of those measured
+    best: _Farthest | None
+    steps: int
+
+
+class PointSearch(AbstractSearch):
+    """The search; its state holds the points in the order of their upper bounds.
+
+    Args:
+        points: (points, dim), known and finite.
+        target: what distances are taken to.
+        allowed: the gap that may stay at a lower bound.
+        aim: what of the distance matters.
+        max_steps: most steps.
+    """
+
+    first_steps = _FIRST_STEPS
+
+    def __init__(
+        self, points: np.ndarray, target: AbstractTarget, allowed: Callable[[float], float], aim: Aim, max_steps: int
+    ):
+        self._points, self._target, self._allowed = points, target, allowed
+        self._level, self._ceiling, self.max_steps = float(aim.level), float(aim.ceiling), max_steps
+
+    def begin(self) -> _State:
+        """See AbstractSearch."""
+        upper = self._target.feet(self._points)
+        order = np.argsort(-upper, kind="stable")
+        return _State(order, upper[order], 0, -np.inf, None, 0)
+
+    def advance(self, state: _State, limit: int, growing: bool) -> tuple[_State, Standing]:
+        """See AbstractSearch."""
+        while self._going(state) and state.steps < limit:
+            state = self._step(state)
+        # Some point is always measured: the witness is the farthest of those that were.
+        state = self._step(state) if state.best is None else state
+        going = self._going(state)
+        return state, Standing(self._solution(state), going, False, state.steps, len(state.order) - state.measured)
+
+    def longer(self, state: _State) -> _State:
+        """See AbstractSearch; it is never full."""
+        return state
+
+    def _next(self, state: _State) -> float:
+        return float(state.bounds[state.measured]) if state.measured < len(state.bounds) else -np.inf
+
+    def _going(self, state: _State) -> bool:
+        if state.best is None:
+            return True
+        lower = state.best.lower
+        after = self._next(state)
+        # Without a proven point of the target no bound can get finite.
+        beyond = after > max(lower + self._allowed(lower), self._level)
+        return bool(np.isfinite(after)) and beyond and lower <= self._ceiling
+
+    def _step(self, state: _State) -> _State:
+        size = min(_FIRST << min(state.steps, 20), self._target.block)
+        rows = state.order[state.measured : state.measured + size]
+        best = state.best
+        enough = self._level if best is None else max(best.lower, self._level)
+        found = self._target.nearest(self._points[rows], enough)
+        top = int(np.argmax(found.lower))
+        if best is None or found.lower[top] > best.lower:
+            foot = ProvenFeet(*(x[top : top + 1] for x in found))
+            best = _Farthest(int(rows[top]), foot, float(found.lower[top]))
+        settled = max(state.settled, float(np.max(found.upper)))
+        return state._replace(measured=state.measured + len(rows), settled=settled, best=best, steps=state.steps + 1)
+
+    def _solution(self, state: _State) -> HausdorffSolution:
+        best = state.best
+        assert best is not None
+        upper = max(state.settled, self._next(state), best.lower)
+        closed = upper - max(best.lower, self._level) <= self._allowed(best.lower) or best.lower > self._ceiling
+        result = RESULTS.successful if closed else RESULTS.gap_not_closed
+        counts = state.steps, len(state.order), state.measured
+        dtype, foot, rows = self._points.dtype, best.foot, self._target.feet_named
+        distance = foot.distance[0] if best.lower > 0 else 0.0
+        witness = Witness(
+            segment=jnp.asarray(best.index),
+            t=jnp.zeros((), dtype),
+            point=jnp.asarray(self._points[best.index]),
+            feet=jnp.asarray(np.repeat(foot.foot, rows, axis=0)),
+            foot_segments=jnp.asarray(np.repeat(foot.segment.astype(int), rows)),
+            foot_params=jnp.asarray(np.repeat(foot.t, rows, axis=0)),
+            multipliers=jnp.asarray(np.eye(rows)[0], dtype),
+            event=EVENTS.a_end if distance > 0 else EVENTS.coincident,
+            direction=DIRECTIONS.a_to_b,
+        )
+        return HausdorffSolution(
+            value=jnp.asarray(np.clip(distance, best.lower, upper), dtype),
+            lower=jnp.asarray(best.lower, dtype),
+            upper=jnp.asarray(upper, dtype),
+            witness=witness,
+            result=RESULTS.unverified if np.isinf(upper) else result,
+            stats={name: jnp.asarray(count) for name, count in zip(COUNTS, counts, strict=True)},
+        )

@@ -1,0 +1,157 @@
+"""Sets of points and every other kind of shape, either way: against whole numbers, closed forms, and differences."""
+
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jhd
+from jhd.solution import name_of
+
+RNG = np.random.default_rng(31)
+# A square of side 3 in the plane z = 0, as a patch and as a mesh, and the unit sphere.
+GRID = np.stack([*np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij"), np.zeros((4, 4))], axis=-1)
+SQUARE = jhd.BezierPatch(GRID)
+FLAT = jhd.TriangleMesh([[0.0, 0, 0], [3, 0, 0], [3, 3, 0], [0, 3, 0]], [[0, 1, 2], [0, 2, 3]])
+SPHERE = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
+BUMPY = jhd.BezierPatches(np.stack([GRID, GRID + [3, 0, 0]]) + 0.3 * RNG.normal(size=(2, 4, 4, 3)))
+CORNERS = np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0], [3, 3, 0]])
+AXES = np.concatenate([np.eye(3), -np.eye(3)])
+UNEVEN = jhd.ImplicitSurface.parse("x**2 + 2*y**2 + 3*z**2 + x*y*z - 1", [-1.5, -0.4, -2], [2, 2, 2])
+
+
+def assert_encloses(solution, square):
+    """The bounds hold in rational numbers, without a tolerance."""
+    lower, upper = (Fraction(float(x)) for x in (solution.lower, solution.upper))
+    assert lower**2 <= square <= upper**2
+    assert lower <= Fraction(float(solution.value)) <= upper
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(("power", "offset"), [(0, 0), (0, 10**8), (-1000, 0), (900, 0)])
+def test_points_among_themselves_are_exact_to_rounding_as_whole_numbers_say(dim, power, offset):
+    x, y = (RNG.integers(-500, 500, size=(n, dim)) for n in (300, 400))
+    x[:7], y[3:9] = x[0], y[0]  # some are there several times
+    squares = np.sum((x[:, None] - y) ** 2, axis=-1)
+    a, b = (jhd.points((z + offset) * 2.0**power) for z in (x, y))
+    there, back, both = jhd.directed_hausdorff(a, b), jhd.directed_hausdorff(b, a), jhd.hausdorff(a, b)
+    exact = [int(squares.min(axis=k).max()) * Fraction(2) ** (2 * power) for k in (1, 0)]
+    assert_encloses(there, exact[0])
+    assert_encloses(back, exact[1])
+    assert_encloses(both, max(exact))
+    assert float(there.upper - there.lower) <= 1e-14 * float(there.value)
+    assert there.witness.feet.shape == (2, dim)
+    assert name_of(there.event) == "a_end"
+    assert int(squares[int(there.witness.segment), int(there.witness.foot_segments[0])]) == squares.min(axis=1).max()
+
+
+@pytest.mark.parametrize("square", [SQUARE, FLAT], ids=["patch", "mesh"])
+def test_points_to_a_square_are_measured_as_its_formula_says(square):
+    points = RNG.normal(size=(200, 3)) * 3
+    found = jhd.directed_hausdorff(jhd.points(points), square)
+    exact = max(
+        sum((x - min(max(x, 0), 3)) ** 2 for x in map(Fraction, p[:2])) + Fraction(p[2]) ** 2 for p in points.tolist()
+    )
+    assert_encloses(found, exact)
+    assert found.witness.feet.shape == (4, 3)
+    assert float(found.upper - found.lower) < 1e-11
+    np.testing.assert_array_equal(found.witness.point, points[int(found.witness.segment)])
+
+
+@pytest.mark.parametrize("square", [SQUARE, FLAT], ids=["patch", "mesh"])
+@pytest.mark.parametrize(("points", "exact"), [(CORNERS, Fraction(9, 2)), (CORNERS[:1], 18), (GRID, Fraction(1, 2))])
+def test_a_square_is_as_far_from_points_as_its_formula_says(square, points, exact):
+    found = jhd.directed_hausdorff(square, jhd.points(points.reshape(-1, 3)))
+    assert_encloses(found, exact)
+    assert float(found.upper - found.lower) < 1e-9
+    assert abs(float(jnp.sum(found.witness.multipliers)) - 1) < 1e-12
+
+
+def test_a_sphere_and_points_on_its_axes_are_as_far_as_their_formula_says():
+    found = jhd.directed_hausdorff(SPHERE, jhd.points(AXES))
+    # The farthest are at (1, 1, 1) / sqrt(3), up to signs: 2 - 2 / sqrt(3).
+    lower, upper = (Fraction(float(x)) ** 2 for x in (found.lower, found.upper))
+    assert (2 - upper) ** 2 * 3 <= 4 <= (2 - lower) ** 2 * 3
+    assert float(upper - lower) < 1e-8
+    np.testing.assert_allclose(np.abs(np.asarray(found.witness.point)), np.full(3, 3**-0.5), atol=1e-8)
+    np.testing.assert_allclose(np.asarray(found.witness.multipliers)[:3], np.full(3, 1 / 3), atol=1e-6)
+    back = jhd.directed_hausdorff(jhd.points(np.concatenate([AXES, 3 * AXES[:1]])), SPHERE)
+    assert float(back.lower) <= 2 <= float(back.upper)
+    assert int(back.witness.segment) == 6
+
+
+def test_both_directions_and_decisions_agree_with_the_directed_distances():
+    points = jhd.points(CORNERS + [0, 0, 1.0])
+    both = jhd.hausdorff(points, SQUARE)
+    # From the middle of the square: 9/2 and the height.
+    assert_encloses(both, Fraction(11, 2))
+    assert name_of(both.direction) == "b_to_a"
+    assert name_of(jhd.hausdorff_at_most(points, SQUARE, 2.4).answer) == "yes"
+    assert name_of(jhd.hausdorff_at_most(SQUARE, points, 2.3).answer) == "no"
+
+
+def test_a_polynomial_without_a_proven_point_leaves_a_bound_missing():
+    double = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2", [-2, -2, -2], [2, 2, 2])
+    found = jhd.directed_hausdorff(jhd.points(CORNERS), double, throw=False)
+    assert name_of(found.result) == "unverified"
+    assert np.isinf(found.upper)
+    found = jhd.directed_hausdorff(double, jhd.points(CORNERS), throw=False)
+    assert name_of(found.result) == "unverified"
+
+
+def test_points_are_refused_where_they_do_not_fit():
+    with pytest.raises(ValueError, match="coordinates a point"):
+        jhd.directed_hausdorff(jhd.points([[0.0, 0]]), SQUARE)
+    with pytest.raises(TypeError, match="BranchAndBound"):
+        jhd.directed_hausdorff(jhd.points(CORNERS), SPHERE, jhd.TwoStep())
+    with pytest.raises(ValueError, match="empty"):
+        jhd.directed_hausdorff(jhd.points(CORNERS), jhd.ImplicitSurface.parse("x**2 + 1", [-1] * 3, [1] * 3))
+
+
+def test_an_interruption_in_one_direction_keeps_the_bounds_of_both():
+    points, calls = jhd.points(RNG.normal(size=(400, 3))), []
+
+    def interrupt(progress):
+        calls.append(progress.direction)
+        raise KeyboardInterrupt
+
+    found = jhd.hausdorff(BUMPY, points, progress=interrupt, throw=False)
+    whole = jhd.hausdorff(BUMPY, points)
+    assert calls
+    assert float(found.lower) <= float(whole.upper)
+    assert float(found.upper) >= float(whole.lower)
+
+
+STEP = 1e-5
+
+
+@pytest.mark.parametrize("shape", [BUMPY, UNEVEN, FLAT], ids=["patches", "polynomial", "mesh"])
+@pytest.mark.parametrize("turned", [False, True], ids=["from", "to"])
+def test_derivatives_in_points_and_shape_are_those_of_differences(shape, turned):
+    leaves, tree = jax.tree_util.tree_flatten(shape)
+    points = RNG.normal(size=(12, 3)) * [1.5, 1, 1] + [1, 1, 0]
+    method = jhd.BranchAndBound(atol=1e-11)
+
+    def distance(points, leaf):
+        pair = jhd.points(points), jax.tree_util.tree_unflatten(tree, [leaf, *leaves[1:]])
+        return jhd.directed_hausdorff(*(pair[::-1] if turned else pair), method, throw=False).value
+
+    arrays = jnp.asarray(points), jnp.asarray(leaves[0])
+    directions = tuple(jnp.asarray(RNG.normal(size=x.shape)) for x in arrays)
+    value, change = jax.jvp(distance, arrays, directions)
+    ahead, behind = (distance(*(x + s * STEP * d for x, d in zip(arrays, directions, strict=True))) for s in (1, -1))
+    np.testing.assert_allclose(change, (ahead - behind) / (2 * STEP), atol=2e-5)
+    compiled, gradient = jax.jit(jax.value_and_grad(distance))(*arrays)
+    np.testing.assert_allclose(compiled, value, rtol=1e-13)
+    np.testing.assert_allclose(gradient, jax.grad(distance)(*arrays), atol=1e-12)
+
+
+def test_batches_of_sets_of_points_are_measured_one_after_the_other():
+    sets = RNG.normal(size=(3, 6, 3))
+    found = jax.vmap(lambda p: jhd.directed_hausdorff(jhd.points(p), SQUARE).value)(sets)
+    np.testing.assert_allclose(found, [float(jhd.directed_hausdorff(jhd.points(p), SQUARE)) for p in sets])
+    bad = jax.jit(lambda p: jhd.directed_hausdorff(SQUARE, jhd.points(p)))(jnp.full((4, 3), jnp.nan))
+    assert name_of(bad.result) == "nonfinite_value"
+    assert np.isinf(bad.upper)
