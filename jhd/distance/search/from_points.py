@@ -5,7 +5,7 @@ farthest ones are measured, until the largest distance proven reaches the next u
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -102,8 +102,7 @@ class PointSearch(AbstractSearch):
         return state._replace(measured=state.measured + len(rows), settled=settled, best=best, steps=state.steps + 1)
 
     def _solution(self, state: _State) -> HausdorffSolution:
-        best = state.best
-        assert best is not None
+        best: Any = state.best  # some point is measured by now
         upper = max(state.settled, self._next(state), best.lower)
         closed = upper - max(best.lower, self._level) <= self._allowed(best.lower) or best.lower > self._ceiling
         result = RESULTS.successful if closed else RESULTS.gap_not_closed
