@@ -214,10 +214,20 @@ def test_degenerate_curves_have_distances(a, b, value):
 
 
 def test_every_kind_of_curve_is_accepted():
-    spline = jhd.BSplineCurve.clamped(np.array([[0, 0], [1, 2], [3, -1], [4, 0.0]]))
-    bezier = jhd.BezierCurve(WAVE.control_points[0])
-    assert float(jhd.directed_hausdorff(spline, spline.segments())) <= 1e-12
-    assert distance(bezier, pairs.curve(WAVE)) <= 1e-12
+    rows = [[0.0, 0.0], [1.0, 2.0], [3.0, -1.0], [4.0, 0.0]]
+    kinds = (
+        jhd.BezierCurve(rows),
+        jhd.BSplineCurve.clamped(rows),
+        pairs.curve(WAVE),
+        jhd.polyline(rows),
+        jhd.points(rows),
+        jhd.circle([1.0, 2.0], 3.0),
+    )
+    for curve in kinds:
+        assert distance(curve, curve.segments()) <= 1e-12, curve
+        # Moved aside, a curve is as far from itself as it was moved, or nearer.
+        found = jhd.directed_hausdorff(curve, curve.transform(np.eye(2), [0.0, 0.25]), throw=False)
+        assert 0 < found.value <= 0.25 + 1e-12, curve
 
 
 def test_curves_in_space_have_the_distance_of_the_plane():

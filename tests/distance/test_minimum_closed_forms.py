@@ -59,7 +59,7 @@ def test_circles(name, scale):
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (2.0**20, -(2.0**18)), (-(2.0**40), 2.0**40)])
 def test_a_translation_that_rounds_nothing_changes_nothing(offset):
     a, b = jhd.circle([0, 0], 1.0).control_points, jhd.circle([4, 3], 2.0).control_points
-    # A grid that the offsets keep; weights are those of circles, points not quite.
+    # Their control points on a grid that the offsets keep, without weights.
     grid = 2.0**-10
     a, b = (np.round(np.asarray(x) / grid) * grid for x in (a, b))
     near = minimum_distance(jhd.BezierSegments(a), jhd.BezierSegments(b))
