@@ -29,8 +29,7 @@ from jhd.distance.nearest.feet import follow_foot
 from jhd.distance.witness import active
 from jhd.distance.witness.derivative import moving
 from jhd.distance.witness.ends import Around, around
-from jhd.distance.witness.events import ZERO
-from jhd.distance.witness.multipliers import share
+from jhd.distance.witness.events import ZERO, describe
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
 
@@ -194,7 +193,7 @@ def _repeats(there: tuple[Array, Witness], back: tuple[Array, Witness]) -> Array
     (w_carrier, w_foot), (v_carrier, v_foot) = held(w), held(v)
     alike = (v_carrier[:, None] == w_foot) & (v_foot[:, None] == w_carrier)
     crosswise = alike & (jnp.maximum(apart(v.point, w.feet[:, 0]), apart(v.feet[:, 0], w.point)) < _SAME)
-    single = (v.event != EVENTS.one_to_two)[:, None] & (w.event != EVENTS.one_to_two)
+    single = jnp.any(v.multipliers == 0, axis=-1)[:, None] & jnp.any(w.multipliers == 0, axis=-1)
     return jnp.any(crosswise & single & (first > -jnp.inf), axis=1)
 
 
@@ -216,7 +215,24 @@ def _maxima(a: BezierSegments, b: BezierSegments, lanes: int) -> tuple[Array, Wi
     value = jnp.where(found.wrong | (keys == -jnp.inf), -jnp.inf, found.value)
     # The last lane holds the largest sample. It counts where it exceeds all maxima: along a flat stretch.
     spare = (jnp.arange(lanes + 1) == lanes) & (jnp.max(value[:-1]) >= top * (1 - _NEARER) - _ROUNDED)
-    return jnp.where(spare, -jnp.inf, value), found.witness
+    value = jnp.where(spare, -jnp.inf, value)
+    return value, _at_ends(pair, found.witness, value > -jnp.inf)
+
+
+def _at_ends(pair: _Pair, witness: Witness, valid: Array) -> Witness:
+    """The witnesses, those at ends and corners with all feet that are equally near and count."""
+    ends = valid & ((witness.event == EVENTS.a_end) | (witness.event == EVENTS.corner))
+    (order,) = jnp.nonzero(ends, size=ends.size, fill_value=0)
+
+    def described(i: Array, witness: Witness) -> Witness:
+        k = order[i]
+        w = jax.tree_util.tree_map(lambda x: x[k], witness)
+        place, foot = Place(w.segment, w.t), Place(w.foot_segments[0], w.foot_params[0])
+        new = describe(pair.a, pair.b, place, foot, jnp.ones((), w.t.dtype))
+        return jax.tree_util.tree_map(lambda x, y: x.at[k].set(y), witness, new)
+
+    # One after the other: they are few.
+    return jax.lax.fori_loop(0, jnp.sum(ends), described, varying(witness, pair))
 
 
 def _prepared(a: BezierSegments, b: BezierSegments) -> _Pair:
@@ -363,9 +379,6 @@ def _described(pair: _Pair, cell: _Cell, t: Array, foot: _Foot, held: Array) -> 
     ending = two & (jnp.abs(y[0] - border) <= _AT_END)
     y = y.at[0].set(jnp.where(ending, border, y[0]))
     event = _event(place, ending, event)
-    slopes = active.units(y, system) @ place.into.T
-    most = share(slopes[0], slopes[1])
-    multipliers = jnp.where(ending, jnp.stack([most, 1 - most]), active.multipliers(y, system, one))
     s1, s2 = y[1], jnp.where(two, y[2], y[1])
     at, value = jet(*piece, y[0]).point, active.distance(y, system)
     near = nearest(at, b.control_points, b.weights, 0.0, repeated(b.control_points, b.weights))
@@ -376,7 +389,7 @@ def _described(pair: _Pair, cell: _Cell, t: Array, foot: _Foot, held: Array) -> 
         feet=jnp.stack([jet(*system.first, s1).point, jet(*system.second, s2).point]),
         foot_segments=jnp.stack([first.segment, second.segment]),
         foot_params=jnp.stack([s1, s2]),
-        multipliers=multipliers,
+        multipliers=active.multipliers(y, system, one),
         event=EVENTS.where(value <= ZERO, EVENTS.coincident, event),
         direction=DIRECTIONS.a_to_b,
     )
