@@ -10,7 +10,7 @@ import numpy as np
 
 import jhd
 import jhd.io
-from jhd.distance.frame.prepare import padded_count
+from jhd.distance.frame.curves import padded_count
 from jhd.solution import name_of
 
 _SEGMENTS = 48

@@ -21,7 +21,7 @@ from common import Run, markdown
 from common_kim10 import KINDS, pair
 
 import jhd
-from jhd.distance.frame.prepare import prepare
+from jhd.distance.frame.curves import prepare
 from jhd.distance.published.arc_bounds import Target
 from jhd.distance.published.events.host_pair import HostPair
 from jhd.distance.published.trimming import both_arcs

@@ -23,7 +23,8 @@ import numpy as np
 from common import Run, markdown
 
 import jhd
-from jhd.distance.frame.prepare import Frame, prepare
+from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.curves import prepare
 from jhd.distance.published.arc_bounds import Arcs, Target
 from jhd.distance.published.events.forms import Curve
 from jhd.distance.published.events.host_pair import HostPair

@@ -19,18 +19,19 @@ from jhd.arrays import is_traced
 _NONE = -(10**6)
 
 
-def common_exponent(*arrays: Any) -> Any:
-    """The k for which 2^-k times the largest entry lies in [1/2, 1); 0 where all entries are zero."""
+def common_exponent(*arrays: Any, nothing: int = 0) -> Any:
+    """The k for which 2^-k times the largest entry lies in [1/2, 1); `nothing` where all entries are zero."""
     if not is_traced(arrays):
-        return np.frexp(max(np.max(np.abs(x)) for x in arrays))[1]
-    # Of known arrays on the host: the compiler takes seconds to work out a maximum of many known numbers.
-    most = jnp.max(
-        jnp.stack([_exponent(x) if is_traced(x) else (common_exponent(x) if np.any(x) else _NONE) for x in arrays])
-    )
-    return jnp.where(most == _NONE, 0, most)
+        size = max(np.max(np.abs(x)) for x in arrays)
+        return np.frexp(size)[1] if size > 0 else np.int32(nothing)
+    most = jnp.max(jnp.stack([_exponent(x) for x in arrays]))
+    return jnp.where(most == _NONE, nothing, most)
 
 
-def _exponent(x: Array) -> Array:
+def _exponent(x: Any) -> Any:
+    if not is_traced(x):
+        # On the host: the compiler takes seconds to work out a maximum of many known numbers.
+        return common_exponent(x, nothing=_NONE)
     mantissa, power = frexp(x)
     return jnp.max(jnp.where(mantissa != 0, power, _NONE))
 

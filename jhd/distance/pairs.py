@@ -18,9 +18,10 @@ from jaxtyping import Array
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import Aim
+from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.curves import prepare
 from jhd.distance.frame.directions import alike, larger
 from jhd.distance.frame.method import AbstractCurveMethod, AbstractHausdorffMethod, AbstractHostMethod, check_serves
-from jhd.distance.frame.prepare import Frame, prepare
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.published.algebraic import AlgebraicEvents
 from jhd.distance.published.cube_intervals import CubeIntervals, larger_interval

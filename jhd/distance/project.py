@@ -29,9 +29,10 @@ from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import unit_weights
 from jhd.arrays import check_whole, is_traced, real_array
 from jhd.compiled import compiled
+from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of, origin
+from jhd.distance.frame.curves import padded_count, replaced, trusted, usable
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import piece_of
-from jhd.distance.frame.prepare import Frame, padded_count, replaced, trusted, usable
 from jhd.distance.nearest.curves import Nearest, best_end, in_chunks, nearest, repeated
 from jhd.distance.nearest.feet import is_held
 from jhd.distance.nearest.stationarity import roots_on
@@ -282,8 +283,8 @@ def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: B
     if traced:
         good = good & jnp.all(jnp.isfinite(flat), axis=-1)
         flat = jnp.where(good[:, None], flat, 0.0)
-    exponent = xp.frexp(xp.maximum(xp.max(xp.abs(flat)), xp.max(xp.abs(points))))[1]
-    flat, points = xp.ldexp(flat, -exponent), xp.ldexp(points, -exponent)
+    frame = frame_of([extremes(flat), extremes(points)], centre=origin)
+    flat, points = common_points(frame, flat), common_points(frame, points)
     count = curve.count if traced else next((c for c in _COUNTS if c >= curve.count), padded_count(curve.count))
     index = np.minimum(np.arange(count), curve.count - 1)
     weights = None if curve.weights is None else unit_weights(curve.weights)[index]
@@ -298,7 +299,6 @@ def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: B
     joined = jax.tree_util.tree_map(lambda *parts: xp.concatenate(parts)[: len(flat)], *found)
     joined = _marked(joined, good) if traced else joined
     joined = jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), joined)
-    frame = Frame(xp.zeros(curve.dim), xp.zeros((), int), exponent)
     return jax.tree_util.tree_map(jnp.asarray, _unscaled(joined, frame))
 
 

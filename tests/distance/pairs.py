@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.frame.prepare import padded_count, raised_degree
+from jhd.distance.frame.curves import padded_count, raised_degree
 from tests import reference
 from tests.cases import CASES
 

@@ -19,7 +19,8 @@ from jhd.distance.certificate import verification
 from jhd.distance.certificate.covering import Measure, UncoveredError, cover
 from jhd.distance.certificate.host import host, jets, local_feet
 from jhd.distance.certificate.verification import FORMAT, KINDS, VERSION, Proven
-from jhd.distance.frame.prepare import Frame, prepare
+from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.curves import prepare
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.solution import HausdorffSolution, NotProvenError, name_of
 

@@ -19,7 +19,7 @@ import numpy as np
 from jhd.compiled import compiled
 from jhd.distance.certificate import verification
 from jhd.distance.certificate.host import SNAP, Host, dot, foot_speed, jets, local_feet
-from jhd.distance.frame.prepare import Frame
+from jhd.distance.frame.coordinates import Frame
 from jhd.distance.nearest.curves import Nearest, nearest, repeated
 from jhd.shapes.curve import BezierSegments
 

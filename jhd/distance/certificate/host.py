@@ -9,7 +9,7 @@ import numpy as np
 
 from jhd.arithmetic.scaling import unit_weights
 from jhd.distance.certificate import verification
-from jhd.distance.frame.prepare import Frame
+from jhd.distance.frame.coordinates import Frame, common_points
 from jhd.distance.nearest.feet import stays
 from jhd.shapes.curve import BezierSegments
 
@@ -30,8 +30,7 @@ def host(curve: BezierSegments, frame: Frame) -> Host:
     points = np.asarray(curve.control_points, np.float64)
     weights = None if curve.weights is None else np.asarray(curve.weights, np.float64)
     plain = {"control_points": points.tolist(), "weights": None if weights is None else weights.tolist()}
-    centre = np.asarray(frame.centre, np.float64)
-    points = np.ldexp(np.ldexp(points, -int(frame.first)) - centre, -int(frame.second))
+    points = np.asarray(common_points(frame, points))
     weights = np.ones(points.shape[:-1]) if weights is None else weights
     # Weights of one size, as in the common coordinates: their products must not overflow.
     weights = unit_weights(weights)[..., None]

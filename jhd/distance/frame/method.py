@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 
 from jhd.distance.frame.aim import Aim
-from jhd.distance.frame.prepare import Frame
+from jhd.distance.frame.coordinates import Frame
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.solution import HausdorffSolution
 

@@ -22,15 +22,12 @@ from jaxtyping import Array
 from jhd.arithmetic import exact_polynomials, scaling
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arrays import is_traced
+from jhd.distance.frame.coordinates import Frame, common_points, exact_middle, extremes, frame_of
 from jhd.distance.frame.net_jets import Net, usable_net
-from jhd.distance.frame.prepare import Frame
 from jhd.shapes.implicit import ImplicitSurface
 
 # Degrees in each variable that programs are compiled for; beyond the last each is its own.
 _DEGREES = (2, 3, 4, 6, 8)
-# An axis is moved where the middle is at least this many half extents away: all coordinates are then within a factor of
-# two of the middle, and their differences to it are exact.
-_FAR = 2.5
 # Powers of two below this one, relative to the largest coefficient, are nothing.
 _LOWEST = -960
 
@@ -64,15 +61,8 @@ def prepare_surfaces(a: Any, b: Any) -> tuple[Any, Any, Frame]:
     good = _usable(a) & _usable(b) if traced else True
     boxes = [_box(xp, shape) for shape in (a, b)]
     ends = [[xp.where(good, end, default) for end, default in zip(box, (-1.0, 1.0), strict=True)] for box in boxes]
-    first = _exponent(xp, xp.stack([end for box in ends for end in box]))
-    ends = [[xp.ldexp(end, -first) for end in box] for box in ends]
-    low, high = xp.minimum(ends[0][0], ends[1][0]), xp.maximum(ends[0][1], ends[1][1])
-    centre = 0.5 * (low + high)
-    centre = xp.where(xp.abs(centre) >= _FAR * 0.5 * (high - low), centre, 0.0)
-    ends = [[end - centre for end in box] for box in ends]
-    second = _exponent(xp, xp.stack([end for box in ends for end in box]))
-    ends = [[xp.ldexp(end, -second) for end in box] for box in ends]
-    frame = Frame(centre, first, second, good)
+    frame = frame_of([(low, high) for low, high in ends], good, exact_middle)
+    ends = [[common_points(frame, end) for end in box] for box in ends]
     written = _rounded if traced else _exact
     known = [None if isinstance(s, Net) else written(s, frame, box) for s, box in zip((a, b), ends, strict=True)]
     size = padded(max(max(p[0].shape) - 1 for p in known if p is not None)) + 1
@@ -86,8 +76,7 @@ def prepare_surfaces(a: Any, b: Any) -> tuple[Any, Any, Frame]:
 def _box(xp: Any, shape: ImplicitSurface | Net) -> tuple[Any, Any]:
     if isinstance(shape, ImplicitSurface):
         return shape.box()
-    points = xp.asarray(shape.points)
-    return xp.min(points, axis=(0, 1, 2)), xp.max(points, axis=(0, 1, 2))
+    return extremes(xp.asarray(shape.points))
 
 
 def _moved(xp: Any, net: Net, frame: Frame) -> Net:
@@ -96,7 +85,7 @@ def _moved(xp: Any, net: Net, frame: Frame) -> Net:
     if is_traced(frame.usable):
         points = jnp.where(frame.usable, points, 0.0)
         weights = None if weights is None else jnp.where(frame.usable, weights, 1.0)
-    return Net(xp.ldexp(xp.ldexp(points, -frame.first) - frame.centre, -frame.second), weights)
+    return Net(common_points(frame, points), weights)
 
 
 def padded(degree: int) -> int:
@@ -118,11 +107,6 @@ def _usable(surface: ImplicitSurface | Net) -> Any:
     numbers = jnp.concatenate([surface.coefficients.ravel(), surface.lower, surface.upper])
     some = jnp.any(scaling.frexp(surface.coefficients)[0] != 0)
     return jnp.all(jnp.isfinite(numbers)) & some & jnp.all(surface.lower < surface.upper)
-
-
-def _exponent(xp: Any, x: Any) -> Any:
-    """The k for which 2^-k times the largest entry lies in [1/2, 1)."""
-    return xp.frexp(xp.max(xp.abs(x)))[1]
 
 
 def _exact(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

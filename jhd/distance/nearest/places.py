@@ -20,7 +20,7 @@ from jhd.arithmetic import exact_polynomials
 from jhd.arithmetic.polynomials import jets
 from jhd.arithmetic.rounding import like_double, round_up, unit_roundoff
 from jhd.arrays import varying
-from jhd.distance.frame.prepare import Frame
+from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.surfaces import Side, exact_polynomial
 from jhd.distance.nearest.forms import signed_values
 from jhd.shapes.implicit import ImplicitSurface

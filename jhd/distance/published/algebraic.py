@@ -15,8 +15,8 @@ from jaxtyping import Array
 
 from jhd.arrays import check_scalar, check_whole, real_array
 from jhd.distance.frame.aim import Aim
+from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.method import AbstractHostMethod
-from jhd.distance.frame.prepare import Frame
 from jhd.distance.published.events.candidates import Search, candidate_events
 from jhd.distance.published.events.host_pair import HostPair, check_served
 from jhd.distance.published.events.survivors import Pieces

@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.compiled import compiled
+from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.curves import evaluation_error
 from jhd.distance.frame.jets import jet, polynomial_jet
 from jhd.distance.frame.pieces import Place, piece_of
-from jhd.distance.frame.prepare import Frame, evaluation_error
 from jhd.distance.nearest.curves import nearest
 from jhd.distance.published.events.candidates import Candidates, Search, Stats, Unresolved
 from jhd.distance.published.events.forms import restricted

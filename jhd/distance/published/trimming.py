@@ -24,8 +24,9 @@ from jaxtyping import Array
 
 from jhd.arrays import check_scalar, check_whole, real_array
 from jhd.distance.frame.aim import Aim
+from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.curves import evaluation_error, trusted
 from jhd.distance.frame.method import AbstractHostMethod
-from jhd.distance.frame.prepare import Frame, evaluation_error, trusted
 from jhd.distance.published.algebraic import final_size
 from jhd.distance.published.arc_bounds import Arcs, Target, arcs_of, chords
 from jhd.distance.published.events.candidates import Search, candidate_events, near_ends

@@ -26,10 +26,11 @@ from jaxtyping import Array
 
 from jhd.arrays import check_whole, varying
 from jhd.distance.frame.aim import Aim
+from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.curves import evaluation_error
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.method import AbstractCurveMethod
 from jhd.distance.frame.pieces import Place, piece_of, preceding
-from jhd.distance.frame.prepare import Frame, evaluation_error
 from jhd.distance.nearest.curves import Nearest, in_chunks, nearest, repeated
 from jhd.distance.published.refinement import COARSE, Bracket, Pair, candidates, lengths
 from jhd.distance.witness.events import describe

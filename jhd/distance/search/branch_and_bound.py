@@ -14,8 +14,8 @@ from jaxtyping import Array
 
 from jhd.arrays import check_scalar, check_whole, is_traced, real_array
 from jhd.distance.frame.aim import Aim, Wanted
+from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.method import AbstractHausdorffMethod
-from jhd.distance.frame.prepare import Frame
 from jhd.distance.nearest.blocks import is_long
 from jhd.distance.nearest.near_curve import near_curve
 from jhd.distance.search.candidates import Target

@@ -17,8 +17,8 @@ from jaxtyping import Array
 from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_traced, varying
 from jhd.distance.cells.pairs import Best, Cell, CellBound, bound, length
+from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.net_jets import Net, eta, point_error
-from jhd.distance.frame.prepare import Frame
 from jhd.solution import RESULTS, MinimumSolution, result_where
 
 # Pairs that are cut in one step.

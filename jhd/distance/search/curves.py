@@ -24,9 +24,9 @@ from jaxtyping import Array
 from jhd.arrays import varying
 from jhd.distance.cells.branches import Cell, CellBound, cell_upper_bound, first_upper_bound, local_foot
 from jhd.distance.frame.aim import Aim, Wanted, default_tolerance
+from jhd.distance.frame.curves import evaluation_error
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Place, piece_of
-from jhd.distance.frame.prepare import evaluation_error
 from jhd.distance.nearest.blocks import Blocks
 from jhd.distance.nearest.curves import Nearest, in_chunks, repeated
 from jhd.distance.nearest.near_curve import NearCurve

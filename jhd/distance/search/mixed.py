@@ -22,8 +22,8 @@ from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
 from jhd.distance.cells.pairs import Best, Cell, length
 from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.attach import attached
+from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.net_jets import Net, jet
-from jhd.distance.frame.prepare import Frame
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.nearest.places import exact_radius
 from jhd.distance.search.branch_and_bound import BranchAndBound

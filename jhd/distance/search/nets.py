@@ -13,8 +13,8 @@ from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import default_tolerance
+from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.net_jets import Net, jet, point_error
-from jhd.distance.frame.prepare import Frame
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest import (
     FIRST_STEPS,

@@ -20,8 +20,8 @@ from jhd.arithmetic.bernstein import binomials
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.compiled import compiled
 from jhd.distance.cells.pairs import Cell, bound, derivatives, length, nearest_in, newton_step
+from jhd.distance.frame.curves import padded_count
 from jhd.distance.frame.net_jets import Net, jet, point_error
-from jhd.distance.frame.prepare import padded_count
 from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
 from jhd.distance.search.rows import BLOCK, each, in_blocks
 from jhd.shapes.patch import AbstractPatch

@@ -15,7 +15,7 @@ import numpy as np
 from jhd.arithmetic.rounding import unit_roundoff
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Aim
-from jhd.distance.frame.prepare import Frame
+from jhd.distance.frame.coordinates import Frame
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import AbstractSource, CellRows, PlacesOfCells
 from jhd.distance.witness.multipliers import balanced

@@ -24,6 +24,7 @@ from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.box_tree import WIDTH, Level, box_tree
 from jhd.triangles.closest_point import BLOCKS, in_blocks
 from jhd.triangles.exact_triangles import NearestPair, exact_pair, is_behind, planes
+from jhd.triangles.prepared import in_unit
 from jhd.triangles.triangle_pairs import PairBounds, lower_bounds, pair_bounds
 
 # Pairs kept of every level in the quick descent that gives the first upper bound.
@@ -56,10 +57,8 @@ class MeshBoxes(NamedTuple):
 
 def mesh_boxes(mesh: TriangleMesh) -> MeshBoxes:
     """The tree of boxes of a mesh whose numbers are known."""
-    corners = stored_corners(mesh)
-    size = np.max(np.abs(corners))
-    exponent = int(np.frexp(size)[1]) if size > 0 else 0
-    corners = np.ldexp(corners, -exponent)
+    unit, exponent = in_unit(mesh)
+    corners = stored_corners(unit)
     tree = box_tree(corners)
     return MeshBoxes(corners[tree.order], tree.boxes, tree.levels, tree.order, exponent)
 

@@ -21,9 +21,10 @@ from jaxtyping import Array
 
 from jhd.arrays import is_traced, varying
 from jhd.compiled import compiled
+from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.curves import prepare
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Place, piece_of, preceding
-from jhd.distance.frame.prepare import Frame, prepare
 from jhd.distance.nearest.curves import in_chunks, nearest, repeated
 from jhd.distance.nearest.feet import follow_foot
 from jhd.distance.witness import active

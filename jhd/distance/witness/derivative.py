@@ -21,9 +21,10 @@ from jhd.arithmetic.scaling import common_exponent, scale_of, unit_weights
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.frame.attach import attached
+from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.curves import elevation_matrix
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Piece
-from jhd.distance.frame.prepare import Frame, elevation_matrix
 from jhd.distance.nearest.feet import is_held
 from jhd.distance.witness import active
 from jhd.shapes.curve import BezierSegments

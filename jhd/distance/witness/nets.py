@@ -1,6 +1,6 @@
 """A pair of parametric shapes in common coordinates, and the nearest pair of points as a function of both.
 
-The exact distance is that of the stored arrays; `jhd.distance.frame.prepare.preparation_error` bounds what moving them
+The exact distance is that of the stored arrays; `jhd.distance.frame.curves.preparation_error` bounds what moving them
 to the origin and raising the degree of curves does.
 """
 
@@ -17,16 +17,15 @@ from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.cells.pairs import Best, derivatives, length, newton_step
 from jhd.distance.frame.attach import attached
+from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of
+from jhd.distance.frame.curves import elevation_matrix, padded_count, preparation_error, raised_degree
 from jhd.distance.frame.net_jets import Jet, Net, jet, usable_net
-from jhd.distance.frame.prepare import Frame, elevation_matrix, padded_count, preparation_error, raised_degree
 from jhd.distance.nearest.feet import presses
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
 from jhd.solution import MinimumSolution
 
-# Power of two that stands for no extent at all; single precision ends at 2^-126.
-_VANISHING = 100
 _POLISH = 16
 _NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
 
@@ -58,21 +57,10 @@ def prepared(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
     good = usable_net(a) & usable_net(b) if traced else True
     points = [xp.asarray(net.points) for net in (a, b)]
     points = [jnp.where(good, x, 0.0) for x in points] if traced else points
-    first = _exponent(xp, points)
-    points = [xp.ldexp(x, -first) for x in points]
-    lows, highs = zip(*((xp.min(x, axis=(0, 1, 2)), xp.max(x, axis=(0, 1, 2))) for x in points), strict=True)
-    centre = 0.5 * (xp.minimum(lows[0], lows[1]) + xp.maximum(highs[0], highs[1]))
-    points = [x - centre for x in points]
-    extent = xp.maximum(xp.max(xp.abs(points[0])), xp.max(xp.abs(points[1])))
-    second = xp.where(extent > 0, _exponent(xp, points), -_VANISHING)
-    nets = [_bucketed(xp, xp.ldexp(x, -second), net.weights, good) for x, net in zip(points, (a, b), strict=True)]
+    frame = frame_of([extremes(x) for x in points], good)
+    nets = [_bucketed(xp, common_points(frame, x), net.weights, good) for x, net in zip(points, (a, b), strict=True)]
     error = sum(preparation_error(max(net.degrees), net.dim, net.points.dtype) for net in nets)
-    return nets[0], nets[1], Frame(centre, first, second, good), float(error)
-
-
-def _exponent(xp: Any, arrays: list[Any]) -> Any:
-    first, second = (xp.max(xp.abs(x)) for x in arrays)
-    return xp.frexp(xp.maximum(first, second))[1]
+    return nets[0], nets[1], frame, float(error)
 
 
 def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.frame.prepare import prepare
+from jhd.distance.frame.curves import prepare
 from jhd.distance.published.events import forms as event_forms
 from jhd.distance.published.events import host_pair
 from jhd.distance.published.events import kernels as event_kernels

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.frame.prepare import prepare
+from jhd.distance.frame.curves import prepare
 from jhd.distance.published import algebraic, arc_bounds, farthest, trimming
 from jhd.distance.published.events import candidates as event_candidates
 from jhd.distance.published.events import host_pair

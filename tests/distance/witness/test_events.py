@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.frame.curves import prepare
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Place, piece_of, preceding
-from jhd.distance.frame.prepare import prepare
 from jhd.distance.nearest.curves import nearest
 from jhd.distance.nearest.feet import follow_foot
 from jhd.distance.witness.events import describe

@@ -24,7 +24,7 @@ import numpy as np
 
 from jhd.arithmetic.bernstein import product_weights
 from jhd.arithmetic.rounding import gamma
-from jhd.distance.frame.prepare import elevation_matrix
+from jhd.distance.frame.curves import elevation_matrix
 
 # Tangents that differ by more than this angle (radians) make a joint of b a corner; below, feet at the joint count as
 # feet of both segments, within four times the angle.

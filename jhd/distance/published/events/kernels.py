@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jhd.arithmetic.rounding import gamma
-from jhd.distance.frame.prepare import elevation_matrix
+from jhd.distance.frame.curves import elevation_matrix
 from jhd.distance.published.events.forms import (
     Curve,
     Form,

@@ -1,28 +1,25 @@
-"""A pair of curves in common coordinates: moved to the origin, scaled by a power of two, padded to a few sizes.
+"""A pair of curves in common coordinates (jhd.distance.frame.coordinates), padded to a few sizes.
 
 The exact distance is the one of the stored arrays, so every step has a bound: scaling by a power of two is exact
 (flushed subnormals aside), and `preparation_error` covers moving and raising the degree.
 """
 
 import math
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array
 
 from jhd.arithmetic.bernstein import product_weights
-from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.arithmetic.scaling import ldexp, scale_of, unit_weights
+from jhd.arithmetic.rounding import gamma
+from jhd.arithmetic.scaling import unit_weights
 from jhd.arrays import is_traced
+from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of
 from jhd.shapes.checks import largest_weight_ratio
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import RESULTS, HausdorffSolution, result_where
 
 # Numbers of segments and degrees that programs are compiled for. Small curves share one size, where the cost of the
 # repetition does not show; from 192 on, where it does, at most a third is repetition.
@@ -30,8 +27,6 @@ _COUNTS = (4, 16, 48, 96, *(size for k in range(6, 24) for size in (3 * 2**k, 4 
 _DEGREES = (3, 6, 10)
 # Up to this number both curves of a pair may share one size.
 _SHARED = 96
-# Power of two that stands for no extent at all; single precision ends at 2^-126.
-_VANISHING = 100
 
 
 def padded_count(count: int) -> int:
@@ -66,82 +61,6 @@ def elevation_matrix(degree: int, target: int) -> np.ndarray:
     for i in range(degree + 1):
         matrix[i : i + target - degree + 1, i] = weights[i]
     return matrix
-
-
-class Frame(eqx.Module):
-    """Where the common coordinates lie in the user's: x_user = (2^second x + centre) 2^first."""
-
-    centre: Any
-    first: Any
-    second: Any
-    usable: Any = True  # whether all numbers were; under tracing this is known only now
-
-    def place(self, x: Any) -> Array:
-        """Points in the user's coordinates."""
-        return jnp.asarray(self._place(x))
-
-    def _place(self, x: Any) -> Any:
-        xp = jnp if is_traced(x, self) else np
-        return xp.ldexp(xp.ldexp(xp.asarray(x), self.second) + self.centre, self.first)
-
-    def scale(self, dtype: DTypeLike) -> Array:
-        """The power of two that brings lengths of the user's to the common unit."""
-        return scale_of(self.first + self.second, dtype)
-
-    def moved(self, x: Array) -> Array:
-        """Points of the user's in the common coordinates, as a function that is differentiated."""
-        return (x - jnp.ldexp(jnp.asarray(self.centre), self.first)) * self.scale(x.dtype)
-
-    def common(self, x: Any, toward: float | None = None) -> Any:
-        """A length of the user's in the common coordinates; what is no normal number there is rounded towards `toward`.
-
-        Rounded towards zero it is at most four, which is more than any distance there.
-        """
-        xp = jnp if is_traced(x, self) else np
-        with np.errstate(over="ignore"):
-            scaled = ldexp(xp.asarray(x), -(self.first + self.second))
-        if toward is None:
-            return scaled
-        nu = smallest_normal(scaled.dtype)
-        lost, end = (xp.abs(scaled) < nu) & (scaled != 0), 0.0 if toward == 0 else nu
-        return xp.where(lost, xp.asarray(end, scaled.dtype), xp.minimum(scaled, 4.0) if toward == 0 else scaled)
-
-    def length(self, x: Any, toward: float | None = None) -> Array:
-        """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
-        return jnp.asarray(self._length(x, toward))
-
-    def _length(self, x: Any, toward: float | None = None) -> Any:
-        xp = jnp if is_traced(x, self) else np
-        given = xp.asarray(x)
-        with np.errstate(over="ignore"):
-            scaled = xp.ldexp(given, self.first + self.second)
-        if toward is None:
-            return scaled
-        if toward == 0:  # a lower bound that overflows is at least the largest float
-            scaled = xp.where(xp.isfinite(given), xp.minimum(scaled, xp.finfo(scaled.dtype).max), scaled)
-        if is_traced(given, self):
-            # Compiled programs flush the subnormals of the input: that moves a distance by a few of the smallest.
-            flushed = 32 * smallest_normal(scaled.dtype)
-            return jnp.maximum(scaled - flushed, 0.0) if toward == 0 else scaled + flushed
-        outward = xp.nextafter(scaled, xp.asarray(toward, scaled.dtype))
-        exact = (xp.abs(scaled) > 2 * smallest_normal(scaled.dtype)) | (given == 0)
-        return xp.where(exact, scaled, outward)
-
-    def solution(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """A solution found in the common coordinates, in the user's."""
-        witness, result = solution.witness, solution.result
-        value, lower = self._length(solution.value), self._length(solution.lower, 0.0)
-        upper, point, feet = self._length(solution.upper, np.inf), self._place(witness.point), self._place(witness.feet)
-        if is_traced(self.usable):
-            value, lower, upper = (
-                jnp.where(self.usable, x, y) for x, y in ((value, jnp.inf), (lower, 0.0), (upper, jnp.inf))
-            )
-            result = result_where(self.usable, result, RESULTS.nonfinite_value)
-        if not is_traced(value):
-            # All five together: one transfer takes as long as five.
-            value, lower, upper, point, feet = jax.device_put((value, lower, upper, point, feet))
-        witness = replace(witness, point=point, feet=feet)
-        return replace(solution, value=value, lower=lower, upper=upper, witness=witness, result=result)
 
 
 def usable(curve: BezierSegments) -> Any:
@@ -179,30 +98,20 @@ def prepare(
 ) -> tuple[BezierSegments, BezierSegments, Frame]:
     """Both curves padded and with coordinates in [-1, 1] about the origin, and the frame that leads back.
 
-    The common centre is subtracted between two scalings by powers of two: the first keeps the centre from overflowing,
-    the second brings the remaining extent to order one. On concrete curves this runs in NumPy, which keeps subnormals.
-    `sharing` pads to the sizes of `shared_count`.
+    On concrete curves this runs in NumPy, which keeps subnormals. `sharing` pads to the sizes of `shared_count`.
     """
     xp = jnp if is_traced(a, b) else np
     good = usable(a) & usable(b)
     a, b = replaced(a, good), replaced(b, good)
     x, y = (xp.asarray(curve.control_points) for curve in (a, b))
-    first = _exponent(xp, x, y)
-    x, y = xp.ldexp(x, -first), xp.ldexp(y, -first)
-    low = xp.minimum(xp.min(x, axis=(0, 1)), xp.min(y, axis=(0, 1)))
-    high = xp.maximum(xp.max(x, axis=(0, 1)), xp.max(y, axis=(0, 1)))
-    centre = 0.5 * (low + high)
-    x, y = x - centre, y - centre
-    # Where all points are one, every difference is an exact zero: nothing is left that an error could be relative to.
-    extent = xp.max(xp.abs(xp.concatenate([x.reshape(-1, x.shape[-1]), y.reshape(-1, y.shape[-1])])))
-    second = xp.where(extent > 0, _exponent(xp, x, y), -_VANISHING)
-    x, y = xp.ldexp(x, -second), xp.ldexp(y, -second)
+    frame = frame_of([extremes(x), extremes(y)], good)
+    x, y = common_points(frame, x), common_points(frame, y)
     degree, rational = raised_degree(max(a.degree, b.degree)), a.weights is not None or b.weights is not None
     counts = shared_count(a.count, b.count, degree) if sharing else (padded_count(a.count), padded_count(b.count))
     return (
         _bucketed(xp, a, x, degree, rational, counts[0]),
         _bucketed(xp, b, y, degree, rational, counts[1]),
-        Frame(centre, first, second, good),
+        frame,
     )
 
 
@@ -249,8 +158,3 @@ def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int, rational
         points, weights = (points / weights[..., None])[index], weights[index]
         return trusted(points, weights, xp.asarray(curve.following)[index])
     return trusted(points[index], None, xp.asarray(curve.following)[index])
-
-
-def _exponent(xp: Any, *arrays: Any) -> Any:
-    """The k for which 2^-k times the largest entry lies in [1/2, 1); 0 where all entries are zero."""
-    return xp.frexp(xp.max(xp.stack([xp.max(xp.abs(x)) for x in arrays])))[1]

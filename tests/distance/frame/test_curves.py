@@ -9,7 +9,7 @@ import pytest
 
 import jhd
 from jhd.arithmetic.rounding import gamma
-from jhd.distance.frame.prepare import (
+from jhd.distance.frame.curves import (
     Frame,
     _structure,
     elevation_matrix,

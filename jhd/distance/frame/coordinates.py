@@ -1,0 +1,158 @@
+"""Common coordinates of two shapes: moved to the origin between two scalings by powers of two, and the way back.
+
+The first power keeps the centre from overflowing, the second brings the extent that is left to order one; both are
+exact, flushed subnormals aside, so only the subtraction of the centre rounds, once for each coordinate. Where that must
+not be, `exact_middle` moves only what moves without rounding, and `origin` nothing. All that a frame depends on are the
+extreme corners of both shapes.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import reduce
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array
+
+from jhd.arithmetic.rounding import smallest_normal
+from jhd.arithmetic.scaling import common_exponent, ldexp, scale_of
+from jhd.arrays import is_traced
+from jhd.solution import RESULTS, HausdorffSolution, result_where
+
+# Power of two that stands for no extent at all; single precision ends at 2^-126.
+_VANISHING = 100
+# An axis is moved exactly where the middle is at least this many half extents away: all coordinates are then within a
+# factor of two of the middle, and their differences to it are exact (Sterbenz).
+_FAR = 2.5
+
+
+class Frame(eqx.Module):
+    """Where the common coordinates lie in the user's: x_user = (2^second x + centre) 2^first."""
+
+    centre: Any
+    first: Any
+    second: Any
+    usable: Any = True  # whether all numbers were; under tracing this is known only now
+
+    def place(self, x: Any) -> Array:
+        """Points in the user's coordinates."""
+        return jnp.asarray(self._place(x))
+
+    def _place(self, x: Any) -> Any:
+        xp = jnp if is_traced(x, self) else np
+        return xp.ldexp(xp.ldexp(xp.asarray(x), self.second) + self.centre, self.first)
+
+    def scale(self, dtype: DTypeLike) -> Array:
+        """The power of two that brings lengths of the user's to the common unit."""
+        return scale_of(self.first + self.second, dtype)
+
+    def moved(self, x: Array) -> Array:
+        """Points of the user's in the common coordinates, as a function that is differentiated."""
+        return (x - jnp.ldexp(jnp.asarray(self.centre), self.first)) * self.scale(x.dtype)
+
+    def common(self, x: Any, toward: float | None = None) -> Any:
+        """A length of the user's in the common coordinates; what is no normal number there is rounded towards `toward`.
+
+        Rounded towards zero it is at most four, which is more than any distance there.
+        """
+        xp = jnp if is_traced(x, self) else np
+        with np.errstate(over="ignore"):
+            scaled = ldexp(xp.asarray(x), -(self.first + self.second))
+        if toward is None:
+            return scaled
+        nu = smallest_normal(scaled.dtype)
+        lost, end = (xp.abs(scaled) < nu) & (scaled != 0), 0.0 if toward == 0 else nu
+        return xp.where(lost, xp.asarray(end, scaled.dtype), xp.minimum(scaled, 4.0) if toward == 0 else scaled)
+
+    def length(self, x: Any, toward: float | None = None) -> Array:
+        """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
+        return jnp.asarray(self._length(x, toward))
+
+    def _length(self, x: Any, toward: float | None = None) -> Any:
+        xp = jnp if is_traced(x, self) else np
+        given = xp.asarray(x)
+        with np.errstate(over="ignore"):
+            scaled = xp.ldexp(given, self.first + self.second)
+        if toward is None:
+            return scaled
+        if toward == 0:  # a lower bound that overflows is at least the largest float
+            scaled = xp.where(xp.isfinite(given), xp.minimum(scaled, xp.finfo(scaled.dtype).max), scaled)
+        if is_traced(given, self):
+            # Compiled programs flush the subnormals of the input: that moves a distance by a few of the smallest.
+            flushed = 32 * smallest_normal(scaled.dtype)
+            return jnp.maximum(scaled - flushed, 0.0) if toward == 0 else scaled + flushed
+        outward = xp.nextafter(scaled, xp.asarray(toward, scaled.dtype))
+        exact = (xp.abs(scaled) > 2 * smallest_normal(scaled.dtype)) | (given == 0)
+        return xp.where(exact, scaled, outward)
+
+    def solution(self, solution: HausdorffSolution) -> HausdorffSolution:
+        """A solution found in the common coordinates, in the user's."""
+        witness, result = solution.witness, solution.result
+        value, lower = self._length(solution.value), self._length(solution.lower, 0.0)
+        upper, point, feet = self._length(solution.upper, np.inf), self._place(witness.point), self._place(witness.feet)
+        if is_traced(self.usable):
+            value, lower, upper = (
+                jnp.where(self.usable, x, y) for x, y in ((value, jnp.inf), (lower, 0.0), (upper, jnp.inf))
+            )
+            result = result_where(self.usable, result, RESULTS.nonfinite_value)
+        if not is_traced(value):
+            # All five together: one transfer takes as long as five.
+            value, lower, upper, point, feet = jax.device_put((value, lower, upper, point, feet))
+        witness = replace(witness, point=point, feet=feet)
+        return replace(solution, value=value, lower=lower, upper=upper, witness=witness, result=result)
+
+
+def extremes(x: Any) -> tuple[Any, Any]:
+    """The least and the largest of each coordinate of points (..., dim)."""
+    xp: Any = jnp if is_traced(x) else np
+    axes = tuple(range(x.ndim - 1))
+    return xp.min(x, axis=axes), xp.max(x, axis=axes)
+
+
+def middle(low: Any, high: Any) -> Any:
+    """The middle of a box."""
+    return 0.5 * (low + high)
+
+
+def exact_middle(low: Any, high: Any) -> Any:
+    """The middle along axes where all differences to it are exact, else zero."""
+    centre = 0.5 * (low + high)
+    far = abs(centre) >= _FAR * 0.5 * (high - low)
+    return (jnp if is_traced(centre) else np).where(far, centre, 0.0)
+
+
+def origin(low: Any, high: Any) -> Any:
+    """Zero: coordinates are scaled alone."""
+    return 0.0 * low
+
+
+def frame_of(
+    corners: Sequence[tuple[Any, Any]], usable: Any = True, centre: Callable[[Any, Any], Any] = middle
+) -> Frame:
+    """The common coordinates of shapes with these lower and upper corners.
+
+    Args:
+        corners: of each shape, finite.
+        usable: whether all numbers of the shapes were.
+        centre: of the box of all, from its corners, which are at most one.
+    """
+    xp, scaled = (jnp, ldexp) if is_traced(corners, usable) else (np, np.ldexp)
+    lows, highs = zip(*corners, strict=True)
+    low, high = reduce(xp.minimum, lows), reduce(xp.maximum, highs)
+    first = common_exponent(low, high)
+    low, high = scaled(low, -first), scaled(high, -first)
+    at = centre(low, high)
+    # Where all points are one, every difference is an exact zero: nothing is left that an error could be relative to.
+    return Frame(at, first, common_exponent(low - at, high - at, nothing=-_VANISHING), usable)
+
+
+def common_points(frame: Frame, x: Any) -> Any:
+    """Points of the user's in the common coordinates; subtracting the centre rounds each coordinate once."""
+    centre, first, second = frame.centre, frame.first, frame.second
+    if is_traced(x, centre, first):
+        return jnp.ldexp(ldexp(jnp.asarray(x), -first) - centre, -second)
+    return np.ldexp(np.ldexp(np.asarray(x), -first) - centre, -second)
