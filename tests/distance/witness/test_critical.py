@@ -85,8 +85,8 @@ def test_every_kind_of_event_is_found():
 def test_a_corner_between_two_arms_counts_the_feet_on_both():
     # Along either leg of the corner one arm of the V goes away, so neither foot can stand alone.
     legs, arms = [[0.6, -0.2], [0.0, 0.0], [-0.6, -0.2]], [[-1.5, 0.5], [0.0, -1.0], [1.5, 0.5]]
-    shapes = (jhd.polyline(rows).control_points for rows in (legs, arms))
-    pairs = jhd.critical_pairs(*(jhd.BezierSegments(rows, np.ones((2, 2))) for rows in shapes), CAPACITY)
+    a, b = (jhd.BezierSegments(jhd.polyline(rows).control_points, np.ones((2, 2))) for rows in (legs, arms))
+    pairs = jhd.critical_pairs(a, b, CAPACITY)
     at = [k for k in np.flatnonzero(pairs.valid) if np.allclose(pairs.witness.point[k], 0.0, atol=1e-12)]
     assert len(at) == 1 and events_of(pairs)[at[0]] == "corner"
     offsets = np.asarray(pairs.witness.point[at[0]] - pairs.witness.feet[at[0]])
