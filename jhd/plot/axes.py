@@ -39,3 +39,9 @@ def finish(ax: Any) -> None:
 def draw(ax: Any, points: Any, gid: str, **style: Any) -> None:
     """Points in rows as one line, found by its gid."""
     ax.plot(*np.moveaxis(np.asarray(points), -1, 0), gid=gid, solid_capstyle="round", **style)
+
+
+def legend_above(ax: Any, columns: int, **style: Any) -> None:
+    """A legend above the axes, in text of one size."""
+    place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
+    ax.legend(ncols=columns, fontsize=TEXT_POINTS, frameon=False, columnspacing=1.2, **place, **style)

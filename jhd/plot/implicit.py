@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jhd.fields.octree import Voxels
-from jhd.plot.axes import BLUE, GREY, ORANGE, PALE_BLUE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
+from jhd.plot.axes import BLUE, GREY, ORANGE, PALE_BLUE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
 from jhd.plot.faces import add_faces, frame, rgb_of, shaded_shapes
 from jhd.plot.nets import quadrilaterals
 from jhd.shapes.implicit import ImplicitSurface, check_surface
@@ -97,7 +97,7 @@ def voxels(cells: Voxels, ax: Any = None, *, colours: Sequence[str] = (BLUE, VER
             draw(ax, np.full((1, 3), np.nan), "key", color=colour, label=label, marker="s", linestyle="none")
     frame(ax, [corners.min((0, 1)), corners.max((0, 1))])
     if legend:
-        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=TEXT_POINTS, frameon=False)
+        legend_above(ax, 2)
     return ax
 
 
@@ -187,8 +187,7 @@ def _name_classes(ax: Any, plane: str) -> None:
         for k, (name, colour) in enumerate(_CLASSES)
     ]
     keys.append(Line2D([], [], color="black", linewidth=1.0, label=plane))
-    above: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
-    ax.legend(handles=keys, ncols=3, fontsize=TEXT_POINTS, frameon=False, handlelength=1.4, columnspacing=1.0, **above)
+    legend_above(ax, 3, handles=keys, handlelength=1.4)
 
 
 def _visible_faces(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

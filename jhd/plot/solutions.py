@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jhd.plot.axes import GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
+from jhd.plot.axes import GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
 from jhd.plot.curves import check_pair, curve
 from jhd.plot.implicit import surfaces
 from jhd.plot.meshes import meshes
@@ -93,8 +93,7 @@ def solution(
         curve(pair[1], ax, colour=ORANGE, linestyle=(0, (4, 1.2)), label=labels[1], control_polygon=control_polygon)
     witness(solution, ax, distance=not legend)
     if legend:
-        above: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
-        ax.legend(ncols=3, fontsize=TEXT_POINTS, frameon=False, handlelength=2.2, columnspacing=1.2, **above)
+        legend_above(ax, 3, handlelength=2.2)
     return ax
 
 
