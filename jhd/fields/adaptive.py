@@ -23,8 +23,8 @@ from jaxtyping import Array, Float, Int
 from jhd.arithmetic.scaling import common_exponent
 from jhd.arrays import is_traced, real_array
 from jhd.fields.adaptive_build import DEEPEST, MODES, FieldProgress, Task, build_octree, first_grid
-from jhd.fields.adaptive_error import Boxes, largest_error, meeting
-from jhd.fields.adaptive_evaluate import Cells, values_at
+from jhd.fields.adaptive_error import LeafBoxes, largest_error, meeting
+from jhd.fields.adaptive_evaluate import LeafCells, values_at
 from jhd.fields.adaptive_extract import Leaves, extracted
 from jhd.fields.adaptive_samples import SIGNS, Surface, is_inner, surface_of
 from jhd.shapes.checks import Numbers
@@ -274,8 +274,8 @@ class AdaptiveDistanceField(eqx.Module):
             raise ValueError("the field is too large beside the mesh; needs the mesh that it was built from.")
         return eqx.tree_at(lengths, self, tuple(jnp.asarray(x) for x in scaled))
 
-    def _cells(self) -> Cells:
-        return Cells(*(getattr(self, name) for name in Cells._fields))
+    def _cells(self) -> LeafCells:
+        return LeafCells(*(getattr(self, name) for name in LeafCells._fields))
 
     def _known(self) -> "AdaptiveDistanceField":
         if is_traced(self):
@@ -287,18 +287,18 @@ class AdaptiveDistanceField(eqx.Module):
         rows = jnp.asarray(points, self.values.dtype)
         return np.asarray(values_at(self._cells(), rows, self.depth), np.float64)
 
-    def _boxes(self, surface: Surface) -> Boxes:
+    def _boxes(self, surface: Surface) -> LeafBoxes:
         """The leaves that errors are about."""
         lower, spacing, values = (np.asarray(x, np.float64) for x in (self.lower, self.spacing, self.values))
         places, widths, corners = (np.asarray(x) for x in (self.places, self.widths, self.corners))
-        boxes = Boxes(lower + spacing * places, spacing * widths, values[corners])
+        boxes = LeafBoxes(lower + spacing * places, spacing * widths, values[corners])
         boxes = boxes if self.mode == "full" else meeting(surface, boxes)
         if not len(boxes.width):
             raise ValueError("no leaf of the field meets the mesh; needs the mesh that it was built from.")
         return boxes
 
 
-_ARRAYS = (*Cells._fields, "atol")
+_ARRAYS = (*LeafCells._fields, "atol")
 _OTHERS = ("depth", "mode", "sign", "unresolved")
 
 

@@ -111,7 +111,7 @@ class Octree(NamedTuple):
     queries: int
 
 
-class _Level(NamedTuple):
+class _OctreeLevel(NamedTuple):
     """Cells of one level, the samples at their corners, and which of them were split."""
 
     cells: np.ndarray
@@ -148,7 +148,7 @@ def build_octree(task: Task) -> Octree:
     """The octree of a mesh whose numbers are known."""
     grid = task.grid
     samples, level = _begin(task, grid)
-    levels: list[_Level] = []
+    levels: list[_OctreeLevel] = []
     unresolved, cells = 0, len(level.cells)
     last = min(task.max_depth, grid.deepest)
     for depth in range(last + 1):
@@ -163,7 +163,7 @@ def build_octree(task: Task) -> Octree:
             task.progress(FieldProgress(depth, len(index), int(split.sum()), len(samples.distance)))
         if not split.any():
             break
-        level = _Level(children(level.cells[split]), index[:, _CHILD].reshape(-1, 8), np.zeros(0, bool))
+        level = _OctreeLevel(children(level.cells[split]), index[:, _CHILD].reshape(-1, 8), np.zeros(0, bool))
         cells += len(level.cells)
     return _assembled(grid, levels, samples, unresolved)
 
@@ -191,7 +191,7 @@ def first_grid(mesh: TriangleMesh, atol: float) -> Grid:
     return Grid(start.astype(np.int64), tuple(int(n) for n in end - start), side, deepest)
 
 
-def _begin(task: Task, grid: Grid) -> tuple[Samples, _Level]:
+def _begin(task: Task, grid: Grid) -> tuple[Samples, _OctreeLevel]:
     """The samples and cells of the first grid."""
     shape = tuple(n + 1 for n in grid.shape)
     corners = np.indices(shape).reshape(3, -1).T
@@ -201,12 +201,12 @@ def _begin(task: Task, grid: Grid) -> tuple[Samples, _Level]:
     cells = np.indices(grid.shape).reshape(3, -1).T
     x, y, z = np.moveaxis(cells[:, None] + CORNERS, -1, 0)
     numbers = ((x * shape[1] + y) * shape[2] + z).astype(np.int32)
-    return samples, _Level(cells, numbers, np.zeros(0, bool))
+    return samples, _OctreeLevel(cells, numbers, np.zeros(0, bool))
 
 
 def _compared(
-    task: Task, grid: Grid, samples: Samples, level: _Level, depth: int
-) -> tuple[Samples, _Level, Int[np.ndarray, "cells 27"]]:
+    task: Task, grid: Grid, samples: Samples, level: _OctreeLevel, depth: int
+) -> tuple[Samples, _OctreeLevel, Int[np.ndarray, "cells 27"]]:
     """The level with the cells that are to be split, and the 27 samples of each of those."""
     side = float(np.ldexp(grid.side, -depth))
     band, which = task.mode == "band", np.arange(len(level.cells))
@@ -295,7 +295,7 @@ def _open(samples: Samples, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cell, point
 
 
-def _assembled(grid: Grid, levels: list[_Level], samples: Samples, unresolved: int) -> Octree:
+def _assembled(grid: Grid, levels: list[_OctreeLevel], samples: Samples, unresolved: int) -> Octree:
     """The leaves of all levels, the samples that they use, and the cells that lead to them."""
     depth, leaves, nodes = len(levels) - 1, 0, 0
     codes, places, corners, widths = [], [], [], []

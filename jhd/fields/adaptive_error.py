@@ -36,7 +36,7 @@ _ROUNDINGS = 1024
 _SHARE = 64
 
 
-class Boxes(NamedTuple):
+class LeafBoxes(NamedTuple):
     """Cubes in which a field is trilinear.
 
     Args:
@@ -49,19 +49,19 @@ class Boxes(NamedTuple):
     width: Float[np.ndarray, " boxes"]
     values: Float[np.ndarray, "boxes 8"]
 
-    def taken(self, which: np.ndarray | slice) -> "Boxes":
+    def taken(self, which: np.ndarray | slice) -> "LeafBoxes":
         """Some of the boxes."""
-        return Boxes(*(x[which] for x in self))
+        return LeafBoxes(*(x[which] for x in self))
 
-    def parts(self) -> "Boxes":
+    def parts(self) -> "LeafBoxes":
         """The eight parts of each."""
         width = 0.5 * self.width
         lower = self.lower[:, None] + width[:, None, None] * CORNERS
         values = np.einsum("pcb,nb->npc", _PARTS, self.values)
-        return Boxes(lower.reshape(-1, 3), np.repeat(width, 8), values.reshape(-1, 8))
+        return LeafBoxes(lower.reshape(-1, 3), np.repeat(width, 8), values.reshape(-1, 8))
 
 
-def meeting(surface: Surface, boxes: Boxes) -> Boxes:
+def meeting(surface: Surface, boxes: LeafBoxes) -> LeafBoxes:
     """The boxes that may meet the surface: their middle is not farther from it than half the diagonal."""
     middle = boxes.lower + 0.5 * boxes.width[:, None]
     asked = middle.astype(surface.dtype)
@@ -70,7 +70,7 @@ def meeting(surface: Surface, boxes: Boxes) -> Boxes:
     return boxes.taken(lower <= np.sqrt(0.75) * boxes.width * (1 + gamma(64, np.float64)) + shift + _slack(boxes))
 
 
-def largest_error(surface: Surface, boxes: Boxes, rtol: float, most: int) -> float:
+def largest_error(surface: Surface, boxes: LeafBoxes, rtol: float, most: int) -> float:
     """An upper bound of |field - signed distance| in all boxes, rounded up.
 
     Args:
@@ -97,16 +97,16 @@ def largest_error(surface: Surface, boxes: Boxes, rtol: float, most: int) -> flo
         seen, spent = max(seen, float(errors.max())), spent + len(new)
         # A bound of the whole holds for its parts.
         bounds = np.concatenate([bounds[rest], np.minimum(new, np.repeat(bounds[worst], 8))])
-        boxes = Boxes(*(np.concatenate(pair) for pair in zip(boxes.taken(rest), parts, strict=True)))
+        boxes = LeafBoxes(*(np.concatenate(pair) for pair in zip(boxes.taken(rest), parts, strict=True)))
 
 
-def _slack(boxes: Boxes) -> float:
+def _slack(boxes: LeafBoxes) -> float:
     """What rounding makes of places, values and bounds."""
     size = np.max(np.abs(boxes.lower)) + 8 * np.max(boxes.width) + np.max(np.abs(boxes.values))
     return float(gamma(_ROUNDINGS, np.float64) * size)
 
 
-def _bounded(surface: Surface, boxes: Boxes) -> tuple[np.ndarray, np.ndarray]:
+def _bounded(surface: Surface, boxes: LeafBoxes) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the error in each box, and errors at the middles."""
     parts = [
         _of_batch(surface, boxes.taken(slice(start, start + _BOXES))) for start in range(0, len(boxes.width), _BOXES)
@@ -114,7 +114,7 @@ def _bounded(surface: Surface, boxes: Boxes) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([x for x, _ in parts]), np.concatenate([x for _, x in parts])
 
 
-def _of_batch(surface: Surface, boxes: Boxes) -> tuple[np.ndarray, np.ndarray]:
+def _of_batch(surface: Surface, boxes: LeafBoxes) -> tuple[np.ndarray, np.ndarray]:
     middle = (boxes.lower + 0.5 * boxes.width[:, None]).astype(surface.dtype)
     found = closest_points(surface.mesh, middle)
     normal = np.asarray(surface.mesh.normals, np.float64)[found.triangle]

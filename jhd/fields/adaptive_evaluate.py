@@ -21,7 +21,7 @@ from jhd.triangles.closest_point import in_blocks
 _PLACES = np.array([4, 2, 1])
 
 
-class Cells(NamedTuple):
+class LeafCells(NamedTuple):
     """The leaves of an octree and the way to them; see AdaptiveDistanceField for the fields."""
 
     lower: Float[Array, "3"]
@@ -43,7 +43,7 @@ def interpolated(values: Array, w: Array) -> Array:
     return values[..., 0]
 
 
-def value_at(cells: Cells, point: Float[Array, "3"], depth: int) -> Float[Array, ""]:
+def value_at(cells: LeafCells, point: Float[Array, "3"], depth: int) -> Float[Array, ""]:
     """The field at one point; outside of the box, the value at the nearest point of it plus the distance to that."""
     count = np.array(cells.roots.shape) << depth
     upper = cells.lower + cells.spacing * count
@@ -60,7 +60,7 @@ def value_at(cells: Cells, point: Float[Array, "3"], depth: int) -> Float[Array,
     return interpolated(cells.values[cells.corners[leaf]], w) + beyond
 
 
-def _leaf(cells: Cells, cell: Array, depth: int) -> Array:
+def _leaf(cells: LeafCells, cell: Array, depth: int) -> Array:
     """The leaf that holds a finest cell."""
     root = cell >> depth
     node = cells.roots[root[0], root[1], root[2]]
@@ -74,14 +74,14 @@ def _leaf(cells: Cells, cell: Array, depth: int) -> Array:
     return -1 - node
 
 
-def values_at(cells: Cells, points: Float[Array, "points 3"], depth: int) -> Float[Array, " points"]:
+def values_at(cells: LeafCells, points: Float[Array, "points 3"], depth: int) -> Float[Array, " points"]:
     """The field at many points; where all numbers are known, in blocks of a few sizes."""
     if is_traced(cells, points):
         return _values(cells, points, depth)
     return jnp.asarray(in_blocks(lambda p: _values(cells, p, depth), np.asarray(points)))
 
 
-def _values_of(cells: Cells, points: Array, depth: int) -> Array:
+def _values_of(cells: LeafCells, points: Array, depth: int) -> Array:
     return jax.vmap(lambda point: value_at(cells, point, depth))(points)
 
 

@@ -73,7 +73,7 @@ class _Lattice(NamedTuple):
         return np.stack([*np.divmod(rest, self.cells[1] + 1), z], axis=-1), kind
 
 
-class _Part(NamedTuple):
+class _ExtractedPart(NamedTuple):
     """Triangles of some blocks.
 
     Args:
@@ -156,7 +156,7 @@ def _batches(blocks: np.ndarray) -> Iterator[np.ndarray]:
         yield blocks[start : start + step]
 
 
-def _marched(lattice: _Lattice, blocks: np.ndarray) -> _Part | None:
+def _marched(lattice: _Lattice, blocks: np.ndarray) -> _ExtractedPart | None:
     """The triangles of up to _TILES^3 blocks; None where there are none."""
     try:
         from skimage.measure import marching_cubes
@@ -179,7 +179,7 @@ def _marched(lattice: _Lattice, blocks: np.ndarray) -> _Part | None:
     inside = np.count_nonzero(off, axis=1) > 1
     node = _SIDE * block + np.where(off, np.floor(local), np.round(local)).astype(np.int64)
     key = lattice.key(node, np.where(inside, 3, np.argmax(off, axis=1)))
-    return _Part(key[found[1]], key[inside], (_SIDE * block + local)[inside])
+    return _ExtractedPart(key[found[1]], key[inside], (_SIDE * block + local)[inside])
 
 
 def _off_zero(values: np.ndarray, step: float) -> np.ndarray:

@@ -148,7 +148,7 @@ def distance_map(
     if not np.all(spacing > 0):
         raise ValueError(f"resolution is {(columns, rows)}; the pixels of the box from {low} to {high} have no size.")
     arcs = _checked_arcs(curve, atol, float(spacing.min()))
-    frame = _Frame.of(arcs, low, high)
+    frame = _PixelFrame.of(arcs, low, high)
     table, step = frame.table(arcs).astype(dtype), np.ldexp(spacing, -frame.first - frame.second).astype(dtype)
     distance, nearest = _mapped(table, step, (columns, rows), int(tile))
     deviation = float(np.max(np.asarray(arcs.deviation)))
@@ -199,7 +199,7 @@ def _rounded_up(x: float, dtype: Any) -> np.ndarray:
     return np.asarray(np.nextafter(above, np.asarray(np.inf, dtype)))
 
 
-class _Frame(NamedTuple):
+class _PixelFrame(NamedTuple):
     """Local coordinates x = 2^-second (2^-first x_user - low), in which pixels and ends of arcs are at most one."""
 
     low: np.ndarray
@@ -207,12 +207,12 @@ class _Frame(NamedTuple):
     second: int
 
     @staticmethod
-    def of(arcs: BiarcCurve, low: np.ndarray, high: np.ndarray) -> "_Frame":
+    def of(arcs: BiarcCurve, low: np.ndarray, high: np.ndarray) -> "_PixelFrame":
         """The frame of a box and arcs: the lower corner is the origin, which every pixel and arc is relative to."""
         ends = np.concatenate([np.asarray(x, np.float64) for x in (arcs.start, arcs.end, [low, high])])
         first = int(np.frexp(np.max(np.abs(ends)))[1])
         ends, low = np.ldexp(ends, -first), np.ldexp(low, -first)
-        return _Frame(low, first, int(np.frexp(np.max(np.abs(ends - low)))[1]))
+        return _PixelFrame(low, first, int(np.frexp(np.max(np.abs(ends - low)))[1]))
 
     def length(self, x: Any) -> Any:
         """Local lengths in the user's unit."""

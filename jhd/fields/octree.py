@@ -138,7 +138,7 @@ def _checked_ranges(ranges: str) -> str:
     return ranges
 
 
-class _Grid(NamedTuple):
+class _VoxelGrid(NamedTuple):
     """A polynomial on a grid of 2^(levels - 1) < cells <= 2^levels cells along each axis.
 
     `box` holds its ends in each coordinate; `exact` is written in integers W = 2 v - cells, where v counts cells from
@@ -162,7 +162,7 @@ class _Grid(NamedTuple):
         return jnp.asarray(h - self.cells / 2.0**self.levels), jnp.asarray(h)
 
 
-def _grid(surface: ImplicitSurface, cells: int) -> _Grid:
+def _grid(surface: ImplicitSurface, cells: int) -> _VoxelGrid:
     check_surface("surface", surface)
     if is_traced(surface):
         raise TypeError("surface must be known: the number of cells depends on it, so it cannot be traced.")
@@ -176,10 +176,10 @@ def _grid(surface: ImplicitSurface, cells: int) -> _Grid:
     raised = exact.copy()
     for index in np.ndindex(*exact.shape):
         raised[index] = exact[index] << (levels * sum(index))
-    return _Grid(box, exact, jnp.asarray(exact_polynomials.floats(raised), float), cells, levels)
+    return _VoxelGrid(box, exact, jnp.asarray(exact_polynomials.floats(raised), float), cells, levels)
 
 
-def _descend(grid: _Grid, ranges: str, progress: Callable[[VoxelProgress], object] | None) -> np.ndarray:
+def _descend(grid: _VoxelGrid, ranges: str, progress: Callable[[VoxelProgress], object] | None) -> np.ndarray:
     """The cells that are left on the last level."""
     kept, tested = np.zeros((1, 3), np.int32), 0
     for level in range(grid.levels + 1):
@@ -264,7 +264,7 @@ _signs = compiled(_signs_of)
 _opposite = compiled(_opposite_of)
 
 
-def _proven(grid: _Grid, cells: np.ndarray) -> np.ndarray:
+def _proven(grid: _VoxelGrid, cells: np.ndarray) -> np.ndarray:
     """Which cells are proven to hold a zero."""
     place = grid.place(grid.levels)
     signs = [_signs(grid.coefficients, part, *place) for part in _chunks(cells, grid.chunk)]
@@ -284,7 +284,9 @@ def _proven(grid: _Grid, cells: np.ndarray) -> np.ndarray:
     return proven
 
 
-def _exact_signs(grid: _Grid, cells: np.ndarray, open_corners: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _exact_signs(
+    grid: _VoxelGrid, cells: np.ndarray, open_corners: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """For each corner the indices of the cells where its sign is open, and the signs there, in exact arithmetic.
 
     Corners beyond the largest amount of work are left out.

@@ -53,7 +53,7 @@ class Expansion(NamedTuple):
     cotangent: FloatArray
 
 
-class _Jet(NamedTuple):
+class _MovingJet(NamedTuple):
     """A point with its derivatives in t and in the parameters."""
 
     point: FloatArray
@@ -111,7 +111,7 @@ def _basis(degree: int, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     return b, first, second
 
 
-def _jet(curve: Moving, segment: int, t: float, count: int) -> _Jet:
+def _jet(curve: Moving, segment: int, t: float, count: int) -> _MovingJet:
     points = curve.points[segment]
     basis = np.stack(_basis(len(points) - 1, float(t)))
     n = basis @ points
@@ -120,7 +120,7 @@ def _jet(curve: Moving, segment: int, t: float, count: int) -> _Jet:
         v = np.tensordot(basis[:2], curve.tangent[segment], axes=1)
     if not curve.rational:
         cotangent = basis[0][:, None, None] * np.eye(points.shape[1])
-        return _Jet(n[0], n[1], n[2], v[0], v[1], np.zeros(count), cotangent)
+        return _MovingJet(n[0], n[1], n[2], v[0], v[1], np.zeros(count), cotangent)
     w, n, weight, v = n[:, -1], n[:, :-1], v[:, -1], v[:, :-1]
     x = n[0] / w[0]
     x1 = (n[1] - x * w[1]) / w[0]
@@ -128,10 +128,10 @@ def _jet(curve: Moving, segment: int, t: float, count: int) -> _Jet:
     vx = (v[0] - np.outer(x, weight[0])) / w[0]
     vx1 = (v[1] - np.outer(x1, weight[0]) - np.outer(x, weight[1]) - vx * w[1]) / w[0]
     cotangent = basis[0][:, None, None] / w[0] * np.vstack([np.eye(len(x)), -x])
-    return _Jet(x, x1, x2, vx, vx1, weight[0] / w[0], cotangent)
+    return _MovingJet(x, x1, x2, vx, vx1, weight[0] / w[0], cotangent)
 
 
-def _direction(x: _Jet, y: _Jet, s: float) -> tuple[FloatArray, bool]:
+def _direction(x: _MovingJet, y: _MovingJet, s: float) -> tuple[FloatArray, bool]:
     """Unit vector from the foot to the point, and whether the foot is held."""
     c = x.point - y.point
     length, speed = np.sqrt(c @ c), np.sqrt(y.first @ y.first)
@@ -143,7 +143,7 @@ def _direction(x: _Jet, y: _Jet, s: float) -> tuple[FloatArray, bool]:
 
 
 def _derivatives(
-    x: _Jet, ys: list[_Jet], units: Any, weights: list[float], held_t: bool, held: Any
+    x: _MovingJet, ys: list[_MovingJet], units: Any, weights: list[float], held_t: bool, held: Any
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient and Hessian of one value."""
     dim, count = x.tangent.shape

@@ -32,7 +32,7 @@ class _Property(NamedTuple):
     length: str
 
 
-class _Element(NamedTuple):
+class _PlyElement(NamedTuple):
     name: str
     count: int
     properties: list[_Property]
@@ -83,7 +83,7 @@ def write_ply(vertices: np.ndarray, triangles: np.ndarray, text: bool) -> bytes:
     return start + vertices.astype(vertices.dtype.newbyteorder("<")).tobytes() + faces.tobytes()
 
 
-def _header(file: object, content: bytes) -> tuple[str, list[_Element], int, int]:
+def _header(file: object, content: bytes) -> tuple[str, list[_PlyElement], int, int]:
     """The byte order (empty for text), the elements, the number of lines, and where the rows begin."""
     end = re.search(rb"(?:^|\n|\r)end_header[ \t]*(\r\n|\n|\r)", content[: 1 << 20])
     if not content.startswith(b"ply") or end is None:
@@ -99,7 +99,7 @@ def _header(file: object, content: bytes) -> tuple[str, list[_Element], int, int
                 raise ParseError(f"needs a format of {', '.join(_ORDERS)}; found {line!r}.", file, number)
             order = _ORDERS[words[1]]
         elif words[0] == "element" and len(words) == 3 and words[2].isdecimal():
-            elements.append(_Element(words[1], int(words[2]), []))
+            elements.append(_PlyElement(words[1], int(words[2]), []))
         elif words[0] == "property" and elements:
             elements[-1].properties.append(_property(file, words, number))
         else:
@@ -120,7 +120,7 @@ def _property(file: object, words: list[str], line: int) -> _Property:
     return _Property(words[-1], codes[-1], codes[0] if listed else "")
 
 
-def _check_properties(file: object, element: _Element) -> None:
+def _check_properties(file: object, element: _PlyElement) -> None:
     """Raises ParseError where a vertex has no coordinates or a face no corners."""
     if element.name == "vertex":
         for axis in "xyz":
@@ -132,7 +132,7 @@ def _check_properties(file: object, element: _Element) -> None:
             raise ParseError("faces have no list of whole numbers 'vertex_indices'.", file)
 
 
-def _corners_of(element: _Element) -> int:
+def _corners_of(element: _PlyElement) -> int:
     return max(element.place(name) for name in _CORNERS)
 
 
@@ -140,12 +140,12 @@ def _corners_of(element: _Element) -> int:
 _Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def _text(file: object, content: bytes, start: int, header_lines: int) -> Callable[[_Element], _Rows]:
+def _text(file: object, content: bytes, start: int, header_lines: int) -> Callable[[_PlyElement], _Rows]:
     """A reader of the elements in their order from lines."""
     lines = enumerate(content[start:].decode("latin-1").splitlines(), header_lines + 1)
     filled = ((number, words) for number, line in lines if (words := line.split()))
 
-    def rows(element: _Element) -> _Rows:
+    def rows(element: _PlyElement) -> _Rows:
         values, sizes, places = [], [], []
         vertex = element.name == "vertex"
         wanted = [element.place(axis) for axis in "xyz"] if vertex else [_corners_of(element)]
@@ -171,7 +171,7 @@ def _text(file: object, content: bytes, start: int, header_lines: int) -> Callab
     return rows
 
 
-def _fields(file: object, words: list[str], element: _Element, line: int) -> list[list[str]]:
+def _fields(file: object, words: list[str], element: _PlyElement, line: int) -> list[list[str]]:
     """The words of each property."""
     fields, at = [], 0
     for p in element.properties:
@@ -186,11 +186,11 @@ def _fields(file: object, words: list[str], element: _Element, line: int) -> lis
     return fields
 
 
-def _binary(file: object, content: bytes, start: int, order: str) -> Callable[[_Element], _Rows]:
+def _binary(file: object, content: bytes, start: int, order: str) -> Callable[[_PlyElement], _Rows]:
     """A reader of the elements in their order from bytes."""
     at = start
 
-    def rows(element: _Element) -> _Rows:
+    def rows(element: _PlyElement) -> _Rows:
         nonlocal at
         table = _even(content, at, order, element)
         if table is not None:
@@ -203,7 +203,7 @@ def _binary(file: object, content: bytes, start: int, order: str) -> Callable[[_
     return rows
 
 
-def _even(content: bytes, at: int, order: str, element: _Element) -> np.ndarray | None:
+def _even(content: bytes, at: int, order: str, element: _PlyElement) -> np.ndarray | None:
     """The rows as a table where all are alike: every list as long as that of the first row; else None."""
     types, sizes, offset = [], [], at
     for k, p in enumerate(element.properties):
@@ -229,7 +229,7 @@ def _even(content: bytes, at: int, order: str, element: _Element) -> np.ndarray 
     return table if all(np.all(table[name] == size) for name, size in sizes) else None
 
 
-def _columns(element: _Element, table: np.ndarray, places: np.ndarray) -> _Rows:
+def _columns(element: _PlyElement, table: np.ndarray, places: np.ndarray) -> _Rows:
     if element.name == "vertex":
         points = np.stack([table[f"value{element.place(axis)}"] for axis in "xyz"], axis=1)
         return points.astype(float), np.full(len(table), 3), places
@@ -239,7 +239,7 @@ def _columns(element: _Element, table: np.ndarray, places: np.ndarray) -> _Rows:
     return np.zeros(0), np.zeros(0, np.int64), places
 
 
-def _uneven(file: object, content: bytes, at: int, order: str, element: _Element) -> tuple[_Rows, int]:
+def _uneven(file: object, content: bytes, at: int, order: str, element: _PlyElement) -> tuple[_Rows, int]:
     """The rows one by one, and where they end."""
     values, sizes, places = [], [], []
     wanted = [element.place(axis) for axis in "xyz"] if element.name == "vertex" else [_corners_of(element)]
@@ -261,7 +261,7 @@ def _uneven(file: object, content: bytes, at: int, order: str, element: _Element
     return (corners, np.array(sizes, np.int64), np.array(places)), at
 
 
-def _read(content: bytes, at: int, order: str, element: _Element) -> Iterator[tuple[np.ndarray | None, int]]:
+def _read(content: bytes, at: int, order: str, element: _PlyElement) -> Iterator[tuple[np.ndarray | None, int]]:
     """The numbers of each property of one row, and where they end; None where the content does."""
     for p in element.properties:
         size = 1

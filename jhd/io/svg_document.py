@@ -25,7 +25,7 @@ class Drawn(NamedTuple):
     ids: frozenset[str]
 
 
-class _Place(NamedTuple):
+class _DrawnPlace(NamedTuple):
     """Where an element is drawn: its coordinates, the ids around it and the `use` elements it came through."""
 
     matrix: np.ndarray
@@ -51,7 +51,7 @@ def drawn_shapes(root: Element) -> Iterator[Drawn]:
         width, height = root.attributes["width"], root.attributes["height"]
         if "%" not in width + height:
             viewport = (root.length("width", None), root.length("height", None))
-    place = _enter(root, _Place(translation(0.0, 0.0), viewport, frozenset(), ()))
+    place = _enter(root, _DrawnPlace(translation(0.0, 0.0), viewport, frozenset(), ()))
     for child in root.children:
         yield from _draw(child, place, named)
 
@@ -63,14 +63,14 @@ def _collect_ids(element: Element, named: dict[str, Element]) -> None:
         _collect_ids(child, named)
 
 
-def _enter(element: Element, place: _Place) -> _Place:
+def _enter(element: Element, place: _DrawnPlace) -> _DrawnPlace:
     """The place inside an element: its transform applied, its id added."""
     name = element.attributes.get("id")
     ids = place.ids if name is None else place.ids | {name}
     return place._replace(matrix=compose(place.matrix, element.transform()), ids=ids)
 
 
-def _draw(element: Element, place: _Place, named: dict[str, Element]) -> Iterator[Drawn]:
+def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> Iterator[Drawn]:
     if element.tag not in _CONTAINERS and element.tag not in SHAPES and element.tag != "use" or _is_off(element):
         return
     place = _enter(element, place)
@@ -93,7 +93,7 @@ def _is_off(element: Element) -> bool:
     return (style.group(1) if style else element.attributes.get("display")) == "none"
 
 
-def _used(element: Element, place: _Place, named: dict[str, Element]) -> tuple[Element, _Place]:
+def _used(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> tuple[Element, _DrawnPlace]:
     """What a `use` draws, and where. A symbol is drawn as a nested `svg` of the size that the `use` gives."""
     href = element.attributes.get("href") or element.attributes.get("http://www.w3.org/1999/xlink href", "")
     name = href[1:]
@@ -114,7 +114,7 @@ def _used(element: Element, place: _Place, named: dict[str, Element]) -> tuple[E
     return copy, place
 
 
-def _enter_viewport(element: Element, place: _Place) -> _Place:
+def _enter_viewport(element: Element, place: _DrawnPlace) -> _DrawnPlace:
     """The coordinates inside a nested `svg`: moved by its x and y, scaled from its viewBox to its size."""
     outside = place.viewport
     shift = translation(element.length("x", outside), element.length("y", outside))

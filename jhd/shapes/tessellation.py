@@ -32,7 +32,7 @@ _GROWTH = 1.25
 _SOUGHT = (1e-100, 1e100)
 
 
-class _Grid(NamedTuple):
+class _SampleGrid(NamedTuple):
     """Numbers of cells of every patch, the power of two of the coordinates, and the precision of the vertices."""
 
     m: int
@@ -66,7 +66,7 @@ def tessellate(points: np.ndarray, weights: np.ndarray | None, atol: float, most
         # Written so that numbers beyond the integers are refused too.
         if not 2.0 * len(points) * m * n <= most:
             raise ValueError(f"atol is {atol:g}; more than max_triangles = {most} triangles would be needed.")
-        found = _on_grid(points, heavy, _Grid(int(m), int(n), power, dtype))
+        found = _on_grid(points, heavy, _SampleGrid(int(m), int(n), power, dtype))
         if found.deviation <= atol:
             return found
         # A direction of degree zero holds nothing to cut.
@@ -91,7 +91,7 @@ def _first_counts(points: np.ndarray, atol: float) -> tuple[float, float]:
     return float(np.ceil(m * lacking)), float(np.ceil(n * lacking))
 
 
-def _on_grid(points: np.ndarray, weights: np.ndarray, grid: _Grid) -> Tessellation:
+def _on_grid(points: np.ndarray, weights: np.ndarray, grid: _SampleGrid) -> Tessellation:
     """The triangles of one grid, in the user's coordinates, from points divided by 2^power."""
     (count, rows, columns), (m, n) = weights.shape, grid[:2]
     p, q = rows - 1, columns - 1

@@ -77,7 +77,7 @@ class CellBound(NamedTuple):
     s: Array
 
 
-class _Branch(NamedTuple):
+class _FollowedBranch(NamedTuple):
     """Difference e = w (A - B(sigma)) over the cell, its weight w (None where it is one), and the ends of sigma."""
 
     e: Array
@@ -94,7 +94,7 @@ def cell_upper_bound(a: BezierSegments, b: BezierSegments, cell: Cell) -> CellBo
     ends = jnp.stack([cell.t0, cell.t1])
     jets = jax.vmap(lambda t: jet(*piece, t))(ends)
 
-    def branch(k: Array, s: Array, from_right: Array) -> _Branch:
+    def branch(k: Array, s: Array, from_right: Array) -> _FollowedBranch:
         near = jax.tree_util.tree_map(lambda x: jnp.where(from_right, x[1], x[0]), jets)
         far = jax.tree_util.tree_map(lambda x: jnp.where(from_right, x[0], x[1]), jets)
         foot = piece_of(b, k)
@@ -105,7 +105,7 @@ def cell_upper_bound(a: BezierSegments, b: BezierSegments, cell: Cell) -> CellBo
         s0, s1 = jnp.where(from_right, other, s), jnp.where(from_right, s, other)
         v0, v1 = jnp.where(from_right, far_speed, speed), jnp.where(from_right, speed, far_speed)
         e, w = _difference(part, foot, *_sigma(s0, s1, v0 * width, v1 * width, part.weights is not None))
-        return _Branch(e, w, s0, s1)
+        return _FollowedBranch(e, w, s0, s1)
 
     right = jnp.array([False, True])
     both = jax.vmap(branch)(jnp.stack([cell.k0, cell.k1]), jnp.stack([cell.s0, cell.s1]), right)
@@ -244,7 +244,7 @@ def _difference(part: Piece, foot: Piece, sigma: Array, complement: Array) -> tu
     return e.T, bernstein.multiply(part.weights, weight)
 
 
-def _peak(both: _Branch) -> tuple[Array, Array, Array]:
+def _peak(both: _FollowedBranch) -> tuple[Array, Array, Array]:
     """Where the smaller of the two distances is largest, its value there, and which branch is the nearer.
 
     The best of a few samples, then steps to the best among the peaks of either branch and their crossing, each
@@ -279,7 +279,7 @@ def _peak(both: _Branch) -> tuple[Array, Array, Array]:
     return u, jnp.sqrt(top), jnp.argmin(heights(u)[0])
 
 
-def _split_bound(both: _Branch, u: Array, p: int, q: int) -> Array:
+def _split_bound(both: _FollowedBranch, u: Array, p: int, q: int) -> Array:
     """Over the two halves of the cell the larger, of the two branches the smaller proven bound."""
     n, dim, dtype = both.e.shape[1] - 1, both.e.shape[2], both.e.dtype
     g = 3 if both.w is None else 1

@@ -100,7 +100,7 @@ def _ratio(x: Array, y: Array) -> Array:
     return x / jnp.where(y > 0, y, jnp.inf)
 
 
-class _Place(NamedTuple):
+class _LagrangePlace(NamedTuple):
     """A place in a cell, in [0, 1]^n, with multipliers; and the parts of both shapes that the cell names."""
 
     z: Array
@@ -116,7 +116,7 @@ def _there(a: Net | Side, b: Net | Side, parts: tuple[Any, Any], cell: Cell, z: 
     )
 
 
-def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: int = _STEPS) -> _Place:
+def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: int = _STEPS) -> _LagrangePlace:
     """Where the Lagrange system is about solved within a cell, its sides as constraints; nothing is proven."""
     n = parameters(a)
     parts = _part(a, cell.piece_a, cell.low[:n], cell.high[:n]), _part(b, cell.piece_b, cell.low[n:], cell.high[n:])
@@ -136,7 +136,9 @@ def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: in
 
     first = _lagrange(*_there(a, b, parts, cell, start))
     z, multipliers = jax.lax.fori_loop(0, steps, step, (start, _multipliers(first, start > 0)))
-    return _Place(jnp.where(jnp.isfinite(z), z, 0.5), jnp.where(jnp.isfinite(multipliers), multipliers, 0.0), parts)
+    return _LagrangePlace(
+        jnp.where(jnp.isfinite(z), z, 0.5), jnp.where(jnp.isfinite(multipliers), multipliers, 0.0), parts
+    )
 
 
 def _bound(a: Net | Side, b: Net | Side, cell: Cell) -> CellBound:
@@ -162,7 +164,9 @@ def _of_boxes(apart: Ball) -> Array:
     return length(gaps) * (1 - gamma(12, gaps.dtype))
 
 
-def _of_second_order(a: Net | Side, b: Net | Side, cell: Cell, place: _Place, over: "_Stacked", apart: Ball) -> Array:
+def _of_second_order(
+    a: Net | Side, b: Net | Side, cell: Cell, place: _LagrangePlace, over: "_Stacked", apart: Ball
+) -> Array:
     """The larger of the bounds by F and by the unit vector that joins the points; see the module."""
     z, n, dtype = place.z, parameters(a), cell.low.dtype
     there = _there(a, b, place.parts, cell, z)
@@ -319,7 +323,7 @@ def _not_parallel(shape: Side, side: Local, apart: Ball, low: Array, high: Array
     return jnp.any(((cross.lower > 0) | (cross.upper < 0)) & inside[i] & inside[j])
 
 
-def _proven(a: Net | Side, b: Net | Side, cell: Cell, place: _Place) -> tuple[Array, Array, Array]:
+def _proven(a: Net | Side, b: Net | Side, cell: Cell, place: _LagrangePlace) -> tuple[Array, Array, Array]:
     """An upper bound of the distance by points proven near a place, where they are, and how far they are apart."""
     n, places = parameters(a), cell.low + place.z * (cell.high - cell.low)
     radii, moved = [], []

@@ -45,7 +45,7 @@ _THROUGH = [[[i, j, 3 + j], [i, 3 + j, k], [i, i, i], [i, i, i]] for i, j, k in 
 _PARTS, _NUMBER = np.array([_WHOLE, *_OFF, *_THROUGH]), np.array([4, 3, 3, 3, 2, 2, 2])
 
 
-class Cells(NamedTuple):
+class TriangleCells(NamedTuple):
     """Triangular parts of the triangles of a.
 
     Args:
@@ -66,9 +66,9 @@ class Cells(NamedTuple):
     depth: Int[np.ndarray, " cells"]
     middle: Int[np.ndarray, " cells"]
 
-    def take(self, rows: np.ndarray) -> "Cells":
+    def take(self, rows: np.ndarray) -> "TriangleCells":
         """Some of the cells."""
-        return Cells(*(x[rows] for x in self))
+        return TriangleCells(*(x[rows] for x in self))
 
     @property
     def count(self) -> int:
@@ -76,12 +76,12 @@ class Cells(NamedTuple):
         return len(self.owner)
 
     @staticmethod
-    def join(parts: list["Cells"]) -> "Cells":
+    def join(parts: list["TriangleCells"]) -> "TriangleCells":
         """All cells of the parts."""
-        return Cells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+        return TriangleCells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
 
-class Side(NamedTuple):
+class MeshSide(NamedTuple):
     """The mesh a in the unit of the tree of b.
 
     Args:
@@ -112,7 +112,7 @@ class Side(NamedTuple):
         return (distance + self.tree.error(distance) + self.slack(depth)) * (1 + 4e-16)
 
 
-def first_cells(side: Side, triangles: np.ndarray, places: np.ndarray) -> tuple[Cells, np.ndarray]:
+def first_cells(side: MeshSide, triangles: np.ndarray, places: np.ndarray) -> tuple[TriangleCells, np.ndarray]:
     """The whole triangles of a, and the numbers of their distinct corners.
 
     Args:
@@ -129,10 +129,10 @@ def first_cells(side: Side, triangles: np.ndarray, places: np.ndarray) -> tuple[
     weights = np.broadcast_to(np.eye(3, dtype=places.dtype), (count, 3, 3))
     depth = np.zeros(count, np.int64)
     upper = side.reach(squares.max(axis=1).min(axis=1), depth)
-    return Cells(np.arange(count), weights, square, nearest, upper, depth, np.full(count, -1, np.int32)), used
+    return TriangleCells(np.arange(count), weights, square, nearest, upper, depth, np.full(count, -1, np.int32)), used
 
 
-def split(side: Side, cells: Cells, round_: int, clipping: bool) -> Cells:
+def split(side: MeshSide, cells: TriangleCells, round_: int, clipping: bool) -> TriangleCells:
     """The parts of each cell; `clipping` cuts along walls of prisms in place of splitting at ties."""
     corners = side.points(cells.owner, cells.weights)
     share, way = np.full((cells.count, 3), 0.5, cells.weights.dtype), np.zeros(cells.count, int)
@@ -158,16 +158,16 @@ def split(side: Side, cells: Cells, round_: int, clipping: bool) -> Cells:
     least = _matrix(side, points, known)[index].max(axis=2).min(axis=2).reshape(-1)
     upper = np.minimum(side.reach(least, depth), np.repeat(cells.upper, 4))
     weights, square, nearest = (x[index].reshape(-1, 3, *x.shape[2:]) for x in (weights, square, nearest))
-    parts = Cells(owner, weights, square, nearest, upper, depth, middles)
+    parts = TriangleCells(owner, weights, square, nearest, upper, depth, middles)
     return parts.take(np.flatnonzero((np.arange(4) < _NUMBER[way][:, None]).ravel()))
 
 
-def _middles(side: Side, corners: np.ndarray, near: np.ndarray) -> np.ndarray:
+def _middles(side: MeshSide, corners: np.ndarray, near: np.ndarray) -> np.ndarray:
     """Nearest triangles of the middles of cells."""
     return nearest_triangles(side.tree, corners.mean(axis=1), near).triangle
 
 
-def _tied(side: Side, cells: Cells, corners: np.ndarray, share: np.ndarray) -> np.ndarray:
+def _tied(side: MeshSide, cells: TriangleCells, corners: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Shares of the edges at which to split; those given, but for edges along which the nearest triangle changes."""
     row, edge = np.nonzero(cells.nearest != cells.nearest[:, _NEXT])
     if not len(row):
@@ -179,7 +179,7 @@ def _tied(side: Side, cells: Cells, corners: np.ndarray, share: np.ndarray) -> n
     return share
 
 
-def _matrix(side: Side, points: np.ndarray, nearest: np.ndarray) -> np.ndarray:
+def _matrix(side: MeshSide, points: np.ndarray, nearest: np.ndarray) -> np.ndarray:
     """Squared distances (cells, points, triangles) of the points of each cell to the triangles of its row."""
     return in_blocks(lambda p, k: _all_squares(side.tree.table, p, k), points, nearest)
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 
-class Jet(NamedTuple):
+class CurveJet(NamedTuple):
     """A point of a curve with its first two derivatives."""
 
     point: Float[Array, " dim"]
@@ -17,7 +17,7 @@ class Jet(NamedTuple):
 
 
 @jax.jit
-def jet(control_points: Array, weights: Array | None, t: Array) -> Jet:
+def jet(control_points: Array, weights: Array | None, t: Array) -> CurveJet:
     """The jet of one segment (points, dim) at the scalar t; jitted so that its many uses are traced once.
 
     For C = n/w the quotient rule gives C' = (n' - C w')/w and C'' = (n'' - 2 C' w' - C w'')/w.
@@ -28,10 +28,10 @@ def jet(control_points: Array, weights: Array | None, t: Array) -> Jet:
     w = polynomial_jet(weights, t)
     point = n.point / w.point
     first = (n.first - point * w.first) / w.point
-    return Jet(point, first, (n.second - 2 * first * w.first - point * w.second) / w.point)
+    return CurveJet(point, first, (n.second - 2 * first * w.first - point * w.second) / w.point)
 
 
-def polynomial_jet(c: Any, t: Any) -> Jet:
+def polynomial_jet(c: Any, t: Any) -> CurveJet:
     """The jet of polynomials with the coefficients (points, ...) at t, in NumPy where the coefficients are."""
     degree = c.shape[0] - 1
     second = first = np.zeros_like(c[0]) if isinstance(c, np.ndarray) else jnp.zeros_like(c[0])
@@ -41,4 +41,4 @@ def polynomial_jet(c: Any, t: Any) -> Jet:
         if level == 1:
             first = degree * (c[1] - c[0])
         c = (1 - t) * c[:-1] + t * c[1:]
-    return Jet(c[0], first, second)
+    return CurveJet(c[0], first, second)

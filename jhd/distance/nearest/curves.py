@@ -64,7 +64,7 @@ class Nearest(eqx.Module):
     steps: Int[Array, ""]
 
 
-class _Cell(eqx.Module):
+class _SegmentCell(eqx.Module):
     lower: Array
     segment: Array
     s0: Array
@@ -72,9 +72,9 @@ class _Cell(eqx.Module):
     start: Array
 
 
-class _State(eqx.Module):
+class _CurveQuery(eqx.Module):
     whole: Array  # lower bounds of the segments not yet cut, inf where cut
-    cells: _Cell  # the stack; a free slot has lower = inf
+    cells: _SegmentCell  # the stack; a free slot has lower = inf
     best: Nearest
     settled: Array  # smallest lower bound of the cells that were closed
     overflowed: Array  # whether a cell had to be closed for want of room
@@ -104,7 +104,7 @@ def nearest(
     floor = _resolution(offsets.shape[1] - 1, offsets.shape[2], jnp.max(radius))
     tolerance = jnp.maximum(floor, tolerance)
     lower, start = segment_bounds(point, control_points, weights)
-    state = _State(
+    state = _CurveQuery(
         whole=lower if skip is None else jnp.where(skip, jnp.inf, lower),
         cells=_empty_cells(point.dtype),
         best=best_end(offsets, radius),
@@ -113,20 +113,22 @@ def nearest(
         steps=jnp.array(0),
     )
 
-    def unfinished(state: _State) -> Array:
+    def unfinished(state: _CurveQuery) -> Array:
         return (_open_lower(state) < state.best.upper - _CLOSE * tolerance) & (state.steps < _MAX_STEPS + count)
 
-    def step(state: _State) -> _State:
+    def step(state: _CurveQuery) -> _CurveQuery:
         bounds = jnp.concatenate([state.whole, state.cells.lower])
         index = jnp.argmin(bounds)
         is_whole, slot = index < count, index - count
         taken = jax.tree_util.tree_map(lambda x: x[jnp.maximum(slot, 0)], state.cells)
         segment = jnp.where(is_whole, index, taken.segment)
-        fresh = _Cell(bounds[index], segment, jnp.zeros_like(tolerance), jnp.ones_like(tolerance), start[segment])
+        fresh = _SegmentCell(
+            bounds[index], segment, jnp.zeros_like(tolerance), jnp.ones_like(tolerance), start[segment]
+        )
         cell = jax.tree_util.tree_map(lambda x, y: jnp.where(is_whole, x, y), fresh, taken)
         whole = jnp.where(jnp.arange(count) == index, jnp.inf, state.whole)
         freed = jnp.where(jnp.arange(_CAPACITY) == slot, jnp.inf, state.cells.lower)
-        state = _State(
+        state = _CurveQuery(
             whole,
             eqx.tree_at(lambda c: c.lower, state.cells, freed),
             state.best,
@@ -177,7 +179,7 @@ def repeated(control_points: Array, weights: Array | None) -> Bool[Array, " segm
     return jnp.concatenate([jnp.zeros((1,), bool), same])
 
 
-def _open_lower(state: _State) -> Array:
+def _open_lower(state: _CurveQuery) -> Array:
     return jnp.minimum(jnp.min(state.whole), jnp.min(state.cells.lower))
 
 
@@ -237,12 +239,12 @@ def best_end(offsets: Array, radius: Array) -> Nearest:
     )
 
 
-def _empty_cells(dtype: DTypeLike) -> _Cell:
+def _empty_cells(dtype: DTypeLike) -> _SegmentCell:
     zeros = jnp.zeros((_CAPACITY,), dtype)
-    return _Cell(jnp.full((_CAPACITY,), jnp.inf, dtype), jnp.zeros((_CAPACITY,), int), zeros, zeros, zeros)
+    return _SegmentCell(jnp.full((_CAPACITY,), jnp.inf, dtype), jnp.zeros((_CAPACITY,), int), zeros, zeros, zeros)
 
 
-def _local_foot(e: Array, w: Array | None, cell: _Cell) -> Array:
+def _local_foot(e: Array, w: Array | None, cell: _SegmentCell) -> Array:
     """A parameter of the cell where C.C' is small for C = P - B, by Newton's method kept inside the cell."""
 
     def newton(_: Any, s: Array) -> Array:
@@ -257,7 +259,7 @@ def _local_foot(e: Array, w: Array | None, cell: _Cell) -> Array:
     return jax.lax.fori_loop(0, _NEWTON_STEPS, newton, varying(cell.start, e, w, cell))
 
 
-def _cut(state: _State, cell: _Cell, e: Array, w: Array | None, tolerance: Array) -> _State:
+def _cut(state: _CurveQuery, cell: _SegmentCell, e: Array, w: Array | None, tolerance: Array) -> _CurveQuery:
     """Improves the foot inside the cell, cuts there, and keeps the halves that may still hold a nearer point."""
     degree, radius = e.shape[0] - 1, jnp.max(jnp.abs(e))
     foot = _local_foot(e, w, cell)
@@ -279,10 +281,10 @@ def _cut(state: _State, cell: _Cell, e: Array, w: Array | None, tolerance: Array
     ends = jnp.stack([cell.s0, cut, cell.s1])
     n, w = _homogeneous(e, w)
 
-    def half(s0: Array, s1: Array) -> _Cell:
+    def half(s0: Array, s1: Array) -> _SegmentCell:
         part = bernstein.restrict(n, s0, s1, axis=0)
         lower, start = cell_bound(part, None if w is None else bernstein.restrict(w, s0, s1), radius)
-        return _Cell(jnp.maximum(lower, cell.lower), cell.segment, s0, s1, s0 + start * (s1 - s0))
+        return _SegmentCell(jnp.maximum(lower, cell.lower), cell.segment, s0, s1, s0 + start * (s1 - s0))
 
     halves = jax.vmap(half)(ends[:-1], ends[1:])
     # A cell of a few ulp cannot be cut again.
@@ -296,4 +298,4 @@ def _cut(state: _State, cell: _Cell, e: Array, w: Array | None, tolerance: Array
         cells = jax.tree_util.tree_map(lambda old, x, here=here: jnp.where(here, x, old), cells, new)
         lost = keep[k] & ~jnp.any(free)
         settled, overflowed = jnp.where(lost, jnp.minimum(settled, new.lower), settled), overflowed | lost
-    return _State(state.whole, cells, best, settled, overflowed, state.steps)
+    return _CurveQuery(state.whole, cells, best, settled, overflowed, state.steps)

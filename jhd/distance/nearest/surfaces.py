@@ -48,7 +48,7 @@ class Cloud(NamedTuple):
     radius: Float[Array, " points"]
 
 
-class Nearest(NamedTuple):
+class NearestOnSurface(NamedTuple):
     """Bounds of a distance and a proven foot, whose distance is `upper` but for its radius."""
 
     lower: Float[Array, ""]
@@ -103,7 +103,7 @@ def inner(side: Side, lower: Array, upper: Array) -> Array:
     return (lower > jnp.asarray(side.lower)[:, None]) & (upper < jnp.asarray(side.upper)[:, None])
 
 
-class _State(NamedTuple):
+class _SurfaceQuery(NamedTuple):
     rows: Array  # (capacity, 6)
     bound: Array  # inf where free
     closed: Array  # smallest bound of what was dropped
@@ -120,7 +120,7 @@ def nearest(
     least: Float[Array, ""],
     close: Float[Array, ""],
     capacity: int = CAPACITY,
-) -> Nearest:
+) -> NearestOnSurface:
     """Bounds of the distance from a point to the surface.
 
     From the axis of a torus a whole circle is as near: the gap that remains is the smaller the more room there is.
@@ -137,7 +137,7 @@ def nearest(
     max_steps = _MAX_STEPS * capacity // CAPACITY
     u = unit_roundoff(point.dtype)
 
-    def better(state: _State, places: Array) -> tuple[Array, Array]:
+    def better(state: _SurfaceQuery, places: Array) -> tuple[Array, Array]:
         found = local_feet(side, jnp.broadcast_to(point[:, None], places.shape), places, _FOOT_STEPS)
         radius = thorough_radius(side, found)
         far = round_up(jnp.sqrt(jnp.sum((found - point[:, None]) ** 2, axis=0)) * (1 + 8 * u) + radius)
@@ -146,16 +146,16 @@ def nearest(
         nearer = far[best] < state.upper
         return jnp.where(nearer, far[best], state.upper), jnp.where(nearer, found[:, best], state.foot)
 
-    def target(state: _State) -> Array:
+    def target(state: _SurfaceQuery) -> Array:
         upper = state.upper
         least_gap = jnp.maximum(close, _CLOSE * u * (1 + jnp.where(jnp.isfinite(upper), upper, 0.0)))
         return jnp.minimum(upper - least_gap, state.closed)
 
-    def open_(state: _State) -> Array:
+    def open_(state: _SurfaceQuery) -> Array:
         lowest = jnp.min(state.bound)
         return (lowest < target(state)) & (state.upper > least) & (state.steps < max_steps)
 
-    def step(state: _State) -> _State:
+    def step(state: _SurfaceQuery) -> _SurfaceQuery:
         _, index = jax.lax.top_k(-state.bound.astype(jnp.float32), _LANES)
         taken, parents = state.rows[index].T, state.bound[index]
         live = parents < target(state)
@@ -179,18 +179,18 @@ def nearest(
             jnp.concatenate([low, high]).T,
             bound,
         )
-        return _State(rows, kept, jnp.minimum(closed, dropped), upper, foot, state.steps + 1)
+        return _SurfaceQuery(rows, kept, jnp.minimum(closed, dropped), upper, foot, state.steps + 1)
 
     infinity = jnp.asarray(jnp.inf, point.dtype)
     first = jnp.where(cover.alive, box_distances(boxes(cover.lower, cover.upper), point)[0], jnp.inf)
     room = capacity - first.size
     rows = jnp.pad(jnp.concatenate([cover.lower, cover.upper]).T, ((0, room), (0, 0)))
-    start = _State(
+    start = _SurfaceQuery(
         rows, jnp.pad(first, (0, room), constant_values=jnp.inf), infinity, infinity, starts[:, 0], jnp.zeros((), int)
     )
     end = jax.lax.while_loop(open_, step, varying(start, side, point))
     lower = jnp.minimum(jnp.minimum(jnp.min(end.bound), end.closed), end.upper)
-    return Nearest(lower, end.upper, end.foot, end.steps)
+    return NearestOnSurface(lower, end.upper, end.foot, end.steps)
 
 
 def pushed(rows: Array, bound: Array, new: Array, new_bound: Array) -> tuple[Array, Array, Array]:

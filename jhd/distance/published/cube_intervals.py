@@ -121,7 +121,7 @@ class CubeIntervals(AbstractHausdorffMethod):
 
     def cells_of(
         self, a: ImplicitSurface, b: ImplicitSurface, progress: Progress
-    ) -> tuple["_Cells", "_Cells", "_Scale"]:
+    ) -> tuple["_GridCells", "_GridCells", "_Scale"]:
         """The cells of both surfaces in common coordinates."""
         check_surface("a", a)
         check_surface("b", b)
@@ -130,7 +130,7 @@ class CubeIntervals(AbstractHausdorffMethod):
         common = _on_one_grid if _same_cube(a, b) and self.cells <= _LARGEST_GRID else _on_two_grids
         return common((a, b), voxels, self.cells)
 
-    def measured(self, p: "_Cells", q: "_Cells", scale: "_Scale", direction: Any) -> HausdorffSolution:
+    def measured(self, p: "_GridCells", q: "_GridCells", scale: "_Scale", direction: Any) -> HausdorffSolution:
         """The directed distance from the surface of the cells p; the direction is a member of DIRECTIONS."""
         safe = self.rule == "safe"
         proven = q.proven if safe else np.ones_like(q.proven)
@@ -165,7 +165,7 @@ def larger_interval(there: HausdorffSolution, back: HausdorffSolution) -> Hausdo
     return replace(found, value=_value(found.lower, found.upper, found.result))
 
 
-class _Cells(NamedTuple):
+class _GridCells(NamedTuple):
     """Cells of one surface: their corners (3, cells) in common coordinates, and where they are in its grid."""
 
     lower: np.ndarray
@@ -219,7 +219,7 @@ def _same_cube(a: ImplicitSurface, b: ImplicitSurface) -> bool:
 
 def _on_one_grid(
     surfaces: tuple[ImplicitSurface, ImplicitSurface], voxels: list[Voxels], cells: int
-) -> tuple[_Cells, _Cells, _Scale]:
+) -> tuple[_GridCells, _GridCells, _Scale]:
     """Corners in units of a cell: whole numbers."""
     lower, upper = (Fraction(float(end[0])) for end in surfaces[0].box())
     corners = [np.asarray(v.cells).T.astype(np.float32) for v in voxels]
@@ -229,7 +229,7 @@ def _on_one_grid(
 
 def _on_two_grids(
     surfaces: tuple[ImplicitSurface, ImplicitSurface], voxels: list[Voxels], cells: int
-) -> tuple[_Cells, _Cells, _Scale]:
+) -> tuple[_GridCells, _GridCells, _Scale]:
     """Corners from the lower corner of the first box, in units of a power of two that is about as large as both."""
     boxes = [[[Fraction(float(x)) for x in np.asarray(end)] for end in surface.box()] for surface in surfaces]
     origin = boxes[0][0]
@@ -248,11 +248,11 @@ def _on_two_grids(
     return (*result, _Scale(unit, False))
 
 
-def _cells_of(voxels: Voxels, lower: np.ndarray, upper: np.ndarray) -> _Cells:
-    return _Cells(lower, upper, np.asarray(voxels.cells), np.asarray(voxels.proven), voxels)
+def _cells_of(voxels: Voxels, lower: np.ndarray, upper: np.ndarray) -> _GridCells:
+    return _GridCells(lower, upper, np.asarray(voxels.cells), np.asarray(voxels.proven), voxels)
 
 
-def _by_axes(p: _Cells, q: _Cells, proven: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
+def _by_axes(p: _GridCells, q: _GridCells, proven: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
     """For each cell of p the smallest ends over the cells of q: the upper ones over the proven cells of q only."""
     steps = np.arange(cells, dtype=np.float32)
     tables = np.maximum(steps - 1, 0) ** 2, (steps + 1) ** 2
@@ -299,7 +299,7 @@ def _third_axis(grid: Array, table: Array, places: Array) -> Array:
     return jnp.min(grid[x, y] + table[steps], axis=-1)
 
 
-def _by_tiles(p: _Cells, q: _Cells, proven: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
+def _by_tiles(p: _GridCells, q: _GridCells, proven: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
     """The same from all pairs of cells, a chunk of p against one tile of q after the other."""
     # Repeated cells change no minimum; lengths in powers of four keep the number of programs small.
     length = max(_TILE, 4 ** -(-(q.count - 1).bit_length() // 2))
@@ -334,7 +334,7 @@ def _tiled(
     return lax.fori_loop(0, tiles, body, (start, start))
 
 
-def _witness(p: _Cells, q: _Cells, place: int, proven: np.ndarray, cells: int, direction: Any) -> Witness:
+def _witness(p: _GridCells, q: _GridCells, place: int, proven: np.ndarray, cells: int, direction: Any) -> Witness:
     """The centre of a cell of p and that of the nearest cell of q, a proven one where there are any."""
     # As in squared_distances; in NumPy, since the number of cells is another one each time.
     before, after = p.lower[:, place, None] - q.upper, q.lower - p.upper[:, place, None]

@@ -37,7 +37,7 @@ class Target(NamedTuple):
     cloud: Cloud
 
 
-class Place(NamedTuple):
+class SurfacePlace(NamedTuple):
     """Where the distance is attained: a point of a, its feet on b, and their weights, zero for those unused."""
 
     point: Array  # (3,)
@@ -45,18 +45,18 @@ class Place(NamedTuple):
     weights: Array  # (4,)
 
 
-class Best(NamedTuple):
+class FarthestPlace(NamedTuple):
     """The farthest point of a so far: the proven bound and the value, -inf where none is proven, and where it is."""
 
     lower: Array
     value: Array
-    place: Place
+    place: SurfacePlace
     hints: Array  # (8, 3), points of b that were nearest
     measured: Array
 
 
 class _Round(NamedTuple):
-    best: Best
+    best: FarthestPlace
     feet: Array
     used: Array
     going: Array
@@ -64,8 +64,14 @@ class _Round(NamedTuple):
 
 
 def improved(
-    a: Target, b: Target, best: Best, place: Place, asked: Bool[Array, ""], close: Array, capacity: int = CAPACITY
-) -> Best:
+    a: Target,
+    b: Target,
+    best: FarthestPlace,
+    place: SurfacePlace,
+    asked: Bool[Array, ""],
+    close: Array,
+    capacity: int = CAPACITY,
+) -> FarthestPlace:
     """The best one after another place has been measured and polished, where that is asked for.
 
     Args:
@@ -81,7 +87,9 @@ def improved(
     return jax.lax.cond(asked, lambda best: _measured(a, b, best, place, close, capacity), lambda best: best, start)
 
 
-def _measured(a: Target, b: Target, best: Best, place: Place, close: Array, capacity: int) -> Best:
+def _measured(
+    a: Target, b: Target, best: FarthestPlace, place: SurfacePlace, close: Array, capacity: int
+) -> FarthestPlace:
     noise = NOISE * unit_roundoff(best.lower.dtype)
     box_a, box_b = ((jnp.asarray(t.side.lower), jnp.asarray(t.side.upper)) for t in (a, b))
     coefficients = jnp.asarray(a.side.coefficients), jnp.asarray(b.side.coefficients)
@@ -101,12 +109,12 @@ def _measured(a: Target, b: Target, best: Best, place: Place, close: Array, capa
         value = jnp.sqrt(jnp.sum((near.foot - point) ** 2))
         first = proven & (best.value == -jnp.inf)
         raised = first | (lower > best.lower) | (good & (lower >= best.lower - noise) & (value > best.value))
-        new = _described(Place(point, found.feet, found.multipliers), near.foot, good)
+        new = _described(SurfacePlace(point, found.feet, found.multipliers), near.foot, good)
         # A foot that was not among them takes the place of one that does not count.
         missing = good & (value < found.distance - noise)
         slot = jnp.arange(FEET) == jnp.argmin(jnp.where(r.used, 1.0 + found.multipliers, 0.0))
         going = jnp.where(plain, near.upper > best.lower, missing & (found.distance > best.lower))
-        best = Best(
+        best = FarthestPlace(
             lower=jnp.maximum(lower, best.lower),
             value=jnp.where(raised, value, best.value),
             place=jax.tree_util.tree_map(lambda x, y: jnp.where(raised, x, y), new, best.place),
@@ -121,7 +129,7 @@ def _measured(a: Target, b: Target, best: Best, place: Place, close: Array, capa
     return end.best
 
 
-def _distinct(place: Place) -> Array:
+def _distinct(place: SurfacePlace) -> Array:
     """Which feet are near enough to count, each once."""
     distances = jnp.sqrt(jnp.sum((place.feet - place.point) ** 2, axis=1))
     near = distances <= jnp.min(distances) * (1 + _AGREEING) + like_double(_SAME, distances.dtype)
@@ -134,7 +142,7 @@ def _repeated(feet: Array, counting: Array) -> Array:
     return jnp.any(jnp.tril(same & counting[None], -1), axis=1)
 
 
-def _described(place: Place, foot: Array, polished: Array) -> Place:
+def _described(place: SurfacePlace, foot: Array, polished: Array) -> SurfacePlace:
     """Feet with weights first, the same ones together; the nearest point alone where nothing has been polished."""
     counting = place.weights > 0
     same = (
@@ -147,7 +155,7 @@ def _described(place: Place, foot: Array, polished: Array) -> Place:
     order = jnp.argsort(-weights)
     weights = weights[order] / jnp.sum(weights)
     feet = jnp.where((weights > 0)[:, None], place.feet[order], place.feet[order[0]])
-    return Place(
+    return SurfacePlace(
         place.point,
         jnp.where(polished, feet, foot),
         jnp.where(polished, weights, jnp.eye(FEET, dtype=weights.dtype)[0]),

@@ -72,22 +72,22 @@ def _searched(
     meshes: tuple[TriangleMesh, TriangleMesh],
     method: BranchAndBound,
     progress: Callable[[Progress], object] | None = None,
-) -> "_Found":
+) -> "_FoundPair":
     return drive(TriangleSearch(*meshes, method), Session(progress))
 
 
-class _Place(NamedTuple):
+class _TrianglePlace(NamedTuple):
     """The triangles that hold the nearest points, and barycentric coordinates there."""
 
     triangles: tuple[Any, Any]
     weights: Any  # (shapes, corners)
 
 
-class _Found(NamedTuple):
+class _FoundPair(NamedTuple):
     """A solution in the user's unit, and where it is attained."""
 
     solution: MinimumSolution
-    place: _Place
+    place: _TrianglePlace
 
     @property
     def lower(self) -> Array:
@@ -102,12 +102,12 @@ class _Found(NamedTuple):
         return self.solution.result
 
 
-def _unusable(dtype: Any) -> _Found:
+def _unusable(dtype: Any) -> _FoundPair:
     """What is answered about meshes that hold a NaN, and the form of every answer."""
     zero, infinite, nowhere = jnp.zeros((), dtype), jnp.full((), jnp.inf, dtype), jnp.full(3, jnp.nan, dtype)
     stats = {"steps": jnp.array(0), "exact": jnp.array(0)}
     solution = MinimumSolution(infinite, zero, infinite, nowhere, nowhere, RESULTS.nonfinite_value, stats)
-    return _Found(solution, _Place((jnp.array(0), jnp.array(0)), jnp.zeros((2, 3), dtype)))
+    return _FoundPair(solution, _TrianglePlace((jnp.array(0), jnp.array(0)), jnp.zeros((2, 3), dtype)))
 
 
 class TriangleSearch(AbstractSearch):
@@ -144,7 +144,7 @@ class TriangleSearch(AbstractSearch):
         """See AbstractSearch; it takes the room that it needs."""
         return state
 
-    def _found(self, state: PairSearch) -> _Found:
+    def _found(self, state: PairSearch) -> _FoundPair:
         best, dtype = state.best, self._sides[0].corners.dtype
         points = [
             _places(triangles[k], w, dtype)
@@ -163,7 +163,7 @@ class TriangleSearch(AbstractSearch):
             stats={"steps": jnp.asarray(state.steps), "exact": jnp.asarray(state.exact)},
         )
         weights = np.array([[float_near(x, dtype) for x in row] for row in best.weights])
-        return _Found(solution, _Place(best.triangles, weights))
+        return _FoundPair(solution, _TrianglePlace(best.triangles, weights))
 
     def _bounds(self, state: PairSearch) -> tuple[Any, Any]:
         """The bounds in the user's unit: those of the nearest pair measured, unless others may be nearer."""

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd.arrays import is_traced
-from jhd.distance.cells.triangles import Cells, Side, first_cells, split
+from jhd.distance.cells.triangles import MeshSide, TriangleCells, first_cells, split
 from jhd.distance.frame.aim import Aim, default_tolerance
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.from_program import from_program
@@ -37,7 +37,7 @@ _COUNTS = "steps", "cells", "split", "points"
 _COINCIDENT = 1e-3
 
 
-class _Best(NamedTuple):
+class _FarthestPoint(NamedTuple):
     """The farthest point found: its triangle, weights, computed distance, nearest triangle and proven lower bound."""
 
     owner: int
@@ -47,11 +47,11 @@ class _Best(NamedTuple):
     lower: float
 
 
-class _Cut(NamedTuple):
+class _CutCells(NamedTuple):
     """A search: cells that wait, the best point, the largest bound of cells that were dropped, and counts."""
 
-    waiting: Cells
-    best: _Best
+    waiting: TriangleCells
+    best: _FarthestPoint
     dropped: float
     corners: int  # of a that were measured
     steps: int = 0
@@ -123,29 +123,29 @@ class MeshSearch(AbstractSearch):
         self._atol = _absolute(self._side, method)
         self._level, self._ceiling = (float(np.ldexp(float(x), -self._side.tree.exponent)) for x in aim)
 
-    def begin(self) -> _Cut:
+    def begin(self) -> _CutCells:
         """See AbstractSearch."""
         cells, used = first_cells(self._side, np.asarray(self._a.triangles), self._scaled)
-        return self._dropping(_Cut(cells, _improved(None, self._side, cells), -np.inf, len(used)))
+        return self._dropping(_CutCells(cells, _improved(None, self._side, cells), -np.inf, len(used)))
 
-    def advance(self, state: _Cut, limit: int, growing: bool) -> tuple[_Cut, Standing]:
+    def advance(self, state: _CutCells, limit: int, growing: bool) -> tuple[_CutCells, Standing]:
         """See AbstractSearch."""
         while self._is_open(state) and state.steps < limit and self._has_room(state):
             state = self._dropping(self._step(state))
         going_on = self._is_open(state) and self._has_room(state)
         return state, Standing(self._solution(state), going_on, False, state.steps, state.waiting.count)
 
-    def longer(self, state: _Cut) -> _Cut:
+    def longer(self, state: _CutCells) -> _CutCells:
         """See AbstractSearch; it takes the room that it is given."""
         return state
 
-    def _is_open(self, state: _Cut) -> bool:
+    def _is_open(self, state: _CutCells) -> bool:
         return bool(state.waiting.count) and state.best.lower <= self._ceiling
 
-    def _has_room(self, state: _Cut) -> bool:
+    def _has_room(self, state: _CutCells) -> bool:
         return state.waiting.count <= _ROOM * self._method.capacity
 
-    def _dropping(self, state: _Cut) -> _Cut:
+    def _dropping(self, state: _CutCells) -> _CutCells:
         """The state without the cells whose bounds are within what is allowed."""
         done = state.waiting.upper <= max(state.best.lower + self._allowed(state.best.lower), self._level)
         dropped = max(state.dropped, float(state.waiting.upper[done].max(initial=-np.inf)))
@@ -155,20 +155,20 @@ class MeshSearch(AbstractSearch):
         """The gap that is allowed at a lower bound, in the unit of the tree."""
         return max(self._atol, float(self._method.rtol) * lower, _rounding(self._side, lower))
 
-    def _step(self, state: _Cut) -> _Cut:
+    def _step(self, state: _CutCells) -> _CutCells:
         """The cells with the largest bounds split."""
         waiting, best, steps = state.waiting, state.best, state.steps
         order = np.argsort(-waiting.upper, kind="stable")
         clipping = best.lower <= _COINCIDENT * float(waiting.upper.max()) or steps % 8 > 5
         parts = split(self._side, waiting.take(order[:_BATCH]), steps, clipping)
         return state._replace(
-            waiting=Cells.join([waiting.take(order[_BATCH:]), parts]),
+            waiting=TriangleCells.join([waiting.take(order[_BATCH:]), parts]),
             best=_improved(best, self._side, parts),
             steps=steps + 1,
             split=state.split + min(_BATCH, waiting.count),
         )
 
-    def _solution(self, state: _Cut) -> HausdorffSolution:
+    def _solution(self, state: _CutCells) -> HausdorffSolution:
         side, best, upper = self._side, state.best, state.upper
         dtype, exponent = side.corners.dtype, side.tree.exponent
         feet = active_feet(side, best.owner, best.weights, best.nearest, upper - best.lower)
@@ -188,15 +188,15 @@ class MeshSearch(AbstractSearch):
         )
 
 
-def _side(a: TriangleMesh, b: TriangleMesh) -> tuple[Side, np.ndarray]:
+def _side(a: TriangleMesh, b: TriangleMesh) -> tuple[MeshSide, np.ndarray]:
     vertices, triangles = np.asarray(a.vertices), np.asarray(a.triangles)
     tree, scaled = in_unit_of(triangle_tree(b), vertices)
     b_corners = np.ldexp(np.asarray(b.vertices)[np.asarray(b.triangles)], -tree.exponent)
     corners = scaled[triangles]
-    return Side(corners, float(np.max(np.abs(corners))), tree, b_corners), scaled
+    return MeshSide(corners, float(np.max(np.abs(corners))), tree, b_corners), scaled
 
 
-def _absolute(side: Side, method: BranchAndBound) -> float:
+def _absolute(side: MeshSide, method: BranchAndBound) -> float:
     """The absolute tolerance in the unit of the tree."""
     if method.atol is not None:
         return float(np.ldexp(float(method.atol), -side.tree.exponent))
@@ -205,12 +205,12 @@ def _absolute(side: Side, method: BranchAndBound) -> float:
     return float(default_tolerance(diagonal, side.corners.dtype, _rounding(side, 0.0)))
 
 
-def _rounding(side: Side, lower: float) -> float:
+def _rounding(side: MeshSide, lower: float) -> float:
     """Less than this cannot be told, where bounds err to both sides."""
     return 4 * float(side.tree.error(np.array(lower))) + 4 * float(side.slack(64))
 
 
-def _improved(best: _Best | None, side: Side, cells: Cells) -> _Best:
+def _improved(best: _FarthestPoint | None, side: MeshSide, cells: TriangleCells) -> _FarthestPoint:
     """The best point found so far."""
     distance = np.sqrt(cells.square.astype(np.float64))
     row, corner = np.unravel_index(int(np.argmax(distance)), distance.shape)
@@ -220,4 +220,4 @@ def _improved(best: _Best | None, side: Side, cells: Cells) -> _Best:
     error = float(side.tree.error(np.array(there)) + side.slack(cells.depth[row]))
     lower = max((there - error) * (1 - 4e-16), best.lower if best is not None else 0.0, 0.0)
     weights = cells.weights[row, corner].astype(np.float64)
-    return _Best(int(cells.owner[row]), weights, there, int(cells.nearest[row, corner]), lower)
+    return _FarthestPoint(int(cells.owner[row]), weights, there, int(cells.nearest[row, corner]), lower)

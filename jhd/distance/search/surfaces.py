@@ -28,7 +28,7 @@ from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, box_distances, boxes, form
 from jhd.distance.nearest.places import local_feet, projected, thorough_radius
 from jhd.distance.nearest.surfaces import CAPACITY, Cloud, halved, inner, pushed
-from jhd.distance.search.candidates import HINTS, NOISE, Best, Place, Target, improved
+from jhd.distance.search.candidates import HINTS, NOISE, FarthestPlace, SurfacePlace, Target, improved
 
 # Cells bounded in one step.
 _LANES = 32
@@ -59,7 +59,7 @@ class State(NamedTuple):
     """A search: its cells, and what it has proven and found so far."""
 
     table: Table
-    best: Best
+    best: FarthestPlace
     closed: Array  # largest bound of the cells that were closed or dropped
     folded: Array  # largest bound of those that were dropped, or are too narrow to be cut
     full: Array  # whether any was dropped
@@ -110,7 +110,7 @@ def blank(capacity: int, dtype: str) -> State:
     """A state of the right shapes, to begin in."""
     number, count = jnp.zeros((), dtype), jnp.zeros((), int)
     vector, feet, hints = (jnp.zeros(shape, dtype) for shape in ((3,), (FEET, 3), (HINTS, 3)))
-    best = Best(number, number, Place(vector, feet, jnp.zeros((FEET,), dtype)), hints, count)
+    best = FarthestPlace(number, number, SurfacePlace(vector, feet, jnp.zeros((FEET,), dtype)), hints, count)
     table = Table(jnp.zeros((capacity, 6 + 3 * FEET), dtype), jnp.zeros((capacity,), dtype))
     return State(table, best, number, number, jnp.array(False), count, count, jnp.zeros((2,), int))
 
@@ -132,9 +132,9 @@ def begin(a: Target, b: Target, capacity: int) -> State:
     feet = b.cloud.points[:, _nearest_of(b.cloud, points)]
     far = jnp.where(jnp.isfinite(a.cloud.radius), jnp.sum((points - feet) ** 2, axis=0), -jnp.inf)
     best = jnp.argmax(far)
-    place = Place(points[:, best], jnp.tile(feet[:, best], (FEET, 1)), jnp.eye(FEET, dtype=dtype)[0])
+    place = SurfacePlace(points[:, best], jnp.tile(feet[:, best], (FEET, 1)), jnp.eye(FEET, dtype=dtype)[0])
     count = jnp.zeros((), int)
-    nothing = Best(zero, none, place, jnp.tile(feet[:, best], (HINTS, 1)), count)
+    nothing = FarthestPlace(zero, none, place, jnp.tile(feet[:, best], (HINTS, 1)), count)
     return State(table, nothing, none, none, jnp.array(False), count, count, jnp.array([0, 1]))
 
 
@@ -171,7 +171,7 @@ def _step(a: Target, b: Target, wanted: Wanted, state: State) -> State:
     )
     lanes = _bounded(a.side, b, state, rows, parents, limit)
     best = jnp.argmax(lanes.promise)
-    place = Place(lanes.point[:, best], lanes.feet[:, :, best], jnp.full(FEET, 1 / FEET, limit.dtype))
+    place = SurfacePlace(lanes.point[:, best], lanes.feet[:, :, best], jnp.full(FEET, 1 / FEET, limit.dtype))
     # The first one is the farthest point of the cloud.
     first = state.steps == 1
     place = jax.tree_util.tree_map(lambda x, y: jnp.where(first, x, y), state.best.place, place)

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd.arrays import varying
-from jhd.distance.frame.jets import Jet, jet
+from jhd.distance.frame.jets import CurveJet, jet
 from jhd.distance.frame.pieces import Piece, is_point
 from jhd.distance.nearest.feet import is_held
 from jhd.solution import EVENTS
@@ -69,9 +69,9 @@ def _cross(x: Array, y: Array) -> Array:
 class _Jets(NamedTuple):
     """Jets of a and of both feet."""
 
-    a: Jet
-    b: Jet
-    d: Jet
+    a: CurveJet
+    b: CurveJet
+    d: CurveJet
 
 
 def _jets(y: Array, pieces: Pieces) -> _Jets:

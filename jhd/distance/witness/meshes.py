@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
-from jhd.distance.cells.triangles import Side
+from jhd.distance.cells.triangles import MeshSide
 from jhd.distance.frame.attach import attached
 from jhd.distance.witness.mesh_feet import foot_on
 from jhd.distance.witness.multipliers import balanced
@@ -36,7 +36,7 @@ _ON_EDGE = 1e-9
 _NEEDLE = 1e-12
 
 
-class Feet(NamedTuple):
+class MeshFeet(NamedTuple):
     """The active feet of a point, one row each, the first repeated with multiplier zero.
 
     Args:
@@ -52,7 +52,7 @@ class Feet(NamedTuple):
     count: int
 
 
-def active_feet(side: Side, owner: int, weights: np.ndarray, nearest: int, gap: float) -> Feet:
+def active_feet(side: MeshSide, owner: int, weights: np.ndarray, nearest: int, gap: float) -> MeshFeet:
     """The feet of a point of a that balance, in the unit of the tree.
 
     Args:
@@ -89,10 +89,10 @@ def active_feet(side: Side, owner: int, weights: np.ndarray, nearest: int, gap: 
     rows_ = [kept[k] for k in chosen]
     padded = rows_ + rows_[:1] * (FEET - len(rows_))
     shares = np.append(multipliers[chosen], np.zeros(FEET - len(rows_)))
-    return Feet(triangles[near][padded], t[padded], shares, len(rows_))
+    return MeshFeet(triangles[near][padded], t[padded], shares, len(rows_))
 
 
-def _corners_of(side: Side, triangles: np.ndarray) -> np.ndarray:
+def _corners_of(side: MeshSide, triangles: np.ndarray) -> np.ndarray:
     """Corners of triangles of b, in the order of the mesh and the unit of the tree."""
     return side.b_corners[side.tree.order[triangles]].astype(np.float64)
 
@@ -102,7 +102,7 @@ def _unit(x: np.ndarray) -> np.ndarray:
     return x / np.where(length > 0, length, 1.0)
 
 
-def _into(side: Side, owner: int, free: np.ndarray) -> np.ndarray:
+def _into(side: MeshSide, owner: int, free: np.ndarray) -> np.ndarray:
     """Unit vectors whose combinations are the directions into the triangles of a at a place of a triangle's corners.
 
     On a face there are four of them, the first two orthogonal; on an edge those along it and across each triangle; at a
@@ -126,7 +126,7 @@ def _into(side: Side, owner: int, free: np.ndarray) -> np.ndarray:
     return np.concatenate([rays, -rays if len(own) == 3 else -rays[:1]])
 
 
-def event_of(feet: Feet, weights: np.ndarray, distance: float) -> Any:
+def event_of(feet: MeshFeet, weights: np.ndarray, distance: float) -> Any:
     """How the maximum arises: a vertex of a, several feet, an edge of a, or the feature of b that holds the foot."""
     if distance <= 0:
         return EVENTS.coincident
@@ -163,7 +163,7 @@ def _moving(carrier: Array, target: Array, t: Array, s: Array, multipliers: Arra
     return jnp.sum(multipliers * distance), point, feet
 
 
-def witness_of(feet: Feet, side: Side, owner: int, weights: np.ndarray, distance: float) -> Witness:
+def witness_of(feet: MeshFeet, side: MeshSide, owner: int, weights: np.ndarray, distance: float) -> Witness:
     """The witness in the user's unit, from a to b."""
     exponent, dtype = side.tree.exponent, side.corners.dtype
     point = np.ldexp(weights @ side.corners[owner].astype(np.float64), exponent)

@@ -28,7 +28,8 @@ def sphere(centre, radius, exponent=0):
 
 
 def spheres(offset=0.0, exponent=0):
-    return [sphere(np.add(c, offset), r, exponent) for c, r in zip(CENTRES, RADII, strict=True)]
+    a, b = (sphere(np.add(c, offset), r, exponent) for c, r in zip(CENTRES, RADII, strict=True))
+    return a, b
 
 
 def enclosed(found, exact, gap):
