@@ -25,6 +25,7 @@ from jhd.io.meshes import MESH_SUFFIXES
 from jhd.options import PROJECTIONS, curve_of, mesh_of, method_name, method_of, points_of, shapes_of
 from jhd.report import (
     check_picture_file,
+    directions_text,
     names_of,
     picture,
     progress_text,
@@ -41,6 +42,8 @@ from jhd.solution import HausdorffSolution, name_of, to_plain
 _DEMO_FONTS = {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}
 _DEMO_LETTER = "a"
 _DEMO_FILE = "jhd-demo.png"
+# A directed distance whose bounds are this close, as a share, is drawn as it is.
+_CLOSED = 1e-6
 _PACKAGES = "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib"
 
 
@@ -100,6 +103,8 @@ def distance(options: Namespace) -> int:
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     title = "directed distance from A to B" if options.directed else "Hausdorff distance"
     print(solution_text(title, solution, *names_of(solution)), end="\n\n")
+    if solution.directions is not None:
+        print(directions_text(*solution.directions), end="\n\n")
     print(f"method     {method_name(method)}")
     print(f"time       {seconds:.2f} s with compilation")
     print(f"device     {_device()}, {_precision()}")
@@ -132,8 +137,7 @@ def fit(options: Namespace) -> int:
         write(options.out, shape)
     if options.plot:
         with _busy("drawing"):
-            pairs = ((target, shape), (shape, target))
-            picture(options.plot, target, shape, [jhd.directed_hausdorff(*pair, throw=False) for pair in pairs])
+            picture(options.plot, target, shape, _directions(target, shape, error, jhd.BranchAndBound()))
     if options.json:
         asked = {"target": options.target, "tolerance": options.tolerance, "degree": options.degree}
         _print_json(error, **asked, within=near, segments=[c.shape.count for c in contours], seconds=seconds)
@@ -257,9 +261,17 @@ def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution, method: Any) -
     if not isinstance(a, AbstractCurve):
         space_picture(file, a, b, solution)
         return
-    there = jhd.directed_hausdorff(a, b, method, throw=False)
-    found = [there] if solution.directed else [there, jhd.directed_hausdorff(b, a, method, throw=False)]
-    picture(file, a, b, found)
+    picture(file, a, b, _directions(a, b, solution, method))
+
+
+def _directions(a: Any, b: Any, solution: HausdorffSolution, method: Any) -> list[HausdorffSolution]:
+    """The directed distances of a solution; the second one is found anew where the first one left its bounds wide."""
+    if solution.directions is None:
+        return [solution]
+    there, back = solution.directions
+    if float(back.upper - back.lower) > _CLOSED * float(back.upper):
+        back = jhd.directed_hausdorff(b, a, method, throw=False)
+    return [there, back]
 
 
 def _certified(file: str, a: AbstractCurve, b: AbstractCurve, solution: HausdorffSolution) -> bool:

@@ -51,6 +51,15 @@ def solution_text(title: str, solution: HausdorffSolution, name: str, other: str
     return "\n".join(lines)
 
 
+def directions_text(there: HausdorffSolution, back: HausdorffSolution) -> str:
+    """The bounds of both directed distances; those from B to A are wide where only the other ones matter."""
+    lines = []
+    for way, solution in (("A to B", there), ("B to A", back)):
+        upper = repr(float(solution.upper)) if np.isfinite(solution.upper) else "not proven"
+        lines.append(f"{way}     {float(solution.lower)!r} to {upper}")
+    return "\n".join(lines)
+
+
 def _with_sentence(item: Any) -> str:
     """The name of a member of an enumeration and the sentence that it stands for."""
     return f"{name_of(item)}: {item._enumeration._index_to_message[int(item._value)]}"
@@ -103,7 +112,8 @@ def progress_text(progress: Any) -> str:
         p = progress
         return f"level {p.level}: {p.tested} cells tested, {p.split} split, {p.samples} distances"
     p = progress
-    return f"{p.direction}: {p.lower:.9g} to {p.upper:.9g}, step {p.steps}, {p.waiting} cells wait"
+    name = "" if p.direction is None else f"{p.direction}: "
+    return f"{name}{p.lower:.9g} to {p.upper:.9g}, step {p.steps}, {p.waiting} cells wait"
 
 
 def check_picture_file(file: str) -> None:

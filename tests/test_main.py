@@ -104,6 +104,18 @@ def test_a_picture_is_written_on_request(run, name, starts):
     assert str(Path(name).resolve()) in out
 
 
+def test_a_picture_of_two_directions_that_are_known_searches_no_more(run, monkeypatch):
+    searched = []
+    monkeypatch.setattr(jhd, "directed_hausdorff", lambda *pair, **options: searched.append(pair))
+    status, out, _ = run("distance", BASE, DIAGONAL, "--plot", "a.png")
+    assert (status, searched) == (0, [])
+    bounds = [
+        [float(x) for x in line.split()[3::2]] for line in out.splitlines() if line.startswith(("A to B", "B to"))
+    ]
+    for (lower, upper), exact in zip(bounds, (2.4, 3.0), strict=True):
+        assert lower <= exact * (1 + 1e-15) and exact * (1 - 1e-15) <= upper
+
+
 @pytest.mark.slow  # one more program for three coordinates
 def test_curves_in_space_have_a_picture_too(run):
     Path("a.json").write_text(SPACE)

@@ -71,7 +71,7 @@ def test_a_field_is_stored_and_turned_into_a_mesh(run):
     ("arguments", "message"),
     [
         (("distance", "a.ply", "M0 0 L1 1"), "b must be a TriangleMesh"),
-        (("distance", "a.ply", "b.obj", "--method", "two-step"), "for meshes; got TwoStep"),
+        (("distance", "a.ply", "b.obj", "--method", "two-step"), "for TriangleMesh and TriangleMesh; got TwoStep"),
         (("distance", "a.ply", "b.obj", "--certificate", "c.json"), "certificates are for curves"),
         (("distance", "a.ply", "c.stl"), "c.stl"),
         (("fit", "a.ply", "--tolerance", "1"), "TARGET is a mesh; needs a curve"),

@@ -19,6 +19,7 @@ from jhd.solution import (
     RESULTS,
     Decision,
     HausdorffSolution,
+    on_device,
     result_where,
     throw_unless_successful,
 )
@@ -148,6 +149,7 @@ def _decided(solution: HausdorffSolution, limit: Array) -> Decision:
 
 
 def _finish(solution: HausdorffSolution, throw: bool) -> HausdorffSolution:
+    solution = on_device(solution)
     if throw:
         throw_unless_successful(solution)
     return solution

@@ -110,9 +110,9 @@ def _method(method: BranchAndBound | VoxelPairs | None, options: dict[str, Any])
 
 
 def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None) -> MinimumSolution:
-    meshes = as_mesh(a), as_mesh(b)
-    has_mesh = isinstance(a, TriangleMesh) or isinstance(b, TriangleMesh)
-    if has_mesh and meshes[0] is not None and meshes[1] is not None:
-        return of_meshes(meshes[0], meshes[1], method, progress)
+    if isinstance(a, TriangleMesh) or isinstance(b, TriangleMesh):
+        first, second = as_mesh(a), as_mesh(b)
+        if first is not None and second is not None:
+            return of_meshes(first, second, method, progress)
     engine = with_surface if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface) else of_nets
     return engine(a, b, method, progress)

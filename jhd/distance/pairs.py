@@ -41,7 +41,7 @@ from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.shapes.patch import AbstractPatch
-from jhd.solution import DIRECTIONS, HausdorffSolution
+from jhd.solution import DIRECTIONS, HausdorffSolution, in_direction
 
 Shape = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
 Report = Callable[[Any], object] | None
@@ -122,20 +122,16 @@ class CurvePair(AbstractPair):
         """See AbstractPair."""
         a, b = (self._b, self._a) if turned else (self._a, self._b)
         aim = _aim(level, ceiling, self._a.control_points.dtype)
-        solution = self._directed(a, b, aim, _direction(turned))
-        return _turned(solution) if turned else solution
-
-    def _directed(self, a: BezierSegments, b: BezierSegments, aim: Aim, direction: Any) -> HausdorffSolution:
-        method = self._method
+        method, direction = self._method, _direction(turned)
         # Inside jit all operations are traced, those on known numbers too.
         if is_traced(a, b, method, aim, jnp.zeros(())):
-            return method.directed(a, b, self._frame, aim)
+            return in_direction(method.directed(a, b, self._frame, aim), direction)
         if isinstance(method, BranchAndBound):
             wanted = method.wanted(a, self._frame, aim)
-            search = CurveSearch(a, b, wanted, method.length_of_table(a), method.max_steps)
+            search = CurveSearch(a, b, wanted, direction, method.length_of_table(a), method.max_steps)
             return drive(search, self._session, direction)
         run = method.directed if isinstance(method, AbstractHostMethod) else partial(_in_one_go, method)
-        solution = run(a, b, self._frame, aim)
+        solution = in_direction(run(a, b, self._frame, aim), direction)
         self._session.report(direction, Standing(solution, False, False, 0, 0))
         return solution
 
@@ -200,8 +196,8 @@ class MeshPair(AbstractPair):
         """See AbstractPair."""
         a, b = jax.lax.stop_gradient(self._meshes[::-1] if turned else self._meshes)
         aim = jax.lax.stop_gradient(_aim(level, ceiling, a.vertices.dtype))
-        solution = mesh_directed(a, b, self._method, aim, self._session, _direction(turned))
-        return _turned(solution) if turned else solution
+        direction = _direction(turned)
+        return in_direction(mesh_directed(a, b, self._method, aim, self._session, direction), direction)
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -235,8 +231,8 @@ class PointPair(AbstractPair):
         a, b = self._given[::-1] if turned else self._given
         points = a if is_points(a) else b
         aim = jax.lax.stop_gradient(_aim(level, ceiling, points.control_points.dtype))
-        solution = points_directed(a, b, self._method, aim, self._session, _direction(turned))
-        return _turned(solution) if turned else solution
+        direction = _direction(turned)
+        return in_direction(points_directed(a, b, self._method, aim, self._session, direction), direction)
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -258,7 +254,7 @@ class CubePair(AbstractPair):
         self._method = method
         self._first, self._second, self._scale = method.cells_of(a, b, progress)
 
-    def length(self, value: Array) -> Any:
+    def length(self, value: Array, toward: float | None = None) -> Any:
         """See AbstractPair."""
         return value
 
@@ -314,11 +310,6 @@ def _in_one_go(
     method: AbstractCurveMethod, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim
 ) -> HausdorffSolution:
     return method.directed(a, b, frame, aim)
-
-
-def _turned(solution: HausdorffSolution) -> HausdorffSolution:
-    """A solution of a search that knows of one direction alone, from b to a."""
-    return replace(solution, witness=replace(solution.witness, direction=DIRECTIONS.b_to_a))
 
 
 def _direction(turned: bool) -> Any:

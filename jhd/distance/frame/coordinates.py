@@ -12,7 +12,6 @@ from functools import reduce
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
@@ -21,7 +20,7 @@ from jaxtyping import Array
 from jhd.arithmetic.rounding import smallest_normal
 from jhd.arithmetic.scaling import common_exponent, ldexp, scale_of
 from jhd.arrays import is_traced
-from jhd.solution import RESULTS, HausdorffSolution, result_where
+from jhd.solution import RESULTS, HausdorffSolution, result_where, with_lengths
 
 # Power of two that stands for no extent at all; single precision ends at 2^-126.
 _VANISHING = 100
@@ -40,11 +39,7 @@ class Frame(eqx.Module):
 
     def place(self, x: Any) -> Array:
         """Points in the user's coordinates."""
-        return jnp.asarray(self._place(x))
-
-    def _place(self, x: Any) -> Any:
-        xp = jnp if is_traced(x, self) else np
-        return xp.ldexp(xp.ldexp(xp.asarray(x), self.second) + self.centre, self.first)
+        return jnp.asarray(_place(self, x))
 
     def scale(self, dtype: DTypeLike) -> Array:
         """The power of two that brings lengths of the user's to the common unit."""
@@ -70,40 +65,41 @@ class Frame(eqx.Module):
 
     def length(self, x: Any, toward: float | None = None) -> Array:
         """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
-        return jnp.asarray(self._length(x, toward))
-
-    def _length(self, x: Any, toward: float | None = None) -> Any:
-        xp = jnp if is_traced(x, self) else np
-        given = xp.asarray(x)
-        with np.errstate(over="ignore"):
-            scaled = xp.ldexp(given, self.first + self.second)
-        if toward is None:
-            return scaled
-        if toward == 0:  # a lower bound that overflows is at least the largest float
-            scaled = xp.where(xp.isfinite(given), xp.minimum(scaled, xp.finfo(scaled.dtype).max), scaled)
-        if is_traced(given, self):
-            # Compiled programs flush the subnormals of the input: that moves a distance by a few of the smallest.
-            flushed = 32 * smallest_normal(scaled.dtype)
-            return jnp.maximum(scaled - flushed, 0.0) if toward == 0 else scaled + flushed
-        outward = xp.nextafter(scaled, xp.asarray(toward, scaled.dtype))
-        exact = (xp.abs(scaled) > 2 * smallest_normal(scaled.dtype)) | (given == 0)
-        return xp.where(exact, scaled, outward)
+        return jnp.asarray(_length(self, x, toward))
 
     def solution(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """A solution found in the common coordinates, in the user's."""
-        witness, result = solution.witness, solution.result
-        value, lower = self._length(solution.value), self._length(solution.lower, 0.0)
-        upper, point, feet = self._length(solution.upper, np.inf), self._place(witness.point), self._place(witness.feet)
-        if is_traced(self.usable):
-            value, lower, upper = (
-                jnp.where(self.usable, x, y) for x, y in ((value, jnp.inf), (lower, 0.0), (upper, jnp.inf))
-            )
-            result = result_where(self.usable, result, RESULTS.nonfinite_value)
-        if not is_traced(value):
-            # All five together: one transfer takes as long as five.
-            value, lower, upper, point, feet = jax.device_put((value, lower, upper, point, feet))
-        witness = replace(witness, point=point, feet=feet)
-        return replace(solution, value=value, lower=lower, upper=upper, witness=witness, result=result)
+        """A solution found in the common coordinates, in the user's; numbers that are known are left on the host."""
+        witness, good = solution.witness, self.usable
+        value, lower = _length(self, solution.value, None), _length(self, solution.lower, 0.0)
+        upper = _length(self, solution.upper, np.inf)
+        if is_traced(good):
+            value, lower, upper = (jnp.where(good, x, y) for x, y in ((value, jnp.inf), (lower, 0.0), (upper, jnp.inf)))
+            solution = replace(solution, result=result_where(good, solution.result, RESULTS.nonfinite_value))
+        return with_lengths(solution, value, lower, upper, _place(self, witness.point), _place(self, witness.feet))
+
+
+# Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.
+def _place(frame: Frame, x: Any) -> Any:
+    xp = jnp if is_traced(x, frame) else np
+    return xp.ldexp(xp.ldexp(xp.asarray(x), frame.second) + frame.centre, frame.first)
+
+
+def _length(frame: Frame, x: Any, toward: float | None) -> Any:
+    xp = jnp if is_traced(x, frame) else np
+    given = xp.asarray(x)
+    with np.errstate(over="ignore"):
+        scaled = xp.ldexp(given, frame.first + frame.second)
+    if toward is None:
+        return scaled
+    if toward == 0:  # a lower bound that overflows is at least the largest float
+        scaled = xp.where(xp.isfinite(given), xp.minimum(scaled, xp.finfo(scaled.dtype).max), scaled)
+    if is_traced(given, frame):
+        # Compiled programs flush the subnormals of the input: that moves a distance by a few of the smallest.
+        flushed = 32 * smallest_normal(scaled.dtype)
+        return jnp.maximum(scaled - flushed, 0.0) if toward == 0 else scaled + flushed
+    outward = xp.nextafter(scaled, xp.asarray(toward, scaled.dtype))
+    exact = (xp.abs(scaled) > 2 * smallest_normal(scaled.dtype)) | (given == 0)
+    return xp.where(exact, scaled, outward)
 
 
 def extremes(x: Any) -> tuple[Any, Any]:

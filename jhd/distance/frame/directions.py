@@ -12,6 +12,7 @@ from jhd.compiled import compiled
 from jhd.solution import RESULTS, HausdorffSolution, result_where
 
 
+@compiled
 def larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
     """The larger of both directed distances, the first one at a tie; it keeps both.
 
@@ -19,7 +20,19 @@ def larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSoluti
         there: from a to b.
         back: from b to a, in the same unit.
     """
-    return replace(_larger(there, back), directions=(there, back))
+    turned = ordered(back.value) > ordered(there.value)
+    chosen = jax.tree_util.tree_map(lambda x, y: jnp.where(turned, x, y), back, there)
+    stats = {f"{name}_{key}": x for name, s in (("a_to_b", there), ("b_to_a", back)) for key, x in s.stats.items()}
+    return HausdorffSolution(
+        value=chosen.value,
+        lower=_maximum(there.lower, back.lower),
+        upper=_maximum(there.upper, back.upper),
+        witness=chosen.witness,
+        result=result_where(there.result == RESULTS.successful, back.result, there.result),
+        stats=stats,
+        directed=False,
+        directions=(there, back),
+    )
 
 
 def alike(there: HausdorffSolution, back: HausdorffSolution) -> tuple[HausdorffSolution, HausdorffSolution]:
@@ -41,22 +54,6 @@ def _formed(solution: HausdorffSolution, t: tuple, params: tuple, names: Any) ->
     own = own if params[1] > 1 else own[:, 0]
     witness = replace(w, t=jnp.broadcast_to(w.t, t), foot_params=own)
     return replace(solution, witness=witness, stats={n: solution.stats.get(n, jnp.array(0)) for n in names})
-
-
-@compiled
-def _larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-    turned = ordered(back.value) > ordered(there.value)
-    chosen = jax.tree_util.tree_map(lambda x, y: jnp.where(turned, x, y), back, there)
-    stats = {f"{name}_{key}": x for name, s in (("a_to_b", there), ("b_to_a", back)) for key, x in s.stats.items()}
-    return HausdorffSolution(
-        value=chosen.value,
-        lower=_maximum(there.lower, back.lower),
-        upper=_maximum(there.upper, back.upper),
-        witness=chosen.witness,
-        result=result_where(there.result == RESULTS.successful, back.result, there.result),
-        stats=stats,
-        directed=False,
-    )
 
 
 def _maximum(x: Array, y: Array) -> Array:

@@ -20,7 +20,7 @@ from jhd.distance.search.curves import LANES, State, Table, advance, begin, solu
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.solutions import Pair
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import HausdorffSolution
+from jhd.solution import HausdorffSolution, in_direction
 
 # Steps of the first stretch, which hold all but hard pairs.
 _FIRST_STEPS = 128
@@ -35,14 +35,17 @@ class CurveSearch(AbstractSearch):
         a: the curve whose farthest point is looked for, in common coordinates.
         b: the other one.
         wanted: what is asked for.
+        direction: a member of DIRECTIONS.
         capacity: length of the table at first.
         max_steps: most steps.
     """
 
     first_steps = _FIRST_STEPS
 
-    def __init__(self, a: BezierSegments, b: BezierSegments, wanted: Wanted, capacity: int, max_steps: int):
-        self._asked, self._capacity, self.max_steps = (a, b, wanted), capacity, max_steps
+    def __init__(
+        self, a: BezierSegments, b: BezierSegments, wanted: Wanted, direction: Any, capacity: int, max_steps: int
+    ):
+        self._asked, self._capacity, self.max_steps = (a, b, wanted, direction), capacity, max_steps
 
     def begin(self) -> tuple[State, bool]:
         """See AbstractSearch; the program of the first stretch does the work."""
@@ -96,7 +99,14 @@ class SurfaceSearch(AbstractSearch):
 
 @compiled
 def _stretch(
-    a: BezierSegments, b: BezierSegments, wanted: Wanted, state: State, fresh: Array, limit: Array, growing: Array
+    a: BezierSegments,
+    b: BezierSegments,
+    wanted: Wanted,
+    direction: Any,
+    state: State,
+    fresh: Array,
+    limit: Array,
+    growing: Array,
 ) -> tuple[State, HausdorffSolution, Array]:
     """Begins the search if it is fresh, goes on for some steps, and says how it stands, in four numbers."""
     capacity, near = state.table.upper.size, near_curve(b, is_long(a) or is_long(b))
@@ -104,7 +114,8 @@ def _stretch(
     state = advance(a, near, wanted, state, limit, growing)
     going_on = unfinished(a, near, wanted, state)
     full = going_on & (state.waiting + LANES > capacity)
-    return state, solution_of(a, near, wanted, state), jnp.stack([going_on, full, state.steps, state.waiting])
+    solution = in_direction(solution_of(a, near, wanted, state), direction)
+    return state, solution, jnp.stack([going_on, full, state.steps, state.waiting])
 
 
 @lru_cache(maxsize=8)

@@ -28,7 +28,7 @@ from jhd.distance.frame.pieces import Piece
 from jhd.distance.nearest.feet import is_held
 from jhd.distance.witness import active
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness
+from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness, on_device
 
 
 class _Answer(NamedTuple):
@@ -56,6 +56,7 @@ def with_derivatives(solution: HausdorffSolution, a: BezierSegments, b: BezierSe
     """The solution, its value and witness differentiable in both curves; all in the user's coordinates."""
     if not is_traced(a, b):
         return solution
+    solution = on_device(solution)
     value, witness = moving(solution.value, solution.witness, a, b, frame)
     return replace(solution, value=value, witness=witness)
 

@@ -47,7 +47,7 @@ from jhd.distance.witness.polish import (
     started,
 )
 from jhd.shapes.implicit import ImplicitSurface
-from jhd.solution import DIRECTIONS, HausdorffSolution, Witness
+from jhd.solution import DIRECTIONS, HausdorffSolution, Witness, on_device
 
 # Singular values of the equations below this share of the largest make them singular.
 _SINGULAR = 1e-10
@@ -84,6 +84,7 @@ def with_surface_derivatives(solution: HausdorffSolution, a: ImplicitSurface, b:
     """
     if not is_traced(a, b):
         return solution
+    solution = on_device(solution)
     return replace(solution, value=_attached(solution.value, a, b, solution.witness))
 
 

@@ -94,6 +94,29 @@ def test_an_interrupted_search_for_a_minimum_hands_back_the_bounds_it_had_reache
     assert int(stopped.stats["steps"]) == 0 < int(whole.stats["steps"])
 
 
+def test_the_larger_distance_keeps_both_directed_ones():
+    a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
+    there, back = jhd.directed_hausdorff(a, b), jhd.directed_hausdorff(b, a)
+    found = jhd.hausdorff(a, b)
+    assert found.directions is not None and "directions" not in found.to_json()
+    first, second = found.directions
+    assert (first.lower, first.value, first.upper) == (there.lower, there.value, there.upper)
+    # The second one is looked for only where it matters; its bounds are true in any case.
+    assert second.lower <= back.upper and back.lower <= second.upper
+    assert [name_of(d.direction) for d in found.directions] == ["a_to_b", "b_to_a"]
+    assert max(float(first.upper), float(second.upper)) == float(found.upper)
+
+    def moved(shift):
+        return jhd.hausdorff(a, b.transform(np.eye(2), shift * np.ones(2)))
+
+    batch = jax.jit(jax.vmap(moved))(np.array([0.0, 0.25]))
+    assert batch.directions is not None and batch.directions[1].value.shape == (2,)
+    np.testing.assert_allclose(batch.directions[0].value[0], there.value, rtol=1e-12)
+    slopes = [jax.grad(lambda x, k=k: moved(x).directions[k].value)(0.25) for k in range(2)]  # pyright: ignore
+    chosen = 0 if name_of(moved(0.25).direction) == "a_to_b" else 1
+    np.testing.assert_allclose(slopes[chosen], jax.grad(lambda x: moved(x).value)(0.25), rtol=1e-12)
+
+
 def test_an_interruption_is_raised_with_the_solution():
     with pytest.raises(jhd.NotProvenError, match="interrupted") as caught:
         jhd.directed_hausdorff(FOLDED, LINE, progress=interrupt)
