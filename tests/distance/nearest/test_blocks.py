@@ -39,7 +39,9 @@ def _both(points, queries):
     return found, jax.vmap(lambda q: nearest(q, points, None))(queries)
 
 
-@pytest.mark.parametrize("kind", ["plain", "repeated", "overlapping", "points", "around"])
+@pytest.mark.parametrize(
+    "kind", ["plain", "repeated", pytest.param("overlapping", marks=pytest.mark.slow), "points", "around"]
+)
 def test_blocks_prove_what_all_segments_prove(kind):
     points, queries = _segments(kind, np.random.default_rng(3))
     (found, (segment, t)), expected = _both(jnp.asarray(points), jnp.asarray(queries))
@@ -73,6 +75,7 @@ def test_sets_of_many_points_agree_with_all_pairs():
     assert float(jhd.directed_hausdorff(jhd.points(a), jhd.points(a[::-1])).upper) < 1e-12
 
 
+@pytest.mark.slow  # programs of its own
 def test_a_table_that_is_too_short_for_a_long_curve_grows_before_the_first_step():
     # Every segment is as far from the other ring, so none is closed by the first bounds at a tolerance of zero.
     angles = np.linspace(0, 2 * np.pi, 769)

@@ -30,7 +30,7 @@ def bounds(solution):
     return float(solution.lower), float(solution.upper)
 
 
-@pytest.mark.parametrize("pairs", ["separable", "tiles"])
+@pytest.mark.parametrize("pairs", ["separable", pytest.param("tiles", marks=pytest.mark.slow)])
 def test_the_paper_rule_gives_the_published_interval(pairs):
     method = CubeIntervals(64, rule="paper", pairs=pairs)
     both, there = method.surfaces(*CONES), method.directed_surfaces(*CONES)
@@ -44,7 +44,7 @@ def test_the_paper_rule_gives_the_published_interval(pairs):
     assert int(there.stats["pairs"]) == 8464 * 12440 == int(both.stats["a_to_b_pairs"])
 
 
-@pytest.mark.parametrize("pairs", ["separable", "tiles"])
+@pytest.mark.parametrize("pairs", ["separable", pytest.param("tiles", marks=pytest.mark.slow)])
 def test_the_safe_rule_holds_the_distances_of_the_cones(pairs):
     method = CubeIntervals(64, pairs=pairs)
     both, there = method.surfaces(*CONES), method.directed_surfaces(*CONES)

@@ -170,6 +170,7 @@ ACROSS = np.hypot(0.01, 0.0003)
 FEW = jhd.TwoStep(samples=4)
 
 
+@pytest.mark.slow  # programs of its own
 def test_too_few_samples_miss_a_narrow_maximum_and_say_nothing_false():
     missed = jhd.directed_hausdorff(RISING, GAP, FEW)
     assert abs(float(missed) - 0.001) <= 1e-12

@@ -83,7 +83,9 @@ def test_an_interruption_of_one_direction_ends_the_other_where_it_begins(kind, m
     assert stopped.lower <= whole.lower and whole.upper <= stopped.upper < np.inf
 
 
-@pytest.mark.parametrize("kind", CLOSEST)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=pytest.mark.slow if kind == "surfaces" else ()) for kind in CLOSEST]
+)
 def test_an_interrupted_search_for_a_minimum_hands_back_the_bounds_it_had_reached(kind, monkeypatch):
     search, shapes = CLOSEST[kind]
     monkeypatch.setattr(search, "first_steps", 0)
@@ -129,6 +131,7 @@ def test_a_search_that_is_done_is_not_spoilt_by_an_interruption():
     assert name_of(solution.result) == "successful"
 
 
+@pytest.mark.slow  # programs of its own
 def test_the_host_takes_a_longer_table_where_one_program_folds():
     a, b = FOLDED, LINE
     method = jhd.BranchAndBound(capacity=64)
@@ -155,6 +158,7 @@ def test_other_methods_report_once():
     assert seen[0].upper == np.inf
 
 
+@pytest.mark.slow  # programs of its own
 def test_known_curves_inside_a_traced_function_take_the_traced_way():
     a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
     scaled = jax.jit(lambda x: x * jhd.hausdorff(a, b).value)(2.0)

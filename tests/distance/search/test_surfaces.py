@@ -94,6 +94,7 @@ def test_a_surface_on_itself_is_at_distance_zero():
         assert name_of(solution.event) == "coincident"
 
 
+@pytest.mark.slow  # programs of its own
 def test_planes_cylinders_and_surfaces_in_faces_are_surfaces():
     plane, tilted = parsed("z - 0.5"), parsed("z - 0.5 - x/8")
     solution = jhd.directed_hausdorff(plane, tilted, jhd.BranchAndBound(atol=1e-4), throw=False)

@@ -63,8 +63,9 @@ def rule_and_difference(entry, shapes, rng):
     return here, rule, (float(near[0].value) - float(near[1].value)) / (2 * STEP)
 
 
-KINDS = (("bezier", "bezier"), ("rational", "bezier"))
+KINDS = (("bezier", "bezier"),)
 MORE = (
+    ("rational", "bezier"),
     ("polyline", "bezier"),
     ("closed", "closed"),
     ("spline", "bezier"),

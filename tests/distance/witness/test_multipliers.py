@@ -129,7 +129,7 @@ def solved(dim):
     return list(zip(cases, witnesses, split, strict=True))
 
 
-@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_at_ends_and_corners_of_curves_the_derivative_is_between_the_one_sided_ones(dim):
     shared = 0
     for case, witness, (values, *gradients) in solved(dim):
