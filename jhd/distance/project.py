@@ -33,6 +33,7 @@ from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame
 from jhd.distance.frame.curves import padded_count, replaced, trusted, usable
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import piece_of
+from jhd.distance.nearest.blocks import blocks_of, in_groups, is_long, nearest_in_blocks, places
 from jhd.distance.nearest.curves import Nearest, best_end, in_chunks, nearest, repeated
 from jhd.distance.nearest.feet import is_held
 from jhd.distance.nearest.stationarity import roots_on
@@ -51,6 +52,8 @@ from jhd.solution import RESULTS, Projection, StationaryPoints, result_where, th
 
 # Numbers of queries that programs are compiled for; more are done in blocks of the last size.
 _BLOCKS = (1, 16, 128, 1024)
+# The same of long curves, which are prepared for each block.
+_LONG_BLOCK = 4096
 # Numbers of segments likewise; a single curve is worth a program of its own.
 _COUNTS = (1, 4, 16)
 # A larger change of the parameter by one more Newton step is no mending: the local methods stop where they please.
@@ -73,7 +76,7 @@ class NearestSearch(AbstractProjectionMethod):
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
         """The nearest point to one query."""
         found = nearest(point, curve.control_points, curve.weights, 0.0, skip)
-        return found, result_where(found.closed, RESULTS.successful, RESULTS.gap_not_closed)
+        return found, _closed(found)
 
 
 class ProjectedPolyhedron(AbstractProjectionMethod):
@@ -292,12 +295,19 @@ def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: B
     if traced:
         found = [kernel(option, flat, scaled, curve.count)]
     else:
-        size = next((b for b in _BLOCKS if b >= len(flat)), _BLOCKS[-1])
+        # In blocks of a long curve neighbours are searched together.
+        order: Any = _order(flat) if is_long(scaled) else slice(None)
+        flat = flat[order]
+        size = next((b for b in _BLOCKS if b >= len(flat)), _LONG_BLOCK if is_long(scaled) else _BLOCKS[-1])
         padded = flat[np.minimum(np.arange(-(-len(flat) // size) * size), len(flat) - 1)]
         used = np.asarray(curve.count)
         found = [kernel(option, rows, scaled, used) for rows in padded.reshape(-1, size, curve.dim)]
     joined = jax.tree_util.tree_map(lambda *parts: xp.concatenate(parts)[: len(flat)], *found)
-    joined = _marked(joined, good) if traced else joined
+    if traced:
+        joined = _marked(joined, good)
+    elif is_long(scaled):
+        back = np.argsort(order)
+        joined = jax.tree_util.tree_map(lambda x: x[back], joined)
     joined = jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), joined)
     return jax.tree_util.tree_map(jnp.asarray, _unscaled(joined, frame))
 
@@ -321,19 +331,39 @@ def _unscaled(found: Any, frame: Frame) -> Any:
     return eqx.tree_at(where, found, (*lengths, frame.place(found.foot)))
 
 
+_places = compiled(places)
+
+
+def _order(points: Any) -> np.ndarray:
+    """An order in which neighbours follow each other; of lengths that are powers of two, for which programs are few."""
+    count = len(points)
+    rows = points[np.minimum(np.arange(1 << (count - 1).bit_length()), count - 1)]
+    return np.argsort(np.asarray(_places(rows))[:count])
+
+
 @compiled
 def _project_block(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments, _: Any) -> Projection:
     skip = repeated(curve.control_points, curve.weights)
 
-    def one(point: Array) -> Projection:
-        found, result = method.one(point, curve, skip)
+    def at(point: Array, found: Nearest, result: Any) -> Projection:
         piece = piece_of(curve, found.segment)
         # Distances are as good as they get where the parameter is off by the root of that; one step mends it.
         t = stationary(found.t, point, piece, is_held(point, piece, found.t))
         t = jnp.where(jnp.abs(t - found.t) < _MENDED, jnp.clip(t, 0.0, 1.0), found.t)
         return Projection(found.distance, found.lower, found.upper, jet(*piece, t).point, found.segment, t, result)
 
-    return in_chunks(one, queries, _CHUNK)
+    def of_group(points: Array) -> Projection:
+        found = nearest_in_blocks(blocks, points)
+        return jax.vmap(at)(points, found, jax.vmap(_closed)(found))
+
+    if isinstance(method, NearestSearch) and is_long(curve):
+        blocks = blocks_of(curve)
+        return in_groups(of_group, queries)
+    return in_chunks(lambda point: at(point, *method.one(point, curve, skip)), queries, _CHUNK)
+
+
+def _closed(found: Nearest) -> Any:
+    return result_where(found.closed, RESULTS.successful, RESULTS.gap_not_closed)
 
 
 @partial(compiled, static=(0,))

@@ -34,8 +34,10 @@ from jhd.shapes.curve import BezierSegments
 
 # From this number of segments on blocks are faster than all segments at once.
 _LONG = 512
-# Segments of a block, queries of a group, and segments that a query searches before it searches all.
-_BLOCK, _GROUP, _LISTED = 64, 128, 8
+# Segments of a block, and queries of a group.
+_BLOCK, _GROUP = 64, 128
+# Segments that a query searches: few suffice where segments are nearly straight, more where they are not; then all.
+_LISTED = (8, 128)
 # Blocks that are looked at for a guess; more are in reach only where very many segments are equally far.
 _GUESSED = 64
 
@@ -137,13 +139,13 @@ def guesses(blocks: Blocks, points: Array) -> tuple[Array, Array]:
     return blocks.segment[k, i], jax.vmap(_square_and_place)(points, *rows)[1]
 
 
-def nearest_in_blocks(blocks: Blocks, points: Array) -> Nearest:
+def nearest_in_blocks(blocks: Blocks, points: Array, counts: tuple[int, ...] = _LISTED) -> Nearest:
     """Proven nearest points, as by `nearest` on all segments, to the points of a group.
 
-    Each query searches the few segments with the smallest lower bounds; where others are in its reach, the whole group
-    searches all.
+    Each query searches the few segments with the smallest lower bounds, as many as the first of the counts; where
+    others are in its reach, the whole group searches more, and in the end all.
     """
-    lower, listed, rest, reach = _listed(blocks, points)
+    lower, listed, rest, reach = _listed(blocks, points, counts[0])
     curve = blocks.curve
 
     def among(_: None) -> Nearest:
@@ -156,14 +158,16 @@ def nearest_in_blocks(blocks: Blocks, points: Array) -> Nearest:
 
         return jax.vmap(one)(points, listed, lower, rest, reach)
 
-    def among_all(_: None) -> Nearest:
+    def among_more(_: None) -> Nearest:
+        if counts[1:]:
+            return nearest_in_blocks(blocks, points, counts[1:])
         skip = repeated(curve.control_points, curve.weights)
         return jax.vmap(lambda p: nearest(p, curve.control_points, curve.weights, 0.0, skip))(points)
 
-    return jax.lax.cond(jnp.any(rest <= reach), among_all, among, None)
+    return jax.lax.cond(jnp.any(rest <= reach), among_more, among, None)
 
 
-def _listed(blocks: Blocks, points: Array) -> tuple[Array, Array, Array, Array]:
+def _listed(blocks: Blocks, points: Array, most: int) -> tuple[Array, Array, Array, Array]:
     """For each of the points of a group the segments with the smallest lower bounds, and what is known of the others.
 
     Returns:
@@ -182,11 +186,11 @@ def _listed(blocks: Blocks, points: Array) -> tuple[Array, Array, Array, Array]:
         new = jnp.where(jnp.isinf(delta), jnp.inf, distance - delta - error).T
         lower = jnp.concatenate([lower, _down(new)], axis=1)
         listed = jnp.concatenate([listed, jnp.broadcast_to(blocks.segment[k], new.shape)], axis=1)
-        lower, index = jax.lax.top_k(-lower, _LISTED + 1)
+        lower, index = jax.lax.top_k(-lower, most + 1)
         return reach, -lower, jnp.take_along_axis(listed, index, axis=1)
 
-    blank = jnp.full((count, _LISTED + 1), jnp.inf, jnp.float32)
-    start = jnp.full(count, jnp.inf, points.dtype), blank, jnp.zeros((count, _LISTED + 1), int)
+    blank = jnp.full((count, most + 1), jnp.inf, jnp.float32)
+    start = jnp.full(count, jnp.inf, points.dtype), blank, jnp.zeros((count, most + 1), int)
     beyond, (reach, lower, listed) = _nearest_first(blocks, points, lambda found: jnp.max(found[0]), look, start)
     lower = lower.astype(points.dtype)
     return lower[:, :-1], listed[:, :-1], jnp.minimum(lower[:, -1], beyond), reach
@@ -231,8 +235,8 @@ def _to_chords(blocks: Blocks, k: Array, points: Array) -> tuple[Array, Array]:
     d = [x - s[:, None] for x, s in zip(points.T, start.T, strict=True)]
     v = [x[:, None] for x in chord.T]
     t = jnp.clip(sum((x * y for x, y in zip(d, v, strict=True)), start=0.0) * inverse, 0.0, 1.0)
-    squares = sum(((x - t * y) ** 2 for x, y in zip(d, v, strict=True)), start=0.0)
-    return squares, sum((x * x for x in d), start=0.0)
+    squares = sum(((x - t * y) ** 2 for x, y in zip(d, v, strict=True)), start=jnp.zeros_like(t))
+    return squares, sum((x * x for x in d), start=jnp.zeros_like(t))
 
 
 def _square_and_place(point: Array, start: Array, chord: Array, inverse: Array) -> tuple[Array, Array]:

@@ -217,8 +217,8 @@ def begin(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> 
     pending = Place(at // 2, (at % 2).astype(dtype))
     none = jnp.array(-jnp.inf, dtype)
     # Until a place is measured it is its own witness.
-    near = Place(k.ravel()[at], s.ravel()[at])
-    return State(table, zeros[0], none, pending, near, none, jnp.array(False), pending, jnp.array(0))
+    foot = Place(k.ravel()[at], s.ravel()[at])
+    return State(table, zeros[0], none, pending, foot, none, jnp.array(False), pending, jnp.array(0))
 
 
 def _first_foot(b: BezierSegments, point: Array, start: Place) -> tuple[Array, Array, Array]:
@@ -230,8 +230,8 @@ def _first_foot(b: BezierSegments, point: Array, start: Place) -> tuple[Array, A
 def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> State:
     """The same for many segments, with feet at both ends of each from one start.
 
-    The place that seems the farthest is
-    measured, so that only cells with larger bounds come into the table; those that do not fit are folded.
+    The place that seems the farthest is measured, so that only cells with larger bounds come into the table; those that
+    do not fit are folded into the bound of all.
     """
     b, dtype = near.curve, a.control_points.dtype
     error, skip = evaluation_error(a, b), repeated(a.control_points, a.weights)

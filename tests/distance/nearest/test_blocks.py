@@ -85,3 +85,20 @@ def test_a_table_that_is_too_short_for_a_long_curve_grows_before_the_first_step(
     solution = jhd.directed_hausdorff(a, b, method)
     roomy = jhd.directed_hausdorff(a, b)
     assert float(solution.lower) <= float(roomy.upper) and float(roomy.lower) <= float(solution.upper)
+
+
+def test_many_queries_of_a_long_curve_come_back_in_their_order():
+    rng = np.random.default_rng(5)
+    angles = np.linspace(0, 2 * np.pi, COUNT + 1)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    curve = jhd.polyline(ring)
+    queries = np.concatenate([rng.normal(size=(1200, 2)), ring[:50], [[0.0, 0.0], [1e6, 0.0]]]).reshape(2, 626, 2)
+    offset, edge = queries[:, :, None] - ring[:-1], ring[1:] - ring[:-1]
+    share = np.clip(np.sum(offset * edge, axis=-1) / np.sum(edge * edge, axis=-1), 0, 1)
+    exact = np.linalg.norm(offset - share[..., None] * edge, axis=-1).min(axis=-1)
+    for found in (jhd.project(queries, curve), jax.jit(jhd.project)(queries[:, :100], curve)):
+        expected = exact[:, : found.distance.shape[1]]
+        # At an error of the scale of the farthest query.
+        assert np.all(found.lower <= expected + 1e-9) and np.all(found.upper >= expected - 1e-9)
+        np.testing.assert_allclose(found.distance, expected, atol=1e-9)
+        assert np.all(found.upper - found.lower <= 1e-7)
