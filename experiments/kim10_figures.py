@@ -22,7 +22,7 @@ from common_kim10 import KINDS, pair
 
 import jhd
 from jhd.distance.frame.curves import prepare
-from jhd.distance.published.arc_bounds import Target
+from jhd.distance.published.arc_bounds import ArcTarget
 from jhd.distance.published.events.host_pair import HostPair
 from jhd.distance.published.trimming import both_arcs
 
@@ -96,7 +96,7 @@ def _trimmed(kind: str, pixels: int, drawn: int) -> dict[str, Any]:
         raise AssertionError(f"LB is {lower:g}; the distance is {proven}, what is subtracted {float(field.reach):g}")
     p, q, frame = prepare(a, b)
     mine, others = both_arcs(HostPair.of(p, q), float(frame.common(FINE * diagonal)))
-    left = Target(others).reach_by_quarters(mine) >= float(frame.common(lower))
+    left = ArcTarget(others).reach_by_quarters(mine) >= float(frame.common(lower))
     segment, t0, t1 = mine.segment, mine.t0, mine.t1
     parts = [_part(a, *place) for place in zip(segment[~left], t0[~left], t1[~left], strict=True)]
     farthest = jhd.directed_hausdorff(jhd.BezierSegments.join(parts), b)

@@ -25,10 +25,10 @@ from common import Run, markdown
 import jhd
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import prepare
-from jhd.distance.published.arc_bounds import Arcs, Target
+from jhd.distance.published.arc_bounds import Arcs, ArcTarget
 from jhd.distance.published.events.forms import Curve
 from jhd.distance.published.events.host_pair import HostPair
-from jhd.distance.published.events.survivors import Pieces, everywhere, pairs, survivors, triples
+from jhd.distance.published.events.survivors import EventPieces, everywhere, pairs, survivors, triples
 from jhd.distance.published.events.systems import Events, solve
 from jhd.distance.published.farthest import measure
 from jhd.distance.published.trimming import both_arcs
@@ -85,11 +85,11 @@ class _Side(NamedTuple):
     arcs: Arcs
     upper: np.ndarray
 
-    def left(self, level: float) -> Pieces:
+    def left(self, level: float) -> EventPieces:
         """What is not proven to be nearer than the level, for all distances from there on."""
         rows = np.flatnonzero(self.upper >= level)
         wanted = np.stack([np.full(len(rows), level), self.upper[rows]])
-        return Pieces(self.arcs.segment[rows], np.stack([self.arcs.t0[rows], self.arcs.t1[rows]]), wanted)
+        return EventPieces(self.arcs.segment[rows], np.stack([self.arcs.t0[rows], self.arcs.t1[rows]]), wanted)
 
 
 def _trial(a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
@@ -101,8 +101,8 @@ def _trial(a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
     pair = HostPair.of(p, q)
     d, c = both_arcs(pair, float(frame.common(DEVIATION * diagonal)))
     sides = [
-        _Side(pair, d, Target(c).reach_by_quarters(d)),
-        _Side(pair.reversed(), c, Target(d).reach_by_quarters(c)),
+        _Side(pair, d, ArcTarget(c).reach_by_quarters(d)),
+        _Side(pair.reversed(), c, ArcTarget(d).reach_by_quarters(c)),
     ]
     levels = {"map": _read(a, b, low, high, DEVIATION * diagonal), "exact": float(proven.lower)}
     bounds = {name: _solved(sides, frame, level, proven) for name, level in levels.items()}
@@ -152,7 +152,7 @@ def _solved(sides: list[_Side], frame: Frame, level: float, proven: jhd.Hausdorf
     }
 
 
-def _places(pair: HostPair, mine: Pieces, other: Pieces) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _places(pair: HostPair, mine: EventPieces, other: EventPieces) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Where a may be farthest: its ends and all events, and the same without those whose feet are trimmed."""
     ends = np.array([0, pair.a.moving - 1]), np.array([0.0, 1.0])
     found = {"one": [ends], "both": [ends]}
@@ -165,7 +165,7 @@ def _places(pair: HostPair, mine: Pieces, other: Pieces) -> dict[str, tuple[np.n
     return {name: (segment, t) for name, (segment, t) in joined.items()}
 
 
-def _events(pair: HostPair, pieces: Pieces) -> list[Events]:
+def _events(pair: HostPair, pieces: EventPieces) -> list[Events]:
     """All events with their maximum in the pieces and their feet anywhere."""
     if not len(pieces.segment):
         return []
@@ -179,7 +179,7 @@ def _events(pair: HostPair, pieces: Pieces) -> list[Events]:
     return found
 
 
-def _foot_left(b: Curve, pieces: Pieces, segment: np.ndarray, box: np.ndarray) -> np.ndarray:
+def _foot_left(b: Curve, pieces: EventPieces, segment: np.ndarray, box: np.ndarray) -> np.ndarray:
     """Whether feet lie in what is left of b; its ends are segments of one point there."""
     end = segment >= b.moving
     zero, one = np.zeros(len(segment)), np.ones(len(segment))
@@ -187,7 +187,7 @@ def _foot_left(b: Curve, pieces: Pieces, segment: np.ndarray, box: np.ndarray) -
     return np.where(end, first | last, _inside(pieces, segment, box[0], box[1]))
 
 
-def _inside(pieces: Pieces, segment: np.ndarray, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
+def _inside(pieces: EventPieces, segment: np.ndarray, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
     """Whether intervals of segments meet a piece; they are enlarged a little, in favour of trimming."""
     there = pieces.segment[:, None] == segment
     return np.any(there & (pieces.side[0][:, None] <= t1 + FINAL) & (pieces.side[1][:, None] >= t0 - FINAL), axis=0)

@@ -33,7 +33,7 @@ from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd.distance.search.meshes import mesh_directed
 from jhd.distance.search.points import is_points, points_directed
 from jhd.distance.search.search import Session, Standing, drive
-from jhd.distance.search.solutions import Pair, target
+from jhd.distance.search.solutions import CoveredPair, target
 from jhd.distance.witness.derivative import with_derivatives
 from jhd.distance.witness.meshes import with_mesh_derivatives
 from jhd.distance.witness.surfaces import with_surface_derivatives
@@ -329,13 +329,13 @@ class _Targets(NamedTuple):
     empty_a: Array
     empty_b: Array
 
-    def pair(self) -> Pair:
+    def pair(self) -> CoveredPair:
         """The direction from a to b."""
-        return Pair(self.a, self.b, self.empty_a | self.empty_b)
+        return CoveredPair(self.a, self.b, self.empty_a | self.empty_b)
 
-    def turned(self) -> Pair:
+    def turned(self) -> CoveredPair:
         """The direction from b to a."""
-        return Pair(self.b, self.a, self.empty_a | self.empty_b)
+        return CoveredPair(self.b, self.a, self.empty_a | self.empty_b)
 
 
 def _targets(a: ImplicitSurface, b: ImplicitSurface) -> tuple[_Targets, Frame]:

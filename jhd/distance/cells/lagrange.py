@@ -31,7 +31,7 @@ from jaxtyping import Array
 from jhd.arithmetic.balls import Ball, dot, minus, plus, semidefinite, times
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.distance.cells.implicit import At, Local, error_of, parameters, polynomial_at, shape_at, shape_over
-from jhd.distance.cells.pairs import Cell, CellBound, bends, expand, joined, length, newton_step
+from jhd.distance.cells.pairs import Cell, PairBound, bends, expand, joined, length, newton_step
 from jhd.distance.frame.net_jets import Net, jet, part_of, skew
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.places import proven_radius, returned
@@ -53,7 +53,7 @@ class WithSurface(NamedTuple):
     # What rounding may leave, in errors of points: much where points are proven by signs of enclosures.
     room: Array | float = 64.0
 
-    def bound(self, cell: Cell) -> CellBound:
+    def bound(self, cell: Cell) -> PairBound:
         """Bounds over one pair of cells."""
         return _bound(self.a, self.b, cell)
 
@@ -141,7 +141,7 @@ def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: in
     )
 
 
-def _bound(a: Net | Side, b: Net | Side, cell: Cell) -> CellBound:
+def _bound(a: Net | Side, b: Net | Side, cell: Cell) -> PairBound:
     n, dtype, width = parameters(a), cell.low.dtype, cell.high - cell.low
     place = stationary(a, b, cell, jnp.full(cell.low.shape, 0.5, dtype))
     local = (
@@ -155,7 +155,7 @@ def _bound(a: Net | Side, b: Net | Side, cell: Cell) -> CellBound:
     extent = jnp.max(jnp.abs(over.first.mid) + over.first.rad, axis=-1)
     room = jnp.maximum(jnp.abs(cell.low), jnp.abs(cell.high)) * jnp.finfo(dtype).eps * _THINNEST
     extent = jnp.where(width > jnp.maximum(room, 64 * smallest_normal(dtype)), extent, -1.0)
-    return CellBound(lower, upper, distance, x, cell, jnp.argmax(extent), jnp.max(extent) < 0)
+    return PairBound(lower, upper, distance, x, cell, jnp.argmax(extent), jnp.max(extent) < 0)
 
 
 def _of_boxes(apart: Ball) -> Array:

@@ -27,7 +27,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.balls import Ball, dot, factors, minus, plus, semidefinite
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.distance.frame.net_jets import Jet, Net, enclosed, eta, jet, part_of, point_error, skew
+from jhd.distance.frame.net_jets import Net, NetJet, enclosed, eta, jet, part_of, point_error, skew
 
 # Steps of Newton's method towards the nearest pair of a cell; the cells that count are entered near it.
 _STEPS = 5
@@ -44,7 +44,7 @@ class Cell(NamedTuple):
     high: Array
 
 
-class CellBound(NamedTuple):
+class PairBound(NamedTuple):
     """What is known of a cell: bounds, a pair of points, what is left of the cell, and where to cut it."""
 
     lower: Array
@@ -56,7 +56,7 @@ class CellBound(NamedTuple):
     thin: Array
 
 
-class Best(NamedTuple):
+class BestPair(NamedTuple):
     """The nearest pair of points found: a bound of its distance, the distance, pieces and parameters."""
 
     upper: Array
@@ -71,7 +71,7 @@ def _joined(a: Any, b: Any) -> Array:
     return jnp.concatenate([a.first, -b.first])
 
 
-def derivatives(a: Jet, b: Jet) -> tuple[Array, Array, Array]:
+def derivatives(a: NetJet, b: NetJet) -> tuple[Array, Array, Array]:
     """The vector e, the gradient of |e|^2 / 2 and its matrix of second derivatives."""
     e, first = a.point - b.point, _joined(a, b)
     bent = blocks(jnp.sum(a.second * e, axis=-1), -jnp.sum(b.second * e, axis=-1))
@@ -152,8 +152,8 @@ class _Sides(NamedTuple):
     first: Ball
     apart: Ball
     of_f: Ball
-    ball_a: Jet
-    ball_b: Jet
+    ball_a: NetJet
+    ball_b: NetJet
     fixed: Array
     off: float
     wrong: Any
@@ -172,7 +172,7 @@ def _sides(a: Net, b: Net, cell: Cell) -> _Sides:
     return _Sides(part_a, part_b, first, apart, of_f, ball_a, ball_b, cell.high <= cell.low, off, wrong)
 
 
-def bound(a: Net, b: Net, cell: Cell) -> CellBound:
+def bound(a: Net, b: Net, cell: Cell) -> PairBound:
     """Bounds over one pair of cells; see the module."""
     n, dtype, low, high = a.parameters, cell.low.dtype, cell.low, cell.high
     sides, middle = _sides(a, b, cell), jnp.full(low.shape, 0.5, dtype)
@@ -195,17 +195,17 @@ def bound(a: Net, b: Net, cell: Cell) -> CellBound:
     lower = jnp.where(excluded, jnp.inf, lower)
     # A cell that has only now shrunk to a point is bounded once more, as that point.
     thin = ~jnp.any(high - low > _THINNEST * jnp.finfo(dtype).eps)
-    return CellBound(lower, upper, distance, x, left, jnp.argmax(extent), thin)
+    return PairBound(lower, upper, distance, x, left, jnp.argmax(extent), thin)
 
 
-def _unit(at: tuple[Jet, Jet]) -> tuple[Array, Array]:
+def _unit(at: tuple[NetJet, NetJet]) -> tuple[Array, Array]:
     """The difference of two points, and its direction; the zero vector where they are one."""
     e = at[0].point - at[1].point
     distance = length(e)
     return e, e / jnp.where(distance > 0, distance, 1.0)
 
 
-def _by_gaps(sides: _Sides, at_z: tuple[Jet, Jet]) -> Array:
+def _by_gaps(sides: _Sides, at_z: tuple[NetJet, NetJet]) -> Array:
     """The gap of the boxes, and that along the line which joins the points."""
     apart, dtype, unit = sides.apart, sides.apart.mid.dtype, _unit(at_z)[1]
     gaps = jnp.maximum(jnp.maximum(apart.lower, -apart.upper), 0.0)
@@ -213,7 +213,7 @@ def _by_gaps(sides: _Sides, at_z: tuple[Jet, Jet]) -> Array:
     return jnp.maximum(length(gaps) * (1 - gamma(12, dtype)), along * (1 - gamma(12, dtype)) - sides.off)
 
 
-def _by_convexity(sides: _Sides, at_z: tuple[Jet, Jet], z: Array) -> Array:
+def _by_convexity(sides: _Sides, at_z: tuple[NetJet, NetJet], z: Array) -> Array:
     """The values of F and of psi at z less what the gradient may take off within the cell, where they are convex."""
     dtype, off, wrong, fixed = z.dtype, sides.off, sides.wrong, sides.fixed
     e, unit = _unit(at_z)
@@ -241,7 +241,7 @@ def _by_convexity(sides: _Sides, at_z: tuple[Jet, Jet], z: Array) -> Array:
     return jnp.maximum(by_f, jnp.where(convex[1] & (distance > 0), by_psi, 0.0))
 
 
-def _monotone(sides: _Sides, middle: tuple[Jet, Jet]) -> tuple[Array, Array]:
+def _monotone(sides: _Sides, middle: tuple[NetJet, NetJet]) -> tuple[Array, Array]:
     """In which parameters F is proven to rise, and to fall, over the cell; its gradient is enclosed twice."""
     off, wrong, fixed = sides.off, sides.wrong, sides.fixed
     naive = dot(sides.first, Ball(sides.apart.mid[None], sides.apart.rad[None]))

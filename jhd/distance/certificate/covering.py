@@ -49,7 +49,7 @@ class Places(NamedTuple):
     distance: np.ndarray
 
 
-class _Cells(NamedTuple):
+class _CoverCells(NamedTuple):
     """Cells with the places of their ends."""
 
     first: Places
@@ -126,7 +126,7 @@ def cover(
     count = len(measure.a.rows)
     ends = measure(np.repeat(np.arange(count), 2), np.tile([0.0, 1.0], count))
     limit = math.ldexp(upper, -int(frame.first + frame.second))
-    cells = _Cells(_taken(ends, np.arange(0, 2 * count, 2)), _taken(ends, np.arange(1, 2 * count, 2)))
+    cells = _CoverCells(_taken(ends, np.arange(0, 2 * count, 2)), _taken(ends, np.arange(1, 2 * count, 2)))
     proven: list[dict[str, Any]] = []
     while len(cells.first.t):
         _check_places(measure.known[-1], limit)
@@ -158,7 +158,7 @@ def _chosen(rows: Any, index: np.ndarray) -> Any:
 
 
 def _accepted(
-    measure: Measure, cells: _Cells, branches: list[_Branches], upper: float, limit: float
+    measure: Measure, cells: _CoverCells, branches: list[_Branches], upper: float, limit: float
 ) -> list[dict[str, Any] | None]:
     """For each cell the first proposal that the exact check accepts."""
     t0, t1 = cells.first.t, cells.last.t
@@ -179,7 +179,9 @@ def _accepted(
     return found
 
 
-def _cell(cells: _Cells, branch: _Branches, k: int, sigma: np.ndarray, weights: np.ndarray | None) -> dict[str, Any]:
+def _cell(
+    cells: _CoverCells, branch: _Branches, k: int, sigma: np.ndarray, weights: np.ndarray | None
+) -> dict[str, Any]:
     return {
         "segment": int(cells.first.segment[k]),
         "t": [float(cells.first.t[k]), float(cells.last.t[k])],
@@ -214,7 +216,7 @@ def _root_above(squares: list[int], weight_sq: list[int]) -> float:
 # ---- proposals -----------------------------------------------------------------------------------
 
 
-def _branches(measure: Measure, cells: _Cells) -> list[_Branches]:
+def _branches(measure: Measure, cells: _CoverCells) -> list[_Branches]:
     """The feet of the first ends followed to the last ends, and the other way round."""
     a, b, (first, last) = measure.a, measure.b, cells
     width = last.t - first.t
@@ -246,7 +248,7 @@ def _proposals(branch: _Branches, rational: bool) -> Iterator[tuple[np.ndarray, 
     yield np.stack([s0, *np.clip(inner, 0.0, 1.0).T, s1], axis=-1), None
 
 
-def _halved(measure: Measure, cells: _Cells, branches: list[_Branches], limit: float) -> _Cells:
+def _halved(measure: Measure, cells: _CoverCells, branches: list[_Branches], limit: float) -> _CoverCells:
     """The cells cut at their peaks, or at a seam of b where no peak is too high; near an end in the middle too.
 
     A seam is where the foot of a branch reaches the end of its segment; beyond, another one has to be followed.
@@ -274,11 +276,15 @@ def _halved(measure: Measure, cells: _Cells, branches: list[_Branches], limit: f
     places = measure(np.repeat(cells.first.segment, 1 + twice), cuts.T[np.stack([np.ones_like(twice), twice], 1)])
     index = np.cumsum(1 + twice) - 1 - twice
     lower, higher = _taken(places, index), _taken(places, index + twice)
-    parts = [_Cells(cells.first, lower), _chosen(_Cells(lower, higher), twice), _Cells(higher, cells.last)]
+    parts = [
+        _CoverCells(cells.first, lower),
+        _chosen(_CoverCells(lower, higher), twice),
+        _CoverCells(higher, cells.last),
+    ]
     return jax.tree_util.tree_map(lambda *x: np.concatenate(x), *parts)
 
 
-def _seam(measure: Measure, cells: _Cells, foot: np.ndarray, end: np.ndarray) -> np.ndarray:
+def _seam(measure: Measure, cells: _CoverCells, foot: np.ndarray, end: np.ndarray) -> np.ndarray:
     """The parameter at which the foot on the segment reaches its end, by bisection; an end of the cell if nowhere."""
     place, tangent, _ = jets(measure.b, foot, end)
     low, high = cells.first.t, cells.last.t
@@ -294,7 +300,7 @@ def _seam(measure: Measure, cells: _Cells, foot: np.ndarray, end: np.ndarray) ->
     return high
 
 
-def _peak(measure: Measure, cells: _Cells, branches: list[_Branches]) -> tuple[np.ndarray, np.ndarray]:
+def _peak(measure: Measure, cells: _CoverCells, branches: list[_Branches]) -> tuple[np.ndarray, np.ndarray]:
     """The parameter at which the smaller distance to the local feet of both branches is largest, and its square there.
 
     The best of a few samples, then steps to the best of the peaks of either branch and their crossing, then to that one

@@ -59,7 +59,7 @@ def usable_net(net: Net) -> Array:
     return good & (least > 0) & (most < jnp.inf) & (most / largest_weight_ratio(net.weights.dtype) <= least)
 
 
-class Jet(NamedTuple):
+class NetJet(NamedTuple):
     """Point, first derivatives (parameters, dim), second ones (parameters, parameters, dim) of a shape."""
 
     point: Any
@@ -113,7 +113,7 @@ def _basis(degree: int, t: Array) -> Array:
     return jnp.stack([rows[-1], first, second])
 
 
-def jet(net: Net, x: Array) -> Jet:
+def jet(net: Net, x: Array) -> NetJet:
     """Point and derivatives of one piece at its parameters, not enclosed."""
     p, q = net.degrees
     n = net.parameters
@@ -128,15 +128,15 @@ def jet(net: Net, x: Array) -> Jet:
     first = jnp.stack([table[i, j] for i, j in orders])
     second = jnp.stack([jnp.stack([table[i + k, j + m] for k, m in orders]) for i, j in orders])
     if net.weights is None:
-        return Jet(value, first, second)
+        return NetJet(value, first, second)
     w, dw, ddw = value[-1], first[:, -1], second[..., -1]
     point = value[:-1] / w
     du = (first[:, :-1] - point * dw[:, None]) / w
     cross = du[:, None] * dw[None, :, None]
-    return Jet(point, du, (second[..., :-1] - cross - jnp.swapaxes(cross, 0, 1) - point * ddw[..., None]) / w)
+    return NetJet(point, du, (second[..., :-1] - cross - jnp.swapaxes(cross, 0, 1) - point * ddw[..., None]) / w)
 
 
-def enclosed(part: Net, error: Any, relative: float) -> Jet:
+def enclosed(part: Net, error: Any, relative: float) -> NetJet:
     """Balls of the point and of its derivatives over a part, for errors of its points and relative ones of weights."""
     if part.weights is None:
         return _nets(part.points, jnp.asarray(error, part.points.dtype))
@@ -155,10 +155,10 @@ def enclosed(part: Net, error: Any, relative: float) -> Jet:
     cross = times(f, jax.tree_util.tree_map(lambda x: x[None], dw))
     crossed = plus(cross, times(jax.tree_util.tree_map(lambda x: x[None], first), d))
     second = times(minus(minus(ddn, crossed), times(about, ddw)), inverse)
-    return Jet(hull(part.points, (0, 1), jnp.asarray(error, centre.dtype)), first, second)
+    return NetJet(hull(part.points, (0, 1), jnp.asarray(error, centre.dtype)), first, second)
 
 
-def _nets(rows: Array, error: Array) -> Jet:
+def _nets(rows: Array, error: Array) -> NetJet:
     """Balls of the polynomial with these control points and of its derivatives."""
     p, q = rows.shape[0] - 1, rows.shape[1] - 1
     n = 1 if q == 0 else 2
@@ -177,7 +177,7 @@ def _nets(rows: Array, error: Array) -> Jet:
     second = [[derived((i + k, j + m)) for k, m in units] for i, j in units]
     stacked = jax.tree_util.tree_map(lambda *x: jnp.stack(x), *first)
     matrix = [jax.tree_util.tree_map(lambda *x: jnp.stack(x), *row) for row in second]
-    return Jet(derived((0, 0)), stacked, jax.tree_util.tree_map(lambda *x: jnp.stack(x), *matrix))
+    return NetJet(derived((0, 0)), stacked, jax.tree_util.tree_map(lambda *x: jnp.stack(x), *matrix))
 
 
 def skew(part: Net) -> Array | float:

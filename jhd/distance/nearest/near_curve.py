@@ -22,7 +22,7 @@ _SEEDS = 4
 _SIDE_BY_SIDE = 256
 
 
-class _Samples(NamedTuple):
+class _NearSamples(NamedTuple):
     """Samples of a curve: (samples, dim) points, their segments and parameters."""
 
     points: Array
@@ -41,12 +41,12 @@ class NearCurve(NamedTuple):
 
     curve: BezierSegments
     skip: Array
-    guide: _Samples | Blocks
+    guide: _NearSamples | Blocks
 
     def starts(self, points: Array) -> Place:
         """Where to start the search of a foot for each of the points (..., dim): near the nearest, not proven."""
         guide = self.guide
-        if isinstance(guide, _Samples):
+        if isinstance(guide, _NearSamples):
             index = _nearest_sample(guide, points)
             return Place(guide.segment[index], guide.s[index])
         rows = points.reshape(-1, points.shape[-1])
@@ -57,7 +57,7 @@ class NearCurve(NamedTuple):
 
     def nearest(self, point: Array, tolerance: ArrayLike = 0.0) -> Nearest:
         """The proven nearest point."""
-        if isinstance(self.guide, _Samples):
+        if isinstance(self.guide, _NearSamples):
             return nearest(point, self.curve.control_points, self.curve.weights, jnp.asarray(tolerance), self.skip)
         return jax.tree_util.tree_map(lambda x: x[0], nearest_in_blocks(self.guide, point[None]))
 
@@ -68,15 +68,15 @@ def near_curve(curve: BezierSegments, long: bool) -> NearCurve:
     return NearCurve(curve, skip, blocks_of(curve) if long else _samples(curve))
 
 
-def _samples(b: BezierSegments) -> _Samples:
+def _samples(b: BezierSegments) -> _NearSamples:
     """Samples of b; the nearest of them starts the search of a foot."""
     samples = jnp.linspace(0.0, 1.0, _SEEDS + 1, dtype=b.control_points.dtype)
     points = jax.vmap(lambda k: jax.vmap(lambda s: jet(*piece_of(b, k), s).point)(samples))(jnp.arange(b.count))
     segment = jnp.repeat(jnp.arange(b.count), samples.size)
-    return _Samples(points.reshape(-1, b.dim), segment, jnp.tile(samples, b.count))
+    return _NearSamples(points.reshape(-1, b.dim), segment, jnp.tile(samples, b.count))
 
 
-def _nearest_sample(samples: _Samples, points: Array) -> Array:
+def _nearest_sample(samples: _NearSamples, points: Array) -> Array:
     """Index of the nearest sample of each of the points (..., dim).
 
     Only a guess hangs on it, so the index takes the place of the last bits of the squared distance, and one minimum of

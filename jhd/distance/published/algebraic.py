@@ -19,7 +19,7 @@ from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.method import AbstractHostMethod
 from jhd.distance.published.events.candidates import Search, candidate_events
 from jhd.distance.published.events.host_pair import HostPair, check_served
-from jhd.distance.published.events.survivors import Pieces
+from jhd.distance.published.events.survivors import EventPieces
 from jhd.distance.published.farthest import best_of
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import HausdorffSolution
@@ -70,7 +70,7 @@ class AlgebraicEvents(AbstractHostMethod):
         pair = HostPair.of(a, b)
         count = pair.a.moving
         side = np.broadcast_to(np.array([[0.0], [1.0]]), (2, count))
-        whole = Pieces(np.arange(count), side, np.broadcast_to(np.array([[0.0], [np.inf]]), (2, count)))
+        whole = EventPieces(np.arange(count), side, np.broadcast_to(np.array([[0.0], [np.inf]]), (2, count)))
         search = Search(final_size(self.atol, frame), self.capacity, self.max_boxes)
         candidates, stats = candidate_events(pair, whole, search)
         return best_of(pair, candidates, None, stats, search, frame)

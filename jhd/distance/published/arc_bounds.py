@@ -176,7 +176,7 @@ def arc_reach(d: Arcs, c: Arcs) -> np.ndarray:
     return bound + gamma(200, np.float64) * (1 + c.radius + d.radius) + c.deviation + d.deviation
 
 
-class Target:
+class ArcTarget:
     """The arcs of b, where the ones next to a place are looked up by their ends and middles.
 
     Args:

@@ -35,7 +35,7 @@ _RESIDUAL = 1e-13
 _NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
 
 
-class Pair(NamedTuple):
+class RefinedPair(NamedTuple):
     """Both curves, which segment of b precedes which, and the segments that only repeat others."""
 
     a: BezierSegments
@@ -58,7 +58,7 @@ class Bracket(NamedTuple):
     s1: Array
 
 
-def candidates(pair: Pair, lanes: Bracket) -> tuple[Array, Array]:
+def candidates(pair: RefinedPair, lanes: Bracket) -> tuple[Array, Array]:
     """Refined parameters of the three candidates of each interval, and the distances of the feet that were followed.
 
     The candidates are the crossing of the two branches, and an antipodal event of each branch on its side of it.
@@ -86,19 +86,19 @@ class _Refined(NamedTuple):
     y: FootState
 
 
-def _point(pair: Pair, bracket: Bracket, t: Array) -> Array:
+def _point(pair: RefinedPair, bracket: Bracket, t: Array) -> Array:
     return jet(*piece_of(pair.a, bracket.segment), t).point
 
 
 @jax.jit
-def _branch(pair: Pair, bracket: Bracket, t: Array, from_right: Array) -> FootState:
+def _branch(pair: RefinedPair, bracket: Bracket, t: Array, from_right: Array) -> FootState:
     """The foot at t on the branch of the left or of the right end."""
     k, s = jnp.where(from_right, bracket.k1, bracket.k0), jnp.where(from_right, bracket.s1, bracket.s0)
     return follow_foot(_point(pair, bracket, t), pair.b, pair.before, k, s, _FOLLOW)
 
 
 @jax.jit
-def _lead(t: Array, args: tuple[Pair, Bracket]) -> Array:
+def _lead(t: Array, args: tuple[RefinedPair, Bracket]) -> Array:
     """How much farther (squared) the right end's branch is than the left end's; positive before the crossing."""
     pair, bracket = args
     feet = jax.vmap(lambda right: _branch(pair, bracket, t, right))(jnp.array([False, True])).point
@@ -106,14 +106,14 @@ def _lead(t: Array, args: tuple[Pair, Bracket]) -> Array:
 
 
 @jax.jit
-def _rise(t: Array, args: tuple[Pair, Bracket, Array]) -> Array:
+def _rise(t: Array, args: tuple[RefinedPair, Bracket, Array]) -> Array:
     """(A - B).A' on one branch: the sign of the slope of its distance."""
     pair, bracket, from_right = args
     here = jet(*piece_of(pair.a, bracket.segment), t)
     return (here.point - _branch(pair, bracket, t, from_right).point) @ here.first
 
 
-def _refined(pair: Pair, lanes: Bracket, width: Array) -> _Refined:
+def _refined(pair: RefinedPair, lanes: Bracket, width: Array) -> _Refined:
     """Bisection of all intervals to a share `width` of each."""
 
     def crossing(bracket: Bracket) -> tuple[Array, Array]:
@@ -172,7 +172,7 @@ def _scaled(residual: Callable, share: Array, args: tuple) -> Array:
     return residual(low + share * (high - low), inner) / scale
 
 
-def _polished(pair: Pair, bracket: Bracket, refined: _Refined) -> tuple[Array, Array]:
+def _polished(pair: RefinedPair, bracket: Bracket, refined: _Refined) -> tuple[Array, Array]:
     """Newton's method from the bisected candidates; returns parameters and whether each can be trusted."""
     piece = piece_of(pair.a, bracket.segment)
 
@@ -203,7 +203,7 @@ def _chosen(turned: Array, x: FootState, y: FootState) -> FootState:
     return FootState(*(jnp.where(turned.reshape(-1, *[1] * (u.ndim - 1)), u, v) for u, v in zip(x, y, strict=True)))
 
 
-def _followed(pair: Pair, bracket: Bracket, t: Array) -> Array:
+def _followed(pair: RefinedPair, bracket: Bracket, t: Array) -> Array:
     """Distance to the nearer of the two branches at each parameter."""
 
     def one(t: Array) -> Array:

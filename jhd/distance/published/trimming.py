@@ -28,11 +28,11 @@ from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import evaluation_error, trusted
 from jhd.distance.frame.method import AbstractHostMethod
 from jhd.distance.published.algebraic import final_size
-from jhd.distance.published.arc_bounds import Arcs, Target, arcs_of, chords
+from jhd.distance.published.arc_bounds import Arcs, ArcTarget, arcs_of, chords
 from jhd.distance.published.events.candidates import Search, candidate_events, near_ends
 from jhd.distance.published.events.forms import restricted
 from jhd.distance.published.events.host_pair import HostPair, HostSide, check_served
-from jhd.distance.published.events.survivors import Feet, Pieces
+from jhd.distance.published.events.survivors import EventPieces, SurvivingFeet
 from jhd.distance.published.farthest import Measured, best_of, measured
 from jhd.shapes.biarc_fit import fitted
 from jhd.shapes.curve import BezierSegments
@@ -50,8 +50,8 @@ _BEST, _PLACES, _ROUNDS, _KEPT = 8, 9, 3, 2
 # trimmed for their length more than for what is known of b.
 _CHORDS, _LONG = 16, 8
 _NOTHING = (
-    Pieces(np.zeros(0, int), np.zeros((2, 0)), np.zeros((2, 0))),
-    Feet(np.zeros(0, int), np.zeros(0, int), np.zeros((2, 0))),
+    EventPieces(np.zeros(0, int), np.zeros((2, 0)), np.zeros((2, 0))),
+    SurvivingFeet(np.zeros(0, int), np.zeros(0, int), np.zeros((2, 0))),
 )
 
 
@@ -182,8 +182,8 @@ class Trimmed(NamedTuple):
         best: the farthest place measured, if any.
     """
 
-    pieces: Pieces
-    feet: Feet
+    pieces: EventPieces
+    feet: SurvivingFeet
     upper: float
     best: Measured | None
 
@@ -209,7 +209,7 @@ def trimmed(pair: HostPair, d: Arcs, c: Arcs, level: float) -> Trimmed:
     level = max(level, 0.0)
     if not len(d.t0):
         return Trimmed(*_NOTHING, level, None)
-    target, error = Target(c), evaluation_error(*pair.stored)
+    target, error = ArcTarget(c), evaluation_error(*pair.stored)
     d, upper = _above(level, d, target.coarse_reach(d) + error)
     if not len(upper):
         return Trimmed(*_NOTHING, level, None)
@@ -253,7 +253,7 @@ def _first_sample(pair: HostPair) -> float:
     return measured(pair, segment, place - segment, None).distance
 
 
-def _best_place(points: np.ndarray, target: Target, d: Arcs, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _best_place(points: np.ndarray, target: ArcTarget, d: Arcs, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Stored segments and parameters of the places of a that are farthest from the arcs.
 
     They are samples on the arcs with the largest bounds, and then samples ever closer around the best one, until they
@@ -288,7 +288,7 @@ def _points_at(points: np.ndarray, t: np.ndarray) -> np.ndarray:
     return points[0]
 
 
-def _pieces(arcs: Arcs, upper: np.ndarray, level: float) -> Pieces:
+def _pieces(arcs: Arcs, upper: np.ndarray, level: float) -> EventPieces:
     """Neighbouring pieces as one, with the interval of the distances that matter on each."""
     segment, t0, t1 = arcs.segment, arcs.t0, arcs.t1
     if not len(segment):
@@ -297,10 +297,10 @@ def _pieces(arcs: Arcs, upper: np.ndarray, level: float) -> Pieces:
     first = np.flatnonzero(np.append(True, ~goes_on))
     last = np.append(first[1:], len(segment)) - 1
     most = np.maximum.reduceat(upper, first)
-    return Pieces(segment[first], np.stack([t0[first], t1[last]]), np.stack([np.full(len(first), level), most]))
+    return EventPieces(segment[first], np.stack([t0[first], t1[last]]), np.stack([np.full(len(first), level), most]))
 
 
-def _feet(pair: HostPair, pieces: Pieces, target: Target) -> Feet:
+def _feet(pair: HostPair, pieces: EventPieces, target: ArcTarget) -> SurvivingFeet:
     """Where the feet of the pieces can be: no farther than what is known of the distance there.
 
     A foot of an event of the maximum is a nearest point, so its distance is at most the bound of the piece. Arcs of b
@@ -321,7 +321,7 @@ def _feet(pair: HostPair, pieces: Pieces, target: Target) -> Feet:
         first = last = rows
     # Ends and corners of b are few, and told by their own distances later.
     count, single = len(pieces.segment), np.arange(b.moving, b.points.shape[-1])
-    every = Feet(
+    every = SurvivingFeet(
         np.concatenate([piece[first], np.repeat(np.arange(count), len(single))]),
         np.concatenate([segment[first], np.tile(single, count)]),
         np.concatenate([np.stack([t0[first], t1[last]]), np.zeros((2, count * len(single)))], axis=1),

@@ -32,7 +32,7 @@ from jhd.distance.frame.jets import jet
 from jhd.distance.frame.method import AbstractCurveMethod
 from jhd.distance.frame.pieces import Place, piece_of, preceding
 from jhd.distance.nearest.curves import Nearest, in_chunks, nearest, repeated
-from jhd.distance.published.refinement import COARSE, Bracket, Pair, candidates, lengths
+from jhd.distance.published.refinement import COARSE, Bracket, RefinedPair, candidates, lengths
 from jhd.distance.witness.events import describe
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import RESULTS, HausdorffSolution
@@ -73,14 +73,14 @@ class TwoStep(AbstractCurveMethod):
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """One direction in common coordinates."""
         skip = (repeated(curve.control_points, curve.weights) for curve in (a, b))
-        pair = Pair(a, b, preceding(b.following), *skip)
+        pair = RefinedPair(a, b, preceding(b.following), *skip)
         samples = _sampled(pair, self._parameters(a))
         brackets = _brackets(samples)
         best = _best_sample(samples)
         state = jax.lax.while_loop(
             lambda s: (jnp.max(s.brackets.key) > s.best.distance) & (s.rounds < self.max_rounds),
             lambda s: _round(pair, s),
-            varying(_State(brackets, best, jnp.array(0), jnp.array(0)), a, b),
+            varying(_Refining(brackets, best, jnp.array(0), jnp.array(0)), a, b),
         )
         best = state.best
         witness = describe(a, b, best.place, best.foot, jnp.ones(()))
@@ -103,7 +103,7 @@ class TwoStep(AbstractCurveMethod):
         return jax.vmap(lambda k: _by_curvature(a, k, count))(jnp.arange(a.count))
 
 
-class _Samples(NamedTuple):
+class _CurveSamples(NamedTuple):
     """Feet and distances of the samples of a; axes (segments, samples + 1)."""
 
     t: Array
@@ -116,16 +116,16 @@ class _Samples(NamedTuple):
     foot: Array
 
 
-class _Best(NamedTuple):
+class _BestSample(NamedTuple):
     distance: Array
     lower: Array
     place: Place
     foot: Place
 
 
-class _State(NamedTuple):
+class _Refining(NamedTuple):
     brackets: Bracket
-    best: _Best
+    best: _BestSample
     rounds: Array
     cuts: Array
 
@@ -151,7 +151,7 @@ def _normalised(x: Array) -> Array:
     return x / jnp.where(total > 0, total, 1.0)
 
 
-def _nearest_all(pair: Pair, points: Array, skip: Array) -> Nearest:
+def _nearest_all(pair: RefinedPair, points: Array, skip: Array) -> Nearest:
     """Proven nearest points for rows of points, in chunks; rows to skip get bounds that are true and wide."""
     b = pair.b
 
@@ -162,7 +162,7 @@ def _nearest_all(pair: Pair, points: Array, skip: Array) -> Nearest:
     return in_chunks(search, (points, jnp.where(skip, jnp.inf, 0.0)), _CHUNK)
 
 
-def _sampled(pair: Pair, t: Array) -> _Samples:
+def _sampled(pair: RefinedPair, t: Array) -> _CurveSamples:
     a, b = pair.a, pair.b
     segments = jnp.arange(a.count)
     jets = jax.vmap(lambda k, ts: jax.vmap(lambda u: jet(*piece_of(a, k), u))(ts))(segments, t)
@@ -171,19 +171,19 @@ def _sampled(pair: Pair, t: Array) -> _Samples:
     foot = jax.vmap(jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point))(found.segment, found.t)
     slope = jnp.sum((jets.point - foot) * jets.first, axis=-1)
     distance = jnp.where(pair.skip_a[:, None], -jnp.inf, found.distance)
-    return _Samples(t, distance, found.lower, found.segment, found.t, slope, jets.point, foot)
+    return _CurveSamples(t, distance, found.lower, found.segment, found.t, slope, jets.point, foot)
 
 
-def _best_sample(samples: _Samples) -> _Best:
+def _best_sample(samples: _CurveSamples) -> _BestSample:
     index = jnp.argmax(samples.distance)
     pick = lambda x: x.ravel()[index]  # noqa: E731
     place = Place(index // samples.t.shape[1], pick(samples.t))
-    return _Best(
+    return _BestSample(
         pick(samples.distance), pick(samples.lower), place, Place(pick(samples.foot_segment), pick(samples.foot_s))
     )
 
 
-def _brackets(samples: _Samples) -> Bracket:
+def _brackets(samples: _CurveSamples) -> Bracket:
     """Intervals between samples that may hold a local maximum, followed by free places."""
     d, left, right = samples.distance, slice(None, -1), slice(1, None)
     chord = lengths(samples.point[:, right] - samples.point[:, left])
@@ -203,7 +203,7 @@ def _brackets(samples: _Samples) -> Bracket:
     return Bracket(*flat)
 
 
-def _round(pair: Pair, state: _State) -> _State:
+def _round(pair: RefinedPair, state: _Refining) -> _Refining:
     """Refines the intervals with the largest keys and takes the best of their candidates."""
     brackets, best = state.brackets, state.best
     keys, index = jax.lax.top_k(brackets.key, _LANES)
@@ -217,13 +217,13 @@ def _round(pair: Pair, state: _State) -> _State:
     at = jnp.argmax(distance)
     lane = at // t.shape[1]
     foot = Place(found.segment.ravel()[at], found.t.ravel()[at])
-    top = _Best(distance.ravel()[at], found.lower.ravel()[at], Place(lanes.segment[lane], t.ravel()[at]), foot)
+    top = _BestSample(distance.ravel()[at], found.lower.ravel()[at], Place(lanes.segment[lane], t.ravel()[at]), foot)
     better = top.distance > best.distance
     best = jax.tree_util.tree_map(lambda new, old: jnp.where(better, new, old), top, best)
     brackets = brackets._replace(key=brackets.key.at[index].set(-jnp.inf))
     halves, cut = _halves(pair, lanes, t, tracked, found, points)
     halves = halves._replace(key=jnp.where(jnp.tile(live & cut, 2), halves.key, -jnp.inf))
-    return _State(_stored(brackets, halves), best, state.rounds + 1, state.cuts + jnp.sum(live & cut))
+    return _Refining(_stored(brackets, halves), best, state.rounds + 1, state.cuts + jnp.sum(live & cut))
 
 
 def _stored(brackets: Bracket, new: Bracket) -> Bracket:
@@ -234,7 +234,7 @@ def _stored(brackets: Bracket, new: Bracket) -> Bracket:
 
 
 def _halves(
-    pair: Pair, lanes: Bracket, t: Array, tracked: Array, found: Nearest, points: Array
+    pair: RefinedPair, lanes: Bracket, t: Array, tracked: Array, found: Nearest, points: Array
 ) -> tuple[Bracket, Array]:
     """The two parts of each interval about its best candidate, wanted where a branch not followed is nearer there."""
     which = jnp.argmax(tracked, axis=1)

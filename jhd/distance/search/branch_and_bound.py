@@ -20,7 +20,7 @@ from jhd.distance.nearest.blocks import is_long
 from jhd.distance.nearest.near_curve import near_curve
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.curves import advance, begin, solution_of
-from jhd.distance.search.solutions import Pair, in_one_go
+from jhd.distance.search.solutions import CoveredPair, in_one_go
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import HausdorffSolution
 
@@ -77,10 +77,10 @@ class BranchAndBound(AbstractHausdorffMethod):
             search = sequential_vmap(search)
         return search(a, b, self.wanted(a, frame, aim))
 
-    def directed_surfaces(self, pair: Pair, frame: Frame, aim: Aim, direction: Any) -> HausdorffSolution:
+    def directed_surfaces(self, pair: CoveredPair, frame: Frame, aim: Aim, direction: Any) -> HausdorffSolution:
         """One direction of two surfaces in common coordinates, in one go; batches as for curves."""
 
-        def search(pair: Pair, wanted: Wanted) -> HausdorffSolution:
+        def search(pair: CoveredPair, wanted: Wanted) -> HausdorffSolution:
             return in_one_go(pair, wanted, self.length_of_table(pair.a), self.max_steps, direction)
 
         if jax.default_backend() == "cpu":

@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_traced, varying
-from jhd.distance.cells.pairs import Best, Cell, CellBound, bound, length
+from jhd.distance.cells.pairs import BestPair, Cell, PairBound, bound, length
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.net_jets import Net, eta, point_error
 from jhd.solution import RESULTS, MinimumSolution, result_where
@@ -32,13 +32,13 @@ LONGEST = 1 << 20
 _CLOSE = 0.9
 
 
-class State(NamedTuple):
+class ClosestState(NamedTuple):
     """The table sorted by lower bound (free places have an infinite one), and what is known beside it."""
 
     lower: Array
     cell: Cell
     axis: Array
-    best: Best
+    best: BestPair
     settled: Array
     lost: Array
     steps: Array
@@ -48,7 +48,7 @@ class State(NamedTuple):
 class Outcome(NamedTuple):
     """The outcome of a search, in common coordinates."""
 
-    best: Best
+    best: BestPair
     lower: Array
     upper: Array
     point_a: Array
@@ -74,7 +74,7 @@ class Parametric(NamedTuple):
     a: Net
     b: Net
 
-    def bound(self, cell: Cell) -> CellBound:
+    def bound(self, cell: Cell) -> PairBound:
         """Bounds over one pair of cells."""
         return bound(self.a, self.b, cell)
 
@@ -88,7 +88,7 @@ class Parametric(NamedTuple):
 Problem = Any
 
 
-def begin(a: Net, b: Net, pairs: Array, valid: Array, capacity: int) -> State:
+def begin(a: Net, b: Net, pairs: Array, valid: Array, capacity: int) -> ClosestState:
     """The table with some pairs of whole pieces, and a first distance, between corners of pieces."""
     n = a.parameters + b.parameters
     k, m = pairs[:, 0], pairs[:, 1]
@@ -108,12 +108,12 @@ def begin(a: Net, b: Net, pairs: Array, valid: Array, capacity: int) -> State:
     i = jnp.argmin(distance)
     # The corner is a point of the shape; the difference is rounded once.
     upper = distance[i] * (1 + gamma(16, dtype)) + point_error(a)
-    best = Best(upper, distance[i], k[i], m[i], jnp.zeros((n,), dtype))
+    best = BestPair(upper, distance[i], k[i], m[i], jnp.zeros((n,), dtype))
     zeros, ones = jnp.zeros((len(pairs), n), dtype), jnp.ones((len(pairs), n), dtype)
     return table_of(lower, Cell(k, m, zeros, ones), axis, best, capacity)
 
 
-def table_of(lower: Array, cell: Cell, axis: Array, best: Best, capacity: int) -> State:
+def table_of(lower: Array, cell: Cell, axis: Array, best: BestPair, capacity: int) -> ClosestState:
     """The table with these pairs of cells."""
     count, dtype = lower.shape[0], lower.dtype
     lower, cell, axis = jax.tree_util.tree_map(partial(_padded, capacity), (lower, cell, axis))
@@ -122,7 +122,7 @@ def table_of(lower: Array, cell: Cell, axis: Array, best: Best, capacity: int) -
     cell, axis = jax.tree_util.tree_map(lambda x: x[order], (cell, axis))
     zero = jnp.array(0)
     infinite = jnp.full((), jnp.inf, dtype)
-    return State(lower[order], cell, axis, best, infinite, jnp.array(False), zero, zero)
+    return ClosestState(lower[order], cell, axis, best, infinite, jnp.array(False), zero, zero)
 
 
 def _padded(capacity: int, x: Array) -> Array:
@@ -143,13 +143,13 @@ def room_for(pairs: int, capacity: int) -> int:
     return max(capacity, 4 * WIDTH, 1 << (2 * pairs - 1).bit_length())
 
 
-def news_of(state: State, going_on: Array, growing: Array) -> Array:
+def news_of(state: ClosestState, going_on: Array, growing: Array) -> Array:
     """Whether it goes on, whether it stopped for want of room, steps, and pairs that wait."""
     full = going_on & jnp.asarray(growing) & is_full(state)
     return jnp.stack([going_on, full, state.steps, jnp.sum(jnp.isfinite(state.lower))])
 
 
-def longer(state: State, factor: int) -> State:
+def longer(state: ClosestState, factor: int) -> ClosestState:
     """The same search with more room."""
     size = factor * state.lower.size
     lower = jnp.pad(state.lower, (0, size - state.lower.size), constant_values=jnp.inf)
@@ -157,33 +157,33 @@ def longer(state: State, factor: int) -> State:
     return state._replace(lower=lower, cell=cell, axis=axis)
 
 
-def lower_of(state: State) -> Array:
+def lower_of(state: ClosestState) -> Array:
     """The proven lower bound reached."""
     return jnp.minimum(jnp.minimum(state.lower[0], state.settled), state.best.upper)
 
 
-def tolerance_of(problem: Problem, atol: Array, rtol: Array, state: State) -> Array:
+def tolerance_of(problem: Problem, atol: Array, rtol: Array, state: ClosestState) -> Array:
     """The gap that closes the search: what is asked for, or what rounding leaves."""
     found = jnp.where(jnp.isfinite(state.best.upper), state.best.upper, 0.0)
     return jnp.maximum(jnp.maximum(atol, rtol * found), problem.floor)
 
 
-def is_open(problem: Problem, atol: Array, rtol: Array, state: State) -> Array:
+def is_open(problem: Problem, atol: Array, rtol: Array, state: ClosestState) -> Array:
     """Whether there are pairs that may hold a distance smaller by more than the tolerance."""
     return state.lower[0] < state.best.upper - _CLOSE * tolerance_of(problem, atol, rtol, state)
 
 
-def is_full(state: State) -> Array:
+def is_full(state: ClosestState) -> Array:
     """Whether the next step may find no room."""
     return jnp.isfinite(state.lower[state.lower.size - WIDTH])
 
 
 def advance(
-    problem: Problem, atol: Array, rtol: Array, state: State, limit: Array | int, growing: Array | bool = False
-) -> State:
+    problem: Problem, atol: Array, rtol: Array, state: ClosestState, limit: Array | int, growing: Array | bool = False
+) -> ClosestState:
     """Goes on until the gap is closed or `limit` steps are taken; `growing` stops before the table is full."""
 
-    def going_on(state: State) -> Array:
+    def going_on(state: ClosestState) -> Array:
         open_ = is_open(problem, atol, rtol, state) & (state.steps < limit)
         return open_ & ~(jnp.asarray(growing) & is_full(state))
 
@@ -191,7 +191,7 @@ def advance(
     return jax.lax.while_loop(going_on, lambda state: _step(problem, atol, rtol, state), start)
 
 
-def _step(problem: Problem, atol: Array, rtol: Array, state: State) -> State:
+def _step(problem: Problem, atol: Array, rtol: Array, state: ClosestState) -> ClosestState:
     capacity = state.lower.size
     taken, lower, axis = jax.tree_util.tree_map(lambda x: x[:WIDTH], (state.cell, state.lower, state.axis))
     middle = 0.5 * (taken.low + taken.high)
@@ -207,9 +207,9 @@ def _step(problem: Problem, atol: Array, rtol: Array, state: State) -> State:
     valid = jnp.isfinite(before)
     upper = jnp.where(valid & (found.upper >= 0), found.upper, jnp.inf)
     i = jnp.argmin(upper)
-    new = Best(upper[i], found.distance[i], halves.piece_a[i], halves.piece_b[i], found.x[i])
+    new = BestPair(upper[i], found.distance[i], halves.piece_a[i], halves.piece_b[i], found.x[i])
     better = upper[i] < state.best.upper
-    best = Best(*(jnp.where(better, x, y) for x, y in zip(new, state.best, strict=True)))
+    best = BestPair(*(jnp.where(better, x, y) for x, y in zip(new, state.best, strict=True)))
     # Where something overflowed nothing is known but what the whole cell had.
     lowers = jnp.where(jnp.isnan(found.lower), before, jnp.maximum(found.lower, before))
     lowers = jnp.where(valid, lowers, jnp.inf)

@@ -18,7 +18,7 @@ from jhd.distance.search import solutions as surface_solution
 from jhd.distance.search import surfaces as surface_search
 from jhd.distance.search.curves import LANES, State, Table, advance, begin, solution_of, unfinished
 from jhd.distance.search.search import AbstractSearch, Standing
-from jhd.distance.search.solutions import Pair
+from jhd.distance.search.solutions import CoveredPair
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import HausdorffSolution, in_direction
 
@@ -78,21 +78,21 @@ class SurfaceSearch(AbstractSearch):
 
     first_steps = _FIRST_STEPS
 
-    def __init__(self, pair: Pair, wanted: Wanted, direction: Any, capacity: int, max_steps: int):
+    def __init__(self, pair: CoveredPair, wanted: Wanted, direction: Any, capacity: int, max_steps: int):
         self._asked, self._capacity, self.max_steps = (pair, wanted, direction), capacity, max_steps
 
-    def begin(self) -> tuple[surface_search.State, bool]:
+    def begin(self) -> tuple[surface_search.SurfaceState, bool]:
         """See AbstractSearch."""
         return _blank_surfaces(self._capacity, np.dtype(self._asked[0].a.side.lower.dtype).name), True
 
     def advance(
-        self, state: tuple[surface_search.State, bool], limit: int, growing: bool
-    ) -> tuple[tuple[surface_search.State, bool], Standing]:
+        self, state: tuple[surface_search.SurfaceState, bool], limit: int, growing: bool
+    ) -> tuple[tuple[surface_search.SurfaceState, bool], Standing]:
         """See AbstractSearch."""
         table, solution, news = _surface_stretch(*self._asked, *state, limit)
         return (table, False), Standing(solution, *np.asarray(news))
 
-    def longer(self, state: tuple[surface_search.State, bool]) -> tuple[surface_search.State, bool]:
+    def longer(self, state: tuple[surface_search.SurfaceState, bool]) -> tuple[surface_search.SurfaceState, bool]:
         """See AbstractSearch; it is never full."""
         return state
 
@@ -130,8 +130,8 @@ def _blank(capacity: int, dtype: str) -> State:
 
 @compiled
 def _surface_stretch(
-    pair: Pair, wanted: Wanted, direction: Any, state: surface_search.State, fresh: Array, limit: Array
-) -> tuple[surface_search.State, HausdorffSolution, Array]:
+    pair: CoveredPair, wanted: Wanted, direction: Any, state: surface_search.SurfaceState, fresh: Array, limit: Array
+) -> tuple[surface_search.SurfaceState, HausdorffSolution, Array]:
     capacity = state.table.bound.size
     state = jax.lax.cond(fresh, lambda _: surface_search.begin(pair.a, pair.b, capacity), lambda state: state, state)
     state, going_on = surface_solution.advanced(pair, wanted, state, limit)
@@ -140,5 +140,5 @@ def _surface_stretch(
 
 
 @lru_cache(maxsize=8)
-def _blank_surfaces(capacity: int, dtype: str) -> surface_search.State:
+def _blank_surfaces(capacity: int, dtype: str) -> surface_search.SurfaceState:
     return surface_search.blank(capacity, dtype)

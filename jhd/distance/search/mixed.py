@@ -19,7 +19,7 @@ from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
-from jhd.distance.cells.pairs import Best, Cell, length
+from jhd.distance.cells.pairs import BestPair, Cell, length
 from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.attach import attached
 from jhd.distance.frame.coordinates import Frame
@@ -31,8 +31,8 @@ from jhd.distance.search.closest import (
     FIRST_STEPS,
     GROWTH,
     LONGEST,
+    ClosestState,
     Outcome,
-    State,
     advance,
     is_open,
     longer,
@@ -51,7 +51,7 @@ from jhd.solution import RESULTS, MinimumSolution, result_where
 _ROOM, _ABOUT, _STEPS = 4.0, 1e-4, 24
 
 
-class _Wanted(NamedTuple):
+class _WantedGap(NamedTuple):
     atol: Array
     rtol: Array
 
@@ -96,13 +96,13 @@ def _pairs(problem: WithSurface) -> tuple[np.ndarray, np.ndarray]:
     return grid[:, 0], grid[:, 1]
 
 
-def _wanted(problem: WithSurface, frame: Frame, method: BranchAndBound) -> _Wanted:
+def _wanted(problem: WithSurface, frame: Frame, method: BranchAndBound) -> _WantedGap:
     if method.atol is not None:
-        return _Wanted(jnp.asarray(frame.common(method.atol)), method.rtol)
+        return _WantedGap(jnp.asarray(frame.common(method.atol)), method.rtol)
     lows, highs = zip(*(_box(side) for side in problem[:2]), strict=True)
     box = jnp.maximum(*highs) - jnp.minimum(*lows)
     # What rounding leaves counts in the search, where it is known how far the nearest points are out.
-    return _Wanted(default_tolerance(length(box), box.dtype, 0.0), method.rtol)
+    return _WantedGap(default_tolerance(length(box), box.dtype, 0.0), method.rtol)
 
 
 def _box(side: Net | Side) -> tuple[Array, Array]:
@@ -111,13 +111,13 @@ def _box(side: Net | Side) -> tuple[Array, Array]:
     return jnp.min(side.points, axis=(0, 1, 2)), jnp.max(side.points, axis=(0, 1, 2))
 
 
-def _begin(problem: WithSurface, capacity: int) -> State:
+def _begin(problem: WithSurface, capacity: int) -> ClosestState:
     first, second = _pairs(problem)
     low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
     count = len(first)
     cells = Cell(jnp.asarray(first), jnp.asarray(second), *(jnp.broadcast_to(x, (count, x.size)) for x in (low, high)))
     zero, infinite = jnp.array(0), jnp.full((), jnp.inf, low.dtype)
-    best = Best(infinite, infinite, zero, zero, 0.5 * (low + high))
+    best = BestPair(infinite, infinite, zero, zero, 0.5 * (low + high))
     # Every first cut is along the longest side of a box: the pieces of a net are small already.
     sides = [side.upper - side.lower if isinstance(side, Side) else jnp.zeros(parameters(side)) for side in problem[:2]]
     axis = jnp.full((count,), jnp.argmax(jnp.concatenate(sides)))
@@ -131,7 +131,7 @@ def _ends(side: Net | Side) -> tuple[Array, Array]:
     return jnp.zeros(parameters(side), side.points.dtype), jnp.ones(parameters(side), side.points.dtype)
 
 
-def _outcome(problem: WithSurface, wanted: _Wanted, state: State) -> Outcome:
+def _outcome(problem: WithSurface, wanted: _WantedGap, state: ClosestState) -> Outcome:
     best, n, dtype = state.best, parameters(problem.a), state.lower.dtype
     point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
     best = best._replace(distance=jnp.where(jnp.isfinite(best.upper), length(point_a - point_b), jnp.inf))
@@ -170,15 +170,15 @@ class MixedSearch(AbstractSearch):
 
     first_steps = FIRST_STEPS
 
-    def __init__(self, known: _Known, problem: WithSurface, wanted: _Wanted, method: BranchAndBound):
+    def __init__(self, known: _Known, problem: WithSurface, wanted: _WantedGap, method: BranchAndBound):
         self._known, self._problem, self._wanted = known, problem, wanted
         self._capacity, self.max_steps = method.capacity, method.max_steps
 
-    def begin(self) -> State:
+    def begin(self) -> ClosestState:
         """See AbstractSearch."""
         return _begun(self._problem, room_for(_pairs(self._problem)[0].size, self._capacity))
 
-    def advance(self, state: State, limit: int, growing: bool) -> tuple[State, Standing]:
+    def advance(self, state: ClosestState, limit: int, growing: bool) -> tuple[ClosestState, Standing]:
         """See AbstractSearch."""
         problem, grows = self._with_room(state), np.asarray(growing and state.lower.size < LONGEST)
         state = _advanced(problem, *self._wanted, state, np.asarray(limit), grows)
@@ -186,16 +186,16 @@ class MixedSearch(AbstractSearch):
         found, news = _standing(self._with_room(state), self._wanted, state, grows)
         return state, Standing(found, *np.asarray(news))
 
-    def longer(self, state: State) -> State:
+    def longer(self, state: ClosestState) -> ClosestState:
         """See AbstractSearch."""
         return longer(state, GROWTH)
 
-    def _with_room(self, state: State) -> WithSurface:
+    def _with_room(self, state: ClosestState) -> WithSurface:
         return WithSurface(self._problem.a, self._problem.b, _room(self._problem, state.best))
 
 
 @compiled
-def _room(problem: WithSurface, best: Best) -> Array:
+def _room(problem: WithSurface, best: BestPair) -> Array:
     """The room for rounding about the nearest points found, which may be far smaller than the boxes are; else none."""
     n = parameters(problem.a)
     point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
@@ -205,13 +205,13 @@ def _room(problem: WithSurface, best: Best) -> Array:
 
 
 @compiled
-def _standing(problem: WithSurface, wanted: _Wanted, state: State, growing: Array) -> tuple[Outcome, Array]:
+def _standing(problem: WithSurface, wanted: _WantedGap, state: ClosestState, growing: Array) -> tuple[Outcome, Array]:
     """The outcome as it stands, and how the search stands in four numbers."""
     going_on = is_open(problem, wanted.atol, wanted.rtol, state)
     return _outcome(problem, wanted, state), news_of(state, going_on, growing)
 
 
-def _sharp(known: _Known, problem: WithSurface, best: Best) -> Best:
+def _sharp(known: _Known, problem: WithSurface, best: BestPair) -> BestPair:
     """The nearest points where the Lagrange system is solved, if they are proven to be nearer than those found."""
     if not np.isfinite(np.asarray(best.upper)):
         return best
@@ -228,7 +228,7 @@ def _sharp(known: _Known, problem: WithSurface, best: Best) -> Best:
 
 
 @compiled
-def _solved(problem: WithSurface, best: Best) -> Array:
+def _solved(problem: WithSurface, best: BestPair) -> Array:
     lows, highs = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
     half = _ABOUT * jnp.max(highs - lows)
     cell = Cell(best.piece_a, best.piece_b, jnp.maximum(best.x - half, lows), jnp.minimum(best.x + half, highs))
@@ -240,16 +240,16 @@ def _solved(problem: WithSurface, best: Best) -> Array:
 
 
 @compiled
-def _nearer(problem: WithSurface, best: Best, x: Array, radii: Array) -> Best:
+def _nearer(problem: WithSurface, best: BestPair, x: Array, radii: Array) -> BestPair:
     n = parameters(problem.a)
     distance = length(_point(problem.a, best.piece_a, x[:n]) - _point(problem.b, best.piece_b, x[n:]))
     upper = joined_upper(distance, radii)
-    new = Best(upper, distance, best.piece_a, best.piece_b, x)
-    return Best(*(jnp.where(upper < best.upper, y, z) for y, z in zip(new, best, strict=True)))
+    new = BestPair(upper, distance, best.piece_a, best.piece_b, x)
+    return BestPair(*(jnp.where(upper < best.upper, y, z) for y, z in zip(new, best, strict=True)))
 
 
-def _in_one_go(problem: WithSurface, wanted: _Wanted, method: BranchAndBound) -> Outcome:
-    def search(problem: WithSurface, wanted: _Wanted) -> Outcome:
+def _in_one_go(problem: WithSurface, wanted: _WantedGap, method: BranchAndBound) -> Outcome:
+    def search(problem: WithSurface, wanted: _WantedGap) -> Outcome:
         state = _begin(problem, room_for(_pairs(problem)[0].size, method.capacity))
         return _outcome(problem, wanted, advance(problem, wanted.atol, wanted.rtol, state, method.max_steps))
 

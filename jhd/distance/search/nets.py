@@ -20,9 +20,9 @@ from jhd.distance.search.closest import (
     FIRST_STEPS,
     GROWTH,
     LONGEST,
+    ClosestState,
     Outcome,
     Parametric,
-    State,
     advance,
     begin,
     is_open,
@@ -75,18 +75,18 @@ class NetSearch(AbstractSearch):
         self._nets, self._counts, self._wanted = (a, b), counts, wanted
         self._capacity, self.max_steps = method.capacity, method.max_steps
 
-    def begin(self) -> State:
+    def begin(self) -> ClosestState:
         """See AbstractSearch."""
         pairs, valid = _near_pairs(*self._nets, self._counts)
         return _begun(*self._nets, pairs, valid, room_for(len(pairs), self._capacity))
 
-    def advance(self, state: State, limit: int, growing: bool) -> tuple[State, Standing]:
+    def advance(self, state: ClosestState, limit: int, growing: bool) -> tuple[ClosestState, Standing]:
         """See AbstractSearch."""
         growing = growing and state.lower.size < LONGEST
         state, found, news = _stretch(*self._nets, self._wanted, state, np.asarray(limit), np.asarray(growing))
         return state, Standing(found, *np.asarray(news))
 
-    def longer(self, state: State) -> State:
+    def longer(self, state: ClosestState) -> ClosestState:
         """See AbstractSearch."""
         return longer(state, GROWTH)
 
@@ -123,7 +123,7 @@ def _in_one_go(a: Net, b: Net, counts: tuple[int, int], wanted: _Asked, method: 
     return search(a, b, wanted)
 
 
-def _outcome(a: Net, b: Net, wanted: _Asked, state: State) -> Outcome:
+def _outcome(a: Net, b: Net, wanted: _Asked, state: ClosestState) -> Outcome:
     """Bounds and points of the search as it stands, the nearest pair polished."""
     dtype, n = state.lower.dtype, a.parameters
     best = polished(a, b, state.best)
@@ -147,8 +147,8 @@ _begun = compiled(begin, (4,))
 
 @compiled
 def _stretch(
-    a: Net, b: Net, wanted: _Asked, state: State, limit: Array, growing: Array
-) -> tuple[State, Outcome, Array]:
+    a: Net, b: Net, wanted: _Asked, state: ClosestState, limit: Array, growing: Array
+) -> tuple[ClosestState, Outcome, Array]:
     """Goes on for some steps, and says how the search stands, in four numbers."""
     state = advance(Parametric(a, b), wanted.atol, wanted.rtol, state, limit, growing)
     going_on = is_open(Parametric(a, b), wanted.atol, wanted.rtol, state)

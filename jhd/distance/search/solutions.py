@@ -16,7 +16,7 @@ from jhd.distance.nearest.forms import boxes, form
 from jhd.distance.nearest.places import projected, proven_radius
 from jhd.distance.nearest.surfaces import cloud, cover, halved, inner, pushed
 from jhd.distance.search.candidates import Target
-from jhd.distance.search.surfaces import State, advance, begin, tolerance, unfinished
+from jhd.distance.search.surfaces import SurfaceState, advance, begin, tolerance, unfinished
 from jhd.solution import EVENTS, RESULTS, HausdorffSolution, Witness, result_where
 
 # Cells of a search for any point at all that wait, those looked at in a step, and steps.
@@ -90,7 +90,7 @@ def target(side: Side) -> tuple[Target, Bool[Array, ""]]:
     return Target(side, covering, points), empty
 
 
-class Pair(NamedTuple):
+class CoveredPair(NamedTuple):
     """Two surfaces of a directed distance, and whether one of them is proven to have no point.
 
     Args:
@@ -104,13 +104,13 @@ class Pair(NamedTuple):
     empty: Array
 
 
-def in_one_go(pair: Pair, wanted: Wanted, capacity: int, max_steps: int, direction: Any) -> HausdorffSolution:
+def in_one_go(pair: CoveredPair, wanted: Wanted, capacity: int, max_steps: int, direction: Any) -> HausdorffSolution:
     """The whole search."""
     state, _ = advanced(pair, wanted, begin(pair.a, pair.b, capacity), max_steps)
     return solution_of(pair, wanted, state, direction)
 
 
-def solution_of(pair: Pair, wanted: Wanted, state: State, direction: Any) -> HausdorffSolution:
+def solution_of(pair: CoveredPair, wanted: Wanted, state: SurfaceState, direction: Any) -> HausdorffSolution:
     """The solution that a search stands at, in the common coordinates; the direction is a member of DIRECTIONS."""
     a, b, empty = pair
     best, u = state.best, unit_roundoff(state.best.lower.dtype)
@@ -134,7 +134,7 @@ def solution_of(pair: Pair, wanted: Wanted, state: State, direction: Any) -> Hau
     return HausdorffSolution(value, lower, upper, witness, result, stats)
 
 
-def _witness(a: Side, b: Side, state: State, value: Array, direction: Any) -> Witness:
+def _witness(a: Side, b: Side, state: SurfaceState, value: Array, direction: Any) -> Witness:
     place, u = state.best.place, unit_roundoff(value.dtype)
     at_border = jnp.any((place.point == jnp.asarray(a.lower)) | (place.point == jnp.asarray(a.upper)))
     foot = place.feet[0]
@@ -158,13 +158,13 @@ def _witness(a: Side, b: Side, state: State, value: Array, direction: Any) -> Wi
     )
 
 
-def advanced(pair: Pair, wanted: Wanted, state: State, limit: ArrayLike) -> tuple[State, Array]:
+def advanced(pair: CoveredPair, wanted: Wanted, state: SurfaceState, limit: ArrayLike) -> tuple[SurfaceState, Array]:
     """The search some steps on, and whether more would serve; none do where a bound is missing for good."""
     known = _known(pair)
     state = advance(pair.a, pair.b, wanted, state, jnp.where(known, limit, 0))
     return state, known & unfinished(pair.a, pair.b, wanted, state)
 
 
-def _known(pair: Pair) -> Array:
+def _known(pair: CoveredPair) -> Array:
     """Whether both surfaces have a proven point."""
     return jnp.any(jnp.isfinite(pair.b.cloud.radius)) & jnp.any(jnp.isfinite(pair.a.cloud.radius)) & ~pair.empty

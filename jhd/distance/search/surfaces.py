@@ -48,17 +48,17 @@ _LONGEST_WAIT = 16
 _FLOOR = 256
 
 
-class Table(NamedTuple):
+class SurfaceTable(NamedTuple):
     """Cells that wait: lower and upper corner and four feet in each row, and the bounds, -inf where free."""
 
     rows: Array  # (capacity, 18)
     bound: Array
 
 
-class State(NamedTuple):
+class SurfaceState(NamedTuple):
     """A search: its cells, and what it has proven and found so far."""
 
-    table: Table
+    table: SurfaceTable
     best: FarthestPlace
     closed: Array  # largest bound of the cells that were closed or dropped
     folded: Array  # largest bound of those that were dropped, or are too narrow to be cut
@@ -92,7 +92,7 @@ def tolerance(a: Side, b: Side, wanted: Wanted, distance: Array) -> Array:
     return jnp.maximum(atol, wanted.rtol * distance)
 
 
-def goal(a: Side, b: Side, wanted: Wanted, state: State) -> Array:
+def goal(a: Side, b: Side, wanted: Wanted, state: SurfaceState) -> Array:
     """Cells with bounds up to this one are closed: more than the folded ones they cannot spoil."""
     u = unit_roundoff(state.best.lower.dtype)
     # A little less than what was asked for, so that rounding of the last comparison does not exceed it.
@@ -100,22 +100,22 @@ def goal(a: Side, b: Side, wanted: Wanted, state: State) -> Array:
     return jnp.maximum(jnp.maximum(wanted.aim.level, state.best.lower + room), state.folded)
 
 
-def unfinished(a: Target, b: Target, wanted: Wanted, state: State) -> Array:
+def unfinished(a: Target, b: Target, wanted: Wanted, state: SurfaceState) -> Array:
     """Whether more steps would serve what is wanted."""
     above = jnp.max(state.table.bound) > goal(a.side, b.side, wanted, state)
     return above & (state.best.lower <= wanted.aim.ceiling)
 
 
-def blank(capacity: int, dtype: str) -> State:
+def blank(capacity: int, dtype: str) -> SurfaceState:
     """A state of the right shapes, to begin in."""
     number, count = jnp.zeros((), dtype), jnp.zeros((), int)
     vector, feet, hints = (jnp.zeros(shape, dtype) for shape in ((3,), (FEET, 3), (HINTS, 3)))
     best = FarthestPlace(number, number, SurfacePlace(vector, feet, jnp.zeros((FEET,), dtype)), hints, count)
-    table = Table(jnp.zeros((capacity, 6 + 3 * FEET), dtype), jnp.zeros((capacity,), dtype))
-    return State(table, best, number, number, jnp.array(False), count, count, jnp.zeros((2,), int))
+    table = SurfaceTable(jnp.zeros((capacity, 6 + 3 * FEET), dtype), jnp.zeros((capacity,), dtype))
+    return SurfaceState(table, best, number, number, jnp.array(False), count, count, jnp.zeros((2,), int))
 
 
-def begin(a: Target, b: Target, capacity: int) -> State:
+def begin(a: Target, b: Target, capacity: int) -> SurfaceState:
     """The cover of a with first bounds, and the point of its cloud that is farthest from that of b as a candidate."""
     dtype = jnp.asarray(a.side.lower).dtype
     low, high = a.cover.lower, a.cover.upper
@@ -126,7 +126,7 @@ def begin(a: Target, b: Target, capacity: int) -> State:
     bound = jnp.where(a.cover.alive, bound, -jnp.inf)
     rows = jnp.concatenate([low, high, *[near] * FEET]).T
     room = capacity - bound.size
-    table = Table(jnp.pad(rows, ((0, room), (0, 0))), jnp.pad(bound, (0, room), constant_values=-jnp.inf))
+    table = SurfaceTable(jnp.pad(rows, ((0, room), (0, 0))), jnp.pad(bound, (0, room), constant_values=-jnp.inf))
     none, zero = jnp.asarray(-jnp.inf, dtype), jnp.zeros((), dtype)
     points = a.cloud.points
     feet = b.cloud.points[:, _nearest_of(b.cloud, points)]
@@ -135,13 +135,13 @@ def begin(a: Target, b: Target, capacity: int) -> State:
     place = SurfacePlace(points[:, best], jnp.tile(feet[:, best], (FEET, 1)), jnp.eye(FEET, dtype=dtype)[0])
     count = jnp.zeros((), int)
     nothing = FarthestPlace(zero, none, place, jnp.tile(feet[:, best], (HINTS, 1)), count)
-    return State(table, nothing, none, none, jnp.array(False), count, count, jnp.array([0, 1]))
+    return SurfaceState(table, nothing, none, none, jnp.array(False), count, count, jnp.array([0, 1]))
 
 
-def advance(a: Target, b: Target, wanted: Wanted, state: State, limit: ArrayLike) -> State:
+def advance(a: Target, b: Target, wanted: Wanted, state: SurfaceState, limit: ArrayLike) -> SurfaceState:
     """Goes on until what is wanted is reached, or the limit of steps."""
 
-    def open_(state: State) -> Array:
+    def open_(state: SurfaceState) -> Array:
         return unfinished(a, b, wanted, state) & (state.steps < limit)
 
     return jax.lax.while_loop(open_, lambda s: _step(a, b, wanted, s), varying(state, a, b))
@@ -158,7 +158,7 @@ class _Lanes(NamedTuple):
     promise: Array
 
 
-def _step(a: Target, b: Target, wanted: Wanted, state: State) -> State:
+def _step(a: Target, b: Target, wanted: Wanted, state: SurfaceState) -> SurfaceState:
     limit = goal(a.side, b.side, wanted, state)
     # What cannot matter any more makes room.
     idle = state.table.bound <= limit
@@ -167,7 +167,7 @@ def _step(a: Target, b: Target, wanted: Wanted, state: State) -> State:
     _, index = jax.lax.top_k(bound.astype(jnp.float32), _LANES)
     rows, parents = state.table.rows[index].T, bound[index]
     state = state._replace(
-        table=Table(state.table.rows, bound.at[index].set(-jnp.inf)), closed=closed, steps=state.steps + 1
+        table=SurfaceTable(state.table.rows, bound.at[index].set(-jnp.inf)), closed=closed, steps=state.steps + 1
     )
     lanes = _bounded(a.side, b, state, rows, parents, limit)
     best = jnp.argmax(lanes.promise)
@@ -188,7 +188,7 @@ def _step(a: Target, b: Target, wanted: Wanted, state: State) -> State:
     return _cut(a.side, state, lanes, goal(a.side, b.side, wanted, state))
 
 
-def _bounded(a: Side, b: Target, state: State, rows: Array, parents: Array, limit: Array) -> _Lanes:
+def _bounded(a: Side, b: Target, state: SurfaceState, rows: Array, parents: Array, limit: Array) -> _Lanes:
     cells = boxes(rows[:3], rows[3:6])
     form_a = form(a, cells)
     alive = (parents > -jnp.inf) & form_a.may_vanish
@@ -228,7 +228,7 @@ def _points(a: Side, cells: Boxes, free: Array) -> tuple[Array, Array, Array]:
     return jnp.where(both[0], points[0], cells.centre), points, both
 
 
-def _feet(b: Target, state: State, place: Array, parents: Array, cells: Boxes) -> tuple[Array, Array]:
+def _feet(b: Target, state: SurfaceState, place: Array, parents: Array, cells: Boxes) -> tuple[Array, Array]:
     """Four feet (4, 3, lanes) of places: the nearest, and those about as near that lie farthest from the others."""
     lanes = place.shape[1]
     reach = _TOGETHER * jnp.sqrt(jnp.sum(cells.half**2, axis=0))
@@ -270,7 +270,7 @@ def _spread_seeds(cloud: Cloud, places: Array, reach: Array) -> Array:
     return jnp.stack([near, cloud.points[:, second]])
 
 
-def _cut(a: Side, state: State, lanes: _Lanes, limit: Array) -> State:
+def _cut(a: Side, state: SurfaceState, lanes: _Lanes, limit: Array) -> SurfaceState:
     """The parts of the cells that are still above the limit go into the table."""
     live = lanes.alive & (lanes.bound > limit)
     narrow = jnp.max(lanes.cells.upper - lanes.cells.lower, axis=0) < like_double(_NARROW, limit.dtype)
@@ -284,7 +284,7 @@ def _cut(a: Side, state: State, lanes: _Lanes, limit: Array) -> State:
     table, negative, dropped = pushed(state.table.rows, -state.table.bound, rows, -bound)
     folded = jnp.maximum(folded, -dropped)
     return state._replace(
-        table=Table(table, -negative),
+        table=SurfaceTable(table, -negative),
         closed=jnp.maximum(jnp.maximum(state.closed, closed), folded),
         folded=jnp.maximum(state.folded, folded),
         full=state.full | (dropped < jnp.inf),

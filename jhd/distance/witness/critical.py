@@ -97,7 +97,7 @@ def _placed(found: CriticalPairs, frame: Frame) -> CriticalPairs:
     return CriticalPairs(frame.length(found.value), witness, found.valid & usable, result)
 
 
-class _Pair(NamedTuple):
+class _CriticalPair(NamedTuple):
     """Two curves in one direction, what precedes each segment of both, and samples of b for the first feet."""
 
     a: BezierSegments
@@ -118,7 +118,7 @@ class _Foot(NamedTuple):
     slope: Array
 
 
-class _Cell(NamedTuple):
+class _CriticalCell(NamedTuple):
     """An interval of a segment of a that may hold a maximum, or an end of it, with places of b where feet may be."""
 
     segment: Array
@@ -129,7 +129,7 @@ class _Cell(NamedTuple):
     other: Place
 
 
-class _Found(NamedTuple):
+class _FoundMaximum(NamedTuple):
     value: Array
     witness: Witness
     wrong: Array  # whether another foot is nearer, or what was followed is none
@@ -137,8 +137,8 @@ class _Found(NamedTuple):
 
 
 class _Rounds(NamedTuple):
-    cells: _Cell
-    found: _Found
+    cells: _CriticalCell
+    found: _FoundMaximum
     count: Array
 
 
@@ -220,7 +220,7 @@ def _maxima(a: BezierSegments, b: BezierSegments, lanes: int) -> tuple[Array, Wi
     return value, _at_ends(pair, found.witness, value > -jnp.inf)
 
 
-def _at_ends(pair: _Pair, witness: Witness, valid: Array) -> Witness:
+def _at_ends(pair: _CriticalPair, witness: Witness, valid: Array) -> Witness:
     """The witnesses, those at ends and corners with all feet that are equally near and count."""
     ends = valid & ((witness.event == EVENTS.a_end) | (witness.event == EVENTS.corner))
     (order,) = jnp.nonzero(ends, size=ends.size, fill_value=0)
@@ -236,14 +236,14 @@ def _at_ends(pair: _Pair, witness: Witness, valid: Array) -> Witness:
     return jax.lax.fori_loop(0, jnp.sum(ends), described, varying(witness, pair))
 
 
-def _prepared(a: BezierSegments, b: BezierSegments) -> _Pair:
+def _prepared(a: BezierSegments, b: BezierSegments) -> _CriticalPair:
     s = jnp.linspace(0.0, 1.0, _SEEDS + 1, dtype=b.control_points.dtype)
     points = jax.vmap(lambda k: jax.vmap(lambda u: jet(*piece_of(b, k), u).point)(s))(jnp.arange(b.count))
     at = Place(jnp.repeat(jnp.arange(b.count), s.size), jnp.tile(s, b.count))
-    return _Pair(a, b, preceding(a.following), preceding(b.following), points.reshape(-1, b.dim), at)
+    return _CriticalPair(a, b, preceding(a.following), preceding(b.following), points.reshape(-1, b.dim), at)
 
 
-def _seed(pair: _Pair, points: Array) -> Place:
+def _seed(pair: _CriticalPair, points: Array) -> Place:
     """The nearest sample of b of each of the points (points, dim); the index takes the place of the last bits."""
     count = pair.seeds.shape[0]
     last_bits = 2 ** (count - 1).bit_length() - 1
@@ -254,7 +254,7 @@ def _seed(pair: _Pair, points: Array) -> Place:
     return Place(pair.seed_at.segment[index], pair.seed_at.t[index])
 
 
-def _foot(pair: _Pair, segment: Array, t: Array, starts: Place) -> _Foot:
+def _foot(pair: _CriticalPair, segment: Array, t: Array, starts: Place) -> _Foot:
     """The nearest of the feet reached from the starts (starts,) of the point of a, and the slope there."""
     at = jet(*piece_of(pair.a, segment), t)
     feet = jax.vmap(lambda k, s: follow_foot(at.point, pair.b, pair.before_b, k, s, _FOLLOW))(*starts)
@@ -271,7 +271,7 @@ def _foot(pair: _Pair, segment: Array, t: Array, starts: Place) -> _Foot:
     return _Foot(k, s, point, distance, slope)
 
 
-def _proposed(pair: _Pair, lanes: int) -> tuple[Array, _Cell, Array]:
+def _proposed(pair: _CriticalPair, lanes: int) -> tuple[Array, _CriticalCell, Array]:
     """The most promising places of maxima, their keys (-inf where there is none), and the largest sample."""
     a = pair.a
     steps = min(max(math.ceil(_SAMPLES / a.count), _LEAST), _MOST)
@@ -312,14 +312,14 @@ def _proposed(pair: _Pair, lanes: int) -> tuple[Array, _Cell, Array]:
     t = t[: steps + 1]
     left, right = (Place(foot.segment[row, x], foot.s[row, x]) for x in (low, high))
     top = distance.ravel()[best]
-    return jnp.append(keys[index], top), _Cell(row, t[low], t[high], left, right, left), top
+    return jnp.append(keys[index], top), _CriticalCell(row, t[low], t[high], left, right, left), top
 
 
 def _starts(*places: Place) -> Place:
     return Place(*(jnp.stack(x, axis=-1) for x in zip(*places, strict=True)))
 
 
-def _refined(pair: _Pair, cells: _Cell) -> _Found:
+def _refined(pair: _CriticalPair, cells: _CriticalCell) -> _FoundMaximum:
     """The maximum in each cell."""
 
     def foot(t: Array, left: Place, right: Place) -> _Foot:
@@ -327,7 +327,7 @@ def _refined(pair: _Pair, cells: _Cell) -> _Found:
         starts = _starts(_seed(pair, points), left, right, cells.other)
         return jax.vmap(lambda k, u, s: _foot(pair, k, u, s))(cells.segment, t, starts)
 
-    def halved(_: int, state: tuple[_Cell, Array, _Foot]) -> tuple[_Cell, Array, _Foot]:
+    def halved(_: int, state: tuple[_CriticalCell, Array, _Foot]) -> tuple[_CriticalCell, Array, _Foot]:
         cell = state[0]
         middle = 0.5 * (cell.t0 + cell.t1)
         here = foot(middle, cell.left, cell.right)
@@ -347,7 +347,7 @@ def _refined(pair: _Pair, cells: _Cell) -> _Found:
     return jax.vmap(lambda *lane: _described(pair, *lane))(small, t, here, held)
 
 
-def _described(pair: _Pair, cell: _Cell, t: Array, foot: _Foot, held: Array) -> _Found:
+def _described(pair: _CriticalPair, cell: _CriticalCell, t: Array, foot: _Foot, held: Array) -> _FoundMaximum:
     """The polished maximum of a cell that has been halved often enough."""
     a, b = pair.a, pair.b
     piece = piece_of(a, cell.segment)
@@ -395,7 +395,7 @@ def _described(pair: _Pair, cell: _Cell, t: Array, foot: _Foot, held: Array) -> 
         direction=DIRECTIONS.a_to_b,
     )
     wrong = jnp.abs(value - near.distance) > near.distance * _NEARER + _ROUNDED
-    return _Found(value, witness, wrong, Place(near.segment, near.t))
+    return _FoundMaximum(value, witness, wrong, Place(near.segment, near.t))
 
 
 def _event(place: Around, held: Array, event: Any) -> Any:

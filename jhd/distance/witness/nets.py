@@ -15,11 +15,11 @@ from jaxtyping import Array
 from jhd.arithmetic.scaling import unit_weights
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
-from jhd.distance.cells.pairs import Best, derivatives, length, newton_step
+from jhd.distance.cells.pairs import BestPair, derivatives, length, newton_step
 from jhd.distance.frame.attach import attached
 from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of
 from jhd.distance.frame.curves import elevation_matrix, padded_count, preparation_error, raised_degree
-from jhd.distance.frame.net_jets import Jet, Net, jet, usable_net
+from jhd.distance.frame.net_jets import Net, NetJet, jet, usable_net
 from jhd.distance.nearest.feet import presses
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
@@ -81,7 +81,7 @@ def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
     return Net(points[index], None if weights is None else weights[index])
 
 
-def polished(a: Net, b: Net, best: Best) -> Best:
+def polished(a: Net, b: Net, best: BestPair) -> BestPair:
     """The nearest pair moved to where the distance is stationary, parameters at a border held; else as it was."""
     n = a.parameters
     pieces = a.piece(best.piece_a), b.piece(best.piece_b)
@@ -98,7 +98,7 @@ def polished(a: Net, b: Net, best: Best) -> Best:
     return best._replace(x=x, distance=jnp.min(distances))
 
 
-def _jets(a: Net, b: Net, x: Array) -> tuple[Jet, Jet]:
+def _jets(a: Net, b: Net, x: Array) -> tuple[NetJet, NetJet]:
     return jet(a, x[: a.parameters]), jet(b, x[a.parameters :])
 
 
@@ -109,7 +109,7 @@ def _held(a: Net, b: Net, x: Array) -> Array:
     return presses(x, slope, jnp.sum(jnp.abs(jnp.concatenate([p.first, q.first])), axis=-1))
 
 
-def with_net_derivatives(solution: MinimumSolution, a: Net, b: Net, frame: Frame, best: Best) -> MinimumSolution:
+def with_net_derivatives(solution: MinimumSolution, a: Net, b: Net, frame: Frame, best: BestPair) -> MinimumSolution:
     """The solution with its derivatives in both shapes, in the user's coordinates.
 
     At fixed parameters the derivative of the distance is that of the minimum (the envelope theorem); two steps of
@@ -123,7 +123,7 @@ def with_net_derivatives(solution: MinimumSolution, a: Net, b: Net, frame: Frame
 
 
 @compiled
-def _moving(a: Net, b: Net, frame: Frame, best: Best) -> tuple[Array, Array, Array]:
+def _moving(a: Net, b: Net, frame: Frame, best: BestPair) -> tuple[Array, Array, Array]:
     """Distance and nearest points as functions of both shapes."""
     n = a.parameters
 

@@ -56,7 +56,7 @@ class Polished(NamedTuple):
     converged: Bool[Array, ""]
 
 
-class Problem(NamedTuple):
+class MaximumProblem(NamedTuple):
     """A polish. Of the five rows the first belongs to p on a, the others to the feet on b."""
 
     f: Array  # (5, i, j, k)
@@ -76,7 +76,7 @@ class Problem(NamedTuple):
         return jnp.where(faces < 0, self.lower, self.upper)
 
 
-class Active(NamedTuple):
+class ActiveSet(NamedTuple):
     """The active set: -1 or 1 where the lower or the upper face holds a coordinate, and which feet count."""
 
     faces: Array  # (5, 3)
@@ -144,7 +144,7 @@ def polish(
     start = multiplied(start, at, faces)
     # A foot from which the distance falls along b misleads; another one stands for it if there is one.
     nearest = used & ~_saddles(start, at, faces, problem.size)
-    active = Active(faces, jnp.where(jnp.any(nearest), nearest, used))
+    active = ActiveSet(faces, jnp.where(jnp.any(nearest), nearest, used))
     state = varying((jnp.array(0), active, start, jnp.array(False)), problem, start)
     _, active, found, solved = jax.lax.while_loop(lambda state: state[0] < _ROUNDS, turn, state)
     x = problem.centre + problem.size * jnp.clip(found.x, problem.lower, problem.upper)
@@ -167,15 +167,15 @@ def stacked(fa: Array, box_a: tuple[Array, Array], fb: Array, box_b: tuple[Array
     return Shapes(jnp.stack(padded), *(jnp.stack(corners) for corners in zip(box_a, box_b, strict=True)))
 
 
-def posed(shapes: Shapes, centre: Array, size: Array) -> Problem:
+def posed(shapes: Shapes, centre: Array, size: Array) -> MaximumProblem:
     """The problem in coordinates about a centre in units of a size, without what belongs to its start."""
     owner = jnp.array([0, 1, 1, 1, 1])
     lower, upper = ((x[owner] - centre) / size for x in (shapes.lower, shapes.upper))
     start, scale = jnp.zeros((5, 3), size.dtype), jnp.ones(5, size.dtype)
-    return Problem(shapes.f[owner], lower, upper, start, centre, size, scale)
+    return MaximumProblem(shapes.f[owner], lower, upper, start, centre, size, scale)
 
 
-def started(shapes: Shapes, places: Array, weights: Array) -> tuple[Problem, Unknowns, PolynomialJet]:
+def started(shapes: Shapes, places: Array, weights: Array) -> tuple[MaximumProblem, Unknowns, PolynomialJet]:
     """The problem about the first of five places, all unknowns there, and the jets."""
     size = jnp.max(shapes.upper - shapes.lower)
     problem = posed(shapes, places[0], size)
@@ -212,7 +212,7 @@ def balance(y: Unknowns, at: PolynomialJet, faces: Array) -> Balance:
     return Balance(at.value, slopes, pull, jnp.where(along, signs * y.s[1:], lengths))
 
 
-def equations(y: Unknowns, args: tuple[Problem, Active]) -> tuple:
+def equations(y: Unknowns, args: tuple[MaximumProblem, ActiveSet]) -> tuple:
     """The equations of the module's docstring for one active set, as many as there are unknowns."""
     problem, (faces, used) = args
     terms, free = balance(y, problem.jets(y.x), faces), faces == 0
@@ -227,7 +227,7 @@ def equations(y: Unknowns, args: tuple[Problem, Active]) -> tuple:
     )
 
 
-def first_faces(problem: Problem, gradients: Array, near: float) -> Array:
+def first_faces(problem: MaximumProblem, gradients: Array, near: float) -> Array:
     """Faces within a share of the size from the start, but for those that the surface nearly touches there."""
     x = problem.start
     faces = jnp.where(x <= problem.lower + near, -1.0, jnp.where(x >= problem.upper - near, 1.0, 0.0))
@@ -247,7 +247,7 @@ def multiplied(y: Unknowns, at: PolynomialJet, faces: Array) -> Unknowns:
     return y._replace(s=jnp.concatenate([jnp.sum(terms.pull[0] * normals[0])[None], feet]))
 
 
-def revised(y: Unknowns, at: PolynomialJet, problem: Problem, active: Active) -> Active:
+def revised(y: Unknowns, at: PolynomialJet, problem: MaximumProblem, active: ActiveSet) -> ActiveSet:
     """The active set after a solution: faces that were passed hold; what has a negative multiplier is let go."""
     terms = balance(y, at, active.faces)
     unit = jnp.concatenate([jnp.ones(1), jnp.where(terms.distances > 0, terms.distances, 1.0)])
@@ -259,7 +259,7 @@ def revised(y: Unknowns, at: PolynomialJet, problem: Problem, active: Active) ->
     # One foot at a time, that of the most negative weight.
     used = active.used & ~((jnp.arange(4) == jnp.argmin(y.w)) & (y.w < -like_double(_NEGATIVE, y.w.dtype)))
     counts = jnp.concatenate([jnp.ones(1, bool), active.used])
-    return Active(jnp.where(counts[:, None], faces, active.faces), used)
+    return ActiveSet(jnp.where(counts[:, None], faces, active.faces), used)
 
 
 def _saddles(y: Unknowns, at: PolynomialJet, faces: Array, size: Array) -> Array:
@@ -274,7 +274,7 @@ def _saddles(y: Unknowns, at: PolynomialJet, faces: Array, size: Array) -> Array
     return jax.vmap(least)(y.s[1:], at.gradient[1:], at.hessian[1:], faces[1:]) < -like_double(_SADDLE, y.s.dtype)
 
 
-def _passed(x: Array, problem: Problem) -> Array:
+def _passed(x: Array, problem: MaximumProblem) -> Array:
     """The faces that are passed first on the way from the start of each place, as -1 and 1."""
     room = like_double(_BEYOND, x.dtype)
     beyond = jnp.where(x < problem.lower - room, -1.0, jnp.where(x > problem.upper + room, 1.0, 0.0))

@@ -33,8 +33,8 @@ from jhd.arithmetic.rounding import like_double
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.witness.polish import (
-    Active,
-    Problem,
+    ActiveSet,
+    MaximumProblem,
     Shapes,
     Unknowns,
     balance,
@@ -63,10 +63,10 @@ class _System(NamedTuple):
     centre: Array
     size: Array
     scale: Array
-    active: Active
+    active: ActiveSet
     start: Unknowns
 
-    def problem(self, shapes: Shapes) -> Problem:
+    def problem(self, shapes: Shapes) -> MaximumProblem:
         """The equations of these surfaces."""
         return posed(shapes, self.centre, self.size)._replace(scale=self.scale, start=self.start.x)
 
@@ -104,10 +104,10 @@ def _system(shapes: Shapes, witness: Witness) -> _System:
     used = witness.multipliers > like_double(_WEIGHTLESS, witness.multipliers.dtype)
     used = used | (~jnp.any(used) & (jnp.arange(4) == 0))
     problem, start, at = started(shapes, places, witness.multipliers)
-    active = Active(first_faces(problem, at.gradient, like_double(_TOUCHING, at.gradient.dtype)), used)
+    active = ActiveSet(first_faces(problem, at.gradient, like_double(_TOUCHING, at.gradient.dtype)), used)
     faces = revised(multiplied(start, at, active.faces), at, problem, active).faces
     start = multiplied(start, at, faces)
-    return _System(problem.centre, problem.size, problem.scale, Active(faces, used), start)
+    return _System(problem.centre, problem.size, problem.scale, ActiveSet(faces, used), start)
 
 
 # Functions with rules of their own give scalars; see jhd.distance.witness.active on why.

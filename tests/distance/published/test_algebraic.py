@@ -126,7 +126,7 @@ def solved(a, b):
     pair = host_pair.HostPair.of(*prepare(jhd.BezierSegments(a), jhd.BezierSegments(b))[:2])
     count = pair.a.moving
     whole = np.broadcast_to([[0.0], [1.0]], (2, count))
-    pieces = event_survivors.Pieces(np.arange(count), whole, np.broadcast_to([[0.0], [np.inf]], (2, count)))
+    pieces = event_survivors.EventPieces(np.arange(count), whole, np.broadcast_to([[0.0], [np.inf]], (2, count)))
     feet = event_survivors.everywhere(pair.b, count)
     kept = event_survivors.survivors(pair.a, pair.b, pieces, feet)
     antipodal = event_survivors.pairs(pieces, kept)
@@ -240,7 +240,7 @@ def test_divided_differences_have_the_sheet_divided_out():
     slope = rng.normal(size=6)  # Bernstein coefficients of h', degree 5
     f = polynomial(slope)
     h = f.integ()
-    form = event_forms.Form(slope[None, :, None], np.zeros(1))
+    form = event_forms.EventForm(slope[None, :, None], np.zeros(1))
     whole = np.array([[0.0], [1.0]])
     for r, s in ((0.1, 0.7), (0.4, 0.45), (0.0, 1.0)):
         first = (f(s) - f(r)) / (s - r)

@@ -173,7 +173,7 @@ def test_the_bounds_hold_along_the_curve_itself(seed):
     pair = host_pair.HostPair.of(*prepare(a, b)[:2])
     d, c = trimming.both_arcs(pair, 1e-3)
     d = d.take(np.flatnonzero(trimming._moving(pair.first)[d.segment] >= 0))
-    target = arc_bounds.Target(c)
+    target = arc_bounds.ArcTarget(c)
     points = np.asarray(pair.stored[0].control_points) @ [1, 1j]
     cut = trimming._chords(points.T, d)
     bounds = [(d, target.coarse_reach(d)), (d, target.reach_by_quarters(d))]
@@ -263,7 +263,7 @@ def test_a_missed_event_is_an_error():
     p, q, frame = prepare(b.segments(), a.segments())
     pair = host_pair.HostPair.of(p, q)
     search = event_candidates.Search(1e-8, 256, 10**6)
-    none = event_survivors.Pieces(np.zeros(0, int), np.zeros((2, 0)), np.zeros((2, 0)))
+    none = event_survivors.EventPieces(np.zeros(0, int), np.zeros((2, 0)), np.zeros((2, 0)))
     candidates, stats = event_candidates.candidate_events(pair, none, search)
     # A sample that no event explains: the middle of a segment whose piece has been taken away.
     best = farthest.Measured(2.0, 2.0, 0, 0.5)

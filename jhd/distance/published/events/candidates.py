@@ -8,7 +8,7 @@ import numpy as np
 from jhd.distance.frame.jets import polynomial_jet
 from jhd.distance.published.events.forms import Curve, hull_distances, restricted
 from jhd.distance.published.events.host_pair import HostPair
-from jhd.distance.published.events.survivors import Feet, Pieces, everywhere, pairs, survivors, triples
+from jhd.distance.published.events.survivors import EventPieces, SurvivingFeet, everywhere, pairs, survivors, triples
 from jhd.distance.published.events.systems import NO_EVENTS, Events, Systems, solve
 
 # Newton's steps, which end where no parameter moves by more.
@@ -58,7 +58,7 @@ class Stats(NamedTuple):
 
 
 def candidate_events(
-    pair: HostPair, pieces: Pieces, search: Search, feet: Feet | None = None
+    pair: HostPair, pieces: EventPieces, search: Search, feet: SurvivingFeet | None = None
 ) -> tuple[Candidates, Stats]:
     """Isolated points of a, ends of its segments in the pieces, and all events with their maximum there.
 
@@ -92,7 +92,7 @@ def candidate_events(
     return candidates, Stats(len(feet.piece), boxes, len(candidates.t), roots, exhausted, left)
 
 
-def _groups(pair: HostPair, pieces: Pieces, feet: Feet) -> Iterator[list[Systems]]:
+def _groups(pair: HostPair, pieces: EventPieces, feet: SurvivingFeet) -> Iterator[list[Systems]]:
     """The systems of the pieces, in portions: pairs, triples, triples on one segment."""
     kept = survivors(pair.a, pair.b, pieces, feet)
     antipodal, none = pairs(pieces, kept), np.zeros(0, int)

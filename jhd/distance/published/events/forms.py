@@ -65,7 +65,7 @@ def restricted(c: np.ndarray, side: np.ndarray) -> np.ndarray:
     return c
 
 
-class Form(NamedTuple):
+class EventForm(NamedTuple):
     """Coefficients of h on a box, (n + 1, 2 n + 1, boxes), and a bound of their errors."""
 
     c: np.ndarray
@@ -79,7 +79,7 @@ def _square_map(n: int) -> np.ndarray:
     return (index.ravel() == np.arange(2 * n + 1)[:, None]) * weights.ravel()
 
 
-def h_form(a: np.ndarray, b: np.ndarray) -> Form:
+def h_form(a: np.ndarray, b: np.ndarray) -> EventForm:
     """2 A.B - |B|^2 for pieces relative to an origin near b."""
     n, boxes = len(a) - 1, a.shape[-1]
     raised = (elevation_matrix(n, 2 * n) @ b.reshape(n + 1, -1)).reshape(2 * n + 1, 2, boxes)
@@ -87,25 +87,25 @@ def h_form(a: np.ndarray, b: np.ndarray) -> Form:
     square = _square_map(n) @ squares.reshape(-1, boxes)
     c = 2 * (a[:, None, 0] * raised[None, :, 0] + a[:, None, 1] * raised[None, :, 1]) - square
     size = np.max(np.abs(a), axis=(0, 1)) + np.max(np.abs(b), axis=(0, 1))
-    return Form(c, gamma(88 * n + 104, np.float64) * size)
+    return EventForm(c, gamma(88 * n + 104, np.float64) * size)
 
 
-class Piece(NamedTuple):
+class EventPiece(NamedTuple):
     """A part of a segment: control points (n + 1, 2, boxes), those of the velocity (n, 2, boxes), largest velocity."""
 
     points: np.ndarray
     velocity: np.ndarray
     speed: np.ndarray
 
-    def about(self, origin: np.ndarray) -> "Piece":
+    def about(self, origin: np.ndarray) -> "EventPiece":
         """Relative to an origin."""
         return self._replace(points=self.points - origin)
 
 
-def piece_of(curve: Curve, segment: np.ndarray, side: np.ndarray) -> Piece:
+def piece_of(curve: Curve, segment: np.ndarray, side: np.ndarray) -> EventPiece:
     """The parts of these segments."""
     velocity = curve.velocity[..., segment]
-    return Piece(restricted(curve.points[..., segment], side), restricted(velocity, side), curve.speed[segment])
+    return EventPiece(restricted(curve.points[..., segment], side), restricted(velocity, side), curve.speed[segment])
 
 
 @cache
@@ -115,7 +115,7 @@ def _product_map(n: int) -> np.ndarray:
     return (index.ravel() == np.arange(2 * n)[:, None]) * weights.ravel()
 
 
-def foot_form(a: np.ndarray, b: Piece, side: np.ndarray | None = None) -> Form:
+def foot_form(a: np.ndarray, b: EventPiece, side: np.ndarray | None = None) -> EventForm:
     """(A - B).B' = h_s / 2 for pieces relative to an origin near b, (n + 1, 2 n, boxes); it may be wrong at joints.
 
     `side` is the part of the segment of b: at an end of the whole segment, a foot in a joint whose tangents differ by
@@ -131,10 +131,10 @@ def foot_form(a: np.ndarray, b: Piece, side: np.ndarray | None = None) -> Form:
     if side is not None:
         at_joint = (side[0] == 0) | (side[1] == 1)
         error = error + np.where(at_joint, 16 * CORNER_ANGLE * reach * np.abs(b.velocity).max((0, 1)), 0.0)
-    return Form(c, error)
+    return EventForm(c, error)
 
 
-def may_vanish(form: Form) -> np.ndarray:
+def may_vanish(form: EventForm) -> np.ndarray:
     """Whether the coefficients allow a root."""
     axes = tuple(range(form.c.ndim - 1))
     return (form.c.min(axes) <= form.error) & (form.c.max(axes) >= -form.error)
@@ -173,7 +173,7 @@ def cut_by(side: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarra
     return np.stack([np.maximum(side[0], below), np.minimum(side[1], above)])
 
 
-def linear_cut(side: np.ndarray, form: Form, axis: int) -> np.ndarray:
+def linear_cut(side: np.ndarray, form: EventForm, axis: int) -> np.ndarray:
     """Cuts the side of one variable by one equation, over all values of the others."""
     slope = mean_slope(form.c, axis)
     size = 1e-14 * np.abs(slope)

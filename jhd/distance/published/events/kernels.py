@@ -29,7 +29,7 @@ from jhd.arithmetic.rounding import gamma
 from jhd.distance.frame.curves import elevation_matrix
 from jhd.distance.published.events.forms import (
     Curve,
-    Form,
+    EventForm,
     bounds,
     cut_by,
     extent,
@@ -49,7 +49,7 @@ from jhd.distance.published.events.forms import (
 LEAST_PAD = 1e-14
 
 
-class Cut(NamedTuple):
+class EventCut(NamedTuple):
     """What is left of each box: whether anything, and its sides (variables, 2, boxes) in units of the box."""
 
     alive: np.ndarray
@@ -61,7 +61,7 @@ def _unit(count: int, boxes: int) -> np.ndarray:
     return np.broadcast_to(np.array([0.0, 1.0])[None, :, None], (count, 2, boxes)).copy()
 
 
-def pair_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted: np.ndarray) -> Cut:
+def pair_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted: np.ndarray) -> EventCut:
     """Antipodal events: cuts by each equation, and by the inverse of the mean Jacobian."""
     p, q = piece_of(a, segment[0], box[0]), piece_of(b, segment[1], box[1])
     distances = hull_distances(p.points, q.points)
@@ -69,7 +69,7 @@ def pair_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted
     foot = foot_form(p.points - origin, q.about(origin), box[1])
     origin = p.points.mean(0)
     along = foot_form(q.points - origin, p.about(origin))
-    along = Form(along.c.swapaxes(0, 1), along.error)  # axes (t, r) for both
+    along = EventForm(along.c.swapaxes(0, 1), along.error)  # axes (t, r) for both
     alive = may_vanish(foot) & may_vanish(along) & ~unwanted(distances, wanted)
     sides = _unit(2, box.shape[-1])
     models = []
@@ -94,14 +94,14 @@ def pair_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted
     return _cut(alive, sides, [p.points, q.points])
 
 
-def _cut(alive: np.ndarray, sides: np.ndarray, pieces: list[np.ndarray]) -> Cut:
+def _cut(alive: np.ndarray, sides: np.ndarray, pieces: list[np.ndarray]) -> EventCut:
     # Widened as the children will be: an interval that rounding has emptied is none.
-    return Cut(
+    return EventCut(
         alive & np.all(sides[:, 1] - sides[:, 0] >= -LEAST_PAD, axis=0), sides, np.stack([extent(x) for x in pieces])
     )
 
 
-def triple_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted: np.ndarray) -> Cut:
+def triple_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted: np.ndarray) -> EventCut:
     """One-to-two events with feet on different segments."""
     p = restricted(a.points[..., segment[0]], box[0])
     q = [piece_of(b, k, side) for k, side in zip(segment[1:], box[1:], strict=True)]
@@ -133,7 +133,7 @@ def triple_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, want
     return _cut(alive, sides, [p, *(piece.points for piece in q)])
 
 
-def same_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted: np.ndarray) -> Cut:
+def same_kernel(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, wanted: np.ndarray) -> EventCut:
     """One-to-two events with both feet on one segment, r <= s."""
     p = restricted(a.points[..., segment[0]], box[0])
     low, high = np.minimum(box[1, 0], box[2, 0]), np.maximum(box[1, 1], box[2, 1])
@@ -185,7 +185,7 @@ def _divided_map(degree: int, order: int) -> np.ndarray:
     return result.reshape(-1, m + 1)
 
 
-def _divided(form: Form, order: int, inside: list[np.ndarray]) -> Form:
+def _divided(form: EventForm, order: int, inside: list[np.ndarray]) -> EventForm:
     """h'[r, s] (order 1) or h[r, r, s, s] (order 2) up to a factor, from h', coefficients (t, r, s) on the box."""
     n, degree, boxes = form.c.shape[0] - 1, form.c.shape[1] - 1, form.c.shape[2]
     c = np.diff(form.c, order, axis=1)
@@ -194,7 +194,7 @@ def _divided(form: Form, order: int, inside: list[np.ndarray]) -> Form:
     size = np.abs(c).max((0, 1))
     table = restricted(table, inside[0])
     table = restricted(table.swapaxes(0, 1), inside[1]).swapaxes(0, 1)
-    return Form(np.moveaxis(table, 2, 0), 2.1**order * form.error + gamma(60 * degree + 60, np.float64) * size)
+    return EventForm(np.moveaxis(table, 2, 0), 2.1**order * form.error + gamma(60 * degree + 60, np.float64) * size)
 
 
 def _bends(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, k: int, side: list[np.ndarray]) -> np.ndarray:

@@ -20,19 +20,19 @@ from jhd.distance.published.events.forms import (
 from jhd.distance.published.events.systems import BLOCK, SYSTEMS, Systems
 
 
-class Pieces(NamedTuple):
+class EventPieces(NamedTuple):
     """Parts of a where the maximum may lie: segment, interval (2, pieces), distances that matter (2, pieces)."""
 
     segment: np.ndarray
     side: np.ndarray
     wanted: np.ndarray
 
-    def take(self, rows: np.ndarray) -> "Pieces":
+    def take(self, rows: np.ndarray) -> "EventPieces":
         """Some of the pieces, or pieces again and again."""
-        return Pieces(self.segment[rows], self.side[:, rows], self.wanted[:, rows])
+        return EventPieces(self.segment[rows], self.side[:, rows], self.wanted[:, rows])
 
 
-class Feet(NamedTuple):
+class SurvivingFeet(NamedTuple):
     """Parts of b where the feet of pieces may lie, in the order of the pieces; different parts do not touch inside.
 
     Args:
@@ -45,17 +45,17 @@ class Feet(NamedTuple):
     segment: np.ndarray
     side: np.ndarray
 
-    def take(self, rows: np.ndarray) -> "Feet":
+    def take(self, rows: np.ndarray) -> "SurvivingFeet":
         """Some of them."""
-        return Feet(self.piece[rows], self.segment[rows], self.side[:, rows])
+        return SurvivingFeet(self.piece[rows], self.segment[rows], self.side[:, rows])
 
 
-def everywhere(b: Curve, count: int) -> Feet:
+def everywhere(b: Curve, count: int) -> SurvivingFeet:
     """All of b, for each piece."""
     segments = b.points.shape[-1]
     segment = np.tile(np.arange(segments), count)
     stop = (segment < b.moving).astype(float)
-    return Feet(np.repeat(np.arange(count), segments), segment, np.stack([np.zeros(len(segment)), stop]))
+    return SurvivingFeet(np.repeat(np.arange(count), segments), segment, np.stack([np.zeros(len(segment)), stop]))
 
 
 class Survivors(NamedTuple):
@@ -68,13 +68,13 @@ class Survivors(NamedTuple):
         single: the sign of h_rr, where it has one: then there is no second foot on the same part; else 0.
     """
 
-    feet: Feet
+    feet: SurvivingFeet
     lower: np.ndarray
     upper: np.ndarray
     single: np.ndarray
 
 
-def survivors(a: Curve, b: Curve, pieces: Pieces, feet: Feet) -> Survivors:
+def survivors(a: Curve, b: Curve, pieces: EventPieces, feet: SurvivingFeet) -> Survivors:
     """The parts of b on which h_r can vanish and distances that matter occur."""
     rows, bounds = [], []
     for start in range(0, len(feet.piece), BLOCK):
@@ -95,13 +95,13 @@ def survivors(a: Curve, b: Curve, pieces: Pieces, feet: Feet) -> Survivors:
     return Survivors(feet.take(index), table[0], table[1], table[2] > 0)
 
 
-def pairs(pieces: Pieces, kept: Survivors) -> Systems:
+def pairs(pieces: EventPieces, kept: Survivors) -> Systems:
     """The antipodal systems; with the ends of b they are those of its events with one foot there."""
     feet, own = kept.feet, pieces.take(kept.feet.piece)
     return Systems(np.stack([own.segment, feet.segment]), np.stack([own.side, feet.side]), own.wanted)
 
 
-def triples(b: Curve, pieces: Pieces, kept: Survivors) -> Iterator[tuple[Systems, Systems]]:
+def triples(b: Curve, pieces: EventPieces, kept: Survivors) -> Iterator[tuple[Systems, Systems]]:
     """The one-to-two systems on different segments and on one, for stretches of pieces: two feet that both survive.
 
     Both distances are one at an event, so their bounds must meet.

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jhd.distance.published.events.forms import Curve
-from jhd.distance.published.events.kernels import LEAST_PAD, Cut, pair_kernel, same_kernel, triple_kernel
+from jhd.distance.published.events.kernels import LEAST_PAD, EventCut, pair_kernel, same_kernel, triple_kernel
 
 # Boxes examined together: the arrays of so many stay in the cache of a core for cubics.
 BLOCK = 1024
@@ -52,7 +52,7 @@ class Events(NamedTuple):
 
 NO_EVENTS = Events(np.zeros((3, 0), int), np.zeros((3, 2, 0)), np.zeros(0, bool), False, 0)
 
-_Kernel = Callable[[Curve, Curve, np.ndarray, np.ndarray, np.ndarray], Cut]
+_Kernel = Callable[[Curve, Curve, np.ndarray, np.ndarray, np.ndarray], EventCut]
 
 
 def solve(a: Curve, b: Curve, groups: list[Systems], *, atol: float, limit: int, max_boxes: int) -> Events:
@@ -115,7 +115,7 @@ def _solve(
 
 
 def _children(
-    box: np.ndarray, cut: Cut, atol: float
+    box: np.ndarray, cut: EventCut, atol: float
 ) -> tuple[tuple[np.ndarray, np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
     """Final boxes, and those to examine next: what the cuts left, in halves where they left much; with their rows."""
     rows = np.flatnonzero(cut.alive)
