@@ -250,7 +250,7 @@ class PointPair(AbstractPair):
 class CubePair(AbstractPair):
     """Two implicit surfaces as the cells of CubeIntervals, in their own coordinates."""
 
-    def __init__(self, a: Any, b: Any, method: CubeIntervals, progress: Report):
+    def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         self._method = method
         self._first, self._second, self._scale = method.cells_of(a, b, progress)
 

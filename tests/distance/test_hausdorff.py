@@ -288,7 +288,7 @@ def test_what_is_no_method_is_refused(entry, method, as_a_user):
     with pytest.raises(TypeError) as caught:
         entry(ONE, ONE, method)
     known = "BranchAndBound(), TwoStep(), BiarcTrimming() or AlgebraicEvents()"
-    kinds = "BezierCurve and BezierCurve"
+    kinds = "BezierSegments and BezierSegments"
     assert str(caught.value) == f"method must be {known} for {kinds}; got {type(method).__name__}."
 
 

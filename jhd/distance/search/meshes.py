@@ -78,7 +78,7 @@ def mesh_directed(
     """
 
     def search(meshes: Any, method: BranchAndBound, aim: Aim) -> HausdorffSolution:
-        return drive(MeshSearch(*meshes, method, aim), session, direction)
+        return drive(MeshSearch(meshes[0], meshes[1], method, aim), session, direction)
 
     # Inside jit all operations are traced, those on known numbers too.
     if is_traced(a, b, method, aim, jnp.zeros(())):
@@ -101,7 +101,7 @@ def _unusable(dtype: Any) -> HausdorffSolution:
         event=EVENTS.coincident,
         direction=DIRECTIONS.a_to_b,
     )
-    stats = dict.fromkeys(_COUNTS, none)
+    stats = {name: none for name in _COUNTS}
     return HausdorffSolution(number, jnp.zeros((), dtype), number, witness, RESULTS.nonfinite_value, stats)
 
 
