@@ -104,7 +104,9 @@ class Hints(NamedTuple):
     def at(self, points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " points"]:
         """The hint for each point; those outside take that of the border."""
         shape = np.array(self.triangle.shape)
-        cells = np.clip((points - self.lower) / self.side, 0, shape - 1).astype(np.int64)
+        # Beside a tiny mesh the quotients may overflow, to the border too.
+        with np.errstate(over="ignore"):
+            cells = np.clip((points - self.lower) / self.side, 0, shape - 1).astype(np.int64)
         return self.triangle[cells[:, 0], cells[:, 1], cells[:, 2]]
 
 

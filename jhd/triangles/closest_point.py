@@ -360,7 +360,8 @@ def _reach(boxes: Array, points: Array, bound: Array, node: Array) -> Bool[Array
 def curve_places(tree: TriangleTree, points: np.ndarray) -> np.ndarray:
     """Places along a curve that fills space, so that points which follow each other share nodes."""
     scale = tree.hints.side * max(tree.hints.triangle.shape)
-    cells = np.clip((points - tree.hints.lower) / scale * 1023, 0, 1023).astype(np.int64)
+    with np.errstate(over="ignore"):
+        cells = np.clip((points - tree.hints.lower) / scale * 1023, 0, 1023).astype(np.int64)
     for shift, mask in ((16, 0x30000FF), (8, 0x300F00F), (4, 0x30C30C3), (2, 0x9249249)):
         cells = (cells | cells << shift) & mask
     return cells[:, 0] | cells[:, 1] << 1 | cells[:, 2] << 2

@@ -38,6 +38,9 @@ def test_points_of_any_size_are_asked_for_at_once():
     mesh = octahedron(-1000)
     found = np.asarray(jhd.signed_distance([[1e300, 0, 0], [0, 0, 0]], mesh))
     assert found[0] == pytest.approx(1e300) and found[1] < 0
+    near = jhd.project(QUERIES, octahedron(-1060))
+    length = np.linalg.norm(QUERIES, axis=1)
+    assert np.all(near.lower <= length * (1 + 1e-15)) and np.all(near.upper >= length * (1 - 1e-15))
 
 
 @pytest.mark.parametrize("power", POWERS[1:])

@@ -24,6 +24,7 @@ from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.attach import attached
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.net_jets import Net, jet
+from jhd.distance.frame.nets import net_of
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.nearest.places import exact_radius
 from jhd.distance.search.branch_and_bound import BranchAndBound
@@ -42,7 +43,6 @@ from jhd.distance.search.closest import (
     table_of,
 )
 from jhd.distance.search.search import AbstractSearch, Progress, Session, Standing, drive
-from jhd.distance.witness.nets import net_of
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.solution import RESULTS, MinimumSolution, result_where
 

@@ -15,6 +15,7 @@ from jhd.compiled import compiled
 from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.net_jets import Net, jet, point_error
+from jhd.distance.frame.nets import net_of, prepared
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest import (
     FIRST_STEPS,
@@ -32,7 +33,7 @@ from jhd.distance.search.closest import (
     room_for,
 )
 from jhd.distance.search.search import AbstractSearch, Progress, Session, Standing, drive
-from jhd.distance.witness.nets import net_of, polished, prepared, with_net_derivatives
+from jhd.distance.witness.nets import polished, with_net_derivatives
 from jhd.solution import RESULTS, MinimumSolution, result_where
 
 

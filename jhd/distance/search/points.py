@@ -12,6 +12,7 @@ from jhd.arrays import is_traced
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Aim, default_tolerance
 from jhd.distance.frame.net_jets import Net, eta, point_error
+from jhd.distance.frame.nets import prepared
 from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.distance.search import from_points, to_points
 from jhd.distance.search.branch_and_bound import BranchAndBound
@@ -25,7 +26,6 @@ from jhd.distance.search.sources import PatchSource, SurfaceSource
 from jhd.distance.search.targets import target_of, usable
 from jhd.distance.search.to_points import Cloud, ToPointsSearch
 from jhd.distance.witness.meshes import with_mesh_derivatives
-from jhd.distance.witness.nets import prepared
 from jhd.distance.witness.points import with_point_derivatives
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.implicit import ImplicitSurface

@@ -1,84 +1,23 @@
-"""A pair of parametric shapes in common coordinates, and the nearest pair of points as a function of both.
-
-The exact distance is that of the stored arrays; `jhd.distance.frame.curves.preparation_error` bounds what moving them
-to the origin and raising the degree of curves does.
-"""
+"""The nearest pair of points of two parametric shapes: made sharp, and as a function of both."""
 
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
-from jhd.arithmetic.scaling import unit_weights
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.cells.pairs import BestPair, derivatives, length, newton_step
 from jhd.distance.frame.attach import attached
-from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of
-from jhd.distance.frame.curves import elevation_matrix, padded_count, preparation_error, raised_degree
-from jhd.distance.frame.net_jets import Net, NetJet, jet, usable_net
+from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.net_jets import Net, NetJet, jet
 from jhd.distance.nearest.feet import presses
-from jhd.shapes.curve import AbstractCurve
-from jhd.shapes.mesh import TriangleMesh
-from jhd.shapes.patch import AbstractPatch
 from jhd.solution import MinimumSolution
 
 _POLISH = 16
 _NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
-
-
-def net_of(shape: AbstractCurve | AbstractPatch | TriangleMesh) -> Net:
-    """Control points (pieces, rows, columns, dim) and weights of a shape, the largest of a piece in [1/2, 1).
-
-    Curves have one column.
-    A triangle is the bilinear patch of which one side is a single point: the same set of points, exactly.
-    """
-    if isinstance(shape, TriangleMesh):
-        return Net(shape.corners[:, np.array([[0, 1], [0, 2]])], None)
-    if isinstance(shape, AbstractCurve):
-        segments = shape.segments()
-        weights = None if segments.weights is None else unit_weights(segments.weights[:, :, None], (1, 2))
-        return Net(segments.control_points[:, :, None], weights)
-    patches = shape.patches()
-    weights = None if patches.weights is None else unit_weights(patches.weights, (1, 2))
-    return Net(patches.control_points, weights)
-
-
-def prepared(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
-    """Both with coordinates in [-1, 1] about the origin, the frame that leads back, and a bound of the error made.
-
-    On concrete shapes this runs in NumPy, which keeps subnormals.
-    """
-    traced = is_traced(a, b)
-    xp = jnp if traced else np
-    good = usable_net(a) & usable_net(b) if traced else True
-    points = [xp.asarray(net.points) for net in (a, b)]
-    points = [jnp.where(good, x, 0.0) for x in points] if traced else points
-    frame = frame_of([extremes(x) for x in points], good)
-    nets = [_bucketed(xp, common_points(frame, x), net.weights, good) for x, net in zip(points, (a, b), strict=True)]
-    error = sum(preparation_error(max(net.degrees), net.dim, net.points.dtype) for net in nets)
-    return nets[0], nets[1], frame, float(error)
-
-
-def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
-    """The net with curves raised to a degree that programs are compiled for, and pieces repeated to such a number."""
-    index = np.minimum(np.arange(padded_count(points.shape[0])), points.shape[0] - 1)
-    if weights is not None:
-        weights = xp.asarray(weights)
-        weights = xp.where(good, weights, 1.0) if is_traced(good) else weights
-    degree = points.shape[1] - 1
-    target = raised_degree(degree)
-    if points.shape[2] == 1 and target > degree:
-        raising = elevation_matrix(degree, target).astype(points.dtype)[:, :, None, None]
-        rows = points if weights is None else points * weights[..., None]
-        points = xp.sum(raising * rows[:, None], axis=2)
-        if weights is not None:
-            weights = xp.sum(raising[..., 0] * weights[:, None], axis=2)
-            points = points / weights[..., None]
-    return Net(points[index], None if weights is None else weights[index])
 
 
 def polished(a: Net, b: Net, best: BestPair) -> BestPair:
