@@ -45,7 +45,7 @@ from common_bounds import (
 )
 
 import jhd
-from jhd.distance.cells.branches import Cell, cell_upper_bound
+from jhd.distance.cells.branches import CurveCell, cell_upper_bound
 from jhd.distance.frame.curves import prepare
 
 # The place of the maximum in the cells of the first part, off the middle, which would be a special case.
@@ -144,7 +144,7 @@ def _of_branches(kind: str, bound: Callable[[list[np.ndarray]], float]) -> Calla
 
 def _ours(pair: Pair, cell: Interval) -> Bound:
     """The package's bound; the cell is cut at its peak where that is inside."""
-    found = _kernel(pair.p, pair.q, Cell(*map(jnp.asarray, (0, cell.t0, cell.t1, 0, cell.s0, 0, cell.s1))))
+    found = _kernel(pair.p, pair.q, CurveCell(*map(jnp.asarray, (0, cell.t0, cell.t1, 0, cell.s0, 0, cell.s1))))
     share = (float(found.t) - cell.t0) / (cell.t1 - cell.t0)
     inside = _NEAR_END < share < 1 - _NEAR_END
     return Bound(float(found.upper), float(found.t) if inside else _middle(cell))

@@ -1,6 +1,7 @@
 """The rules of the package's structure: who may import whom, where names may be re-exported, what no module may do."""
 
 import ast
+from collections import defaultdict
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -199,3 +200,13 @@ def test_every_function_and_class_that_has_no_leading_underscore_has_a_docstring
             if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
                 missing += [] if ast.get_docstring(node) else [f"{by_name(path)}.{node.name}"]
     assert not missing
+
+
+def test_a_class_name_stands_once_in_the_package():
+    """Underscores in front set names of one word no farther apart."""
+    found = defaultdict(list)
+    for path in MODULES:
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.ClassDef):
+                found[node.name.lstrip("_")].append(name_of(path))
+    assert not {name: places for name, places in found.items() if len(places) > 1}

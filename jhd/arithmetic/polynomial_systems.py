@@ -118,7 +118,7 @@ def solve(
     return Roots(found.lower, found.upper, found.valid, found.boxes, result)
 
 
-class _Found(NamedTuple):
+class _FoundRoots(NamedTuple):
     """What the search of each lane (last axis) found."""
 
     lower: Array
@@ -130,7 +130,7 @@ class _Found(NamedTuple):
     nonfinite: Array
 
 
-class _Table(NamedTuple):
+class _BoxTable(NamedTuple):
     """Boxes of each lane: corners (capacity, variables, lanes), keys (capacity, lanes), boxes examined, overflow."""
 
     lower: Array
@@ -141,14 +141,14 @@ class _Table(NamedTuple):
 
 
 @cache
-def _solver(capacity: int, max_steps: int) -> Callable[..., _Found]:
+def _solver(capacity: int, max_steps: int) -> Callable[..., _FoundRoots]:
     """The search with lanes as the last axis; vmap makes more lanes of it.
 
     Mapped from outside, a loop would carry its lanes first, and arrays with a short last axis do not vectorise.
     """
 
     @custom_vmap
-    def search(c: Array, errors: Array, atol: Array) -> _Found:
+    def search(c: Array, errors: Array, atol: Array) -> _FoundRoots:
         return _in_blocks(partial(_search, capacity=capacity, max_steps=max_steps), capacity, c, errors, atol)
 
     @search.def_vmap
@@ -167,7 +167,7 @@ def _solver(capacity: int, max_steps: int) -> Callable[..., _Found]:
     return jax.jit(search)
 
 
-def _in_blocks(search: Callable[..., _Found], capacity: int, c: Array, *rest: Array) -> _Found:
+def _in_blocks(search: Callable[..., _FoundRoots], capacity: int, c: Array, *rest: Array) -> _FoundRoots:
     """The search over blocks of lanes, one after another: each stays in the cache and ends with its own slowest lane.
 
     Lanes are filled up with zero polynomials, which end at once. On an accelerator there is one block.
@@ -187,7 +187,7 @@ def _in_blocks(search: Callable[..., _Found], capacity: int, c: Array, *rest: Ar
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -2).reshape(*x.shape[1:-1], -1)[..., :lanes], found)
 
 
-def _search(c: Array, errors: Array, atol: Array, *, capacity: int, max_steps: int) -> _Found:
+def _search(c: Array, errors: Array, atol: Array, *, capacity: int, max_steps: int) -> _FoundRoots:
     """Examines boxes until no lane has a pending one; then merges the final ones.
 
     Args:
@@ -203,17 +203,17 @@ def _search(c: Array, errors: Array, atol: Array, *, capacity: int, max_steps: i
     c, errors = _scaled(jnp.where(nonfinite, 0.0, c), jnp.where(nonfinite, 0.0, errors))
     key = jnp.full((capacity, lanes), EMPTY, jnp.int32).at[0].set(jnp.where(nonfinite, FINAL, 0))
     corner = jnp.zeros((capacity, variables, lanes), c.dtype)
-    table = _Table(corner, corner + 1, key, jnp.zeros(lanes, jnp.int32), jnp.zeros(lanes, bool))
+    table = _BoxTable(corner, corner + 1, key, jnp.zeros(lanes, jnp.int32), jnp.zeros(lanes, bool))
     table = lax.while_loop(
         lambda t: jnp.any(_active(t, max_steps)),
         lambda t: _examine(t, c, errors, atol, max_steps),
         varying(table, c, errors, atol),
     )
     lower, upper, valid = _merged(table.lower, table.upper, table.key < EMPTY)
-    return _Found(lower, upper, valid, table.boxes, jnp.any(table.key < FINAL, axis=0), table.full, nonfinite)
+    return _FoundRoots(lower, upper, valid, table.boxes, jnp.any(table.key < FINAL, axis=0), table.full, nonfinite)
 
 
-def _active(table: _Table, max_steps: int) -> Array:
+def _active(table: _BoxTable, max_steps: int) -> Array:
     return (jnp.min(table.key, axis=0) < FINAL) & (table.boxes < max_steps)
 
 
@@ -371,7 +371,7 @@ def _shrunk(c: Array, errors: Array, lower: Array, upper: Array) -> tuple[Array,
     return new_lower, new_upper, none | jnp.any(new_lower > new_upper, axis=0)
 
 
-def _examine(table: _Table, c: Array, errors: Array, atol: Array, max_steps: int) -> _Table:
+def _examine(table: _BoxTable, c: Array, errors: Array, atol: Array, max_steps: int) -> _BoxTable:
     """One step of every active lane: the oldest pending box is dropped, kept, shrunk or halved.
 
     Writes are masks over the whole table: scatters by lane are slow on every backend.
@@ -402,7 +402,7 @@ def _examine(table: _Table, c: Array, errors: Array, atol: Array, max_steps: int
     halve &= ~no_room
     first_key = jnp.where(gone, EMPTY, jnp.where(final | no_room, FINAL, 2 * table.boxes + 1))
     first_upper, second_lower = jnp.where(cut & halve, middle, new_upper), jnp.where(cut, middle, new_lower)
-    return _Table(
+    return _BoxTable(
         lower=jnp.where(current[:, None], new_lower, jnp.where(free[:, None], second_lower, table.lower)),
         upper=jnp.where(current[:, None], first_upper, jnp.where(free[:, None], new_upper, table.upper)),
         key=jnp.where(current, first_key, jnp.where(free, 2 * table.boxes + 2, key)),

@@ -34,7 +34,7 @@ from jhd.distance.frame.curves import padded_count, replaced, trusted, usable
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import piece_of
 from jhd.distance.nearest.blocks import blocks_of, in_groups, is_long, nearest_in_blocks, places
-from jhd.distance.nearest.curves import Nearest, best_end, in_chunks, nearest, repeated
+from jhd.distance.nearest.curves import NearestOnCurve, best_end, in_chunks, nearest, repeated
 from jhd.distance.nearest.feet import is_held
 from jhd.distance.nearest.stationarity import roots_on
 from jhd.distance.published.local_feet import best_local, halve, height, newton
@@ -66,14 +66,14 @@ class AbstractProjectionMethod(eqx.Module):
     """How the nearest point is found; fields are options."""
 
     @abstractmethod
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
         """The nearest point to one query, in scaled coordinates; `skip` marks repeated segments."""
 
 
 class NearestSearch(AbstractProjectionMethod):
     """Best-first search with Bernstein bounds: global, proven, the fastest (see jhd.distance.nearest.curves)."""
 
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
         """The nearest point to one query."""
         found = nearest(point, curve.control_points, curve.weights, 0.0, skip)
         return found, _closed(found)
@@ -93,7 +93,7 @@ class ProjectedPolyhedron(AbstractProjectionMethod):
     def __check_init__(self) -> None:
         check_whole("capacity", self.capacity, 1)
 
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
         """The nearest point to one query."""
         roots = jax.vmap(lambda k: roots_on(point, curve, k, self.capacity))(jnp.arange(curve.count))
         return _nearest_of_roots(point, curve, roots, skip)
@@ -117,7 +117,7 @@ class IntervalHalving(AbstractProjectionMethod):
         _check_positive("interval", self.interval)
         _check_positive("tolerance", self.tolerance)
 
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
         """The foot reached from the nearest control point of each segment, the best of all segments."""
         return best_local(point, curve, lambda e, w, s: halve(e, w, s, self.interval, self.tolerance, self.max_steps))
 
@@ -137,7 +137,7 @@ class NewtonProjection(AbstractProjectionMethod):
         check_whole("max_steps", self.max_steps, 1)
         _check_positive("tolerance", self.tolerance)
 
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
         """The foot reached from the nearest control point of each segment, the best of all segments."""
         return best_local(point, curve, lambda e, w, s: newton(e, w, s, self.tolerance, self.max_steps))
 
@@ -162,7 +162,7 @@ class HybridProjection(AbstractProjectionMethod):
         for name in ("interval", "rough", "tolerance"):
             _check_positive(name, getattr(self, name))
 
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[Nearest, Any]:
+    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
         """The foot reached from the nearest control point of each segment, the best of all segments."""
 
         def local(e: Array, w: Array | None, s: Array) -> tuple[Array, Array]:
@@ -345,7 +345,7 @@ def _order(points: Any) -> np.ndarray:
 def _project_block(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments, _: Any) -> Projection:
     skip = repeated(curve.control_points, curve.weights)
 
-    def at(point: Array, found: Nearest, result: Any) -> Projection:
+    def at(point: Array, found: NearestOnCurve, result: Any) -> Projection:
         piece = piece_of(curve, found.segment)
         # Distances are as good as they get where the parameter is off by the root of that; one step mends it.
         t = stationary(found.t, point, piece, is_held(point, piece, found.t))
@@ -362,7 +362,7 @@ def _project_block(method: AbstractProjectionMethod, queries: Array, curve: Bezi
     return in_chunks(lambda point: at(point, *method.one(point, curve, skip)), queries, _CHUNK)
 
 
-def _closed(found: Nearest) -> Any:
+def _closed(found: NearestOnCurve) -> Any:
     return result_where(found.closed, RESULTS.successful, RESULTS.gap_not_closed)
 
 
@@ -403,7 +403,7 @@ def _failed(result: Any) -> Array:
 
 def _nearest_of_roots(
     point: Array, curve: BezierSegments, roots: polynomial_systems.Roots, skip: Array
-) -> tuple[Nearest, Any]:
+) -> tuple[NearestOnCurve, Any]:
     """The nearest among the ends and the stationary parameters, searched within the boxes that hold these.
 
     The boxes are cut out of their segments and handed to the search as segments of their own: where a multiple root or

@@ -55,7 +55,7 @@ _NODES, _PEAK_STEPS = 9, 2
 _MOST_SKEW = 16.0
 
 
-class Cell(NamedTuple):
+class CurveCell(NamedTuple):
     """A parameter interval of one segment of a, with a foot on b at each end."""
 
     segment: Array
@@ -67,7 +67,7 @@ class Cell(NamedTuple):
     s1: Array
 
 
-class CellBound(NamedTuple):
+class CurveBound(NamedTuple):
     """Upper bound over a cell; the parameter of the peak, the distance of the branches there, and the nearer's foot."""
 
     upper: Array
@@ -86,7 +86,7 @@ class _FollowedBranch(NamedTuple):
     s1: Array
 
 
-def cell_upper_bound(a: BezierSegments, b: BezierSegments, cell: Cell) -> CellBound:
+def cell_upper_bound(a: BezierSegments, b: BezierSegments, cell: CurveCell) -> CurveBound:
     """Upper bound of the distance to b over one cell of a, and where to cut it."""
     piece = piece_of(a, cell.segment)
     width = cell.t1 - cell.t0
@@ -113,10 +113,10 @@ def cell_upper_bound(a: BezierSegments, b: BezierSegments, cell: Cell) -> CellBo
     upper = _split_bound(both, u, a.degree, b.degree)
     s = both.s0[nearer] + u * (both.s1[nearer] - both.s0[nearer])
     k = jnp.where(nearer == 0, cell.k0, cell.k1)
-    return CellBound(upper, cell.t0 + u * width, distance, k, s)
+    return CurveBound(upper, cell.t0 + u * width, distance, k, s)
 
 
-def first_upper_bound(a: BezierSegments, b: BezierSegments, cell: Cell) -> Array:
+def first_upper_bound(a: BezierSegments, b: BezierSegments, cell: CurveCell) -> Array:
     """A cheap upper bound: sigma affine between feet on one segment, else constant at either foot.
 
     The length of e is convex, so |e(u)| <= w(u) max |e_i| / w_i; roundings as for the full bound.

@@ -20,7 +20,7 @@ from jhd.compiled import compiled
 from jhd.distance.certificate import verification
 from jhd.distance.certificate.host import SNAP, Host, dot, foot_speed, jets, local_feet
 from jhd.distance.frame.coordinates import Frame
-from jhd.distance.nearest.curves import Nearest, nearest, repeated
+from jhd.distance.nearest.curves import NearestOnCurve, nearest, repeated
 from jhd.shapes.curve import BezierSegments
 
 # Points measured side by side: one compiled program whatever their number.
@@ -95,7 +95,7 @@ class Measure:
         return self.known[-1]
 
 
-def _nearest(measure: Measure, points: np.ndarray) -> Nearest:
+def _nearest(measure: Measure, points: np.ndarray) -> NearestOnCurve:
     """Nearest points of up to _LANES points, repeated up to that number."""
     prepared = measure.prepared
     rows = points[np.minimum(np.arange(_LANES), len(points) - 1)].astype(prepared.control_points.dtype)
@@ -104,7 +104,7 @@ def _nearest(measure: Measure, points: np.ndarray) -> Nearest:
 
 
 @compiled
-def _nearest_lanes(points: Any, control_points: Any, weights: Any, skip: Any) -> Nearest:
+def _nearest_lanes(points: Any, control_points: Any, weights: Any, skip: Any) -> NearestOnCurve:
     return jax.vmap(lambda point: nearest(point, control_points, weights, 0.0, skip))(points)
 
 

@@ -15,7 +15,7 @@ class Piece(NamedTuple):
     weights: Float[Array, " points"] | None
 
 
-class Place(NamedTuple):
+class CurvePlace(NamedTuple):
     """A point of a curve by its segment and parameter."""
 
     segment: Array

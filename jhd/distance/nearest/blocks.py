@@ -29,7 +29,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma
 from jhd.arrays import varying
-from jhd.distance.nearest.curves import Nearest, nearest, repeated
+from jhd.distance.nearest.curves import NearestOnCurve, nearest, repeated
 from jhd.shapes.curve import BezierSegments
 
 # From this number of segments on blocks are faster than all segments at once.
@@ -139,7 +139,7 @@ def guesses(blocks: Blocks, points: Array) -> tuple[Array, Array]:
     return blocks.segment[k, i], jax.vmap(_square_and_place)(points, *rows)[1]
 
 
-def nearest_in_blocks(blocks: Blocks, points: Array, counts: tuple[int, ...] = _LISTED) -> Nearest:
+def nearest_in_blocks(blocks: Blocks, points: Array, counts: tuple[int, ...] = _LISTED) -> NearestOnCurve:
     """Proven nearest points, as by `nearest` on all segments, to the points of a group.
 
     Each query searches the few segments with the smallest lower bounds, as many as the first of the counts; where
@@ -148,8 +148,8 @@ def nearest_in_blocks(blocks: Blocks, points: Array, counts: tuple[int, ...] = _
     lower, listed, rest, reach = _listed(blocks, points, counts[0])
     curve = blocks.curve
 
-    def among(_: None) -> Nearest:
-        def one(point: Array, segments: Array, lower: Array, rest: Array, reach: Array) -> Nearest:
+    def among(_: None) -> NearestOnCurve:
+        def one(point: Array, segments: Array, lower: Array, rest: Array, reach: Array) -> NearestOnCurve:
             weights = None if curve.weights is None else curve.weights[segments]
             found = nearest(point, curve.control_points[segments], weights, 0.0, lower > reach)
             # Those left out are at least as far as the bound that left them out.
@@ -158,7 +158,7 @@ def nearest_in_blocks(blocks: Blocks, points: Array, counts: tuple[int, ...] = _
 
         return jax.vmap(one)(points, listed, lower, rest, reach)
 
-    def among_more(_: None) -> Nearest:
+    def among_more(_: None) -> NearestOnCurve:
         if counts[1:]:
             return nearest_in_blocks(blocks, points, counts[1:])
         skip = repeated(curve.control_points, curve.weights)

@@ -52,7 +52,7 @@ _ZOOM = 0.125
 _CLOSE = 0.99
 
 
-class Nearest(eqx.Module):
+class NearestOnCurve(eqx.Module):
     """Bounds of the distance from a point to a curve and the foot that attains the upper one."""
 
     distance: Float[Array, ""]
@@ -75,7 +75,7 @@ class _SegmentCell(eqx.Module):
 class _CurveQuery(eqx.Module):
     whole: Array  # lower bounds of the segments not yet cut, inf where cut
     cells: _SegmentCell  # the stack; a free slot has lower = inf
-    best: Nearest
+    best: NearestOnCurve
     settled: Array  # smallest lower bound of the cells that were closed
     overflowed: Array  # whether a cell had to be closed for want of room
     steps: Array
@@ -88,7 +88,7 @@ def nearest(
     weights: Float[Array, "segments points"] | None,
     tolerance: Float[Array, ""] | float = 0.0,
     skip: Bool[Array, " segments"] | None = None,
-) -> Nearest:
+) -> NearestOnCurve:
     """Proven nearest point of all segments to one point.
 
     Args:
@@ -222,13 +222,13 @@ def length_bound(vector: Array, degree: int, radius: Array) -> tuple[Array, Arra
     return length, length * (1 + gamma(3 * degree + dim + 6, vector.dtype)) + _eta(degree, dim, radius)
 
 
-def best_end(offsets: Array, radius: Array) -> Nearest:
+def best_end(offsets: Array, radius: Array) -> NearestOnCurve:
     """The nearest of all segment ends: there the offset is rounded once and nothing is evaluated."""
     ends = offsets[:, jnp.array([0, -1])]
     distance, upper = length_bound(ends, 0, jnp.max(jnp.abs(ends), axis=-1))
     index = jnp.argmin(upper)
     unset = jnp.zeros((), offsets.dtype)
-    return Nearest(
+    return NearestOnCurve(
         distance=distance.ravel()[index],
         lower=unset,
         upper=upper.ravel()[index],
@@ -266,7 +266,7 @@ def _cut(state: _CurveQuery, cell: _SegmentCell, e: Array, w: Array | None, tole
     distance, upper = length_bound(jet(e, w, foot).point, degree, radius)
     best = state.best
     nearer = upper < best.upper
-    best = Nearest(
+    best = NearestOnCurve(
         distance=jnp.where(nearer, distance, best.distance),
         lower=best.lower,
         upper=jnp.where(nearer, upper, best.upper),

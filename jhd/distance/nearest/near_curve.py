@@ -11,9 +11,9 @@ from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import Place, piece_of
+from jhd.distance.frame.pieces import CurvePlace, piece_of
 from jhd.distance.nearest.blocks import Blocks, blocks_of, guesses, in_groups, nearest_in_blocks
-from jhd.distance.nearest.curves import Nearest, nearest, repeated
+from jhd.distance.nearest.curves import NearestOnCurve, nearest, repeated
 from jhd.shapes.curve import BezierSegments
 
 # Samples of each segment for the first feet.
@@ -43,19 +43,19 @@ class NearCurve(NamedTuple):
     skip: Array
     guide: _NearSamples | Blocks
 
-    def starts(self, points: Array) -> Place:
+    def starts(self, points: Array) -> CurvePlace:
         """Where to start the search of a foot for each of the points (..., dim): near the nearest, not proven."""
         guide = self.guide
         if isinstance(guide, _NearSamples):
             index = _nearest_sample(guide, points)
-            return Place(guide.segment[index], guide.s[index])
+            return CurvePlace(guide.segment[index], guide.s[index])
         rows = points.reshape(-1, points.shape[-1])
         # A few points may be anywhere: each of them is a group of its own.
         alone = jax.vmap(lambda p: jax.tree_util.tree_map(lambda x: x[0], guesses(guide, p[None])))
         found = alone(rows) if rows.shape[0] < _SIDE_BY_SIDE else in_groups(lambda r: guesses(guide, r), rows)
-        return Place(*(x.reshape(points.shape[:-1]) for x in found))
+        return CurvePlace(*(x.reshape(points.shape[:-1]) for x in found))
 
-    def nearest(self, point: Array, tolerance: ArrayLike = 0.0) -> Nearest:
+    def nearest(self, point: Array, tolerance: ArrayLike = 0.0) -> NearestOnCurve:
         """The proven nearest point."""
         if isinstance(self.guide, _NearSamples):
             return nearest(point, self.curve.control_points, self.curve.weights, jnp.asarray(tolerance), self.skip)

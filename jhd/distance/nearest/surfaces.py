@@ -41,7 +41,7 @@ class Cover(NamedTuple):
     alive: Bool[Array, " cells"]
 
 
-class Cloud(NamedTuple):
+class SurfaceCloud(NamedTuple):
     """Points close to a surface: each has one of it within its radius, which is infinite where none is proven."""
 
     points: Float[Array, "3 points"]
@@ -68,13 +68,13 @@ def cover(side: Side) -> Cover:
     return Cover(low, high, form(side, boxes(low, high)).may_vanish)
 
 
-def cloud(side: Side) -> Cloud:
+def cloud(side: Side) -> SurfaceCloud:
     """Points of the surface inside the box, on its faces and on its edges."""
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
     shares, fixed = _places()
     starts = jnp.where(shares == 0, lower, jnp.where(shares == 1, upper, lower + (upper - lower) * shares))
     found = projected(side, starts, jnp.asarray(fixed), _CLOUD_STEPS)
-    return Cloud(found, proven_radius(side, found))
+    return SurfaceCloud(found, proven_radius(side, found))
 
 
 def _places() -> tuple[np.ndarray, np.ndarray]:
@@ -222,7 +222,7 @@ def _infinite(bound: Array) -> Array:
     return jnp.full_like(bound[0], jnp.inf)
 
 
-def nearest_places(cloud: Cloud, point: Float[Array, "3"], count: int = _STARTS) -> Float[Array, "3 points"]:
+def nearest_places(cloud: SurfaceCloud, point: Float[Array, "3"], count: int = _STARTS) -> Float[Array, "3 points"]:
     """The proven points of a cloud nearest to a point, some unproven ones where there are too few."""
     far = jnp.sum((cloud.points - point[:, None]) ** 2, axis=0) + jnp.where(jnp.isfinite(cloud.radius), 0.0, 100.0)
     _, index = jax.lax.top_k(-far.astype(jnp.float32), count)

@@ -11,7 +11,7 @@ from jhd.compiled import compiled
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import evaluation_error
 from jhd.distance.frame.jets import jet, polynomial_jet
-from jhd.distance.frame.pieces import Place, piece_of
+from jhd.distance.frame.pieces import CurvePlace, piece_of
 from jhd.distance.nearest.curves import nearest
 from jhd.distance.published.events.candidates import Candidates, Search, Stats, Unresolved
 from jhd.distance.published.events.forms import restricted
@@ -102,7 +102,7 @@ def _described(a: BezierSegments, b: BezierSegments, segment: Array, t: Array, s
     """The witness at a place of a, its distance and the proven lower bound."""
     point = jet(*piece_of(a, segment), t).point
     found = nearest(point, b.control_points, None, 0.0, skip)
-    witness = describe(a, b, Place(segment, t), Place(found.segment, found.t), jnp.ones((), t.dtype))
+    witness = describe(a, b, CurvePlace(segment, t), CurvePlace(found.segment, found.t), jnp.ones((), t.dtype))
     lower = jnp.maximum(found.lower - evaluation_error(a, b), 0.0)
     return witness, jnp.maximum(found.distance, lower), lower
 

@@ -15,14 +15,14 @@ from jaxtyping import Array
 
 from jhd.arrays import varying
 from jhd.distance.frame.jets import jet
-from jhd.distance.nearest.curves import Nearest, best_end, length_bound
+from jhd.distance.nearest.curves import NearestOnCurve, best_end, length_bound
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import RESULTS
 
 
 def best_local(
     point: Array, curve: BezierSegments, local: Callable[[Array, Array | None, Array], tuple[Array, Array]]
-) -> tuple[Nearest, Any]:
+) -> tuple[NearestOnCurve, Any]:
     """The best of all ends and of one foot a segment by a local method that returns parameter and number of steps."""
     offsets = point - curve.control_points
     radius = jnp.max(jnp.abs(offsets), axis=(1, 2))
@@ -34,7 +34,7 @@ def best_local(
 
     s, steps, distance, upper = jax.vmap(of_segment)(offsets, curve.weights, radius)
     k = jnp.argmin(upper)
-    inner = Nearest(distance[k], jnp.zeros_like(radius[k]), upper[k], k, s[k], jnp.array(True), jnp.sum(steps))
+    inner = NearestOnCurve(distance[k], jnp.zeros_like(radius[k]), upper[k], k, s[k], jnp.array(True), jnp.sum(steps))
     end = best_end(offsets, radius)
     nearer = inner.upper < end.upper
     best = jax.tree_util.tree_map(lambda x, y: jnp.where(nearer, x, y), inner, end)

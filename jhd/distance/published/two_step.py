@@ -30,8 +30,8 @@ from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import evaluation_error
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.method import AbstractCurveMethod
-from jhd.distance.frame.pieces import Place, piece_of, preceding
-from jhd.distance.nearest.curves import Nearest, in_chunks, nearest, repeated
+from jhd.distance.frame.pieces import CurvePlace, piece_of, preceding
+from jhd.distance.nearest.curves import NearestOnCurve, in_chunks, nearest, repeated
 from jhd.distance.published.refinement import COARSE, Bracket, RefinedPair, candidates, lengths
 from jhd.distance.witness.events import describe
 from jhd.shapes.curve import BezierSegments
@@ -119,8 +119,8 @@ class _CurveSamples(NamedTuple):
 class _BestSample(NamedTuple):
     distance: Array
     lower: Array
-    place: Place
-    foot: Place
+    place: CurvePlace
+    foot: CurvePlace
 
 
 class _Refining(NamedTuple):
@@ -151,11 +151,11 @@ def _normalised(x: Array) -> Array:
     return x / jnp.where(total > 0, total, 1.0)
 
 
-def _nearest_all(pair: RefinedPair, points: Array, skip: Array) -> Nearest:
+def _nearest_all(pair: RefinedPair, points: Array, skip: Array) -> NearestOnCurve:
     """Proven nearest points for rows of points, in chunks; rows to skip get bounds that are true and wide."""
     b = pair.b
 
-    def search(query: tuple[Array, Array]) -> Nearest:
+    def search(query: tuple[Array, Array]) -> NearestOnCurve:
         point, tolerance = query
         return nearest(point, b.control_points, b.weights, tolerance, pair.skip_b)
 
@@ -177,9 +177,9 @@ def _sampled(pair: RefinedPair, t: Array) -> _CurveSamples:
 def _best_sample(samples: _CurveSamples) -> _BestSample:
     index = jnp.argmax(samples.distance)
     pick = lambda x: x.ravel()[index]  # noqa: E731
-    place = Place(index // samples.t.shape[1], pick(samples.t))
+    place = CurvePlace(index // samples.t.shape[1], pick(samples.t))
     return _BestSample(
-        pick(samples.distance), pick(samples.lower), place, Place(pick(samples.foot_segment), pick(samples.foot_s))
+        pick(samples.distance), pick(samples.lower), place, CurvePlace(pick(samples.foot_segment), pick(samples.foot_s))
     )
 
 
@@ -216,8 +216,10 @@ def _round(pair: RefinedPair, state: _Refining) -> _Refining:
     distance = jnp.where(live[:, None], found.distance, -jnp.inf)
     at = jnp.argmax(distance)
     lane = at // t.shape[1]
-    foot = Place(found.segment.ravel()[at], found.t.ravel()[at])
-    top = _BestSample(distance.ravel()[at], found.lower.ravel()[at], Place(lanes.segment[lane], t.ravel()[at]), foot)
+    foot = CurvePlace(found.segment.ravel()[at], found.t.ravel()[at])
+    top = _BestSample(
+        distance.ravel()[at], found.lower.ravel()[at], CurvePlace(lanes.segment[lane], t.ravel()[at]), foot
+    )
     better = top.distance > best.distance
     best = jax.tree_util.tree_map(lambda new, old: jnp.where(better, new, old), top, best)
     brackets = brackets._replace(key=brackets.key.at[index].set(-jnp.inf))
@@ -234,7 +236,7 @@ def _stored(brackets: Bracket, new: Bracket) -> Bracket:
 
 
 def _halves(
-    pair: RefinedPair, lanes: Bracket, t: Array, tracked: Array, found: Nearest, points: Array
+    pair: RefinedPair, lanes: Bracket, t: Array, tracked: Array, found: NearestOnCurve, points: Array
 ) -> tuple[Bracket, Array]:
     """The two parts of each interval about its best candidate, wanted where a branch not followed is nearer there."""
     which = jnp.argmax(tracked, axis=1)

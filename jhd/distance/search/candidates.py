@@ -16,7 +16,7 @@ from jhd.arrays import varying
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.places import thorough_radius
-from jhd.distance.nearest.surfaces import CAPACITY, Cloud, Cover, nearest, nearest_places
+from jhd.distance.nearest.surfaces import CAPACITY, Cover, SurfaceCloud, nearest, nearest_places
 from jhd.distance.witness.polish import polish
 
 # The last points of b that were found nearest.
@@ -34,7 +34,7 @@ class Target(NamedTuple):
 
     side: Side
     cover: Cover
-    cloud: Cloud
+    cloud: SurfaceCloud
 
 
 class SurfacePlace(NamedTuple):

@@ -22,13 +22,13 @@ from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from jhd.arrays import varying
-from jhd.distance.cells.branches import Cell, CellBound, cell_upper_bound, first_upper_bound, local_foot
+from jhd.distance.cells.branches import CurveBound, CurveCell, cell_upper_bound, first_upper_bound, local_foot
 from jhd.distance.frame.aim import Aim, Wanted, default_tolerance
 from jhd.distance.frame.curves import evaluation_error
 from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import Place, piece_of
+from jhd.distance.frame.pieces import CurvePlace, piece_of
 from jhd.distance.nearest.blocks import Blocks
-from jhd.distance.nearest.curves import Nearest, in_chunks, repeated
+from jhd.distance.nearest.curves import NearestOnCurve, in_chunks, repeated
 from jhd.distance.nearest.near_curve import NearCurve
 from jhd.distance.witness import active
 from jhd.distance.witness.events import describe
@@ -71,24 +71,24 @@ def _tolerances(a: BezierSegments, b: BezierSegments, wanted: Wanted) -> _Tolera
     return _Tolerances(jnp.where(wanted.atol < 0, default, wanted.atol), wanted.rtol, floor)
 
 
-class Table(NamedTuple):
+class CurveTable(NamedTuple):
     """Cells that wait to be cut."""
 
-    cell: Cell
+    cell: CurveCell
     upper: Array  # -inf where free
 
 
-class State(NamedTuple):
+class CurveState(NamedTuple):
     """A search: its table of cells, and what it has proven and found so far."""
 
-    table: Table
+    table: CurveTable
     lower: Array
     value: Array
-    at: Place
-    foot: Place
+    at: CurvePlace
+    foot: CurvePlace
     closed: Array  # largest upper bound of the cells that were closed or dropped
     dropped: Array
-    pending: Place  # a place of a to be measured in the first step
+    pending: CurvePlace  # a place of a to be measured in the first step
     steps: Array
 
     @property
@@ -102,7 +102,7 @@ class State(NamedTuple):
         return jnp.sum(self.table.upper > -jnp.inf)
 
 
-def unfinished(a: BezierSegments, near: NearCurve, wanted: Wanted, state: State) -> Array:
+def unfinished(a: BezierSegments, near: NearCurve, wanted: Wanted, state: CurveState) -> Array:
     """Whether more steps would serve what is wanted."""
     above = jnp.max(state.table.upper) > _goal(_tolerances(a, near.curve, wanted), wanted.aim, state.lower)
     return above & (state.lower <= wanted.aim.ceiling)
@@ -114,18 +114,18 @@ def _goal(tolerances: _Tolerances, aim: Aim, lower: Array) -> Array:
 
 
 def advance(
-    a: BezierSegments, near: NearCurve, wanted: Wanted, state: State, limit: ArrayLike, growing: ArrayLike = False
-) -> State:
+    a: BezierSegments, near: NearCurve, wanted: Wanted, state: CurveState, limit: ArrayLike, growing: ArrayLike = False
+) -> CurveState:
     """Goes on until what is wanted is reached, or the limit of steps; `growing` stops before the table is full."""
     b = near.curve
     error, tolerances, aim = evaluation_error(a, b), _tolerances(a, b, wanted), wanted.aim
 
-    def open_(state: State) -> Array:
+    def open_(state: CurveState) -> Array:
         full = growing & (state.waiting + LANES > state.table.upper.size)
         above = jnp.max(state.table.upper) > _goal(tolerances, aim, state.lower)
         return above & (state.lower <= aim.ceiling) & (state.steps < limit) & ~full
 
-    def step(state: State) -> State:
+    def step(state: CurveState) -> CurveState:
         taken, uppers, rest = _largest(state.table)
         found = jax.vmap(lambda c: cell_upper_bound(a, b, c))(taken)
         upper = jnp.minimum(uppers, found.upper + error)
@@ -143,8 +143,8 @@ def advance(
         state = state._replace(
             lower=jnp.where(asked, jnp.maximum(measured.lower - error, state.lower), state.lower),
             value=jnp.where(raised, measured.distance, state.value),
-            at=_where(raised, Place(segment, t), state.at),
-            foot=_where(raised, Place(measured.segment, measured.t), state.foot),
+            at=_where(raised, CurvePlace(segment, t), state.at),
+            foot=_where(raised, CurvePlace(measured.segment, measured.t), state.foot),
             steps=state.steps + 1,
         )
         mine = (jnp.arange(LANES) == best) & asked & ~first
@@ -154,7 +154,7 @@ def advance(
     return jax.lax.while_loop(open_, step, varying(state, a, near))
 
 
-def solution_of(a: BezierSegments, near: NearCurve, wanted: Wanted, state: State) -> HausdorffSolution:
+def solution_of(a: BezierSegments, near: NearCurve, wanted: Wanted, state: CurveState) -> HausdorffSolution:
     """The solution that a search stands at."""
     b, dtype = near.curve, a.control_points.dtype
     tolerances, upper = _tolerances(a, b, wanted), state.upper
@@ -170,7 +170,7 @@ def solution_of(a: BezierSegments, near: NearCurve, wanted: Wanted, state: State
     return HausdorffSolution(jnp.clip(value, lower, upper), lower, upper, witness, result, stats)
 
 
-def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: State) -> tuple[Witness, Array, Array]:
+def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: CurveState) -> tuple[Witness, Array, Array]:
     """The witness at the solution of its equations, with value and lower bound: peaks are off by the root of the gap.
 
     Accepted only where the place is measured to be as far and both feet to be its nearest points.
@@ -194,11 +194,11 @@ def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: State
     return witness, jnp.where(better, jnp.maximum(found.distance, state.value), state.value), lower
 
 
-def _where(condition: Array, new: Place, old: Place) -> Place:
-    return Place(*(jnp.where(condition, x, y) for x, y in zip(new, old, strict=True)))
+def _where(condition: Array, new: CurvePlace, old: CurvePlace) -> CurvePlace:
+    return CurvePlace(*(jnp.where(condition, x, y) for x, y in zip(new, old, strict=True)))
 
 
-def begin(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> State:
+def begin(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> CurveState:
     """One cell for each segment of a, with feet found from samples of b and a first upper bound."""
     if isinstance(near.guide, Blocks):
         return _begin_long(a, near, wanted, capacity)
@@ -206,28 +206,28 @@ def begin(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> 
     error, ends = evaluation_error(a, b), a.control_points[:, jnp.array([0, -1])]
     k, s, distance = jax.vmap(jax.vmap(partial(_first_foot, b)))(ends, near.starts(ends))
     count, zeros = a.count, jnp.zeros((a.count,), dtype)
-    cell = Cell(jnp.arange(count), zeros, zeros + 1, k[:, 0], s[:, 0], k[:, 1], s[:, 1])
+    cell = CurveCell(jnp.arange(count), zeros, zeros + 1, k[:, 0], s[:, 0], k[:, 1], s[:, 1])
     upper = jax.vmap(lambda c: first_upper_bound(a, b, c))(cell) + error
     upper = jnp.where(repeated(a.control_points, a.weights), -jnp.inf, upper)
-    table = Table(
-        Cell(*(jnp.pad(x, (0, capacity - count)) for x in cell)),
+    table = CurveTable(
+        CurveCell(*(jnp.pad(x, (0, capacity - count)) for x in cell)),
         jnp.pad(upper, (0, capacity - count), constant_values=-jnp.inf),
     )
     at = jnp.argmax(distance)
-    pending = Place(at // 2, (at % 2).astype(dtype))
+    pending = CurvePlace(at // 2, (at % 2).astype(dtype))
     none = jnp.array(-jnp.inf, dtype)
     # Until a place is measured it is its own witness.
-    foot = Place(k.ravel()[at], s.ravel()[at])
-    return State(table, zeros[0], none, pending, foot, none, jnp.array(False), pending, jnp.array(0))
+    foot = CurvePlace(k.ravel()[at], s.ravel()[at])
+    return CurveState(table, zeros[0], none, pending, foot, none, jnp.array(False), pending, jnp.array(0))
 
 
-def _first_foot(b: BezierSegments, point: Array, start: Place) -> tuple[Array, Array, Array]:
+def _first_foot(b: BezierSegments, point: Array, start: CurvePlace) -> tuple[Array, Array, Array]:
     piece = piece_of(b, start.segment)
     s = local_foot(point, piece, start.t, _SEED_STEPS)
     return start.segment, s, jnp.sqrt(jnp.sum((jet(*piece, s).point - point) ** 2))
 
 
-def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> State:
+def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> CurveState:
     """The same for many segments, with feet at both ends of each from one start.
 
     The place that seems the farthest is measured, so that only cells with larger bounds come into the table; those that
@@ -236,19 +236,19 @@ def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: in
     b, dtype = near.curve, a.control_points.dtype
     error, skip = evaluation_error(a, b), repeated(a.control_points, a.weights)
 
-    def first(row: tuple[Array, Place]) -> tuple[Cell, Array, Array]:
+    def first(row: tuple[Array, CurvePlace]) -> tuple[CurveCell, Array, Array]:
         segment, start = row
         ends = a.control_points[segment][jnp.array([0, -1])]
         k, s, distance = jax.vmap(partial(_first_foot, b), in_axes=(0, None))(ends, start)
         zero = jnp.zeros((), dtype)
-        cell = Cell(segment, zero, zero + 1, k[0], s[0], k[1], s[1])
+        cell = CurveCell(segment, zero, zero + 1, k[0], s[0], k[1], s[1])
         return cell, first_upper_bound(a, b, cell) + error, distance
 
     index = jnp.arange(a.count)
     starts = near.starts(jax.vmap(lambda k: jet(*piece_of(a, k), jnp.asarray(0.5, dtype)).point)(index))
     cell, upper, distance = in_chunks(first, (index, starts), _CHUNK)
     far = jnp.argmax(distance)
-    at = Place(far // 2, (far % 2).astype(dtype))
+    at = CurvePlace(far // 2, (far % 2).astype(dtype))
     measured = near.nearest(a.control_points[at.segment][-(far % 2)])
     lower = jnp.maximum(measured.lower - error, 0.0)
     goal = _goal(_tolerances(a, b, wanted), wanted.aim, lower)
@@ -259,40 +259,40 @@ def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: in
     lost = jnp.max(waiting.at[kept].set(-jnp.inf))
     closed = jnp.maximum(jnp.max(jnp.where(live | skip, -jnp.inf, upper)), lost)
     room = capacity - kept.size
-    table = Table(
-        Cell(*(jnp.pad(x[kept], (0, room)) for x in cell)),
+    table = CurveTable(
+        CurveCell(*(jnp.pad(x[kept], (0, room)) for x in cell)),
         jnp.pad(waiting[kept], (0, room), constant_values=-jnp.inf),
     )
-    foot = Place(measured.segment, measured.t)
-    return State(table, lower, measured.distance, at, foot, closed, lost > goal, at, jnp.array(0))
+    foot = CurvePlace(measured.segment, measured.t)
+    return CurveState(table, lower, measured.distance, at, foot, closed, lost > goal, at, jnp.array(0))
 
 
-def _largest(table: Table) -> tuple[Cell, Array, Table]:
+def _largest(table: CurveTable) -> tuple[CurveCell, Array, CurveTable]:
     """The cells with the largest upper bounds, and the table without them."""
     # In single precision, which is thirty times faster on CPU; the order need not be exact.
     _, index = jax.lax.top_k(table.upper.astype(jnp.float32), LANES)
     upper = table.upper[index]
-    return Cell(*(x[index] for x in table.cell)), upper, table._replace(upper=table.upper.at[index].set(-jnp.inf))
+    return CurveCell(*(x[index] for x in table.cell)), upper, table._replace(upper=table.upper.at[index].set(-jnp.inf))
 
 
 def _pushed(
     a: BezierSegments,
     near: NearCurve,
-    state: State,
+    state: CurveState,
     goal: Array,
-    cell: Cell,
+    cell: CurveCell,
     upper: Array,
-    found: CellBound,
+    found: CurveBound,
     mine: Array,
-    measured: Nearest,
-) -> State:
+    measured: NearestOnCurve,
+) -> CurveState:
     """Cuts the cells, gives the cuts their feet, and puts the halves that are still above the goal into the table."""
     b, width = near.curve, cell.t1 - cell.t0
     at_left = found.t <= cell.t0 + _NEAR_END * width
     at_right = found.t >= cell.t1 - _NEAR_END * width
     cut = jnp.where(at_left | at_right, cell.t0 + 0.5 * width, found.t)
 
-    def foot(point: Array, start: Place, ks: Array, ss: Array) -> tuple[Array, Array]:
+    def foot(point: Array, start: CurvePlace, ks: Array, ss: Array) -> tuple[Array, Array]:
         ks, ss = jnp.append(ks, start.segment), jnp.append(ss, start.t)
         ss = jax.vmap(lambda k, s: local_foot(point, piece_of(b, k), s, _SEED_STEPS))(ks, ss)
         feet = jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point)(ks, ss)
@@ -326,7 +326,7 @@ def _pushed(
     end = (jnp.where(waits, old, new) for old, new in ((cell.t1, cut), (cell.k1, k), (cell.s1, s)))
     left = cell._replace(**dict(zip(("t1", "k1", "s1"), end, strict=True)))
     right = cell._replace(t0=cut, k0=k, s0=s)
-    halves = Cell(*(jnp.concatenate(pair) for pair in zip(left, right, strict=True)))
+    halves = CurveCell(*(jnp.concatenate(pair) for pair in zip(left, right, strict=True)))
     uppers = jnp.concatenate([upper, jnp.where(waits, -jnp.inf, upper)])
     # A cell of a few ulp cannot be cut again.
     open_ = (uppers > goal) & (jnp.tile(width, 2) > 8 * jnp.finfo(width.dtype).eps)
@@ -337,8 +337,10 @@ def _pushed(
     # Where the table is full the smaller bound of the two makes room: it is folded into the result.
     stays = old >= new
     lost = jnp.max(jnp.minimum(old, new))
-    table = Table(
-        Cell(*(x.at[slots].set(jnp.where(stays, x[slots], y)) for x, y in zip(state.table.cell, halves, strict=True))),
+    table = CurveTable(
+        CurveCell(
+            *(x.at[slots].set(jnp.where(stays, x[slots], y)) for x, y in zip(state.table.cell, halves, strict=True))
+        ),
         state.table.upper.at[slots].set(jnp.maximum(old, new)),
     )
     return state._replace(table=table, closed=jnp.maximum(closed, lost), dropped=state.dropped | (lost > goal))

@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.compiled import compiled
-from jhd.distance.cells.branches import Cell
+from jhd.distance.cells.branches import CurveCell
 from jhd.distance.frame.aim import Wanted
-from jhd.distance.frame.pieces import Place
+from jhd.distance.frame.pieces import CurvePlace
 from jhd.distance.nearest.blocks import is_long
 from jhd.distance.nearest.near_curve import near_curve
 from jhd.distance.search import solutions as surface_solution
 from jhd.distance.search import surfaces as surface_search
-from jhd.distance.search.curves import LANES, State, Table, advance, begin, solution_of, unfinished
+from jhd.distance.search.curves import LANES, CurveState, CurveTable, advance, begin, solution_of, unfinished
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.solutions import CoveredPair
 from jhd.shapes.curve import BezierSegments
@@ -47,22 +47,24 @@ class CurveSearch(AbstractSearch):
     ):
         self._asked, self._capacity, self.max_steps = (a, b, wanted, direction), capacity, max_steps
 
-    def begin(self) -> tuple[State, bool]:
+    def begin(self) -> tuple[CurveState, bool]:
         """See AbstractSearch; the program of the first stretch does the work."""
         return _blank(self._capacity, np.dtype(self._asked[0].control_points.dtype).name), True
 
-    def advance(self, state: tuple[State, bool], limit: int, growing: bool) -> tuple[tuple[State, bool], Standing]:
+    def advance(
+        self, state: tuple[CurveState, bool], limit: int, growing: bool
+    ) -> tuple[tuple[CurveState, bool], Standing]:
         """See AbstractSearch."""
         table, solution, news = _stretch(*self._asked, *state, limit, growing)
         return (table, False), Standing(solution, *np.asarray(news))
 
-    def longer(self, state: tuple[State, bool]) -> tuple[State, bool]:
+    def longer(self, state: tuple[CurveState, bool]) -> tuple[CurveState, bool]:
         """See AbstractSearch."""
         table, more = state[0].table, (_GROWTH - 1) * state[0].table.upper.size
-        cell = Cell(*(jnp.pad(x, (0, more)) for x in table.cell))
+        cell = CurveCell(*(jnp.pad(x, (0, more)) for x in table.cell))
         upper = jnp.pad(table.upper, (0, more), constant_values=-jnp.inf)
         # Where no step was taken, cells were left out for want of room: it begins anew.
-        return state[0]._replace(table=Table(cell, upper)), int(state[0].steps) == 0
+        return state[0]._replace(table=CurveTable(cell, upper)), int(state[0].steps) == 0
 
 
 class SurfaceSearch(AbstractSearch):
@@ -103,11 +105,11 @@ def _stretch(
     b: BezierSegments,
     wanted: Wanted,
     direction: Any,
-    state: State,
+    state: CurveState,
     fresh: Array,
     limit: Array,
     growing: Array,
-) -> tuple[State, HausdorffSolution, Array]:
+) -> tuple[CurveState, HausdorffSolution, Array]:
     """Begins the search if it is fresh, goes on for some steps, and says how it stands, in four numbers."""
     capacity, near = state.table.upper.size, near_curve(b, is_long(a) or is_long(b))
     state = jax.lax.cond(fresh, lambda _: begin(a, near, wanted, capacity), lambda state: state, state)
@@ -119,13 +121,13 @@ def _stretch(
 
 
 @lru_cache(maxsize=8)
-def _blank(capacity: int, dtype: str) -> State:
+def _blank(capacity: int, dtype: str) -> CurveState:
     """A state of the right shapes, to begin in."""
     numbers, index = jnp.zeros(capacity, dtype), jnp.zeros(capacity, int)
-    cell = Cell(index, numbers, numbers, index, numbers, index, numbers)
+    cell = CurveCell(index, numbers, numbers, index, numbers, index, numbers)
     number, count = jnp.zeros((), dtype), jnp.array(0)
-    place = Place(count, number)
-    return State(Table(cell, numbers), number, number, place, place, number, jnp.array(False), place, count)
+    place = CurvePlace(count, number)
+    return CurveState(CurveTable(cell, numbers), number, number, place, place, number, jnp.array(False), place, count)
 
 
 @compiled

@@ -29,7 +29,7 @@ class _Farthest(NamedTuple):
     lower: float
 
 
-class _State(NamedTuple):
+class _PointSearchState(NamedTuple):
     order: np.ndarray  # points from the farthest to the nearest, by their bounds
     bounds: np.ndarray
     measured: int
@@ -57,13 +57,13 @@ class PointSearch(AbstractSearch):
         self._points, self._target, self._allowed = points, target, allowed
         self._level, self._ceiling, self.max_steps = float(aim.level), float(aim.ceiling), max_steps
 
-    def begin(self) -> _State:
+    def begin(self) -> _PointSearchState:
         """See AbstractSearch."""
         upper = self._target.feet(self._points)
         order = np.argsort(-upper, kind="stable")
-        return _State(order, upper[order], 0, -np.inf, None, 0)
+        return _PointSearchState(order, upper[order], 0, -np.inf, None, 0)
 
-    def advance(self, state: _State, limit: int, growing: bool) -> tuple[_State, Standing]:
+    def advance(self, state: _PointSearchState, limit: int, growing: bool) -> tuple[_PointSearchState, Standing]:
         """See AbstractSearch."""
         while self._going(state) and state.steps < limit:
             state = self._step(state)
@@ -72,14 +72,14 @@ class PointSearch(AbstractSearch):
         going = self._going(state)
         return state, Standing(self._solution(state), going, False, state.steps, len(state.order) - state.measured)
 
-    def longer(self, state: _State) -> _State:
+    def longer(self, state: _PointSearchState) -> _PointSearchState:
         """See AbstractSearch; it is never full."""
         return state
 
-    def _next(self, state: _State) -> float:
+    def _next(self, state: _PointSearchState) -> float:
         return float(state.bounds[state.measured]) if state.measured < len(state.bounds) else -np.inf
 
-    def _going(self, state: _State) -> bool:
+    def _going(self, state: _PointSearchState) -> bool:
         if state.best is None:
             return True
         lower = state.best.lower
@@ -88,7 +88,7 @@ class PointSearch(AbstractSearch):
         beyond = after > max(lower + self._allowed(lower), self._level)
         return bool(np.isfinite(after)) and beyond and lower <= self._ceiling
 
-    def _step(self, state: _State) -> _State:
+    def _step(self, state: _PointSearchState) -> _PointSearchState:
         size = min(_FIRST << min(state.steps, 20), self._target.block)
         rows = state.order[state.measured : state.measured + size]
         best = state.best
@@ -101,7 +101,7 @@ class PointSearch(AbstractSearch):
         settled = max(state.settled, float(np.max(found.upper)))
         return state._replace(measured=state.measured + len(rows), settled=settled, best=best, steps=state.steps + 1)
 
-    def _solution(self, state: _State) -> HausdorffSolution:
+    def _solution(self, state: _PointSearchState) -> HausdorffSolution:
         best: Any = state.best  # some point is measured by now
         upper = max(state.settled, self._next(state), best.lower)
         closed = upper - max(best.lower, self._level) <= self._allowed(best.lower) or best.lower > self._ceiling

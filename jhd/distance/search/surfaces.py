@@ -27,7 +27,7 @@ from jhd.distance.frame.aim import Wanted, default_tolerance
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, box_distances, boxes, form
 from jhd.distance.nearest.places import local_feet, projected, thorough_radius
-from jhd.distance.nearest.surfaces import CAPACITY, Cloud, halved, inner, pushed
+from jhd.distance.nearest.surfaces import CAPACITY, SurfaceCloud, halved, inner, pushed
 from jhd.distance.search.candidates import HINTS, NOISE, FarthestPlace, SurfacePlace, Target, improved
 
 # Cells bounded in one step.
@@ -256,7 +256,7 @@ def _feet(b: Target, state: SurfaceState, place: Array, parents: Array, cells: B
     return feet, jnp.take_along_axis(distance, index, axis=0)
 
 
-def _spread_seeds(cloud: Cloud, places: Array, reach: Array) -> Array:
+def _spread_seeds(cloud: SurfaceCloud, places: Array, reach: Array) -> Array:
     """Two points of the cloud for each place: the nearest, and of those about as near the one farthest from it."""
     far = sum((cloud.points[i][:, None] - places[i]) ** 2 for i in range(3))
     far = jnp.where(jnp.isfinite(cloud.radius)[:, None], far, jnp.inf)
@@ -292,7 +292,7 @@ def _cut(a: Side, state: SurfaceState, lanes: _Lanes, limit: Array) -> SurfaceSt
     )
 
 
-def _nearest_of(cloud: Cloud, points: Array) -> Array:
+def _nearest_of(cloud: SurfaceCloud, points: Array) -> Array:
     """Index of the nearest proven point of a cloud for each of the points (3, count), in blocks."""
     count = points.shape[1]
     blocks = jnp.pad(points, ((0, 0), (0, -count % _BLOCK))).T.reshape(-1, _BLOCK, 3)

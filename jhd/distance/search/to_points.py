@@ -75,7 +75,7 @@ class _Waiting(NamedTuple):
         return _Waiting(self.cells.take(rows), self.upper[rows], self.feet[rows])
 
 
-class _State(NamedTuple):
+class _PointQuery(NamedTuple):
     waiting: _Waiting
     best: PlaceFound | None
     settled: float
@@ -113,33 +113,33 @@ class ToPointsSearch(AbstractSearch):
         self._level, self._ceiling = float(frame.common(level, 0.0)), float(frame.common(ceiling, np.inf))
         self.max_steps = max_steps
 
-    def begin(self) -> _State:
+    def begin(self) -> _PointQuery:
         """See AbstractSearch."""
         cells = self._source.cover()
         feet = np.zeros((len(cells.piece), FEET), int)
-        state = _State(_Waiting(cells.take(slice(0, 0)), np.zeros(0), feet[:0]), None, -np.inf, 0, 0)
+        state = _PointQuery(_Waiting(cells.take(slice(0, 0)), np.zeros(0), feet[:0]), None, -np.inf, 0, 0)
         return self._entered(state, cells, np.full(len(cells.piece), np.inf), None)
 
-    def advance(self, state: _State, limit: int, growing: bool) -> tuple[_State, Standing]:
+    def advance(self, state: _PointQuery, limit: int, growing: bool) -> tuple[_PointQuery, Standing]:
         """See AbstractSearch."""
         while self._going(state) and state.steps < limit:
             state = self._step(state)
         going = self._going(state)
         return state, Standing(self._solution(state), going, False, state.steps, len(state.waiting.upper))
 
-    def longer(self, state: _State) -> _State:
+    def longer(self, state: _PointQuery) -> _PointQuery:
         """See AbstractSearch; it is never full."""
         return state
 
     def _goal(self, best: PlaceFound | None) -> float:
         return self._level if best is None else max(best.lower + 0.9 * self._allowed(best.lower), self._level)
 
-    def _going(self, state: _State) -> bool:
+    def _going(self, state: _PointQuery) -> bool:
         lower = 0.0 if state.best is None else state.best.lower
         waiting = len(state.waiting.upper)
         return 0 < waiting <= _WAITING and lower <= self._ceiling
 
-    def _step(self, state: _State) -> _State:
+    def _step(self, state: _PointQuery) -> _PointQuery:
         waiting = state.waiting
         if len(waiting.upper) > _BATCH:
             order = np.argpartition(-waiting.upper, _BATCH)
@@ -150,7 +150,7 @@ class ToPointsSearch(AbstractSearch):
         state = state._replace(waiting=rest, steps=state.steps + 1)
         return self._entered(state, cells, taken.upper[parent], taken.feet[parent])
 
-    def _entered(self, state: _State, cells: CellRows, upper: np.ndarray, feet: np.ndarray | None) -> _State:
+    def _entered(self, state: _PointQuery, cells: CellRows, upper: np.ndarray, feet: np.ndarray | None) -> _PointQuery:
         """The state with new cells, of which bounds are known already."""
         if not len(cells.piece):
             return self._kept(state, _Waiting(cells, upper, np.zeros((0, FEET), int)))
@@ -166,7 +166,7 @@ class ToPointsSearch(AbstractSearch):
         state = state._replace(best=best, bounded=state.bounded + len(cells.piece))
         return self._kept(state, _Waiting(cells, upper, chosen))
 
-    def _kept(self, state: _State, new: _Waiting) -> _State:
+    def _kept(self, state: _PointQuery, new: _Waiting) -> _PointQuery:
         """The state without what cannot matter any more."""
         parts = state.waiting, new
         cells = CellRows(*(np.concatenate(x) for x in zip(*(p.cells for p in parts), strict=True)))
@@ -195,7 +195,7 @@ class ToPointsSearch(AbstractSearch):
         x, point = places.parameters[row, k], places.points[row, k]
         return PlaceFound(int(cells.piece[row]), x, point, int(near[row, k]), max(there, 0.0), distance)
 
-    def _solution(self, state: _State) -> HausdorffSolution:
+    def _solution(self, state: _PointQuery) -> HausdorffSolution:
         """The solution in the user's coordinates."""
         best, dtype = state.best, self._cloud.rows.dtype
         known = best is not None

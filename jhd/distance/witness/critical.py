@@ -24,7 +24,7 @@ from jhd.compiled import compiled
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import prepare
 from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import Place, piece_of, preceding
+from jhd.distance.frame.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.nearest.curves import in_chunks, nearest, repeated
 from jhd.distance.nearest.feet import follow_foot
 from jhd.distance.witness import active
@@ -105,7 +105,7 @@ class _CriticalPair(NamedTuple):
     before_a: Array
     before_b: Array
     seeds: Array  # (seeds, dim)
-    seed_at: Place
+    seed_at: CurvePlace
 
 
 class _Foot(NamedTuple):
@@ -124,16 +124,16 @@ class _CriticalCell(NamedTuple):
     segment: Array
     t0: Array
     t1: Array
-    left: Place
-    right: Place
-    other: Place
+    left: CurvePlace
+    right: CurvePlace
+    other: CurvePlace
 
 
 class _FoundMaximum(NamedTuple):
     value: Array
     witness: Witness
     wrong: Array  # whether another foot is nearer, or what was followed is none
-    nearest: Place
+    nearest: CurvePlace
 
 
 class _Rounds(NamedTuple):
@@ -228,7 +228,7 @@ def _at_ends(pair: _CriticalPair, witness: Witness, valid: Array) -> Witness:
     def described(i: Array, witness: Witness) -> Witness:
         k = order[i]
         w = jax.tree_util.tree_map(lambda x: x[k], witness)
-        place, foot = Place(w.segment, w.t), Place(w.foot_segments[0], w.foot_params[0])
+        place, foot = CurvePlace(w.segment, w.t), CurvePlace(w.foot_segments[0], w.foot_params[0])
         new = describe(pair.a, pair.b, place, foot, jnp.ones((), w.t.dtype))
         return jax.tree_util.tree_map(lambda x, y: x.at[k].set(y), witness, new)
 
@@ -239,11 +239,11 @@ def _at_ends(pair: _CriticalPair, witness: Witness, valid: Array) -> Witness:
 def _prepared(a: BezierSegments, b: BezierSegments) -> _CriticalPair:
     s = jnp.linspace(0.0, 1.0, _SEEDS + 1, dtype=b.control_points.dtype)
     points = jax.vmap(lambda k: jax.vmap(lambda u: jet(*piece_of(b, k), u).point)(s))(jnp.arange(b.count))
-    at = Place(jnp.repeat(jnp.arange(b.count), s.size), jnp.tile(s, b.count))
+    at = CurvePlace(jnp.repeat(jnp.arange(b.count), s.size), jnp.tile(s, b.count))
     return _CriticalPair(a, b, preceding(a.following), preceding(b.following), points.reshape(-1, b.dim), at)
 
 
-def _seed(pair: _CriticalPair, points: Array) -> Place:
+def _seed(pair: _CriticalPair, points: Array) -> CurvePlace:
     """The nearest sample of b of each of the points (points, dim); the index takes the place of the last bits."""
     count = pair.seeds.shape[0]
     last_bits = 2 ** (count - 1).bit_length() - 1
@@ -251,10 +251,10 @@ def _seed(pair: _CriticalPair, points: Array) -> Place:
     squares = sum((x * x for x in offsets), jnp.zeros(())).astype(jnp.float32)
     key = jax.lax.bitcast_convert_type(squares, jnp.int32) & ~last_bits | jnp.arange(count, dtype=jnp.int32)[:, None]
     index = jnp.min(key, axis=0) & last_bits
-    return Place(pair.seed_at.segment[index], pair.seed_at.t[index])
+    return CurvePlace(pair.seed_at.segment[index], pair.seed_at.t[index])
 
 
-def _foot(pair: _CriticalPair, segment: Array, t: Array, starts: Place) -> _Foot:
+def _foot(pair: _CriticalPair, segment: Array, t: Array, starts: CurvePlace) -> _Foot:
     """The nearest of the feet reached from the starts (starts,) of the point of a, and the slope there."""
     at = jet(*piece_of(pair.a, segment), t)
     feet = jax.vmap(lambda k, s: follow_foot(at.point, pair.b, pair.before_b, k, s, _FOLLOW))(*starts)
@@ -279,14 +279,14 @@ def _proposed(pair: _CriticalPair, lanes: int) -> tuple[Array, _CriticalCell, Ar
     segment = jnp.repeat(jnp.arange(a.count), steps + 1)
     skip, skipped = (repeated(curve.control_points, curve.weights) for curve in (a, pair.b))
 
-    def sampled(at: Place) -> _Foot:
+    def sampled(at: CurvePlace) -> _Foot:
         # A foot that was followed from elsewhere can be a wrong one, and hide a wide maximum.
         point = jet(*piece_of(a, at.segment), at.t).point
         enough = jnp.where(skip[at.segment], jnp.inf, 0.0)
         found = nearest(point, pair.b.control_points, pair.b.weights, enough, skipped)
-        return _foot(pair, at.segment, at.t, Place(found.segment[None], found.t[None]))
+        return _foot(pair, at.segment, at.t, CurvePlace(found.segment[None], found.t[None]))
 
-    foot = in_chunks(sampled, Place(segment, t), _CHUNK)
+    foot = in_chunks(sampled, CurvePlace(segment, t), _CHUNK)
     foot = jax.tree_util.tree_map(lambda x: x.reshape(a.count, steps + 1, *x.shape[1:]), foot)
     slope, distance = foot.slope, foot.distance
     skip = skip[:, None]
@@ -310,19 +310,19 @@ def _proposed(pair: _CriticalPair, lanes: int) -> tuple[Array, _CriticalCell, Ar
     row, best_column = jnp.append(row, best // (steps + 1)), best % (steps + 1)
     low, high = (jnp.append(x[column], best_column) for x in (low, high))
     t = t[: steps + 1]
-    left, right = (Place(foot.segment[row, x], foot.s[row, x]) for x in (low, high))
+    left, right = (CurvePlace(foot.segment[row, x], foot.s[row, x]) for x in (low, high))
     top = distance.ravel()[best]
     return jnp.append(keys[index], top), _CriticalCell(row, t[low], t[high], left, right, left), top
 
 
-def _starts(*places: Place) -> Place:
-    return Place(*(jnp.stack(x, axis=-1) for x in zip(*places, strict=True)))
+def _starts(*places: CurvePlace) -> CurvePlace:
+    return CurvePlace(*(jnp.stack(x, axis=-1) for x in zip(*places, strict=True)))
 
 
 def _refined(pair: _CriticalPair, cells: _CriticalCell) -> _FoundMaximum:
     """The maximum in each cell."""
 
-    def foot(t: Array, left: Place, right: Place) -> _Foot:
+    def foot(t: Array, left: CurvePlace, right: CurvePlace) -> _Foot:
         points = jax.vmap(lambda k, u: jet(*piece_of(pair.a, k), u).point)(cells.segment, t)
         starts = _starts(_seed(pair, points), left, right, cells.other)
         return jax.vmap(lambda k, u, s: _foot(pair, k, u, s))(cells.segment, t, starts)
@@ -331,9 +331,9 @@ def _refined(pair: _CriticalPair, cells: _CriticalCell) -> _FoundMaximum:
         cell = state[0]
         middle = 0.5 * (cell.t0 + cell.t1)
         here = foot(middle, cell.left, cell.right)
-        rising, at = here.slope > 0, Place(here.segment, here.s)
+        rising, at = here.slope > 0, CurvePlace(here.segment, here.s)
         left, right = (
-            Place(*(jnp.where(which, x, y) for x, y in zip(at, old, strict=True)))
+            CurvePlace(*(jnp.where(which, x, y) for x, y in zip(at, old, strict=True)))
             for which, old in ((rising, cell.left), (~rising, cell.right))
         )
         t0, t1 = jnp.where(rising, middle, cell.t0), jnp.where(rising, cell.t1, middle)
@@ -359,14 +359,14 @@ def _described(pair: _CriticalPair, cell: _CriticalCell, t: Array, foot: _Foot, 
     # The first foot in the order of segments and parameters is named first.
     turned = two & (cell.left.segment + cell.left.t > cell.right.segment + cell.right.t)
     first, second = (
-        Place(*(jnp.where(two, jnp.where(turned, x, y), z) for x, y, z in zip(*places, strict=True)))
+        CurvePlace(*(jnp.where(two, jnp.where(turned, x, y), z) for x, y, z in zip(*places, strict=True)))
         for places in (
             (cell.right, cell.left, (foot.segment, foot.s)),
             (cell.left, cell.right, (foot.segment, foot.s)),
         )
     )
     border = jnp.round(t)
-    place = around(a, pair.before_a, Place(cell.segment, border))
+    place = around(a, pair.before_a, CurvePlace(cell.segment, border))
     event = _event(place, held & (t == border), EVENTS.where(two, EVENTS.one_to_two, EVENTS.antipodal))
     y = jnp.stack([t, first.t, second.t])
     one = jnp.array([1.0, 0.0])
@@ -395,7 +395,7 @@ def _described(pair: _CriticalPair, cell: _CriticalCell, t: Array, foot: _Foot, 
         direction=DIRECTIONS.a_to_b,
     )
     wrong = jnp.abs(value - near.distance) > near.distance * _NEARER + _ROUNDED
-    return _FoundMaximum(value, witness, wrong, Place(near.segment, near.t))
+    return _FoundMaximum(value, witness, wrong, CurvePlace(near.segment, near.t))
 
 
 def _event(place: Around, held: Array, event: Any) -> Any:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import Place, piece_of
+from jhd.distance.frame.pieces import CurvePlace, piece_of
 from jhd.shapes.curve import BezierSegments
 
 # Tangents that differ by more than this angle (radians) make a joint a corner: joints that are smooth by construction
@@ -30,7 +30,7 @@ class Around(NamedTuple):
     into: Array
 
 
-def around(curve: BezierSegments, before: Array, at: Place) -> Around:
+def around(curve: BezierSegments, before: Array, at: CurvePlace) -> Around:
     """What a place of a curve is, with `before` as of `preceding(curve.following)`.
 
     A joint without a corner is a place like any other, and so is the seam of a closed curve.

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from jhd.arrays import varying
 from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import Piece, Place, piece_of, preceding
+from jhd.distance.frame.pieces import CurvePlace, Piece, piece_of, preceding
 from jhd.distance.nearest.curves import repeated, segment_bounds
 from jhd.distance.nearest.feet import Branch, foot_at, newton_step
 from jhd.distance.witness.ends import around
@@ -62,7 +62,7 @@ def _foot_residual(stationarity: Array, s: Array, branch: Branch) -> Array:
     return jnp.where(branch.pinned, s - branch.s, stationarity)
 
 
-def describe(a: BezierSegments, b: BezierSegments, at: Place, foot: Place, size: Array) -> Witness:
+def describe(a: BezierSegments, b: BezierSegments, at: CurvePlace, foot: CurvePlace, size: Array) -> Witness:
     """The witness at the parameter (segment, t) of a: nearest feet on b, multipliers and the kind of event.
 
     All local feet that are equally near are gathered, and of them one or two count, as jhd.distance.witness.multipliers

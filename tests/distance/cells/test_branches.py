@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.cells.branches import Cell, cell_upper_bound, first_upper_bound
+from jhd.distance.cells.branches import CurveCell, cell_upper_bound, first_upper_bound
 from jhd.distance.frame.jets import jet
 from jhd.distance.nearest.curves import nearest
 from tests.distance import exact
@@ -37,7 +37,7 @@ def cell_of(a, b, t0, t1):
     points = jax.vmap(lambda t: jet(a.control_points[0], None if a.weights is None else a.weights[0], t).point)(ends)
     feet = [find(point, b) for point in points]
     numbers = (0, t0, t1, feet[0].segment, feet[0].t, feet[1].segment, feet[1].t)
-    return Cell(*(jnp.asarray(x) for x in numbers))
+    return CurveCell(*(jnp.asarray(x) for x in numbers))
 
 
 def exact_distance_sq(a, b, t):

@@ -8,7 +8,7 @@ import pytest
 import jhd
 from jhd.distance.frame.curves import prepare
 from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import Place, piece_of, preceding
+from jhd.distance.frame.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.nearest.curves import nearest
 from jhd.distance.nearest.feet import follow_foot
 from jhd.distance.witness.events import describe
@@ -27,10 +27,10 @@ def witness(a, b, segment, t):
     """The witness of a pair in common coordinates, and the frame that leads back."""
     *both, frame = prepare(a, b)
     p, q = jax.tree_util.tree_map(jnp.asarray, both)
-    at = Place(jnp.array(segment), jnp.array(t))
+    at = CurvePlace(jnp.array(segment), jnp.array(t))
     point = jet(*piece_of(p, at.segment), at.t).point
     found = nearest(point, q.control_points, q.weights)
-    return _describe(p, q, at, Place(found.segment, found.t), jnp.ones(())), frame
+    return _describe(p, q, at, CurvePlace(found.segment, found.t), jnp.ones(())), frame
 
 
 @pytest.mark.parametrize(
