@@ -1,14 +1,20 @@
 """The entry for minimum distances of two shapes."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import jax
+import jax.numpy as jnp
+
+from jhd.arrays import is_traced
 from jhd.distance.frame.method import check_serves
 from jhd.distance.published.voxel_pairs import VoxelPairs
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest_triangles import as_mesh, of_meshes
 from jhd.distance.search.mixed import with_surface
 from jhd.distance.search.nets import of_nets
+from jhd.distance.search.points import is_points, nearest_points, point_mesh
 from jhd.distance.search.search import Progress
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve
@@ -20,6 +26,10 @@ from jhd.solution import MinimumSolution, throw_unless_successful
 _KINDS = (
     "a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface or a TriangleMesh"
 )
+
+# From this many points on a set of them is searched by a tree, or thinned out before the search.
+_FEW = 256
+_SURFACES = AbstractPatch | ImplicitSurface
 
 
 def minimum_distance(
@@ -110,9 +120,35 @@ def _method(method: BranchAndBound | VoxelPairs | None, options: dict[str, Any])
 
 
 def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None) -> MinimumSolution:
+    if _many_points(a, b):
+        return _of_many_points(a, b, method, progress)
     if isinstance(a, TriangleMesh) or isinstance(b, TriangleMesh):
         first, second = as_mesh(a), as_mesh(b)
         if first is not None and second is not None:
             return of_meshes(first, second, method, progress)
     engine = with_surface if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface) else of_nets
     return engine(a, b, method, progress)
+
+
+def _many_points(a: Any, b: Any) -> bool:
+    """Whether one of the shapes is a large set of points, and the other points or a surface; all numbers known."""
+    known = not is_traced(jax.lax.stop_gradient((a, b)), jnp.zeros(()))
+    large = any(is_points(shape) and shape.count > _FEW for shape in (a, b))
+    return known and large and all(is_points(shape) or isinstance(shape, _SURFACES) for shape in (a, b))
+
+
+def _of_many_points(
+    a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None
+) -> MinimumSolution:
+    """Points among themselves as meshes of them, in space; of points and a surface those that may be nearest."""
+    if is_points(a) and is_points(b):
+        found = of_meshes(*(point_mesh(shape) for shape in (a, b)), method, progress)
+        return replace(found, point_a=found.point_a[: a.dim], point_b=found.point_b[: b.dim])
+    first = nearest_points(a, _patches(b)) if is_points(a) else a
+    second = nearest_points(b, _patches(a)) if is_points(b) else b
+    engine = with_surface if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface) else of_nets
+    return engine(first, second, method, progress)
+
+
+def _patches(shape: Any) -> Any:
+    return shape.patches() if isinstance(shape, AbstractPatch) else shape

@@ -127,7 +127,9 @@ def test_an_interruption_in_one_direction_keeps_the_bounds_of_both():
 STEP = 1e-5
 
 
-@pytest.mark.parametrize("shape", [BUMPY, UNEVEN, FLAT], ids=["patches", "polynomial", "mesh"])
+@pytest.mark.parametrize(
+    "shape", [BUMPY, pytest.param(UNEVEN, marks=pytest.mark.slow), FLAT], ids=["patches", "polynomial", "mesh"]
+)
 @pytest.mark.parametrize("turned", [False, True], ids=["from", "to"])
 def test_derivatives_in_points_and_shape_are_those_of_differences(shape, turned):
     leaves, tree = jax.tree_util.tree_flatten(shape)
@@ -155,3 +157,29 @@ def test_batches_of_sets_of_points_are_measured_one_after_the_other():
     bad = jax.jit(lambda p: jhd.directed_hausdorff(SQUARE, jhd.points(p)))(jnp.full((4, 3), jnp.nan))
     assert name_of(bad.result) == "nonfinite_value"
     assert np.isinf(bad.upper)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_minimum_distance_of_many_points_is_exact_as_whole_numbers_say(dim):
+    x, y = (RNG.integers(-9000, 9000, size=(n, dim)) for n in (300, 500))
+    found = jhd.minimum_distance(jhd.points(x), jhd.points(y))
+    square = int(np.sum((x[:, None] - y) ** 2, axis=-1).min())
+    assert_encloses(found, square)
+    assert found.point_a.shape == (dim,)
+    assert float(jnp.sum((found.point_a - found.point_b) ** 2)) == square
+
+
+@pytest.mark.parametrize("shape", [BUMPY, pytest.param(SPHERE, marks=pytest.mark.slow)], ids=["patches", "polynomial"])
+def test_the_minimum_distance_of_many_points_and_a_surface_is_the_least_of_all(shape):
+    points = RNG.normal(size=(2000, 3)) * 4
+    points = points[np.linalg.norm(points, axis=1) > 1.2] + [0, 0, 2.5]
+    found, back = jhd.minimum_distance(jhd.points(points), shape), jhd.minimum_distance(shape, jhd.points(points))
+    single = jhd.project(points, shape)
+    least = int(np.argmin(single.distance))
+    assert float(found.lower) <= float(single.upper[least])
+    assert float(single.lower[least]) <= float(found.upper)
+    assert float(back.lower) <= float(found.upper)
+    np.testing.assert_array_equal(found.point_a, points[least])
+    slope = jax.grad(lambda p: jhd.minimum_distance(jhd.points(p), shape).value)(jnp.asarray(points))
+    np.testing.assert_allclose(np.linalg.norm(slope[least]), 1, atol=1e-6)
+    assert np.count_nonzero(np.asarray(slope)) <= 3

@@ -120,6 +120,15 @@ class PatchTarget(AbstractTarget):
             closed=closed,
         )
 
+    def within(self, points: np.ndarray, upper: float) -> np.ndarray:
+        """Which of the points may be this near, by the boxes of the pieces."""
+        scaled, shift = self._scaled(points)
+        room = 1 + gamma(64, points.dtype)
+        far = float(np.ldexp(upper, -(self.exponent + shift))) * room + gamma(64, points.dtype)
+        found = np.zeros(len(points), bool)
+        found[self._whole(scaled, self._shrunk(shift), np.full(len(points), far)).who] = True
+        return found
+
     def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, int]:
         """The queries in the unit of the surface, or in a larger one by a power of two where they would overflow."""
         size = np.max(np.abs(points))

@@ -25,6 +25,8 @@ from jhd.triangles.closest_point import outward
 _STARTS, _FOOT_STEPS, _LANES = 4, 6, 64
 # The gap at which a query is done, as a share of the box, and in units of roundoff of its distance where that is more.
 _CLOSE, _ULPS = 1e-12, 64
+# Queries whose distances to all cells of a cover are formed at once.
+_ROWS = 1024
 # A query this many boxes away takes the box for a point.
 _FAR = {8: 2.0**56, 4: 2.0**26}
 
@@ -94,6 +96,21 @@ class SurfaceTarget(AbstractTarget):
             t=np.full(len(x), np.nan, points.dtype),
             closed=(closed | far) & known,
         )
+
+    def within(self, points: np.ndarray, upper: float) -> np.ndarray:
+        """Which of the points may be this near, by the cover."""
+        x, far = self._scaled(points)
+        cover = self.target.cover
+        low, high = (np.asarray(end, np.float64).T[np.asarray(cover.alive)] for end in cover[:2])
+        room = gamma(64, points.dtype)
+        least = float(np.ldexp(upper, -self.exponent)) * (1 + room) + room * (1 + np.max(np.abs(x), axis=1))
+        found = [
+            np.any(np.sum(np.maximum(np.maximum(low - p, p - high), 0.0) ** 2, axis=-1) <= r**2, axis=1)
+            for p, r in (
+                (x[k : k + _ROWS, None].astype(np.float64), least[k : k + _ROWS, None]) for k in range(0, len(x), _ROWS)
+            )
+        ]
+        return np.concatenate(found) | far
 
     def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The queries in common coordinates, those far away replaced, and which of them are."""

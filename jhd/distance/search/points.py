@@ -86,6 +86,27 @@ def _directed(a: Any, b: Any, method: BranchAndBound, aim: Aim, session: Session
     return from_program(search, refused, (a, b), method, aim)
 
 
+def point_mesh(points: BezierSegments) -> Any:
+    """A set of points as degenerate triangles; those of the plane lie at height zero."""
+    rows = points.control_points
+    rows = rows if points.dim == 3 else jnp.concatenate([rows, jnp.zeros_like(rows[..., :1])], axis=-1)
+    return as_mesh(BezierSegments(rows))
+
+
+def nearest_points(points: Any, shape: Any) -> Any:
+    """The points that may be the nearest ones to a surface: the others are proven to be farther than one of them.
+
+    Args:
+        points: a set of points, its numbers known; it may be differentiated.
+        shape: BezierPatches or an ImplicitSurface, likewise.
+    """
+    rows = np.asarray(lax.stop_gradient(points).control_points)[:, 0]
+    target: Any = target_of(lax.stop_gradient(shape))
+    upper = float(np.min(target.feet(rows)))
+    near = np.flatnonzero(target.within(rows, upper)) if np.isfinite(upper) else np.arange(len(rows))
+    return BezierSegments(points.control_points[near])
+
+
 def _search(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> AbstractSearch:
     if not is_points(a):
         return _to_points(a, b, method, aim)

@@ -144,7 +144,11 @@ BORDER = jhd.ImplicitSurface.parse("x**2 + 2*y**2 + 3*z**2 + x*y*z - 1", [-1.5, 
     ("function", "arrays"),
     [
         (on_patch, (np.array([[1.0, 1, 2], [-1, 1, 1], [4, 5, 0], [2, 1, -1]]), BUMPY)),
-        (on_surface, (np.array([[0.1, -0.9, 1.1], [1, 1, 1], [0.2, -2, 0]]), BORDER.coefficients, *BORDER.box())),
+        pytest.param(
+            on_surface,
+            (np.array([[0.1, -0.9, 1.1], [1, 1, 1], [0.2, -2, 0]]), BORDER.coefficients, *BORDER.box()),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_derivatives_of_nearest_points_are_those_of_differences_and_the_same_under_jit_and_vmap(function, arrays):
