@@ -228,7 +228,7 @@ def _first_foot(b: BezierSegments, point: Array, start: CurvePlace) -> tuple[Arr
 
 
 def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> CurveState:
-    """The same for many segments, with feet at both ends of each from one start.
+    """The same for many segments.
 
     The place that seems the farthest is measured, so that only cells with larger bounds come into the table; those that
     do not fit are folded into the bound of all.
@@ -238,15 +238,13 @@ def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: in
 
     def first(row: tuple[Array, CurvePlace]) -> tuple[CurveCell, Array, Array]:
         segment, start = row
-        ends = a.control_points[segment][jnp.array([0, -1])]
-        k, s, distance = jax.vmap(partial(_first_foot, b), in_axes=(0, None))(ends, start)
+        k, s, distance = jax.vmap(partial(_first_foot, b))(ends[segment], start)
         zero = jnp.zeros((), dtype)
         cell = CurveCell(segment, zero, zero + 1, k[0], s[0], k[1], s[1])
         return cell, first_upper_bound(a, b, cell) + error, distance
 
-    index = jnp.arange(a.count)
-    starts = near.starts(jax.vmap(lambda k: jet(*piece_of(a, k), jnp.asarray(0.5, dtype)).point)(index))
-    cell, upper, distance = in_chunks(first, (index, starts), _CHUNK)
+    ends = a.control_points[:, jnp.array([0, -1])]
+    cell, upper, distance = in_chunks(first, (jnp.arange(a.count), near.starts(ends)), _CHUNK)
     far = jnp.argmax(distance)
     at = CurvePlace(far // 2, (far % 2).astype(dtype))
     measured = near.nearest(a.control_points[at.segment][-(far % 2)])

@@ -102,3 +102,9 @@ def test_many_queries_of_a_long_curve_come_back_in_their_order():
         assert np.all(found.lower <= expected + 1e-9) and np.all(found.upper >= expected - 1e-9)
         np.testing.assert_allclose(found.distance, expected, atol=1e-9)
         assert np.all(found.upper - found.lower <= 1e-7)
+
+
+def test_many_curved_segments_are_at_no_distance_from_themselves_at_once():
+    points, _ = _segments("overlapping", np.random.default_rng(6))
+    solution = jhd.directed_hausdorff(jhd.BezierSegments(points), jhd.BezierSegments(points[::-1]))
+    assert float(solution.upper) < 1e-12 and solution.stats["steps"] == 0
