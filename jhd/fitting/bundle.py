@@ -191,6 +191,8 @@ def motions(build: Callable[[Any], Target], parameters: Any) -> Any:
     """The change of each parameter that moves what it moves of the shape by about one unit of length."""
     start = jnp.asarray(parameters)
     shape = build(start)
+    if not isinstance(shape, Target):
+        raise TypeError(f"build must give an ImplicitSurface or a TriangleMesh; got {type(shape).__name__}.")
     if isinstance(shape, TriangleMesh):
         if shape.vertices.size * start.size > _NUMBERS:
             return np.ones(start.size)

@@ -190,9 +190,9 @@ def test_what_overflows_is_not_bounded(kind):
 
 def test_a_constant_and_a_single_variable_are_polynomials_too():
     constant = ENCLOSE(jnp.full((1, 1, 1), 2.5), jnp.zeros((3, 2)), jnp.ones((3, 2)), "bernstein")
-    assert np.all((constant.lower <= 2.5) & (constant.upper >= 2.5) & (constant.width < 1e-13))
+    assert np.all((constant.lower <= 2.5) & (constant.upper >= 2.5) & (constant.upper - constant.lower < 1e-13))
     line = ENCLOSE(jnp.array([[[0.0, 1.0]]]), jnp.zeros((3, 2)), jnp.ones((3, 2)), "bernstein")
-    assert np.all((line.lower <= -1) & (line.upper >= 1) & (line.width < 2 + 1e-13))
+    assert np.all((line.lower <= -1) & (line.upper >= 1) & (line.upper - line.lower < 2 + 1e-13))
 
 
 def test_an_unknown_range_is_refused():

@@ -110,7 +110,7 @@ def test_small_batches_and_tiles_side_by_side_leave_no_trace(monkeypatch):
 def test_a_tile_meets_few_of_many_arcs():
     arcs = biarcs(spline(30), 1e-7)
     low, high = (np.asarray(x) for x in BOX)
-    frame = module._Frame.of(arcs, low, high)
+    frame = module._PixelFrame.of(arcs, low, high)
     table, step = frame.table(arcs), np.ldexp((high - low) / 1024, -frame.first - frame.second)
     met = [counts for _, counts, _ in module._batches(table, step, [32, 32], 32)]
     assert sum(map(len, met)) == 32 * 32
@@ -138,7 +138,7 @@ def test_one_distance_errs_by_less_than_its_roundings(bulge):
         if bulge and abs(arcs.centre).max() < 3:
             about = 10.0 ** rng.uniform(-16, -0.3, 20) * np.exp(2j * np.pi * rng.uniform(size=20))
             at = np.append(at, np.asarray(arcs.centre)[0] @ [1, 1j] + about)
-        frame = module._Frame(np.zeros(2), 0, 0)
+        frame = module._PixelFrame(np.zeros(2), 0, 0)
         found = one_arc(frame.table(arcs)[:, 0], np.resize(at, 64).real, np.resize(at, 64).imag)
         with localcontext() as context:
             context.prec = 150
@@ -157,7 +157,7 @@ def test_beyond_the_centre_of_a_short_arc_its_ends_are_the_nearest():
         arcs = replace(TEMPLATE, **dict(zip(("start", "end", "bulge"), new, strict=True)))
         left = 1j * ((end - start) @ [1, 1j])
         beyond = np.asarray(arcs.centre)[0] @ [1, 1j] + left / abs(left) * 10.0 ** rng.uniform(-10, -1, 64)
-        table = module._Frame(np.zeros(2), 0, 0).table(arcs)[:, 0]
+        table = module._PixelFrame(np.zeros(2), 0, 0).table(arcs)[:, 0]
         expected = np.abs(beyond - start @ [1, 1j])
         np.testing.assert_allclose(one_arc(table, beyond.real, beyond.imag), expected, rtol=0, atol=ALLOWED)
 
