@@ -19,7 +19,6 @@ from jaxtyping import Array
 from jhd.arrays import real_array
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.hausdorff import hausdorff
-from jhd.distance.pairs import Shape
 from jhd.distance.witness.critical import critical_pairs
 from jhd.fitting.bundle import Bundled, minimise_by_cuts, motions
 from jhd.fitting.chain import Chain, Layout, divided, least_squares, longest_pieces, turns
@@ -30,6 +29,8 @@ from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import DIRECTIONS, RESULTS, CriticalPairs, FitSolution
 
+# Shapes that are fitted, and fitted to.
+Fitted = AbstractCurve | ImplicitSurface | TriangleMesh
 # Pairs kept for a number of parameters: an error curve with p + 1 equal maxima has some more below.
 _CAPACITIES = ((14, 32), (40, 64))
 _LARGEST_CAPACITY = 128
@@ -43,9 +44,9 @@ _SPREAD = 0.1
 
 
 def minimise_hausdorff(
-    build: Callable[[Any], Shape],
+    build: Callable[[Any], Fitted],
     parameters: Any,
-    target: Shape,
+    target: Fitted,
     *,
     starts: Any = 1,
     seed: int = 0,
@@ -281,7 +282,7 @@ def _capacity(count: int) -> int:
     return next((capacity for most, capacity in _CAPACITIES if count <= most), _LARGEST_CAPACITY)
 
 
-def _starts(build: Callable, first: np.ndarray, parameters: Any, starts: Any, seed: int, target: Shape) -> np.ndarray:
+def _starts(build: Callable, first: np.ndarray, parameters: Any, starts: Any, seed: int, target: Fitted) -> np.ndarray:
     """Rows of parameters to start from."""
     if not isinstance(starts, int):
         rows = np.stack([np.asarray(ravel_pytree(row)[0]) for row in _rows(starts)])
@@ -328,7 +329,7 @@ def _solution(
 
 
 def _bundled_solution(
-    ended: Bundled, unravel: Callable, target: Shape, method: AbstractHausdorffMethod | None
+    ended: Bundled, unravel: Callable, target: Fitted, method: AbstractHausdorffMethod | None
 ) -> FitSolution:
     point = ended.point
     there, back = point.solutions

@@ -29,7 +29,7 @@ _KINDS = (
 
 # From this many points on a set of them is searched by a tree, or thinned out before the search.
 _FEW = 256
-_SURFACES = AbstractPatch | ImplicitSurface
+_SURFACES = AbstractPatch | ImplicitSurface | TriangleMesh
 
 
 def minimum_distance(
@@ -131,7 +131,7 @@ def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progre
 
 
 def _many_points(a: Any, b: Any) -> bool:
-    """Whether one of the shapes is a large set of points, and the other points or a surface; all numbers known."""
+    """Whether one of the shapes is a large set of points, and the other points, a mesh or a surface; all are known."""
     known = not is_traced(jax.lax.stop_gradient((a, b)), jnp.zeros(()))
     large = any(is_points(shape) and shape.count > _FEW for shape in (a, b))
     return known and large and all(is_points(shape) or isinstance(shape, _SURFACES) for shape in (a, b))
@@ -140,12 +140,13 @@ def _many_points(a: Any, b: Any) -> bool:
 def _of_many_points(
     a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None
 ) -> MinimumSolution:
-    """Points among themselves as meshes of them, in space; of points and a surface those that may be nearest."""
-    if is_points(a) and is_points(b):
-        found = of_meshes(*(point_mesh(shape) for shape in (a, b)), method, progress)
-        return replace(found, point_a=found.point_a[: a.dim], point_b=found.point_b[: b.dim])
+    """Of the points those that may be nearest; points among themselves and with meshes as meshes of them, in space."""
     first = nearest_points(a, _patches(b)) if is_points(a) else a
-    second = nearest_points(b, _patches(a)) if is_points(b) else b
+    second = nearest_points(b, _patches(first)) if is_points(b) else b
+    if not isinstance(a, AbstractPatch | ImplicitSurface) and not isinstance(b, AbstractPatch | ImplicitSurface):
+        p, q = (point_mesh(shape) if is_points(shape) else shape for shape in (first, second))
+        found = of_meshes(p, q, method, progress)
+        return replace(found, point_a=found.point_a[: a.dim], point_b=found.point_b[: b.dim])
     engine = with_surface if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface) else of_nets
     return engine(first, second, method, progress)
 

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 import jhd
 from jhd.solution import name_of
@@ -138,7 +139,8 @@ def test_derivatives_in_points_and_shape_are_those_of_differences(shape, turned)
 
     def distance(points, leaf):
         pair = jhd.points(points), jax.tree_util.tree_unflatten(tree, [leaf, *leaves[1:]])
-        return jhd.directed_hausdorff(*(pair[::-1] if turned else pair), method, throw=False).value
+        a, b = pair[::-1] if turned else pair
+        return jhd.directed_hausdorff(a, b, method, throw=False).value
 
     arrays = jnp.asarray(points), jnp.asarray(leaves[0])
     directions = tuple(jnp.asarray(RNG.normal(size=x.shape)) for x in arrays)
@@ -183,3 +185,12 @@ def test_the_minimum_distance_of_many_points_and_a_surface_is_the_least_of_all(s
     slope = jax.grad(lambda p: jhd.minimum_distance(jhd.points(p), shape).value)(jnp.asarray(points))
     np.testing.assert_allclose(np.linalg.norm(slope[least]), 1, atol=1e-6)
     assert np.count_nonzero(np.asarray(slope)) <= 3
+
+
+def test_the_smallest_distance_of_many_mingled_points_looks_at_few_pairs():
+    generator = np.random.default_rng(8)
+    a, b = generator.normal(size=(2, 3000, 3))
+    found = jhd.minimum_distance(jhd.points(a), jhd.points(b))
+    nearest = KDTree(b).query(a)[0].min()
+    assert float(found.lower) <= nearest * (1 + 1e-15) and nearest <= float(found.upper) * (1 + 1e-15)
+    assert int(found.stats["exact"]) <= 4

@@ -94,14 +94,17 @@ def point_mesh(points: BezierSegments) -> Any:
 
 
 def nearest_points(points: Any, shape: Any) -> Any:
-    """The points that may be the nearest ones to a surface: the others are proven to be farther than one of them.
+    """The points that may be the nearest ones to a shape: the others are proven to be farther than one of them.
 
     Args:
         points: a set of points, its numbers known; it may be differentiated.
-        shape: BezierPatches or an ImplicitSurface, likewise.
+        shape: points, a TriangleMesh, BezierPatches or an ImplicitSurface, likewise.
     """
     rows = np.asarray(lax.stop_gradient(points).control_points)[:, 0]
     target: Any = target_of(lax.stop_gradient(shape))
+    if target.sharp:
+        found = target.nearest(rows)
+        return BezierSegments(points.control_points[np.flatnonzero(found.lower <= found.upper.min())])
     upper = float(np.min(target.feet(rows)))
     near = np.flatnonzero(target.within(rows, upper)) if np.isfinite(upper) else np.arange(len(rows))
     return BezierSegments(points.control_points[near])
