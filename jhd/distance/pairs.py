@@ -32,7 +32,7 @@ from jhd.distance.search.candidates import Target
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd.distance.search.meshes import mesh_directed
 from jhd.distance.search.points import is_points, points_directed
-from jhd.distance.search.search import Session, Standing, drive
+from jhd.distance.search.search import Listener, Standing, drive
 from jhd.distance.search.solutions import CoveredPair, target
 from jhd.distance.witness.derivative import with_derivatives
 from jhd.distance.witness.meshes import with_mesh_derivatives
@@ -112,7 +112,7 @@ class CurvePair(AbstractPair):
         # The two-step method takes fewer samples of a segment where there are more of them.
         sharing = isinstance(method, BranchAndBound)
         self._a, self._b, self._frame = prepare(*jax.lax.stop_gradient(self._given), sharing=sharing)
-        self._session = Session(progress, self._frame.length)
+        self._listener = Listener(progress, self._frame.length)
 
     def length(self, value: Array, toward: float | None = None) -> Any:
         """See AbstractPair."""
@@ -129,10 +129,10 @@ class CurvePair(AbstractPair):
         if isinstance(method, BranchAndBound):
             wanted = method.wanted(a, self._frame, aim)
             search = CurveSearch(a, b, wanted, direction, method.length_of_table(a), method.max_steps)
-            return drive(search, self._session, direction)
+            return drive(search, self._listener, direction)
         run = method.directed if isinstance(method, AbstractHostMethod) else partial(_in_one_go, method)
         solution = in_direction(run(a, b, self._frame, aim), direction)
-        self._session.report(direction, Standing(solution, False, False, 0, 0))
+        self._listener.report(direction, Standing(solution, False, False, 0, 0))
         return solution
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
@@ -154,7 +154,7 @@ class SurfacePair(AbstractPair):
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         self._method, self._given = method, (a, b)
         self._targets, self._frame = _targets(*self._given)
-        self._session = Session(progress, self._frame.length)
+        self._listener = Listener(progress, self._frame.length)
 
     def length(self, value: Array, toward: float | None = None) -> Any:
         """See AbstractPair."""
@@ -167,7 +167,7 @@ class SurfacePair(AbstractPair):
         if is_traced(pair, method, aim, jnp.zeros(())):
             return method.directed_surfaces(pair, self._frame, aim, direction)
         wanted, capacity = method.wanted(pair.a, self._frame, aim), method.length_of_table(pair.a)
-        return drive(SurfaceSearch(pair, wanted, direction, capacity, method.max_steps), self._session, direction)
+        return drive(SurfaceSearch(pair, wanted, direction, capacity, method.max_steps), self._listener, direction)
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -186,7 +186,7 @@ class MeshPair(AbstractPair):
     """Two meshes, in their own coordinates, where nothing is differentiated."""
 
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
-        self._method, self._meshes, self._session = method, (a, b), Session(progress)
+        self._method, self._meshes, self._listener = method, (a, b), Listener(progress)
 
     def length(self, value: Array, toward: float | None = None) -> Any:
         """See AbstractPair."""
@@ -197,7 +197,7 @@ class MeshPair(AbstractPair):
         a, b = jax.lax.stop_gradient(self._meshes[::-1] if turned else self._meshes)
         aim = jax.lax.stop_gradient(_aim(level, ceiling, a.vertices.dtype))
         direction = _direction(turned)
-        return in_direction(mesh_directed(a, b, self._method, aim, self._session, direction), direction)
+        return in_direction(mesh_directed(a, b, self._method, aim, self._listener, direction), direction)
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -216,7 +216,7 @@ class PointPair(AbstractPair):
     """A set of points and a shape, in their own coordinates; a measured distance has its derivatives already."""
 
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
-        self._method, self._session = method, Session(progress)
+        self._method, self._listener = method, Listener(progress)
         self._given = tuple(_working(shape) for shape in (a, b))
         p, q = self._given
         if p.dim != q.dim:
@@ -232,7 +232,7 @@ class PointPair(AbstractPair):
         points = a if is_points(a) else b
         aim = jax.lax.stop_gradient(_aim(level, ceiling, points.control_points.dtype))
         direction = _direction(turned)
-        return in_direction(points_directed(a, b, self._method, aim, self._session, direction), direction)
+        return in_direction(points_directed(a, b, self._method, aim, self._listener, direction), direction)
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""

@@ -26,7 +26,7 @@ from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.attach import attached
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.from_program import from_program
-from jhd.distance.search.search import AbstractSearch, Progress, Session, Standing, drive
+from jhd.distance.search.search import AbstractSearch, Listener, Progress, Standing, drive
 from jhd.distance.search.tree_pairs import MeshBoxes, PairSearch, in_one_unit, mesh_boxes, stored_corners
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
@@ -73,7 +73,7 @@ def _searched(
     method: BranchAndBound,
     progress: Callable[[Progress], object] | None = None,
 ) -> "_FoundPair":
-    return drive(TriangleSearch(*meshes, method), Session(progress))
+    return drive(TriangleSearch(*meshes, method), Listener(progress))
 
 
 class _TrianglePlace(NamedTuple):

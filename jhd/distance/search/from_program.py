@@ -1,8 +1,4 @@
-"""Searches that run from the host, called from compiled programs: under jit, vmap and grad they are no exception.
-
-A batch is searched one after the other. Derivatives are attached outside, so nothing here is differentiated. What a
-plain call refuses cannot be refused from a program: the result says so.
-"""
+"""Whole searches called from compiled programs; what a plain call refuses, the result says there."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import eval_context
+
+from jhd.distance.frame.from_host import from_host
 
 
 def from_program(search: Callable[..., Any], refused: Callable[[], Any], shapes: Any, *options: Any) -> Any:
@@ -28,10 +26,9 @@ def from_program(search: Callable[..., Any], refused: Callable[[], Any], shapes:
 
     def host(shapes: Any, *options: Any) -> Any:
         usable = _all(np.isfinite, shapes) and not _any(np.isnan, options)
-        answer = search(shapes, *options) if usable else unusable
-        return jax.tree_util.tree_map(lambda x, form: np.asarray(x, form.dtype), answer, forms)
+        return search(shapes, *options) if usable else unusable
 
-    return jax.pure_callback(host, forms, shapes, *options, vmap_method="sequential")
+    return from_host(host, forms, shapes, *options)
 
 
 def _all(test: Callable[[Any], Any], values: Any) -> bool:

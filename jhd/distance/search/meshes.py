@@ -21,7 +21,7 @@ from jhd.distance.cells.triangles import MeshSide, TriangleCells, first_cells, s
 from jhd.distance.frame.aim import Aim, default_tolerance
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.from_program import from_program
-from jhd.distance.search.search import AbstractSearch, Session, Standing, drive
+from jhd.distance.search.search import AbstractSearch, Listener, Standing, drive
 from jhd.distance.witness.meshes import FEET, active_feet, witness_of
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
@@ -64,7 +64,7 @@ class _CutCells(NamedTuple):
 
 
 def mesh_directed(
-    a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, aim: Aim, session: Session, direction: Any
+    a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, aim: Aim, listener: Listener, direction: Any
 ) -> HausdorffSolution:
     """The directed distance of two meshes in their own coordinates; under tracing it is searched from the host as well.
 
@@ -73,16 +73,16 @@ def mesh_directed(
         b: the mesh that distances are taken to.
         method: the options.
         aim: what of the distance matters.
-        session: that of the call; not under tracing.
+        listener: that of the call; not under tracing.
         direction: a member of DIRECTIONS.
     """
 
     def search(meshes: Any, method: BranchAndBound, aim: Aim) -> HausdorffSolution:
-        return drive(MeshSearch(meshes[0], meshes[1], method, aim), session, direction)
+        return drive(MeshSearch(meshes[0], meshes[1], method, aim), listener, direction)
 
     # Inside jit all operations are traced, those on known numbers too.
     if is_traced(a, b, method, aim, jnp.zeros(())):
-        session = Session()
+        listener = Listener()
         return from_program(search, partial(_unusable, a.vertices.dtype), (a, b), method, aim)
     return search((a, b), method, aim)
 

@@ -42,7 +42,7 @@ from jhd.distance.search.closest import (
     room_for,
     table_of,
 )
-from jhd.distance.search.search import AbstractSearch, Progress, Session, Standing, drive
+from jhd.distance.search.search import AbstractSearch, Listener, Progress, Standing, drive
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.solution import RESULTS, MinimumSolution, result_where
 
@@ -73,7 +73,7 @@ def with_surface(
         found = _in_one_go(problem, wanted, method)
     else:
         search = MixedSearch(_Known(still, frame), problem, wanted, method)
-        found = drive(search, Session(progress, frame.length))
+        found = drive(search, Listener(progress, frame.length))
         if np.isinf(np.asarray(found.lower)):
             raise ValueError("a or b is a surface without points in its box: its polynomial is proven to have no zero.")
     solution = found.solution(frame)

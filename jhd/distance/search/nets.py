@@ -32,7 +32,7 @@ from jhd.distance.search.closest import (
     news_of,
     room_for,
 )
-from jhd.distance.search.search import AbstractSearch, Progress, Session, Standing, drive
+from jhd.distance.search.search import AbstractSearch, Listener, Progress, Standing, drive
 from jhd.distance.witness.nets import polished, with_net_derivatives
 from jhd.solution import RESULTS, MinimumSolution, result_where
 
@@ -55,7 +55,7 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress
     if is_traced(p, q, wanted, jnp.zeros(())):
         found = _in_one_go(p, q, counts, wanted, method)
     else:
-        found = drive(NetSearch(p, q, counts, wanted, method), Session(progress, frame.length))
+        found = drive(NetSearch(p, q, counts, wanted, method), Listener(progress, frame.length))
     return with_net_derivatives(found.solution(frame), *nets, frame, found.best)
 
 

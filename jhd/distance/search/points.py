@@ -21,7 +21,7 @@ from jhd.distance.search.from_points import PointSearch
 from jhd.distance.search.from_program import from_program
 from jhd.distance.search.meshes import mesh_directed
 from jhd.distance.search.on_surfaces import looked_at
-from jhd.distance.search.search import AbstractSearch, Session, drive
+from jhd.distance.search.search import AbstractSearch, Listener, drive
 from jhd.distance.search.sources import PatchSource, SurfaceSource
 from jhd.distance.search.targets import target_of, usable
 from jhd.distance.search.to_points import Cloud, ToPointsSearch
@@ -44,7 +44,7 @@ def is_points(shape: Any) -> bool:
 
 
 def points_directed(
-    a: Any, b: Any, method: BranchAndBound, aim: Aim, session: Session, direction: Any
+    a: Any, b: Any, method: BranchAndBound, aim: Aim, listener: Listener, direction: Any
 ) -> HausdorffSolution:
     """The directed distance of two shapes of which one is a set of points, in their own coordinates.
 
@@ -55,7 +55,7 @@ def points_directed(
         b: likewise.
         method: the options.
         aim: what of the distance matters.
-        session: that of the call; not under tracing.
+        listener: that of the call; not under tracing.
         direction: a member of DIRECTIONS.
 
     Raises:
@@ -63,23 +63,25 @@ def points_directed(
     """
     if isinstance(a, TriangleMesh):
         points: Any = as_mesh(b)
-        found = mesh_directed(*lax.stop_gradient((a, points)), method, aim, session, direction)
+        found = mesh_directed(*lax.stop_gradient((a, points)), method, aim, listener, direction)
         return with_mesh_derivatives(found, a, points)
-    found = _directed(*lax.stop_gradient((a, b)), method, aim, session, direction)
+    found = _directed(*lax.stop_gradient((a, b)), method, aim, listener, direction)
     return with_point_derivatives(found, a, b)
 
 
-def _directed(a: Any, b: Any, method: BranchAndBound, aim: Aim, session: Session, direction: Any) -> HausdorffSolution:
+def _directed(
+    a: Any, b: Any, method: BranchAndBound, aim: Aim, listener: Listener, direction: Any
+) -> HausdorffSolution:
     # Inside jit all operations are traced, those on known numbers too.
     if not is_traced(a, b, method, aim, jnp.zeros(())):
-        return drive(_search(a, b, method, aim), session, direction)
+        return drive(_search(a, b, method, aim), listener, direction)
     refused = partial(_refused, a, b)
 
     def search(shapes: Any, method: BranchAndBound, aim: Aim) -> HausdorffSolution:
         if not all(is_points(x) or isinstance(x, TriangleMesh) or usable(x) for x in shapes):
             return refused()
         try:
-            return drive(_search(shapes[0], shapes[1], method, aim), Session(), direction)
+            return drive(_search(shapes[0], shapes[1], method, aim), Listener(), direction)
         except ValueError:
             return refused(RESULTS.empty_surface)
 

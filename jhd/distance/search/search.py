@@ -84,8 +84,8 @@ class AbstractSearch(ABC):
         """The same state with more room."""
 
 
-class Session:
-    """What the searches of one call of an entry share: who hears of progress, and whether they were interrupted.
+class Listener:
+    """Who hears of the searches of one call of an entry: of their progress, and whether they were interrupted.
 
     Args:
         progress: called with a Progress after each stretch, or None.
@@ -108,12 +108,12 @@ class Session:
         self._progress(Progress(name, int(standing.steps), int(standing.waiting), float(ends[0]), float(ends[1])))
 
 
-def drive(search: AbstractSearch, session: Session, direction: Any = None) -> Any:
+def drive(search: AbstractSearch, listener: Listener, direction: Any = None) -> Any:
     """The solution of a search run to its end, or as it stands where it is interrupted.
 
     Args:
         search: the search.
-        session: that of the call.
+        listener: that of the call.
         direction: a member of DIRECTIONS, or None; for progress alone.
 
     Raises:
@@ -123,18 +123,18 @@ def drive(search: AbstractSearch, session: Session, direction: Any = None) -> An
     standing: Standing | None = None
     taken, stretch = 0, search.first_steps
     while True:
-        limit = 0 if session.interrupted else min(taken + stretch, search.max_steps)
+        limit = 0 if listener.interrupted else min(taken + stretch, search.max_steps)
         began = time.perf_counter()
         try:
             fresh = state is None
-            state, standing = search.advance(search.begin() if fresh else state, limit, not session.interrupted)
-            session.report(direction, standing)
+            state, standing = search.advance(search.begin() if fresh else state, limit, not listener.interrupted)
+            listener.report(direction, standing)
         except KeyboardInterrupt:
             if standing is None:
                 raise
-            session.interrupted = True
-        if session.interrupted or not standing.going_on or standing.steps >= search.max_steps:
-            return _ended(standing, session)
+            listener.interrupted = True
+        if listener.interrupted or not standing.going_on or standing.steps >= search.max_steps:
+            return _ended(standing, listener)
         # The first stretch may have been compiled in it.
         if not fresh:
             stretch = max(1, int(stretch * min(_LONGER, _SECONDS / (time.perf_counter() - began))))
@@ -143,8 +143,8 @@ def drive(search: AbstractSearch, session: Session, direction: Any = None) -> An
             state = search.longer(state)
 
 
-def _ended(standing: Standing, session: Session) -> Any:
+def _ended(standing: Standing, listener: Listener) -> Any:
     solution = standing.solution
-    if session.interrupted and name_of(solution.result) != "successful":
+    if listener.interrupted and name_of(solution.result) != "successful":
         return with_result(solution, RESULTS.interrupted)
     return solution

@@ -9,7 +9,7 @@ import jhd
 from jhd.distance.frame.aim import Aim
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.meshes import MeshSearch
-from jhd.distance.search.search import Session, drive
+from jhd.distance.search.search import Listener, drive
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import EVENTS, RESULTS
 from jhd.triangles.closest_point import closest_points
@@ -28,7 +28,7 @@ VALLEY = TriangleMesh(
 
 def mesh_directed(a, b, method=METHOD, level=-np.inf, ceiling=np.inf, progress=None):
     """The search itself, without derivatives."""
-    return drive(MeshSearch(a, b, method, Aim(level, ceiling)), Session(progress))
+    return drive(MeshSearch(a, b, method, Aim(level, ceiling)), Listener(progress))
 
 
 def soup(corners):
