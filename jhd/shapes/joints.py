@@ -1,6 +1,6 @@
 """Which segment of a curve starts where another one ends, so that a seam is not taken for a free end."""
 
-from typing import Any
+from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,8 +12,10 @@ from jhd.arrays import is_traced
 # insertion leave differences of one to four.
 _JOINT_ULPS = 8
 
-# Pairs of segment ends compared at once, so that many loose segments need tens of megabytes and not the square of them.
+# Pairs of ends compared at once, so that many that nearly meet need tens of megabytes and not the square of them.
 _JOINT_CHUNK = 2**20
+# The two ends of a window of sorted numbers.
+_WINDOW: tuple[tuple[int, Literal["left", "right"]], ...] = ((-1, "left"), (1, "right"))
 
 
 def joints(control_points: Array) -> Int[Array, " segments"]:
@@ -29,24 +31,45 @@ def joints(control_points: Array) -> Int[Array, " segments"]:
     tolerance = _JOINT_ULPS * float(jnp.finfo(control_points.dtype).eps) * xp.max(xp.abs(pieces))
     single = xp.max(xp.abs(pieces - pieces[:, :1]), axis=(-2, -1)) <= tolerance
     if xp is jnp:
-        return _meeting(jnp, jnp.arange(count), pieces[:, -1], pieces[:, 0], single, tolerance)
+        return _meeting(pieces[:, -1], pieces[:, 0], single, tolerance)
     following = np.arange(1, count + 1)
     apart = np.max(np.abs(pieces[:-1, -1] - pieces[1:, 0]), axis=-1) > tolerance
     loose = np.append(np.flatnonzero(apart), count - 1)
-    for rows in np.array_split(loose, 1 + len(loose) * count // _JOINT_CHUNK):
-        following[rows] = _meeting(np, rows, pieces[rows, -1], pieces[:, 0], single, tolerance)
+    following[loose] = _found(loose, pieces[loose, -1], pieces[:, 0], single, tolerance)
     return jnp.asarray(following)
 
 
-def _meeting(xp: Any, rows: Any, ends: Any, starts: Any, single: Any, tolerance: Any) -> Any:
-    """`joints` for the segments `rows`, whose ends are `ends`, in numpy or jax.numpy as xp says."""
+def _meeting(ends: Array, starts: Array, single: Array, tolerance: Array) -> Array:
+    """`joints` by comparing all ends with all starts."""
     count = len(starts)
-    index = xp.arange(count)
-    meets = xp.max(xp.abs(ends[:, None] - starts), axis=-1) <= tolerance
-    meets = meets & (~single | (index == rows[:, None] + 1))
+    index = jnp.arange(count)
+    meets = jnp.max(jnp.abs(ends[:, None] - starts), axis=-1) <= tolerance
+    meets = meets & (~single | (index == index[:, None] + 1))
     # Rank of each candidate: itself last, otherwise by distance along the list, so the next segment comes first.
-    rank = xp.where(meets, (index - rows[:, None] - 1) % count, count)
-    return xp.where(xp.min(rank, axis=-1) < count, xp.argmin(rank, axis=-1), -1)
+    rank = jnp.where(meets, (index - index[:, None] - 1) % count, count)
+    return jnp.where(jnp.min(rank, axis=-1) < count, jnp.argmin(rank, axis=-1), -1)
+
+
+def _found(rows: np.ndarray, ends: np.ndarray, starts: np.ndarray, single: np.ndarray, tolerance: Any) -> np.ndarray:
+    """`joints` for the segments `rows`, whose ends are `ends`, by looking among starts sorted along one coordinate."""
+    count, best = len(starts), np.full(len(rows), len(starts))
+    orders = np.argsort(starts, axis=0, kind="stable")
+    # Twice as wide as what counts, whatever the ends of the windows are rounded to.
+    windows = [
+        [np.searchsorted(starts[order, k], ends[:, k] + sign * 2 * tolerance, side) for sign, side in _WINDOW]
+        for k, order in enumerate(orders.T)
+    ]
+    # The coordinate that tells the starts apart best.
+    axis = int(np.argmin([np.sum(last - first) for first, last in windows]))
+    first, width = windows[axis][0], windows[axis][1] - windows[axis][0]
+    for part in np.array_split(np.arange(len(rows)), 1 + int(width.sum()) // _JOINT_CHUNK):
+        row = np.repeat(part, width[part])
+        within = np.arange(len(row)) - np.repeat(np.cumsum(width[part]) - width[part], width[part])
+        start = orders[first[row] + within, axis]
+        meets = np.max(np.abs(ends[row] - starts[start]), axis=-1) <= tolerance
+        meets &= ~single[start] | (start == rows[row] + 1)
+        np.minimum.at(best, row[meets], (start[meets] - rows[row[meets]] - 1) % count)
+    return np.where(best < count, (best + rows + 1) % count, -1)
 
 
 def completed(following: Any, control_points: Array) -> Int[Array, " segments"]:

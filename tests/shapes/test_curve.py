@@ -16,6 +16,7 @@ from matplotlib.textpath import TextPath
 import jhd
 from jhd import BezierSegments
 from jhd.shapes.curve import check_curve
+from jhd.shapes.joints import joints
 
 # A few roundings of numbers of size one.
 ROUNDING = 1e-14
@@ -584,3 +585,16 @@ def test_the_precision_is_double_unless_the_environment_says_otherwise():
     environment = os.environ | {"JAX_ENABLE_X64": "0"}
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_joints_are_the_same_known_and_traced_and_of_many_loose_segments_found_by_sorting():
+    generator = np.random.default_rng(5)
+    traced = jax.jit(joints)
+    # On a small grid ends meet often, several at one place, and some segments are single points.
+    for _ in range(100):
+        pieces = generator.integers(0, 3, size=(7, 3, 2)).astype(float)
+        np.testing.assert_array_equal(joints(jnp.asarray(pieces)), traced(pieces))
+    loose = generator.normal(size=(20_000, 2, 2))
+    loose[123, 0] = loose[19_876, 1]
+    found = np.asarray(joints(jnp.asarray(loose)))
+    assert found[19_876] == 123 and np.sum(found >= 0) == 1
