@@ -129,7 +129,9 @@ STEP = 1e-5
 
 
 @pytest.mark.parametrize(
-    "shape", [BUMPY, pytest.param(UNEVEN, marks=pytest.mark.slow), FLAT], ids=["patches", "polynomial", "mesh"]
+    "shape",
+    [pytest.param(BUMPY, marks=pytest.mark.slow), pytest.param(UNEVEN, marks=pytest.mark.slow), FLAT],
+    ids=["patches", "polynomial", "mesh"],
 )
 @pytest.mark.parametrize("turned", [False, True], ids=["from", "to"])
 def test_derivatives_in_points_and_shape_are_those_of_differences(shape, turned):
@@ -171,7 +173,8 @@ def test_the_minimum_distance_of_many_points_is_exact_as_whole_numbers_say(dim):
     assert float(jnp.sum((found.point_a - found.point_b) ** 2)) == square
 
 
-@pytest.mark.parametrize("shape", [BUMPY, pytest.param(SPHERE, marks=pytest.mark.slow)], ids=["patches", "polynomial"])
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", [BUMPY, SPHERE], ids=["patches", "polynomial"])
 def test_the_minimum_distance_of_many_points_and_a_surface_is_the_least_of_all(shape):
     points = RNG.normal(size=(2000, 3)) * 4
     points = points[np.linalg.norm(points, axis=1) > 1.2] + [0, 0, 2.5]

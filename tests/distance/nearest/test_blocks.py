@@ -87,6 +87,7 @@ def test_a_table_that_is_too_short_for_a_long_curve_grows_before_the_first_step(
     assert float(solution.lower) <= float(roomy.upper) and float(roomy.lower) <= float(solution.upper)
 
 
+@pytest.mark.slow
 def test_many_queries_of_a_long_curve_come_back_in_their_order():
     rng = np.random.default_rng(5)
     angles = np.linspace(0, 2 * np.pi, COUNT + 1)
@@ -104,6 +105,7 @@ def test_many_queries_of_a_long_curve_come_back_in_their_order():
         assert np.all(found.upper - found.lower <= 1e-7)
 
 
+@pytest.mark.slow
 def test_many_curved_segments_are_at_no_distance_from_themselves_at_once():
     points, _ = _segments("overlapping", np.random.default_rng(6))
     solution = jhd.directed_hausdorff(jhd.BezierSegments(points), jhd.BezierSegments(points[::-1]))

@@ -140,15 +140,12 @@ def on_surface(points, coefficients, lower, upper):
 BORDER = jhd.ImplicitSurface.parse("x**2 + 2*y**2 + 3*z**2 + x*y*z - 1", [-1.5, -0.4, -2], [2, 2, 2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("function", "arrays"),
     [
         (on_patch, (np.array([[1.0, 1, 2], [-1, 1, 1], [4, 5, 0], [2, 1, -1]]), BUMPY)),
-        pytest.param(
-            on_surface,
-            (np.array([[0.1, -0.9, 1.1], [1, 1, 1], [0.2, -2, 0]]), BORDER.coefficients, *BORDER.box()),
-            marks=pytest.mark.slow,
-        ),
+        (on_surface, (np.array([[0.1, -0.9, 1.1], [1, 1, 1], [0.2, -2, 0]]), BORDER.coefficients, *BORDER.box())),
     ],
 )
 def test_derivatives_of_nearest_points_are_those_of_differences_and_the_same_under_jit_and_vmap(function, arrays):
@@ -175,6 +172,7 @@ def test_at_distance_zero_and_where_all_of_the_surface_is_nearest_derivatives_ar
         assert abs(float(jnp.linalg.norm(gradient)) - expected) < 1e-9
 
 
+@pytest.mark.slow
 def test_under_jit_what_is_no_number_is_said_to_be_none():
     found = jax.jit(lambda p: jhd.project(p, SPHERE))(jnp.array([[jnp.nan, 0, 0], [2.0, 0, 0]]))
     names = [RESULTS.nonfinite_value, RESULTS.successful]
