@@ -6,9 +6,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jhd.arrays import is_traced
 from jhd.distance.frame.method import check_serves
+from jhd.distance.project import project
 from jhd.distance.published.voxel_pairs import VoxelPairs
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest_triangles import as_mesh, of_meshes
@@ -17,7 +19,7 @@ from jhd.distance.search.nets import of_nets
 from jhd.distance.search.points import is_points, nearest_points, point_mesh
 from jhd.distance.search.search import Progress
 from jhd.shapes.checks import Numbers
-from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
@@ -29,7 +31,6 @@ _KINDS = (
 
 # From this many points on a set of them is searched by a tree, or thinned out before the search.
 _FEW = 256
-_SURFACES = AbstractPatch | ImplicitSurface | TriangleMesh
 
 
 def minimum_distance(
@@ -131,24 +132,35 @@ def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progre
 
 
 def _many_points(a: Any, b: Any) -> bool:
-    """Whether one of the shapes is a large set of points, and the other points, a mesh or a surface; all are known."""
+    """Whether one of the shapes is a large set of points; all numbers are known."""
     known = not is_traced(jax.lax.stop_gradient((a, b)), jnp.zeros(()))
     large = any(is_points(shape) and shape.count > _FEW for shape in (a, b))
-    return known and large and all(is_points(shape) or isinstance(shape, _SURFACES) for shape in (a, b))
+    return known and large
 
 
 def _of_many_points(
     a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None
 ) -> MinimumSolution:
     """Of the points those that may be nearest; points among themselves and with meshes as meshes of them, in space."""
-    first = nearest_points(a, _patches(b)) if is_points(a) else a
-    second = nearest_points(b, _patches(first)) if is_points(b) else b
-    if not isinstance(a, AbstractPatch | ImplicitSurface) and not isinstance(b, AbstractPatch | ImplicitSurface):
+    first = _thinned(a, b) if is_points(a) else a
+    second = _thinned(b, first) if is_points(b) else b
+    if all(is_points(shape) or isinstance(shape, TriangleMesh) for shape in (a, b)):
         p, q = (point_mesh(shape) if is_points(shape) else shape for shape in (first, second))
         found = of_meshes(p, q, method, progress)
         return replace(found, point_a=found.point_a[: a.dim], point_b=found.point_b[: b.dim])
     engine = with_surface if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface) else of_nets
     return engine(first, second, method, progress)
+
+
+def _thinned(points: Any, shape: Any) -> Any:
+    """The points that may be nearest to a shape; of a curve by its nearest points, each place once."""
+    if not isinstance(shape, AbstractCurve) or is_points(shape):
+        return nearest_points(points, _patches(shape))
+    rows = np.asarray(jax.lax.stop_gradient(points).control_points)[:, 0]
+    found = project(rows, jax.lax.stop_gradient(shape), throw=False)
+    near = np.flatnonzero(np.asarray(found.lower) <= np.min(np.asarray(found.upper)))
+    first = np.unique(rows[near], axis=0, return_index=True)[1]
+    return BezierSegments(points.control_points[near[np.sort(first)]])
 
 
 def _patches(shape: Any) -> Any:

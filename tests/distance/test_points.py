@@ -197,3 +197,23 @@ def test_the_smallest_distance_of_many_mingled_points_looks_at_few_pairs():
     nearest = KDTree(b).query(a)[0].min()
     assert float(found.lower) <= nearest * (1 + 1e-15) and nearest <= float(found.upper) * (1 + 1e-15)
     assert int(found.stats["exact"]) <= 4
+
+
+@pytest.mark.parametrize("height", [1e-170, 1e-160, 1e-100])
+def test_a_point_nearly_on_a_plane_has_a_true_upper_bound_where_squares_vanish(height):
+    plane = jhd.ImplicitSurface.parse("x", [-1.0] * 3, [1.0] * 3)
+    found = jhd.project(np.array([[height, 0.0, 0.0]]), plane)
+    assert float(found.lower[0]) <= height <= float(found.upper[0])
+
+
+def test_of_points_that_are_one_only_one_is_searched_beside_a_long_curve():
+    angles = np.arange(601) * 2 * np.pi / 600
+    found = jhd.minimum_distance(jhd.points(np.zeros((300, 2))), jhd.polyline(np.c_[np.cos(angles), np.sin(angles)]))
+    assert float(found.lower) <= np.cos(np.pi / 600) * (1 + 1e-15) and np.cos(np.pi / 600) <= float(found.upper)
+    assert int(found.stats["pairs"]) < 10_000
+
+
+def test_points_beyond_all_measure_of_a_surface_are_refused_a_number():
+    ball = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2.0] * 3, [2.0] * 3)
+    found = jhd.directed_hausdorff(ball, jhd.points([[0.0, 0.0, 1e200]]), throw=False)
+    assert name_of(found.result) == "unverified" and float(found.lower) <= 1e200 <= float(found.upper)

@@ -16,7 +16,11 @@ from jhd.compiled import compiled
 
 @compiled
 def carrying(number: Any, other: Array, where: Array | bool = True) -> Array:
-    """The number, with the derivatives of the other one where asked for and both are finite, elsewhere with none."""
+    """The number, with the derivatives of the other one where asked for and both are finite, elsewhere with none.
+
+    The other must be finite where it is evaluated: what is left out here still sends zeros back through it, and zero
+    times what is not finite is NaN. Whoever has no place to evaluate it at puts in one.
+    """
     usable = where & jnp.isfinite(number) & jnp.isfinite(other)
     return number + jnp.where(usable, other - lax.stop_gradient(other), 0.0)
 

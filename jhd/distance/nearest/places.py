@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from jhd.arithmetic import exact_polynomials
 from jhd.arithmetic.polynomials import jets
-from jhd.arithmetic.rounding import like_double, round_up, unit_roundoff
+from jhd.arithmetic.rounding import like_double, round_up, smallest_normal, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.surfaces import Side, exact_polynomial
@@ -163,11 +163,18 @@ def proven_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, 
     values, errors = signed_values(side, jnp.concatenate(ends, axis=1))
     first, second, wrong, off = values[:count], values[count:], errors[:count], errors[count:]
     proven = ((first > wrong) & (second < -off)) | ((first < -wrong) & (second > off))
-    far = [jnp.sqrt(jnp.sum((end - points) ** 2, axis=0)) * (1 + 8 * u) for end in ends]
+    far = [reach(end - points) for end in ends]
     inside = jnp.all((points >= lower) & (points <= upper), axis=0)
     radius = round_up(jnp.maximum(*far))
     radius = jnp.where(proven & inside & (radius <= like_double(_FARTHEST, points.dtype)), radius, jnp.inf)
     return jnp.where(inside & _on_vanishing(side, points, lower, upper), 0.0, radius)
+
+
+def reach(offsets: Float[Array, "3 ..."]) -> Array:
+    """Upper bounds of the lengths of vectors: a few roundings, and squares that vanish below the normal numbers."""
+    dtype = offsets.dtype
+    lost = 2 * smallest_normal(dtype) ** 0.5
+    return (jnp.sqrt(jnp.sum(offsets**2, axis=0)) + lost) * (1 + 8 * unit_roundoff(dtype))
 
 
 def thorough_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
@@ -193,8 +200,7 @@ def _singular_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Arra
         ends = jnp.clip(points[:, None] + distance * units, lower[:, None], upper[:, None])
         values, errors = (x.reshape(6, -1) for x in signed_values(side, ends.reshape(3, -1)))
         proven = jnp.any(values > errors, axis=0) & jnp.any(values < -errors, axis=0)
-        far = jnp.max(jnp.sqrt(jnp.sum((ends - points[:, None]) ** 2, axis=0)), axis=0)
-        far = round_up(far * (1 + 8 * unit_roundoff(points.dtype)))
+        far = round_up(jnp.max(reach(ends - points[:, None]), axis=0))
         return jnp.where(proven & inside, jnp.minimum(far, radius), radius)
 
     start = varying(jnp.full(points.shape[1], jnp.inf, points.dtype), side, points)

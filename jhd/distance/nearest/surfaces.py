@@ -16,7 +16,7 @@ from jhd.arithmetic.rounding import like_double, round_up, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import box_distances, boxes, form, lower_bounds
-from jhd.distance.nearest.places import local_feet, projected, proven_radius, thorough_radius
+from jhd.distance.nearest.places import local_feet, projected, proven_radius, reach, thorough_radius
 
 # Cells along each axis that every search starts from, and places along each axis for the points of a cloud.
 _GRID, _PLACES = 8, 12
@@ -140,7 +140,7 @@ def nearest(
     def better(state: _SurfaceQuery, places: Array) -> tuple[Array, Array]:
         found = local_feet(side, jnp.broadcast_to(point[:, None], places.shape), places, _FOOT_STEPS)
         radius = thorough_radius(side, found)
-        far = round_up(jnp.sqrt(jnp.sum((found - point[:, None]) ** 2, axis=0)) * (1 + 8 * u) + radius)
+        far = round_up(reach(found - point[:, None]) + radius)
         far = jnp.where(jnp.isnan(far), jnp.inf, far)
         best = jnp.argmin(far)
         nearer = far[best] < state.upper

@@ -12,7 +12,7 @@ from jaxtyping import Array
 from jhd.arithmetic.rounding import gamma, round_up, smallest_normal, unit_roundoff
 from jhd.compiled import compiled
 from jhd.distance.frame.surfaces import prepare_surfaces
-from jhd.distance.nearest.places import local_feet, thorough_radius
+from jhd.distance.nearest.places import local_feet, reach, thorough_radius
 from jhd.distance.nearest.surfaces import nearest, nearest_places
 from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
 from jhd.distance.search.candidates import Target
@@ -78,15 +78,20 @@ class SurfaceTarget(AbstractTarget):
         lower, upper = lower.astype(np.float64) - _moved(x), upper.astype(np.float64) + _moved(x)
         distance = np.sqrt(np.sum((foot - x) ** 2, axis=1))
         u = unit_roundoff(x.dtype)
-        allowed = 4 * max(_CLOSE, _ULPS * u) * (1 + np.where(np.isfinite(upper), upper, 0.0))
-        closed = (upper - lower <= allowed) | (upper <= least)
+        share = 4 * max(_CLOSE, _ULPS * u)
+        closed = (upper - lower <= share * (1 + np.where(np.isfinite(upper), upper, 0.0))) | (upper <= least)
         low, high = (outward(end, self.exponent, points.dtype, sign) for end, sign in ((lower, -1), (upper, 1)))
         places = np.asarray(self.frame.place(foot))
         own, other = self._from_afar(points)
         low, high = np.where(far, own, low), np.where(far, other, high)
         places = np.where(far[:, None], np.asarray(self.frame.place(self._point)), places)
         known = np.isfinite(high)
-        distance = np.where(known, np.clip(np.ldexp(distance, self.exponent), low, high), np.inf)
+        # Of a query far away the box is one place, which is as far as the bounds say.
+        closed = np.where(
+            far, (high - low <= share * high) | (high <= (enough if np.isfinite(enough) else least)), closed
+        )
+        distance = np.where(far, 0.5 * low + 0.5 * high, np.ldexp(distance, self.exponent))
+        distance = np.where(known, np.clip(distance, low, high), np.inf)
         return ProvenFeet(
             distance=distance,
             lower=low,
@@ -94,7 +99,7 @@ class SurfaceTarget(AbstractTarget):
             foot=np.where(known[:, None], places, np.nan),
             segment=np.full(len(x), -1),
             t=np.full(len(x), np.nan, points.dtype),
-            closed=(closed | far) & known,
+            closed=closed & known,
         )
 
     def within(self, points: np.ndarray, upper: float) -> np.ndarray:
@@ -103,14 +108,18 @@ class SurfaceTarget(AbstractTarget):
         cover = self.target.cover
         low, high = (np.asarray(end, np.float64).T[np.asarray(cover.alive)] for end in cover[:2])
         room = gamma(64, points.dtype)
-        least = float(np.ldexp(upper, -self.exponent)) * (1 + room) + room * (1 + np.max(np.abs(x), axis=1))
+        with np.errstate(over="ignore"):
+            wanted = float(np.ldexp(float(upper), -self.exponent)) * (1 + room)
+        least = wanted + room * (1 + np.max(np.abs(x), axis=1).astype(np.float64))
+        # No query that is not far away is this far; larger numbers have no square.
+        least = np.minimum(least, 1e150)
         found = [
             np.any(np.sum(np.maximum(np.maximum(low - p, p - high), 0.0) ** 2, axis=-1) <= r**2, axis=1)
             for p, r in (
                 (x[k : k + _ROWS, None].astype(np.float64), least[k : k + _ROWS, None]) for k in range(0, len(x), _ROWS)
             )
         ]
-        return np.concatenate(found) | far
+        return np.where(far, self._from_afar(points)[0] <= upper, np.concatenate(found))
 
     def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The queries in common coordinates, those far away replaced, and which of them are."""
@@ -121,20 +130,24 @@ class SurfaceTarget(AbstractTarget):
         return np.where(far[:, None], 0.0, x).astype(points.dtype), far
 
     def _from_afar(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds by the box and by one proven point, in the unit of the points."""
+        """Bounds by the box and by one proven point, in the unit of the points.
+
+        Each query has a power of two of its own, by which no coordinate is above one. What scaling loses below the
+        normal numbers, and the roundings in double precision, are a small part of the slack.
+        """
         dtype = points.dtype
         side = self.target.side
         low, high, foot = (np.asarray(self.frame.place(np.asarray(x)), np.float64) for x in (*side[2:4], self._point))
-        size = np.max(np.abs(points))
-        power = int(np.frexp(max(size, np.max(np.abs(low)), np.max(np.abs(high))))[1])
-        p, low, high, foot = (np.ldexp(x, -power) for x in (points.astype(np.float64), low, high, foot))
+        p = points.astype(np.float64)
+        power = np.frexp(np.maximum(np.max(np.abs(p), axis=1), max(np.max(np.abs(low)), np.max(np.abs(high)))))[1]
+        p, low, high, foot = (np.ldexp(x, -power[:, None]) for x in (p, low, high, foot))
         # Corners and the point are placed with two roundings each.
-        slack = gamma(8, dtype) * (1 + np.max(np.abs(np.stack([low, high]))))
-        apart = np.maximum(np.maximum(low - p, p - high) - slack, 0.0)
+        slack = gamma(8, dtype) * (1 + np.max(np.abs(np.stack([low, high])), axis=(0, 2)))
+        apart = np.maximum(np.maximum(low - p, p - high) - slack[:, None], 0.0)
         lower = np.sqrt(np.sum(apart**2, axis=1)) * (1 - gamma(8, np.float64)) - 2 * slack
         upper = np.sqrt(np.sum((p - foot) ** 2, axis=1)) * (1 + gamma(8, np.float64)) + 4 * slack
         with np.errstate(over="ignore"):
-            upper = upper + np.ldexp(float(self._radius), min(self.exponent - power, 0))
+            upper = upper + np.ldexp(float(self._radius), self.exponent - power)
         return outward(lower, power, dtype, -1), outward(upper, power, dtype, 1)
 
 
@@ -151,8 +164,7 @@ def _best_of(target: Target, point: Array, starts: Array) -> tuple[Array, Array]
     found = local_feet(target.side, jnp.broadcast_to(point[:, None], starts.shape), starts, _FOOT_STEPS)
     found = jnp.concatenate([found, starts], axis=1)
     radius = thorough_radius(target.side, found)
-    u = unit_roundoff(point.dtype)
-    far = round_up(jnp.sqrt(jnp.sum((found - point[:, None]) ** 2, axis=0)) * (1 + 8 * u) + radius)
+    far = round_up(reach(found - point[:, None]) + radius)
     far = jnp.where(jnp.isnan(far), jnp.inf, far)
     return jnp.min(far), found[:, jnp.argmin(far)]
 

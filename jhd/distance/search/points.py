@@ -11,6 +11,7 @@ from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_traced
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Aim, default_tolerance
+from jhd.distance.frame.coordinates import common_points
 from jhd.distance.frame.net_jets import Net, eta, point_error
 from jhd.distance.frame.nets import prepared
 from jhd.distance.frame.surfaces import prepare_surfaces
@@ -36,6 +37,8 @@ from jhd.triangles.closest_point import point_tree
 
 # What cannot be told in the search over a polynomial surface, in units of roundoff of the common coordinates.
 _ULPS = 512
+# The size of points, in units of a surface, from which on their common box is the unit; by the bytes of a number.
+_FAR = {8: 2.0**400, 4: 2.0**40}
 
 
 def is_points(shape: Any) -> bool:
@@ -130,7 +133,10 @@ def _to_points(a: BezierPatches | ImplicitSurface, b: BezierSegments, method: Br
     rows = np.asarray(b.control_points)[:, 0]
     dtype, ends = rows.dtype, np.stack([rows.min(axis=0), rows.max(axis=0)])
     if isinstance(a, ImplicitSurface):
+        # Points so far away that their squares overflow beside the surface share its coordinates; it may vanish there.
         side, _, frame = prepare_surfaces(a, a)
+        if np.max(np.abs(common_points(frame, ends))) > _FAR[dtype.itemsize]:
+            side, _, frame = prepare_surfaces(a, Net(jnp.asarray(ends)[:, None, None], None))
         target, empty = looked_at(side)
         if bool(empty):
             raise ValueError("the surface is empty: the polynomial is proven to have no zero in the box.")

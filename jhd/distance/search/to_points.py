@@ -110,7 +110,9 @@ class ToPointsSearch(AbstractSearch):
     ):
         self._source, self._cloud, self._frame, self._moved, self._allowed = source, cloud, frame, moved, allowed
         level, ceiling = (np.asarray(x, float) for x in aim)
-        self._level, self._ceiling = float(frame.common(level, 0.0)), float(frame.common(ceiling, np.inf))
+        # Bounds here are off by as much as the coordinates are.
+        self._level = float(frame.common(level, 0.0)) - moved
+        self._ceiling = float(frame.common(ceiling, np.inf)) + moved
         self.max_steps = max_steps
 
     def begin(self) -> _PointQuery:
@@ -202,8 +204,11 @@ class ToPointsSearch(AbstractSearch):
         # Where the surface has no proven point, some place stands for the witness.
         place = best if best is not None else PlaceFound(-1, np.full(1, np.nan), self._cloud.rows[0], 0, 0.0, 0.0)
         upper = max(state.settled, float(np.max(state.waiting.upper, initial=-np.inf)), place.lower)
-        closed = upper - max(place.lower, self._level) <= self._allowed(place.lower) or place.lower > self._ceiling
-        result = RESULTS.successful if closed else RESULTS.gap_not_closed
+        gap = upper - max(place.lower, self._level) + 2 * self._moved
+        closed = gap <= self._allowed(place.lower) or place.lower > self._ceiling
+        full = len(state.waiting.upper) > _WAITING
+        failed = RESULTS.capacity_reached if full else RESULTS.gap_not_closed
+        result = RESULTS.successful if closed else failed
         lower = max(place.lower - self._moved, 0.0)
         ends = self._frame.length(lower, 0.0), self._frame.length(upper + self._moved if known else np.inf, np.inf)
         distance = place.distance if place.lower > 0 else 0.0

@@ -69,13 +69,15 @@ def _from_points(solution: HausdorffSolution, points: Array, b: Any) -> Hausdorf
 def _to_points(solution: HausdorffSolution, a: Any, points: Array) -> HausdorffSolution:
     w = solution.witness
     feet = points[w.foot_segments]
-    unit = jax.lax.stop_gradient(jax.vmap(_unit)(w.point - w.feet))
+    # Where nothing is proven there is no place; its derivatives are not used, but they must be numbers.
+    t, at, multipliers = (jnp.where(jnp.isfinite(x), x, 0.0) for x in (w.t, w.point, w.multipliers))
+    unit = jax.lax.stop_gradient(jax.vmap(_unit)(at - jnp.where(jnp.isfinite(w.feet), w.feet, 0.0)))
     if isinstance(a, BezierPatches):
         net = Net(a.control_points, a.weights)
-        place = jet(net.piece(jnp.maximum(w.segment, 0)), w.t[: net.parameters]).point
+        place = jet(net.piece(jnp.maximum(w.segment, 0)), t[: net.parameters]).point
     else:
-        place = _on_surface(a.coefficients, jnp.stack(a.box()), jax.lax.stop_gradient(w.point))
-    value = jnp.sum(w.multipliers[:, None] * unit * (place - feet))
+        place = _on_surface(a.coefficients, jnp.stack(a.box()), jax.lax.stop_gradient(at))
+    value = jnp.sum(multipliers[:, None] * unit * (place - feet))
     return _with(solution, value, place, feet)
 
 

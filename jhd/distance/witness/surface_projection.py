@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.polynomials import jets
-from jhd.arithmetic.scaling import common_exponent, scale_of
+from jhd.arithmetic.scaling import common_exponent, frexp, scale_of
 from jhd.compiled import compiled
 from jhd.distance.frame.attach import attached
 from jhd.distance.frame.net_jets import Net, jet
@@ -46,6 +46,8 @@ def with_surface_derivatives(found: Projection, queries: Array, surface: Any) ->
 @compiled
 def _on_patches(queries: Array, segment: Array, t: Array, net: Net) -> tuple[Array, Array, Array]:
     n = net.parameters
+    # Where nothing is proven there is no place; its derivatives are not used, but they must be numbers.
+    segment, t = jnp.maximum(segment, 0), jnp.where(jnp.isfinite(t), t, 0.0)
 
     def one(query: Array, k: Array, t: Array) -> tuple[Array, Array, Array]:
         piece = net.piece(k)
@@ -113,12 +115,10 @@ def _length(apart: Array, normal: Array, free: Array | bool) -> Array:
 @compiled
 def _on_surface(queries: Array, feet: Array, coefficients: Array, box: Array) -> tuple[Array, Array]:
     scale = scale_of(common_exponent(jax.lax.stop_gradient(box)), box.dtype)
-    degrees = np.sum(np.indices(coefficients.shape), axis=0)
-    # In units of the box no power of a coordinate overflows.
-    powers = jnp.exp2(-degrees * jnp.log2(scale))
-    c = coefficients * powers
-    c = c / jax.lax.stop_gradient(jnp.max(jnp.abs(c)))
+    c = _in_unit(coefficients, scale)
     box = box * scale
+    # Where nothing is proven there is no foot; its derivatives are not used, but they must be numbers.
+    feet = jnp.where(jnp.isfinite(feet), feet, 0.0)
 
     def one(query: Array, foot: Array) -> tuple[Array, Array]:
         p = query * scale
@@ -144,6 +144,22 @@ def _on_surface(queries: Array, feet: Array, coefficients: Array, box: Array) ->
         return length / scale, y[:3] / scale
 
     return jax.vmap(one)(queries, feet)
+
+
+def _in_unit(coefficients: Array, scale: Array) -> Array:
+    """The polynomial in units in which no power of a coordinate overflows, its largest coefficient one.
+
+    The powers of two that the coefficients get are divided by the largest one of what comes out before they are formed,
+    and multiplied in two halves: no factor leaves the range of the numbers.
+    """
+    degrees = np.sum(np.indices(coefficients.shape), axis=0)
+    still = jax.lax.stop_gradient(coefficients)
+    power = degrees * (1 - frexp(scale)[1])
+    mantissa, own = frexp(still)
+    power = power - jnp.max(jnp.where(mantissa != 0, own + power, jnp.iinfo(power.dtype).min))
+    half = power // 2
+    c = coefficients * scale_of(-half, scale.dtype) * scale_of(half - power, scale.dtype)
+    return c / jax.lax.stop_gradient(jnp.max(jnp.abs(c)))
 
 
 def _start(c: Array, x: Array, p: Array, at_low: Array, at_high: Array) -> tuple[Array, Array, Array]:

@@ -93,6 +93,9 @@ def test_distances_to_a_sphere_are_those_of_its_formula_from_its_centre_to_far_a
         # | |p| - 1 | lies in [low, high]: |p| in [1 - high, 1 - low] or in [1 + low, 1 + high].
         low, high = Fraction(float(low)), Fraction(float(high))
         assert (1 + low) ** 2 <= square <= (1 + high) ** 2 or max(1 - high, 0) ** 2 <= square <= (1 - low) ** 2
+    length = np.array([np.abs(p).max() * np.linalg.norm(p / max(np.abs(p).max(), 1e-300)) for p in points])
+    np.testing.assert_allclose(found.distance, np.abs(length - 1), rtol=1e-12, atol=1e-12)
+    assert np.all(np.asarray(found.upper - found.lower) <= 1e-12 * np.maximum(length, 4))
     assert np.all(np.asarray(found.segment) == -1)
     assert np.all(np.isnan(found.t))
     np.testing.assert_allclose(np.linalg.norm(np.asarray(found.foot), axis=1), 1, atol=1e-14)
@@ -170,6 +173,17 @@ def test_at_distance_zero_and_where_all_of_the_surface_is_nearest_derivatives_ar
     for query, expected in (([1.0, 0, 0], 0.0), ([0.0, 0, 0], 1.0)):
         gradient = jax.grad(lambda p: jhd.project(p, SPHERE).distance)(jnp.asarray(query))
         assert abs(float(jnp.linalg.norm(gradient)) - expected) < 1e-9
+
+
+def test_where_no_point_is_proven_derivatives_are_finite():
+    line = jhd.ImplicitSurface.parse("x**2 + y**2", [-2, -2, -2], [2, 2, 2])
+
+    def distance(point, coefficients):
+        surface = jhd.ImplicitSurface(coefficients, line.lower, line.upper, reduced=False)
+        return jhd.project(point, surface, throw=False).distance
+
+    for slope in jax.grad(distance, (0, 1))(jnp.array([1.0, 0.5, 0]), line.coefficients):
+        assert bool(jnp.all(slope == 0))
 
 
 @pytest.mark.slow
