@@ -120,7 +120,7 @@ def in_direction(solution: Any, direction: Any) -> Any:
 
 
 def name_of(item: Any) -> str:
-    """The name of a member of RESULTS, EVENTS or DIRECTIONS; the members themselves print their sentence."""
+    """The name of a member of RESULTS, EVENTS, ANSWERS or DIRECTIONS; the members themselves print their sentence."""
     index = int(item._value)
     for name, member in item._enumeration._name_to_item.items():
         if int(member._value) == index:
@@ -131,14 +131,20 @@ def name_of(item: Any) -> str:
 class Witness(eqx.Module):
     """Where a directed Hausdorff distance is attained; `direction` says which shape carries it and which the feet.
 
+    Where `hausdorff` takes points and a surface or mesh, `t` and `foot_params` have the shapes of the richer direction:
+    the number that belongs to a point is repeated, and says nothing.
+
     Args:
-        segment: index of the segment that carries the point; of a mesh, of its triangle; -1 on an implicit surface.
-        t: parameter on it, in [0, 1]; of a mesh, three barycentric coordinates; NaN on an implicit surface.
+        segment: index of the segment that carries the point; of points, of the point; of a mesh, of its triangle; of a
+            parametric surface, of its Bezier patch; -1 on an implicit surface.
+        t: parameter on it, in [0, 1], of shape (); of points too, where it says nothing; of a mesh, three barycentric
+            coordinates; of a parametric surface, the parameters (u, v) of the patch; NaN on an implicit surface.
         point: the point there.
-        feet: the active feet on the other shape, two rows for curves and four for surfaces and meshes; those that are
-            not used repeat the first one with multiplier 0.
-        foot_segments: their segments or triangles; -1 on an implicit surface.
-        foot_params: their parameters, or rows of barycentric coordinates; NaN on an implicit surface.
+        feet: the active feet on the other shape: two rows where both shapes are curves or points, else four; those that
+            are not used repeat the first one with multiplier 0.
+        foot_segments: their segments, points, triangles or patches; -1 on an implicit surface.
+        foot_params: their parameters, one number a foot on curves and points (where it says nothing), rows (u, v) on
+            patches and rows of barycentric coordinates on meshes; NaN on an implicit surface.
         multipliers: weights of the feet in the gradient, non-negative with sum one (0.5 each where they are undefined).
         event: a member of EVENTS.
         direction: a member of DIRECTIONS.
@@ -357,6 +363,12 @@ class Decision(eqx.Module):
             bounds = f"between {float(self.lower)!r} and {float(self.upper)!r}"
             raise ValueError(f"undecided: the distance lies {bounds}; ask for a smaller atol, or read `answer`.")
         return bool(self.answer == ANSWERS.yes)
+
+    def __repr__(self) -> str:
+        if is_traced(self.lower) or np.ndim(self.lower) > 0:
+            return f"Decision(lower={eqx.tree_pformat(self.lower)},\n  a batch or traced; index or vmap it)"
+        ends = f"lower={float(self.lower)!r}, upper={float(self.upper)!r}"
+        return f"Decision({name_of(self.answer)}, {ends}, {name_of(self.result)})"
 
 
 class FitSolution(eqx.Module):

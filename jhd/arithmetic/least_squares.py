@@ -15,7 +15,10 @@ _VANISHING = 1e-15
 
 
 def non_negative(matrix: Float[np.ndarray, "rows columns"], right: Float[np.ndarray, " rows"]) -> Any:
-    """The x >= 0 for which |matrix x - right| is least; the columns of its positive entries are independent."""
+    """The x >= 0 for which |matrix x - right| is least; the columns of its positive entries are independent.
+
+    It may be all zeros.
+    """
     count = matrix.shape[1]
     x, basic = np.zeros(count), np.zeros(count, bool)
     for _ in range(3 * count):
@@ -36,6 +39,6 @@ def non_negative(matrix: Float[np.ndarray, "rows columns"], right: Float[np.ndar
             basic &= x > _VANISHING
             x[~basic] = 0.0
             if not basic.any():
-                return np.eye(count)[0]
+                return x
         x = z
     return x

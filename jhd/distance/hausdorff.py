@@ -36,13 +36,20 @@ def directed_hausdorff(
     """Directed Hausdorff distance: the maximum over a of the minimum over b of the distance.
 
     The distance is that of the stored numbers (Bezier segments, coefficients, triangles) taken as real. Works under jit
-    and vmap, where checks of values are left out and `throw` is ignored: read `result`. Meshes are searched from the
-    host, there too; the value is differentiable in all arrays of both shapes, of meshes once, of others twice.
+    and vmap, where checks of values are left out and `throw` is ignored: read `result`. Meshes, and points with
+    surfaces, are searched from the host, there too.
+
+    The value is differentiable in all arrays of both shapes: twice between curves, between implicit surfaces, and from
+    points to anything but a mesh; once (first derivatives) where one is a mesh, or a is a surface and b points. The
+    gradient in a surface that is measured to points is good to about the root of the gap (1e-5 by default), as its
+    farthest place is not polished. CubeIntervals() has no derivatives.
 
     Args:
-        a: the shape whose farthest point is looked for: a curve, an implicit surface or a mesh.
-        b: the shape that distances are taken to, of the same kind and dimension.
-        method: how; by default BranchAndBound(). CubeIntervals() serves surfaces, not under jit.
+        a: the shape whose farthest point is looked for: points (jhd.points), a curve, an ImplicitSurface, a mesh, or a
+            parametric surface (BezierPatch, BezierPatches, BSplineSurface).
+        b: the shape that distances are taken to, of the same dimension. Curves go with curves, implicit surfaces with
+            implicit surfaces and meshes with meshes; points go with every kind, parametric surfaces with points alone.
+        method: how; by default BranchAndBound(). CubeIntervals() serves implicit surfaces, not under jit.
         throw: whether to raise where the method did not reach what it promises.
         progress: called with a Progress now and then while the search lasts (by CubeIntervals with a VoxelProgress);
             not under jit. Ctrl-C ends the search with the bounds reached, as RESULTS.interrupted.
@@ -51,8 +58,8 @@ def directed_hausdorff(
         The distance with its bounds, in the unit of the coordinates.
 
     Raises:
-        TypeError: a shape or a method of another kind.
-        ValueError: curves of different dimensions, or a surface proven empty in its box.
+        TypeError: shapes that do not go together, or a method that does not serve them.
+        ValueError: shapes of different dimensions, or a surface proven empty in its box.
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
     pair = pair_of(a, b, method, progress)
@@ -70,12 +77,13 @@ def hausdorff(
     """Hausdorff distance: the larger of both directed distances; the witness's `direction` says which, a_to_b at a tie.
 
     `directions` holds both directed distances. The one from b to a is looked for only where it exceeds the other one:
-    below that its bounds are true and may be wide.
+    below that its bounds are true and may be wide. Derivatives are those of the larger one, see `directed_hausdorff`.
 
     Args:
-        a: a curve, an implicit surface or a mesh; or a parametric surface where b is points.
-        b: a shape of the same kind and dimension, or points (jhd.points), which go with every kind; so does a.
-        method: how; by default BranchAndBound(). CubeIntervals() serves surfaces, not under jit.
+        a: points (jhd.points), a curve, an ImplicitSurface, a mesh, or a parametric surface (BezierPatch,
+            BezierPatches, BSplineSurface).
+        b: a shape of the same dimension that goes with it, see `directed_hausdorff`.
+        method: how; by default BranchAndBound(). CubeIntervals() serves implicit surfaces, not under jit.
         throw: whether to raise where the method did not reach what it promises.
         progress: as for `directed_hausdorff`.
 
@@ -83,8 +91,8 @@ def hausdorff(
         The distance with its bounds, in the unit of the coordinates.
 
     Raises:
-        TypeError: a shape or a method of another kind.
-        ValueError: curves of different dimensions, or a surface proven empty in its box.
+        TypeError: shapes that do not go together, or a method that does not serve them.
+        ValueError: shapes of different dimensions, or a surface proven empty in its box.
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
     pair = pair_of(a, b, method, progress)
@@ -108,8 +116,9 @@ def hausdorff_at_most(
     steps where the threshold is not close to the distance.
 
     Args:
-        a: a curve, an implicit surface or a mesh; or a parametric surface where b is points.
-        b: a shape of the same kind and dimension, or points (jhd.points), which go with every kind; so does a.
+        a: points (jhd.points), a curve, an ImplicitSurface, a mesh, or a parametric surface (BezierPatch,
+            BezierPatches, BSplineSurface).
+        b: a shape of the same dimension that goes with it, see `directed_hausdorff`.
         threshold: a length of at least 0, in the unit of the coordinates.
         method: options of the search; its tolerance says when it gives up.
         progress: as for `directed_hausdorff`.
@@ -118,8 +127,8 @@ def hausdorff_at_most(
         The answer with the bounds of the distance that were reached; `result` says why where it is undecided.
 
     Raises:
-        TypeError: a shape of another kind, or another method than BranchAndBound.
-        ValueError: curves of different dimensions, a surface proven empty in its box, or a threshold that is no length.
+        TypeError: shapes that do not go together, or another method than BranchAndBound.
+        ValueError: shapes of different dimensions, a surface proven empty in its box, or a threshold that is no length.
     """
     method = BranchAndBound() if method is None else method
     # It proves both bounds, and ends where they say enough.

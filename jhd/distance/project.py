@@ -1,6 +1,7 @@
-"""Foot points of curves, all stationary ones, and the nearest point of a curve or mesh.
+"""Foot points of curves, all stationary ones, and the nearest points of every kind of shape.
 
-On curves there are four methods and a search of our own; meshes have theirs in jhd.distance.nearest.meshes.
+On curves there are four methods and a search of our own; meshes have theirs in jhd.distance.nearest.meshes, parametric
+and polynomial surfaces in jhd.distance.search.targets.
 
 The stationary parameters are the roots of f(s) = (P - B).B', in Bernstein form of degree 2 n - 1, or 3 n - 2 for
 rational curves; the nearest point is one of them or an end of a segment. `NearestSearch` and `ProjectedPolyhedron` are

@@ -97,4 +97,5 @@ def multipliers(gradient: FloatArray, price: FloatArray) -> FloatArray:
     size = np.sqrt(np.max(np.sum(gradient**2, axis=1))) or 1.0
     rows = np.vstack([gradient.T / size, np.diag(price), np.ones((1, len(gradient)))])
     mu = non_negative(rows, np.append(np.zeros(len(rows) - 1), 1.0))
-    return mu / np.sum(mu)
+    total = np.sum(mu)
+    return mu / total if total > 0 else np.eye(len(mu))[0]

@@ -66,7 +66,8 @@ def solution(
 
     Args:
         a: the first shape, blue; a curve is solid, a surface or mesh in one colour, so that one sees through.
-        b: the second shape of the same kind, orange; a curve is dashed.
+        b: the second shape, orange, a curve dashed; of the same kind, where points count as curves, so that they are
+            not drawn beside a surface or mesh.
         solution: their distance.
         ax: axes to draw on, three-dimensional ones for shapes in space; None makes a figure.
         labels: the names of the shapes in the legend.

@@ -50,6 +50,16 @@ def test_a_decision_counts_as_what_it_answers_and_an_undecided_one_as_nothing():
         jax.jit(lambda d: 1 if d else 0)(undecided)
 
 
+def test_a_decision_shows_its_answer_its_bounds_and_how_it_ended():
+    numbers = [jax.numpy.array(x, float) for x in (1.5, 2.0)]
+    decision = jhd.Decision(jhd.ANSWERS.undecided, *numbers, jhd.RESULTS.gap_not_closed, {})
+    assert repr(decision) == "Decision(undecided, lower=1.5, upper=2.0, gap_not_closed)"
+    shown = [repr(jax.tree_util.tree_map(lambda x: jax.numpy.stack([x, x]), decision))]
+    jax.jit(lambda d: shown.append(repr(d)))(decision)
+    assert [text.split(",")[0] for text in shown] == ["Decision(lower=f64[2]", "Decision(lower=f64[]"]
+    assert all("a batch or traced" in text for text in shown)
+
+
 def test_zero_is_an_answer():
     a = jhd.BezierCurve([(0, 0), (1, 1), (2, 0)])
     assert name_of(jhd.hausdorff_at_most(a, a.transform(np.eye(2), (0, 1)), 0).answer) == "no"

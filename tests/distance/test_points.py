@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial import KDTree
 
 import jhd
+from jhd.distance.search.to_points import ToPointsSearch
 from jhd.solution import name_of
 
 RNG = np.random.default_rng(31)
@@ -111,8 +112,9 @@ def test_points_are_refused_where_they_do_not_fit():
         jhd.directed_hausdorff(jhd.points(CORNERS), jhd.ImplicitSurface.parse("x**2 + 1", [-1] * 3, [1] * 3))
 
 
-def test_an_interruption_in_one_direction_keeps_the_bounds_of_both():
-    points, calls = jhd.points(RNG.normal(size=(400, 3))), []
+def test_an_interruption_in_one_direction_keeps_the_bounds_of_both(monkeypatch):
+    monkeypatch.setattr(ToPointsSearch, "first_steps", 1)
+    points, calls = jhd.points(np.random.default_rng(6).normal(size=(400, 3)) + [1.5, 1.5, 0]), []
 
     def interrupt(progress):
         calls.append(progress.direction)
@@ -121,8 +123,12 @@ def test_an_interruption_in_one_direction_keeps_the_bounds_of_both():
     found = jhd.hausdorff(BUMPY, points, progress=interrupt, throw=False)
     whole = jhd.hausdorff(BUMPY, points)
     assert calls
+    assert name_of(found.result) == "interrupted"
     assert float(found.lower) <= float(whole.upper)
-    assert float(found.upper) >= float(whole.lower)
+    assert np.isfinite(found.upper) and float(found.upper) >= float(whole.lower)
+    assert int(found.stats["a_to_b_steps"]) == 1 < int(whole.stats["a_to_b_steps"])
+    # From points the first block is always measured, and no more of them here.
+    assert int(found.stats["b_to_a_steps"]) == 1
 
 
 STEP = 1e-5

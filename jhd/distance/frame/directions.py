@@ -36,7 +36,7 @@ def larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSoluti
 
 
 def alike(there: HausdorffSolution, back: HausdorffSolution) -> tuple[HausdorffSolution, HausdorffSolution]:
-    """Both in one form: what shapes of two kinds count and how they name places is filled up with zeros."""
+    """Both in one form: `t` and `foot_params` are repeated to a common shape; counts that one lacks are zeros."""
     first, second = there.witness, back.witness
     forms = (
         jnp.broadcast_shapes(first.t.shape, second.t.shape),

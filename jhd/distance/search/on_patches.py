@@ -105,7 +105,8 @@ class PatchTarget(AbstractTarget):
         """See AbstractTarget."""
         scaled, shift = self._scaled(points)
         unit, dtype = self.exponent + shift, points.dtype
-        least = np.ldexp(max(enough, -1.0), -unit) if np.isfinite(enough) else -np.inf
+        with np.errstate(over="ignore"):
+            least = np.ldexp(max(enough, -1.0), -unit) if np.isfinite(enough) else -np.inf
         feet, lower, closed = self._searched(scaled, shift, least)
         foot = in_blocks(_points, self._shrunk(shift), feet.piece, feet.x)
         x = feet.x if feet.x.shape[1] == 2 else np.concatenate([feet.x, np.zeros_like(feet.x)], axis=1)
@@ -124,7 +125,8 @@ class PatchTarget(AbstractTarget):
         """Which of the points may be this near, by the boxes of the pieces."""
         scaled, shift = self._scaled(points)
         room = 1 + gamma(64, points.dtype)
-        far = float(np.ldexp(upper, -(self.exponent + shift))) * room + gamma(64, points.dtype)
+        with np.errstate(over="ignore"):
+            far = float(np.ldexp(upper, -(self.exponent + shift))) * room + gamma(64, points.dtype)
         found = np.zeros(len(points), bool)
         found[self._whole(scaled, self._shrunk(shift), np.full(len(points), far)).who] = True
         return found
@@ -141,7 +143,8 @@ class PatchTarget(AbstractTarget):
 
     def _near(self, points: np.ndarray, shift: int) -> _Feet:
         """Feet near the nearest samples, and what is left of the distance after some steps from there."""
-        tree, rows = in_unit_of(self._tree, np.ldexp(points, shift) if shift == 0 else points)
+        # Where the queries are in a larger unit than the samples they only start elsewhere.
+        tree, rows = in_unit_of(self._tree, points)
         sample = tree.order[nearest_triangles(tree, rows).triangle]
         n = self.net.parameters
         piece, place = np.divmod(sample, _SAMPLES**n)

@@ -16,6 +16,8 @@ from jhd.solution import RESULTS, name_of, with_result
 
 # The seconds that stretches after the first two are made to last, and how much longer the next one may be.
 _SECONDS, _LONGER = 0.2, 4.0
+# What a stretch lasts at least: a coarse clock may not have moved in it.
+_TICK = 1e-9
 
 
 class Progress(NamedTuple):
@@ -137,7 +139,7 @@ def drive(search: AbstractSearch, listener: Listener, direction: Any = None) -> 
             return _ended(standing, listener)
         # The first stretch may have been compiled in it.
         if not fresh:
-            stretch = max(1, int(stretch * min(_LONGER, _SECONDS / (time.perf_counter() - began))))
+            stretch = max(1, int(stretch * min(_LONGER, _SECONDS / max(time.perf_counter() - began, _TICK))))
         stretch, taken = max(1, stretch), int(standing.steps)
         if standing.full:
             state = search.longer(state)

@@ -226,10 +226,11 @@ def trials(apart: Float[Array, "feet 3"], tangents: Float[Array, "parameters 3"]
 
     Two are balanced along each parameter and as far as they can be along both; three along both.
     """
-    first = tangents / jnp.sqrt(jnp.maximum(jnp.sum(tangents**2, axis=1, keepdims=True), 1e-300))
+    tiny = smallest_normal(apart.dtype)
+    first = tangents / jnp.sqrt(jnp.maximum(jnp.sum(tangents**2, axis=1, keepdims=True), tiny))
     if first.shape[0] == 2:
         second = first[1] - jnp.sum(first[0] * first[1]) * first[0]
-        first = jnp.stack([first[0], second / jnp.sqrt(jnp.maximum(jnp.sum(second**2), 1e-300))])
+        first = jnp.stack([first[0], second / jnp.sqrt(jnp.maximum(jnp.sum(second**2), tiny))])
         along = jnp.concatenate([tangents, first])
     else:
         along = jnp.concatenate([tangents] * 4)
@@ -243,7 +244,7 @@ def trials(apart: Float[Array, "feet 3"], tangents: Float[Array, "parameters 3"]
     a, b, c = (pulls[_TRIPLES[:, k], 2:] for k in range(3))
     areas = jnp.stack([_turn(b, c), _turn(c, a), _turn(a, b)], axis=1)
     areas = jnp.maximum(areas * jnp.sign(jnp.sum(areas, axis=1, keepdims=True)), 0.0)
-    areas = areas / jnp.maximum(jnp.sum(areas, axis=1, keepdims=True), 1e-300)
+    areas = areas / jnp.maximum(jnp.sum(areas, axis=1, keepdims=True), tiny)
     eye = jnp.eye(FEET, dtype=apart.dtype)
     two = share[:, None] * eye[pairs[:, 0]] + (1 - share)[:, None] * eye[pairs[:, 1]]
     three = jnp.sum(areas[:, :, None] * eye[jnp.asarray(_TRIPLES)], axis=1)

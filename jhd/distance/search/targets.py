@@ -1,4 +1,4 @@
-"""The target of every kind of shape, and nearest points of surfaces as functions of the query and of the surface."""
+"""The targets of all shapes but curves, and nearest points of surfaces as functions of the query and the surface."""
 
 from typing import Any
 

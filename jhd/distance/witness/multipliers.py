@@ -98,11 +98,16 @@ def balanced(
     rows[count:-1, :feet] = _FARTHER * np.diag(excess)
     rows[-1, :feet] = 1.0
     found = non_negative(rows, np.append(np.zeros(count + feet), 1.0))[:feet]
-    found = found / found.sum()
+    found = _of_sum_one(found)
     if np.count_nonzero(found) > 4:
         # Four vectors in space have every combination that more of them have.
         used = np.flatnonzero(found)
         pull = np.append(found @ units, 1.0)
-        found[used] = non_negative(np.vstack([units[used].T, np.ones(len(used))]), pull)
-    found = np.where(found > _NONE, found, 0.0)
-    return found / found.sum()
+        found[used] = _of_sum_one(non_negative(np.vstack([units[used].T, np.ones(len(used))]), pull))
+    return _of_sum_one(np.where(found > _NONE, found, 0.0))
+
+
+def _of_sum_one(found: Float[np.ndarray, " feet"]) -> Any:
+    """Multipliers as shares of their sum; all of it is the first foot's where there are none."""
+    total = found.sum()
+    return found / total if total > 0 else np.eye(len(found))[0]

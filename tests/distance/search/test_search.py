@@ -7,9 +7,11 @@ import pytest
 import jhd
 from jhd.distance.search.closest_triangles import TriangleSearch
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
+from jhd.distance.search.from_points import PointSearch
 from jhd.distance.search.meshes import MeshSearch
 from jhd.distance.search.mixed import MixedSearch
 from jhd.distance.search.nets import NetSearch
+from jhd.distance.search.to_points import ToPointsSearch
 from jhd.solution import name_of
 from tests.distance import pairs
 from tests.distance.nearest.test_meshes import torus
@@ -47,12 +49,22 @@ def interrupt(_):
     raise KeyboardInterrupt
 
 
+# A surface, and points whose nearest sample of it lies on another fold than their foot.
+GRID = np.stack([*np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij"), np.zeros((4, 4))], axis=-1)
+WAVY = jhd.BezierPatch(GRID + 3 * np.random.default_rng(2).normal(size=GRID.shape))
+CROWD = jhd.points([5.09677513, 1.18783915, 2.91161431] + 1e-4 * np.random.default_rng(5).normal(size=(100, 3)))
+SPREAD = jhd.points(np.random.default_rng(2).normal(size=(60, 3)) * 2 + [1.5, 1.5, 0])
 # Pairs whose searches are not done where they begin, and the search of each kind.
 FARTHEST = {
     "curves": (CurveSearch, (FOLDED, LINE)),
     "surfaces": (SurfaceSearch, CONES),
     "meshes": (MeshSearch, (torus(12, 8), torus(10, 7))),
+    "from points": (PointSearch, (CROWD, WAVY)),
+    "to points": (ToPointsSearch, (WAVY, SPREAD)),
 }
+# From points the first block of them is always measured.
+FEWEST = {"to points": 1}
+KINDS = [pytest.param(kind, marks=pytest.mark.slow if kind == "from points" else ()) for kind in FARTHEST]
 APART = [5.0, 1.0, 0.5]
 CLOSEST = {
     "nets": (NetSearch, (jhd.BezierCurve(ARCH), jhd.BezierCurve(ARCH * [1, -1] + [0.1, 2.5]))),
@@ -61,7 +73,7 @@ CLOSEST = {
 }
 
 
-@pytest.mark.parametrize("kind", FARTHEST)
+@pytest.mark.parametrize("kind", KINDS)
 def test_an_interrupted_search_hands_back_the_bounds_it_had_reached(kind, monkeypatch):
     search, shapes = FARTHEST[kind]
     monkeypatch.setattr(search, "first_steps", 1)
@@ -72,14 +84,14 @@ def test_an_interrupted_search_hands_back_the_bounds_it_had_reached(kind, monkey
     assert int(stopped.stats["steps"]) <= 1 < int(whole.stats["steps"])
 
 
-@pytest.mark.parametrize("kind", FARTHEST)
+@pytest.mark.parametrize("kind", KINDS)
 def test_an_interruption_of_one_direction_ends_the_other_where_it_begins(kind, monkeypatch):
     search, shapes = FARTHEST[kind]
     monkeypatch.setattr(search, "first_steps", 1)
     whole = jhd.hausdorff(*shapes)
     stopped = jhd.hausdorff(*shapes, throw=False, progress=interrupt)
     assert name_of(stopped.result) == "interrupted"
-    assert int(stopped.stats["b_to_a_steps"]) == 0
+    assert int(stopped.stats["b_to_a_steps"]) == FEWEST.get(kind, 0)
     assert stopped.lower <= whole.lower and whole.upper <= stopped.upper < np.inf
 
 
@@ -117,6 +129,13 @@ def test_the_larger_distance_keeps_both_directed_ones():
     slopes = [jax.grad(lambda x, k=k: moved(x).directions[k].value)(0.25) for k in range(2)]  # pyright: ignore
     chosen = 0 if name_of(moved(0.25).direction) == "a_to_b" else 1
     np.testing.assert_allclose(slopes[chosen], jax.grad(lambda x: moved(x).value)(0.25), rtol=1e-12)
+
+
+def test_a_clock_that_stands_still_does_no_harm(monkeypatch):
+    search, shapes = FARTHEST["meshes"]
+    monkeypatch.setattr(search, "first_steps", 1)
+    monkeypatch.setattr("time.perf_counter", lambda: 0.0)
+    assert int(jhd.directed_hausdorff(*shapes).stats["steps"]) > 2
 
 
 def test_an_interruption_is_raised_with_the_solution():
