@@ -27,9 +27,9 @@ def joints(control_points: Array) -> Int[Array, " segments"]:
     if points == 1:
         return jnp.full((count,), -1)
     xp = jnp if is_traced(control_points) else np
-    pieces = control_points if xp is jnp else np.asarray(control_points)
+    pieces: Any = control_points if xp is jnp else np.asarray(control_points)
     tolerance = _JOINT_ULPS * float(jnp.finfo(control_points.dtype).eps) * xp.max(xp.abs(pieces))
-    single = xp.max(xp.abs(pieces - pieces[:, :1]), axis=(-2, -1)) <= tolerance
+    single: Any = xp.max(xp.abs(pieces - pieces[:, :1]), axis=(-2, -1)) <= tolerance
     if xp is jnp:
         return _meeting(pieces[:, -1], pieces[:, 0], single, tolerance)
     following = np.arange(1, count + 1)
