@@ -39,16 +39,13 @@ from jaxtyping import Array
 
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.arrays import varying
-from jhd.distance.frame.jets import jet
+from jhd.distance.frame.jets import CurveJet, jet
 from jhd.distance.frame.pieces import Piece, piece_of
-from jhd.distance.nearest.feet import stays
+from jhd.distance.nearest.feet import equation, foot_speed, nearest_passed
 from jhd.shapes.curve import BezierSegments
 
 # Newton steps that carry a foot to the other end of its cell, from a start of second order.
 _CARRY = 3
-# Newton's step is short below a quarter of the segment: four times the residual must be below the slope.
-_SHORT = 4.0
 # Samples of the cell among which the peak is looked for, and steps that refine it; two reach full precision.
 _NODES, _PEAK_STEPS = 9, 2
 # Ratio of the foot speeds at the ends of a cell beyond which a Moebius map would only do harm.
@@ -98,10 +95,10 @@ def cell_upper_bound(a: BezierSegments, b: BezierSegments, cell: CurveCell) -> C
         near = jax.tree_util.tree_map(lambda x: jnp.where(from_right, x[1], x[0]), jets)
         far = jax.tree_util.tree_map(lambda x: jnp.where(from_right, x[0], x[1]), jets)
         foot = piece_of(b, k)
-        speed = _foot_speed(near.point, near.first, width, foot, s)
+        speed = _speed(near, width, foot, s)
         guess = jnp.clip(s + speed * jnp.where(from_right, -width, width), 0.0, 1.0)
-        other = local_foot(far.point, foot, guess, _CARRY)
-        far_speed = _foot_speed(far.point, far.first, width, foot, other)
+        other = nearest_passed(far.point, foot, guess, _CARRY)
+        far_speed = _speed(far, width, foot, other)
         s0, s1 = jnp.where(from_right, other, s), jnp.where(from_right, s, other)
         v0, v1 = jnp.where(from_right, far_speed, speed), jnp.where(from_right, speed, far_speed)
         e, w = _difference(part, foot, *_sigma(s0, s1, v0 * width, v1 * width, part.weights is not None))
@@ -142,48 +139,8 @@ def first_upper_bound(a: BezierSegments, b: BezierSegments, cell: CurveCell) -> 
     return most * (1 + gamma(roundings, dtype)) + math.sqrt(dim) * gamma(roundings, dtype)
 
 
-def local_foot(point: Array, piece: Piece, s: Array, steps: int) -> Array:
-    """A parameter in [0, 1] near s where (B - P).B' is small: Newton's method, Gauss-Newton where it is not convex.
-
-    Next to the centre of curvature the distance is convex but hardly so; there Newton's step is taken if it is short.
-    The nearest of all the points passed is returned: at a cusp of b the steps lead anywhere.
-    """
-
-    def newton(_: Any, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        s, best, least = state
-        b = jet(*piece, s)
-        c = b.point - point
-        best, least = _nearer(s, c @ c, best, least)
-        square, residual = b.first @ b.first, c @ b.first
-        slope = square + c @ b.second
-        slope = jnp.where(slope > jnp.minimum(0.05 * square, _SHORT * jnp.abs(residual)), slope, square)
-        return jnp.clip(s - residual / jnp.where(slope > 0, slope, 1.0), 0.0, 1.0), best, least
-
-    start = varying((s, s, jnp.full_like(s, jnp.inf)), point, piece)
-    last, best, least = jax.lax.fori_loop(0, steps, newton, start)
-    c = jet(*piece, last).point - point
-    return _nearer(last, c @ c, best, least)[0]
-
-
-def _nearer(s: Array, square: Array, best: Array, least: Array) -> tuple[Array, Array]:
-    # At a tie the later one, which Newton's method has improved beyond what the squares can tell.
-    nearer = square <= least
-    return jnp.where(nearer, s, best), jnp.where(nearer, square, least)
-
-
-def _foot_speed(point: Array, velocity: Array, width: Array, piece: Piece, s: Array) -> Array:
-    """ds/dt of the foot of a moving point: A'.B' / (B'.B' + (B - P).B''); 0 where the foot is held at an end.
-
-    Where the distance is not convex, or so little that the foot would run along all of b while the point runs along its
-    cell, the speed of the nearest point of the tangent stands in.
-    """
-    b = jet(*piece, s)
-    c = b.point - point
-    square, common = b.first @ b.first, velocity @ b.first
-    slope = square + c @ b.second
-    slope = jnp.where(slope > jnp.minimum(1e-3 * square, width * jnp.abs(common)), slope, square)
-    speed = common / jnp.where(slope > 0, slope, 1.0)
-    return jnp.where(stays(s, c @ b.first, square), 0.0, speed)
+def _speed(a: CurveJet, width: Array, piece: Piece, s: Array) -> Array:
+    return foot_speed(s, equation(a.point, piece, s), a.first, width)
 
 
 def _restricted(piece: Piece, t0: Array, t1: Array) -> Piece:

@@ -18,9 +18,10 @@ import numpy as np
 
 from jhd.compiled import compiled
 from jhd.distance.certificate import verification
-from jhd.distance.certificate.host import SNAP, Host, dot, foot_speed, jets, local_feet
+from jhd.distance.certificate.host import SNAP, Host, jets, local_feet, speed_of_feet
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.nearest.curves import NearestOnCurve, nearest, repeated
+from jhd.distance.nearest.feet import dot
 from jhd.shapes.curve import BezierSegments
 
 # Points measured side by side: one compiled program whatever their number.
@@ -95,7 +96,7 @@ class Measure:
         return self.known[-1]
 
 
-def _nearest(measure: Measure, points: np.ndarray) -> NearestOnCurve:
+def _nearest(measure: Measure, points: Any) -> NearestOnCurve:
     """Nearest points of up to _LANES points, repeated up to that number."""
     prepared = measure.prepared
     rows = points[np.minimum(np.arange(_LANES), len(points) - 1)].astype(prepared.control_points.dtype)
@@ -223,10 +224,10 @@ def _branches(measure: Measure, cells: _CoverCells) -> list[_Branches]:
     ends = [jets(a, places.segment, places.t) for places in cells]
     branches = []
     for near, start, step, far in ((ends[0], first, width, ends[1]), (ends[1], last, -width, ends[0])):
-        speed = foot_speed(b, start.foot, start.s, near)
+        speed = speed_of_feet(b, start.foot, start.s, near, width)
         guess = np.clip(start.s + speed * step, 0.0, 1.0)
         other = local_feet(b, start.foot, guess, far[0], _FOOT_STEPS)
-        far_speed = foot_speed(b, start.foot, other, far)
+        far_speed = speed_of_feet(b, start.foot, other, far, width)
         pair = (start.s, other, speed * width, far_speed * width)
         branches.append(_Branches(start.foot, *(pair if step is width else (pair[1], pair[0], pair[3], pair[2]))))
     return branches
@@ -318,7 +319,7 @@ def _peak(measure: Measure, cells: _CoverCells, branches: list[_Branches]) -> tu
             s = local_feet(measure.b, foot, s0 + share * (s1 - s0), jet[0], _FOOT_STEPS)
             place, first, _ = jets(measure.b, foot, s)
             e = jet[0] - place
-            bend = dot(jet[1], jet[1]) - dot(jet[1], first) * foot_speed(measure.b, foot, s, jet)
+            bend = dot(jet[1], jet[1]) - dot(jet[1], first) * speed_of_feet(measure.b, foot, s, jet, t1 - t0)
             rows.append((dot(e, e), 2 * dot(e, jet[1]), 2 * (bend + dot(e, jet[2]))))
         return tuple(list(row) for row in zip(*rows, strict=True))  # pyright: ignore[reportReturnType]
 

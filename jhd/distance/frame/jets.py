@@ -24,8 +24,11 @@ def jet(control_points: Array, weights: Array | None, t: Array) -> CurveJet:
     """
     if weights is None:
         return polynomial_jet(control_points, t)
-    n = polynomial_jet(control_points * weights[:, None], t)
-    w = polynomial_jet(weights, t)
+    return quotient(polynomial_jet(control_points * weights[:, None], t), polynomial_jet(weights, t))
+
+
+def quotient(n: CurveJet, w: CurveJet) -> CurveJet:
+    """The jet of n / w."""
     point = n.point / w.point
     first = (n.first - point * w.first) / w.point
     return CurveJet(point, first, (n.second - 2 * first * w.first - point * w.second) / w.point)

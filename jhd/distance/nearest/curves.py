@@ -37,6 +37,8 @@ from jhd.arithmetic import bernstein
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arrays import varying
 from jhd.distance.frame.jets import jet
+from jhd.distance.frame.pieces import Piece
+from jhd.distance.nearest.feet import foot_in
 
 # Open cells beside the whole segments. A search holds a handful; symmetric and degenerate input up to about twenty.
 _CAPACITY = 32
@@ -244,25 +246,10 @@ def _empty_cells(dtype: DTypeLike) -> _SegmentCell:
     return _SegmentCell(jnp.full((_CAPACITY,), jnp.inf, dtype), jnp.zeros((_CAPACITY,), int), zeros, zeros, zeros)
 
 
-def _local_foot(e: Array, w: Array | None, cell: _SegmentCell) -> Array:
-    """A parameter of the cell where C.C' is small for C = P - B, by Newton's method kept inside the cell."""
-
-    def newton(_: Any, s: Array) -> Array:
-        c = jet(e, w, s)
-        residual = jnp.sum(c.point * c.first)
-        slope = jnp.sum(c.first * c.first) + jnp.sum(c.point * c.second)
-        # Where the distance is not convex a quarter of the cell downhill: Newton would climb.
-        away = -jnp.sign(residual) * 0.25 * (cell.s1 - cell.s0)
-        step = jnp.where(slope > 0, -residual / jnp.where(slope > 0, slope, 1.0), away)
-        return jnp.clip(s + step, cell.s0, cell.s1)
-
-    return jax.lax.fori_loop(0, _NEWTON_STEPS, newton, varying(cell.start, e, w, cell))
-
-
 def _cut(state: _CurveQuery, cell: _SegmentCell, e: Array, w: Array | None, tolerance: Array) -> _CurveQuery:
     """Improves the foot inside the cell, cuts there, and keeps the halves that may still hold a nearer point."""
     degree, radius = e.shape[0] - 1, jnp.max(jnp.abs(e))
-    foot = _local_foot(e, w, cell)
+    foot = foot_in(0.0, Piece(e, w), cell.start, _NEWTON_STEPS, cell.s0, cell.s1)
     distance, upper = length_bound(jet(e, w, foot).point, degree, radius)
     best = state.best
     nearer = upper < best.upper

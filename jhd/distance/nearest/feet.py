@@ -1,13 +1,17 @@
-"""Local feet on a curve: Newton's method across joints, and whether a foot is held at an end or corner."""
+"""Local feet on a curve: Newton's method on one segment and across joints, their speed, and whether an end holds them.
+
+A foot is a root of (B - P).B' near a parameter; nothing is proven of it here.
+"""
 
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from jhd.arrays import varying
-from jhd.distance.frame.jets import jet
+from jhd.distance.frame.jets import CurveJet, jet
 from jhd.distance.frame.pieces import Piece, is_point, piece_of
 from jhd.shapes.curve import BezierSegments
 
@@ -15,6 +19,27 @@ from jhd.shapes.curve import BezierSegments
 # method stops within the root of rounding, 1e-8, of a free one. A share of |A - B| |B'| is an angle, which tells a foot
 # on a corner from one beside it; a share of |B'|^2 counts feet as free where A - B is rounding, of close curves.
 _HELD = 1e-7
+# Newton's step is short below a quarter of the segment: four times the residual must be below the slope.
+_SHORT = 4.0
+# Below these shares of |B'|^2 the slope of the equation tells little: of the place of a foot, and of its speed.
+_FLAT, _SLOW = 0.05, 1e-3
+# Share of the interval by which a step goes downhill where Newton's method would climb.
+_DOWNHILL = 0.25
+
+
+class FootEquation(NamedTuple):
+    """(B - P).B' at a parameter: B - P, B', the residual, its slope, and |B'|^2, which is the slope near the curve."""
+
+    apart: Any
+    first: Any
+    residual: Any
+    slope: Any
+    square: Any
+
+    @property
+    def distance_sq(self) -> Any:
+        """|B - P|^2."""
+        return dot(self.apart, self.apart)
 
 
 class Branch(NamedTuple):
@@ -48,7 +73,7 @@ def follow_foot(point: Array, b: BezierSegments, before: Array, segment: Array, 
 
     def newton(_: Any, foot: tuple[Array, Array]) -> tuple[Array, Array]:
         segment, s = foot
-        s = s + newton_step(point, piece_of(b, segment), s)
+        s = s + newton_step(equation(point, piece_of(b, segment), s), _DOWNHILL)
         nxt, last = b.following[segment], before[segment]
         forward, backward = (s > 1) & (nxt >= 0), (s < 0) & (last >= 0)
         segment = jnp.where(forward, nxt, jnp.where(backward, last, segment))
@@ -60,14 +85,89 @@ def follow_foot(point: Array, b: BezierSegments, before: Array, segment: Array, 
     return FootState(segment, s, foot, pinned)
 
 
-@jax.jit
-def newton_step(point: Array, piece: Piece, s: Array) -> Array:
-    """Newton's step of (B - P).B' = 0, downhill by a quarter where the distance is not convex, at most a half."""
-    b = jet(*piece, s)
-    c = b.point - point
-    residual, slope = c @ b.first, b.first @ b.first + c @ b.second
-    step = jnp.where(slope > 0, -residual / jnp.where(slope > 0, slope, 1.0), -0.25 * jnp.sign(residual))
-    return jnp.clip(step, -0.5, 0.5)
+def foot_in(point: Array | float, piece: Piece, s: Array, steps: int, low: Any = 0.0, high: Any = 1.0) -> Array:
+    """The local foot of a point reached from s by Newton's method, kept in [low, high]."""
+    downhill = _DOWNHILL * (high - low)
+
+    def newton(_: Any, s: Array) -> Array:
+        return jnp.clip(s + newton_step(equation(point, piece, s), downhill), low, high)
+
+    return jax.lax.fori_loop(0, steps, newton, varying(s, point, piece, low, high))
+
+
+def nearest_passed(point: Array, piece: Piece, s: Array, steps: int) -> Array:
+    """A parameter in [0, 1] near s where (B - P).B' is small: Newton's method, Gauss-Newton where it is not convex.
+
+    Next to the centre of curvature the distance is convex but hardly so; there Newton's step is taken if it is short.
+    The nearest of all the points passed is returned: at a cusp of b the steps lead anywhere.
+    """
+
+    def newton(_: Any, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        s, best, least = state
+        here = equation(point, piece, s)
+        best, least = _nearer(s, here.distance_sq, best, least)
+        return gauss_newton(s, here), best, least
+
+    start = varying((s, s, jnp.full_like(s, jnp.inf)), point, piece)
+    last, best, least = jax.lax.fori_loop(0, steps, newton, start)
+    return _nearer(last, equation(point, piece, last).distance_sq, best, least)[0]
+
+
+def _nearer(s: Array, square: Array, best: Array, least: Array) -> tuple[Array, Array]:
+    # At a tie the later one, which Newton's method has improved beyond what the squares can tell.
+    nearer = square <= least
+    return jnp.where(nearer, s, best), jnp.where(nearer, square, least)
+
+
+def equation(point: Array | float, piece: Piece, s: Array) -> FootEquation:
+    """The equation of the foot of a point on one segment."""
+    return equation_of(point, jet(*piece, s))
+
+
+def equation_of(point: Any, b: CurveJet) -> FootEquation:
+    """The same from the jet of the curve; in NumPy, and for many of both along leading axes, too."""
+    apart, square = b.point - point, dot(b.first, b.first)
+    return FootEquation(apart, b.first, dot(apart, b.first), square + dot(apart, b.second), square)
+
+
+def newton_step(here: FootEquation, downhill: Any) -> Array:
+    """Newton's step; where the distance is not convex, in which it would climb, this far downhill."""
+    convex = here.slope > 0
+    return jnp.where(convex, -here.residual / jnp.where(convex, here.slope, 1.0), -downhill * jnp.sign(here.residual))
+
+
+def gauss_newton(s: Any, here: FootEquation) -> Any:
+    """The parameter in [0, 1] after Newton's step, or that of Gauss and Newton where it is long and hardly convex."""
+    xp = _module(s)
+    least = xp.minimum(_FLAT * here.square, _SHORT * abs(here.residual))
+    return xp.clip(s - here.residual / _slope(here, least), 0.0, 1.0)
+
+
+def foot_speed(s: Any, here: FootEquation, velocity: Any, width: Any) -> Any:
+    """ds/dt of the foot of a moving point: A'.B' / (B'.B' + (B - P).B''); 0 where the foot is held at an end.
+
+    Where the distance is not convex, or so little that the foot would run along all of b while the point runs along its
+    width, the speed of the nearest point of the tangent stands in.
+    """
+    xp, common = _module(s), dot(velocity, here.first)
+    least = xp.minimum(_SLOW * here.square, width * abs(common))
+    return xp.where(stays(s, here.residual, here.square), 0.0, common / _slope(here, least))
+
+
+def _slope(here: FootEquation, least: Any) -> Any:
+    """The slope of the equation, or |B'|^2 where it is not above a least one; 1 where both are zero."""
+    xp = _module(here.slope)
+    slope = xp.where(here.slope > least, here.slope, here.square)
+    return xp.where(slope > 0, slope, 1.0)
+
+
+def dot(x: Any, y: Any) -> Any:
+    """Scalar products along the last axis."""
+    return (x * y).sum(-1)
+
+
+def _module(x: Any) -> Any:
+    return np if isinstance(x, np.ndarray) else jnp
 
 
 def foot_at(point: Array, b: BezierSegments, segment: Array, s: Array) -> tuple[Array, Array]:
@@ -78,9 +178,8 @@ def foot_at(point: Array, b: BezierSegments, segment: Array, s: Array) -> tuple[
 
 def is_held(point: Array, piece: Piece, s: Array) -> Array:
     """Whether the foot of a point stays at an end or corner where the distance is not stationary, or at a point."""
-    foot = jet(*piece, s)
-    c = foot.point - point
-    return stays(s, c @ foot.first, jnp.sqrt((c @ c) * (foot.first @ foot.first))) | is_point(piece)
+    here = equation(point, piece, s)
+    return stays(s, here.residual, jnp.sqrt(here.distance_sq * here.square)) | is_point(piece)
 
 
 def stays(s: Any, slope: Any, size: Any) -> Any:

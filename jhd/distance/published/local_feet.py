@@ -15,7 +15,9 @@ from jaxtyping import Array
 
 from jhd.arrays import varying
 from jhd.distance.frame.jets import jet
+from jhd.distance.frame.pieces import Piece
 from jhd.distance.nearest.curves import NearestOnCurve, best_end, length_bound
+from jhd.distance.nearest.feet import equation
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import RESULTS
 
@@ -68,9 +70,8 @@ def newton(e: Array, w: Array | None, start: Array, tolerance: float, max_steps:
 
     def step(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         s, _, count = state
-        c = jet(e, w, s)
-        slope = c.first @ c.first + c.point @ c.second
-        moved = jnp.where(slope != 0, s - c.point @ c.first / jnp.where(slope != 0, slope, 1.0), s)
+        here = equation(0.0, Piece(e, w), s)
+        moved = jnp.where(here.slope != 0, s - here.residual / jnp.where(here.slope != 0, here.slope, 1.0), s)
         moved = jnp.clip(moved, 0.0, 1.0)
         return moved, jnp.abs(moved - s), count + 1
 

@@ -22,13 +22,14 @@ from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from jhd.arrays import varying
-from jhd.distance.cells.branches import CurveBound, CurveCell, cell_upper_bound, first_upper_bound, local_foot
+from jhd.distance.cells.branches import CurveBound, CurveCell, cell_upper_bound, first_upper_bound
 from jhd.distance.frame.aim import Aim, Wanted, default_tolerance
 from jhd.distance.frame.curves import evaluation_error
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import CurvePlace, piece_of
 from jhd.distance.nearest.blocks import Blocks
 from jhd.distance.nearest.curves import NearestOnCurve, in_chunks, repeated
+from jhd.distance.nearest.feet import nearest_passed
 from jhd.distance.nearest.near_curve import NearCurve
 from jhd.distance.witness import active
 from jhd.distance.witness.events import describe
@@ -223,7 +224,7 @@ def begin(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> 
 
 def _first_foot(b: BezierSegments, point: Array, start: CurvePlace) -> tuple[Array, Array, Array]:
     piece = piece_of(b, start.segment)
-    s = local_foot(point, piece, start.t, _SEED_STEPS)
+    s = nearest_passed(point, piece, start.t, _SEED_STEPS)
     return start.segment, s, jnp.sqrt(jnp.sum((jet(*piece, s).point - point) ** 2))
 
 
@@ -292,7 +293,7 @@ def _pushed(
 
     def foot(point: Array, start: CurvePlace, ks: Array, ss: Array) -> tuple[Array, Array]:
         ks, ss = jnp.append(ks, start.segment), jnp.append(ss, start.t)
-        ss = jax.vmap(lambda k, s: local_foot(point, piece_of(b, k), s, _SEED_STEPS))(ks, ss)
+        ss = jax.vmap(lambda k, s: nearest_passed(point, piece_of(b, k), s, _SEED_STEPS))(ks, ss)
         feet = jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point)(ks, ss)
         best = jnp.argmin(jnp.sum((feet - point) ** 2, axis=-1))
         return ks[best], ss[best]

@@ -25,7 +25,7 @@ from jaxtyping import Array
 from jhd.arrays import varying
 from jhd.distance.frame.jets import CurveJet, jet
 from jhd.distance.frame.pieces import Piece, is_point
-from jhd.distance.nearest.feet import is_held
+from jhd.distance.nearest.feet import equation, is_held
 from jhd.solution import EVENTS
 
 # A determinant below this share of the product of the lengths of its rows is none.
@@ -123,11 +123,9 @@ def _solve(rows: Array, right: Array) -> Array:
 
 def stationary(s: Array, point: Array, piece: Piece, held: Array) -> Array:
     """The parameter of a foot after a Newton step of (B - P).B' = 0, where it is free and the root is simple."""
-    b = jet(*piece, s)
-    c, speed_sq = b.point - point, b.first @ b.first
-    slope = speed_sq + c @ b.second
-    moves = ~held & (jnp.abs(slope) > _SINGULAR * speed_sq)
-    return s - jnp.where(moves, c @ b.first, 0.0) / jnp.where(moves, slope, 1.0)
+    here = equation(point, piece, s)
+    moves = ~held & (jnp.abs(here.slope) > _SINGULAR * here.square)
+    return s - jnp.where(moves, here.residual, 0.0) / jnp.where(moves, here.slope, 1.0)
 
 
 def newton(y: Array, system: Active) -> Array:

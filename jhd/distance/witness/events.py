@@ -11,11 +11,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jhd.arrays import varying
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import CurvePlace, Piece, piece_of, preceding
 from jhd.distance.nearest.curves import repeated, segment_bounds
-from jhd.distance.nearest.feet import Branch, foot_at, newton_step
+from jhd.distance.nearest.feet import Branch, foot_at, foot_in
 from jhd.distance.witness.ends import around
 from jhd.distance.witness.multipliers import two_of
 from jhd.shapes.curve import BezierSegments
@@ -127,12 +126,7 @@ def _local_feet(point: Array, b: BezierSegments) -> tuple[Array, Array]:
 
     def feet_on(segment: Array) -> tuple[Array, Array]:
         piece = piece_of(b, segment)
-
-        def foot(s: Array) -> Array:
-            step = lambda _, s: jnp.clip(s + newton_step(point, piece, s), 0.0, 1.0)  # noqa: E731
-            return jax.lax.fori_loop(0, _NEWTON_STEPS, step, varying(s, point, b))
-
-        return jnp.full((_STARTS,), segment), jax.vmap(foot)(starts)
+        return jnp.full((_STARTS,), segment), jax.vmap(lambda s: foot_in(point, piece, s, _NEWTON_STEPS))(starts)
 
     segments, params = jax.vmap(feet_on)(segments)
     return segments.ravel(), params.ravel()
