@@ -145,7 +145,7 @@ def _time(call: Callable[[], Any], budget: float) -> float:
 def _measured(pairs: list[Pair], programs: dict[int, tuple[Any, Any]], budget: float) -> dict[str, Any]:
     """All draws of one size: counts, times and the error of the samples, each as the median over the draws."""
     count = pairs[0][0].count
-    bucket = padded_count(count)
+    bucket = padded_count(count, small=True)
     draws = [_draw(pair, programs.get(bucket), budget / len(pairs)) for pair in pairs]
     medians = {key: float(np.median([draw[key] for draw in draws])) for key in draws[0]}
     ratio = medians["directed, compiled"] / medians["k-d tree"]
@@ -157,7 +157,7 @@ def _draw(pair: Pair, compiled: tuple[Any, Any] | None, budget: float) -> dict[s
     directed, two_sided = compiled or (jax.jit(_directed), jax.jit(_two_sided))
     start = jhd.BranchAndBound(max_steps=0)
     # Programs take the curves that they were compiled for: the same segments, repeated.
-    padded = tuple(curve.pad(padded_count(curve.count)) for curve in pair)
+    padded = tuple(curve.pad(padded_count(curve.count, small=True)) for curve in pair)
     samples = [sample(np.asarray(curve.control_points), _SAMPLES) for curve in pair]
     calls: dict[str, Callable[[], Any]] = {
         "directed, compiled": lambda: directed(*padded),

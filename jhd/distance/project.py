@@ -55,8 +55,9 @@ from jhd.solution import RESULTS, Projection, StationaryPoints, result_where, th
 _BLOCKS = (1, 16, 128, 1024)
 # The same of long curves, which are prepared for each block.
 _LONG_BLOCK = 4096
-# Numbers of segments likewise; a single curve is worth a program of its own.
-_COUNTS = (1, 4, 16)
+# Up to so many queries all curves of few segments share one size; more of them look at every segment so often that
+# repeated ones double the time.
+_FEW = 16
 # A larger change of the parameter by one more Newton step is no mending: the local methods stop where they please.
 _MENDED = 1e-6
 # Queries that are searched side by side: more wait for the slowest of them, fewer leave vector units idle.
@@ -289,7 +290,7 @@ def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: B
         flat = jnp.where(good[:, None], flat, 0.0)
     frame = frame_of([extremes(flat), extremes(points)], centre=origin)
     flat, points = common_points(frame, flat), common_points(frame, points)
-    count = curve.count if traced else next((c for c in _COUNTS if c >= curve.count), padded_count(curve.count))
+    count = curve.count if traced else padded_count(curve.count, small=len(flat) > _FEW)
     index = np.minimum(np.arange(count), curve.count - 1)
     weights = None if curve.weights is None else unit_weights(curve.weights)[index]
     scaled = trusted(points[index], weights, xp.asarray(curve.following)[index])

@@ -23,15 +23,21 @@ from jhd.shapes.curve import BezierSegments
 
 # Numbers of segments and degrees that programs are compiled for. Small curves share one size, where the cost of the
 # repetition does not show; from 192 on, where it does, at most a third is repetition.
-_COUNTS = (4, 16, 48, 96, *(size for k in range(6, 24) for size in (3 * 2**k, 4 * 2**k)))
+_COUNTS = (48, 96, *(size for k in range(6, 24) for size in (3 * 2**k, 4 * 2**k)))
+# Where it shows already: inside a program of the user's, which is compiled for its sizes anyway and where four
+# segments instead of 48 take two thirds of the time, and in work that looks at every segment many times.
+_SMALL_COUNTS = (4, 16)
 _DEGREES = (3, 6, 10)
 # Up to this number both curves of a pair may share one size.
 _SHARED = 96
 
 
-def padded_count(count: int) -> int:
-    """The smallest number of segments that programs are compiled for and that holds `count`."""
-    return next(bucket for bucket in _COUNTS if bucket >= count)
+def padded_count(count: int, small: bool = False) -> int:
+    """The smallest number of segments that programs are compiled for and that holds `count`.
+
+    With `small` sizes below 48 are among them: more programs, each faster on few segments.
+    """
+    return next(bucket for bucket in ((*_SMALL_COUNTS, *_COUNTS) if small else _COUNTS) if bucket >= count)
 
 
 def raised_degree(degree: int) -> int:
@@ -82,13 +88,12 @@ def replaced(curve: BezierSegments, good: Any) -> BezierSegments:
     return trusted(jnp.where(good, curve.control_points, 0.0), weights, curve.following)
 
 
-def shared_count(first: int, second: int, degree: int) -> tuple[int, int]:
+def shared_count(first: int, second: int, small: bool = False) -> tuple[int, int]:
     """The numbers of segments of two curves where programs are to be few: one for both, but for long curves.
 
-    Repeated segments cost a search little up to a hundred; degrees above three are rare, so they share a size as well.
+    Repeated segments cost a search little up to a hundred.
     """
-    least = _COUNTS[1] if degree > _DEGREES[0] else _COUNTS[0]
-    counts = padded_count(max(first, least)), padded_count(max(second, least))
+    counts = padded_count(first, small), padded_count(second, small)
     most = max(counts)
     return (most, most) if most <= _SHARED else counts
 
@@ -98,16 +103,21 @@ def prepare(
 ) -> tuple[BezierSegments, BezierSegments, Frame]:
     """Both curves padded and with coordinates in [-1, 1] about the origin, and the frame that leads back.
 
-    On concrete curves this runs in NumPy, which keeps subnormals. `sharing` pads to the sizes of `shared_count`.
+    On concrete curves this runs in NumPy, which keeps subnormals. `sharing` pads to the sizes of `shared_count`;
+    without it, and under tracing, small sizes stay small.
     """
-    xp = jnp if is_traced(a, b) else np
+    traced = is_traced(a, b)
+    xp = jnp if traced else np
     good = usable(a) & usable(b)
     a, b = replaced(a, good), replaced(b, good)
     x, y = (xp.asarray(curve.control_points) for curve in (a, b))
     frame = frame_of([extremes(x), extremes(y)], good)
     x, y = common_points(frame, x), common_points(frame, y)
     degree, rational = raised_degree(max(a.degree, b.degree)), a.weights is not None or b.weights is not None
-    counts = shared_count(a.count, b.count, degree) if sharing else (padded_count(a.count), padded_count(b.count))
+    if sharing:
+        counts = shared_count(a.count, b.count, small=traced)
+    else:
+        counts = padded_count(a.count, small=True), padded_count(b.count, small=True)
     return (
         _bucketed(xp, a, x, degree, rational, counts[0]),
         _bucketed(xp, b, y, degree, rational, counts[1]),

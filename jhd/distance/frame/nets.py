@@ -54,7 +54,7 @@ def prepared(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
 
 def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
     """The net with curves raised to a degree that programs are compiled for, and pieces repeated to such a number."""
-    index = np.minimum(np.arange(padded_count(points.shape[0])), points.shape[0] - 1)
+    index = np.minimum(np.arange(padded_count(points.shape[0], small=is_traced(points))), points.shape[0] - 1)
     if weights is not None:
         weights = xp.asarray(weights)
         weights = xp.where(good, weights, 1.0) if is_traced(good) else weights

@@ -83,7 +83,7 @@ class PatchTarget(AbstractTarget):
             weights = np.asarray(weights)
             weights = np.ldexp(weights, -np.frexp(np.max(weights, axis=(1, 2), keepdims=True))[1])
         self.count = len(points)
-        index = np.minimum(np.arange(padded_count(self.count)), self.count - 1)
+        index = np.minimum(np.arange(padded_count(self.count, small=True)), self.count - 1)
         self.net = Net(points, weights)
         self._padded = Net(points[index], None if weights is None else weights[index])
         places = np.linspace(0.0, 1.0, _SAMPLES).astype(points.dtype)

@@ -100,9 +100,31 @@ def test_a_pair_of_one_point_is_prepared():
     assert float(frame.length(jnp.array(0.0))) == 0.0
 
 
-@pytest.mark.parametrize(("count", "padded"), [(1, 4), (4, 4), (5, 16), (16, 16), (17, 48), (90, 96), (97, 192)])
+@pytest.mark.parametrize(("count", "padded"), [(1, 48), (48, 48), (49, 96), (90, 96), (97, 192), (193, 256)])
 def test_segments_are_padded_to_a_few_sizes(count, padded):
     assert padded_count(count) == padded
+
+
+@pytest.mark.parametrize(("count", "padded"), [(1, 4), (4, 4), (5, 16), (16, 16), (17, 48), (90, 96), (97, 192)])
+def test_where_repetition_costs_small_numbers_of_segments_have_sizes_of_their_own(count, padded):
+    assert padded_count(count, small=True) == padded
+
+
+def test_curves_of_up_to_48_segments_share_a_program_of_the_search_and_keep_small_ones_under_tracing():
+    def counts(*pair, sharing):
+        return tuple(curve.count for curve in prepare(*pair, sharing=sharing)[:2])
+
+    def traced(*pair):
+        seen.append(counts(*pair, sharing=True))
+        return 0.0
+
+    seen = []
+    short, longer = (jhd.polyline(np.arange(2 * n + 2.0).reshape(-1, 2)) for n in (3, 20))
+    assert counts(short, short, sharing=True) == counts(short, longer, sharing=True) == (48, 48)
+    assert counts(short, longer, sharing=False) == (4, 48)
+    jax.eval_shape(traced, short, short)
+    jax.eval_shape(traced, short, longer)
+    assert seen == [(4, 4), (48, 48)]
 
 
 @pytest.mark.parametrize(("degree", "raised"), [(0, 3), (3, 3), (4, 6), (7, 10), (10, 10), (11, 11)])
@@ -176,19 +198,20 @@ def test_the_error_bound_grows_with_the_degree_and_the_dimension():
     assert preparation_error(3, 2, np.float32) > gamma(40, np.float32)
 
 
-def test_the_whole_table_needs_at_most_twelve_programs():
+def test_the_whole_table_needs_at_most_nine_programs():
     sizes = set()
     for case in CASES:
         a, b, _ = prepare(*pairs.both(case), sharing=True)
         for x, y in ((a, b), (b, a)):
             sizes.add((x.control_points.shape, y.control_points.shape, x.weights is not None))
-    assert len(sizes) <= 12
+    assert len(sizes) <= 9
 
 
 def test_long_curves_do_not_share_a_size():
-    assert shared_count(1, 90, 3) == (96, 96)
-    assert shared_count(1, 100, 3) == (4, 192)
-    assert shared_count(1, 1, 6) == (16, 16)
+    assert shared_count(1, 90) == (96, 96)
+    assert shared_count(1, 100) == (48, 192)
+    assert shared_count(1, 90, small=True) == (96, 96)
+    assert shared_count(1, 100, small=True) == (4, 192)
 
 
 def test_the_text_of_a_program_does_not_depend_on_what_was_traced_before():
