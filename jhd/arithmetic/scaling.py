@@ -70,3 +70,14 @@ def unit_weights(weights: Any, axes: int | tuple[int, ...] = -1) -> Any:
     xp: Any = jnp if is_traced(weights) else np
     weights = xp.asarray(weights)
     return xp.ldexp(weights, -xp.frexp(xp.max(weights, axis=axes, keepdims=True))[1])
+
+
+def length(vectors: Any) -> Any:
+    """Lengths along the last axis, whose squares neither overflow nor vanish; zero has the derivative zero."""
+    xp: Any = jnp if is_traced(vectors) else np
+    size = xp.max(abs(vectors), axis=-1, keepdims=True)
+    size = lax.stop_gradient(size) if is_traced(size) else size
+    square = xp.sum((vectors / xp.where(size > 0, size, 1.0)) ** 2, axis=-1)
+    # What is no number stays none.
+    some = square != 0
+    return xp.where(some, size[..., 0] * xp.sqrt(xp.where(some, square, 1.0)), 0.0)

@@ -22,6 +22,7 @@ from jaxtyping import Array, Float, Int
 
 from jhd.arithmetic import rounding
 from jhd.arithmetic.interval import Interval
+from jhd.arithmetic.scaling import common_exponent
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
 from jhd.shapes.biarc import BiarcCurve, biarcs, least_tolerance
@@ -210,9 +211,9 @@ class _PixelFrame(NamedTuple):
     def of(arcs: BiarcCurve, low: np.ndarray, high: np.ndarray) -> "_PixelFrame":
         """The frame of a box and arcs: the lower corner is the origin, which every pixel and arc is relative to."""
         ends = np.concatenate([np.asarray(x, np.float64) for x in (arcs.start, arcs.end, [low, high])])
-        first = int(np.frexp(np.max(np.abs(ends)))[1])
+        first = int(common_exponent(ends))
         ends, low = np.ldexp(ends, -first), np.ldexp(low, -first)
-        return _PixelFrame(low, first, int(np.frexp(np.max(np.abs(ends - low)))[1]))
+        return _PixelFrame(low, first, int(common_exponent(ends - low)))
 
     def length(self, x: Any) -> Any:
         """Local lengths in the user's unit."""

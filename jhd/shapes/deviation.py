@@ -11,7 +11,7 @@ import numpy as np
 
 from jhd.arithmetic.bernstein import binomials, product_weights
 from jhd.arithmetic.rounding import gamma, unit_roundoff
-from jhd.arithmetic.scaling import unit_weights
+from jhd.arithmetic.scaling import common_exponent, unit_weights
 from jhd.shapes.curve import BezierSegments
 
 # Sweeps up to 106 degrees: the weight of the rational quadratic stays at 0.6 and above, and the proof needs less than
@@ -71,14 +71,13 @@ class HostCurve(NamedTuple):
         dtype = np.dtype(curve.control_points.dtype)
         given = complex_points(np.asarray(curve.control_points, np.float64)).T
         largest = _size(given)
-        first = int(np.frexp(largest)[1])
+        first = int(common_exponent(largest))
         points = scaled(given, -first)
         x, y = np.real(points), np.imag(points)
         centre = 0.5 * complex(x.min() + x.max(), y.min() + y.max())
         points = points - centre
-        extent = _size(points)
         # Where all points are one, nothing is left that an error could be relative to.
-        second = int(np.frexp(extent)[1]) if extent > 0 else -200
+        second = int(common_exponent(_size(points), nothing=-200))
         points, weights = scaled(points, -second), None
         if curve.weights is not None:
             weights = np.asarray(curve.weights, np.float64).T

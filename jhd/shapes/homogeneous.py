@@ -14,6 +14,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from jhd.arithmetic import bernstein
+from jhd.arithmetic.scaling import common_exponent
 from jhd.arrays import is_traced
 
 
@@ -33,7 +34,7 @@ def in_unit(control_points: Array, weights: Array | None) -> tuple[Any, Any, Any
     """
     xp: Any = jnp if is_traced(control_points, weights) else np
     parts = [None if x is None else xp.asarray(x) for x in (control_points, weights)]
-    powers = [0 if x is None else xp.frexp(xp.max(xp.abs(x)))[1] for x in parts]
+    powers = [0 if x is None else common_exponent(jax.lax.stop_gradient(x)) for x in parts]
     points, divided = (None if x is None else xp.ldexp(x, -k) for x, k in zip(parts, powers, strict=True))
     return points, divided, powers[0], powers[1]
 

@@ -30,8 +30,9 @@ from jaxtyping import Array
 
 from jhd.arithmetic.balls import Ball, dot, minus, plus, semidefinite, times
 from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arithmetic.scaling import length
 from jhd.distance.cells.implicit import At, Local, error_of, parameters, polynomial_at, shape_at, shape_over
-from jhd.distance.cells.pairs import Cell, PairBound, bends, expand, joined, length, newton_step
+from jhd.distance.cells.pairs import Cell, PairBound, bends, expand, joined, newton_step
 from jhd.distance.frame.net_jets import Net, jet, part_of, skew
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.places import proven_radius, returned

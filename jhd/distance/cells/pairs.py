@@ -27,6 +27,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.balls import Ball, dot, factors, minus, plus, semidefinite
 from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arithmetic.scaling import length
 from jhd.distance.frame.net_jets import Net, NetJet, enclosed, eta, jet, part_of, point_error, skew
 
 # Steps of Newton's method towards the nearest pair of a cell; the cells that count are entered near it.
@@ -122,13 +123,6 @@ def nearest_in(part_a: Net, part_b: Net, start: Array, fixed: Array, steps: int 
     x, best, least = jax.lax.fori_loop(0, steps, step, first)
     e = jet(part_a, x[:n]).point - jet(part_b, x[n:]).point
     return jnp.where(e @ e <= least, x, best)
-
-
-def length(e: Array) -> Array:
-    """The length of a vector, without underflow."""
-    size = jnp.max(jnp.abs(e))
-    safe = jnp.where(size > 0, size, 1.0)
-    return size * jnp.sqrt(jnp.sum((e / safe) ** 2))
 
 
 class _Sides(NamedTuple):

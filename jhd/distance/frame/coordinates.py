@@ -18,7 +18,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import smallest_normal
-from jhd.arithmetic.scaling import common_exponent, ldexp, scale_of
+from jhd.arithmetic.scaling import common_exponent, ldexp, length, scale_of
 from jhd.arrays import is_traced
 from jhd.solution import RESULTS, HausdorffSolution, result_where, with_lengths
 
@@ -109,6 +109,19 @@ def extremes(x: Any) -> tuple[Any, Any]:
     return xp.min(x, axis=axes), xp.max(x, axis=axes)
 
 
+def diagonal(corners: Sequence[tuple[Any, Any]]) -> Any:
+    """The length of the diagonal of the box of all shapes with these lower and upper corners."""
+    low, high = _box_of(corners)
+    # Half of it does not overflow.
+    return 2 * length(0.5 * high - 0.5 * low)
+
+
+def _box_of(corners: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:
+    xp: Any = jnp if is_traced(corners) else np
+    lows, highs = zip(*corners, strict=True)
+    return reduce(xp.minimum, lows), reduce(xp.maximum, highs)
+
+
 def middle(low: Any, high: Any) -> Any:
     """The middle of a box."""
     return 0.5 * (low + high)
@@ -136,9 +149,8 @@ def frame_of(
         usable: whether all numbers of the shapes were.
         centre: of the box of all, from its corners, which are at most one.
     """
-    xp, scaled = (jnp, ldexp) if is_traced(corners, usable) else (np, np.ldexp)
-    lows, highs = zip(*corners, strict=True)
-    low, high = reduce(xp.minimum, lows), reduce(xp.maximum, highs)
+    scaled = ldexp if is_traced(corners, usable) else np.ldexp
+    low, high = _box_of(corners)
     first = common_exponent(low, high)
     low, high = scaled(low, -first), scaled(high, -first)
     at = centre(low, high)

@@ -36,7 +36,7 @@ def net_of(shape: AbstractCurve | AbstractPatch | TriangleMesh) -> Net:
     return Net(patches.control_points, weights)
 
 
-def prepared(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
+def prepare_nets(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
     """Both with coordinates in [-1, 1] about the origin, the frame that leads back, and a bound of the error made.
 
     On concrete shapes this runs in NumPy, which keeps subnormals.

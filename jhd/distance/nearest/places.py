@@ -22,7 +22,7 @@ from jhd.arithmetic.rounding import like_double, round_up, smallest_normal, unit
 from jhd.arrays import varying
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.surfaces import Side, exact_polynomial
-from jhd.distance.nearest.forms import signed_values
+from jhd.distance.nearest.forms import positive, signed_values
 from jhd.shapes.implicit import ImplicitSurface
 
 # The longest step, as a share of the box, and how far from singular the system of a foot has to be.
@@ -53,17 +53,17 @@ def projected(
 
 def _back(value: Array, gradient: Array, x: Array, lower: Array, upper: Array) -> Array:
     """The Newton step along the gradient; coordinates at a face that it would leave stay."""
-    move = -value * gradient / _positive(jnp.sum(gradient**2, axis=0))
+    move = -value * gradient / positive(jnp.sum(gradient**2, axis=0))
     for _ in range(2):
         leaving = ((x <= lower) & (move < 0)) | ((x >= upper) & (move > 0))
         gradient = jnp.where(leaving, 0.0, gradient)
-        move = -value * gradient / _positive(jnp.sum(gradient**2, axis=0))
+        move = -value * gradient / positive(jnp.sum(gradient**2, axis=0))
     return _short(move, lower, upper)
 
 
 def _short(move: Array, lower: Array, upper: Array) -> Array:
     length, most = jnp.sqrt(jnp.sum(move**2, axis=0)), _LONGEST * jnp.max(upper - lower)
-    return jnp.where(jnp.isfinite(length), move * jnp.minimum(1.0, most / _positive(length)), 0.0)
+    return jnp.where(jnp.isfinite(length), move * jnp.minimum(1.0, most / positive(length)), 0.0)
 
 
 def local_feet(
@@ -116,7 +116,7 @@ def _within(q: Array, gradient: Array, lower: Array, upper: Array) -> Array:
 def _tangential(apart: Array, gradient: Array, hessian: Array, held: Array) -> Array:
     n = jnp.where(held, 0.0, gradient)
     e = jnp.where(held, 0.0, apart)
-    square = _positive(jnp.sum(n**2, axis=0))
+    square = positive(jnp.sum(n**2, axis=0))
     mu = jnp.sum(e * n, axis=0) / square
     t = e - mu * n
     unit = n / jnp.sqrt(square)
@@ -155,7 +155,7 @@ def proven_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, 
     value, gradient, _ = jets(jnp.asarray(side.coefficients), points)
     error = signed_values(side, points)[1]
     within = _within(points, gradient, lower, upper)
-    slope = _positive(jnp.sqrt(jnp.sum(within**2, axis=0)))
+    slope = positive(jnp.sqrt(jnp.sum(within**2, axis=0)))
     u = unit_roundoff(points.dtype)
     step = 2 * (2 * error + jnp.abs(value)) / slope + 8 * u * jnp.max(jnp.abs(points), axis=0)
     ends = [jnp.clip(points + sign * step * within / slope, lower, upper) for sign in (-1, 1)]
@@ -242,8 +242,3 @@ def exact_radius(surface: ImplicitSurface, side: Side, frame: Frame, x: np.ndarr
 def _on_vanishing(side: Side, points: Array, lower: Array, upper: Array) -> Array:
     place = jnp.where(points == lower, 0, jnp.where(points == upper, 2, 1))
     return jnp.asarray(side.vanishing).ravel()[place[0] * 9 + place[1] * 3 + place[2]]
-
-
-def _positive(x: Array) -> Array:
-    """The numbers, infinity for those that are not above zero: a divisor."""
-    return jnp.where(x > 0, x, jnp.inf)

@@ -139,12 +139,9 @@ def nearest(
 
     def better(state: _SurfaceQuery, places: Array) -> tuple[Array, Array]:
         found = local_feet(side, jnp.broadcast_to(point[:, None], places.shape), places, _FOOT_STEPS)
-        radius = thorough_radius(side, found)
-        far = round_up(reach(found - point[:, None]) + radius)
-        far = jnp.where(jnp.isnan(far), jnp.inf, far)
-        best = jnp.argmin(far)
-        nearer = far[best] < state.upper
-        return jnp.where(nearer, far[best], state.upper), jnp.where(nearer, found[:, best], state.foot)
+        far, foot = nearest_proven(side, point, found)
+        nearer = far < state.upper
+        return jnp.where(nearer, far, state.upper), jnp.where(nearer, foot, state.foot)
 
     def target(state: _SurfaceQuery) -> Array:
         upper = state.upper
@@ -191,6 +188,16 @@ def nearest(
     end = jax.lax.while_loop(open_, step, varying(start, side, point))
     lower = jnp.minimum(jnp.minimum(jnp.min(end.bound), end.closed), end.upper)
     return NearestOnSurface(lower, end.upper, end.foot, end.steps)
+
+
+def nearest_proven(side: Side, point: Array, places: Array) -> tuple[Array, Array]:
+    """The place near the surface within which and a point there is one of the surface at the least distance, and that.
+
+    A bound of that distance comes first; it is infinite where no place is proven to be near the surface.
+    """
+    far = round_up(reach(places - point[:, None]) + thorough_radius(side, places))
+    far = jnp.where(jnp.isnan(far), jnp.inf, far)
+    return jnp.min(far), places[:, jnp.argmin(far)]
 
 
 def pushed(rows: Array, bound: Array, new: Array, new_bound: Array) -> tuple[Array, Array, Array]:

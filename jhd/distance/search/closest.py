@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma
+from jhd.arithmetic.scaling import length
 from jhd.arrays import is_traced, varying
-from jhd.distance.cells.pairs import BestPair, Cell, PairBound, bound, length
+from jhd.distance.cells.pairs import BestPair, Cell, PairBound, bound
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.net_jets import Net, eta, point_error
 from jhd.solution import RESULTS, MinimumSolution, result_where

@@ -24,6 +24,7 @@ from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.attach import attached
+from jhd.distance.frame.coordinates import diagonal, extremes
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.from_program import from_program
 from jhd.distance.search.search import AbstractSearch, Listener, Progress, Standing, drive
@@ -177,11 +178,11 @@ class TriangleSearch(AbstractSearch):
 
 def _allowed(sides: tuple[MeshBoxes, MeshBoxes], method: BranchAndBound) -> Callable[[float], float]:
     """The gap that is allowed at an upper bound, in the common unit."""
-    rows = np.concatenate([side.corners.reshape(-1, 3) for side in sides]).astype(np.float64)
-    diagonal, dtype = float(np.linalg.norm(rows.max(axis=0) - rows.min(axis=0))), sides[0].corners.dtype
+    corners, dtype = [side.corners.astype(np.float64) for side in sides], sides[0].corners.dtype
+    size = float(diagonal([extremes(x) for x in corners]))
     # What rounding leaves where not all pairs can be measured exactly.
-    floor = gamma(256, dtype) * diagonal
-    absolute = default_tolerance(diagonal, dtype, floor)
+    floor = gamma(256, dtype) * size
+    absolute = default_tolerance(size, dtype, floor)
     if method.atol is not None:
         absolute = max(float(np.ldexp(float(method.atol), -sides[0].exponent)), floor)
     rtol = float(method.rtol)

@@ -24,6 +24,7 @@ from jaxtyping import Array
 from jhd.arrays import varying
 from jhd.distance.cells.branches import CurveBound, CurveCell, cell_upper_bound, first_upper_bound
 from jhd.distance.frame.aim import Aim, Wanted, default_tolerance
+from jhd.distance.frame.coordinates import diagonal, extremes
 from jhd.distance.frame.curves import evaluation_error
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import CurvePlace, piece_of
@@ -66,9 +67,7 @@ def _tolerances(a: BezierSegments, b: BezierSegments, wanted: Wanted) -> _Tolera
     dtype = a.control_points.dtype
     # Closer than a few times the error of the common coordinates the bounds cannot get.
     floor = jnp.asarray(_FLOOR * evaluation_error(a, b), dtype)
-    rows = jnp.concatenate([a.control_points.reshape(-1, a.dim), b.control_points.reshape(-1, a.dim)])
-    diagonal = jnp.sqrt(jnp.sum((jnp.max(rows, axis=0) - jnp.min(rows, axis=0)) ** 2))
-    default = default_tolerance(diagonal, dtype, floor)
+    default = default_tolerance(diagonal([extremes(curve.control_points) for curve in (a, b)]), dtype, floor)
     return _Tolerances(jnp.where(wanted.atol < 0, default, wanted.atol), wanted.rtol, floor)
 
 

@@ -1,7 +1,7 @@
 """Whole searches called from compiled programs; what a plain call refuses, the result says there."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +9,36 @@ import numpy as np
 from jax.core import eval_context
 
 from jhd.distance.frame.from_host import from_host
+from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
+
+
+class AnswerForm(NamedTuple):
+    """The form of every answer of a search: its precision, dimension, feet, shapes of both parameters, and counts."""
+
+    dtype: Any
+    dim: int
+    feet: int
+    t: tuple[int, ...]
+    params: tuple[int, ...]
+    counts: tuple[str, ...]
+
+    def refused(self, result: Any = RESULTS.nonfinite_value) -> HausdorffSolution:
+        """What is answered about shapes that are none."""
+        number = lambda x, *shape: jnp.full(shape, x, self.dtype)  # noqa: E731
+        none = jnp.array(0)
+        witness = Witness(
+            segment=none,
+            t=number(jnp.nan, *self.t),
+            point=number(jnp.nan, self.dim),
+            feet=number(jnp.nan, self.feet, self.dim),
+            foot_segments=jnp.zeros(self.feet, int),
+            foot_params=number(jnp.nan, self.feet, *self.params),
+            multipliers=number(0.0, self.feet).at[0].set(1.0),
+            event=EVENTS.coincident,
+            direction=DIRECTIONS.a_to_b,
+        )
+        stats = {name: none for name in self.counts}
+        return HausdorffSolution(number(jnp.inf), number(0.0), number(jnp.inf), witness, result, stats)
 
 
 def from_program(search: Callable[..., Any], refused: Callable[[], Any], shapes: Any, *options: Any) -> Any:

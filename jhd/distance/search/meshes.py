@@ -10,7 +10,6 @@ zero cases (2018), and CGAL's bounded-error Hausdorff distance, after Tang, Lee,
 computation for general polygonal models (2009), bound a cell in the same way; splitting at ties and the proof are ours.
 """
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -19,12 +18,13 @@ import numpy as np
 from jhd.arrays import is_traced
 from jhd.distance.cells.triangles import MeshSide, TriangleCells, first_cells, split
 from jhd.distance.frame.aim import Aim, default_tolerance
+from jhd.distance.frame.coordinates import diagonal, extremes
 from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.distance.search.from_program import from_program
+from jhd.distance.search.from_program import AnswerForm, from_program
 from jhd.distance.search.search import AbstractSearch, Listener, Standing, drive
 from jhd.distance.witness.meshes import FEET, active_feet, witness_of
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
+from jhd.solution import RESULTS, HausdorffSolution
 from jhd.triangles.closest_point import in_unit_of, outward, triangle_tree
 
 # Cells split in one step, and most that wait for each row of the capacity; a cell takes about 400 bytes, and its parts
@@ -83,26 +83,9 @@ def mesh_directed(
     # Inside jit all operations are traced, those on known numbers too.
     if is_traced(a, b, method, aim, jnp.zeros(())):
         listener = Listener()
-        return from_program(search, partial(_unusable, a.vertices.dtype), (a, b), method, aim)
+        form = AnswerForm(a.vertices.dtype, 3, FEET, (3,), (3,), _COUNTS)
+        return from_program(search, form.refused, (a, b), method, aim)
     return search((a, b), method, aim)
-
-
-def _unusable(dtype: Any) -> HausdorffSolution:
-    """What is answered about meshes that hold a NaN, and the form of every answer."""
-    number, nowhere, none = jnp.full((), jnp.inf, dtype), jnp.full(3, jnp.nan, dtype), jnp.array(0)
-    witness = Witness(
-        segment=none,
-        t=jnp.full(3, jnp.nan, dtype),
-        point=nowhere,
-        feet=jnp.full((FEET, 3), jnp.nan, dtype),
-        foot_segments=jnp.zeros(FEET, int),
-        foot_params=jnp.full((FEET, 3), jnp.nan, dtype),
-        multipliers=jnp.asarray(np.eye(FEET)[0], dtype),
-        event=EVENTS.coincident,
-        direction=DIRECTIONS.a_to_b,
-    )
-    stats = {name: none for name in _COUNTS}
-    return HausdorffSolution(number, jnp.zeros((), dtype), number, witness, RESULTS.nonfinite_value, stats)
 
 
 class MeshSearch(AbstractSearch):
@@ -200,9 +183,8 @@ def _absolute(side: MeshSide, method: BranchAndBound) -> float:
     """The absolute tolerance in the unit of the tree."""
     if method.atol is not None:
         return float(np.ldexp(float(method.atol), -side.tree.exponent))
-    ends = np.concatenate([side.corners.reshape(-1, 3), side.b_corners.reshape(-1, 3)]).astype(np.float64)
-    diagonal = float(np.linalg.norm(ends.max(axis=0) - ends.min(axis=0)))
-    return float(default_tolerance(diagonal, side.corners.dtype, _rounding(side, 0.0)))
+    size = diagonal([extremes(x.astype(np.float64)) for x in (side.corners, side.b_corners)])
+    return float(default_tolerance(size, side.corners.dtype, _rounding(side, 0.0)))
 
 
 def _rounding(side: MeshSide, lower: float) -> float:

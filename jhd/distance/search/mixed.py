@@ -15,14 +15,15 @@ from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arithmetic.scaling import length
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
-from jhd.distance.cells.pairs import BestPair, Cell, length
+from jhd.distance.cells.pairs import BestPair, Cell
 from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.attach import attached
-from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.coordinates import Frame, diagonal, extremes
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.frame.nets import net_of
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
@@ -43,6 +44,7 @@ from jhd.distance.search.closest import (
     table_of,
 )
 from jhd.distance.search.search import AbstractSearch, Listener, Progress, Standing, drive
+from jhd.distance.witness.surface_projection import moving_point
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.solution import RESULTS, MinimumSolution, result_where
 
@@ -99,16 +101,10 @@ def _pairs(problem: WithSurface) -> tuple[np.ndarray, np.ndarray]:
 def _wanted(problem: WithSurface, frame: Frame, method: BranchAndBound) -> _WantedGap:
     if method.atol is not None:
         return _WantedGap(jnp.asarray(frame.common(method.atol)), method.rtol)
-    lows, highs = zip(*(_box(side) for side in problem[:2]), strict=True)
-    box = jnp.maximum(*highs) - jnp.minimum(*lows)
+    corners = [side[2:4] if isinstance(side, Side) else extremes(side.points) for side in problem[:2]]
     # What rounding leaves counts in the search, where it is known how far the nearest points are out.
-    return _WantedGap(default_tolerance(length(box), box.dtype, 0.0), method.rtol)
-
-
-def _box(side: Net | Side) -> tuple[Array, Array]:
-    if isinstance(side, Side):
-        return side.lower, side.upper
-    return jnp.min(side.points, axis=(0, 1, 2)), jnp.max(side.points, axis=(0, 1, 2))
+    size = jnp.asarray(diagonal(corners))
+    return _WantedGap(jnp.asarray(default_tolerance(size, size.dtype, 0.0)), method.rtol)
 
 
 def _begin(problem: WithSurface, capacity: int) -> ClosestState:
@@ -262,9 +258,8 @@ def _in_one_go(problem: WithSurface, wanted: _WantedGap, method: BranchAndBound)
 def _moving(shapes: tuple[Any, Any], found: Outcome, solution: MinimumSolution) -> Array:
     """A function of both shapes with the first derivatives of the distance, from the outcome in both coordinates.
 
-    With u = (p - q) / |p - q| the Lagrange function is L = |p - q| - sum l_k f_k with l_k = u.f_k' / |f_k'|^2 over the
-    coordinates that no face of the box holds; coordinates at a face move with it. At distance zero, and where nothing
-    was found, all derivatives are zero.
+    With u = (p - q) / |p - q| it is that of u.(p - q) at fixed parameters, a point of a polynomial surface moving along
+    its normal. At distance zero, and where nothing was found, all derivatives are zero.
     """
     n = shapes[0].parameters if isinstance(shapes[0], Net) else 3
     usable = (solution.value > 0) & jnp.isfinite(solution.value)
@@ -275,14 +270,7 @@ def _moving(shapes: tuple[Any, Any], found: Outcome, solution: MinimumSolution) 
         (shapes[0], solution.point_a, 1.0, found.best.piece_a, found.best.x[:n]),
         (shapes[1], solution.point_b, -1.0, found.best.piece_b, found.best.x[n:]),
     ):
-        if isinstance(shape, Net):
-            total += sign * jnp.sum(unit * jet(shape.piece(k), x).point)
-            continue
-        at_low, at_high = point <= shape.lower, point >= shape.upper
-        moving = jnp.where(at_low, shape.lower, jnp.where(at_high, shape.upper, point))
-        slope = jax.lax.stop_gradient(shape.gradient(point))
-        free = jnp.where(at_low | at_high, 0.0, slope)
-        square = jnp.sum(free**2)
-        multiplier = sign * jnp.sum(unit * free) / jnp.where(square > 0, square, jnp.inf)
-        total += sign * jnp.sum(unit * moving) - multiplier * shape(moving)
+        known = isinstance(shape, Net)
+        at = jet(shape.piece(k), x).point if known else moving_point(shape.coefficients, jnp.stack(shape.box()), point)
+        total += sign * jnp.sum(unit * at)
     return total

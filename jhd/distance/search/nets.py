@@ -13,9 +13,9 @@ from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import default_tolerance
-from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.coordinates import Frame, diagonal, extremes
 from jhd.distance.frame.net_jets import Net, jet, point_error
-from jhd.distance.frame.nets import net_of, prepared
+from jhd.distance.frame.nets import net_of, prepare_nets
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest import (
     FIRST_STEPS,
@@ -49,7 +49,7 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress
     """Minimum distance of curves and parametric surfaces, in common coordinates, with derivatives in both."""
     nets = net_of(a), net_of(b)
     counts = nets[0].points.shape[0], nets[1].points.shape[0]
-    p, q, frame, error = prepared(*jax.lax.stop_gradient(nets))
+    p, q, frame, error = prepare_nets(*jax.lax.stop_gradient(nets))
     wanted = _wanted(p, q, frame, error, method)
     # Inside jit all operations are traced, those on known numbers too.
     if is_traced(p, q, wanted, jnp.zeros(())):
@@ -97,9 +97,7 @@ def _wanted(a: Net, b: Net, frame: Frame, error: float, method: BranchAndBound) 
     points = [xp.asarray(net.points) for net in (a, b)]
     dtype = points[0].dtype
     if method.atol is None:
-        lows, highs = ([f(x, axis=(0, 1, 2)) for x in points] for f in (xp.min, xp.max))
-        box = xp.maximum(highs[0], highs[1]) - xp.minimum(lows[0], lows[1])
-        absolute = default_tolerance(xp.sqrt(xp.sum(box * box)), dtype, Parametric(a, b).floor)
+        absolute = default_tolerance(diagonal([extremes(x) for x in points]), dtype, Parametric(a, b).floor)
     else:
         absolute = frame.common(method.atol)
     return _Asked(xp.asarray(absolute, dtype), xp.asarray(method.rtol, dtype), xp.asarray(error, dtype))

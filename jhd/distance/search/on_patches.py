@@ -18,8 +18,9 @@ from jaxtyping import Array
 
 from jhd.arithmetic.bernstein import binomials
 from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arithmetic.scaling import common_exponent, length, unit_weights
 from jhd.compiled import compiled
-from jhd.distance.cells.pairs import Cell, bound, derivatives, length, nearest_in, newton_step
+from jhd.distance.cells.pairs import Cell, bound, derivatives, nearest_in, newton_step
 from jhd.distance.frame.curves import padded_count
 from jhd.distance.frame.net_jets import Net, jet, point_error
 from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
@@ -76,12 +77,10 @@ class PatchTarget(AbstractTarget):
         patches = surface.patches()
         points: Any = np.asarray(patches.control_points)
         weights: Any = patches.weights
-        size = np.max(np.abs(points))
-        self.exponent = int(np.frexp(size)[1]) if size > 0 else 0
+        self.exponent = int(common_exponent(points))
         points = np.ldexp(points, -self.exponent)
         if weights is not None:
-            weights = np.asarray(weights)
-            weights = np.ldexp(weights, -np.frexp(np.max(weights, axis=(1, 2), keepdims=True))[1])
+            weights = unit_weights(np.asarray(weights), (1, 2))
         self.count = len(points)
         index = np.minimum(np.arange(padded_count(self.count, small=True)), self.count - 1)
         self.net = Net(points, weights)
@@ -133,9 +132,7 @@ class PatchTarget(AbstractTarget):
 
     def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, int]:
         """The queries in the unit of the surface, or in a larger one by a power of two where they would overflow."""
-        size = np.max(np.abs(points))
-        most = int(np.frexp(size)[1]) if size > 0 else 0
-        shift = max(0, most - self.exponent - _FAR[points.dtype.itemsize])
+        shift = max(0, int(common_exponent(points)) - self.exponent - _FAR[points.dtype.itemsize])
         return np.ldexp(points, -(self.exponent + shift)), shift
 
     def _shrunk(self, shift: int) -> Net:

@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arithmetic.rounding import gamma, round_up, smallest_normal, unit_roundoff
+from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.compiled import compiled
+from jhd.distance.frame.coordinates import common_points
 from jhd.distance.frame.surfaces import prepare_surfaces
-from jhd.distance.nearest.places import local_feet, reach, thorough_radius
-from jhd.distance.nearest.surfaces import nearest, nearest_places
+from jhd.distance.nearest.places import local_feet
+from jhd.distance.nearest.surfaces import nearest, nearest_places, nearest_proven
 from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.rows import each, in_blocks
@@ -123,9 +124,8 @@ class SurfaceTarget(AbstractTarget):
 
     def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The queries in common coordinates, those far away replaced, and which of them are."""
-        first, second = int(self.frame.first), int(self.frame.second)
         with np.errstate(over="ignore"):
-            x = np.ldexp(np.ldexp(points, -first) - np.asarray(self.frame.centre), -second)
+            x = common_points(self.frame, points)
         far = ~np.all(np.abs(x) <= _FAR[points.dtype.itemsize], axis=1)
         return np.where(far[:, None], 0.0, x).astype(points.dtype), far
 
@@ -162,11 +162,7 @@ looked_at = compiled(target)
 def _best_of(target: Target, point: Array, starts: Array) -> tuple[Array, Array]:
     """The best foot from some places, and the places themselves, with its proven distance."""
     found = local_feet(target.side, jnp.broadcast_to(point[:, None], starts.shape), starts, _FOOT_STEPS)
-    found = jnp.concatenate([found, starts], axis=1)
-    radius = thorough_radius(target.side, found)
-    far = round_up(reach(found - point[:, None]) + radius)
-    far = jnp.where(jnp.isnan(far), jnp.inf, far)
-    return jnp.min(far), found[:, jnp.argmin(far)]
+    return nearest_proven(target.side, point, jnp.concatenate([found, starts], axis=1))
 
 
 @compiled

@@ -1,6 +1,5 @@
 """Hausdorff distances with a set of points on one side: which search serves, its frame and its tolerance."""
 
-from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -11,15 +10,15 @@ from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_traced
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Aim, default_tolerance
-from jhd.distance.frame.coordinates import common_points
+from jhd.distance.frame.coordinates import common_points, diagonal
 from jhd.distance.frame.net_jets import Net, eta, point_error
-from jhd.distance.frame.nets import prepared
+from jhd.distance.frame.nets import prepare_nets
 from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.distance.search import from_points, to_points
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest_triangles import as_mesh
 from jhd.distance.search.from_points import PointSearch
-from jhd.distance.search.from_program import from_program
+from jhd.distance.search.from_program import AnswerForm, from_program
 from jhd.distance.search.meshes import mesh_directed
 from jhd.distance.search.on_surfaces import looked_at
 from jhd.distance.search.search import AbstractSearch, Listener, drive
@@ -32,7 +31,7 @@ from jhd.shapes.curve import BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import BezierPatches
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
+from jhd.solution import RESULTS, HausdorffSolution
 from jhd.triangles.closest_point import point_tree
 
 # What cannot be told in the search over a polynomial surface, in units of roundoff of the common coordinates.
@@ -78,7 +77,7 @@ def _directed(
     # Inside jit all operations are traced, those on known numbers too.
     if not is_traced(a, b, method, aim, jnp.zeros(())):
         return drive(_search(a, b, method, aim), listener, direction)
-    refused = partial(_refused, a, b)
+    refused = _form(a, b).refused
 
     def search(shapes: Any, method: BranchAndBound, aim: Aim) -> HausdorffSolution:
         if not all(is_points(x) or isinstance(x, TriangleMesh) or usable(x) for x in shapes):
@@ -142,11 +141,11 @@ def _to_points(a: BezierPatches | ImplicitSurface, b: BezierSegments, method: Br
             raise ValueError("the surface is empty: the polynomial is proven to have no zero in the box.")
         source, floor, moved = SurfaceSource(target), _ULPS * float(np.finfo(dtype).eps), 0.0
     else:
-        net, _, frame, moved = prepared(Net(a.control_points, a.weights), Net(jnp.asarray(ends)[:, None, None], None))
+        far = Net(jnp.asarray(ends)[:, None, None], None)
+        net, _, frame, moved = prepare_nets(Net(a.control_points, a.weights), far)
         source = PatchSource(net, a.count)
         floor = 16 * (point_error(net) + 2 * eta(net)) + 8 * moved
-    scale = np.asarray(frame.second)
-    rows = np.ldexp(np.ldexp(rows, -np.asarray(frame.first)) - np.asarray(frame.centre), -scale).astype(dtype)
+    rows = common_points(frame, rows).astype(dtype)
     moved = float(moved) + gamma(4, dtype) * 2 * float(np.max(np.abs(rows)))
     size = 1 + float(np.max(np.abs(rows)))
     atol = float(default_tolerance(float(frame.common(np.asarray(_diagonal(a, b)))), dtype, 0.0))
@@ -160,29 +159,15 @@ def _to_points(a: BezierPatches | ImplicitSurface, b: BezierSegments, method: Br
 
 def _diagonal(*shapes: Any) -> float:
     """Length of the diagonal of the box of all shapes."""
-    ends = [np.asarray(end, np.float64) for shape in shapes for end in shape.box()]
-    sides = np.max(ends, axis=0) * 0.5 - np.min(ends, axis=0) * 0.5
-    size = np.max(sides)
-    return float(2 * size * np.linalg.norm(sides / size)) if size > 0 else 0.0
+    ends = [[np.asarray(end, np.float64) for end in shape.box()] for shape in shapes]
+    return float(diagonal([(low, high) for low, high in ends]))
 
 
-def _refused(a: Any, b: Any, result: Any = RESULTS.nonfinite_value) -> HausdorffSolution:
-    """What is answered about shapes that are none, and the form of every answer."""
-    points, dtype = is_points(a), (a if is_points(a) else b).control_points.dtype
-    dim, rows = (a if points else b).dim, 2 if points and is_points(b) else FEET
+def _form(a: Any, b: Any) -> AnswerForm:
+    """The form of every answer about two shapes."""
+    points = is_points(a)
+    own = a if points else b
     places: dict[type, tuple[int, ...]] = {TriangleMesh: (3,), BezierPatches: (2,)}
     t, params = ((), places.get(type(b), ())) if points else (places.get(type(a), ()), ())
-    number, nowhere, none = jnp.full((), jnp.inf, dtype), jnp.full(dim, jnp.nan, dtype), jnp.array(0)
-    witness = Witness(
-        segment=none,
-        t=jnp.full(t, jnp.nan, dtype),
-        point=nowhere,
-        feet=jnp.full((rows, dim), jnp.nan, dtype),
-        foot_segments=jnp.zeros(rows, int),
-        foot_params=jnp.full((rows, *params), jnp.nan, dtype),
-        multipliers=jnp.asarray(np.eye(rows)[0], dtype),
-        event=EVENTS.coincident,
-        direction=DIRECTIONS.a_to_b,
-    )
-    stats = {name: none for name in (from_points.COUNTS if points else to_points.COUNTS)}
-    return HausdorffSolution(number, jnp.zeros((), dtype), number, witness, result, stats)
+    feet, counts = 2 if points and is_points(b) else FEET, from_points.COUNTS if points else to_points.COUNTS
+    return AnswerForm(own.control_points.dtype, own.dim, feet, t, params, counts)

@@ -24,6 +24,7 @@ from jhd.arrays import varying
 from jhd.distance.cells.signs import sign_bounds
 from jhd.distance.cells.surfaces import FEET, upper_bounds
 from jhd.distance.frame.aim import Wanted, default_tolerance
+from jhd.distance.frame.coordinates import diagonal
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, box_distances, boxes, form
 from jhd.distance.nearest.places import local_feet, projected, thorough_radius
@@ -78,16 +79,10 @@ class SurfaceState(NamedTuple):
         return jnp.sum(self.table.bound > -jnp.inf)
 
 
-def diagonal(a: Side, b: Side) -> Array:
-    """Length of the diagonal of the box of both boxes."""
-    low = jnp.minimum(jnp.asarray(a.lower), jnp.asarray(b.lower))
-    high = jnp.maximum(jnp.asarray(a.upper), jnp.asarray(b.upper))
-    return jnp.sqrt(jnp.sum((high - low) ** 2))
-
-
 def tolerance(a: Side, b: Side, wanted: Wanted, distance: Array) -> Array:
     """The tolerance at a distance."""
-    default = default_tolerance(diagonal(a, b), distance.dtype, _FLOOR * unit_roundoff(distance.dtype))
+    size = diagonal([(side.lower, side.upper) for side in (a, b)])
+    default = default_tolerance(size, distance.dtype, _FLOOR * unit_roundoff(distance.dtype))
     atol = jnp.where(wanted.atol < 0, default, wanted.atol)
     return jnp.maximum(atol, wanted.rtol * distance)
 

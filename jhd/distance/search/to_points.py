@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.arithmetic.rounding import unit_roundoff
+from jhd.arithmetic.rounding import smallest_normal, unit_roundoff
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame
@@ -257,7 +257,7 @@ def active_points(
         free: directions along the surface, as if it had no border.
         into: those into the surface; multipliers that balance all of the free ones serve as well.
     """
-    size = max(float(np.max(np.abs(place - cloud.rows[nearest]))), 1e-300)
+    size = max(float(np.max(np.abs(place - cloud.rows[nearest]))), smallest_normal(cloud.rows.dtype))
     around = place + _RING * size * np.concatenate([np.zeros((1, 3)), _CUBE])
     near = np.unique(np.append(cloud.near(around.astype(cloud.rows.dtype))[0], nearest))
     apart = place.astype(np.float64) - cloud.rows[near]

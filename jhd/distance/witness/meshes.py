@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd.arithmetic.rounding import smallest_normal
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.cells.triangles import MeshSide
@@ -64,7 +65,7 @@ def active_feet(side: MeshSide, owner: int, weights: np.ndarray, nearest: int, g
     """
     corners = side.corners[owner].astype(np.float64)
     point, free = weights @ corners, weights > _ON_EDGE
-    size = max(float(np.max(np.abs(corners[1:] - corners[0]))), 1e-300)
+    size = max(float(np.max(np.abs(corners[1:] - corners[0]))), smallest_normal(side.corners.dtype))
     rays = _into(side, owner, free)
     ring = np.cos(_ANGLES)[:, None] * rays[0] + np.sin(_ANGLES)[:, None] * rays[1] if free.all() else _CUBE
     around = point + _RING * size * np.concatenate([np.zeros((1, 3)), ring, rays])

@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array
 
+from jhd.arithmetic.scaling import length
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
-from jhd.distance.cells.pairs import BestPair, derivatives, length, newton_step
+from jhd.distance.cells.pairs import BestPair, derivatives, newton_step
 from jhd.distance.frame.attach import attached
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.net_jets import Net, NetJet, jet

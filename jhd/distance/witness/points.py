@@ -12,15 +12,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jhd.arithmetic.scaling import length
 from jhd.arrays import is_traced
-from jhd.compiled import compiled
 from jhd.distance.frame.attach import attached
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.witness.mesh_feet import foot_on
-from jhd.distance.witness.surface_projection import (
-    with_patch_derivatives,
-    with_surface_derivatives,
-)
+from jhd.distance.witness.surface_projection import moving_point, with_patch_derivatives, with_surface_derivatives
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -52,16 +49,16 @@ def _from_points(solution: HausdorffSolution, points: Array, b: Any) -> Hausdorf
     found = Projection(alone, alone, alone, first(w.feet), first(w.foot_segments), first(w.foot_params), result)
     if isinstance(b, TriangleMesh):
         corners = b.vertices[b.triangles[w.foot_segments[0]]]
-        length, foot, _ = foot_on(query, corners, w.foot_params[0] > 0)
-        found = replace(found, distance=length[None], foot=foot[None])
+        distance, foot, _ = foot_on(query, corners, w.foot_params[0] > 0)
+        found = replace(found, distance=distance[None], foot=foot[None])
     elif isinstance(b, BezierPatches):
         found = with_patch_derivatives(found, query[None], Net(b.control_points, b.weights))
     elif isinstance(b, ImplicitSurface):
         found = with_surface_derivatives(found, query[None], b)
     else:
         foot = b.control_points[w.foot_segments[0], 0]
-        length = _length(query - foot)
-        found = replace(found, distance=length[None], foot=foot[None])
+        distance = length(query - foot)
+        found = replace(found, distance=distance[None], foot=foot[None])
     feet = jnp.broadcast_to(found.foot, w.feet.shape)
     return _with(solution, found.distance[0], query, feet)
 
@@ -71,44 +68,19 @@ def _to_points(solution: HausdorffSolution, a: Any, points: Array) -> HausdorffS
     feet = points[w.foot_segments]
     # Where nothing is proven there is no place; its derivatives are not used, but they must be numbers.
     t, at, multipliers = (jnp.where(jnp.isfinite(x), x, 0.0) for x in (w.t, w.point, w.multipliers))
-    unit = jax.lax.stop_gradient(jax.vmap(_unit)(at - jnp.where(jnp.isfinite(w.feet), w.feet, 0.0)))
+    apart = jax.lax.stop_gradient(at - jnp.where(jnp.isfinite(w.feet), w.feet, 0.0))
+    distance = length(apart)[:, None]
+    unit = apart / jnp.where(distance > 0, distance, 1.0)
     if isinstance(a, BezierPatches):
         net = Net(a.control_points, a.weights)
         place = jet(net.piece(jnp.maximum(w.segment, 0)), t[: net.parameters]).point
     else:
-        place = _on_surface(a.coefficients, jnp.stack(a.box()), jax.lax.stop_gradient(at))
+        place = moving_point(a.coefficients, jnp.stack(a.box()), at)
     value = jnp.sum(multipliers[:, None] * unit * (place - feet))
     return _with(solution, value, place, feet)
-
-
-@compiled
-def _on_surface(coefficients: Array, box: Array, point: Array) -> Array:
-    """A point of the surface, which moves along the normal, within the faces that hold it, and with these."""
-    at_low, at_high = jax.lax.stop_gradient((point <= box[0], point >= box[1]))
-    moving = jnp.where(at_low, box[0], jnp.where(at_high, box[1], point))
-    surface = ImplicitSurface(coefficients, box[0], box[1], reduced=False)
-    slope = jax.lax.stop_gradient(surface.gradient(point))
-    free = jnp.where(at_low | at_high, 0.0, slope)
-    square = jnp.sum(free**2)
-    return moving - surface(moving) / jnp.where(square > 0, square, jnp.inf) * free
 
 
 def _with(solution: HausdorffSolution, value: Array, point: Array, feet: Array) -> HausdorffSolution:
     """The same numbers, with the derivatives of these."""
     solution = replace(solution, witness=attached(solution.witness, point=point, feet=feet))
     return attached(solution, solution.value > 0, value=value)
-
-
-def _unit(x: Array) -> Array:
-    size = jnp.max(jnp.abs(x))
-    scaled = x / jnp.where(size > 0, size, 1.0)
-    square = jnp.sum(scaled**2)
-    return scaled / jnp.sqrt(jnp.where(square > 0, square, 1.0))
-
-
-def _length(x: Array) -> Array:
-    """The length of a vector; zero, and no derivative, for zero."""
-    size = jax.lax.stop_gradient(jnp.max(jnp.abs(x)))
-    scaled = x / jnp.where(size > 0, size, 1.0)
-    square = jnp.sum(scaled**2)
-    return jnp.where(size > 0, size * jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)

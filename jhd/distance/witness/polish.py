@@ -29,6 +29,7 @@ from jaxtyping import Array, Bool, Float
 
 from jhd.arithmetic.polynomials import PolynomialJet, jets
 from jhd.arithmetic.rounding import like_double
+from jhd.arithmetic.scaling import length
 from jhd.arrays import varying
 
 # Rounds of the active set of a maximum, and Newton steps in each round.
@@ -292,9 +293,3 @@ def _least_curvature(matrix: Array, normal: Array, free: Array) -> Array:
     # One eigenvalue is zero; the others have this sum and the sum of squares of all entries.
     trace = jnp.trace(curved)
     return 0.5 * (trace - jnp.sqrt(jnp.maximum(2 * jnp.sum(curved * curved) - trace * trace, 0.0)))
-
-
-def length(vector: Array) -> Array:
-    """Euclidean length, with the derivative zero at zero."""
-    square = jnp.sum(vector * vector, axis=-1)
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)

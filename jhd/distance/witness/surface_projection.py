@@ -113,6 +113,17 @@ def _length(apart: Array, normal: Array, free: Array | bool) -> Array:
 
 
 @compiled
+def moving_point(coefficients: Array, box: Array, point: Array) -> Array:
+    """A point of a surface, which moves along the normal, within the faces that hold it, and with these."""
+    point, still = jax.lax.stop_gradient((point, coefficients))
+    at_low, at_high = jax.lax.stop_gradient((point <= box[0], point >= box[1]))
+    moving = jnp.where(at_low, box[0], jnp.where(at_high, box[1], point))
+    free = jnp.where(at_low | at_high, 0.0, jets(still, point).gradient)
+    square = jnp.sum(free**2)
+    return moving - jets(coefficients, moving).value / jnp.where(square > 0, square, jnp.inf) * free
+
+
+@compiled
 def _on_surface(queries: Array, feet: Array, coefficients: Array, box: Array) -> tuple[Array, Array]:
     scale = scale_of(common_exponent(jax.lax.stop_gradient(box)), box.dtype)
     c = _in_unit(coefficients, scale)
