@@ -92,7 +92,7 @@ def distance(options: Namespace) -> int:
         return 1
     if options.plot:
         with _busy("drawing"):
-            _draw(options.plot, a, b, solution, method)
+            _draw(options.plot, a, b, solution)
     written = bool(options.certificate) and _certified(options.certificate, a, b, solution)
     status = 1 if options.certificate and not written else _status(solution)
     if options.json:
@@ -256,22 +256,20 @@ def doctor(options: Namespace) -> int:
     return 0 if good else 1
 
 
-def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution, method: Any) -> None:
+def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
     """The picture of a distance: of curves with both directions, unless only one was asked for."""
-    if not isinstance(a, AbstractCurve):
+    if isinstance(a, AbstractCurve):
+        picture(file, a, b, _directions(solution))
+    else:
         space_picture(file, a, b, solution)
-        return
-    picture(file, a, b, _directions(a, b, solution, method))
 
 
-def _directions(a: Any, b: Any, solution: HausdorffSolution, method: Any) -> list[HausdorffSolution]:
-    """The directed distances of a solution; the second one is found anew where the first one left its bounds wide."""
+def _directions(solution: HausdorffSolution) -> list[HausdorffSolution | None]:
+    """The directed distances of a solution; None for the second where the first one left its bounds wide."""
     if solution.directions is None:
         return [solution]
     there, back = solution.directions
-    if float(back.upper - back.lower) > _CLOSED * float(back.upper):
-        back = jhd.directed_hausdorff(b, a, method, throw=False)
-    return [there, back]
+    return [there, back if float(back.upper - back.lower) <= _CLOSED * float(back.upper) else None]
 
 
 def _certified(file: str, a: AbstractCurve, b: AbstractCurve, solution: HausdorffSolution) -> bool:

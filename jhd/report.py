@@ -132,18 +132,19 @@ def picture(
     file: str,
     a: AbstractCurve,
     b: AbstractCurve,
-    directed: Sequence[HausdorffSolution],
+    directed: Sequence[HausdorffSolution | None],
     labels: Sequence[str] = ("A", "B"),
     unit: str = "input units",
 ) -> None:
-    """Writes the curves with the larger of the directed distances, and beside them the profile of each."""
+    """Writes the curves with the larger of the directed distances, and beside them the profile of each, None too."""
     # A figure without pyplot: no window, and the backend that the user has set stays as it is.
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_PICTURE_SIZE, layout="constrained")
     left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1, 1.15))[0]
     space: dict[str, Any] = {"projection": "3d"} if a.segments().dim == 3 else {}
-    plot.solution(a, b, max(directed, key=float), left.add_subplot(**space), labels=labels, control_polygon=False)
+    larger = max((solution for solution in directed if solution is not None), key=float)
+    plot.solution(a, b, larger, left.add_subplot(**space), labels=labels, control_polygon=False)
     panels = np.atleast_1d(right.subplots(len(directed)))
     plot.profile(a, b, panels[0], directed[0], labels=labels, unit=unit)
     for panel, back in zip(panels[1:], directed[1:], strict=True):

@@ -17,7 +17,9 @@ from matplotlib.image import imread
 
 import jhd
 import jhd.io
+from jhd import commands
 from jhd.__main__ import cache_folder, main
+from jhd.distance import pairs
 from jhd.io import load_result
 
 # The base and the diagonal of a rectangle 4 by 3: the upper corner is 3 away from the base, the lower right corner
@@ -114,6 +116,17 @@ def test_a_picture_of_two_directions_that_are_known_searches_no_more(run, monkey
     ]
     for (lower, upper), exact in zip(bounds, (2.4, 3.0), strict=True):
         assert lower <= exact * (1 + 1e-15) and exact * (1 - 1e-15) <= upper
+
+
+@pytest.mark.parametrize(("pair", "known"), [((BASE, DIAGONAL), 2), (("M0 0 L4 0 L4 9", "M0 0 Q2 1 4 0"), 1)])
+def test_a_picture_searches_each_direction_once_also_where_one_is_left_wide(run, monkeypatch, pair, known):
+    searched, drawn = [], []
+    drive, picture = pairs.drive, commands.picture
+    monkeypatch.setattr(pairs, "drive", lambda *search: searched.append(search) or drive(*search))
+    monkeypatch.setattr(commands, "picture", lambda *content: drawn.append(content[3]) or picture(*content))
+    status, _, _ = run("distance", *pair, "--plot", "a.png")
+    assert (status, len(searched)) == (0, 2)
+    assert [solution is not None for solution in drawn[0]] == [True] * known + [False] * (2 - known)
 
 
 @pytest.mark.slow  # one more program for three coordinates

@@ -192,8 +192,11 @@ def test_one_failure_in_a_batch_is_thrown():
 
 
 def test_success_and_tracers_are_not_thrown():
-    throw_unless_successful(a_solution())
-    jax.jit(lambda s: throw_unless_successful(s) or s.value)(a_solution(jhd.RESULTS.gap_not_closed))
+    assert throw_unless_successful(a_solution()) is None
+    failed = a_solution(jhd.RESULTS.gap_not_closed)
+    with pytest.raises(jhd.NotProvenError):
+        throw_unless_successful(failed)
+    assert jax.jit(lambda s: throw_unless_successful(s) or s.value)(failed) == failed.value
 
 
 def test_a_printed_bound_is_the_bound():

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jhd.arithmetic import exact_polynomials
 from jhd.shapes import polynomial_text
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.polynomial_text import PolynomialError
@@ -163,6 +164,17 @@ def test_repeated_factors_are_taken_out_and_said_so():
     # From floats as well, where they are a square exactly; and not where rounding has spoilt it.
     assert ImplicitSurface([[[0.25, -1.0, 1.0]]], LOWER, UPPER).coefficients.tolist() == [[[-1, 2]]]
     assert not ImplicitSurface([[[0.1**2, -0.2, 1.0]]], LOWER, UPPER).reduced
+
+
+def test_the_square_free_part_is_taken_once(monkeypatch):
+    taken, part = [], exact_polynomials.square_free_part
+    monkeypatch.setattr(exact_polynomials, "square_free_part", lambda exact: taken.append(exact) or part(exact))
+    surface = parsed("(x + y)^2")
+    assert len(taken) == 1
+    surface.transform(2 * np.eye(3)).transform(np.eye(3))
+    assert len(taken) == 1
+    ImplicitSurface(surface.coefficients, LOWER, UPPER)
+    assert len(taken) == 2
 
 
 def test_under_tracing_coefficients_stay_as_they_are():
