@@ -286,10 +286,6 @@ _KINDS: tuple[tuple[type, Callable[[str, Any], None], Callable[..., AbstractPair
 )
 
 
-# Points among themselves are searched by trees from this many pairs on: below, the search on curves starts sooner.
-_PAIRS = 1 << 16
-
-
 def _with_points(a: Any, b: Any, method: Any) -> bool:
     """Whether a pair is for the searches of sets of points."""
     if not (is_points(a) or is_points(b)):
@@ -297,7 +293,7 @@ def _with_points(a: Any, b: Any, method: Any) -> bool:
     if not (is_points(a) and is_points(b)):
         return any(isinstance(shape, TriangleMesh | AbstractPatch | ImplicitSurface) for shape in (a, b))
     known = not is_traced(jax.lax.stop_gradient((a, b)), method, jnp.zeros(()))
-    return known and isinstance(method, BranchAndBound) and a.count * b.count >= _PAIRS
+    return known and isinstance(method, BranchAndBound)
 
 
 def _working(shape: Any) -> Any:

@@ -138,8 +138,8 @@ def point_tree(points: Float[np.ndarray, "points 3"]) -> TriangleTree:
 
     A squared distance then errs by five roundings, and the root by one more; no length but the distance counts.
     """
-    size = np.max(np.abs(points))
-    exponent = int(np.frexp(size)[1]) if size > 0 else 0
+    # The origin alone has no size; queries near it may have the smallest.
+    exponent = int(np.frexp(max(np.max(np.abs(points)), np.finfo(points.dtype).smallest_subnormal))[1])
     points = np.ldexp(points, -exponent)
     corners = np.broadcast_to(points[:, None], (len(points), 3, 3))
     tree = box_tree(corners)
@@ -232,13 +232,11 @@ def _shrunk(tree: TriangleTree, power: int) -> TriangleTree:
 
 
 def outward(length: np.ndarray, exponent: int, dtype: Any, sign: int) -> np.ndarray:
-    """Bounds in double precision as bounds in the user's unit and precision, none below zero."""
-    info = np.finfo(dtype)
+    """Bounds in double precision as bounds in the user's unit and precision, none below zero; zero stays what it is."""
     with np.errstate(over="ignore", under="ignore"):
-        scaled = np.nextafter(np.ldexp(np.maximum(length, 0.0), exponent).astype(dtype), dtype.type(sign * np.inf))
-    if sign < 0:
-        return np.clip(scaled, 0.0, info.max).astype(dtype)
-    return np.maximum(scaled, info.smallest_normal).astype(dtype)
+        scaled = np.nextafter(np.ldexp(length, exponent).astype(dtype), dtype.type(sign * np.inf))
+    most = np.finfo(dtype).max if sign < 0 else np.inf
+    return np.where(length > 0, np.clip(scaled, 0.0, most), 0.0).astype(dtype)
 
 
 def nearest_triangles(

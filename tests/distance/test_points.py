@@ -219,6 +219,32 @@ def test_of_points_that_are_one_only_one_is_searched_beside_a_long_curve():
     assert int(found.stats["pairs"]) < 10_000
 
 
+@pytest.mark.parametrize("exponent", [-1030, -1000, 0, 1000])
+def test_sets_of_points_agree_with_all_pairs_at_any_size(exponent):
+    rng = np.random.default_rng(4)
+    # What is left of the digits at this size.
+    a, b = (np.ldexp(np.ldexp(rng.normal(size=(count, 2)), exponent), -exponent) for count in (700, 90))
+    b[50:60] = b[49]
+    table = np.linalg.norm(a[:, None] - b, axis=-1)
+    p, q = (jhd.points(np.ldexp(x, exponent)) for x in (a, b))
+    for solution, exact in (
+        (jhd.directed_hausdorff(p, q), table.min(axis=1).max()),
+        (jhd.directed_hausdorff(q, p), table.min(axis=0).max()),
+    ):
+        ends = np.ldexp(np.asarray([solution.lower, solution.upper]), -exponent)
+        np.testing.assert_allclose(ends, exact, rtol=1e-11)
+        # Most points are closed by their first bounds.
+        assert solution.stats["measured"] <= 0.5 * solution.stats["points"]
+
+
+@pytest.mark.parametrize("exponent", [-1030, 0])
+def test_a_set_of_points_is_at_most_zero_from_itself_in_any_order(exponent):
+    x = np.ldexp(np.random.default_rng(8).normal(size=(300, 3)), exponent)
+    found = jhd.hausdorff(jhd.points(x), jhd.points(x[::-1]))
+    assert float(found.lower) == float(found.upper) == 0.0
+    assert jhd.hausdorff_at_most(jhd.points(x), jhd.points(x[::-1]), 0.0)
+
+
 def test_points_beyond_all_measure_of_a_surface_are_refused_a_number():
     ball = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2.0] * 3, [2.0] * 3)
     found = jhd.directed_hausdorff(ball, jhd.points([[0.0, 0.0, 1e200]]), throw=False)

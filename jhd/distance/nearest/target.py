@@ -90,7 +90,12 @@ class PointTarget(AbstractTarget):
 
     def feet(self, points: np.ndarray) -> np.ndarray:
         """See AbstractTarget."""
-        return _hinted(self.tree, in_space(points))
+        upper, row = _hinted(self.tree, in_space(points))
+        return np.where(self._holds(points, self.tree.order[row]), 0.0, upper).astype(upper.dtype)
+
+    def _holds(self, points: np.ndarray, index: np.ndarray) -> np.ndarray:
+        """Whether queries are points of the set; then nothing about their distance is rounded."""
+        return np.all(self.rows[index] == points, axis=1)
 
     def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
         """See AbstractTarget: the bounds are always those of rounding."""
@@ -98,6 +103,7 @@ class PointTarget(AbstractTarget):
         found = nearest_triangles(tree, scaled)
         distance, dtype = np.sqrt(found.square), scaled.dtype
         error, index = tree.error(distance), tree.order[found.triangle]
+        error = np.where(self._holds(points, index), 0.0, error)
         return ProvenFeet(
             distance=np.ldexp(distance, tree.exponent),
             lower=outward(distance.astype(np.float64) - error, tree.exponent, dtype, -1),
@@ -121,7 +127,7 @@ class MeshTarget(AbstractTarget):
 
     def feet(self, points: np.ndarray) -> np.ndarray:
         """See AbstractTarget."""
-        return _hinted(self.tree, points)
+        return _hinted(self.tree, points)[0]
 
     def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
         """See AbstractTarget: the bounds are always those of rounding."""
@@ -130,16 +136,18 @@ class MeshTarget(AbstractTarget):
 
 
 def _left(tree: TriangleTree, distance: float) -> float:
-    """What the bounds of a distance by a tree may be apart, in the user's unit."""
-    with np.errstate(over="ignore"):
-        return 4 * float(np.ldexp(tree.error(np.ldexp(distance, -tree.exponent)), tree.exponent))
+    """What the bounds of a distance by a tree may be apart, in the user's unit: their error, or their own rounding."""
+    with np.errstate(over="ignore", under="ignore"):
+        error = float(np.ldexp(tree.error(np.ldexp(distance, -tree.exponent)), tree.exponent))
+        return 4 * max(error, float(np.spacing(np.asarray(distance, tree.table.dtype))))
 
 
-def _hinted(tree: TriangleTree, points: np.ndarray) -> np.ndarray:
-    """Upper bounds of distances by the triangles, or points, that the tree's grid names."""
+def _hinted(tree: TriangleTree, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Upper bounds of distances by the triangles, or points, that the tree's grid names, and their rows there."""
     tree, scaled = in_unit_of(tree, points)
-    distance = np.sqrt(pair_squares(tree.table, scaled, tree.hints.at(scaled).astype(np.int32)).astype(np.float64))
-    return outward(distance + tree.error(distance), tree.exponent, points.dtype, 1)
+    row = tree.hints.at(scaled).astype(np.int32)
+    distance = np.sqrt(pair_squares(tree.table, scaled, row).astype(np.float64))
+    return outward(distance + tree.error(distance), tree.exponent, points.dtype, 1), row
 
 
 def in_space(points: np.ndarray) -> np.ndarray:

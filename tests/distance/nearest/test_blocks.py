@@ -8,7 +8,6 @@ import pytest
 import jhd
 from jhd.distance.nearest.blocks import blocks_of, guesses, in_groups, is_long, nearest_in_blocks
 from jhd.distance.nearest.curves import nearest
-from jhd.distance.pairs import _PAIRS
 
 COUNT, QUERIES = 768, 200
 
@@ -56,25 +55,6 @@ def test_blocks_prove_what_all_segments_prove(kind):
     places = sum(c * (1 - s) ** (3 - i) * s**i * rows[:, i] for i, c in enumerate((1, 3, 3, 1)))
     np.testing.assert_allclose(np.linalg.norm(places - queries, axis=1), found.distance, atol=1e-14)
     assert np.all((segment >= 0) & (segment < curve.count) & (t >= 0) & (t <= 1))
-
-
-def test_sets_of_many_points_agree_with_all_pairs():
-    rng = np.random.default_rng(4)
-    # Fewer pairs than the search by trees takes over from.
-    a, b = rng.normal(size=(700, 2)), rng.normal(size=(90, 2))
-    b[50:60] = b[49]
-    table = np.linalg.norm(a[:, None] - b, axis=-1)
-    for scale in (1e-300, 1.0, 1e300):
-        p, q = (jhd.points(scale * x) for x in (a, b))
-        assert is_long(p) and p.count * q.count < _PAIRS
-        for solution, exact in (
-            (jhd.directed_hausdorff(p, q), table.min(axis=1).max()),
-            (jhd.directed_hausdorff(q, p), table.min(axis=0).max()),
-        ):
-            np.testing.assert_allclose([solution.lower, solution.upper], exact * scale, rtol=1e-11)
-            # All points but a few are closed by their first bounds.
-            assert solution.stats["steps"] <= 4
-    assert float(jhd.directed_hausdorff(jhd.points(a[:90]), jhd.points(a[::-1])).upper) < 1e-12
 
 
 @pytest.mark.slow  # programs of its own
