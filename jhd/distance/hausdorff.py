@@ -96,9 +96,7 @@ def hausdorff(
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
     pair = pair_of(a, b, method, progress)
-    there = pair.measured()
-    # In the other direction only what exceeds the first one's lower bound matters.
-    back = pair.measured(turned=True, level=there.lower)
+    there, back = pair.both()
     return _finish(pair.larger(pair.finished(there), pair.finished(back)), throw)
 
 
@@ -136,7 +134,7 @@ def hausdorff_at_most(
     pair, limit = pair_of(a, b, method, progress), _checked_limit(threshold)
     # Inward, so that bounds cut off at the level are not above the threshold, nor at the ceiling below it.
     level, ceiling = pair.length(limit, 0.0), pair.length(limit, math.inf)
-    there, back = (pair.measured(turned=turned, level=level, ceiling=ceiling) for turned in (False, True))
+    there, back = pair.both(level, ceiling)
     return _decided(pair.larger(pair.reported(there), pair.reported(back)), limit)
 
 

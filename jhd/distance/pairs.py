@@ -12,15 +12,14 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
-from jhd.distance.frame.aim import Aim
+from jhd.distance.frame.aim import Aim, aim_at
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import prepare
-from jhd.distance.frame.directions import alike, larger
+from jhd.distance.frame.directions import alike, in_turn, larger
 from jhd.distance.frame.method import AbstractCurveMethod, AbstractHausdorffMethod, AbstractHostMethod, check_serves
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.published.algebraic import AlgebraicEvents
@@ -62,6 +61,21 @@ class AbstractPair(ABC):
             turned: from b to a instead of from a to b.
             level: nothing up to this length matters; None where everything does.
             ceiling: nothing more matters above this length.
+        """
+
+    def both(self, level: Any = None, ceiling: Any = None) -> tuple[HausdorffSolution, HausdorffSolution]:
+        """Both directions as they are measured; without a level only what exceeds the first matters of the second."""
+        search = self.traced_search(level, ceiling)
+        if search is not None:
+            return in_turn(*search, level, ceiling)
+        there = self.measured(level=level, ceiling=ceiling)
+        return there, self.measured(turned=True, level=there.lower if level is None else level, ceiling=ceiling)
+
+    @abstractmethod
+    def traced_search(self, *numbers: Any) -> tuple[Callable[[Any, Aim], HausdorffSolution], Any, Any] | None:
+        """Where shapes or numbers are traced: a search, and what of one form it takes for either direction.
+
+        None where each direction is measured by itself.
         """
 
     @abstractmethod
@@ -121,7 +135,7 @@ class CurvePair(AbstractPair):
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """See AbstractPair."""
         a, b = (self._b, self._a) if turned else (self._a, self._b)
-        aim = _aim(level, ceiling, self._a.control_points.dtype)
+        aim = aim_at(level, ceiling, self._a.control_points.dtype)
         method, direction = self._method, _direction(turned)
         # Inside jit all operations are traced, those on known numbers too.
         if is_traced(a, b, method, aim, jnp.zeros(())):
@@ -134,6 +148,14 @@ class CurvePair(AbstractPair):
         solution = in_direction(run(a, b, self._frame, aim), direction)
         self._listener.report(direction, Standing(solution, False, False, 0, 0))
         return solution
+
+    def traced_search(self, *numbers: Any) -> tuple[Callable[[Any, Aim], HausdorffSolution], Any, Any] | None:
+        """See AbstractPair."""
+        a, b, method, frame = self._a, self._b, self._method, self._frame
+        alike = a.control_points.shape == b.control_points.shape
+        if not (alike and is_traced(a, b, method, numbers, jnp.zeros(()))):
+            return None
+        return (lambda pair, aim: method.directed(*pair, frame, aim)), (a, b), (b, a)
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -163,11 +185,18 @@ class SurfacePair(AbstractPair):
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """See AbstractPair."""
         pair = self._targets.turned() if turned else self._targets.pair()
-        aim, method, direction = _aim(level, ceiling, self._frame.centre.dtype), self._method, _direction(turned)
+        aim, method, direction = aim_at(level, ceiling, self._frame.centre.dtype), self._method, _direction(turned)
         if is_traced(pair, method, aim, jnp.zeros(())):
             return method.directed_surfaces(pair, self._frame, aim, direction)
         wanted, capacity = method.wanted(pair.a, self._frame, aim), method.length_of_table(pair.a)
         return drive(SurfaceSearch(pair, wanted, direction, capacity, method.max_steps), self._listener, direction)
+
+    def traced_search(self, *numbers: Any) -> tuple[Callable[[Any, Aim], HausdorffSolution], Any, Any] | None:
+        """See AbstractPair."""
+        there, back, method, frame = self._targets.pair(), self._targets.turned(), self._method, self._frame
+        if not is_traced(there, method, numbers, jnp.zeros(())):
+            return None
+        return (lambda pair, aim: method.directed_surfaces(pair, frame, aim, _direction(False))), there, back
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -195,9 +224,12 @@ class MeshPair(AbstractPair):
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """See AbstractPair."""
         a, b = jax.lax.stop_gradient(self._meshes[::-1] if turned else self._meshes)
-        aim = jax.lax.stop_gradient(_aim(level, ceiling, a.vertices.dtype))
+        aim = jax.lax.stop_gradient(aim_at(level, ceiling, a.vertices.dtype))
         direction = _direction(turned)
         return in_direction(mesh_directed(a, b, self._method, aim, self._listener, direction), direction)
+
+    def traced_search(self, *numbers: Any) -> None:
+        """See AbstractPair."""
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -230,9 +262,12 @@ class PointPair(AbstractPair):
         """See AbstractPair."""
         a, b = self._given[::-1] if turned else self._given
         points = a if is_points(a) else b
-        aim = jax.lax.stop_gradient(_aim(level, ceiling, points.control_points.dtype))
+        aim = jax.lax.stop_gradient(aim_at(level, ceiling, points.control_points.dtype))
         direction = _direction(turned)
         return in_direction(points_directed(a, b, self._method, aim, self._listener, direction), direction)
+
+    def traced_search(self, *numbers: Any) -> None:
+        """See AbstractPair."""
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -262,6 +297,9 @@ class CubePair(AbstractPair):
         """See AbstractPair; all of it is measured."""
         cells = (self._second, self._first) if turned else (self._first, self._second)
         return self._method.measured(*cells, self._scale, _direction(turned))
+
+    def traced_search(self, *numbers: Any) -> None:
+        """See AbstractPair."""
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -310,11 +348,6 @@ def _in_one_go(
 
 def _direction(turned: bool) -> Any:
     return DIRECTIONS.b_to_a if turned else DIRECTIONS.a_to_b
-
-
-def _aim(level: Any, ceiling: Any, dtype: np.dtype) -> Aim:
-    infinity = np.asarray(np.inf, dtype)
-    return Aim(-infinity if level is None else level, infinity if ceiling is None else ceiling)
 
 
 class _Targets(NamedTuple):

@@ -21,6 +21,12 @@ class Aim(NamedTuple):
     ceiling: Any
 
 
+def aim_at(level: Any, ceiling: Any, dtype: DTypeLike) -> Aim:
+    """The aim of these lengths; None where everything matters."""
+    infinity = np.asarray(np.inf, dtype)
+    return Aim(-infinity if level is None else level, infinity if ceiling is None else ceiling)
+
+
 class Wanted(NamedTuple):
     """What was asked for, in the common coordinates; a negative atol stands for the default."""
 

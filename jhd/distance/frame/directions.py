@@ -1,5 +1,6 @@
-"""The Hausdorff distance of two directed ones: the larger of them, and the larger of their bounds."""
+"""The Hausdorff distance of two directed ones: one search for both, the larger of them, the larger of their bounds."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -8,8 +9,35 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import ordered
+from jhd.arrays import varying
 from jhd.compiled import compiled
-from jhd.solution import RESULTS, HausdorffSolution, result_where
+from jhd.distance.frame.aim import Aim, aim_at
+from jhd.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction, result_where
+
+
+def in_turn(
+    search: Callable[[Any, Aim], HausdorffSolution], there: Any, back: Any, level: Any, ceiling: Any
+) -> tuple[HausdorffSolution, HausdorffSolution]:
+    """Both directions by one traced search, which is compiled once and run twice.
+
+    Args:
+        search: of what is given for a direction, and an aim.
+        there: for the direction from a to b.
+        back: for the other one, arrays of the same shapes.
+        level: nothing up to this length matters; None: nothing below the first lower bound, of the second direction.
+        ceiling: nothing more matters above this length, or None.
+    """
+    given = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), there, back)
+    dtype = jnp.result_type(*(x for x in jax.tree_util.tree_leaves(given) if jnp.issubdtype(x.dtype, jnp.floating)))
+    aim = varying(aim_at(level, ceiling, dtype), given)
+
+    def one(least: Any, pair: Any) -> tuple[Any, HausdorffSolution]:
+        solution = search(pair, Aim(least, aim.ceiling))
+        return solution.lower if level is None else least, solution
+
+    _, found = jax.lax.scan(one, jnp.asarray(aim.level), given)
+    first, second = (jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(2))
+    return in_direction(first, DIRECTIONS.a_to_b), in_direction(second, DIRECTIONS.b_to_a)
 
 
 @compiled
