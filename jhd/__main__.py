@@ -8,8 +8,6 @@ the reader of the output went away.
 import argparse
 import os
 import sys
-from collections.abc import Mapping
-from pathlib import Path
 from typing import NoReturn
 
 import jax
@@ -17,6 +15,7 @@ import jax
 import jhd
 from jhd.fields.adaptive_build import MODES
 from jhd.fields.adaptive_samples import SIGNS
+from jhd.storage import chosen_folder, made
 
 _CURVE_HELP = "a curve: a JSON or SVG file, or font:NAME:LETTER"
 _SHAPE_HELP = f"{_CURVE_HELP}; or a mesh: an OBJ, OFF, PLY or STL file"
@@ -37,7 +36,7 @@ examples:
   jhd doctor
 
 exit status: 0 done, 1 bounds not closed or certificate refused, 2 bad input
-JHD_CACHE=0 switches the cache of compiled programs off, JHD_CACHE=FOLDER moves it; JAX_ENABLE_X64=0 means float32.
+JHD_CACHE=FOLDER is where compiled programs are kept, JHD_CACHE=0 keeps none; JAX_ENABLE_X64=0 means float32.
 """
 
 
@@ -156,31 +155,15 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _switch_cache_on() -> None:
-    """Lets JAX keep compiled programs between runs, in a folder that was set before or in ours, if that can be made."""
-    chosen = os.environ.get("JHD_CACHE", "")
-    if chosen == "0":
-        jax.config.update("jax_compilation_cache_dir", None)
+    """Lets JAX keep what it compiles around jhd's own programs too, beside them, unless it has a folder already."""
+    folder = chosen_folder()
+    if folder is None or jax.config.jax_compilation_cache_dir:  # pyright: ignore[reportAttributeAccessIssue]
         return
-    if jax.config.jax_compilation_cache_dir and not chosen:  # pyright: ignore[reportAttributeAccessIssue]
+    if not made(folder / "jax"):
         return
-    try:
-        folder = Path(chosen).expanduser() if chosen else cache_folder(sys.platform, os.environ)
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError):  # RuntimeError: the user has no home folder
-        return
-    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_compilation_cache_dir", str(folder / "jax"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-
-
-def cache_folder(platform: str, environment: Mapping[str, str]) -> Path:
-    """The folder for compiled programs, where the platform keeps caches; a relative XDG_CACHE_HOME is void."""
-    named = Path(environment.get("XDG_CACHE_HOME", ""))
-    if named.is_absolute():
-        return named / "jhd"
-    if platform == "win32" and environment.get("LOCALAPPDATA"):
-        return Path(environment["LOCALAPPDATA"]) / "jhd" / "Cache"
-    return Path.home() / ("Library/Caches" if platform == "darwin" else ".cache") / "jhd"
 
 
 if __name__ == "__main__":

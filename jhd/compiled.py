@@ -1,17 +1,23 @@
-"""Programs compiled quickly, and not more of them than a process can hold."""
+"""Programs compiled quickly, kept between processes, and not more of them than a process can hold."""
 
 import functools
 import gc
+import os
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 from weakref import WeakSet
 
 import jax
-import jax.numpy as jnp
+import numpy as np
+from jax._src import config as jax_config
 from jax.core import eval_context
+from jax.sharding import SingleDeviceSharding
+from jax.tree_util import tree_flatten, tree_unflatten
 
-from jhd.arrays import is_traced
+from jhd.arrays import is_tracing
+from jhd.programs import NotKeptError, is_ours, load, name_of_program, short_name, store
 
 _R = TypeVar("_R")
 
@@ -22,6 +28,9 @@ _QUICK = {"xla_cpu_use_fusion_emitters": False}
 _MAPPINGS, _LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
 _SHARE = 0.75
 
+# What a trace depends on beside its arguments; where JAX does not say, nothing is kept on disk.
+_context: Callable[[], Any] | None = getattr(jax_config, "trace_context", None)
+
 _programs: WeakSet[Any] = WeakSet()
 
 
@@ -31,33 +40,164 @@ def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, quick
     Arguments at the positions named `static` are constants of the program. Loops over large arrays can run twice as
     fast where they are compiled with all that XLA has: `quick=False`.
 
-    Where the process comes near the number of memory mappings that the system allows it, all programs made here are
-    dropped, to be compiled again (or read from the persistent cache) when they are wanted.
+    On CPUs a function of this package is kept on disk with each program that it was compiled to (jhd.programs), and
+    another process only reads it. Where the process comes near the number of memory mappings that the system allows it,
+    all programs made here are dropped, to be read or compiled again when they are wanted.
     """
-    inner, known = jax.jit(function, static_argnums=static), 0
+    inner, plain, kept = jax.jit(function, static_argnums=static), _Plain(function, static, quick), None
 
-    @functools.cache
-    def outer() -> Any:
+    @functools.wraps(function)
+    def call(*args: Any) -> _R:
+        nonlocal kept
+        # Options are allowed to the outermost jit only.
+        if is_tracing(*args):
+            return inner(*args)
+        # Known numbers need nothing of a derivative that is being taken around this call, which costs milliseconds.
+        with eval_context():
+            if os.getenv("JHD_CACHE") == "0":
+                return plain(*args)
+            if kept is None:  # asked for here, where the function has got its name
+                kept = _Kept(function, static, quick, plain) if _context is not None and is_ours(function) else plain
+            return kept(*args)
+
+    return call
+
+
+class _Plain:
+    """The programs of one function as jit makes them."""
+
+    def __init__(self, function: Callable[..., Any], static: tuple[int, ...], quick: bool):
+        self._made, self._known = functools.cache(lambda: self._jitted(function, static, quick)), 0
+
+    def __call__(self, *args: Any) -> Any:
+        program = self._made()
+        result = program(*args)
+        if program._cache_size() != self._known:
+            make_room()
+            self._known = program._cache_size()
+        return result
+
+    @staticmethod
+    def _jitted(function: Callable[..., Any], static: tuple[int, ...], quick: bool) -> Any:
         program = jax.jit(function, static_argnums=static, compiler_options=_options() if quick else None)
         _programs.add(program)
         return program
 
-    @functools.wraps(function)
-    def call(*args: Any) -> _R:
-        nonlocal known
-        # Options are allowed to the outermost jit only, and a number made inside a trace is traced.
-        if is_traced(args, jnp.zeros(())):
-            return inner(*args)
-        program = outer()
-        # Known numbers need nothing of a derivative that is being taken around this call, which costs milliseconds.
-        with eval_context():
-            result = program(*args)
-        if program._cache_size() != known:
-            make_room()
-            known = program._cache_size()
-        return result
 
-    return call
+class _Kept:
+    """The programs of one function by the kinds of their arguments, read from disk where they lie there."""
+
+    def __init__(self, function: Callable[..., Any], static: tuple[int, ...], quick: bool, plain: _Plain):
+        self._function, self._static, self._quick, self._plain = function, static, quick, plain
+        # By what is quickly told of the arguments, and by their names; two of the first may share one of the second.
+        self._known: dict[Any, Any] = {}
+        self._named: dict[str, Any] = {}
+        self._lock = threading.RLock()
+        _programs.add(self)
+
+    def __call__(self, *args: Any) -> Any:
+        # Where results are looked at one by one, that is left to jit.
+        if jax.config.jax_debug_nans or jax.config.jax_debug_infs:  # pyright: ignore[reportAttributeAccessIssue]
+            return self._plain(*args)
+        static = self._static
+        fixed = tuple([(type(args[i]), args[i]) for i in static])
+        leaves, tree = tree_flatten(tuple([x for i, x in enumerate(args) if i not in static]) if static else args)
+        key = (_context(), tree, fixed, tuple([_kind(x) for x in leaves]))  # pyright: ignore[reportOptionalCall]
+        found = self._known.get(key)
+        if found is not None:
+            return tree_unflatten(found[1], found[0](*leaves))
+        if key in self._known or not _usual(leaves):
+            self._known[key] = None
+            return self._plain(*args)
+        return self._first(key, leaves, args)
+
+    def clear_cache(self) -> None:
+        """Drops all programs."""
+        self._known.clear()
+        self._named.clear()
+
+    def _cache_size(self) -> int:
+        return len(self._named)
+
+    def _first(self, key: Any, leaves: list[Any], args: tuple) -> Any:
+        """The results, and from now on the program is known; None is, where it is left to jit."""
+        context, tree, fixed, _ = key
+        like = [_like(x) for x in leaves]
+        constants = [(i, x) for i, (_, x) in zip(self._static, fixed, strict=True)]
+        try:
+            kinds = [(x.shape, np.dtype(x.dtype), x.weak_type) for x in like]
+            name = name_of_program(self._function, tree, kinds, context, (constants, self._quick))
+        except NotKeptError:
+            self._known[key] = None
+            return self._plain(*args)
+        with self._lock:  # several threads may want one program, and none of them is to compile what another does
+            found = self._named.get(name) or load(name)
+            results = None if found is None else _tried(found[0], leaves)
+            if found is None or results is None:
+                found = self._compiled(name, tree, constants, like)
+                store(name, *found)
+                results = found[0](*leaves)
+            self._known[key] = self._named[name] = found
+            make_room()
+        return tree_unflatten(found[1], results)
+
+    def _compiled(self, name: str, tree: Any, constants: list[tuple[int, Any]], like: list[Any]) -> tuple[Any, Any]:
+        made: Any = None
+
+        def flat(*leaves: Any) -> list[Any]:
+            nonlocal made
+            args = list(tree_unflatten(tree, leaves))
+            for i, x in constants:
+                args.insert(i, x)
+            results, made = tree_flatten(self._function(*args))
+            return results
+
+        # A cache of JAX's that knows it by this name only has no older version, which could not be kept here.
+        flat.__name__ = short_name(name).replace("-", "_")
+        program = jax.jit(flat, compiler_options=_options() if self._quick else None)
+        return program.lower(*like).compile(), made
+
+
+def _tried(run: Callable[..., Any], leaves: list[Any]) -> Any:
+    """The results of a program that was read; None where it does not run, which shows only now."""
+    try:
+        return jax.block_until_ready(run(*leaves))
+    except jax.errors.JaxRuntimeError:
+        return None
+
+
+def _kind(x: Any) -> Any:
+    """What is quickly told of a leaf, and all that its program depends on."""
+    of = type(x)
+    if of is np.ndarray:
+        return x.shape, x.dtype
+    if of in (bool, int, float):
+        return of
+    return (x.aval, x.sharding, x.committed) if isinstance(x, jax.Array) else (of, getattr(x, "dtype", None))
+
+
+def _usual(leaves: list[Any]) -> bool:
+    """Whether all are numbers on the one device that programs are kept for, and operations run as they always do."""
+    if jax.default_backend() != "cpu" or jax.process_count() > 1:
+        return False
+    if jax.config.jax_disable_jit or jax.config.jax_default_device is not None:  # pyright: ignore
+        return False
+    home, alone = SingleDeviceSharding(jax.devices()[0]), jax.device_count() == 1
+    return all(_is_usual(x, home, alone) for x in leaves)
+
+
+def _is_usual(x: Any, home: Any, alone: bool) -> bool:
+    if type(x) in (bool, int, float):
+        return True
+    if type(x) is not np.ndarray and not isinstance(x, jax.Array | np.generic):
+        return False
+    number = isinstance(x.dtype, np.dtype) and x.dtype.isnative and x.dtype.kind in "biuf"
+    return number and (not isinstance(x, jax.Array) or (x.sharding == home and (alone or not x.committed)))
+
+
+def _like(x: Any) -> jax.ShapeDtypeStruct:
+    kind = jax.typeof(x)
+    return jax.ShapeDtypeStruct(kind.shape, kind.dtype, weak_type=kind.weak_type)
 
 
 def make_room() -> None:

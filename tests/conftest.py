@@ -21,6 +21,9 @@ _FOLDER = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).
 # Tests in a process of their own find the same programs.
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
+# Programs that the package itself keeps are of its functions as they are; tests set constants of theirs. Those that are
+# about keeping name a folder.
+os.environ.setdefault("JHD_CACHE", "0")
 jax.config.update("jax_compilation_cache_dir", _FOLDER)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

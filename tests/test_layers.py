@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parent.parent / "jhd"
 # above its own, or in its own line before it; those of one line that are parted by a bar know nothing of each other.
 # Inside a folder the order is free, as long as there is no cycle.
 ORDER = """
-    arrays compiled solution
+    arrays storage programs compiled solution
     arithmetic
     shapes
     triangles
@@ -160,7 +160,9 @@ def forbidden(node):
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print":
         return "print"
     if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-        return ast.unparse(node) if ast.unparse(node) in ("warnings.warn", "jax.config", "os.environ") else None
+        return ast.unparse(node) if ast.unparse(node) in ("warnings.warn", "os.environ") else None
+    if isinstance(node, ast.Attribute) and ast.unparse(node) == "jax.config.update":
+        return "jax.config.update"
     return None
 
 

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import matplotlib as mpl
 import numpy as np
@@ -18,7 +17,7 @@ from matplotlib.image import imread
 import jhd
 import jhd.io
 from jhd import commands
-from jhd.__main__ import cache_folder, main
+from jhd.__main__ import main
 from jhd.distance import pairs
 from jhd.io import load_result
 
@@ -33,7 +32,6 @@ ROUNDING = 1e-12
 def run(capsys, monkeypatch, tmp_path):
     """Runs one command in a folder of its own: exit status, standard output, standard error."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("JHD_CACHE", raising=False)
     settings = dict(mpl.rcParams)
 
     def call(*arguments):
@@ -55,8 +53,7 @@ def unsuccessful(entry):
 
 
 def subprocess_run(*arguments, cwd):
-    cache = getattr(jax.config, "jax_compilation_cache_dir", None) or str(Path(__file__).parents[1] / ".jax_cache")
-    environment = {**os.environ, "JHD_CACHE": cache, "PYTHONPATH": str(Path(jhd.__file__).parents[1])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(jhd.__file__).parents[1])}
     command = [sys.executable, "-m", "jhd", *arguments]
     return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=300)
 
@@ -303,16 +300,6 @@ def test_bad_input_is_one_line_on_standard_error_with_status_two(run, arguments,
 
 def test_the_version_is_printed(run):
     assert run("--version") == (0, f"jhd {jhd.__version__}\n", "")
-
-
-def test_the_cache_lies_where_the_platform_keeps_caches(monkeypatch):
-    monkeypatch.setattr(Path, "home", lambda: Path("/home/me"))
-    assert cache_folder("linux", {}) == Path("/home/me/.cache/jhd")
-    assert cache_folder("darwin", {}) == Path("/home/me/Library/Caches/jhd")
-    assert cache_folder("win32", {"LOCALAPPDATA": "/local"}) == Path("/local/jhd/Cache")
-    if os.name == "posix":
-        assert cache_folder("linux", {"XDG_CACHE_HOME": "/cache"}) == Path("/cache/jhd")
-        assert cache_folder("linux", {"XDG_CACHE_HOME": "relative"}) == Path("/home/me/.cache/jhd")
 
 
 def test_help_names_the_commands(tmp_path):

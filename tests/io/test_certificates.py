@@ -95,8 +95,6 @@ def test_verify_has_status_two_for_what_it_cannot_read(tmp_path, capsys):
 
 @pytest.mark.parametrize("directed", [True, False])
 def test_distance_writes_a_certificate(tmp_path, capsys, monkeypatch, directed):
-    monkeypatch.setenv("JHD_CACHE", str(tmp_path / "unused"))
-    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
     options = ["--directed"] if directed else []
     status, out, err = run(capsys, "distance", "M0 0 L4 0", "M0 0 L4 3", "--certificate", tmp_path / "p.json", *options)
     assert (status, err) == (0, "")
@@ -110,7 +108,6 @@ def test_distance_without_a_certificate_says_so_with_status_one(tmp_path, capsys
     def refuse(*_):
         raise jhd.NotProvenError("no place.", None)
 
-    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
     monkeypatch.setattr(jhd, "certify", refuse)
     status, out, err = run(capsys, "distance", "M0 0 L4 0", "M0 0 L4 3", "--certificate", tmp_path / "p.json")
     assert (status, err) == (1, "jhd: no certificate: no place.\n")
@@ -118,6 +115,5 @@ def test_distance_without_a_certificate_says_so_with_status_one(tmp_path, capsys
 
 
 def test_a_folder_that_is_missing_is_named_before_the_work(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
     status, _, err = run(capsys, "distance", "M0 0 L4 0", "M0 0 L4 3", "--certificate", tmp_path / "nowhere" / "p.json")
     assert status == 2 and "no such folder" in err

@@ -1,0 +1,270 @@
+"""Compiled programs kept between processes: what tells one from all others, and how it gets into a file and back.
+
+A program is read without being traced, so its name must hold all that tracing and compiling depend on: the function and
+the source of this package, kinds and structure of the arguments, settings and versions of what compiles, the processor.
+What cannot be named so that nothing else has the same name is not kept. Nor is a program that calls anything but
+LAPACK outside itself: a callback is an address in the process that made it.
+"""
+
+import enum
+import functools
+import hashlib
+import os
+import pickle
+import platform
+import re
+import sys
+import time
+import types
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jaxlib
+import lineax as lx
+import numpy as np
+import optimistix as optx
+from jax.experimental import serialize_executable
+from jaxlib import lapack
+
+from jhd import storage
+
+_PACKAGE = "jhd"
+# Source that was changed after this is not what this process runs.
+_STARTED = time.time()
+# Whose classes may stand in a structure: their versions, and the source of this package, are part of a name.
+_KNOWN = ("jhd", "jax", "jaxlib", "equinox", "lineax", "optimistix", "numpy", "builtins")
+# Settings that change no program.
+_ASIDE = re.compile(
+    "jax_(enable_|raise_)?(compilation|persistent)_cache|jax_log|jax_debug_log|jax_explain|jax_traceback"
+)
+# The lines of /proc/cpuinfo that say for which processor is compiled, on x86 and on ARM.
+_PROCESSOR = re.compile(r"^(?:vendor_id|cpu family|model|model name|flags|Features|CPU \w+)\s*:.*$", re.MULTILINE)
+# What compiled code may call: parts of XLA itself, and LAPACK, which has to be looked up first.
+_INSIDE, _LAPACK = ("TopK",), "lapack_"
+# How code begins on Linux and macOS. What JAX has read from a cache of its own has lost it, and is not to be kept.
+_CODE = b"\x7fELF", b"\xcf\xfa\xed\xfe"
+_TARGETS = re.compile(r'custom_call_target="([^"]*)"')
+
+
+# Of each module the constants that were there last, and their sum.
+_LAST: dict[str, tuple[list[Any], str]] = {}
+
+
+class NotKeptError(Exception):
+    """Nothing that could be told from everything else in another process."""
+
+
+def is_ours(function: Callable[..., Any]) -> bool:
+    """Whether a function is the one that this package's source has under its name."""
+    module = getattr(function, "__module__", None) or ""
+    if module.partition(".")[0] != _PACKAGE:
+        return False
+    named = vars(sys.modules[module]).get(getattr(function, "__qualname__", ""))
+    while named is not None and named is not function:
+        named = getattr(named, "__wrapped__", None)
+    return named is function
+
+
+def name_of_program(function: Callable[..., Any], tree: Any, kinds: Any, context: Any, options: Any) -> str:
+    """A text that no other program has.
+
+    Args:
+        function: one of this package's, see `is_ours`.
+        tree: the structure of its arguments.
+        kinds: shape, type and weakness of each array.
+        context: what JAX says that a trace depends on.
+        options: constants of the program and how it is compiled.
+
+    Raises:
+        NotKeptError: there is no such text.
+    """
+    asked = [
+        f"{function.__module__}.{function.__qualname__}",
+        _structure(tree),
+        *map(_plain, (kinds, context, options)),
+    ]
+    settings = {key: value for key, value in jax.config.values.items() if not _ASIDE.match(key)}
+    current = [f"{key}={getattr(jax.config, key, value)!r}" for key, value in sorted(settings.items())]
+    return "\n".join([*asked, *_surroundings(), _constants(function.__module__), *current])
+
+
+def load(name: str) -> tuple[Callable[..., Any], Any] | None:
+    """The program of a name, from flat arguments to flat results, and their structure; None where there is none."""
+    folder = storage.programs_folder()
+    body = None if folder is None else storage.read(folder, short_name(name))
+    if body is None:
+        return None
+    try:
+        known, count, targets, example, payload = pickle.loads(zlib.decompress(body))
+        if known != name:
+            return None
+        if any(target.startswith(_LAPACK) for target in targets):
+            # Lowering does it otherwise: without it the addresses of LAPACK are zero.
+            lapack.prepare_lapack_call("gesdd", np.dtype(np.float64))
+        # A structure cannot be pickled (equinox tells a field that is missing by its identity), an example of it can.
+        given, made = (((0,) * count, {}), jax.tree_util.tree_structure(example))
+        run = serialize_executable.deserialize_and_load(
+            payload,
+            jax.tree_util.tree_structure(given),
+            jax.tree_util.tree_structure([0] * made.num_leaves),
+            execution_devices=jax.devices()[:1],
+        )
+    except Exception:  # whatever keeps it from being read, it can be compiled
+        return None
+    return run, made
+
+
+def store(name: str, run: Any, made: Any) -> bool:
+    """Keeps a program compiled from flat arguments to flat results, and the structure of these; whether it could."""
+    folder = storage.programs_folder()
+    if folder is None:
+        return False
+    try:
+        targets = sorted(set(_TARGETS.findall(run.as_text())))
+        if not all(target in _INSIDE or target.startswith(_LAPACK) for target in targets):
+            return False
+        example = jax.tree_util.tree_unflatten(made, [0] * made.num_leaves)
+        if jax.tree_util.tree_structure(pickle.loads(pickle.dumps(example))) != made:
+            return False
+        payload, given, _ = serialize_executable.serialize(run)
+        if not any(mark in payload for mark in _CODE):
+            return False
+        body = pickle.dumps((name, given.num_leaves, targets, example, payload))
+    except Exception:  # what this version of JAX cannot write
+        return False
+    return storage.write(folder, short_name(name), zlib.compress(body, 1))
+
+
+def short_name(name: str) -> str:
+    """The name of a program's file: that of its function, and a sum."""
+    function = name.partition("\n")[0].rpartition(".")[2].strip("_")
+    return f"{function}-{hashlib.sha256(name.encode()).hexdigest()[:40]}"
+
+
+def _structure(tree: Any) -> str:
+    node = tree.node_data()
+    if node is None:
+        return "*"
+    inner = ",".join(map(_structure, tree.children()))
+    return f"{_class(node[0])}({_plain(node[1])})[{inner}]"
+
+
+def _plain(value: Any) -> str:
+    """The value as a text that no other value has."""
+    if value is None or isinstance(value, bool | int | float | str | bytes) and type(value).__module__ == "builtins":
+        return f"{type(value).__name__}:{value!r}"
+    if isinstance(value, type):
+        return _class(value)
+    if isinstance(value, np.dtype):
+        return f"dtype:{value.str}:{value.name}"
+    if isinstance(value, tuple | list) and type(value) in (tuple, list):
+        return f"{type(value).__name__}({','.join(map(_plain, value))})"
+    if type(value) is dict:
+        return f"dict({','.join(f'{_plain(key)}={_plain(item)}' for key, item in value.items())})"
+    if isinstance(value, enum.Enum):
+        return f"{_class(type(value))}.{value.name}"
+    # Single objects: what equinox has for a field that is missing, and the axes that JAX maps over where it does not.
+    kind = type(value)
+    if kind.__name__ == "_Missing" or kind.__name__ == "AxisEnv" and value is kind():
+        return _class(kind)
+    raise NotKeptError(f"{type(value).__name__} {value!r}")
+
+
+def _class(kind: type) -> str:
+    name = f"{kind.__module__}.{kind.__qualname__}"
+    if kind.__module__.partition(".")[0] not in _KNOWN:
+        raise NotKeptError(name)
+    found: Any = sys.modules.get(kind.__module__)
+    for part in kind.__qualname__.split("."):
+        found = getattr(found, part, None)
+    if found is not kind and kind is not type(None):
+        raise NotKeptError(name)
+    return name
+
+
+@functools.cache
+def _surroundings() -> tuple[str, ...]:
+    """What all programs of this process depend on."""
+    packages = jax, jaxlib, eqx, lx, optx, np
+    device = jax.devices()[0]
+    return (
+        _source(),
+        " ".join(f"{package.__name__} {package.__version__}" for package in packages),
+        f"{sys.version} {platform.machine()} {sys.byteorder}",
+        _processor(),
+        # As many parts as the work may be cut into.
+        str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()),
+        f"{device.platform} {device.device_kind} {device.client.platform_version}",
+        str(os.getenv("XLA_FLAGS")),
+    )
+
+
+def _source() -> str:
+    """A sum of the source of this package.
+
+    Raises:
+        NotKeptError: it is not there to be read, or not what this process runs.
+    """
+    total, files = hashlib.sha256(), sorted(Path(__file__).parent.rglob("*.py"))
+    if not files or any(file.stat().st_mtime > _STARTED for file in files):
+        raise NotKeptError("source")
+    for file in files:
+        content = file.read_bytes()
+        total.update(f"{file.relative_to(Path(__file__).parent)} {len(content)}\n".encode())
+        total.update(content)
+    return total.hexdigest()
+
+
+def _processor() -> str:
+    """What tells processors with other instructions apart; where the system does not say, this machine's name."""
+    try:
+        lines = sorted(set(_PROCESSOR.findall(Path("/proc/cpuinfo").read_text())))
+    except OSError:
+        lines = []
+    return "; ".join(lines) if lines else f"{platform.node()} {platform.processor()}"
+
+
+def _constants(module: str) -> str:
+    """A sum of the constants that a module and those it uses have now, for somebody may have set one of them."""
+    slots = _slots(module)
+    values = [names.get(key) for names, key in slots]
+    last = _LAST.get(module)
+    # The same objects compare at once.
+    if last is None or last[0] != values:
+        texts = [f"{key}={_constant(value)}" for (_, key), value in zip(slots, values, strict=True)]
+        last = _LAST[module] = values, hashlib.sha256("\n".join(texts).encode()).hexdigest()
+    return last[1]
+
+
+@functools.cache
+def _slots(module: str) -> list[tuple[dict[str, Any], str]]:
+    """The names of constants and functions in a module of this package and in all that its names lead to."""
+    found, ahead = {module: None}, [module]
+    while ahead:
+        for value in list(vars(sys.modules[ahead.pop()]).values()):
+            name = value.__name__ if isinstance(value, types.ModuleType) else getattr(value, "__module__", None)
+            if isinstance(name, str) and name.startswith(f"{_PACKAGE}.") and name in sys.modules and name not in found:
+                found[name] = None
+                ahead.append(name)
+    # What keeps programs is not part of them, and differs from process to process.
+    spaces = [vars(sys.modules[name]) for name in found if name not in (__name__, storage.__name__)]
+    return [(names, key) for names in spaces for key in sorted(names) if _is_constant(key, names[key])]
+
+
+def _is_constant(key: str, value: Any) -> bool:
+    if key.startswith("__") or type(value) not in (bool, int, float, str, tuple, types.FunctionType):
+        return False
+    try:
+        _constant(value)
+    except NotKeptError:
+        return False
+    return True
+
+
+def _constant(value: Any) -> str:
+    function = isinstance(value, types.FunctionType)
+    return f"{value.__module__}.{value.__qualname__}" if function else _plain(value)
