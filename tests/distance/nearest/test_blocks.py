@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.nearest.blocks import blocks_of, guesses, in_groups, is_long, nearest_in_blocks
+from jhd.distance.nearest.blocks import blocks_of, guesses, in_groups, nearest_in_blocks
 from jhd.distance.nearest.curves import nearest
 
 COUNT, QUERIES = 768, 200
