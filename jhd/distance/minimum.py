@@ -10,6 +10,7 @@ import numpy as np
 
 from jhd.arrays import is_traced
 from jhd.distance.frame.method import check_serves
+from jhd.distance.frame.nets import net_of
 from jhd.distance.project import project
 from jhd.distance.published.voxel_pairs import VoxelPairs
 from jhd.distance.search.branch_and_bound import BranchAndBound
@@ -127,8 +128,26 @@ def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progre
         first, second = as_mesh(a), as_mesh(b)
         if first is not None and second is not None:
             return of_meshes(first, second, method, progress)
+    return _of_pieces(a, b, method, progress)
+
+
+def _of_pieces(
+    a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None
+) -> MinimumSolution:
+    """By the searches over pairs of pieces, one way round for both orders of the shapes: it is the same program."""
+    if _order(a) > _order(b):
+        found = _of_pieces(b, a, method, progress)
+        return replace(found, point_a=found.point_b, point_b=found.point_a)
     engine = with_surface if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface) else of_nets
     return engine(a, b, method, progress)
+
+
+def _order(shape: Any) -> tuple[int, ...]:
+    """The place of a shape's kind and sizes among those of others."""
+    if isinstance(shape, ImplicitSurface):
+        return (1,)
+    net = net_of(shape)
+    return (0, *net.points.shape[1:3], net.weights is not None, net.points.shape[0])
 
 
 def _many_points(a: Any, b: Any) -> bool:
@@ -148,8 +167,7 @@ def _of_many_points(
         p, q = (point_mesh(shape) if is_points(shape) else shape for shape in (first, second))
         found = of_meshes(p, q, method, progress)
         return replace(found, point_a=found.point_a[: a.dim], point_b=found.point_b[: b.dim])
-    engine = with_surface if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface) else of_nets
-    return engine(first, second, method, progress)
+    return _of_pieces(first, second, method, progress)
 
 
 def _thinned(points: Any, shape: Any) -> Any:

@@ -54,7 +54,6 @@ def prepare_nets(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
 
 def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
     """The net with curves raised to a degree that programs are compiled for, and pieces repeated to such a number."""
-    index = np.minimum(np.arange(padded_count(points.shape[0], small=is_traced(points))), points.shape[0] - 1)
     if weights is not None:
         weights = xp.asarray(weights)
         weights = xp.where(good, weights, 1.0) if is_traced(good) else weights
@@ -67,4 +66,11 @@ def _bucketed(xp: Any, points: Any, weights: Any, good: Any) -> Net:
         if weights is not None:
             weights = xp.sum(raising[..., 0] * weights[:, None], axis=2)
             points = points / weights[..., None]
-    return Net(points[index], None if weights is None else weights[index])
+    return repeated(Net(points, weights))
+
+
+def repeated(net: Net) -> Net:
+    """The net with its last piece repeated up to a number that programs are compiled for."""
+    count = net.points.shape[0]
+    index = np.minimum(np.arange(padded_count(count, small=is_traced(net.points))), count - 1)
+    return Net(net.points[index], None if net.weights is None else net.weights[index])

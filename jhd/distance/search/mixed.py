@@ -25,7 +25,7 @@ from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.attach import attached
 from jhd.distance.frame.coordinates import Frame, diagonal, extremes
 from jhd.distance.frame.net_jets import Net, jet
-from jhd.distance.frame.nets import net_of
+from jhd.distance.frame.nets import net_of, repeated
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.nearest.places import exact_radius
 from jhd.distance.search.branch_and_bound import BranchAndBound
@@ -68,13 +68,17 @@ def with_surface(
     """
     shapes = tuple(shape if isinstance(shape, ImplicitSurface) else net_of(shape) for shape in (a, b))
     still = jax.lax.stop_gradient(shapes)
+    known = not is_traced(still, method, jnp.zeros(()))
+    # Repeated to a few sizes that programs are compiled for; what repeats is not searched.
+    still = tuple(repeated(shape) if known and isinstance(shape, Net) else shape for shape in still)
     *sides, frame = prepare_surfaces(*still)
     problem = WithSurface(*sides)
     wanted = _wanted(problem, frame, method)
-    if is_traced(problem, wanted, jnp.zeros(())):
+    if not known:
         found = _in_one_go(problem, wanted, method)
     else:
-        search = MixedSearch(_Known(still, frame), problem, wanted, method)
+        count = max(_count(shape) for shape in shapes)
+        search = MixedSearch(_Known(still, frame), problem, count, wanted, method)
         found = drive(search, Listener(progress, frame.length))
         if np.isinf(np.asarray(found.lower)):
             raise ValueError("a or b is a surface without points in its box: its polynomial is proven to have no zero.")
@@ -92,10 +96,16 @@ class _Known(NamedTuple):
     frame: Frame
 
 
+def _count(shape: ImplicitSurface | Side | Net) -> int:
+    """The number of its pieces."""
+    return shape.points.shape[0] if isinstance(shape, Net) else 1
+
+
 def _pairs(problem: WithSurface) -> tuple[np.ndarray, np.ndarray]:
-    counts = [1 if isinstance(side, Side) else side.points.shape[0] for side in problem[:2]]
-    grid = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 2)
-    return grid[:, 0], grid[:, 1]
+    """All pairs of pieces; one of the shapes has a single one."""
+    first, second = (np.arange(_count(side)) for side in problem[:2])
+    count = max(first.size, second.size)
+    return np.broadcast_to(first, count), np.broadcast_to(second, count)
 
 
 def _wanted(problem: WithSurface, frame: Frame, method: BranchAndBound) -> _WantedGap:
@@ -107,7 +117,8 @@ def _wanted(problem: WithSurface, frame: Frame, method: BranchAndBound) -> _Want
     return _WantedGap(jnp.asarray(default_tolerance(size, size.dtype, 0.0)), method.rtol)
 
 
-def _begin(problem: WithSurface, capacity: int) -> ClosestState:
+def _begin(problem: WithSurface, pieces: Any, capacity: int) -> ClosestState:
+    """The table with the pairs of so many first pieces; further ones repeat the last."""
     first, second = _pairs(problem)
     low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
     count = len(first)
@@ -117,7 +128,8 @@ def _begin(problem: WithSurface, capacity: int) -> ClosestState:
     # Every first cut is along the longest side of a box: the pieces of a net are small already.
     sides = [side.upper - side.lower if isinstance(side, Side) else jnp.zeros(parameters(side)) for side in problem[:2]]
     axis = jnp.full((count,), jnp.argmax(jnp.concatenate(sides)))
-    return table_of(jnp.zeros(count, low.dtype), cells, axis, best, capacity)
+    lower = jnp.where(np.arange(count) < pieces, jnp.zeros((), low.dtype), jnp.inf)
+    return table_of(lower, cells, axis, best, capacity)
 
 
 def _ends(side: Net | Side) -> tuple[Array, Array]:
@@ -148,7 +160,7 @@ def _point(side: Net | Side, k: Array, x: Array) -> Array:
     return x if isinstance(side, Side) else jet(side.piece(k), x).point
 
 
-_begun = compiled(_begin, (1,))
+_begun = compiled(_begin, (2,))
 
 
 _advanced = compiled(advance)
@@ -160,19 +172,21 @@ class MixedSearch(AbstractSearch):
     Args:
         known: both shapes.
         problem: the same in common coordinates.
+        count: the number of pieces that are not repetitions.
         wanted: what is asked for.
         method: the options.
     """
 
     first_steps = FIRST_STEPS
 
-    def __init__(self, known: _Known, problem: WithSurface, wanted: _WantedGap, method: BranchAndBound):
-        self._known, self._problem, self._wanted = known, problem, wanted
+    def __init__(self, known: _Known, problem: WithSurface, count: int, wanted: _WantedGap, method: BranchAndBound):
+        self._known, self._problem, self._count, self._wanted = known, problem, count, wanted
         self._capacity, self.max_steps = method.capacity, method.max_steps
 
     def begin(self) -> ClosestState:
         """See AbstractSearch."""
-        return _begun(self._problem, room_for(_pairs(self._problem)[0].size, self._capacity))
+        room = room_for(_pairs(self._problem)[0].size, self._capacity)
+        return _begun(self._problem, np.asarray(self._count), room)
 
     def advance(self, state: ClosestState, limit: int, growing: bool) -> tuple[ClosestState, Standing]:
         """See AbstractSearch."""
@@ -246,7 +260,8 @@ def _nearer(problem: WithSurface, best: BestPair, x: Array, radii: Array) -> Bes
 
 def _in_one_go(problem: WithSurface, wanted: _WantedGap, method: BranchAndBound) -> Outcome:
     def search(problem: WithSurface, wanted: _WantedGap) -> Outcome:
-        state = _begin(problem, room_for(_pairs(problem)[0].size, method.capacity))
+        count = _pairs(problem)[0].size
+        state = _begin(problem, count, room_for(count, method.capacity))
         return _outcome(problem, wanted, advance(problem, wanted.atol, wanted.rtol, state, method.max_steps))
 
     if jax.default_backend() == "cpu":
