@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax._src import core
 from jax.core import Tracer
-from jax.typing import ArrayLike
+from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 
 
@@ -20,6 +20,13 @@ def is_tracing(*values: object) -> bool:
     """Whether any leaf is a tracer, or operations on known numbers are traced, as all are inside jit."""
     # Asking JAX takes a hundredth of the time of an operation.
     return not _is_clean() and is_traced(values, jnp.zeros(()))
+
+
+def array_of(values: ArrayLike, dtype: DTypeLike | None = None) -> Array:
+    """`jnp.asarray`; of NumPy's arrays without a program, which JAX would compile for each of their shapes."""
+    if isinstance(values, np.ndarray | np.generic) and not is_tracing():
+        return jax.device_put(np.asarray(values, dtype))
+    return jnp.asarray(values, dtype=dtype)
 
 
 _is_clean = getattr(core, "trace_state_clean", lambda: False)
@@ -67,7 +74,7 @@ def real_array(name: str, value: Any) -> Array:
         raise TypeError(f"{name} must be real numbers; its dtype is {given.dtype}.")
     # An array of ours already: making another one costs more than all of the checks.
     kept = isinstance(value, jax.Array) and value.dtype == jnp.result_type(float)
-    array = value if kept else jnp.asarray(given, dtype=float)
+    array = value if kept else array_of(given, float)
     check_finite(name, array)
     return array
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.arrays import check_finite, is_traced, real_array
+from jhd.arrays import array_of, check_finite, is_traced, is_tracing, real_array
 
 
 @pytest.mark.parametrize(
@@ -119,3 +119,27 @@ def test_whether_a_leaf_is_traced_is_known():
 def test_finiteness_of_tracers_is_not_checked():
     assert jax.jit(lambda x: check_finite("x", x) is None and x)(jnp.nan) is not None
     assert check_finite("x", np.ones((2, 2))) is None
+
+
+def test_operations_on_known_numbers_are_traced_inside_programs_alone():
+    seen = []
+
+    def look(x):
+        seen.append((is_tracing(), is_tracing(x), is_tracing(1.0)))
+        return 2.0 * x
+
+    look(1.0)
+    jax.grad(look)(1.0)
+    jax.vmap(look)(jnp.ones(2))
+    jax.jit(look)(1.0)
+    assert seen == [(False, False, False), (False, True, False), (False, True, False), (True, True, True)]
+
+
+@pytest.mark.parametrize("value", [np.arange(3), np.float32(2.0), np.ones((2, 2), bool), jnp.ones(2), 1.5])
+@pytest.mark.parametrize("dtype", [None, float])
+def test_an_array_of_something_is_that_of_jax(value, dtype):
+    for array in (array_of(value, dtype), jax.jit(lambda: array_of(value, dtype))()):
+        expected = jnp.asarray(value, dtype)
+        assert isinstance(array, jax.Array)
+        assert jax.typeof(array) == jax.typeof(expected)
+        assert np.array_equal(array, expected)

@@ -407,5 +407,11 @@ print(out)
     assert in_processes(8, script, tmp_path) == [without] * 8
     assert not [path for path in (tmp_path / "programs").iterdir() if path.name.startswith(".")]
     before = files(tmp_path / "programs")
-    assert in_processes(1, script, tmp_path) == [without]
+    counting = """
+import jax
+compiled = []
+jax.monitoring.register_event_duration_secs_listener(lambda event, *_, **__: compiled.append(event))
+"""
+    asserting = "assert not [event for event in compiled if 'backend_compile' in event], compiled"
+    assert in_processes(1, counting + script + asserting, tmp_path) == [without]
     assert files(tmp_path / "programs") == before

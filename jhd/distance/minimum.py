@@ -5,10 +5,9 @@ from dataclasses import replace
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jhd.arrays import is_traced
+from jhd.arrays import is_tracing
 from jhd.distance.frame.method import check_serves
 from jhd.distance.frame.nets import net_of
 from jhd.distance.project import project
@@ -152,7 +151,7 @@ def _order(shape: Any) -> tuple[int, ...]:
 
 def _many_points(a: Any, b: Any) -> bool:
     """Whether one of the shapes is a large set of points; all numbers are known."""
-    known = not is_traced(jax.lax.stop_gradient((a, b)), jnp.zeros(()))
+    known = not is_tracing(jax.lax.stop_gradient((a, b)))
     large = any(is_points(shape) and shape.count > _FEW for shape in (a, b))
     return known and large
 

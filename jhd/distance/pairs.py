@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arrays import is_traced
+from jhd.arrays import is_traced, is_tracing
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import Aim, aim_at
 from jhd.distance.frame.coordinates import Frame
@@ -138,7 +138,7 @@ class CurvePair(AbstractPair):
         aim = aim_at(level, ceiling, self._a.control_points.dtype)
         method, direction = self._method, _direction(turned)
         # Inside jit all operations are traced, those on known numbers too.
-        if is_traced(a, b, method, aim, jnp.zeros(())):
+        if is_tracing(a, b, method, aim):
             return in_direction(method.directed(a, b, self._frame, aim), direction)
         if isinstance(method, BranchAndBound):
             wanted = method.wanted(a, self._frame, aim)
@@ -153,7 +153,7 @@ class CurvePair(AbstractPair):
         """See AbstractPair."""
         a, b, method, frame = self._a, self._b, self._method, self._frame
         alike = a.control_points.shape == b.control_points.shape
-        if not (alike and is_traced(a, b, method, numbers, jnp.zeros(()))):
+        if not (alike and is_tracing(a, b, method, numbers)):
             return None
         return (lambda pair, aim: method.directed(*pair, frame, aim)), (a, b), (b, a)
 
@@ -186,7 +186,7 @@ class SurfacePair(AbstractPair):
         """See AbstractPair."""
         pair = self._targets.turned() if turned else self._targets.pair()
         aim, method, direction = aim_at(level, ceiling, self._frame.centre.dtype), self._method, _direction(turned)
-        if is_traced(pair, method, aim, jnp.zeros(())):
+        if is_tracing(pair, method, aim):
             return method.directed_surfaces(pair, self._frame, aim, direction)
         wanted, capacity = method.wanted(pair.a, self._frame, aim), method.length_of_table(pair.a)
         return drive(SurfaceSearch(pair, wanted, direction, capacity, method.max_steps), self._listener, direction)
@@ -194,7 +194,7 @@ class SurfacePair(AbstractPair):
     def traced_search(self, *numbers: Any) -> tuple[Callable[[Any, Aim], HausdorffSolution], Any, Any] | None:
         """See AbstractPair."""
         there, back, method, frame = self._targets.pair(), self._targets.turned(), self._method, self._frame
-        if not is_traced(there, method, numbers, jnp.zeros(())):
+        if not is_tracing(there, method, numbers):
             return None
         return (lambda pair, aim: method.directed_surfaces(pair, frame, aim, _direction(False))), there, back
 
@@ -330,7 +330,7 @@ def _with_points(a: Any, b: Any, method: Any) -> bool:
         return False
     if not (is_points(a) and is_points(b)):
         return any(isinstance(shape, TriangleMesh | AbstractPatch | ImplicitSurface) for shape in (a, b))
-    known = not is_traced(jax.lax.stop_gradient((a, b)), method, jnp.zeros(()))
+    known = not is_tracing(jax.lax.stop_gradient((a, b)), method)
     return known and isinstance(method, BranchAndBound)
 
 

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from jhd.arrays import is_traced
+from jhd.arrays import array_of, is_traced
 
 # Ends that agree to this many ulp of the largest coordinate are one joint: conversions between curve formats and knot
 # insertion leave differences of one to four.
@@ -25,7 +25,7 @@ def joints(control_points: Array) -> Int[Array, " segments"]:
     """
     count, points = control_points.shape[-3], control_points.shape[-2]
     if points == 1:
-        return jnp.full((count,), -1)
+        return array_of(np.full((count,), -1))
     xp = jnp if is_traced(control_points) else np
     pieces: Any = control_points if xp is jnp else np.asarray(control_points)
     tolerance = _JOINT_ULPS * float(jnp.finfo(control_points.dtype).eps) * xp.max(xp.abs(pieces))
@@ -36,7 +36,7 @@ def joints(control_points: Array) -> Int[Array, " segments"]:
     apart = np.max(np.abs(pieces[:-1, -1] - pieces[1:, 0]), axis=-1) > tolerance
     loose = np.append(np.flatnonzero(apart), count - 1)
     following[loose] = _found(loose, pieces[loose, -1], pieces[:, 0], single, tolerance)
-    return jnp.asarray(following)
+    return array_of(following)
 
 
 def _meeting(ends: Array, starts: Array, single: Array, tolerance: Array) -> Array:
@@ -77,7 +77,7 @@ def completed(following: Any, control_points: Array) -> Int[Array, " segments"]:
     if is_traced(following):
         return jnp.where(following < 0, joints(control_points), following)
     if np.all(np.asarray(following) >= 0):
-        return jnp.asarray(following)
+        return array_of(following)
     found = joints(control_points)
     xp = jnp if is_traced(found) else np
     return jnp.asarray(xp.where(np.asarray(following) < 0, xp.asarray(found), np.asarray(following)))

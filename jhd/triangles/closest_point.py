@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
+from jhd.arrays import array_of
 from jhd.compiled import compiled
 from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.box_tree import BoxTree, Hints, Level, box_tree, hints
@@ -116,9 +117,9 @@ def _built(mesh: TriangleMesh) -> TriangleTree:
     corners = corners[tree.order]
     stored = frames(corners.astype(np.float64), dtype)
     return TriangleTree(
-        table=jnp.asarray(_padded(stored.table, _length(len(stored.table)))),
+        table=array_of(_padded(stored.table, _length(len(stored.table)))),
         turn=stored.turn,
-        boxes=jnp.asarray(_padded(tree.boxes.astype(dtype), _length(len(tree.boxes)))),
+        boxes=array_of(_padded(tree.boxes.astype(dtype), _length(len(tree.boxes)))),
         levels=tree.levels,
         order=tree.order,
         hints=hints(corners.astype(np.float64)),
@@ -145,9 +146,9 @@ def point_tree(points: Float[np.ndarray, "points 3"]) -> TriangleTree:
     tree = box_tree(corners)
     points = points[tree.order]
     return TriangleTree(
-        table=jnp.asarray(_padded(points, _length(len(points)))),
+        table=array_of(_padded(points, _length(len(points)))),
         turn=np.zeros(len(points), int),
-        boxes=jnp.asarray(_padded(tree.boxes, _length(len(tree.boxes)))),
+        boxes=array_of(_padded(tree.boxes, _length(len(tree.boxes)))),
         levels=tree.levels,
         order=tree.order,
         hints=hints(np.repeat(points[:, None], 3, axis=1).astype(np.float64)),
@@ -223,8 +224,8 @@ def _shrunk(tree: TriangleTree, power: int) -> TriangleTree:
         np.ldexp(tree.hints.lower, -power), float(np.ldexp(tree.hints.side, -power)) or 1.0, tree.hints.triangle
     )
     return tree._replace(
-        table=jnp.asarray(table),
-        boxes=jnp.asarray(boxes),
+        table=array_of(table),
+        boxes=array_of(boxes),
         hints=grid,
         exponent=tree.exponent + power,
         longest=float(np.ldexp(tree.longest, -power)),

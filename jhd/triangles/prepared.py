@@ -13,10 +13,10 @@ from typing import Any, NamedTuple, TypeVar
 from weakref import WeakValueDictionary
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from jhd.arithmetic.scaling import common_exponent
+from jhd.arrays import array_of
 from jhd.shapes.mesh import TriangleMesh
 
 _R = TypeVar("_R")
@@ -96,7 +96,7 @@ def _in_unit(mesh: TriangleMesh) -> _InUnit:
     # Vertices that no triangle has may overflow.
     with np.errstate(over="ignore"):
         scaled = np.ldexp(vertices, -power)
-    return _InUnit(prepared(eqx.tree_at(lambda m: m.vertices, mesh, jnp.asarray(scaled))), power)
+    return _InUnit(prepared(eqx.tree_at(lambda m: m.vertices, mesh, array_of(scaled))), power)
 
 
 def scaled_down(points: np.ndarray, power: int) -> tuple[np.ndarray, np.ndarray]:

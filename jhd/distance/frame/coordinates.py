@@ -19,7 +19,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.rounding import smallest_normal
 from jhd.arithmetic.scaling import common_exponent, ldexp, length, scale_of
-from jhd.arrays import is_traced
+from jhd.arrays import array_of, is_traced
 from jhd.solution import RESULTS, HausdorffSolution, result_where, with_lengths
 
 # Power of two that stands for no extent at all; single precision ends at 2^-126.
@@ -39,7 +39,7 @@ class Frame(eqx.Module):
 
     def place(self, x: Any) -> Array:
         """Points in the user's coordinates."""
-        return jnp.asarray(_place(self, x))
+        return array_of(_place(self, x))
 
     def scale(self, dtype: DTypeLike) -> Array:
         """The power of two that brings lengths of the user's to the common unit."""
@@ -65,7 +65,7 @@ class Frame(eqx.Module):
 
     def length(self, x: Any, toward: float | None = None) -> Array:
         """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
-        return jnp.asarray(_length(self, x, toward))
+        return array_of(_length(self, x, toward))
 
     def solution(self, solution: HausdorffSolution) -> HausdorffSolution:
         """A solution found in the common coordinates, in the user's; numbers that are known are left on the host."""

@@ -20,7 +20,7 @@ from jaxtyping import Array
 from jhd.arithmetic.rationals import float_above, float_below, float_near, root_between
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import common_exponent, scale_of
-from jhd.arrays import is_traced
+from jhd.arrays import is_traced, is_tracing
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.attach import attached
@@ -57,7 +57,7 @@ def of_meshes(
     """Minimum distance of two meshes, with derivatives in both; under tracing it is searched from the host as well."""
     first, second = lax.stop_gradient((a, b))
     # Inside jit all operations are traced, those on known numbers too.
-    if is_traced(first, second, method, jnp.zeros(())):
+    if is_tracing(first, second, method):
         found = from_program(_searched, partial(_unusable, a.vertices.dtype), (first, second), method)
     else:
         found = _searched((first, second), method, progress)

@@ -20,7 +20,7 @@ from jhd.distance.search.curves import LANES, CurveState, CurveTable, advance, b
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.solutions import CoveredPair
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import HausdorffSolution, in_direction
+from jhd.solution import HausdorffSolution, in_direction, on_device
 
 # Steps of the first stretch, which hold all but hard pairs.
 _FIRST_STEPS = 128
@@ -123,11 +123,12 @@ def _stretch(
 @lru_cache(maxsize=8)
 def _blank(capacity: int, dtype: str) -> CurveState:
     """A state of the right shapes, to begin in."""
-    numbers, index = jnp.zeros(capacity, dtype), jnp.zeros(capacity, int)
+    zeros: Any = np.zeros
+    numbers, index = zeros(capacity, dtype), zeros(capacity, int)
     cell = CurveCell(index, numbers, numbers, index, numbers, index, numbers)
-    number, count = jnp.zeros((), dtype), jnp.array(0)
-    place = CurvePlace(count, number)
-    return CurveState(CurveTable(cell, numbers), number, number, place, place, number, jnp.array(False), place, count)
+    number, count = zeros((), dtype), zeros((), int)
+    place, none = CurvePlace(count, number), zeros((), bool)
+    return on_device(CurveState(CurveTable(cell, numbers), number, number, place, place, number, none, place, count))
 
 
 @compiled
@@ -143,4 +144,4 @@ def _surface_stretch(
 
 @lru_cache(maxsize=8)
 def _blank_surfaces(capacity: int, dtype: str) -> surface_search.SurfaceState:
-    return surface_search.blank(capacity, dtype)
+    return on_device(surface_search.blank(capacity, dtype))

@@ -12,10 +12,9 @@ computation for general polygonal models (2009), bound a cell in the same way; s
 
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
-from jhd.arrays import is_traced
+from jhd.arrays import array_of, is_tracing
 from jhd.distance.cells.triangles import MeshSide, TriangleCells, first_cells, split
 from jhd.distance.frame.aim import Aim, default_tolerance
 from jhd.distance.frame.coordinates import diagonal, extremes
@@ -81,7 +80,7 @@ def mesh_directed(
         return drive(MeshSearch(meshes[0], meshes[1], method, aim), listener, direction)
 
     # Inside jit all operations are traced, those on known numbers too.
-    if is_traced(a, b, method, aim, jnp.zeros(())):
+    if is_tracing(a, b, method, aim):
         listener = Listener()
         form = AnswerForm(a.vertices.dtype, 3, FEET, (3,), (3,), _COUNTS)
         return from_program(search, form.refused, (a, b), method, aim)
@@ -162,12 +161,12 @@ class MeshSearch(AbstractSearch):
         result = RESULTS.gap_not_closed if self._has_room(state) else RESULTS.capacity_reached
         counts = state.steps, self._a.count + 4 * state.split, state.split, state.corners + 3 * state.split
         return HausdorffSolution(
-            value=jnp.asarray(value),
-            lower=jnp.asarray(lower),
-            upper=jnp.asarray(top),
+            value=array_of(value),
+            lower=array_of(lower),
+            upper=array_of(top),
             witness=witness_of(feet, side, best.owner, best.weights, distance),
             result=result if self._is_open(state) else RESULTS.successful,
-            stats={name: jnp.asarray(count) for name, count in zip(_COUNTS, counts, strict=True)},
+            stats={name: array_of(np.asarray(count)) for name, count in zip(_COUNTS, counts, strict=True)},
         )
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.scaling import length
-from jhd.arrays import is_traced
+from jhd.arrays import array_of, is_traced, is_tracing
 from jhd.compiled import compiled
 from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
@@ -68,7 +68,7 @@ def with_surface(
     """
     shapes = tuple(shape if isinstance(shape, ImplicitSurface) else net_of(shape) for shape in (a, b))
     still = jax.lax.stop_gradient(shapes)
-    known = not is_traced(still, method, jnp.zeros(()))
+    known = not is_tracing(still, method)
     # Repeated to a few sizes that programs are compiled for; what repeats is not searched.
     still = tuple(repeated(shape) if known and isinstance(shape, Net) else shape for shape in still)
     *sides, frame = prepare_surfaces(*still)
@@ -110,11 +110,11 @@ def _pairs(problem: WithSurface) -> tuple[np.ndarray, np.ndarray]:
 
 def _wanted(problem: WithSurface, frame: Frame, method: BranchAndBound) -> _WantedGap:
     if method.atol is not None:
-        return _WantedGap(jnp.asarray(frame.common(method.atol)), method.rtol)
+        return _WantedGap(array_of(frame.common(method.atol)), method.rtol)
     corners = [side[2:4] if isinstance(side, Side) else extremes(side.points) for side in problem[:2]]
     # What rounding leaves counts in the search, where it is known how far the nearest points are out.
-    size = jnp.asarray(diagonal(corners))
-    return _WantedGap(jnp.asarray(default_tolerance(size, size.dtype, 0.0)), method.rtol)
+    size = diagonal(corners)
+    return _WantedGap(array_of(default_tolerance(size, size.dtype, 0.0)), method.rtol)
 
 
 def _begin(problem: WithSurface, pieces: Any, capacity: int) -> ClosestState:

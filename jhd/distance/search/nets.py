@@ -10,7 +10,7 @@ from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import is_traced
+from jhd.arrays import is_traced, is_tracing
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.coordinates import Frame, diagonal, extremes
@@ -52,7 +52,7 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress
     p, q, frame, error = prepare_nets(*jax.lax.stop_gradient(nets))
     wanted = _wanted(p, q, frame, error, method)
     # Inside jit all operations are traced, those on known numbers too.
-    if is_traced(p, q, wanted, jnp.zeros(())):
+    if is_tracing(p, q, wanted):
         found = _in_one_go(p, q, counts, wanted, method)
     else:
         found = drive(NetSearch(p, q, counts, wanted, method), Listener(progress, frame.length))

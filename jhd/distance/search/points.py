@@ -7,7 +7,7 @@ import numpy as np
 from jax import lax
 
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import is_traced
+from jhd.arrays import is_tracing
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Aim, default_tolerance
 from jhd.distance.frame.coordinates import common_points, diagonal
@@ -75,7 +75,7 @@ def _directed(
     a: Any, b: Any, method: BranchAndBound, aim: Aim, listener: Listener, direction: Any
 ) -> HausdorffSolution:
     # Inside jit all operations are traced, those on known numbers too.
-    if not is_traced(a, b, method, aim, jnp.zeros(())):
+    if not is_tracing(a, b, method, aim):
         return drive(_search(a, b, method, aim), listener, direction)
     refused = _form(a, b).refused
 

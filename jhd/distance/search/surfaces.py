@@ -11,10 +11,11 @@ not fit into the table is folded into it, and cells that are no larger than what
 Source: the search and the bounds are ours; AlgSurf gives the problem and the octree.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
@@ -102,12 +103,13 @@ def unfinished(a: Target, b: Target, wanted: Wanted, state: SurfaceState) -> Arr
 
 
 def blank(capacity: int, dtype: str) -> SurfaceState:
-    """A state of the right shapes, to begin in."""
-    number, count = jnp.zeros((), dtype), jnp.zeros((), int)
-    vector, feet, hints = (jnp.zeros(shape, dtype) for shape in ((3,), (FEET, 3), (HINTS, 3)))
-    best = FarthestPlace(number, number, SurfacePlace(vector, feet, jnp.zeros((FEET,), dtype)), hints, count)
-    table = SurfaceTable(jnp.zeros((capacity, 6 + 3 * FEET), dtype), jnp.zeros((capacity,), dtype))
-    return SurfaceState(table, best, number, number, jnp.array(False), count, count, jnp.zeros((2,), int))
+    """A state of the right shapes, to begin in, in NumPy's arrays."""
+    zeros: Any = np.zeros
+    number, count = zeros((), dtype), zeros((), int)
+    vector, feet, hints = (zeros(shape, dtype) for shape in ((3,), (FEET, 3), (HINTS, 3)))
+    best = FarthestPlace(number, number, SurfacePlace(vector, feet, zeros((FEET,), dtype)), hints, count)
+    table = SurfaceTable(zeros((capacity, 6 + 3 * FEET), dtype), zeros((capacity,), dtype))
+    return SurfaceState(table, best, number, number, zeros((), bool), count, count, zeros((2,), int))
 
 
 def begin(a: Target, b: Target, capacity: int) -> SurfaceState:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import is_traced
+from jhd.arrays import is_traced, is_tracing
 from jhd.distance.frame.from_host import from_host
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.nearest.meshes import checked_points
@@ -55,7 +55,7 @@ def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) 
     surface = shape.patches() if isinstance(shape, AbstractPatch) else shape
     still = jax.lax.stop_gradient((flat, surface))
     # Inside jit all operations are traced, those on known numbers too.
-    if is_traced(still, jnp.zeros(())):
+    if is_tracing(still):
         found = _traced(*still)
     else:
         found = _projection(*_ended(target_of(still[1]).nearest(np.asarray(still[0]))))

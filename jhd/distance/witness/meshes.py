@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import smallest_normal
-from jhd.arrays import is_traced
+from jhd.arrays import array_of, is_traced
 from jhd.compiled import compiled
 from jhd.distance.cells.triangles import MeshSide
 from jhd.distance.frame.attach import attached
@@ -170,13 +170,13 @@ def witness_of(feet: MeshFeet, side: MeshSide, owner: int, weights: np.ndarray, 
     point = np.ldexp(weights @ side.corners[owner].astype(np.float64), exponent)
     places = np.einsum("nk,nkd->nd", feet.t.astype(np.float64), _corners_of(side, feet.triangle))
     return Witness(
-        segment=jnp.asarray(int(owner)),
-        t=jnp.asarray(weights.astype(dtype)),
-        point=jnp.asarray(point.astype(dtype)),
-        feet=jnp.asarray(np.ldexp(places, exponent).astype(dtype)),
-        foot_segments=jnp.asarray(side.tree.order[feet.triangle].astype(int)),
-        foot_params=jnp.asarray(feet.t.astype(dtype)),
-        multipliers=jnp.asarray(feet.multipliers.astype(dtype)),
+        segment=array_of(np.asarray(int(owner))),
+        t=array_of(weights.astype(dtype)),
+        point=array_of(point.astype(dtype)),
+        feet=array_of(np.ldexp(places, exponent).astype(dtype)),
+        foot_segments=array_of(side.tree.order[feet.triangle].astype(int)),
+        foot_params=array_of(feet.t.astype(dtype)),
+        multipliers=array_of(feet.multipliers.astype(dtype)),
         event=event_of(feet, weights, distance),
         direction=DIRECTIONS.a_to_b,
     )
