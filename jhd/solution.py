@@ -5,6 +5,7 @@ leaves have leading axes.
 """
 
 import json
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -100,6 +101,17 @@ def with_lengths(solution: Any, value: Any, lower: Any, upper: Any, point: Any, 
     # By its leaves, in the order of the fields: making the two Modules anew costs five times as much.
     leaves, structure = jax.tree_util.tree_flatten(solution)
     leaves[:3], leaves[5:7] = (value, lower, upper), (point, feet)
+    return jax.tree_util.tree_unflatten(structure, leaves)
+
+
+def with_answers(solution: Any, answers: Sequence[tuple[Any, Any, Any, Any, Any]]) -> Any:
+    """The same HausdorffSolution with other numbers: value, t, point, feet, foot_params; of its directions likewise."""
+    leaves, structure = jax.tree_util.tree_flatten(solution)
+    # The directions come last, each with as many leaves.
+    size = len(jax.tree_util.tree_leaves(solution.directions)) // 2
+    for begin, answer in zip((0, len(leaves) - 2 * size, len(leaves) - size), answers, strict=False):
+        leaves[begin], (leaves[begin + 4], leaves[begin + 5], leaves[begin + 6]) = answer[0], answer[1:4]
+        leaves[begin + 8] = answer[4]
     return jax.tree_util.tree_unflatten(structure, leaves)
 
 

@@ -97,7 +97,7 @@ def hausdorff(
     """
     pair = pair_of(a, b, method, progress)
     there, back = pair.both()
-    return _finish(pair.larger(pair.finished(there), pair.finished(back)), throw)
+    return _finish(pair.larger(pair.reported(there), pair.reported(back)), throw)
 
 
 def hausdorff_at_most(

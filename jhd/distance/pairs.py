@@ -88,7 +88,7 @@ class AbstractPair(ABC):
 
     @abstractmethod
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-        """The Hausdorff distance of both directed ones, as they are handed to the user."""
+        """The Hausdorff distance of both directed ones, which are reported; with derivatives in both shapes."""
 
     def finished(self, solution: HausdorffSolution) -> HausdorffSolution:
         """A measured solution as it is handed to the user."""
@@ -167,7 +167,7 @@ class CurvePair(AbstractPair):
 
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
-        return larger(there, back)
+        return self.differentiable(larger(there, back))
 
 
 class SurfacePair(AbstractPair):
@@ -208,7 +208,7 @@ class SurfacePair(AbstractPair):
 
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
-        return larger(there, back)
+        return larger(self.differentiable(there), self.differentiable(back))
 
 
 class MeshPair(AbstractPair):
@@ -241,7 +241,7 @@ class MeshPair(AbstractPair):
 
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
-        return larger(there, back)
+        return larger(self.differentiable(there), self.differentiable(back))
 
 
 class PointPair(AbstractPair):

@@ -15,6 +15,8 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 from jhd.arithmetic.scaling import common_exponent, scale_of, unit_weights
@@ -28,7 +30,7 @@ from jhd.distance.frame.pieces import Piece
 from jhd.distance.nearest.feet import is_held
 from jhd.distance.witness import active
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness, on_device
+from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness, on_device, with_answers
 
 
 class _Answer(NamedTuple):
@@ -40,33 +42,141 @@ class _Answer(NamedTuple):
     feet: Array
     foot_params: Array
 
-    def scalars(self) -> tuple[Array, ...]:
-        """All numbers one by one; see jhd.distance.witness.active on why."""
-        return self.value, self.t, *self.foot_params, *self.point, *self.feet.ravel()
+    def vector(self) -> Array:
+        """All numbers in a row."""
+        return jnp.concatenate([x.ravel() for x in self])
 
-    @classmethod
-    def of_scalars(cls, scalars: tuple[Array, ...]) -> "_Answer":
-        """The inverse of `scalars`."""
-        value, t, first, second, *coordinates = scalars
-        rows = jnp.stack(coordinates).reshape(3, -1)
-        return cls(value, t, rows[0], rows[1:], jnp.stack([first, second]))
+    def of_vector(self, numbers: Array) -> "_Answer":
+        """The inverse of `vector`; the shapes are those of this answer."""
+        ends = np.cumsum([x.size for x in self])
+        return _Answer(*(numbers[end - x.size : end].reshape(x.shape) for x, end in zip(self, ends, strict=True)))
+
+
+class _Constants(NamedTuple):
+    """What is constant of a witness."""
+
+    segment: Array
+    foot_segments: Array
+    multipliers: Array
+    event: Any
+    direction: Any
+
+
+class _Rows(NamedTuple):
+    """Control points and weights: of a curve, or of those of its segments that a witness touches."""
+
+    points: Any
+    weights: Any
+
+
+class _Slopes(NamedTuple):
+    """The derivatives of all numbers of an answer in the three segments of each curve that it touches, and which."""
+
+    of: tuple[_Rows, _Rows]
+    segments: tuple[Array, Array]
 
 
 def with_derivatives(solution: HausdorffSolution, a: BezierSegments, b: BezierSegments, frame: Frame) -> Any:
-    """The solution, its value and witness differentiable in both curves; all in the user's coordinates."""
+    """The solution and its directions, with values and witnesses differentiable in both curves.
+
+    All lengths and places are in the user's coordinates.
+    """
     if not is_traced(a, b):
         return solution
     solution = on_device(solution)
-    value, witness = moving(solution.value, solution.witness, a, b, frame)
-    return replace(solution, value=value, witness=witness)
+    # Whatever is asked for: all in one, as each call under a derivative costs a millisecond.
+    each = (solution, *(solution.directions or ()))
+    return with_answers(solution, _found([(s.value, s.witness) for s in each], a, b, frame))
 
 
 def moving(value: Array, witness: Witness, a: BezierSegments, b: BezierSegments, frame: Frame) -> tuple[Array, Witness]:
     """A distance and its witness, the same numbers, as functions of both curves; in the user's coordinates."""
-    w = witness
-    answer = _attached(_Answer(value, w.t, w.point, w.feet, w.foot_params), a, b, frame, w)
-    places = {name: getattr(answer, name) for name in ("t", "point", "feet", "foot_params")}
-    return answer.value, replace(witness, **places)
+    value, *places = _found([(value, witness)], a, b, frame)[0]
+    return value, replace(witness, **dict(zip(_Answer._fields[1:], places, strict=True)))
+
+
+def _found(
+    given: list[tuple[Array, Witness]], a: BezierSegments, b: BezierSegments, frame: Frame
+) -> tuple[_Answer, ...]:
+    """The answers as functions of both curves."""
+    answers = tuple(_Answer(value, w.t, w.point, w.feet, w.foot_params) for value, w in given)
+    kinds = tuple(_Constants(w.segment, w.foot_segments, w.multipliers, w.event, w.direction) for _, w in given)
+    curves = _Rows(a.control_points, a.weights), _Rows(b.control_points, b.weights)
+    return _moving(answers, curves, kinds, frame)
+
+
+@jax.custom_jvp
+def _moving(
+    answers: tuple[_Answer, ...], curves: tuple[_Rows, _Rows], kinds: tuple[_Constants, ...], frame: Frame
+) -> tuple[_Answer, ...]:
+    """The same answers, with the derivatives of the active system of their witnesses."""
+    return answers
+
+
+def _moving_rule(primals: tuple, tangents: tuple) -> tuple[tuple[_Answer, ...], tuple[_Answer, ...]]:
+    answers, curves, kinds, frame = primals
+    # All slopes by a program of its own, which is kept: where the curves are known the rest is a few sums.
+    slopes = _slopes(answers, curves, kinds, frame)
+    moved = [
+        (slope, segments, x)
+        for rows, segments, change in zip(slopes.of, slopes.segments, tangents[1], strict=True)
+        for slope, x in zip(rows, change, strict=True)
+        if x is not None and not isinstance(x, SymbolicZero)
+    ]
+    return answers, _changed(answers, moved)
+
+
+_moving.defjvp(_moving_rule, symbolic_zeros=True)
+
+
+@compiled
+def _changed(answers: tuple[_Answer, ...], moved: list[tuple[Array, Array, Array]]) -> tuple[_Answer, ...]:
+    """The changes of the answers where control points and weights change."""
+    total = jnp.zeros((len(answers), answers[0].vector().size), answers[0].value.dtype)
+    for slope, segments, x in moved:
+        # Sums keep the batch axis of vmap in front, where a matrix product may move it.
+        total = total + jnp.sum(slope * x[segments][:, None], axis=range(2, slope.ndim))
+    return tuple(answer.of_vector(row) for answer, row in zip(answers, total, strict=True))
+
+
+@compiled
+def _slopes(
+    answers: tuple[_Answer, ...], curves: tuple[_Rows, _Rows], kinds: tuple[_Constants, ...], frame: Frame
+) -> _Slopes:
+    answer, kind = (jax.tree_util.tree_map(lambda *x: jnp.stack(x), *each) for each in (answers, kinds))
+    return jax.vmap(_slopes_of, in_axes=(0, 0, None, None))(answer, kind, curves, frame)
+
+
+def _slopes_of(answer: _Answer, kind: _Constants, curves: tuple[_Rows, _Rows], frame: Frame) -> _Slopes:
+    turned = kind.direction == DIRECTIONS.b_to_a
+    of_b, touched = jnp.stack([turned, ~turned, ~turned]), jnp.append(kind.segment, kind.foot_segments)
+    # The curve that does not carry it lends its first segment, which is not looked at.
+    segments = jnp.where(of_b, 0, touched), jnp.where(of_b, touched, 0)
+    rows: Any = tuple(
+        jax.tree_util.tree_map(lambda x, k=k: x[k], curve) for curve, k in zip(curves, segments, strict=True)
+    )
+
+    def change(moved: tuple[_Rows, _Rows]) -> Array:
+        pieces, pieces_dot = jax.jvp(lambda rows: _pieces(rows, of_b, frame), (rows,), (moved,))
+        return _change(answer, pieces, pieces_dot, frame.scale(answer.value.dtype), kind).vector()
+
+    # It is linear: its slopes anywhere are those of the answer.
+    return _Slopes(jax.jacrev(change)(jax.tree_util.tree_map(jnp.zeros_like, rows)), segments)
+
+
+def _pieces(rows: tuple[_Rows, _Rows], of_b: Array, frame: Frame) -> active.Pieces:
+    """The segments of the witness and of its feet, of one degree and in common coordinates."""
+    degree = max(x.points.shape[1] for x in rows) - 1
+    rational = any(x.weights is not None for x in rows)
+
+    def piece(k: int) -> Piece:
+        first, second = (
+            _piece(x.points[k], None if x.weights is None else x.weights[k], degree, rational) for x in rows
+        )
+        points, weights = jax.tree_util.tree_map(lambda x, y: jnp.where(of_b[k], y, x), first, second)
+        return Piece(frame.moved(points), weights)
+
+    return piece(0), piece(1), piece(2)
 
 
 def projection_with_derivatives(found: Projection, queries: Array, curve: BezierSegments) -> Projection:
@@ -81,12 +191,12 @@ def projection_with_derivatives(found: Projection, queries: Array, curve: Bezier
 def _feet(found: Projection, queries: Array, curve: BezierSegments) -> tuple[Array, Array, Array]:
     """Distances, feet and parameters as functions of the queries and the curve."""
     exponent = common_exponent(*jax.lax.stop_gradient((queries, curve.control_points)))
-    scale = scale_of(exponent, queries.dtype)
-    rational = curve.weights is not None
+    scale, weights = scale_of(exponent, queries.dtype), curve.weights
 
     def one(query: Array, segment: Array, t: Array) -> tuple[Array, Array, Array]:
-        points, weights = _piece(curve, segment, curve.degree, rational)
-        piece, point = Piece(points * scale, weights), query * scale
+        own = None if weights is None else weights[segment]
+        points, own = _piece(curve.control_points[segment], own, curve.degree, own is not None)
+        piece, point = Piece(points * scale, own), query * scale
         held, s = jax.lax.stop_gradient((is_held(point, piece, t), t))
         # Two steps carry the first two derivatives of the parameter.
         for _ in range(2):
@@ -100,39 +210,15 @@ def _feet(found: Projection, queries: Array, curve: BezierSegments) -> tuple[Arr
     return jax.tree_util.tree_map(lambda x: x.reshape(*batch, *x.shape[1:]), jax.vmap(one)(*flat))
 
 
-@compiled
-def _attached(answer: _Answer, a: BezierSegments, b: BezierSegments, frame: Frame, witness: Witness) -> _Answer:
-    """The same numbers, with the derivatives of the active system of the witness."""
-    turned = witness.direction == DIRECTIONS.b_to_a
-    degree = max(a.degree, b.degree)
-    rational = a.weights is not None or b.weights is not None
-
-    def piece(k: Array, of_b: Array) -> Piece:
-        # The curve that does not carry it lends its first segment, which is not looked at.
-        pieces = [_piece(c, jnp.where(of_b == own, k, 0), degree, rational) for c, own in ((a, False), (b, True))]
-        points, weights = (
-            jax.tree_util.tree_map(lambda x, y: jnp.where(of_b, y, x), *xs) for xs in zip(*pieces, strict=True)
-        )
-        return Piece(frame.moved(points), weights)
-
-    pieces = (
-        piece(witness.segment, turned),
-        piece(witness.foot_segments[0], ~turned),
-        piece(witness.foot_segments[1], ~turned),
-    )
-    return _with_rule(answer, pieces, frame.scale(answer.value.dtype), (witness.event, witness.multipliers))
-
-
-def _piece(curve: BezierSegments, k: Array, degree: int, rational: bool) -> Piece:
+def _piece(points: Array, weights: Array | None, degree: int, rational: bool) -> Piece:
     """One segment, written in this degree."""
-    points = curve.control_points[k]
-    weights = jnp.ones(points.shape[:-1], points.dtype) if curve.weights is None else unit_weights(curve.weights[k])
     if not rational:
         return Piece(_raised(points, degree), None)
-    if degree == curve.degree:
-        return Piece(points, weights)
-    raised = _raised(weights[:, None], degree)
-    return Piece(_raised(points * weights[:, None], degree) / raised, raised[:, 0])
+    own: Any = jnp.ones(points.shape[:-1], points.dtype) if weights is None else unit_weights(weights)
+    if degree == points.shape[0] - 1:
+        return Piece(points, own)
+    raised = _raised(own[:, None], degree)
+    return Piece(_raised(points * own[:, None], degree) / raised, raised[:, 0])
 
 
 def _raised(rows: Array, degree: int) -> Array:
@@ -143,42 +229,31 @@ def _raised(rows: Array, degree: int) -> Array:
     return jnp.sum(raising[:, :, None] * rows, axis=1)
 
 
-def _with_rule(answer: _Answer, pieces: active.Pieces, scale: Array, kind: tuple[Any, Array]) -> _Answer:
-    """The same answer, with the derivatives of the active system of the kind: its event and multipliers."""
-    return _Answer.of_scalars(_scalars_with_rule(answer.scalars(), pieces, scale, kind))
-
-
-@jax.custom_jvp
-def _scalars_with_rule(scalars: tuple, pieces: active.Pieces, scale: Array, kind: tuple[Any, Array]) -> tuple:
-    return scalars
-
-
-@_scalars_with_rule.defjvp
-def _rule(primals: tuple, tangents: tuple) -> tuple[tuple, tuple]:
-    scalars, pieces, scale, (event, multipliers) = primals
-    answer = _Answer.of_scalars(scalars)
+def _change(answer: _Answer, pieces: active.Pieces, moved: active.Pieces, scale: Array, kind: _Constants) -> _Answer:
+    """How an answer moves with the pieces by the active system of its kind."""
     a, first, second = pieces
     start = jax.lax.stop_gradient(jnp.concatenate([answer.t[None], answer.foot_params]))
-    held, two = jax.lax.stop_gradient(active.active(a, first, second, start, event, multipliers)[3:])
+    given = jax.lax.stop_gradient(active.active(a, first, second, start, kind.event, kind.multipliers))
+    held, two = given.held, given.two
     # At distance zero all derivatives are zero by convention; there they need not exist.
-    apart = event != EVENTS.coincident
-    y, y_dot = jax.jvp(lambda p: active.solution(start, p, held, two), (pieces,), (tangents[1],))
+    apart = kind.event != EVENTS.coincident
+    y, y_dot = jax.jvp(lambda p: active.solution(start, p, held, two), (pieces,), (moved,))
     system = active.Active(a, first, second, held, two)
     jets = [jet(*piece, s) for piece, s in zip(pieces, y, strict=True)]
     # How the three points move at fixed parameters.
     at_rest = [
-        jax.jvp(lambda p, s=s: jet(*p, s).point, (piece,), (moved,))[1]
-        for piece, s, moved in zip(pieces, y, tangents[1], strict=True)
+        jax.jvp(lambda p, s=s: jet(*p, s).point, (piece,), (change,))[1]
+        for piece, s, change in zip(pieces, y, moved, strict=True)
     ]
     stretch = jnp.stack([unit @ (at_rest[0] - at_rest[i]) for i, unit in enumerate(active.units(y, system), 1)])
     points = [still + j.first * s for still, j, s in zip(at_rest, jets, y_dot, strict=True)]
     # A single foot is given twice.
     feet = jnp.where(two, jnp.stack(points[1:]), points[1])
     change = _Answer(
-        value=active.multipliers(y, system, multipliers) @ stretch / scale,
+        value=active.multipliers(y, system, kind.multipliers) @ stretch / scale,
         t=y_dot[0],
         point=points[0] / scale,
         feet=feet / scale,
         foot_params=jnp.where(two, y_dot[1:], y_dot[1]),
     )
-    return scalars, tuple(jnp.where(apart, x, 0.0) for x in change.scalars())
+    return jax.tree_util.tree_map(lambda x: jnp.where(apart, x, 0.0), change)

@@ -202,3 +202,16 @@ def test_one_program_gives_the_same_under_jit_vmap_and_grad():
         result, lower, upper = jax.jit(outcome)(coefficients)
         assert int(result) == int(getattr(jhd.RESULTS, name)._value)
         assert (float(lower), float(upper)) == (0.0, math.inf)
+
+
+@pytest.mark.slow
+def test_both_directions_under_jit_are_those_from_the_host():
+    known = jhd.hausdorff(*CONES)
+    found = jax.jit(lambda x: jhd.hausdorff(ImplicitSurface(x, LOWER, UPPER, reduced=False), CONES[1]))(
+        CONES[0].coefficients
+    )
+    assert known.directions is not None and found.directions is not None
+    for there, here in zip((known, *known.directions), (found, *found.directions), strict=True):
+        assert abs(float(there.value) - float(here.value)) < 1e-9
+        assert max(float(there.lower), float(here.lower)) <= min(float(there.upper), float(here.upper))
+        assert int(there.direction._value) == int(here.direction._value)
