@@ -16,6 +16,7 @@ import jhd
 from jhd.fields.adaptive_build import MODES
 from jhd.fields.adaptive_samples import SIGNS
 from jhd.storage import chosen_folder, made
+from jhd.warming import KINDS as _KINDS
 
 _CURVE_HELP = "a curve: a JSON or SVG file, or font:NAME:LETTER"
 _SHAPE_HELP = f"{_CURVE_HELP}; or a mesh: an OBJ, OFF, PLY or STL file"
@@ -33,6 +34,7 @@ examples:
   jhd distance a.ply b.obj
   jhd project a.svg 10 -2.5
   jhd field bunny.ply --atol 0.001 --out bunny.npz
+  jhd warm plane rational --degree 3
   jhd doctor
 
 exit status: 0 done, 1 bounds not closed or certificate refused, 2 bad input
@@ -147,9 +149,14 @@ def _parser() -> argparse.ArgumentParser:
     field.add_argument("--resolution", type=int, metavar="N", help="cells along the longest side for that surface")
     field.set_defaults(command="field")
 
-    doctor = commands.add_parser("doctor", help="versions, devices, precision, cache, and a check with a known answer")
+    warm = commands.add_parser("warm", help="compile the programs of some kinds of shapes and keep them")
+    warm.add_argument("kinds", metavar="KIND", nargs="*", help=f"{', '.join(_KINDS)} (default: all of them)")
+    warm.add_argument("--degree", type=int, metavar="N", help="of curves (default: 3) and polynomial surfaces (2)")
+    warm.set_defaults(command="warm")
+
+    doctor = commands.add_parser("doctor", help="versions, devices, what is kept, and a check with a known answer")
     doctor.set_defaults(command="doctor")
-    for command in (distance, fit, verify, project, field, doctor):
+    for command in (distance, fit, verify, project, field, warm, doctor):
         command.add_argument("--json", action="store_true", help="print JSON and nothing else")
     return parser
 

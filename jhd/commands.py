@@ -19,11 +19,13 @@ import jax
 import numpy as np
 
 import jhd
+from jhd import storage
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.io import load_certificate, load_shape, save_curve, save_mesh, write_svg
 from jhd.io.meshes import MESH_SUFFIXES
 from jhd.options import PROJECTIONS, curve_of, mesh_of, method_name, method_of, points_of, shapes_of
 from jhd.report import (
+    bar,
     check_picture_file,
     directions_text,
     names_of,
@@ -38,6 +40,7 @@ from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import HausdorffSolution, name_of, to_plain
+from jhd.warming import KINDS, preparations
 
 _DEMO_FONTS = {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}
 _DEMO_LETTER = "a"
@@ -137,7 +140,7 @@ def fit(options: Namespace) -> int:
         write(options.out, shape)
     if options.plot:
         with _busy("drawing"):
-            picture(options.plot, target, shape, _directions(target, shape, error, jhd.BranchAndBound()))
+            picture(options.plot, target, shape, _directions(error))
     if options.json:
         asked = {"target": options.target, "tolerance": options.tolerance, "degree": options.degree}
         _print_json(error, **asked, within=near, segments=[c.shape.count for c in contours], seconds=seconds)
@@ -234,14 +237,15 @@ def field(options: Namespace) -> int:
 
 
 def doctor(options: Namespace) -> int:
-    """Versions, devices, precision, compile cache, and one distance with a known answer."""
+    """Versions, devices, precision, what is kept of compiled programs, and one distance with a known answer."""
     facts = {
         "jhd": jhd.__version__,
         "python": f"{platform.python_version()} on {platform.platform()}",
         **{name: _version(name) for name in _PACKAGES},
         "devices": ", ".join(str(device) for device in jax.devices()) + f" ({jax.default_backend()})",
         "precision": _precision(),
-        "compile cache": _cache(),
+        "programs": _kept(),
+        "JAX's cache": _cache(),
     }
     # The diagonal of a rectangle 4 by 3 against its base: the upper corner is 3 away, every other point less.
     base, diagonal = jhd.polyline([(0.0, 0.0), (4.0, 0.0)]), jhd.polyline([(0.0, 0.0), (4.0, 3.0)])
@@ -254,6 +258,35 @@ def doctor(options: Namespace) -> int:
         width = max(map(len, facts))
         print("\n".join(f"{name:<{width}}  {fact}" for name, fact in facts.items()))
     return 0 if good else 1
+
+
+def warm(options: Namespace) -> int:
+    """Compiles the programs of some kinds of shapes and keeps them, for the processes that come."""
+    folder = storage.programs_folder()
+    if folder is None:
+        raise ValueError("JHD_CACHE is 0, or there is no home folder: programs are not kept.")
+    if jax.default_backend() != "cpu":
+        raise ValueError(f"programs are kept for CPUs only; this device is {_device()}.")
+    if not storage.made(folder):
+        raise ValueError(f"{folder}: programs are not kept there: {storage.refusal(folder)}.")
+    unknown = [kind for kind in options.kinds if kind not in KINDS]
+    if unknown:
+        raise ValueError(f"unknown kind {unknown[0]!r}; there are {', '.join(KINDS)}.")
+    if options.degree is not None and options.degree < 1:
+        raise ValueError(f"--degree is {options.degree}; needs at least 1.")
+    asked = preparations(options.kinds or list(KINDS), options.degree)
+    rows = []
+    with _busy("preparing") as show:
+        for done, (name, run) in enumerate(asked):
+            show(f"{bar(done, len(asked))} {name}")
+            rows.append({"name": name, "seconds": _timed(run)[1]})
+    if options.json:
+        print(json.dumps({"folder": str(folder), **storage.contents(folder)._asdict(), "prepared": rows}, indent=2))
+        return 0
+    width = max(len(row["name"]) for row in rows)
+    print("\n".join(f"{row['name']:<{width}}  {row['seconds']:6.2f} s" for row in rows), end="\n\n")
+    print(f"programs   {_kept()}")
+    return 0
 
 
 def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
@@ -314,7 +347,7 @@ def _busy(message: str) -> Iterator[Callable[[Any], None]]:
 
     show(f"{message} ...")
     try:
-        yield lambda progress: show(progress_text(progress))
+        yield lambda progress: show(progress if isinstance(progress, str) else progress_text(progress))
     finally:
         show("")
 
@@ -334,8 +367,24 @@ def _version(name: str) -> str:
         return "not installed"
 
 
+def _kept() -> str:
+    """The folder of jhd's own programs and what it holds, or why it is not used."""
+    folder = storage.programs_folder()
+    if folder is None:
+        return "not kept: JHD_CACHE is 0, or there is no home folder"
+    if jax.default_backend() != "cpu":
+        return "not kept: that is done for CPUs only"
+    if not folder.exists():
+        return f"{folder} (not there yet)"
+    reason = storage.refusal(folder)
+    if reason is not None:
+        return f"{folder} (not used: {reason})"
+    files, size = storage.contents(folder)
+    return f"{folder} ({size / 1e6:.1f} MB in {files} files, at most {storage.LIMIT / 1e6:.0f} MB)"
+
+
 def _cache() -> str:
-    """The folder of compiled programs and what it holds."""
+    """The folder of what JAX itself keeps, and what it holds."""
     folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if not folder:
         return "off"

@@ -21,7 +21,14 @@ _MILLIMETRES = 1 / 25.4
 _PICTURE_SIZE = 180 * _MILLIMETRES, 102 * _MILLIMETRES  # two columns of a journal
 _DPI = 200
 _SPACE_SIZE = 120 * _MILLIMETRES, 115 * _MILLIMETRES
+_BAR = 24  # characters of a bar of progress
 _SPEC_WIDTH = 60  # path data can be pages long
+
+
+def bar(done: int, count: int) -> str:
+    """How much of a number of things is done."""
+    filled = _BAR * done // count
+    return f"[{'#' * filled}{'.' * (_BAR - filled)}] {done}/{count}"
 
 
 def names_of(solution: HausdorffSolution) -> tuple[str, str]:

@@ -126,7 +126,7 @@ def write(folder: Path, name: str, body: bytes) -> bool:
     return True
 
 
-def kept(folder: Path) -> Contents:
+def contents(folder: Path) -> Contents:
     """What lies in a folder."""
     sizes = [found.st_size for _, found in _files(folder)]
     return Contents(len(sizes), sum(sizes))

@@ -23,7 +23,7 @@ ORDER = """
     distance.frame distance.nearest distance.cells distance.witness distance.search distance.published.events
         distance.published distance.certificate distance
     fitting fit | plot | io
-    report options commands __main__
+    report options warming commands __main__
 """
 COMMAND_LINE = ("commands", "__main__")
 # Their import takes a tenth of a second and more, so they may be imported where they are used.

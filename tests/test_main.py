@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import equinox as eqx
@@ -16,10 +17,11 @@ from matplotlib.image import imread
 
 import jhd
 import jhd.io
-from jhd import commands
+from jhd import commands, storage
 from jhd.__main__ import main
 from jhd.distance import pairs
 from jhd.io import load_result
+from jhd.warming import KINDS, Preparation, preparations
 
 # The base and the diagonal of a rectangle 4 by 3: the upper corner is 3 away from the base, the lower right corner
 # 2.4 from the diagonal.
@@ -235,10 +237,83 @@ def test_the_doctor_names_versions_devices_and_precision_and_checks_itself(run):
     assert (status, err) == (0, "")
     named = [line.split("  ")[0] for line in out.splitlines()]
     assert named[:2] == ["jhd", "python"]
-    assert {"jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib", "devices", "compile cache"} <= set(named)
-    assert "self-check     passed" in out
+    assert {
+        "jax",
+        "jaxlib",
+        "equinox",
+        "optimistix",
+        "numpy",
+        "matplotlib",
+        "devices",
+        "programs",
+        "JAX's cache",
+    } <= set(named)
+    assert any(line.startswith("self-check ") and " passed: " in line for line in out.splitlines())
     status, out, _ = run("doctor", "--json")
     assert (status, json.loads(out)["passed"]) == (0, True)
+
+
+def test_the_doctor_says_what_is_kept_and_why_a_folder_is_not_used(run, monkeypatch, tmp_path):
+    def said():
+        return next(line for line in run("doctor")[1].splitlines() if line.startswith("programs  ")).split(maxsplit=1)[
+            1
+        ]
+
+    assert said() == "not kept: JHD_CACHE is 0, or there is no home folder"
+    monkeypatch.setenv("JHD_CACHE", str(tmp_path))
+    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
+    folder = tmp_path / "programs"
+    storage.write(folder, "one", bytes(10**6))
+    assert said().startswith(f"{folder} (1.0 MB in 1 files, at most ")
+    if os.name == "posix":
+        folder.chmod(0o777)
+        assert said() == f"{folder} (not used: others can write to it)"
+
+
+def test_warm_keeps_the_programs_of_the_kinds_that_are_named(run, monkeypatch, tmp_path):
+    monkeypatch.setenv("JHD_CACHE", str(tmp_path / "kept"))
+    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
+    calls = []
+    prepared = [Preparation(f"{kind}: one", partial(calls.append, kind)) for kind in ("plane", "meshes")]
+    monkeypatch.setattr(commands, "preparations", lambda kinds, degree: calls.append((kinds, degree)) or prepared)
+    status, out, err = run("warm", "plane", "meshes", "--degree", "4")
+    assert (status, err) == (0, "")
+    assert calls == [(["plane", "meshes"], 4), "plane", "meshes"]
+    assert [line.split(": one")[0] for line in out.splitlines()[:2]] == ["plane", "meshes"]
+    assert f"programs   {tmp_path / 'kept' / 'programs'} (0.0 MB in 0 files" in out
+    status, out, _ = run("warm", "--json")
+    assert calls[3] == (list(KINDS), None)
+    assert [row["name"] for row in json.loads(out)["prepared"]] == ["plane: one", "meshes: one"]
+
+
+def test_warm_shows_a_bar(run, monkeypatch, tmp_path):
+    monkeypatch.setenv("JHD_CACHE", str(tmp_path))
+    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(commands, "preparations", lambda kinds, degree: [Preparation(x, int) for x in ("one", "two")])
+    err = run("warm", "plane")[2]
+    assert f"[{'.' * 24}] 0/2 one" in err
+    assert f"[{'#' * 12}{'.' * 12}] 1/2 two" in err
+
+
+def test_warm_says_where_nothing_can_be_kept(run, monkeypatch, tmp_path):
+    assert run("warm")[2] == "jhd: error: JHD_CACHE is 0, or there is no home folder: programs are not kept.\n"
+    monkeypatch.setenv("JHD_CACHE", str(tmp_path))
+    monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
+    (tmp_path / "programs").write_text("")
+    status, _, err = run("warm")
+    assert status == 2 and err.endswith("programs are not kept there: it is no folder.\n")
+    (tmp_path / "programs").unlink()
+    assert "unknown kind 'cubes'; there are plane, space" in run("warm", "cubes")[2]
+    assert "--degree is 0; needs at least 1." in run("warm", "--degree", "0")[2]
+
+
+def test_each_kind_to_prepare_has_its_calls():
+    named = [x.name for x in preparations(list(KINDS))]
+    assert len(set(named)) == len(named) == 4 * len(KINDS) + 3
+    # Of meshes they are quick: what they return is what the entries do.
+    for prepared in preparations(["meshes"]):
+        prepared.run()
 
 
 def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypatch):

@@ -26,7 +26,7 @@ def test_what_is_written_is_read(folder):
     assert storage.write(folder, "two", b"")
     assert storage.read(folder, "one") == BODY
     assert storage.read(folder, "two") == b""
-    assert storage.kept(folder).files == 2
+    assert storage.contents(folder).files == 2
 
 
 @posix
@@ -110,7 +110,7 @@ def test_the_oldest_go_first_and_what_was_used_stays(folder, monkeypatch):
     monkeypatch.setattr(storage, "LIMIT", 5 * (folder / "a").stat().st_size)
     storage.write(folder, "f", BODY)
     assert sorted(path.name for path in folder.iterdir()) == ["a", "b", "e", "f"]
-    assert storage.kept(folder).size <= storage.LIMIT
+    assert storage.contents(folder).size <= storage.LIMIT
 
 
 def test_what_a_killed_process_had_begun_to_write_goes_in_time(folder):
