@@ -6,31 +6,51 @@ are closed; what does not fit into the table is left out and its bound kept, so 
 happens.
 """
 
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import length
 from jhd.arrays import is_traced, varying
 from jhd.distance.cells.pairs import BestPair, Cell, PairBound, bound
-from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.aim import default_tolerance
+from jhd.distance.frame.coordinates import Frame, diagonal
 from jhd.distance.frame.net_jets import Net, eta, point_error
+from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.solution import RESULTS, MinimumSolution, result_where
 
 # Pairs that are cut in one step.
 WIDTH = 16
 # Steps of the first stretch from the host, and how the table grows.
-FIRST_STEPS = 64
-GROWTH = 4
+_FIRST_STEPS, _GROWTH = 64, 4
 # A table beyond this length is not exchanged for a longer one: it would fill the memory.
-LONGEST = 1 << 20
+_LONGEST = 1 << 20
 # Pairs are closed below the tolerance, so that the errors of the ends cannot exceed it.
 _CLOSE = 0.9
+
+
+class WantedGap(NamedTuple):
+    """Tolerances in common coordinates."""
+
+    atol: Array
+    rtol: Array
+
+
+def wanted_gap(corners: Sequence[tuple[Any, Any]], frame: Frame, method: BranchAndBound, floor: Any) -> WantedGap:
+    """What a method asks for; by default the tolerance of shapes with these corners, but at least the floor."""
+    xp: Any = jnp if is_traced(corners, frame, method) else np
+    dtype = corners[0][0].dtype
+    default = method.atol is None
+    absolute = default_tolerance(diagonal(corners), dtype, floor) if default else frame.common(method.atol)
+    return WantedGap(*(xp.asarray(x, dtype) for x in (absolute, method.rtol)))
 
 
 class ClosestState(NamedTuple):
@@ -70,10 +90,11 @@ class Outcome(NamedTuple):
 
 
 class Parametric(NamedTuple):
-    """A pair of parametric shapes in common coordinates: what a search needs to know of it."""
+    """A pair of parametric shapes in common coordinates, and what preparing them may have changed."""
 
     a: Net
     b: Net
+    error: Any
 
     def bound(self, cell: Cell) -> PairBound:
         """Bounds over one pair of cells."""
@@ -89,8 +110,14 @@ class Parametric(NamedTuple):
 Problem = Any
 
 
-def begin(a: Net, b: Net, pairs: Array, valid: Array, capacity: int) -> ClosestState:
+def pairs_of(counts: tuple[int, ...]) -> np.ndarray:
+    """All pairs of so many pieces, in rows."""
+    return np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def begin(problem: Parametric, pairs: Array, valid: Array, capacity: int) -> ClosestState:
     """The table with some pairs of whole pieces, and a first distance, between corners of pieces."""
+    a, b = problem[:2]
     n = a.parameters + b.parameters
     k, m = pairs[:, 0], pairs[:, 1]
     dtype = a.points.dtype
@@ -144,34 +171,20 @@ def room_for(pairs: int, capacity: int) -> int:
     return max(capacity, 4 * WIDTH, 1 << (2 * pairs - 1).bit_length())
 
 
-def news_of(state: ClosestState, going_on: Array, growing: Array) -> Array:
-    """Whether it goes on, whether it stopped for want of room, steps, and pairs that wait."""
-    full = going_on & jnp.asarray(growing) & is_full(state)
-    return jnp.stack([going_on, full, state.steps, jnp.sum(jnp.isfinite(state.lower))])
-
-
-def longer(state: ClosestState, factor: int) -> ClosestState:
-    """The same search with more room."""
-    size = factor * state.lower.size
-    lower = jnp.pad(state.lower, (0, size - state.lower.size), constant_values=jnp.inf)
-    cell, axis = jax.tree_util.tree_map(partial(_padded, size), (state.cell, state.axis))
-    return state._replace(lower=lower, cell=cell, axis=axis)
-
-
 def lower_of(state: ClosestState) -> Array:
     """The proven lower bound reached."""
     return jnp.minimum(jnp.minimum(state.lower[0], state.settled), state.best.upper)
 
 
-def tolerance_of(problem: Problem, atol: Array, rtol: Array, state: ClosestState) -> Array:
+def tolerance_of(problem: Problem, wanted: WantedGap, state: ClosestState) -> Array:
     """The gap that closes the search: what is asked for, or what rounding leaves."""
     found = jnp.where(jnp.isfinite(state.best.upper), state.best.upper, 0.0)
-    return jnp.maximum(jnp.maximum(atol, rtol * found), problem.floor)
+    return jnp.maximum(jnp.maximum(wanted.atol, wanted.rtol * found), problem.floor)
 
 
-def is_open(problem: Problem, atol: Array, rtol: Array, state: ClosestState) -> Array:
+def is_open(problem: Problem, wanted: WantedGap, state: ClosestState) -> Array:
     """Whether there are pairs that may hold a distance smaller by more than the tolerance."""
-    return state.lower[0] < state.best.upper - _CLOSE * tolerance_of(problem, atol, rtol, state)
+    return state.lower[0] < state.best.upper - _CLOSE * tolerance_of(problem, wanted, state)
 
 
 def is_full(state: ClosestState) -> Array:
@@ -180,19 +193,19 @@ def is_full(state: ClosestState) -> Array:
 
 
 def advance(
-    problem: Problem, atol: Array, rtol: Array, state: ClosestState, limit: Array | int, growing: Array | bool = False
+    problem: Problem, wanted: WantedGap, state: ClosestState, limit: Array | int, growing: Array | bool = False
 ) -> ClosestState:
     """Goes on until the gap is closed or `limit` steps are taken; `growing` stops before the table is full."""
 
     def going_on(state: ClosestState) -> Array:
-        open_ = is_open(problem, atol, rtol, state) & (state.steps < limit)
+        open_ = is_open(problem, wanted, state) & (state.steps < limit)
         return open_ & ~(jnp.asarray(growing) & is_full(state))
 
-    start = varying(state, problem, atol, rtol)
-    return jax.lax.while_loop(going_on, lambda state: _step(problem, atol, rtol, state), start)
+    start = varying(state, problem, wanted)
+    return jax.lax.while_loop(going_on, lambda state: _step(problem, wanted, state), start)
 
 
-def _step(problem: Problem, atol: Array, rtol: Array, state: ClosestState) -> ClosestState:
+def _step(problem: Problem, wanted: WantedGap, state: ClosestState) -> ClosestState:
     capacity = state.lower.size
     taken, lower, axis = jax.tree_util.tree_map(lambda x: x[:WIDTH], (state.cell, state.lower, state.axis))
     middle = 0.5 * (taken.low + taken.high)
@@ -215,7 +228,7 @@ def _step(problem: Problem, atol: Array, rtol: Array, state: ClosestState) -> Cl
     lowers = jnp.where(jnp.isnan(found.lower), before, jnp.maximum(found.lower, before))
     lowers = jnp.where(valid, lowers, jnp.inf)
     state = state._replace(best=best, steps=state.steps + 1, pairs=state.pairs + jnp.sum(valid))
-    closed = (lowers >= best.upper - _CLOSE * tolerance_of(problem, atol, rtol, state)) | found.thin
+    closed = (lowers >= best.upper - _CLOSE * tolerance_of(problem, wanted, state)) | found.thin
     settled = jnp.minimum(state.settled, jnp.min(jnp.where(closed, lowers, jnp.inf)))
     lowers = jnp.where(closed, jnp.inf, lowers)
     every = jnp.concatenate([lowers, jnp.where(np.arange(capacity) < WIDTH, jnp.inf, state.lower)])
@@ -230,3 +243,74 @@ def _step(problem: Problem, atol: Array, rtol: Array, state: ClosestState) -> Cl
     return state._replace(
         lower=kept[:capacity], cell=cell, axis=merged(found.axis, state.axis), settled=settled, lost=lost
     )
+
+
+def news_of(problem: Problem, wanted: WantedGap, state: ClosestState, growing: Array) -> Array:
+    """Whether it goes on, whether it stopped for want of room, steps, and pairs that wait."""
+    going_on = is_open(problem, wanted, state)
+    full = going_on & jnp.asarray(growing) & is_full(state)
+    return jnp.stack([going_on, full, state.steps, jnp.sum(jnp.isfinite(state.lower))])
+
+
+def outcome(
+    wanted: WantedGap, state: ClosestState, best: BestPair, ends: tuple[Any, Any], points: tuple[Any, Any], floor: Any
+) -> Outcome:
+    """The outcome of the search as it stands, with the bounds and nearest points, and what rounding leaves."""
+    lower, upper = ends
+    relative = wanted.rtol * jnp.where(jnp.isfinite(upper), upper, 0.0)
+    granted = jnp.maximum(jnp.maximum(wanted.atol, relative), 2 * floor)
+    failed = result_where(state.lost, RESULTS.capacity_reached, RESULTS.gap_not_closed)
+    failed = result_where(jnp.isfinite(upper), failed, RESULTS.unverified)
+    result = result_where(upper - lower <= granted, RESULTS.successful, failed)
+    stats = {"steps": state.steps, "pairs": state.pairs, "waiting": jnp.sum(jnp.isfinite(state.lower))}
+    best = best._replace(distance=jnp.clip(best.distance, lower, upper))
+    return Outcome(best, lower, upper, *points, result, stats)
+
+
+def in_one_go(
+    begun: Callable[[Problem], ClosestState],
+    ended: Callable[[Problem, WantedGap, ClosestState], Outcome],
+    problem: Problem,
+    wanted: WantedGap,
+    max_steps: int,
+) -> Outcome:
+    """All in one program; of a batch the searches run one after the other on a CPU, side by side elsewhere."""
+
+    def search(problem: Problem, wanted: WantedGap) -> Outcome:
+        return ended(problem, wanted, advance(problem, wanted, begun(problem), max_steps))
+
+    if jax.default_backend() == "cpu":
+        search = sequential_vmap(search)
+    return search(problem, wanted)
+
+
+class ClosestSearch(AbstractSearch):
+    """The search from the host.
+
+    Args:
+        begun: makes the state in which it begins.
+        stretch: goes on from a state until a limit of steps, growing or not; to the state, its outcome and `news_of`.
+        max_steps: most steps.
+    """
+
+    first_steps = _FIRST_STEPS
+
+    def __init__(self, begun: Callable[[], ClosestState], stretch: Callable[..., Any], max_steps: int):
+        self._begun, self._stretch, self.max_steps = begun, stretch, max_steps
+
+    def begin(self) -> ClosestState:
+        """See AbstractSearch."""
+        return self._begun()
+
+    def advance(self, state: ClosestState, limit: int, growing: bool) -> tuple[ClosestState, Standing]:
+        """See AbstractSearch."""
+        growing = growing and state.lower.size < _LONGEST
+        state, found, news = self._stretch(state, np.asarray(limit), np.asarray(growing))
+        return state, Standing(found, *np.asarray(news))
+
+    def longer(self, state: ClosestState) -> ClosestState:
+        """See AbstractSearch."""
+        size = _GROWTH * state.lower.size
+        lower = jnp.pad(state.lower, (0, size - state.lower.size), constant_values=jnp.inf)
+        cell, axis = jax.tree_util.tree_map(partial(_padded, size), (state.cell, state.axis))
+        return state._replace(lower=lower, cell=cell, axis=axis)

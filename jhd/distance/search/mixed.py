@@ -6,56 +6,51 @@ about them, and signs in integers prove the surface to be within an ulp or two, 
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.scaling import length
-from jhd.arrays import array_of, is_traced, is_tracing
+from jhd.arrays import is_traced, is_tracing
 from jhd.compiled import compiled
 from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
 from jhd.distance.cells.pairs import BestPair, Cell
-from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.attach import attached
-from jhd.distance.frame.coordinates import Frame, diagonal, extremes
+from jhd.distance.frame.coordinates import Frame, extremes
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.frame.nets import net_of, repeated
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.nearest.places import exact_radius
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest import (
-    FIRST_STEPS,
-    GROWTH,
-    LONGEST,
+    ClosestSearch,
     ClosestState,
     Outcome,
+    WantedGap,
     advance,
-    is_open,
-    longer,
+    in_one_go,
     lower_of,
     news_of,
+    outcome,
+    pairs_of,
     room_for,
     table_of,
+    wanted_gap,
 )
-from jhd.distance.search.search import AbstractSearch, Listener, Progress, Standing, drive
+from jhd.distance.search.search import Listener, Progress, drive
 from jhd.distance.witness.surface_projection import moving_point
 from jhd.shapes.implicit import ImplicitSurface
-from jhd.solution import RESULTS, MinimumSolution, result_where
+from jhd.solution import MinimumSolution
 
 # The room for rounding where points are made sharp; the half side, as a share of the size, of the cells for that, and
 # steps there.
 _ROOM, _ABOUT, _STEPS = 4.0, 1e-4, 24
-
-
-class _WantedGap(NamedTuple):
-    atol: Array
-    rtol: Array
 
 
 def with_surface(
@@ -73,12 +68,16 @@ def with_surface(
     still = tuple(repeated(shape) if known and isinstance(shape, Net) else shape for shape in still)
     *sides, frame = prepare_surfaces(*still)
     problem = WithSurface(*sides)
-    wanted = _wanted(problem, frame, method)
+    corners = [side[2:4] if isinstance(side, Side) else extremes(side.points) for side in sides]
+    # What rounding leaves counts in the search, where it is known how far the nearest points are out.
+    wanted = wanted_gap(corners, frame, method, 0.0)
+    pieces = np.asarray(max(_count(shape) for shape in shapes))
     if not known:
-        found = _in_one_go(problem, wanted, method)
+        begun = lambda problem: _begin(problem, pieces, method.capacity)  # noqa: E731
+        found = in_one_go(begun, _outcome, problem, wanted, method.max_steps)
     else:
-        count = max(_count(shape) for shape in shapes)
-        search = MixedSearch(_Known(still, frame), problem, count, wanted, method)
+        stretch = partial(_stretch, _Known(still, frame), problem, wanted)
+        search = ClosestSearch(partial(_begun, problem, pieces, method.capacity), stretch, method.max_steps)
         found = drive(search, Listener(progress, frame.length))
         if np.isinf(np.asarray(found.lower)):
             raise ValueError("a or b is a surface without points in its box: its polynomial is proven to have no zero.")
@@ -101,25 +100,9 @@ def _count(shape: ImplicitSurface | Side | Net) -> int:
     return shape.points.shape[0] if isinstance(shape, Net) else 1
 
 
-def _pairs(problem: WithSurface) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of pieces; one of the shapes has a single one."""
-    first, second = (np.arange(_count(side)) for side in problem[:2])
-    count = max(first.size, second.size)
-    return np.broadcast_to(first, count), np.broadcast_to(second, count)
-
-
-def _wanted(problem: WithSurface, frame: Frame, method: BranchAndBound) -> _WantedGap:
-    if method.atol is not None:
-        return _WantedGap(array_of(frame.common(method.atol)), method.rtol)
-    corners = [side[2:4] if isinstance(side, Side) else extremes(side.points) for side in problem[:2]]
-    # What rounding leaves counts in the search, where it is known how far the nearest points are out.
-    size = diagonal(corners)
-    return _WantedGap(array_of(default_tolerance(size, size.dtype, 0.0)), method.rtol)
-
-
 def _begin(problem: WithSurface, pieces: Any, capacity: int) -> ClosestState:
-    """The table with the pairs of so many first pieces; further ones repeat the last."""
-    first, second = _pairs(problem)
+    """The table with the pairs of so many first pieces; further ones repeat the last. One shape has a single one."""
+    first, second = pairs_of((_count(problem.a), _count(problem.b))).T
     low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
     count = len(first)
     cells = Cell(jnp.asarray(first), jnp.asarray(second), *(jnp.broadcast_to(x, (count, x.size)) for x in (low, high)))
@@ -129,7 +112,7 @@ def _begin(problem: WithSurface, pieces: Any, capacity: int) -> ClosestState:
     sides = [side.upper - side.lower if isinstance(side, Side) else jnp.zeros(parameters(side)) for side in problem[:2]]
     axis = jnp.full((count,), jnp.argmax(jnp.concatenate(sides)))
     lower = jnp.where(np.arange(count) < pieces, jnp.zeros((), low.dtype), jnp.inf)
-    return table_of(lower, cells, axis, best, capacity)
+    return table_of(lower, cells, axis, best, room_for(count, capacity))
 
 
 def _ends(side: Net | Side) -> tuple[Array, Array]:
@@ -139,21 +122,14 @@ def _ends(side: Net | Side) -> tuple[Array, Array]:
     return jnp.zeros(parameters(side), side.points.dtype), jnp.ones(parameters(side), side.points.dtype)
 
 
-def _outcome(problem: WithSurface, wanted: _WantedGap, state: ClosestState) -> Outcome:
+def _outcome(problem: WithSurface, wanted: WantedGap, state: ClosestState) -> Outcome:
     best, n, dtype = state.best, parameters(problem.a), state.lower.dtype
     point_a, point_b = _point(problem.a, best.piece_a, best.x[:n]), _point(problem.b, best.piece_b, best.x[n:])
     best = best._replace(distance=jnp.where(jnp.isfinite(best.upper), length(point_a - point_b), jnp.inf))
     # What flushing of coordinates below the smallest normal number moves.
     flushed = 16 * smallest_normal(dtype)
     lower, upper = jnp.maximum(lower_of(state) * (1 - gamma(6, dtype)) - flushed, 0.0), best.upper + flushed
-    best = best._replace(distance=jnp.clip(best.distance, lower, upper))
-    relative = wanted.rtol * jnp.where(jnp.isfinite(upper), upper, 0.0)
-    granted = jnp.maximum(jnp.maximum(wanted.atol, relative), 2 * problem.floor)
-    failed = result_where(state.lost, RESULTS.capacity_reached, RESULTS.gap_not_closed)
-    failed = result_where(jnp.isfinite(upper), failed, RESULTS.unverified)
-    result = result_where(upper - lower <= granted, RESULTS.successful, failed)
-    stats = {"steps": state.steps, "pairs": state.pairs, "waiting": jnp.sum(jnp.isfinite(state.lower))}
-    return Outcome(best, lower, upper, point_a, point_b, result, stats)
+    return outcome(wanted, state, best, (lower, upper), (point_a, point_b), problem.floor)
 
 
 def _point(side: Net | Side, k: Array, x: Array) -> Array:
@@ -166,42 +142,17 @@ _begun = compiled(_begin, (2,))
 _advanced = compiled(advance)
 
 
-class MixedSearch(AbstractSearch):
-    """The search of jhd.distance.search.closest where a shape is an implicit surface; nearest points are made sharp.
+def _stretch(
+    known: _Known, problem: WithSurface, wanted: WantedGap, state: ClosestState, limit: np.ndarray, growing: np.ndarray
+) -> tuple[ClosestState, Outcome, Array]:
+    """Goes on for some steps, then makes the nearest points sharp."""
+    state = _advanced(_with_room(problem, state), wanted, state, limit, growing)
+    state = state._replace(best=_sharp(known, problem, state.best))
+    return state, *_standing(_with_room(problem, state), wanted, state, growing)
 
-    Args:
-        known: both shapes.
-        problem: the same in common coordinates.
-        count: the number of pieces that are not repetitions.
-        wanted: what is asked for.
-        method: the options.
-    """
 
-    first_steps = FIRST_STEPS
-
-    def __init__(self, known: _Known, problem: WithSurface, count: int, wanted: _WantedGap, method: BranchAndBound):
-        self._known, self._problem, self._count, self._wanted = known, problem, count, wanted
-        self._capacity, self.max_steps = method.capacity, method.max_steps
-
-    def begin(self) -> ClosestState:
-        """See AbstractSearch."""
-        room = room_for(_pairs(self._problem)[0].size, self._capacity)
-        return _begun(self._problem, np.asarray(self._count), room)
-
-    def advance(self, state: ClosestState, limit: int, growing: bool) -> tuple[ClosestState, Standing]:
-        """See AbstractSearch."""
-        problem, grows = self._with_room(state), np.asarray(growing and state.lower.size < LONGEST)
-        state = _advanced(problem, *self._wanted, state, np.asarray(limit), grows)
-        state = state._replace(best=_sharp(self._known, problem, state.best))
-        found, news = _standing(self._with_room(state), self._wanted, state, grows)
-        return state, Standing(found, *np.asarray(news))
-
-    def longer(self, state: ClosestState) -> ClosestState:
-        """See AbstractSearch."""
-        return longer(state, GROWTH)
-
-    def _with_room(self, state: ClosestState) -> WithSurface:
-        return WithSurface(self._problem.a, self._problem.b, _room(self._problem, state.best))
+def _with_room(problem: WithSurface, state: ClosestState) -> WithSurface:
+    return problem._replace(room=_room(problem, state.best))
 
 
 @compiled
@@ -215,10 +166,9 @@ def _room(problem: WithSurface, best: BestPair) -> Array:
 
 
 @compiled
-def _standing(problem: WithSurface, wanted: _WantedGap, state: ClosestState, growing: Array) -> tuple[Outcome, Array]:
+def _standing(problem: WithSurface, wanted: WantedGap, state: ClosestState, growing: Array) -> tuple[Outcome, Array]:
     """The outcome as it stands, and how the search stands in four numbers."""
-    going_on = is_open(problem, wanted.atol, wanted.rtol, state)
-    return _outcome(problem, wanted, state), news_of(state, going_on, growing)
+    return _outcome(problem, wanted, state), news_of(problem, wanted, state, growing)
 
 
 def _sharp(known: _Known, problem: WithSurface, best: BestPair) -> BestPair:
@@ -256,17 +206,6 @@ def _nearer(problem: WithSurface, best: BestPair, x: Array, radii: Array) -> Bes
     upper = joined_upper(distance, radii)
     new = BestPair(upper, distance, best.piece_a, best.piece_b, x)
     return BestPair(*(jnp.where(upper < best.upper, y, z) for y, z in zip(new, best, strict=True)))
-
-
-def _in_one_go(problem: WithSurface, wanted: _WantedGap, method: BranchAndBound) -> Outcome:
-    def search(problem: WithSurface, wanted: _WantedGap) -> Outcome:
-        count = _pairs(problem)[0].size
-        state = _begin(problem, count, room_for(count, method.capacity))
-        return _outcome(problem, wanted, advance(problem, wanted.atol, wanted.rtol, state, method.max_steps))
-
-    if jax.default_backend() == "cpu":
-        search = sequential_vmap(search)
-    return search(problem, wanted)
 
 
 @compiled

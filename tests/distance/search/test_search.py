@@ -5,12 +5,11 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.search.closest import ClosestSearch
 from jhd.distance.search.closest_triangles import TriangleSearch
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd.distance.search.from_points import PointSearch
 from jhd.distance.search.meshes import MeshSearch
-from jhd.distance.search.mixed import MixedSearch
-from jhd.distance.search.nets import NetSearch
 from jhd.distance.search.to_points import ToPointsSearch
 from jhd.solution import name_of
 from tests.distance import pairs
@@ -67,8 +66,8 @@ FEWEST = {"to points": 1}
 KINDS = [pytest.param(kind, marks=pytest.mark.slow if kind == "from points" else ()) for kind in FARTHEST]
 APART = [5.0, 1.0, 0.5]
 CLOSEST = {
-    "nets": (NetSearch, (jhd.BezierCurve(ARCH), jhd.BezierCurve(ARCH * [1, -1] + [0.1, 2.5]))),
-    "surfaces": (MixedSearch, spheres()),
+    "nets": (ClosestSearch, (jhd.BezierCurve(ARCH), jhd.BezierCurve(ARCH * [1, -1] + [0.1, 2.5]))),
+    "surfaces": (ClosestSearch, spheres()),
     "meshes": (TriangleSearch, (torus(12, 8), torus(10, 7).transform(np.eye(3), APART))),
 }
 
