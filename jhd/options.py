@@ -10,7 +10,7 @@ import numpy as np
 
 import jhd
 from jhd.distance.frame.method import AbstractHausdorffMethod
-from jhd.distance.project import AbstractProjectionMethod
+from jhd.distance.project_methods import AbstractProjectionMethod
 from jhd.io import load_shape
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface

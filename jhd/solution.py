@@ -1,4 +1,4 @@
-"""What the entries return: results, events, witnesses and solutions.
+"""What the entries return: witnesses and solutions; how they ended stands in jhd.outcomes, named here too.
 
 Every class is a pytree of arrays, so solutions pass through jit and vmap; a batch of solutions is a solution whose
 leaves have leading axes.
@@ -12,83 +12,16 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from jhd.arrays import is_traced
-
-
-class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
-    """How a computation ended; `RESULTS.successful` means that everything that was asked for holds."""
-
-    gap_not_closed = "The bounds are true but wider than the tolerance asked for: raise max_steps, or atol or rtol."
-    capacity_reached = (
-        "A queue of fixed length was full, so the answer is true but wider or incomplete: raise capacity (or max_boxes "
-        "where there is one), or atol or rtol."
-    )
-    interrupted = "The search was interrupted: the bounds are those it had reached."
-    fit_steps_exhausted = "The fit was still improving when its steps were used up: raise max_steps."
-    fit_in_a_valley = (
-        "The fit creeps along a valley, by less than a thousandth a step: fix what slides (a parametrisation, a "
-        "weight), start elsewhere, or raise max_steps."
-    )
-    fit_at_a_kink = (
-        "No step lowers the distance although its maxima could be lowered to first order: two feet change places "
-        "there, or a maximum is born. Start elsewhere."
-    )
-    fit_missed_a_maximum = (
-        "The proven distance is above all maxima that the fit worked with: one is narrower than the samples are apart. "
-        "Split the curves, or start elsewhere."
-    )
-    fit_at_rounding = (
-        "What is left to gain is below the rounding of the coordinates: scale or centre them, or be content with it."
-    )
-    unproven = "The interval is that of a published rule which can miss the exact value: take rule='safe'."
-    unverified = (
-        "No cell could be proven to hold a point of one of the surfaces, so a bound is missing: raise cells. Where a "
-        "polynomial does not change its sign nothing can be proven."
-    )
-    family_of_maxima = (
-        "The bounds are true but wider than asked for: a whole curve or region of points is about as far as the "
-        "farthest one, or about as near as the nearest, and the work grows like the inverse of the gap: raise atol, or "
-        "max_steps."
-    )
-    empty_surface = "A surface is proven to have no point in its box, so there is no distance: check its box."
-    nonfinite_value = (
-        "An input that was not known when the program was compiled cannot be used: it holds a NaN or an infinity, or "
-        "weights that are not positive or differ by too large a ratio."
-    )
-
-
-class EVENTS(eqx.Enumeration):
-    """How the maximum of the distance from a to b arises (Elber & Grandine 2008; Cao et al. 2014)."""
-
-    a_end = "It is attained at a free end of a."
-    corner = "It is attained at a joint of a where the tangent jumps."
-    b_end = "Its foot is a free end or a corner of b, and its distance is stationary along a."
-    antipodal = "The joining line is normal to both curves."
-    one_to_two = "Two feet on b are equally near: a crosses the self-bisector of b."
-    coincident = "The distance is zero: a lies on b."
-
-
-class ANSWERS(eqx.Enumeration):
-    """Whether a distance is at most a threshold."""
-
-    yes = "Proven: the distance is at most the threshold."
-    no = "Proven: the distance is larger than the threshold."
-    undecided = "The bounds reached lie on both sides of the threshold."
-
-
-class DIRECTIONS(eqx.Enumeration):
-    """Which curve carries the point whose distance to the other one is the Hausdorff distance."""
-
-    a_to_b = "The point lies on a, its feet on b."
-    b_to_a = "The point lies on b, its feet on a."
-
-
-def result_where(condition: Array, yes: Any, no: Any) -> Any:
-    """RESULTS.where, which type checkers take for a method of a plain enumeration."""
-    return RESULTS.where(condition, yes, no)
+from jhd.outcomes import ANSWERS as ANSWERS
+from jhd.outcomes import DIRECTIONS as DIRECTIONS
+from jhd.outcomes import EVENTS as EVENTS
+from jhd.outcomes import RESULTS as RESULTS
+from jhd.outcomes import name_of as name_of
+from jhd.outcomes import names_of
+from jhd.outcomes import result_where as result_where
 
 
 def with_result(solution: Any, result: Any) -> Any:
@@ -129,15 +62,6 @@ def on_device(solution: Any) -> Any:
 def in_direction(solution: Any, direction: Any) -> Any:
     """The same solution, its witness in a direction: what measures from one shape to another knows of no other."""
     return replace(solution, witness=replace(solution.witness, direction=direction))
-
-
-def name_of(item: Any) -> str:
-    """The name of a member of RESULTS, EVENTS, ANSWERS or DIRECTIONS; the members themselves print their sentence."""
-    index = int(item._value)
-    for name, member in item._enumeration._name_to_item.items():
-        if int(member._value) == index:
-            return name
-    raise ValueError(f"{index} is no member of {item._enumeration.__name__}.")
 
 
 class Witness(eqx.Module):
@@ -443,7 +367,7 @@ def throw_unless_successful(solution: Any) -> None:
 def to_plain(value: Any) -> Any:
     """Nested dictionaries, lists, numbers and names of a result, as JSON can hold them; non-finite numbers are None."""
     if hasattr(value, "_enumeration"):  # a member of an enumeration is a Module too
-        return _names(value)
+        return names_of(value)
     if isinstance(value, eqx.Module):
         stored = (field.name for field in fields(value) if field.metadata.get("stored", True))
         return {name: to_plain(getattr(value, name)) for name in stored}
@@ -456,9 +380,3 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
-
-
-def _names(item: Any) -> Any:
-    by_index = {int(member._value): name for name, member in item._enumeration._name_to_item.items()}
-    values = np.asarray(item._value)
-    return by_index[int(values)] if values.ndim == 0 else [by_index[int(i)] for i in np.ravel(values)]

@@ -13,14 +13,13 @@ from jhd.distance.certificate.certificate import Certificate, certify
 from jhd.distance.certificate.verification import CertificateError, verify
 from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
 from jhd.distance.minimum import minimum_distance
-from jhd.distance.project import (
+from jhd.distance.project import project, stationary_points
+from jhd.distance.project_methods import (
     HybridProjection,
     IntervalHalving,
     NearestSearch,
     NewtonProjection,
     ProjectedPolyhedron,
-    project,
-    stationary_points,
 )
 from jhd.distance.published.algebraic import AlgebraicEvents
 from jhd.distance.published.cube_intervals import CubeIntervals

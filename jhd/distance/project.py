@@ -1,20 +1,15 @@
 """Foot points of curves, all stationary ones, and the nearest points of every kind of shape.
 
-On curves there are four methods and a search of our own; meshes have theirs in jhd.distance.nearest.meshes, parametric
-and polynomial surfaces in jhd.distance.search.targets.
+On curves there are the methods of jhd.distance.project_methods; meshes have theirs in jhd.distance.nearest.meshes,
+parametric and polynomial surfaces in jhd.distance.search.targets.
 
 The stationary parameters are the roots of f(s) = (P - B).B', in Bernstein form of degree 2 n - 1, or 3 n - 2 for
-rational curves; the nearest point is one of them or an end of a segment. `NearestSearch` and `ProjectedPolyhedron` are
-global and proven. Interval halving, Newton's method and their hybrid start at the control point that is nearest to P
-and are kept for comparison: they miss the nearest point on 3 to 16 % of random queries, prove nothing, and no bound
-rests on them.
+rational curves.
 
-Source: Cao et al. 2014, equation (10), with its indices corrected; Shortest distance from a point to a Bezier curve
-(halving, Newton, hybrid); Patrikalakis & Maekawa, Shape Interrogation (2002), chapter 4.
+Source: Cao et al. 2014, equation (10), with its indices corrected.
 """
 
 import math
-from abc import abstractmethod
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -25,8 +20,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arithmetic import bernstein, polynomial_systems
-from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import unit_weights
 from jhd.arrays import check_whole, is_traced, real_array
 from jhd.compiled import compiled
@@ -35,10 +28,10 @@ from jhd.distance.frame.curves import padded_count, replaced, trusted, usable
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import piece_of
 from jhd.distance.nearest.blocks import blocks_of, in_groups, is_long, nearest_in_blocks, places
-from jhd.distance.nearest.curves import NearestOnCurve, best_end, in_chunks, nearest, repeated
+from jhd.distance.nearest.curves import NearestOnCurve, in_chunks, repeated
 from jhd.distance.nearest.feet import is_held
 from jhd.distance.nearest.stationarity import roots_on
-from jhd.distance.published.local_feet import best_local, halve, height, newton
+from jhd.distance.project_methods import AbstractProjectionMethod, NearestSearch, failed, how_closed
 from jhd.distance.published.vertex_voxels import VertexVoxels
 from jhd.distance.search.targets import project_on_surface
 from jhd.distance.witness.active import stationary
@@ -62,118 +55,6 @@ _FEW = 16
 _MENDED = 1e-6
 # Queries that are searched side by side: more wait for the slowest of them, fewer leave vector units idle.
 _CHUNK = 128
-
-
-class AbstractProjectionMethod(eqx.Module):
-    """How the nearest point is found; fields are options."""
-
-    @abstractmethod
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The nearest point to one query, in scaled coordinates; `skip` marks repeated segments."""
-
-
-class NearestSearch(AbstractProjectionMethod):
-    """Best-first search with Bernstein bounds: global, proven, the fastest (see jhd.distance.nearest.curves)."""
-
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The nearest point to one query."""
-        found = nearest(point, curve.control_points, curve.weights, 0.0, skip)
-        return found, _closed(found)
-
-
-class ProjectedPolyhedron(AbstractProjectionMethod):
-    """All stationary parameters by the projected-polyhedron solver, then the nearest of them and of the ends.
-
-    Global and proven. Every segment is solved, so a curve of many segments is better served by NearestSearch.
-
-    Args:
-        capacity: boxes that the solver can keep for one segment.
-    """
-
-    capacity: int = eqx.field(static=True, default=32)
-
-    def __check_init__(self) -> None:
-        check_whole("capacity", self.capacity, 1)
-
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The nearest point to one query."""
-        roots = jax.vmap(lambda k: roots_on(point, curve, k, self.capacity))(jnp.arange(curve.count))
-        return _nearest_of_roots(point, curve, roots, skip)
-
-
-class IntervalHalving(AbstractProjectionMethod):
-    """Steps left and right by an interval that is halved when the middle is best; a local method.
-
-    Args:
-        interval: first interval of the parameter.
-        tolerance: the interval at which it stops.
-        max_steps: limit on steps.
-    """
-
-    interval: float = eqx.field(static=True, default=0.1)
-    tolerance: float = eqx.field(static=True, default=1e-8)
-    max_steps: int = eqx.field(static=True, default=200)
-
-    def __check_init__(self) -> None:
-        check_whole("max_steps", self.max_steps, 1)
-        _check_positive("interval", self.interval)
-        _check_positive("tolerance", self.tolerance)
-
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The foot reached from the nearest control point of each segment, the best of all segments."""
-        return best_local(point, curve, lambda e, w, s: halve(e, w, s, self.interval, self.tolerance, self.max_steps))
-
-
-class NewtonProjection(AbstractProjectionMethod):
-    """Newton's method on (P - B).B' = 0 from the nearest control point's parameter; a local method.
-
-    Args:
-        tolerance: the step at which it stops.
-        max_steps: limit on steps.
-    """
-
-    tolerance: float = eqx.field(static=True, default=1e-14)
-    max_steps: int = eqx.field(static=True, default=32)
-
-    def __check_init__(self) -> None:
-        check_whole("max_steps", self.max_steps, 1)
-        _check_positive("tolerance", self.tolerance)
-
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The foot reached from the nearest control point of each segment, the best of all segments."""
-        return best_local(point, curve, lambda e, w, s: newton(e, w, s, self.tolerance, self.max_steps))
-
-
-class HybridProjection(AbstractProjectionMethod):
-    """Interval halving to a rough parameter, then Newton's method; a local method.
-
-    Args:
-        interval: first interval of the halving.
-        rough: interval at which Newton's method takes over.
-        tolerance: the Newton step at which it stops.
-        max_steps: limit on steps of each.
-    """
-
-    interval: float = eqx.field(static=True, default=0.1)
-    rough: float = eqx.field(static=True, default=1e-2)
-    tolerance: float = eqx.field(static=True, default=1e-14)
-    max_steps: int = eqx.field(static=True, default=64)
-
-    def __check_init__(self) -> None:
-        check_whole("max_steps", self.max_steps, 1)
-        for name in ("interval", "rough", "tolerance"):
-            _check_positive(name, getattr(self, name))
-
-    def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The foot reached from the nearest control point of each segment, the best of all segments."""
-
-        def local(e: Array, w: Array | None, s: Array) -> tuple[Array, Array]:
-            rough, first = halve(e, w, s, self.interval, self.rough, self.max_steps)
-            fine, second = newton(e, w, rough, self.tolerance, self.max_steps)
-            # From a foot at an end, which is no root, Newton's method runs away.
-            return jnp.where(height(e, w, fine) <= height(e, w, rough), fine, rough), first + second
-
-        return best_local(point, curve, local)
 
 
 def project(
@@ -257,11 +138,6 @@ def stationary_points(
     if throw:
         throw_unless_successful(found)
     return found
-
-
-def _check_positive(name: str, value: float) -> None:
-    if not (isinstance(value, int | float) and 0 < value < math.inf):
-        raise ValueError(f"{name} is {value!r}; needs a positive number.")
 
 
 def _checked(points: Numbers, shape: object) -> tuple[Array, BezierSegments]:
@@ -356,16 +232,12 @@ def _project_block(method: AbstractProjectionMethod, queries: Array, curve: Bezi
 
     def of_group(points: Array) -> Projection:
         found = nearest_in_blocks(blocks, points)
-        return jax.vmap(at)(points, found, jax.vmap(_closed)(found))
+        return jax.vmap(at)(points, found, jax.vmap(how_closed)(found))
 
     if isinstance(method, NearestSearch) and is_long(curve):
         blocks = blocks_of(curve)
         return in_groups(of_group, queries)
     return in_chunks(lambda point: at(point, *method.one(point, curve, skip)), queries, _CHUNK)
-
-
-def _closed(found: NearestOnCurve) -> Any:
-    return result_where(found.closed, RESULTS.successful, RESULTS.gap_not_closed)
 
 
 @partial(compiled, static=(0,))
@@ -388,7 +260,7 @@ def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: i
     chosen = pick(segment, 0)
     at = jax.vmap(lambda k, s: jet(*piece_of(curve, k), s).point)(chosen, middle)
     distance = jnp.where(_padded(valid[order], capacity), jnp.sqrt(jnp.sum((at - point) ** 2, axis=-1)), jnp.inf)
-    full = (jnp.sum(valid) > capacity) | jnp.any(_failed(roots.result))
+    full = (jnp.sum(valid) > capacity) | jnp.any(failed(roots.result))
     result = result_where(full, RESULTS.capacity_reached, RESULTS.successful)
     return StationaryPoints(
         chosen, middle, pick(lower, 1.0), pick(upper, 0.0), distance, _padded(valid[order], capacity), result
@@ -397,55 +269,3 @@ def _stationary_of(point: Array, curve: BezierSegments, skip: Array, capacity: i
 
 def _padded(x: Array, capacity: int) -> Array:
     return jnp.pad(x, (0, capacity - x.shape[0]))
-
-
-def _failed(result: Any) -> Array:
-    return result != RESULTS.successful
-
-
-def _nearest_of_roots(
-    point: Array, curve: BezierSegments, roots: polynomial_systems.Roots, skip: Array
-) -> tuple[NearestOnCurve, Any]:
-    """The nearest among the ends and the stationary parameters, searched within the boxes that hold these.
-
-    The boxes are cut out of their segments and handed to the search as segments of their own: where a multiple root or
-    an uneven parametrisation leaves a wide box, it is narrowed by distances. Cutting out takes gamma(3 n + 4) of the
-    largest offset in each coordinate, a quotient included, and the bounds are moved by that much.
-    """
-    offsets = point - curve.control_points
-    best = best_end(offsets, jnp.max(jnp.abs(offsets), axis=(1, 2)))
-    valid = roots.valid & ~skip[:, None]
-    s0, s1 = (jnp.where(valid, x[..., 0], end) for x, end in ((roots.lower, 0.0), (roots.upper, 1.0)))
-
-    def cut(e: Array, w: Array | None, u0: Array, u1: Array) -> tuple[Array, Array | None]:
-        if w is None:
-            return bernstein.restrict(e, u0, u1, axis=0), None
-        weights = bernstein.restrict(w, u0, u1)
-        return bernstein.restrict(e * w[:, None], u0, u1, axis=0) / weights[:, None], weights
-
-    pieces = jax.vmap(jax.vmap(cut, in_axes=(None, None, 0, 0)))(offsets, curve.weights, s0, s1)
-    pieces = jax.tree_util.tree_map(lambda x: x.reshape((-1, *x.shape[2:])), pieces)
-    none = ~jnp.any(valid)
-    inner = nearest(jnp.zeros_like(point), -pieces[0], pieces[1], 0.0, ~valid.ravel())
-    cutting = math.sqrt(curve.dim) * gamma(3 * curve.degree + 4, point.dtype) * jnp.max(jnp.abs(offsets))
-    segment, box = inner.segment // valid.shape[1], inner.segment % valid.shape[1]
-    a, b = s0[segment, box], s1[segment, box]
-    inner = eqx.tree_at(
-        lambda n: (n.lower, n.upper, n.segment, n.t),
-        inner,
-        (
-            jnp.where(none, jnp.inf, inner.lower - cutting),
-            jnp.where(none, jnp.inf, inner.upper + cutting),
-            segment,
-            jnp.clip(a + inner.t * (b - a), 0.0, 1.0),
-        ),
-    )
-    # The nearest end errs by as much below as above.
-    lower = jnp.minimum(2 * best.distance - best.upper, inner.lower)
-    nearer = inner.upper < best.upper
-    found = jax.tree_util.tree_map(lambda x, y: jnp.where(nearer, x, y), inner, best)
-    closed = ~jnp.any(_failed(roots.result)) & (inner.closed | none)
-    lower = jnp.clip(lower, 0.0, found.upper)
-    steps = jnp.sum(roots.boxes) + inner.steps
-    found = eqx.tree_at(lambda n: (n.lower, n.closed, n.steps), found, (lower, closed, steps))
-    return found, result_where(closed, RESULTS.successful, RESULTS.capacity_reached)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.project import NewtonProjection, project
+from jhd.distance.project import project
+from jhd.distance.project_methods import NewtonProjection
 from jhd.distance.published.vertex_voxels import VertexVoxels
 from jhd.distance.signed_distance import signed_distance
 from jhd.shapes.mesh import TriangleMesh

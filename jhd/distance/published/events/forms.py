@@ -5,7 +5,7 @@ All of it runs in NumPy: the arrays are short in all but the last axis, which co
 compiled for a degree or size.
 
 Rounding. Coordinates are at most one, and an operation errs by u = 2^-53 (NumPy rounds to nearest; subnormals stay).
-Restricted control points are off by gamma(9 n) each (`polynomial_systems._restrict`), relative to an origin by
+Restricted control points are off by gamma(9 n) each (`jhd.arithmetic.box_systems`), relative to an origin by
 eta = gamma(9 n + 4); those of the velocity by gamma(9 n) V with V its largest coordinate on the segment. With D and w
 the largest coordinates of the pieces of a and b about the origin, the products of two sums:
 
@@ -54,7 +54,7 @@ class Curve(NamedTuple):
 
 
 def restricted(c: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """Control points (points, 2, boxes) on [t0, t1]; `polynomial_systems._restrict` says why it takes two passes."""
+    """Control points (points, 2, boxes) on [t0, t1]; `box_systems.restrict` says why it takes two passes."""
     c, n, (t0, t1) = c.copy(), len(c) - 1, side
     inner = t0 < 1
     v = np.where(inner, (t1 - t0) / np.where(inner, 1 - t0, 1.0), 0.0)
