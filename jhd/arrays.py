@@ -1,6 +1,7 @@
-"""Checks of what a user hands in: real, finite arrays, with messages that name what came and what was needed."""
+"""Checks of what a user hands in: real, finite arrays, with messages that name what came; and tables of arrays."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +10,8 @@ from jax._src import core
 from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
+
+Rows = TypeVar("Rows", bound=tuple)
 
 
 def is_traced(*values: object) -> bool:
@@ -113,3 +116,13 @@ def check_whole(name: str, value: object, least: int) -> None:
     """Raises ValueError unless the value is an int of at least this size."""
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
         raise ValueError(f"{name} is {value!r}; needs a whole number of at least {least}.")
+
+
+def taken(table: Rows, rows: Any) -> Rows:
+    """Some rows of a table: of a NamedTuple of arrays whose first axes agree."""
+    return type(table)(*(x[rows] for x in table))
+
+
+def joined(tables: Sequence[Rows]) -> Rows:
+    """The rows of some tables of one type, one table after the other, on the host."""
+    return type(tables[0])(*(np.concatenate(x) for x in zip(*tables, strict=True)))

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from jhd.arithmetic.rounding import smallest_normal
+
 # The pull on an unknown below which it does not enter, of equations of order one; values below the second are zero.
 _PULL = 1e-14
 _VANISHING = 1e-15
@@ -34,7 +36,7 @@ def non_negative(matrix: Float[np.ndarray, "rows columns"], right: Float[np.ndar
             low = basic & (z <= 0)
             if not low.any():
                 break
-            share = np.min(x[low] / np.maximum(x[low] - z[low], 1e-300))
+            share = np.min(x[low] / np.maximum(x[low] - z[low], smallest_normal(x.dtype)))
             x = x + share * (z - x)
             basic &= x > _VANISHING
             x[~basic] = 0.0

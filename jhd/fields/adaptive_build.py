@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jhd.arithmetic.rounding import gamma
+from jhd.arrays import joined
 from jhd.fields.adaptive_samples import Neighbours, Samples, Surface, decide, lift, spread, unsigned
 from jhd.fields.boxes import CORNERS, children
 from jhd.shapes.mesh import TriangleMesh
@@ -264,7 +265,7 @@ class _Batch(NamedTuple):
         near = samples.triangle[corners[np.arange(len(corners)), best]]
         found = unsigned(self.task.surface, self.points(new), near)
         base = len(samples.distance)
-        samples = samples.followed_by(found)
+        samples = joined([samples, found])
         if self.task.surface.linked and self.task.surface.sign == "winding":
             spread(samples, base + np.arange(len(new)), corners, apart)
         return samples, new

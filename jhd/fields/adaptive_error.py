@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jhd.arithmetic.rounding import gamma, round_up
+from jhd.arrays import joined, taken
 from jhd.fields.adaptive_samples import Surface, is_inner
 from jhd.fields.boxes import CORNERS
 from jhd.triangles.closest_point import closest_points
@@ -49,9 +50,7 @@ class LeafBoxes(NamedTuple):
     width: Float[np.ndarray, " boxes"]
     values: Float[np.ndarray, "boxes 8"]
 
-    def taken(self, which: np.ndarray | slice) -> "LeafBoxes":
-        """Some of the boxes."""
-        return LeafBoxes(*(x[which] for x in self))
+    take = taken
 
     def parts(self) -> "LeafBoxes":
         """The eight parts of each."""
@@ -67,7 +66,7 @@ def meeting(surface: Surface, boxes: LeafBoxes) -> LeafBoxes:
     asked = middle.astype(surface.dtype)
     shift = np.linalg.norm(asked.astype(np.float64) - middle, axis=1)
     lower = closest_points(surface.mesh, asked).lower.astype(np.float64)
-    return boxes.taken(lower <= np.sqrt(0.75) * boxes.width * (1 + gamma(64, np.float64)) + shift + _slack(boxes))
+    return boxes.take(lower <= np.sqrt(0.75) * boxes.width * (1 + gamma(64, np.float64)) + shift + _slack(boxes))
 
 
 def largest_error(surface: Surface, boxes: LeafBoxes, rtol: float, most: int) -> float:
@@ -85,19 +84,19 @@ def largest_error(surface: Surface, boxes: LeafBoxes, rtol: float, most: int) ->
     while True:
         open_ = bounds > (1 + rtol) * seen
         done = max(done, float(np.max(bounds[~open_], initial=0.0)))
-        boxes, bounds = boxes.taken(open_), bounds[open_]
+        boxes, bounds = boxes.take(open_), bounds[open_]
         room = min(most // _SHARE, (most - spent) // 8)
         if not len(bounds) or room < 1 or boxes.width.min() < slack:
             return float(round_up(np.float64(max(done, float(np.max(bounds, initial=0.0))) + slack)))
         # The worst first: what is left when there is no more room is then as small as it can be.
         order = np.argsort(-bounds, kind="stable")
         worst, rest = order[:room], order[room:]
-        parts = boxes.taken(worst).parts()
+        parts = boxes.take(worst).parts()
         new, errors = _bounded(surface, parts)
         seen, spent = max(seen, float(errors.max())), spent + len(new)
         # A bound of the whole holds for its parts.
         bounds = np.concatenate([bounds[rest], np.minimum(new, np.repeat(bounds[worst], 8))])
-        boxes = LeafBoxes(*(np.concatenate(pair) for pair in zip(boxes.taken(rest), parts, strict=True)))
+        boxes = joined([boxes.take(rest), parts])
 
 
 def _slack(boxes: LeafBoxes) -> float:
@@ -109,7 +108,7 @@ def _slack(boxes: LeafBoxes) -> float:
 def _bounded(surface: Surface, boxes: LeafBoxes) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the error in each box, and errors at the middles."""
     parts = [
-        _of_batch(surface, boxes.taken(slice(start, start + _BOXES))) for start in range(0, len(boxes.width), _BOXES)
+        _of_batch(surface, boxes.take(slice(start, start + _BOXES))) for start in range(0, len(boxes.width), _BOXES)
     ]
     return np.concatenate([x for x, _ in parts]), np.concatenate([x for _, x in parts])
 

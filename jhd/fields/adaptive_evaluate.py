@@ -12,7 +12,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jhd.arithmetic.rounding import power_of_two
+from jhd.arithmetic.scaling import length
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.triangles.closest_point import in_blocks
@@ -54,10 +54,7 @@ def value_at(cells: LeafCells, point: Float[Array, "3"], depth: int) -> Float[Ar
     leaf = _leaf(cells, cell, depth)
     w = (u - cells.places[leaf]) / cells.widths[leaf]
     offset = point - inside
-    unit = power_of_two(lax.stop_gradient(jnp.max(jnp.abs(offset))))
-    square = jnp.sum((offset / unit) ** 2)
-    beyond = jnp.where(square > 0, unit * jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
-    return interpolated(cells.values[cells.corners[leaf]], w) + beyond
+    return interpolated(cells.values[cells.corners[leaf]], w) + length(offset)
 
 
 def _leaf(cells: LeafCells, cell: Array, depth: int) -> Array:

@@ -51,10 +51,6 @@ class Samples(NamedTuple):
         """Signed distances, negative inside."""
         return self.distance * self.side
 
-    def followed_by(self, others: "Samples") -> "Samples":
-        """These points and then the others."""
-        return Samples(*(np.concatenate(pair) for pair in zip(self, others, strict=True)))
-
 
 class Neighbours(NamedTuple):
     """Samples about each of some points.

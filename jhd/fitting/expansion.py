@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd.arithmetic.rounding import smallest_normal
 from jhd.distance.nearest.feet import stays
 from jhd.solution import DIRECTIONS, EVENTS, CriticalPairs
 
@@ -162,7 +163,7 @@ def _derivatives(
         for jet, sign in ((x, 1.0), (y, -1.0)):
             pull = np.outer(u @ jet.tangent, jet.weight_tangent)
             m -= sign * weight * (pull + pull.T)
-        k[extra, extra] = -np.eye(dim - 1) * (u @ offset) / max(weight, 1e-300)
+        k[extra, extra] = -np.eye(dim - 1) * (u @ offset) / max(weight, smallest_normal(k.dtype))
         k[extra, 0] = k[0, extra] = across @ x.first
         k[extra, 1 + i] = k[1 + i, extra] = -across @ y.first
         c[extra] = across @ change

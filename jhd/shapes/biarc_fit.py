@@ -13,7 +13,8 @@ from functools import cache
 import numpy as np
 
 from jhd.arithmetic.bernstein import binomials
-from jhd.shapes.deviation import SHORT, HostArcs, HostCurve, Pieces, deviation, evaluated, joined, pieces_of
+from jhd.arrays import joined
+from jhd.shapes.deviation import SHORT, HostArcs, HostCurve, Pieces, deviation, evaluated, pieces_of
 
 # Places inside a piece where the sign of the joint's equation is looked at, and most steps of the root find after that.
 _SAMPLES, _STEPS = 15, 12
@@ -104,7 +105,7 @@ def _biarc(curve: HostCurve, spans: HostArcs, pieces: Pieces) -> tuple[HostArcs,
     both = joined([spans._replace(t1=t, end=joint), spans._replace(t0=t, start=joint)])._replace(bulge=bulge)
     both = both._replace(deviation=deviation(curve, pieces_of(curve, both), bulge))
     count = len(t)
-    return HostArcs(*(x[:count] for x in both)), HostArcs(*(x[count:] for x in both)), found
+    return both.take(slice(count)), both.take(slice(count, None)), found
 
 
 def _tangents(curve: HostCurve, spans: HostArcs, pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ import numpy as np
 from jhd.arithmetic.bernstein import binomials, product_weights
 from jhd.arithmetic.rounding import gamma, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, unit_weights
+from jhd.arrays import taken
 from jhd.shapes.curve import BezierSegments
 
 # Sweeps up to 106 degrees: the weight of the rational quadratic stays at 0.6 and above, and the proof needs less than
@@ -42,14 +43,7 @@ class HostArcs(NamedTuple):
     bulge: np.ndarray
     deviation: np.ndarray
 
-    def take(self, rows: np.ndarray) -> "HostArcs":
-        """Some of the arcs."""
-        return HostArcs(*(x[rows] for x in self))
-
-
-def joined(parts: list[HostArcs]) -> HostArcs:
-    """All arcs of some lists."""
-    return HostArcs(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+    take = taken
 
 
 class HostCurve(NamedTuple):

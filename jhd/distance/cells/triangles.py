@@ -27,6 +27,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jhd.arithmetic.rounding import gamma
+from jhd.arrays import taken
 from jhd.compiled import compiled
 from jhd.triangles.closest_point import TriangleTree, in_blocks, nearest_triangles
 from jhd.triangles.point_triangle import squared_distances
@@ -66,19 +67,12 @@ class TriangleCells(NamedTuple):
     depth: Int[np.ndarray, " cells"]
     middle: Int[np.ndarray, " cells"]
 
-    def take(self, rows: np.ndarray) -> "TriangleCells":
-        """Some of the cells."""
-        return TriangleCells(*(x[rows] for x in self))
+    take = taken
 
     @property
     def count(self) -> int:
         """Number of cells."""
         return len(self.owner)
-
-    @staticmethod
-    def join(parts: list["TriangleCells"]) -> "TriangleCells":
-        """All cells of the parts."""
-        return TriangleCells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
 
 class MeshSide(NamedTuple):

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd.arrays import taken
 from jhd.compiled import compiled
 from jhd.distance.certificate import verification
 from jhd.distance.certificate.host import SNAP, Host, jets, local_feet, speed_of_feet
@@ -127,7 +128,7 @@ def cover(
     count = len(measure.a.rows)
     ends = measure(np.repeat(np.arange(count), 2), np.tile([0.0, 1.0], count))
     limit = math.ldexp(upper, -int(frame.first + frame.second))
-    cells = _CoverCells(_taken(ends, np.arange(0, 2 * count, 2)), _taken(ends, np.arange(1, 2 * count, 2)))
+    cells = _CoverCells(taken(ends, np.arange(0, 2 * count, 2)), taken(ends, np.arange(1, 2 * count, 2)))
     proven: list[dict[str, Any]] = []
     while len(cells.first.t):
         _check_places(measure.known[-1], limit)
@@ -147,10 +148,6 @@ def _check_places(places: Places, limit: float) -> None:
     most = int(np.argmax(places.distance))
     if places.distance[most] > limit * (1 + 1e-6) + 1e-6 * (places.distance.dtype == np.float32) + _SURELY:
         raise UncoveredError(f"segment {places.segment[most]} at {places.t[most]!r} is farther away than the bound.")
-
-
-def _taken(places: Places, index: np.ndarray) -> Places:
-    return Places(*(x[index] for x in places))
 
 
 def _chosen(rows: Any, index: np.ndarray) -> Any:
@@ -276,7 +273,7 @@ def _halved(measure: Measure, cells: _CoverCells, branches: list[_Branches], lim
     twice = cuts[0] != cuts[1]
     places = measure(np.repeat(cells.first.segment, 1 + twice), cuts.T[np.stack([np.ones_like(twice), twice], 1)])
     index = np.cumsum(1 + twice) - 1 - twice
-    lower, higher = _taken(places, index), _taken(places, index + twice)
+    lower, higher = taken(places, index), taken(places, index + twice)
     parts = [
         _CoverCells(cells.first, lower),
         _chosen(_CoverCells(lower, higher), twice),

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jhd.arithmetic.rounding import gamma
+from jhd.arrays import taken
 from jhd.shapes.deviation import HostArcs
 
 # Radii above this are cut down to it, which moves an arc by less than its sagitta: centres then lose few digits.
@@ -73,9 +74,7 @@ class Arcs(NamedTuple):
         both = Arcs(*(np.concatenate([x, x]) for x in self._replace(bulge=bulge)))
         return both._replace(start=start, end=end, apex=_apex(start, end, both.bulge))
 
-    def take(self, rows: np.ndarray) -> "Arcs":
-        """Some of the arcs, or arcs again and again."""
-        return Arcs(*(x[rows] for x in self))
+    take = taken
 
 
 def arcs_of(arcs: HostArcs) -> Arcs:

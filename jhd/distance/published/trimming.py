@@ -36,7 +36,7 @@ from jhd.distance.published.events.survivors import EventPieces, SurvivingFeet
 from jhd.distance.published.farthest import Measured, best_of, measured
 from jhd.shapes.biarc_fit import fitted
 from jhd.shapes.curve import BezierSegments
-from jhd.shapes.deviation import HostArcs, HostCurve, complex_points
+from jhd.shapes.deviation import HostCurve, complex_points
 from jhd.solution import HausdorffSolution
 
 # Places measured at a time.
@@ -164,7 +164,7 @@ def both_arcs(pair: HostPair, deviation: float) -> tuple[Arcs, Arcs]:
     host = HostCurve.of(trusted(every, None, np.full(len(every), -1)))
     arcs = fitted(host, max(deviation, 1.01 * host.least))
     cut = np.searchsorted(arcs.segment, len(points[0]))
-    parts = [HostArcs(*(x[rows] for x in arcs)) for rows in (slice(cut), slice(cut, None))]
+    parts = [arcs.take(rows) for rows in (slice(cut), slice(cut, None))]
     first, second = (
         arcs_of(part._replace(segment=rows[part.segment - start]))
         for part, rows, start in zip(parts, kept, (0, len(points[0])), strict=True)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd.arrays import array_of, is_tracing
+from jhd.arrays import array_of, is_tracing, joined
 from jhd.distance.cells.triangles import MeshSide, TriangleCells, first_cells, split
 from jhd.distance.frame.aim import Aim, default_tolerance
 from jhd.distance.frame.coordinates import diagonal, extremes
@@ -144,7 +144,7 @@ class MeshSearch(AbstractSearch):
         clipping = best.lower <= _COINCIDENT * float(waiting.upper.max()) or steps % 8 > 5
         parts = split(self._side, waiting.take(order[:_BATCH]), steps, clipping)
         return state._replace(
-            waiting=TriangleCells.join([waiting.take(order[_BATCH:]), parts]),
+            waiting=joined([waiting.take(order[_BATCH:]), parts]),
             best=_improved(best, self._side, parts),
             steps=steps + 1,
             split=state.split + min(_BATCH, waiting.count),

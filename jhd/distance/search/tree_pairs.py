@@ -19,6 +19,7 @@ from jaxtyping import Array, Float, Int
 
 from jhd.arithmetic.rationals import float_above, float_below, root_between
 from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arrays import taken
 from jhd.compiled import compiled
 from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.box_tree import WIDTH, Level, box_tree
@@ -105,9 +106,7 @@ class Pairs(NamedTuple):
     b: Int[np.ndarray, " pairs"]
     lower: Float[np.ndarray, " pairs"]
 
-    def take(self, rows: np.ndarray | slice) -> "Pairs":
-        """Some of the pairs."""
-        return Pairs(self.a[rows], self.b[rows], self.lower[rows])
+    take = taken
 
 
 class Settled(NamedTuple):
