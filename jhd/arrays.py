@@ -35,6 +35,11 @@ def array_of(values: ArrayLike, dtype: DTypeLike | None = None) -> Array:
 _is_clean = getattr(core, "trace_state_clean", lambda: False)
 
 
+def module_of(x: Any) -> Any:
+    """NumPy for its arrays, else jax.numpy: for formulas that serve the host and compiled programs."""
+    return np if isinstance(x, np.ndarray) else jnp
+
+
 def varying(values: Any, *sources: object) -> Any:
     """The values, marked under shard_map as different on each device wherever one of the sources is.
 

@@ -30,6 +30,16 @@ def binomials(degree: int) -> np.ndarray:
     return np.array([math.comb(degree, i) for i in range(degree + 1)], dtype=float)
 
 
+def basis(degree: int, t: ArrayLike) -> np.ndarray:
+    """Values (..., degree + 1) of the Bernstein polynomials at the parameters t (...,), in NumPy.
+
+    >>> basis(2, [0.5]).tolist()
+    [[0.25, 0.5, 0.25]]
+    """
+    x, k = np.asarray(t)[..., None], np.arange(degree + 1)
+    return binomials(degree) * x**k * (1 - x) ** (degree - k)
+
+
 @cache
 def product_weights(n: int, m: int) -> np.ndarray:
     """The (n + 1, m + 1) table C(n,i) C(m,j) / C(n+m,i+j) of the product rule, each entry rounded once."""

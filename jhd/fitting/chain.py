@@ -11,6 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jhd.arithmetic.bernstein import basis
+from jhd.distance.frame.jets import polynomial_jet
+from jhd.distance.nearest.feet import equation_of
 from jhd.distance.project import project
 from jhd.shapes.curve import BezierSegments
 
@@ -145,27 +148,18 @@ def _piece(points: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
     """The Bezier segment from the first to the last of the points nearest to them by least squares, and how far off."""
     along = np.append(0.0, np.cumsum(np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))))
     t = along / along[-1] if along[-1] > 0 else np.linspace(0.0, 1.0, len(points))
-    fit, offset = points[:1], points[:1]
+    fit, off = points[:1], np.zeros(len(points))
     for again in range(_ROUNDS + 1):
-        basis = _basis(degree, t)
-        held = basis[:, [0, -1]] @ points[[0, -1]]
-        inner = np.linalg.lstsq(basis[:, 1:-1], points - held, rcond=None)[0]
+        values = basis(degree, t)
+        held = values[:, [0, -1]] @ points[[0, -1]]
+        inner = np.linalg.lstsq(values[:, 1:-1], points - held, rcond=None)[0]
         fit = np.concatenate([points[:1], inner, points[-1:]])
-        offset = basis @ fit - points
+        here = equation_of(points, polynomial_jet(fit[:, None], t[:, None]))
+        off = np.sqrt(here.distance_sq)
         if again < _ROUNDS:
             # A step of Newton's method towards the foot of each point.
-            first, second = (_basis(degree - k, t) @ _difference(fit, k) for k in (1, 2))
-            slope = np.sum(first**2 + offset * second, axis=1)
-            t = np.clip(t - np.sum(offset * first, axis=1) / np.where(slope > 0, slope, np.inf), 0.0, 1.0)
-    return fit, np.sqrt(np.sum(offset**2, axis=1))
-
-
-def _difference(points: FloatArray, times: int) -> FloatArray:
-    """Control points of a derivative."""
-    degree = len(points) - 1
-    if degree < times:
-        return np.zeros((1, points.shape[1]))
-    return np.prod(degree - np.arange(times)) * np.diff(points, n=times, axis=0)
+            t = np.clip(t - here.residual / np.where(here.slope > 0, here.slope, np.inf), 0.0, 1.0)
+    return fit, off
 
 
 def least_squares(layout: Layout, target: BezierSegments, joints: FloatArray) -> tuple[Chain, FloatArray]:
@@ -185,24 +179,11 @@ def least_squares(layout: Layout, target: BezierSegments, joints: FloatArray) ->
     t = (along - joints[segment]) / lengths[segment]
     free = np.zeros((matrix.shape[-1], points.shape[1]))
     for again in range(_ROUNDS):
-        basis = _basis(layout.degree, t)
-        rows = np.einsum("kp,kpf->kf", basis, matrix[segment])
-        right = points - np.einsum("kp,kpd->kd", basis, base[segment])
+        values = basis(layout.degree, t)
+        rows = np.einsum("kp,kpf->kf", values, matrix[segment])
+        right = points - np.einsum("kp,kpd->kd", values, base[segment])
         free = np.linalg.lstsq(rows, right, rcond=None)[0]
         if again < _ROUNDS - 1:
             feet = project(points, built(jnp.asarray(free)), throw=False)
             segment, t = np.asarray(feet.segment), np.asarray(feet.t)
     return built, free
-
-
-def _basis(degree: int, t: FloatArray) -> FloatArray:
-    degree = max(degree, 0)
-    k = np.arange(degree + 1)
-    return _binomials(degree) * t[:, None] ** k * (1 - t[:, None]) ** (degree - k)
-
-
-def _binomials(degree: int) -> FloatArray:
-    row = np.ones(1)
-    for _ in range(degree):
-        row = np.append(row, 0.0) + np.append(0.0, row)
-    return row

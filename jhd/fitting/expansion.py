@@ -14,7 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd.arithmetic.bernstein import basis
 from jhd.arithmetic.rounding import smallest_normal
+from jhd.distance.frame.jets import CurveJet, polynomial_jet, quotient
 from jhd.distance.nearest.feet import stays
 from jhd.solution import DIRECTIONS, EVENTS, CriticalPairs
 
@@ -97,39 +99,21 @@ def expand(pairs: CriticalPairs, fixed: Moving, moving: Moving, least: float) ->
     return Expansion(values[keep], gradient, hessian, cotangent)
 
 
-def _basis(degree: int, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Bernstein polynomials of the degree and their first two derivatives at t."""
-    rows, row = [], np.ones(1)
-    for _ in range(degree + 1):
-        rows.append(row)
-        row = np.append((1 - t) * row, 0.0) + np.append(0.0, t * row)
-    b = rows[degree]
-    first = second = np.zeros(degree + 1)
-    if degree > 0:
-        first = degree * -np.diff(np.concatenate([[0.0], rows[degree - 1], [0.0]]))
-    if degree > 1:
-        second = degree * (degree - 1) * np.diff(np.concatenate([[0.0, 0.0], rows[degree - 2], [0.0, 0.0]]), n=2)
-    return b, first, second
-
-
 def _jet(curve: Moving, segment: int, t: float, count: int) -> _MovingJet:
-    points = curve.points[segment]
-    basis = np.stack(_basis(len(points) - 1, float(t)))
-    n = basis @ points
+    points, t = curve.points[segment], float(t)
+    values, jet = basis(len(points) - 1, t)[:, None, None], polynomial_jet(points, t)
     v = np.zeros((2, points.shape[1], count))
     if curve.tangent is not None:
-        v = np.tensordot(basis[:2], curve.tangent[segment], axes=1)
+        v = np.stack(polynomial_jet(curve.tangent[segment], t)[:2])
     if not curve.rational:
-        cotangent = basis[0][:, None, None] * np.eye(points.shape[1])
-        return _MovingJet(n[0], n[1], n[2], v[0], v[1], np.zeros(count), cotangent)
-    w, n, weight, v = n[:, -1], n[:, :-1], v[:, -1], v[:, :-1]
-    x = n[0] / w[0]
-    x1 = (n[1] - x * w[1]) / w[0]
-    x2 = (n[2] - 2 * x1 * w[1] - x * w[2]) / w[0]
-    vx = (v[0] - np.outer(x, weight[0])) / w[0]
-    vx1 = (v[1] - np.outer(x1, weight[0]) - np.outer(x, weight[1]) - vx * w[1]) / w[0]
-    cotangent = basis[0][:, None, None] / w[0] * np.vstack([np.eye(len(x)), -x])
-    return _MovingJet(x, x1, x2, vx, vx1, weight[0] / w[0], cotangent)
+        return _MovingJet(*jet, v[0], v[1], np.zeros(count), values * np.eye(points.shape[1]))
+    n, w = CurveJet(*(x[:-1] for x in jet)), CurveJet(*(x[-1] for x in jet))
+    weight, v = v[:, -1], v[:, :-1]
+    x, x1, x2 = quotient(n, w)
+    vx = (v[0] - np.outer(x, weight[0])) / w.point
+    vx1 = (v[1] - np.outer(x1, weight[0]) - np.outer(x, weight[1]) - vx * w.first) / w.point
+    cotangent = values / w.point * np.vstack([np.eye(len(x)), -x])
+    return _MovingJet(x, x1, x2, vx, vx1, weight[0] / w.point, cotangent)
 
 
 def _direction(x: _MovingJet, y: _MovingJet, s: float) -> tuple[FloatArray, bool]:

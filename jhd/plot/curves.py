@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jhd.arithmetic.bernstein import binomials
+from jhd.arithmetic.bernstein import basis
 from jhd.distance.project import project
 from jhd.plot.axes import BLUE, GREY, TEXT_POINTS, VERMILLION, axes_for, draw, finish
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
@@ -137,10 +137,7 @@ def _sample(pieces: BezierSegments, t: np.ndarray) -> np.ndarray:
 
     In NumPy, by the basis: a compiled program for every number of segments would take longer than the picture.
     """
-    degree = pieces.degree
-    i = np.arange(degree + 1)
-    basis = binomials(degree) * t[:, None] ** i * (1 - t[:, None]) ** (degree - i)
-    values = np.einsum("ti,kid->ktd", basis, np.asarray(pieces.homogeneous))
+    values = np.einsum("ti,kid->ktd", basis(pieces.degree, t), np.asarray(pieces.homogeneous))
     return values if pieces.weights is None else values[..., :-1] / values[..., -1:]
 
 

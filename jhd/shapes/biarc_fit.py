@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from jhd.arithmetic.bernstein import binomials
+from jhd.arithmetic.bernstein import basis, binomials
 from jhd.arrays import joined
 from jhd.shapes.deviation import SHORT, HostArcs, HostCurve, Pieces, deviation, evaluated, pieces_of
 
@@ -140,12 +140,11 @@ def _away(offsets: np.ndarray) -> np.ndarray:
 def _samples(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places inside [0, 1], the Bernstein polynomials there, and the matrix from their coefficients to powers."""
     inner, powers = np.arange(1, _SAMPLES + 1) / (_SAMPLES + 1), np.arange(n + 1)
-    basis = binomials(n) * inner[:, None] ** powers * (1 - inner[:, None]) ** (n - powers)
     change = np.zeros((n + 1, n + 1))
     for i in powers:
         # The k-th power's coefficient is C(n,k) times the k-th difference.
         change[i:, i] = binomials(n)[i:] * [binomials(k)[i] * (-1.0) ** (k - i) for k in range(i, n + 1)]
-    return inner, basis, change
+    return inner, basis(n, inner), change
 
 
 def _joint(pieces: Pieces, turn: np.ndarray, slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,12 +17,11 @@ Source: Farin, Curves and Surfaces for CAGD (2002), chapter 14, for the nets; th
 ours and sharper than the one by second derivatives (Filip, Magedson & Markot, CAGD 3, 1986).
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
-from jhd.arithmetic.bernstein import product_weights
+from jhd.arithmetic.bernstein import basis, product_weights
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import common_exponent, unit_weights
 
@@ -155,16 +154,12 @@ def _corners(points: np.ndarray, weights: np.ndarray, u: np.ndarray, v: np.ndarr
     """
     net = np.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
     along_u = np.zeros((len(points), len(u), *net.shape[2:]))
-    for i in range(net.shape[1]):
-        along_u = along_u + _bernstein(u, net.shape[1] - 1, i)[:, None, None] * net[:, i, None]
+    for i, values in enumerate(basis(net.shape[1] - 1, u).T):
+        along_u = along_u + values[:, None, None] * net[:, i, None]
     both = np.zeros((len(points), len(u), len(v), 4))
-    for j in range(net.shape[2]):
-        both = both + _bernstein(v, net.shape[2] - 1, j)[:, None] * along_u[:, :, j, None]
+    for j, values in enumerate(basis(net.shape[2] - 1, v).T):
+        both = both + values[:, None] * along_u[:, :, j, None]
     return both[..., :3] / both[..., 3:]
-
-
-def _bernstein(t: np.ndarray, degree: int, index: int) -> np.ndarray:
-    return math.comb(degree, index) * t**index * (1 - t) ** (degree - index)
 
 
 def _joined(grid: np.ndarray, count: int, m: int, n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -39,6 +39,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arrays import module_of
 from jhd.distance.frame.jets import CurveJet, jet
 from jhd.distance.frame.pieces import Piece, piece_of
 from jhd.distance.nearest.feet import equation, foot_speed, nearest_passed
@@ -158,17 +159,27 @@ def _sigma(s0: Array, s1: Array, v0: Array, v1: Array, rational: bool) -> tuple[
     rational curves a Moebius map whose end speeds have the ratio of v0 and v1, in homogeneous form.
     """
     if rational:
-        ratio = v0 / jnp.where(v1 == 0, 1.0, v1)
-        usable = (ratio > 1 / _MOST_SKEW) & (ratio < _MOST_SKEW) & (v1 != 0)
-        weight = jnp.sqrt(jnp.where(usable, ratio, 1.0))
-        weights = jnp.stack([jnp.ones_like(weight), weight])
-        sigma = jnp.stack([s0, s1])
+        weights, sigma = moebius_weights(v0, v1), jnp.stack([s0, s1])
         return sigma * weights, (1 - sigma) * weights
-    slack = 0.5 * jnp.abs(s1 - s0)
-    low, high = jnp.minimum(s0, s1) - slack, jnp.maximum(s0, s1) + slack
-    inner = jnp.clip(jnp.clip(jnp.stack([s0 + v0 / 3, s1 - v1 / 3]), low, high), 0.0, 1.0)
-    sigma = jnp.concatenate([s0[None], inner, s1[None]])
+    sigma = hermite(s0, s1, v0, v1)
     return sigma, 1 - sigma
+
+
+def moebius_weights(v0: Any, v1: Any) -> Any:
+    """The weights of a Moebius map whose speeds at the ends have the ratio of v0 and v1, along a last axis."""
+    xp, ratio = module_of(v0), v0 / module_of(v0).where(v1 == 0, 1.0, v1)
+    usable = (ratio > 1 / _MOST_SKEW) & (ratio < _MOST_SKEW) & (v1 != 0)
+    weight = xp.sqrt(xp.where(usable, ratio, 1.0))
+    return xp.stack([xp.ones_like(weight), weight], axis=-1)
+
+
+def hermite(s0: Any, s1: Any, v0: Any, v1: Any) -> Any:
+    """Bernstein coefficients, along a last axis, of a cubic with these speeds at its ends, near [s0, s1], in [0, 1]."""
+    xp = module_of(s0)
+    slack = 0.5 * abs(s1 - s0)
+    low, high = xp.minimum(s0, s1) - slack, xp.maximum(s0, s1) + slack
+    inner = (xp.clip(xp.clip(x, low, high), 0.0, 1.0) for x in (s0 + v0 / 3, s1 - v1 / 3))
+    return xp.stack([s0, *inner, s1], axis=-1)
 
 
 def _composed(c: Array, sigma: Array, complement: Array) -> Array:

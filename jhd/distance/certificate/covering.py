@@ -16,8 +16,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd.arithmetic.bernstein import basis
 from jhd.arrays import taken
 from jhd.compiled import compiled
+from jhd.distance.cells.branches import hermite, moebius_weights
 from jhd.distance.certificate import verification
 from jhd.distance.certificate.host import SNAP, Host, jets, local_feet, speed_of_feet
 from jhd.distance.frame.coordinates import Frame
@@ -37,8 +39,6 @@ _BISECTIONS = 54
 _SURELY = 1e-13
 # A peak nearer than this share of the cell to an end is not the only cut: the middle is one too.
 _NEAR_END = 0.05
-# Ratio of the foot speeds at the ends of a cell beyond which a Moebius map would only do harm.
-_MOST_SKEW = 16.0
 
 
 class Places(NamedTuple):
@@ -236,14 +236,9 @@ def _proposals(branch: _Branches, rational: bool) -> Iterator[tuple[np.ndarray, 
     ends = np.stack([s0, s1], axis=-1)
     yield ends, None
     if rational:
-        ratio = v0 / np.where(v1 == 0, 1.0, v1)
-        usable = (ratio > 1 / _MOST_SKEW) & (ratio < _MOST_SKEW) & (v1 != 0)
-        weights = np.stack([np.ones_like(s0), np.sqrt(np.where(usable, ratio, 1.0))], axis=-1)
+        weights = moebius_weights(v0, v1)
         yield ends * weights, weights
-    slack = 0.5 * np.abs(s1 - s0)[:, None]
-    inner = np.stack([s0 + v0 / 3, s1 - v1 / 3], axis=-1)
-    inner = np.clip(inner, ends.min(axis=-1, keepdims=True) - slack, ends.max(axis=-1, keepdims=True) + slack)
-    yield np.stack([s0, *np.clip(inner, 0.0, 1.0).T, s1], axis=-1), None
+    yield hermite(s0, s1, v0, v1), None
 
 
 def _halved(measure: Measure, cells: _CoverCells, branches: list[_Branches], limit: float) -> _CoverCells:
@@ -349,6 +344,4 @@ def _peak(measure: Measure, cells: _CoverCells, branches: list[_Branches]) -> tu
 
 def _bernstein(coefficients: np.ndarray) -> np.ndarray:
     """Values at the nodes of the polynomials of these coefficients, along the last axis."""
-    degree = coefficients.shape[-1] - 1
-    basis = [math.comb(degree, i) * _NODES**i * (1 - _NODES) ** (degree - i) for i in range(degree + 1)]
-    return coefficients @ np.stack(basis)
+    return coefficients @ basis(coefficients.shape[-1] - 1, _NODES).T

@@ -3,9 +3,9 @@
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
+
+from jhd.arrays import module_of
 
 
 class CurveJet(NamedTuple):
@@ -37,7 +37,7 @@ def quotient(n: CurveJet, w: CurveJet) -> CurveJet:
 def polynomial_jet(c: Any, t: Any) -> CurveJet:
     """The jet of polynomials with the coefficients (points, ...) at t, in NumPy where the coefficients are."""
     degree = c.shape[0] - 1
-    second = first = np.zeros_like(c[0]) if isinstance(c, np.ndarray) else jnp.zeros_like(c[0])
+    second = first = module_of(c).zeros_like(c[0])
     for level in range(degree, 0, -1):
         if level == 2:
             second = degree * (degree - 1) * (c[2] - 2 * c[1] + c[0])

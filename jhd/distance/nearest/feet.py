@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import varying
+from jhd.arrays import module_of, varying
 from jhd.distance.frame.jets import CurveJet, jet
 from jhd.distance.frame.pieces import Piece, is_point, piece_of
 from jhd.shapes.curve import BezierSegments
@@ -138,7 +137,7 @@ def newton_step(here: FootEquation, downhill: Any) -> Array:
 
 def gauss_newton(s: Any, here: FootEquation) -> Any:
     """The parameter in [0, 1] after Newton's step, or that of Gauss and Newton where it is long and hardly convex."""
-    xp = _module(s)
+    xp = module_of(s)
     least = xp.minimum(_FLAT * here.square, _SHORT * abs(here.residual))
     return xp.clip(s - here.residual / _slope(here, least), 0.0, 1.0)
 
@@ -149,14 +148,14 @@ def foot_speed(s: Any, here: FootEquation, velocity: Any, width: Any) -> Any:
     Where the distance is not convex, or so little that the foot would run along all of b while the point runs along its
     width, the speed of the nearest point of the tangent stands in.
     """
-    xp, common = _module(s), dot(velocity, here.first)
+    xp, common = module_of(s), dot(velocity, here.first)
     least = xp.minimum(_SLOW * here.square, width * abs(common))
     return xp.where(stays(s, here.residual, here.square), 0.0, common / _slope(here, least))
 
 
 def _slope(here: FootEquation, least: Any) -> Any:
     """The slope of the equation, or |B'|^2 where it is not above a least one; 1 where both are zero."""
-    xp = _module(here.slope)
+    xp = module_of(here.slope)
     slope = xp.where(here.slope > least, here.slope, here.square)
     return xp.where(slope > 0, slope, 1.0)
 
@@ -164,10 +163,6 @@ def _slope(here: FootEquation, least: Any) -> Any:
 def dot(x: Any, y: Any) -> Any:
     """Scalar products along the last axis."""
     return (x * y).sum(-1)
-
-
-def _module(x: Any) -> Any:
-    return np if isinstance(x, np.ndarray) else jnp
 
 
 def foot_at(point: Array, b: BezierSegments, segment: Array, s: Array) -> tuple[Array, Array]:
