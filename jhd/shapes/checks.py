@@ -70,3 +70,12 @@ def checked_parameter(name: str, t: Numbers) -> Array:
     if not is_traced(value) and not bool(jnp.all((value >= 0) & (value <= 1))):
         raise ValueError(f"{name} is {np.asarray(value)}; needs 0 <= {name} <= 1.")
     return value
+
+
+def usable_numbers(control_points: Array, weights: Array | None) -> Array:
+    """Whether points are finite, and weights finite, positive and not too far apart, where that is known only later."""
+    good = jnp.all(jnp.isfinite(control_points))
+    if weights is None:
+        return good
+    least, most = jnp.min(weights), jnp.max(weights)
+    return good & (least > 0) & (most < jnp.inf) & (most / largest_weight_ratio(weights.dtype) <= least)

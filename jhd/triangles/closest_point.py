@@ -314,14 +314,20 @@ def pair_squares(table: Array, points: np.ndarray, rows: np.ndarray) -> np.ndarr
 
 def in_blocks(program: Any, *arrays: np.ndarray) -> Any:
     """A program on arrays of any common length, padded to a few sizes by repeating the last row."""
+    return in_blocks_of(BLOCKS, lambda _, *part: program(*part), arrays)
+
+
+def in_blocks_of(sizes: tuple[int, ...], program: Any, arrays: tuple[np.ndarray, ...]) -> Any:
+    """The same in blocks of these sizes, for a program that first takes how many rows of its block are no padding."""
     parts, count = [], len(arrays[0])
-    for start in range(0, count, BLOCKS[-1]):
-        part = [x[start : start + BLOCKS[-1]] for x in arrays]
+    for start in range(0, count, sizes[-1]):
+        part = [x[start : start + sizes[-1]] for x in arrays]
         size = len(part[0])
-        length = next(b for b in BLOCKS if b >= size)
+        length = next(b for b in sizes if b >= size)
         if length > size:
             part = [np.concatenate([x, np.broadcast_to(x[-1:], (length - size, *x.shape[1:]))]) for x in part]
-        parts.append(jax.tree_util.tree_map(lambda x, size=size: np.asarray(x)[:size], program(*part)))
+        found = program(np.asarray(size), *part)
+        parts.append(jax.tree_util.tree_map(lambda x, size=size: np.asarray(x)[:size], found))
     return parts[0] if len(parts) == 1 else jax.tree_util.tree_map(lambda *x: np.concatenate(x), *parts)
 
 

@@ -18,7 +18,7 @@ from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import unit_weights
 from jhd.arrays import is_traced
 from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of
-from jhd.shapes.checks import largest_weight_ratio
+from jhd.shapes.checks import usable_numbers
 from jhd.shapes.curve import BezierSegments
 
 # Numbers of segments and degrees that programs are compiled for. Small curves share one size, where the cost of the
@@ -71,13 +71,7 @@ def elevation_matrix(degree: int, target: int) -> np.ndarray:
 
 def usable(curve: BezierSegments) -> Any:
     """Whether all control points are finite and all weights finite and positive; True for concrete curves, checked."""
-    if not is_traced(curve):
-        return True
-    good = jnp.all(jnp.isfinite(curve.control_points))
-    if curve.weights is None:
-        return good
-    least, most = jnp.min(curve.weights), jnp.max(curve.weights)
-    return good & (least > 0) & (most < jnp.inf) & (most / largest_weight_ratio(curve.weights.dtype) <= least)
+    return usable_numbers(curve.control_points, curve.weights) if is_traced(curve) else True
 
 
 def replaced(curve: BezierSegments, good: Any) -> BezierSegments:

@@ -21,7 +21,7 @@ from jaxtyping import Array
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.balls import Ball, hull, minus, plus, reciprocal, times
 from jhd.arithmetic.rounding import gamma
-from jhd.shapes.checks import largest_weight_ratio
+from jhd.shapes.checks import usable_numbers
 
 
 class Net(NamedTuple):
@@ -52,11 +52,7 @@ class Net(NamedTuple):
 
 def usable_net(net: Net) -> Array:
     """Whether all control points are finite and all weights finite and positive."""
-    good = jnp.all(jnp.isfinite(net.points))
-    if net.weights is None:
-        return good
-    least, most = jnp.min(net.weights), jnp.max(net.weights)
-    return good & (least > 0) & (most < jnp.inf) & (most / largest_weight_ratio(net.weights.dtype) <= least)
+    return usable_numbers(net.points, net.weights)
 
 
 class NetJet(NamedTuple):

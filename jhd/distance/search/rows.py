@@ -3,6 +3,7 @@
 A call takes a block of rows and how many of them count; the program goes through these some at a time.
 """
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -10,20 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd.triangles.closest_point import in_blocks_of
+
 # Rows that one call of a program takes.
 BLOCK = 4096
 
 
 def in_blocks(program: Any, shape: Any, *rows: np.ndarray) -> Any:
     """A program of a shape, a count and rows on any number of rows, in blocks of one size."""
-    count, parts = len(rows[0]), []
-    for start in range(0, count, BLOCK):
-        part = [x[start : start + BLOCK] for x in rows]
-        size = len(part[0])
-        part = [np.concatenate([x, np.zeros((BLOCK - size, *x.shape[1:]), x.dtype)]) for x in part]
-        found = program(shape, np.asarray(size), *part)
-        parts.append(jax.tree_util.tree_map(lambda x, size=size: np.asarray(x)[:size], found))
-    return parts[0] if len(parts) == 1 else jax.tree_util.tree_map(lambda *x: np.concatenate(x), *parts)
+    return in_blocks_of((BLOCK,), partial(program, shape), rows)
 
 
 def each(function: Any, count: Array, rows: tuple[Array, ...], lanes: int) -> Any:
