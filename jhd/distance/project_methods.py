@@ -165,7 +165,7 @@ def _nearest_of_roots(
     largest offset in each coordinate, a quotient included, and the bounds are moved by that much.
     """
     offsets = point - curve.control_points
-    best = best_end(offsets, jnp.max(jnp.abs(offsets), axis=(1, 2)))
+    best = best_end(offsets)
     valid = roots.valid & ~skip[:, None]
     s0, s1 = (jnp.where(valid, x[..., 0], end) for x, end in ((roots.lower, 0.0), (roots.upper, 1.0)))
 

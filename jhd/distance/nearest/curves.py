@@ -109,7 +109,7 @@ def nearest(
     state = _CurveQuery(
         whole=lower if skip is None else jnp.where(skip, jnp.inf, lower),
         cells=_empty_cells(point.dtype),
-        best=best_end(offsets, radius),
+        best=best_end(offsets),
         settled=jnp.array(jnp.inf, point.dtype),
         overflowed=jnp.array(False),
         steps=jnp.array(0),
@@ -224,7 +224,7 @@ def length_bound(vector: Array, degree: int, radius: Array) -> tuple[Array, Arra
     return length, length * (1 + gamma(3 * degree + dim + 6, vector.dtype)) + _eta(degree, dim, radius)
 
 
-def best_end(offsets: Array, radius: Array) -> NearestOnCurve:
+def best_end(offsets: Array) -> NearestOnCurve:
     """The nearest of all segment ends: there the offset is rounded once and nothing is evaluated."""
     ends = offsets[:, jnp.array([0, -1])]
     distance, upper = length_bound(ends, 0, jnp.max(jnp.abs(ends), axis=-1))

@@ -37,7 +37,7 @@ def best_local(
     s, steps, distance, upper = jax.vmap(of_segment)(offsets, curve.weights, radius)
     k = jnp.argmin(upper)
     inner = NearestOnCurve(distance[k], jnp.zeros_like(radius[k]), upper[k], k, s[k], jnp.array(True), jnp.sum(steps))
-    end = best_end(offsets, radius)
+    end = best_end(offsets)
     nearer = inner.upper < end.upper
     best = jax.tree_util.tree_map(lambda x, y: jnp.where(nearer, x, y), inner, end)
     return eqx.tree_at(lambda n: (n.closed, n.steps), best, (inner.closed, inner.steps)), RESULTS.successful

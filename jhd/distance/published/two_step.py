@@ -223,7 +223,7 @@ def _round(pair: RefinedPair, state: _Refining) -> _Refining:
     better = top.distance > best.distance
     best = jax.tree_util.tree_map(lambda new, old: jnp.where(better, new, old), top, best)
     brackets = brackets._replace(key=brackets.key.at[index].set(-jnp.inf))
-    halves, cut = _halves(pair, lanes, t, tracked, found, points)
+    halves, cut = _halves(lanes, t, tracked, found)
     halves = halves._replace(key=jnp.where(jnp.tile(live & cut, 2), halves.key, -jnp.inf))
     return _Refining(_stored(brackets, halves), best, state.rounds + 1, state.cuts + jnp.sum(live & cut))
 
@@ -235,9 +235,7 @@ def _stored(brackets: Bracket, new: Bracket) -> Bracket:
     return Bracket(*(old.at[worst].set(jnp.where(take, x, old[worst])) for old, x in zip(brackets, new, strict=True)))
 
 
-def _halves(
-    pair: RefinedPair, lanes: Bracket, t: Array, tracked: Array, found: NearestOnCurve, points: Array
-) -> tuple[Bracket, Array]:
+def _halves(lanes: Bracket, t: Array, tracked: Array, found: NearestOnCurve) -> tuple[Bracket, Array]:
     """The two parts of each interval about its best candidate, wanted where a branch not followed is nearer there."""
     which = jnp.argmax(tracked, axis=1)
     pick = lambda x: jnp.take_along_axis(x, which[:, None], axis=1)[:, 0]  # noqa: E731

@@ -65,7 +65,7 @@ def of_meshes(
     if not is_traced(a, b):
         return solution
     corners = [mesh.vertices[mesh.triangles[k]] for mesh, k in zip((a, b), triangles, strict=True)]
-    value, point_a, point_b = _moving(jnp.stack(corners), weights, weights > 0)
+    value, point_a, point_b = _moving(jnp.stack(corners), weights > 0)
     return attached(solution, solution.value > 0, value=value, point_a=point_a, point_b=point_b)
 
 
@@ -197,7 +197,7 @@ def _places(corners: np.ndarray, weights: tuple[Fraction, ...], dtype: np.dtype)
 
 
 @compiled
-def _moving(corners: Array, weights: Array, active: Array) -> tuple[Array, Array, Array]:
+def _moving(corners: Array, active: Array) -> tuple[Array, Array, Array]:
     """Distance and nearest points of the features that the active corners (2, 3) span, as functions of the corners.
 
     At most two directions are free: of p + x d - (q + y e) the part that they cannot change is the distance.
