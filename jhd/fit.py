@@ -90,7 +90,7 @@ def minimise_hausdorff(
     capacity = _capacity(flat.size) if capacity is None else capacity
     built = _Flat(build, unravel)
     ends = []
-    for number, start in enumerate(_starts(built, np.asarray(flat), parameters, starts, seed, target)):
+    for number, start in enumerate(_starts(built, np.asarray(flat), starts, seed, target)):
 
         def report(step: int, value: float, optimality: float, number: int = number) -> None:
             if progress is not None:
@@ -282,7 +282,7 @@ def _capacity(count: int) -> int:
     return next((capacity for most, capacity in _CAPACITIES if count <= most), _LARGEST_CAPACITY)
 
 
-def _starts(build: Callable, first: np.ndarray, parameters: Any, starts: Any, seed: int, target: Fitted) -> np.ndarray:
+def _starts(build: Callable, first: np.ndarray, starts: Any, seed: int, target: Fitted) -> np.ndarray:
     """Rows of parameters to start from."""
     if not isinstance(starts, int):
         rows = np.stack([np.asarray(ravel_pytree(row)[0]) for row in _rows(starts)])

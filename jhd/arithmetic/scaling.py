@@ -81,3 +81,9 @@ def length(vectors: Any) -> Any:
     # What is no number stays none.
     some = square != 0
     return xp.where(some, size[..., 0] * xp.sqrt(xp.where(some, square, 1.0)), 0.0)
+
+
+def unit(vectors: Any) -> Any:
+    """The vectors along the last axis over their lengths; zero ones stay."""
+    size: Any = length(vectors)[..., None]
+    return vectors / (jnp if is_traced(size) else np).where(size > 0, size, 1.0)

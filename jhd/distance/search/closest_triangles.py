@@ -19,7 +19,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.rationals import float_above, float_below, float_near, root_between
 from jhd.arithmetic.rounding import gamma
-from jhd.arithmetic.scaling import common_exponent, scale_of
+from jhd.arithmetic.scaling import common_exponent, length, scale_of
 from jhd.arrays import is_traced, is_tracing
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import default_tolerance
@@ -230,9 +230,6 @@ def _apart(e: Array, directions: Array, free: Array) -> tuple[Array, Array]:
     both = jnp.stack([b * f - c * d, b * d - a * f]) / safe
     one = jnp.stack([-d / jnp.where(a > 0, a, 1.0), jnp.zeros_like(a)])
     height = jnp.sum(e * normal) / jnp.sqrt(safe)
-    rest = e + one[0] * u
-    square = jnp.sum(rest * rest)
-    length = jnp.sqrt(jnp.where(square > 0, square, 1.0))
     # With the normal the distance keeps its digits where the points are close.
-    distance = jnp.where(face, jnp.where(height < 0, -height, height), jnp.where(square > 0, length, 0.0))
+    distance = jnp.where(face, jnp.where(height < 0, -height, height), length(e + one[0] * u))
     return distance, jnp.where(face, both, one)

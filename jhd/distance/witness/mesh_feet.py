@@ -9,7 +9,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from jhd.arithmetic.scaling import common_exponent, scale_of
+from jhd.arithmetic.scaling import common_exponent, length, scale_of
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.distance.frame.attach import attached
@@ -64,8 +64,8 @@ def foot_on(
     on_face = _on_plane(p, jnp.where(face, sides, jnp.asarray(np.eye(3)[:, :3] - np.eye(3)[0], p.dtype)))
     on_edge = _on_line(p, sides, jnp.argmax(active), 2 - jnp.argmax(active[::-1]))
     face = face & on_face[0]
-    length, foot, t = (jnp.where(face, x, y) for x, y in zip(on_face[1:], on_edge, strict=True))
-    return length / scale, corners[0] + foot / scale, t
+    distance, foot, t = (jnp.where(face, x, y) for x, y in zip(on_face[1:], on_edge, strict=True))
+    return distance / scale, corners[0] + foot / scale, t
 
 
 def _on_plane(p: Array, corners: Array) -> tuple[Array, Array, Array, Array]:
@@ -88,9 +88,6 @@ def _on_line(p: Array, corners: Array, first: Array, last: Array) -> tuple[Array
     square = jnp.sum(side * side)
     share = jnp.where(square > 0, jnp.sum((p - a) * side) / jnp.where(square > 0, square, 1.0), 0.0)
     foot = a + share * side
-    off = p - foot
-    off_sq = jnp.sum(off * off)
-    length = jnp.sqrt(jnp.where(off_sq > 0, off_sq, 1.0))
     index = np.arange(3)
     t = jnp.where(index == last, share, 0.0) + jnp.where(index == first, 1 - share, 0.0)
-    return jnp.where(off_sq > 0, length, 0.0), foot, jnp.where(first == last, jnp.where(index == first, 1.0, 0.0), t)
+    return length(p - foot), foot, jnp.where(first == last, jnp.where(index == first, 1.0, 0.0), t)

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import smallest_normal
+from jhd.arithmetic.scaling import unit
 from jhd.arrays import array_of, is_traced
 from jhd.compiled import compiled
 from jhd.distance.cells.triangles import MeshSide
@@ -84,7 +85,7 @@ def active_feet(side: MeshSide, owner: int, weights: np.ndarray, nearest: int, g
     for k in range(len(near)):
         if all(np.max(np.abs(feet[k] - feet[i])) > 1e-2 * _RING * size for i in kept):
             kept.append(k)
-    units = np.array([_unit(point - feet[k]) for k in kept])
+    units = np.array([unit(point - feet[k]) for k in kept])
     multipliers = balanced(units, rays, (distance[near][kept] - distance.min()) / equal)
     chosen = np.flatnonzero(multipliers)
     rows_ = [kept[k] for k in chosen]
@@ -96,11 +97,6 @@ def active_feet(side: MeshSide, owner: int, weights: np.ndarray, nearest: int, g
 def _corners_of(side: MeshSide, triangles: np.ndarray) -> np.ndarray:
     """Corners of triangles of b, in the order of the mesh and the unit of the tree."""
     return side.b_corners[side.tree.order[triangles]].astype(np.float64)
-
-
-def _unit(x: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(x, axis=-1, keepdims=True)
-    return x / np.where(length > 0, length, 1.0)
 
 
 def _into(side: MeshSide, owner: int, free: np.ndarray) -> np.ndarray:
@@ -117,13 +113,13 @@ def _into(side: MeshSide, owner: int, free: np.ndarray) -> np.ndarray:
     shared = at[touching].any(axis=2)[..., None]
     sides = np.where(shared, 0.0, side.corners[touching].astype(np.float64) - base)
     if len(own) == 1:
-        ends = _unit(sides)
-        return np.concatenate([ends.reshape(-1, 3), _unit(ends.sum(axis=1))])
-    along = _unit(own[1].astype(np.float64) - base)
+        ends = unit(sides)
+        return np.concatenate([ends.reshape(-1, 3), unit(ends.sum(axis=1))])
+    along = unit(own[1].astype(np.float64) - base)
     third = own[2:].astype(np.float64) - base if len(own) == 3 else sides.sum(axis=1)
     across = third - (third @ along)[:, None] * along
     flat = np.linalg.norm(across, axis=1) <= _NEEDLE * np.linalg.norm(third, axis=1)
-    rays = np.concatenate([along[None], _unit(np.where(flat[:, None], 0.0, across))])
+    rays = np.concatenate([along[None], unit(np.where(flat[:, None], 0.0, across))])
     return np.concatenate([rays, -rays if len(own) == 3 else -rays[:1]])
 
 

@@ -77,6 +77,5 @@ def _moving(a: Net, b: Net, frame: Frame, best: BestPair) -> tuple[Array, Array,
         step = newton_step(slope, bent, held)
         x = x + jnp.where(jnp.all(jnp.isfinite(step)), step, 0.0)
     p, q = jet(pieces[0], x[:n]).point, jet(pieces[1], x[n:]).point
-    square, scale = jnp.sum((p - q) ** 2), frame.scale(p.dtype)
-    distance = jnp.sqrt(jnp.where(square > 0, square, 1.0))
-    return jnp.where(square > 0, distance, 0.0) / scale, p / scale, q / scale
+    scale = frame.scale(p.dtype)
+    return length(p - q) / scale, p / scale, q / scale

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.polynomials import jets
-from jhd.arithmetic.scaling import common_exponent, frexp, scale_of
+from jhd.arithmetic.scaling import common_exponent, frexp, length, scale_of
 from jhd.compiled import compiled
 from jhd.distance.frame.attach import attached
 from jhd.distance.frame.net_jets import Net, jet
@@ -63,8 +63,8 @@ def _on_patches(queries: Array, segment: Array, t: Array, net: Net) -> tuple[Arr
         at = jet(piece, x)
         free = ~jnp.any(held) if n == 2 else False
         normal = jnp.cross(at.first[0], at.first[1]) if n == 2 else jnp.zeros_like(at.point)
-        length = _length(at.point, normal, free)
-        return length / scale, at.point / scale + query, jnp.concatenate([x, t[n:]])
+        distance = _length(at.point, normal, free)
+        return distance / scale, at.point / scale + query, jnp.concatenate([x, t[n:]])
 
     return jax.vmap(one)(queries, segment, t)
 
@@ -106,10 +106,8 @@ def _length(apart: Array, normal: Array, free: Array | bool) -> Array:
     square = jnp.sum(normal**2)
     sound = free & (square > 0)
     along = jnp.sum(apart * normal) / jnp.sqrt(jnp.where(sound, square, 1.0))
-    off = jnp.sum(apart**2)
-    length = jnp.sqrt(jnp.where(off > 0, off, 1.0))
     signed = jnp.where(jax.lax.stop_gradient(along) < 0, -along, along)
-    return jnp.where(sound, signed, jnp.where(off > 0, length, 0.0))
+    return jnp.where(sound, signed, length(apart))
 
 
 @compiled
@@ -151,8 +149,8 @@ def _on_surface(queries: Array, feet: Array, coefficients: Array, box: Array) ->
             y = y - jnp.where(usable, step, 0.0)
         normal = jets(c, y[:3]).gradient
         # Where nothing moves, faces do, and the surface by its own speed along the normal.
-        length = jnp.where(usable, _length(p - y[:3], normal, ~jnp.any(held)), _length(p - y[:3], normal, False))
-        return length / scale, y[:3] / scale
+        distance = jnp.where(usable, _length(p - y[:3], normal, ~jnp.any(held)), _length(p - y[:3], normal, False))
+        return distance / scale, y[:3] / scale
 
     return jax.vmap(one)(queries, feet)
 
