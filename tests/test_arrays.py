@@ -1,11 +1,13 @@
 """Every refusal of what is no array of finite real numbers, and what passes."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.arrays import array_of, check_finite, is_traced, is_tracing, real_array
+from jhd.arrays import array_of, check_finite, is_traced, is_tracing, joined, real_array, taken
 
 
 @pytest.mark.parametrize(
@@ -143,3 +145,16 @@ def test_an_array_of_something_is_that_of_jax(value, dtype):
         assert isinstance(array, jax.Array)
         assert jax.typeof(array) == jax.typeof(expected)
         assert np.array_equal(array, expected)
+
+
+def test_rows_of_a_table_are_taken_and_joined():
+    table = Table(np.arange(3), np.arange(6).reshape(3, 2))
+    parts = [taken(table, [2, 0]), taken(table, slice(0)), taken(table, np.array([False, True, False]))]
+    whole = joined(parts)
+    assert isinstance(whole, Table) and whole.first.tolist() == [2, 0, 1]
+    assert whole.second.tolist() == [[4, 5], [0, 1], [2, 3]]
+
+
+class Table(NamedTuple):
+    first: np.ndarray
+    second: np.ndarray

@@ -1,0 +1,32 @@
+"""Lengths and unit vectors: of every size, of what is no number, and their derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jhd.arithmetic.scaling import length, unit
+
+
+@pytest.mark.parametrize("exponent", [-1000, -600, 0, 600, 1020])
+def test_lengths_neither_overflow_nor_vanish(exponent):
+    vectors = np.ldexp([[0.375, 0.5, 0.0], [0.0, 0.0, 0.0]], exponent)
+    for found in (length(vectors), jax.jit(length)(vectors)):
+        assert np.asarray(found).tolist() == [float(np.ldexp(0.625, exponent)), 0.0]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_length_of_what_is_no_number_is_none(bad):
+    with np.errstate(invalid="ignore"):
+        assert np.isnan(length(np.array([bad, 1.0]))) and np.isnan(jax.jit(length)(np.array([bad, 1.0])))
+
+
+def test_a_length_has_its_derivatives_and_none_at_zero():
+    x = jnp.array([3.0, 4.0])
+    np.testing.assert_allclose(jax.grad(length)(x), [0.6, 0.8], rtol=1e-15)
+    np.testing.assert_allclose(jax.hessian(length)(x), np.array([[16, -12], [-12, 9]]) / 125, rtol=1e-14)
+    assert jax.grad(length)(jnp.zeros(2)).tolist() == [0.0, 0.0]
+
+
+def test_units_have_length_one_and_zero_stays():
+    assert unit(np.array([[3.0, 4.0], [0.0, 0.0]])).tolist() == [[0.6, 0.8], [0.0, 0.0]]
