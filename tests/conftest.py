@@ -91,7 +91,7 @@ hypothesis.settings.load_profile("jhd")
 def room_for_programs():
     """Some hundred programs stay under the system's limit of memory mappings only if old ones go."""
     maps = Path("/proc/self/maps")
-    if maps.exists() and len(maps.read_bytes().splitlines()) > 25_000:
+    if maps.exists() and len(maps.read_bytes().splitlines()) > 40_000:
         jax.clear_caches()
         gc.collect()
 
