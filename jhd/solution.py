@@ -358,7 +358,7 @@ def throw_unless_successful(solution: Any) -> None:
         return
     found = np.ravel(np.asarray(solution.result._value))
     # A method that proves nothing promises no more.
-    failed = ~np.isin(found, [int(item._value) for item in (RESULTS.successful, RESULTS.unproven)])
+    failed = (found != int(RESULTS.successful._value)) & (found != int(RESULTS.unproven._value))
     if failed.any():
         index = int(found[np.argmax(failed)])
         raise NotProvenError(RESULTS._index_to_message[index], solution)

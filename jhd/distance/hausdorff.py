@@ -11,7 +11,7 @@ from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
 from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
 from jhd.distance.pairs import Shape, pair_of
-from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
 from jhd.distance.search.search import Progress
 from jhd.shapes.checks import Numbers
 from jhd.solution import (
@@ -128,7 +128,7 @@ def hausdorff_at_most(
         TypeError: shapes that do not go together, or another method than BranchAndBound.
         ValueError: shapes of different dimensions, a surface proven empty in its box, or a threshold that is no length.
     """
-    method = BranchAndBound() if method is None else method
+    method = default_method() if method is None else method
     # It proves both bounds, and ends where they say enough.
     check_serves(method, a, b, (BranchAndBound,))
     pair, limit = pair_of(a, b, method, progress), _checked_limit(threshold)

@@ -12,7 +12,7 @@ from jhd.distance.frame.method import check_serves
 from jhd.distance.frame.nets import net_of
 from jhd.distance.project import project
 from jhd.distance.published.voxel_pairs import VoxelPairs
-from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
 from jhd.distance.search.closest_triangles import as_mesh, of_meshes
 from jhd.distance.search.mixed import with_surface
 from jhd.distance.search.nets import of_nets
@@ -114,7 +114,7 @@ def _method(method: BranchAndBound | VoxelPairs | None, options: dict[str, Any])
     """The method, or the one that the options make."""
     given = {name: value for name, value in options.items() if value is not None}
     if method is None:
-        return BranchAndBound(**given)
+        return BranchAndBound(**given) if given else default_method()
     if given:
         raise ValueError(f"method is given, and so is {', '.join(given)}: options go to the method, or without it.")
     return method

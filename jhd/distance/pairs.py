@@ -17,7 +17,7 @@ from jaxtyping import Array
 from jhd.arrays import is_traced, is_tracing
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import Aim, aim_at
-from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.coordinates import Frame, reported
 from jhd.distance.frame.curves import prepare
 from jhd.distance.frame.directions import alike, in_turn, larger
 from jhd.distance.frame.method import AbstractCurveMethod, AbstractHausdorffMethod, AbstractHostMethod, check_serves
@@ -26,7 +26,7 @@ from jhd.distance.published.algebraic import AlgebraicEvents
 from jhd.distance.published.cube_intervals import CubeIntervals, larger_interval
 from jhd.distance.published.trimming import BiarcTrimming
 from jhd.distance.published.two_step import TwoStep
-from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.branch_and_bound import BranchAndBound, default_method, length_of_table, wanted_of
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd.distance.search.meshes import mesh_directed
@@ -102,7 +102,7 @@ def pair_of(a: Shape, b: Shape, method: AbstractHausdorffMethod | None, progress
         TypeError: shapes of different or unknown kinds, or a method that does not serve them.
         ValueError: curves of different dimensions, or a surface proven empty in its box.
     """
-    method = BranchAndBound() if method is None else method
+    method = default_method() if method is None else method
     if _with_points(a, b, method):
         check_serves(method, a, b, _METHODS)
         return PointPair(a, b, method, progress)
@@ -126,7 +126,7 @@ class CurvePair(AbstractPair):
         # The two-step method takes fewer samples of a segment where there are more of them.
         sharing = isinstance(method, BranchAndBound)
         self._a, self._b, self._frame = prepare(*jax.lax.stop_gradient(self._given), sharing=sharing)
-        self._listener = Listener(progress, self._frame.length)
+        self._listener = Listener(progress, self._frame)
 
     def length(self, value: Array, toward: float | None = None) -> Any:
         """See AbstractPair."""
@@ -141,8 +141,8 @@ class CurvePair(AbstractPair):
         if is_tracing(a, b, method, aim):
             return in_direction(method.directed(a, b, self._frame, aim), direction)
         if isinstance(method, BranchAndBound):
-            wanted = method.wanted(a, self._frame, aim)
-            search = CurveSearch(a, b, wanted, direction, method.length_of_table(a), method.max_steps)
+            wanted = wanted_of(method, a, self._frame, aim)
+            search = CurveSearch(a, b, wanted, direction, length_of_table(method, a), method.max_steps)
             return drive(search, self._listener, direction)
         run = method.directed if isinstance(method, AbstractHostMethod) else partial(_in_one_go, method)
         solution = in_direction(run(a, b, self._frame, aim), direction)
@@ -159,7 +159,7 @@ class CurvePair(AbstractPair):
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
-        return self._frame.solution(solution)
+        return reported(self._frame, solution)
 
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -176,7 +176,7 @@ class SurfacePair(AbstractPair):
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         self._method, self._given = method, (a, b)
         self._targets, self._frame = _targets(*self._given)
-        self._listener = Listener(progress, self._frame.length)
+        self._listener = Listener(progress, self._frame)
 
     def length(self, value: Array, toward: float | None = None) -> Any:
         """See AbstractPair."""
@@ -188,7 +188,7 @@ class SurfacePair(AbstractPair):
         aim, method, direction = aim_at(level, ceiling, self._frame.centre.dtype), self._method, _direction(turned)
         if is_tracing(pair, method, aim):
             return method.directed_surfaces(pair, self._frame, aim, direction)
-        wanted, capacity = method.wanted(pair.a, self._frame, aim), method.length_of_table(pair.a)
+        wanted, capacity = wanted_of(method, pair.a, self._frame, aim), length_of_table(method, pair.a)
         return drive(SurfaceSearch(pair, wanted, direction, capacity, method.max_steps), self._listener, direction)
 
     def traced_search(self, *numbers: Any) -> tuple[Callable[[Any, Aim], HausdorffSolution], Any, Any] | None:
@@ -200,7 +200,7 @@ class SurfacePair(AbstractPair):
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
-        return self._frame.solution(solution)
+        return reported(self._frame, solution)
 
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""

@@ -67,18 +67,19 @@ class Frame(eqx.Module):
         """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
         return array_of(_length(self, x, toward))
 
-    def solution(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """A solution found in the common coordinates, in the user's; numbers that are known are left on the host."""
-        witness, good = solution.witness, self.usable
-        value, lower = _length(self, solution.value, None), _length(self, solution.lower, 0.0)
-        upper = _length(self, solution.upper, np.inf)
-        if is_traced(good):
-            value, lower, upper = (jnp.where(good, x, y) for x, y in ((value, jnp.inf), (lower, 0.0), (upper, jnp.inf)))
-            solution = replace(solution, result=result_where(good, solution.result, RESULTS.nonfinite_value))
-        return with_lengths(solution, value, lower, upper, _place(self, witness.point), _place(self, witness.feet))
-
 
 # Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.
+def reported(frame: Frame, solution: HausdorffSolution) -> HausdorffSolution:
+    """A solution found in the common coordinates, in the user's; numbers that are known are left on the host."""
+    witness, good = solution.witness, frame.usable
+    value, lower = _length(frame, solution.value, None), _length(frame, solution.lower, 0.0)
+    upper = _length(frame, solution.upper, np.inf)
+    if is_traced(good):
+        value, lower, upper = (jnp.where(good, x, y) for x, y in ((value, jnp.inf), (lower, 0.0), (upper, jnp.inf)))
+        solution = replace(solution, result=result_where(good, solution.result, RESULTS.nonfinite_value))
+    return with_lengths(solution, value, lower, upper, _place(frame, witness.point), _place(frame, witness.feet))
+
+
 def _place(frame: Frame, x: Any) -> Any:
     xp = jnp if is_traced(x, frame) else np
     return xp.ldexp(xp.ldexp(xp.asarray(x), frame.second) + frame.centre, frame.first)

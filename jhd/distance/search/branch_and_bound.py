@@ -3,6 +3,7 @@
 The search itself is in jhd.distance.search.curves; here are its options, and how it runs in one program under tracing.
 """
 
+from functools import lru_cache
 from typing import Any
 
 import equinox as eqx
@@ -75,29 +76,40 @@ class BranchAndBound(AbstractHausdorffMethod):
 
         if jax.default_backend() == "cpu":
             search = sequential_vmap(search)
-        return search(a, b, self.wanted(a, frame, aim))
+        return search(a, b, wanted_of(self, a, frame, aim))
 
     def directed_surfaces(self, pair: CoveredPair, frame: Frame, aim: Aim, direction: Any) -> HausdorffSolution:
         """One direction of two surfaces in common coordinates, in one go; batches as for curves."""
 
         def search(pair: CoveredPair, wanted: Wanted) -> HausdorffSolution:
-            return in_one_go(pair, wanted, self.length_of_table(pair.a), self.max_steps, direction)
+            return in_one_go(pair, wanted, length_of_table(self, pair.a), self.max_steps, direction)
 
         if jax.default_backend() == "cpu":
             search = sequential_vmap(search)
-        return search(pair, self.wanted(pair.a, frame, aim))
+        return search(pair, wanted_of(self, pair.a, frame, aim))
 
-    def length_of_table(self, a: BezierSegments | Target) -> int:
-        """Number of cells there is room for."""
-        if not isinstance(a, BezierSegments):
-            return _SURFACE_ROWS * (1 << (self.capacity - 1).bit_length())
-        # Of a long curve few cells are left when the first bounds are known; where more are, it begins anew with room.
-        return max(self.capacity, a.count // _LONG_SHARE if is_long(a) else 2 * a.count)
 
-    def wanted(self, a: BezierSegments | Target, frame: Frame, aim: Aim) -> Wanted:
-        """What is asked for, in the common coordinates."""
-        dtype: Any = a.control_points.dtype if isinstance(a, BezierSegments) else a.side.lower.dtype
-        xp: Any = jnp if is_traced(self, frame) else np
-        # One program serves a given tolerance and the default one.
-        atol = xp.asarray(-1.0 if self.atol is None else frame.common(self.atol), dtype)
-        return Wanted(atol, xp.asarray(self.rtol, dtype), aim)
+@lru_cache(maxsize=1)
+def default_method() -> BranchAndBound:
+    """BranchAndBound(), made once: its checks take as long as preparing a curve."""
+    # Asked for first inside a trace, its numbers would be tracers of that program.
+    with jax.ensure_compile_time_eval():
+        return BranchAndBound()
+
+
+# Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.
+def length_of_table(method: BranchAndBound, a: BezierSegments | Target) -> int:
+    """Number of cells there is room for."""
+    if not isinstance(a, BezierSegments):
+        return _SURFACE_ROWS * (1 << (method.capacity - 1).bit_length())
+    # Of a long curve few cells are left when the first bounds are known; where more are, it begins anew with room.
+    return max(method.capacity, a.count // _LONG_SHARE if is_long(a) else 2 * a.count)
+
+
+def wanted_of(method: BranchAndBound, a: BezierSegments | Target, frame: Frame, aim: Aim) -> Wanted:
+    """What is asked for, in the common coordinates."""
+    dtype: Any = a.control_points.dtype if isinstance(a, BezierSegments) else a.side.lower.dtype
+    xp: Any = jnp if is_traced(method, frame) else np
+    # One program serves a given tolerance and the default one.
+    atol = xp.asarray(-1.0 if method.atol is None else frame.common(method.atol), dtype)
+    return Wanted(atol, xp.asarray(method.rtol, dtype), aim)

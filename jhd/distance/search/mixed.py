@@ -78,7 +78,7 @@ def with_surface(
     else:
         stretch = partial(_stretch, _Known(still, frame), problem, wanted)
         search = ClosestSearch(partial(_begun, problem, pieces, method.capacity), stretch, method.max_steps)
-        found = drive(search, Listener(progress, frame.length))
+        found = drive(search, Listener(progress, frame))
         if np.isinf(np.asarray(found.lower)):
             raise ValueError("a or b is a surface without points in its box: its polynomial is proven to have no zero.")
     solution = found.solution(frame)

@@ -51,7 +51,7 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress
         pairs, valid = _near_pairs(p, q, counts)
         begun = partial(_begun, problem, pairs, valid, room_for(len(pairs), method.capacity))
         search = ClosestSearch(begun, partial(_stretch, problem, wanted), method.max_steps)
-        found = drive(search, Listener(progress, frame.length))
+        found = drive(search, Listener(progress, frame))
     return with_net_derivatives(found.solution(frame), *nets, frame, found.best)
 
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd.distance.frame.coordinates import Frame
 from jhd.solution import RESULTS, name_of, with_result
 
 # The seconds that stretches after the first two are made to last, and how much longer the next one may be.
@@ -91,21 +92,19 @@ class Listener:
 
     Args:
         progress: called with a Progress after each stretch, or None.
-        length: leads a length (and the direction in which to round it) to the user's unit; None where it is there.
+        frame: leads to the user's unit; None where lengths are in it.
     """
 
-    def __init__(
-        self, progress: Callable[[Progress], object] | None = None, length: Callable[[Any, float], Any] | None = None
-    ):
-        self._progress, self._length, self.interrupted = progress, length, False
+    def __init__(self, progress: Callable[[Progress], object] | None = None, frame: Frame | None = None):
+        self._progress, self._frame, self.interrupted = progress, frame, False
 
     def report(self, direction: Any, standing: Standing) -> None:
         """Tells how a search stands; the direction is a member of DIRECTIONS, or None."""
         if self._progress is None:
             return
         ends = standing.solution.lower, standing.solution.upper
-        if self._length is not None:
-            ends = self._length(ends[0], 0.0), self._length(ends[1], np.inf)
+        if self._frame is not None:
+            ends = self._frame.length(ends[0], 0.0), self._frame.length(ends[1], np.inf)
         name = None if direction is None else name_of(direction)
         self._progress(Progress(name, int(standing.steps), int(standing.waiting), float(ends[0]), float(ends[1])))
 

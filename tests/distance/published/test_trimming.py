@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.frame.coordinates import reported
 from jhd.distance.frame.curves import prepare
 from jhd.distance.published import algebraic, arc_bounds, farthest, trimming
 from jhd.distance.published.events import candidates as event_candidates
@@ -41,7 +42,7 @@ def by_hand(a, b, wanted=None):
     search = event_candidates.Search(algebraic.final_size(None, frame), 256, 2**23)
     candidates, stats = event_candidates.candidate_events(pair, left.pieces, search, left.feet)
     upper = trimming.upper_bound(pair, left)
-    found = frame.solution(farthest.best_of(pair, candidates, left.best, stats, search, frame, upper=upper))
+    found = reported(frame, farthest.best_of(pair, candidates, left.best, stats, search, frame, upper=upper))
     return found, pair, left
 
 
