@@ -18,14 +18,16 @@ import pytest
 os.environ["MPLBACKEND"] = "Agg"
 
 _FOLDER = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent.parent / ".jax_cache"))
+# Keeping a program takes as long as compiling one of the thousands of small ones, so they are made again.
+_WORTH = "0.1"
 # Tests in a process of their own find the same programs.
-os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = _WORTH
 os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 # Programs that the package itself keeps are of its functions as they are; tests set constants of theirs. Those that are
 # about keeping name a folder.
 os.environ.setdefault("JHD_CACHE", "0")
 jax.config.update("jax_compilation_cache_dir", _FOLDER)
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", float(_WORTH))
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 # An int serves where a float is asked for, as PEP 484 has it; counters of loops are ints where a loop is unrolled and
