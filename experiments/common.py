@@ -19,6 +19,7 @@ import jax
 import numpy as np
 
 from jhd.solution import to_plain
+from jhd.storage import chosen_folder
 
 _HERE = Path(__file__).resolve().parent
 _PACKAGES = ("jhd", "jax", "equinox", "optimistix", "numpy", "scipy")
@@ -78,9 +79,10 @@ class Run:
 
 
 def _use_cache() -> None:
-    """JAX's persistent compile cache, so that a second run compiles nothing."""
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    jax.config.update("jax_compilation_cache_dir", os.environ.get("JAX_COMPILATION_CACHE_DIR") or str(home / "jhd"))
+    """JAX's persistent compile cache, so that a second run compiles nothing; beside jhd's programs by default."""
+    ours = chosen_folder()
+    folder = os.environ.get("JAX_COMPILATION_CACHE_DIR") or (None if ours is None else str(ours / "jax"))
+    jax.config.update("jax_compilation_cache_dir", folder)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 

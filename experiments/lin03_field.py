@@ -128,6 +128,7 @@ def _measured(name: str, mesh: jhd.TriangleMesh, run: Run, full: bool) -> dict[s
 def _first_call(mesh: jhd.TriangleMesh, atol: float) -> float:
     """Seconds of the first field that a process builds, without a cache of compiled programs."""
     environment = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
+    environment["JHD_CACHE"] = "0"
     root = str(Path(__file__).resolve().parent.parent)
     environment["PYTHONPATH"] = os.pathsep.join([root, environment.get("PYTHONPATH", "")]).rstrip(os.pathsep)
     with tempfile.TemporaryDirectory() as folder:

@@ -289,6 +289,7 @@ def _in_a_fresh_process(degree: int, segments: int) -> dict[str, Any]:
     """The same fit where nothing has been compiled yet."""
     code = f"import json, outline_fit; print(json.dumps(outline_fit.fit({degree}, {segments})))"
     without = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
+    without["JHD_CACHE"] = "0"
     here = Path(__file__).resolve().parent
     done = subprocess.run([sys.executable, "-c", code], cwd=here, env=without, capture_output=True, check=True)
     return json.loads(done.stdout)

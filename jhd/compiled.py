@@ -131,15 +131,16 @@ class _Kept:
             self._known[key] = None
             return self._plain(*args)
         with self._lock:  # several threads may want one program, and none of them is to compile what another does
-            found = self._named.get(name) or load(name)
-            results = None if found is None else _tried(found[0], leaves)
-            if found is None or results is None:
+            found, results = self._named.get(name), None
+            if found is None:
+                found, results = _tried(load(name), leaves)
+            if found is None:
                 found = self._compiled(name, tree, constants, like)
                 store(name, *found)
-                results = found[0](*leaves)
             self._known[key] = self._named[name] = found
             make_room()
-        return tree_unflatten(found[1], results)
+        # Not within the lock: what is compiled here may call the host, and that this function again.
+        return tree_unflatten(found[1], found[0](*leaves) if results is None else results)
 
     def _compiled(self, name: str, tree: Any, constants: list[tuple[int, Any]], like: list[Any]) -> tuple[Any, Any]:
         made: Any = None
@@ -158,12 +159,12 @@ class _Kept:
         return program.lower(*like).compile(), made
 
 
-def _tried(run: Callable[..., Any], leaves: list[Any]) -> Any:
-    """The results of a program that was read; None where it does not run, which shows only now."""
+def _tried(found: Any, leaves: list[Any]) -> tuple[Any, Any]:
+    """A program that was read, and its results; None where it does not run, which shows only when it is to."""
     try:
-        return jax.block_until_ready(run(*leaves))
+        return found, None if found is None else jax.block_until_ready(found[0](*leaves))
     except jax.errors.JaxRuntimeError:
-        return None
+        return None, None
 
 
 def _kind(x: Any) -> Any:

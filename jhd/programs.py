@@ -28,9 +28,13 @@ import lineax as lx
 import numpy as np
 import optimistix as optx
 from jax.experimental import serialize_executable
-from jaxlib import lapack
 
 from jhd import storage
+
+try:
+    from jaxlib import lapack
+except ImportError:  # another version's; programs that call LAPACK are not kept then
+    lapack: Any = None
 
 _PACKAGE = "jhd"
 # Source that was changed after this is not what this process runs.
@@ -87,9 +91,17 @@ def name_of_program(function: Callable[..., Any], tree: Any, kinds: Any, context
         _structure(tree),
         *map(_plain, (kinds, context, options)),
     ]
-    settings = {key: value for key, value in jax.config.values.items() if not _ASIDE.match(key)}
+    settings = {key: value for key, value in _settings().items() if not _ASIDE.match(key)}
     current = [f"{key}={getattr(jax.config, key, value)!r}" for key, value in sorted(settings.items())]
     return "\n".join([*asked, *_surroundings(), _constants(function.__module__), *current])
+
+
+def _settings() -> dict[str, Any]:
+    """All settings of JAX as the process has them; a thread may have others."""
+    found = getattr(jax.config, "values", None)
+    if not found:
+        raise NotKeptError("settings")
+    return found
 
 
 def load(name: str) -> tuple[Callable[..., Any], Any] | None:
@@ -125,7 +137,7 @@ def store(name: str, run: Any, made: Any) -> bool:
         return False
     try:
         targets = sorted(set(_TARGETS.findall(run.as_text())))
-        if not all(target in _INSIDE or target.startswith(_LAPACK) for target in targets):
+        if not all(target in _INSIDE or (lapack is not None and target.startswith(_LAPACK)) for target in targets):
             return False
         example = jax.tree_util.tree_unflatten(made, [0] * made.num_leaves)
         if jax.tree_util.tree_structure(pickle.loads(pickle.dumps(example))) != made:

@@ -245,6 +245,14 @@ def check_throughput(numbers):
         assert all(entry["seconds"] > 0 for entry in (*found["batches"], *found["loops"].values()))
 
 
+def check_first_call(numbers):
+    for entry in numbers["entries"].values():
+        assert entry["without"]["bounds"] == entry["first"]["bounds"] == entry["second"]["bounds"]
+        assert entry["without"]["read"] == entry["first"]["read"] == 0 < entry["second"]["read"]
+        assert entry["second"]["compiled"] == 0 < entry["first"]["compiled"]
+        assert entry["without"]["phases"]["writing"] == 0 < entry["first"]["phases"]["writing"]
+
+
 def check_scaling(numbers):
     for entry in (entry for entries in numbers["kinds"].values() for entry in entries):
         assert entry["gap"] <= 1e-10 and entry["cells"] < 500 and entry["cells, both"] >= entry["cells"]

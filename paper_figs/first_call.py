@@ -1,0 +1,56 @@
+"""CPU seconds of the first call of a process by phase: without a folder of programs, filling one, and with it filled.
+
+Numbers by first_call's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLUE, GREEN, GREY, MM, ORANGE, PURPLE, Picture, style
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+# Phases from left to right, with their colour and hatch.
+_PHASES = {
+    "tracing": ("tracing and lowering", ORANGE, "//"),
+    "XLA": ("XLA", PURPLE, ""),
+    "writing": ("writing programs", GREEN, ".."),
+    "reading": ("reading programs", BLUE, "xx"),
+    "rest": ("the rest; all, where not told apart", GREY, ""),
+}
+_WAYS = {"without": "no folder", "first": "empty folder", "second": "filled folder"}
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers["entries"]))
+
+
+def _figure(entries: dict[str, Any]) -> Figure:
+    with style():
+        figure = Figure(figsize=(175 * MM, (24 + 14 * len(entries)) * MM), layout="constrained")
+        ax: Any = figure.subplots()
+        places = [4 * k + i for k in range(len(entries)) for i in range(len(_WAYS))]
+        rows = [entry[way] for entry in entries.values() for way in _WAYS]
+        left = np.zeros(len(rows))
+        for phase, (_, colour, hatch) in _PHASES.items():
+            widths = np.array([row["phases"][phase] for row in rows])
+            ax.barh(places, widths, left=left, color=colour, hatch=hatch, edgecolor="white", linewidth=0.3)
+            left += widths
+        for place, row in zip(places, rows, strict=True):
+            ax.annotate(
+                f"{row['seconds']:.2f}", (row["seconds"], place), (2, 0), textcoords="offset points", va="center"
+            )
+        ax.set_yticks(
+            places, [f"{name}, {way}" if way == "no folder" else way for name in entries for way in _WAYS.values()]
+        )
+        ax.invert_yaxis()
+        ax.set_xlabel("CPU seconds after the import")
+        keys = [Patch(facecolor=colour, hatch=hatch, label=name) for name, colour, hatch in _PHASES.values()]
+        figure.legend(handles=keys, loc="outside upper center", ncols=3)
+    return figure
+
+
+if __name__ == "__main__":
+    main()
