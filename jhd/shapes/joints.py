@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Int
 
 from jhd.arrays import array_of, is_traced
@@ -23,6 +24,8 @@ def joints(control_points: Array) -> Int[Array, " segments"]:
 
     A segment that is one point follows none but the one before it in the list: it is no way on from an end.
     """
+    # Whole numbers have no derivatives: where only these are traced, the points are known.
+    control_points = lax.stop_gradient(control_points)
     count, points = control_points.shape[-3], control_points.shape[-2]
     if points == 1:
         return array_of(np.full((count,), -1))

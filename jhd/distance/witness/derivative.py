@@ -69,11 +69,12 @@ class _Rows(NamedTuple):
     weights: Any
 
 
-class _Slopes(NamedTuple):
-    """The derivatives of all numbers of an answer in the three segments of each curve that it touches, and which."""
+class _Touched(NamedTuple):
+    """The three segments of each curve that an answer touches, their numbers, and which of them are looked at on b."""
 
-    of: tuple[_Rows, _Rows]
+    rows: tuple[_Rows, _Rows]
     segments: tuple[Array, Array]
+    of_b: Array
 
 
 def with_derivatives(solution: HausdorffSolution, a: BezierSegments, b: BezierSegments, frame: Frame) -> Any:
@@ -115,11 +116,13 @@ def _moving(
 
 def _moving_rule(primals: tuple, tangents: tuple) -> tuple[tuple[_Answer, ...], tuple[_Answer, ...]]:
     answers, curves, kinds, frame = primals
-    # All slopes by a program of its own, which is kept: where the curves are known the rest is a few sums.
-    slopes = _slopes(answers, curves, kinds, frame)
+    # All slopes by a program of its own, which is kept for curves of any length: where the curves are known the rest is
+    # a few sums.
+    touched = _touched(curves, kinds)
+    slopes = _slopes(answers, touched.rows, touched.of_b, kinds, frame)
     moved = [
         (slope, segments, x)
-        for rows, segments, change in zip(slopes.of, slopes.segments, tangents[1], strict=True)
+        for rows, segments, change in zip(slopes, touched.segments, tangents[1], strict=True)
         for slope, x in zip(rows, change, strict=True)
         if x is not None and not isinstance(x, SymbolicZero)
     ]
@@ -140,28 +143,41 @@ def _changed(answers: tuple[_Answer, ...], moved: list[tuple[Array, Array, Array
 
 
 @compiled
-def _slopes(
-    answers: tuple[_Answer, ...], curves: tuple[_Rows, _Rows], kinds: tuple[_Constants, ...], frame: Frame
-) -> _Slopes:
-    answer, kind = (jax.tree_util.tree_map(lambda *x: jnp.stack(x), *each) for each in (answers, kinds))
-    return jax.vmap(_slopes_of, in_axes=(0, 0, None, None))(answer, kind, curves, frame)
-
-
-def _slopes_of(answer: _Answer, kind: _Constants, curves: tuple[_Rows, _Rows], frame: Frame) -> _Slopes:
+def _touched(curves: tuple[_Rows, _Rows], kinds: tuple[_Constants, ...]) -> _Touched:
+    """What each of several answers touches, stacked."""
+    kind = _stacked(kinds)
     turned = kind.direction == DIRECTIONS.b_to_a
-    of_b, touched = jnp.stack([turned, ~turned, ~turned]), jnp.append(kind.segment, kind.foot_segments)
+    of_b = jnp.stack([turned, ~turned, ~turned], axis=1)
+    touched = jnp.concatenate([kind.segment[:, None], kind.foot_segments], axis=1)
     # The curve that does not carry it lends its first segment, which is not looked at.
     segments = jnp.where(of_b, 0, touched), jnp.where(of_b, touched, 0)
-    rows: Any = tuple(
-        jax.tree_util.tree_map(lambda x, k=k: x[k], curve) for curve, k in zip(curves, segments, strict=True)
-    )
+    a, b = (jax.tree_util.tree_map(lambda x, k=k: x[k], curve) for curve, k in zip(curves, segments, strict=True))
+    return _Touched((a, b), segments, of_b)
 
-    def change(moved: tuple[_Rows, _Rows]) -> Array:
-        pieces, pieces_dot = jax.jvp(lambda rows: _pieces(rows, of_b, frame), (rows,), (moved,))
-        return _change(answer, pieces, pieces_dot, frame.scale(answer.value.dtype), kind).vector()
 
-    # It is linear: its slopes anywhere are those of the answer.
-    return _Slopes(jax.jacrev(change)(jax.tree_util.tree_map(jnp.zeros_like, rows)), segments)
+@compiled
+def _slopes(
+    answers: tuple[_Answer, ...],
+    rows: tuple[_Rows, _Rows],
+    of_b: Array,
+    kinds: tuple[_Constants, ...],
+    frame: Frame,
+) -> tuple[_Rows, _Rows]:
+    """The derivatives of all numbers of each answer in the rows that it touches."""
+
+    def one(answer: _Answer, rows: tuple[_Rows, _Rows], of_b: Array, kind: _Constants) -> tuple[_Rows, _Rows]:
+        def change(moved: tuple[_Rows, _Rows]) -> Array:
+            pieces, pieces_dot = jax.jvp(lambda rows: _pieces(rows, of_b, frame), (rows,), (moved,))
+            return _change(answer, pieces, pieces_dot, frame.scale(answer.value.dtype), kind).vector()
+
+        # It is linear: its slopes anywhere are those of the answer.
+        return jax.jacrev(change)(jax.tree_util.tree_map(jnp.zeros_like, rows))
+
+    return jax.vmap(one)(_stacked(answers), rows, of_b, _stacked(kinds))
+
+
+def _stacked(each: tuple) -> Any:
+    return jax.tree_util.tree_map(lambda *x: jnp.stack(x), *each)
 
 
 def _pieces(rows: tuple[_Rows, _Rows], of_b: Array, frame: Frame) -> active.Pieces:
