@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from jhd.arrays import is_traced, real_array
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
-from jhd.shapes.homogeneous import cartesian, elevate, evaluate, hodograph, homogeneous, restrict, split
+from jhd.shapes.homogeneous import cartesian, elevate, evaluate, hodograph, restrict, split
 
 
 class BezierCurve(AbstractCurve):
@@ -44,16 +44,6 @@ class BezierCurve(AbstractCurve):
     def degree(self) -> int:
         """Degree of the curve."""
         return self.control_points.shape[-2] - 1
-
-    @property
-    def dim(self) -> int:
-        """Number of coordinates."""
-        return self.control_points.shape[-1]
-
-    @property
-    def homogeneous(self) -> Float[Array, "points width"]:
-        """The control points times their weights, and the weights as one more coordinate where there are any."""
-        return homogeneous(self.control_points, self.weights)
 
     def with_homogeneous(self, homogeneous: Array) -> "BezierCurve":
         """A curve from control points in the form of `homogeneous`, polynomial or rational as this one is."""

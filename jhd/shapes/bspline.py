@@ -141,20 +141,10 @@ class BSplineCurve(AbstractCurve):
         return self.knots.shape[-1] - self.control_points.shape[-2] - 1
 
     @property
-    def dim(self) -> int:
-        """Number of coordinates."""
-        return self.control_points.shape[-1]
-
-    @property
     def domain(self) -> tuple[Array, Array]:
         """First and last parameter of the curve."""
         last = self.knots.shape[-1] - 1
         return self.knots[..., self.degree], self.knots[..., last if self.periodic else last - self.degree]
-
-    @property
-    def homogeneous(self) -> Float[Array, "points width"]:
-        """The control points times their weights, and the weights as one more coordinate where there are any."""
-        return homogeneous(self.control_points, self.weights)
 
     def opened(self) -> "BSplineCurve":
         """The same curve as an open spline: a periodic one repeats its first points and knots at the end."""

@@ -13,9 +13,9 @@ from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import affine_image
-from jhd.shapes.homogeneous import cartesian, homogeneous, in_unit, out_of_unit
+from jhd.shapes.homogeneous import cartesian, in_unit, out_of_unit
 from jhd.shapes.knots import bezier_pieces, evaluate
-from jhd.shapes.patch import AbstractPatch, BezierPatches, checked_net, points_at
+from jhd.shapes.patch import AbstractPatch, BezierPatches, checked_net
 
 
 class BSplineSurface(AbstractPatch):
@@ -91,16 +91,6 @@ class BSplineSurface(AbstractPatch):
         """First and last parameter in u and in v."""
         (p, q), (rows, columns) = self.degrees, self.control_points.shape[-3:-1]
         return (self.knots_u[p], self.knots_u[rows]), (self.knots_v[q], self.knots_v[columns])
-
-    @property
-    def homogeneous(self) -> Float[Array, "rows columns width"]:
-        """The control points times their weights, and the weights as one more coordinate where there are any."""
-        return homogeneous(self.control_points, self.weights)
-
-    def __call__(self, u: Numbers, v: Numbers) -> Array:
-        """Points at parameters that broadcast, by de Boor's algorithm in u and then in v."""
-        u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
-        return points_at(self, u, v)
 
     def _value(self, u: Array, v: Array) -> Array:
         (p, q), h = self.degrees, self.homogeneous

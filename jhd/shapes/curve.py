@@ -25,6 +25,9 @@ from jhd.shapes.joints import completed, joints, turned
 class AbstractCurve(eqx.Module):
     """A curve in the plane or in space. Points are rows; parameters are scalars or arrays of any shape."""
 
+    control_points: eqx.AbstractVar[Array]
+    weights: eqx.AbstractVar[Array | None]
+
     @abstractmethod
     def __call__(self, t: Numbers) -> Array:
         """Points at the parameters t: shape (*t.shape, dim)."""
@@ -52,6 +55,16 @@ class AbstractCurve(eqx.Module):
     @abstractmethod
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "AbstractCurve":
         """The image under x -> matrix x + offset; differentiable in both."""
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates."""
+        return self.control_points.shape[-1]
+
+    @property
+    def homogeneous(self) -> Float[Array, "*rows width"]:
+        """The control points times their weights, and the weights as one more coordinate where there are any."""
+        return homogeneous(self.control_points, self.weights)
 
     def box(self) -> tuple[Array, Array]:
         """Lower and upper corner of the box of all control points; the curve lies inside, as weights are positive."""
@@ -106,16 +119,6 @@ class BezierSegments(AbstractCurve):
     def degree(self) -> int:
         """Degree of the segments."""
         return self.control_points.shape[-2] - 1
-
-    @property
-    def dim(self) -> int:
-        """Number of coordinates."""
-        return self.control_points.shape[-1]
-
-    @property
-    def homogeneous(self) -> Float[Array, "segments points width"]:
-        """The control points times their weights, and the weights as one more coordinate where there are any."""
-        return homogeneous(self.control_points, self.weights)
 
     def with_homogeneous(self, homogeneous: Array, following: Array | None = None) -> "BezierSegments":
         """Segments from control points in the form of `homogeneous`, polynomial or rational as this curve is."""

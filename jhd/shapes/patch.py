@@ -48,9 +48,12 @@ class PatchMesh(NamedTuple):
 class AbstractPatch(eqx.Module):
     """A parametric surface in space. Points are rows; parameters u, v are scalars or arrays that broadcast."""
 
+    control_points: eqx.AbstractVar[Array]
+    weights: eqx.AbstractVar[Array | None]
+
     @abstractmethod
-    def __call__(self, u: Numbers, v: Numbers) -> Array:
-        """Points at the parameters: shape (*batch, 3)."""
+    def _value(self, u: Array, v: Array) -> Array:
+        """The point at two numbers."""
 
     @abstractmethod
     def patches(self) -> "BezierPatches":
@@ -64,6 +67,16 @@ class AbstractPatch(eqx.Module):
     def dim(self) -> int:
         """Number of coordinates."""
         return 3
+
+    @property
+    def homogeneous(self) -> Float[Array, "*rows width"]:
+        """The control points times their weights, and the weights as one more coordinate where there are any."""
+        return homogeneous(self.control_points, self.weights)
+
+    def __call__(self, u: Numbers, v: Numbers) -> Array:
+        """Points at the parameters, which broadcast: shape (*batch, 3)."""
+        u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
+        return points_at(self, u, v)
 
     def box(self) -> tuple[Array, Array]:
         """Lower and upper corner of the box of all control points; the surface lies inside, as weights are positive."""
@@ -131,19 +144,9 @@ class BezierPatch(AbstractPatch):
         """Degrees in u and in v."""
         return self.control_points.shape[-3] - 1, self.control_points.shape[-2] - 1
 
-    @property
-    def homogeneous(self) -> Float[Array, "rows columns width"]:
-        """The control points times their weights, and the weights as one more coordinate where there are any."""
-        return homogeneous(self.control_points, self.weights)
-
     def with_homogeneous(self, homogeneous: Array) -> "BezierPatch":
         """A patch from control points in the form of `homogeneous`, polynomial or rational as this one is."""
         return BezierPatch(*cartesian(homogeneous, self.weights is not None))
-
-    def __call__(self, u: Numbers, v: Numbers) -> Array:
-        """Points at parameters that broadcast, in [0, 1] for the patch itself."""
-        u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
-        return points_at(self, u, v)
 
     def _value(self, u: Array, v: Array) -> Array:
         value = bernstein.evaluate(bernstein.evaluate(self.homogeneous, u, axis=0), v, axis=0)
@@ -221,16 +224,6 @@ class BezierPatches(AbstractPatch):
     def degrees(self) -> tuple[int, int]:
         """Degrees in u and in v."""
         return self.control_points.shape[-3] - 1, self.control_points.shape[-2] - 1
-
-    @property
-    def homogeneous(self) -> Float[Array, "patches rows columns width"]:
-        """The control points times their weights, and the weights as one more coordinate where there are any."""
-        return homogeneous(self.control_points, self.weights)
-
-    def __call__(self, u: Numbers, v: Numbers) -> Array:
-        """Points at parameters that broadcast; see the class."""
-        u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
-        return points_at(self, u, v)
 
     def _value(self, u: Array, v: Array) -> Array:
         patch = jnp.clip(jnp.floor(u), 0, self.count - 1)
