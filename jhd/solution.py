@@ -106,7 +106,24 @@ class Witness(eqx.Module):
         return f"Witness({shown}, {ends}, direction={name_of(self.direction)})"
 
 
-class HausdorffSolution(eqx.Module):
+class AbstractDistance(eqx.Module):
+    """A distance with what is proven of it."""
+
+    value: eqx.AbstractVar[Array]
+
+    def __float__(self) -> float:
+        return float(self.value)
+
+    def to_json(self, **options: Any) -> str:
+        """The solution as JSON text: bounds that are not proven are null, enumerations are names.
+
+        Args:
+            options: handed to json.dumps, for example indent=2.
+        """
+        return json.dumps(to_plain(self), **options)
+
+
+class HausdorffSolution(AbstractDistance):
     """A Hausdorff distance with its bounds: lower <= exact <= upper.
 
     `value` is what to differentiate. upper is inf where the method proves no upper bound, lower 0 where it proves no
@@ -137,9 +154,6 @@ class HausdorffSolution(eqx.Module):
         """The direction of the witness."""
         return self.witness.direction
 
-    def __float__(self) -> float:
-        return float(self.value)
-
     def __repr__(self) -> str:
         if is_traced(self.value) or np.ndim(self.value) > 0:
             return f"HausdorffSolution(value={eqx.tree_pformat(self.value)},\n  a batch or traced; index or vmap it)"
@@ -150,16 +164,8 @@ class HausdorffSolution(eqx.Module):
             f"{name_of(self.result)})"
         )
 
-    def to_json(self, **options: Any) -> str:
-        """The solution as JSON text: bounds that are not proven are null, enumerations are names.
 
-        Args:
-            options: handed to json.dumps, for example indent=2.
-        """
-        return json.dumps(to_plain(self), **options)
-
-
-class MinimumSolution(eqx.Module):
+class MinimumSolution(AbstractDistance):
     """A minimum distance of two shapes with its bounds: lower <= exact <= upper.
 
     `value` is what to differentiate; it is about the distance of the two points. Where the shapes meet, `lower` is 0
@@ -183,9 +189,6 @@ class MinimumSolution(eqx.Module):
     result: Any
     stats: dict[str, Array]
 
-    def __float__(self) -> float:
-        return float(self.value)
-
     def __repr__(self) -> str:
         if is_traced(self.value) or np.ndim(self.value) > 0:
             return f"MinimumSolution(value={eqx.tree_pformat(self.value)},\n  a batch or traced; index or vmap it)"
@@ -194,14 +197,6 @@ class MinimumSolution(eqx.Module):
             f"MinimumSolution(value={float(self.value)!r}, lower={float(self.lower)!r}, "
             f"upper={float(self.upper)!r},\n  between ({places[0]}) and ({places[1]}), {name_of(self.result)})"
         )
-
-    def to_json(self, **options: Any) -> str:
-        """The solution as JSON text: bounds that are not proven are null, enumerations are names.
-
-        Args:
-            options: handed to json.dumps, for example indent=2.
-        """
-        return json.dumps(to_plain(self), **options)
 
 
 class Projection(eqx.Module):
