@@ -391,16 +391,37 @@ print([float(x).hex() for x in run(np.array([[3.0, 1.0], [1.0, 2.0]]))[0]])
     np.testing.assert_allclose(found, [(5 + 5**0.5) / 2, (5 - 5**0.5) / 2], rtol=1e-14)
 
 
+def test_results_stay_on_the_devices_of_the_arguments_and_only_those_of_the_first_are_kept(tmp_path):
+    script = """
+import jax, numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
+from jhd.distance.search.tree_pairs import _middles
+first, second = jax.devices()
+boxes = np.arange(96.0).reshape(2, 6, 8)
+for place in (first, second, NamedSharding(jax.make_mesh((2,), ("i",)), PartitionSpec("i"))):
+    x = jax.device_put(boxes, place)
+    y = _middles(x, x)
+    print(sorted(device.id for device in y.devices()), y.committed)
+with jax.default_device(second):
+    print(sorted(device.id for device in _middles(boxes, boxes).devices()))
+"""
+    (out,) = in_processes(1, script, tmp_path, JAX_NUM_CPU_DEVICES="2")
+    assert out.splitlines() == ["[0] True", "[1] True", "[0, 1] True", "[1]"]
+    assert files(tmp_path / "programs") == []
+    uncommitted = script.split("for place")[0] + "print(_middles(boxes, boxes).devices() == {first})"
+    assert in_processes(1, uncommitted, tmp_path, JAX_NUM_CPU_DEVICES="2") == ["True\n"]
+    assert len(files(tmp_path / "programs")) == 1
+
+
 @pytest.mark.slow
 def test_eight_processes_with_one_empty_folder_answer_alike_and_so_do_those_after_them(tmp_path):
     script = """
 import numpy as np, jhd
-r = np.random.default_rng(3)
-out = []
-for weights in (None, r.uniform(1, 2, 4)):
-    a, b = jhd.BezierCurve(r.normal(size=(4, 2)), weights), jhd.BezierCurve(r.normal(size=(4, 2)), weights)
-    s = jhd.hausdorff(a, b)
-    out += [np.asarray(x).tobytes().hex() for x in (s.lower, s.upper, s.value, s.witness.feet)]
+corners = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+a, b = (jhd.TriangleMesh(corners @ [[1, x, 0], [0, 1, 0], [0, 0, 1]] + [x, 0, 0], faces) for x in (0.0, 0.3))
+s = jhd.hausdorff(a, b)
+out = [np.asarray(x).tobytes().hex() for x in (s.lower, s.upper, s.value, s.witness.feet)]
 print(out)
 """
     (without,) = in_processes(1, script, 0)
