@@ -598,3 +598,16 @@ def test_joints_are_the_same_known_and_traced_and_of_many_loose_segments_found_b
     loose[123, 0] = loose[19_876, 1]
     found = np.asarray(joints(jnp.asarray(loose)))
     assert found[19_876] == 123 and np.sum(found >= 0) == 1
+
+
+def test_joints_of_points_that_are_differentiated_are_known():
+    seen = []
+
+    def length(points):
+        seen.append(BezierSegments(points).following)
+        return jnp.sum(points)
+
+    square = jnp.array([[[0.0, 0.0], [1.0, 0.0]], [[1.0, 0.0], [1.0, 1.0]], [[1.0, 1.0], [0.0, 0.0]]])
+    jax.grad(length)(square)
+    jax.jvp(length, (square,), (square,))
+    assert [following.tolist() for following in seen] == [[1, 2, 0], [1, 2, 0]]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.witness import derivative
 from jhd.solution import name_of
 
 # Step of the differences, and what is allowed of their error: h^2 times third derivatives, and 1e-15 / h of rounding.
@@ -109,6 +110,7 @@ def test_the_gradient_agrees_for_every_event_and_kind_of_shape(entry):
     assert set(events) >= {"a_end", "b_end", "antipodal", "one_to_two", "corner"}
 
 
+ROWS = [[0.0, 0.0], [1.0, 2.0], [3.0, -1.0], [4.0, 0.0]]
 PARABOLA = jnp.array([[-2.0, 4.0], [0.0, -4.0], [2.0, 4.0]])
 
 
@@ -177,6 +179,22 @@ def test_forward_and_reverse_mode_agree_and_batches_equal_single_calls():
     np.testing.assert_allclose(batched, single, rtol=1e-12, atol=1e-14)
     forward = jax.jacfwd(_value)(rows[0])
     np.testing.assert_allclose(forward, single[0], rtol=1e-12, atol=1e-14)
+
+
+def test_gradients_of_curves_of_any_length_share_the_program_of_the_slopes(monkeypatch):
+    traced, pieces = [], derivative._pieces
+    monkeypatch.setattr(
+        derivative, "_pieces", lambda rows, *rest: traced.append(rows[0].points.shape) or pieces(rows, *rest)
+    )
+
+    def gradient(count):
+        rows = np.random.default_rng(count).normal(size=(count, 4, 2))
+        return jax.grad(lambda x: jhd.hausdorff(jhd.BezierSegments(x), jhd.BezierCurve(ROWS)).value)(jnp.asarray(rows))
+
+    assert np.any(np.asarray(gradient(2)))
+    traced.clear()
+    assert np.any(np.asarray(gradient(5)))
+    assert not traced
 
 
 def test_at_distance_zero_the_gradient_is_zero():
