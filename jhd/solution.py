@@ -67,8 +67,8 @@ def in_direction(solution: Any, direction: Any) -> Any:
 class Witness(eqx.Module):
     """Where a directed Hausdorff distance is attained; `direction` says which shape carries it and which the feet.
 
-    Where `hausdorff` takes points and a surface or mesh, `t` and `foot_params` have the shapes of the richer direction:
-    the number that belongs to a point is repeated, and says nothing.
+    Where `hausdorff` takes shapes of two kinds, `t` and `foot_params` have the shapes of the richer direction: a single
+    number is repeated, and (u, v) is followed by a zero.
 
     Args:
         segment: index of the segment that carries the point; of points, of the point; of a mesh, of its triangle; of a
@@ -91,7 +91,7 @@ class Witness(eqx.Module):
     point: Float[Array, "*batch dim"]
     feet: Float[Array, "*batch feet dim"]
     foot_segments: Int[Array, "*batch feet"]
-    foot_params: Float[Array, "*batch feet"] | Float[Array, "*batch feet corners"]
+    foot_params: Float[Array, "*batch feet"] | Float[Array, "*batch feet parameters"]
     multipliers: Float[Array, "*batch feet"]
     event: Any
     direction: Any

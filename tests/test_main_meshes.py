@@ -70,7 +70,7 @@ def test_a_field_is_stored_and_turned_into_a_mesh(run):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("distance", "a.ply", "M0 0 L1 1"), "b must be a TriangleMesh"),
+        (("distance", "a.ply", "M0 0 L1 1"), "a has 3 coordinates a point and b has 2"),
         (("distance", "a.ply", "b.obj", "--method", "two-step"), "for TriangleMesh and TriangleMesh; got TwoStep"),
         (("distance", "a.ply", "b.obj", "--certificate", "c.json"), "certificates are for curves"),
         (("distance", "a.ply", "c.stl"), "c.stl"),

@@ -36,20 +36,24 @@ def directed_hausdorff(
     """Directed Hausdorff distance: the maximum over a of the minimum over b of the distance.
 
     The distance is that of the stored numbers (Bezier segments, coefficients, triangles) taken as real. Works under jit
-    and vmap, where checks of values are left out and `throw` is ignored: read `result`. Meshes, and points with
-    surfaces, are searched from the host, there too.
+    and vmap, where checks of values are left out and `throw` is ignored: read `result`. Meshes, parametric surfaces,
+    and shapes of two kinds are searched from the host, there too.
 
     The value is differentiable in all arrays of both shapes: twice between curves, between implicit surfaces, and from
-    points to anything but a mesh; once (first derivatives) where one is a mesh, or a is a surface and b points. The
-    gradient in a surface that is measured to points is good to about the root of the gap (1e-5 by default), as its
-    farthest place is not polished. CubeIntervals() has no derivatives.
+    points to anything but a mesh; once (first derivatives) between meshes, between parametric surfaces and for other
+    shapes of two kinds. There the gradient is good to about the root of the gap (1e-5 by default), as the farthest
+    place is not polished. CubeIntervals() has no derivatives.
+
+    Between parametric surfaces, and shapes of two kinds, the cost grows like diagonal / gap where the distance is
+    constant over a whole part of a (a shape and its offset); the bounds are then true and wider, as
+    RESULTS.gap_not_closed.
 
     Args:
         a: the shape whose farthest point is looked for: points (jhd.points), a curve, an ImplicitSurface, a mesh, or a
             parametric surface (BezierPatch, BezierPatches, BSplineSurface).
-        b: the shape that distances are taken to, of the same dimension. Curves go with curves, implicit surfaces with
-            implicit surfaces and meshes with meshes; points go with every kind, parametric surfaces with points alone.
-        method: how; by default BranchAndBound(). CubeIntervals() serves implicit surfaces, not under jit.
+        b: the shape that distances are taken to, of any of these kinds and of the same dimension.
+        method: how; by default BranchAndBound(), which serves all. CubeIntervals() serves implicit surfaces, not under
+            jit; TwoStep(), BiarcTrimming() and AlgebraicEvents() serve curves.
         throw: whether to raise where the method did not reach what it promises.
         progress: called with a Progress now and then while the search lasts (by CubeIntervals with a VoxelProgress);
             not under jit. Ctrl-C ends the search with the bounds reached, as RESULTS.interrupted.
@@ -58,7 +62,7 @@ def directed_hausdorff(
         The distance with its bounds, in the unit of the coordinates.
 
     Raises:
-        TypeError: shapes that do not go together, or a method that does not serve them.
+        TypeError: what is no shape, or a method that does not serve them.
         ValueError: shapes of different dimensions, or a surface proven empty in its box.
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
@@ -82,7 +86,7 @@ def hausdorff(
     Args:
         a: points (jhd.points), a curve, an ImplicitSurface, a mesh, or a parametric surface (BezierPatch,
             BezierPatches, BSplineSurface).
-        b: a shape of the same dimension that goes with it, see `directed_hausdorff`.
+        b: another of these, of the same dimension.
         method: how; by default BranchAndBound(). CubeIntervals() serves implicit surfaces, not under jit.
         throw: whether to raise where the method did not reach what it promises.
         progress: as for `directed_hausdorff`.
@@ -91,7 +95,7 @@ def hausdorff(
         The distance with its bounds, in the unit of the coordinates.
 
     Raises:
-        TypeError: shapes that do not go together, or a method that does not serve them.
+        TypeError: what is no shape, or a method that does not serve them.
         ValueError: shapes of different dimensions, or a surface proven empty in its box.
         NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
     """
@@ -116,7 +120,7 @@ def hausdorff_at_most(
     Args:
         a: points (jhd.points), a curve, an ImplicitSurface, a mesh, or a parametric surface (BezierPatch,
             BezierPatches, BSplineSurface).
-        b: a shape of the same dimension that goes with it, see `directed_hausdorff`.
+        b: another of these, of the same dimension.
         threshold: a length of at least 0, in the unit of the coordinates.
         method: options of the search; its tolerance says when it gives up.
         progress: as for `directed_hausdorff`.
@@ -125,7 +129,7 @@ def hausdorff_at_most(
         The answer with the bounds of the distance that were reached; `result` says why where it is undecided.
 
     Raises:
-        TypeError: shapes that do not go together, or another method than BranchAndBound.
+        TypeError: what is no shape, or another method than BranchAndBound.
         ValueError: shapes of different dimensions, a surface proven empty in its box, or a threshold that is no length.
     """
     method = default_method() if method is None else method

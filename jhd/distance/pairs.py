@@ -30,7 +30,8 @@ from jhd.distance.search.branch_and_bound import BranchAndBound, default_method,
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd.distance.search.meshes import mesh_directed
-from jhd.distance.search.points import is_points, points_directed
+from jhd.distance.search.mixes import dtype_of, mixed_directed
+from jhd.distance.search.points import is_points
 from jhd.distance.search.search import Listener, Standing, drive
 from jhd.distance.search.solutions import CoveredPair, target
 from jhd.distance.witness.derivative import with_derivatives
@@ -103,15 +104,9 @@ def pair_of(a: Shape, b: Shape, method: AbstractHausdorffMethod | None, progress
         ValueError: curves of different dimensions, or a surface proven empty in its box.
     """
     method = default_method() if method is None else method
-    if _with_points(a, b, method):
-        check_serves(method, a, b, _METHODS)
-        return PointPair(a, b, method, progress)
-    check, kind = next((check, kind) for known, check, kind in _KINDS if isinstance(a, known) or isinstance(b, known))
-    check("a", a)
-    check("b", b)
+    _check_shapes(a, b)
     check_serves(method, a, b, _METHODS)
-    kind = CubePair if isinstance(method, CubeIntervals) else kind
-    return kind(a, b, method, progress)
+    return _pair_for(a, b, method)(a, b, method, progress)
 
 
 class CurvePair(AbstractPair):
@@ -244,8 +239,8 @@ class MeshPair(AbstractPair):
         return larger(self.differentiable(there), self.differentiable(back))
 
 
-class PointPair(AbstractPair):
-    """A set of points and a shape, in their own coordinates; a measured distance has its derivatives already."""
+class MixedPair(AbstractPair):
+    """Two shapes of any kinds, in their own coordinates; a measured distance has its derivatives already."""
 
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         self._method, self._listener = method, Listener(progress)
@@ -261,10 +256,9 @@ class PointPair(AbstractPair):
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """See AbstractPair."""
         a, b = self._given[::-1] if turned else self._given
-        points = a if is_points(a) else b
-        aim = jax.lax.stop_gradient(aim_at(level, ceiling, points.control_points.dtype))
+        aim = jax.lax.stop_gradient(aim_at(level, ceiling, dtype_of(a)))
         direction = _direction(turned)
-        return in_direction(points_directed(a, b, self._method, aim, self._listener, direction), direction)
+        return in_direction(mixed_directed(a, b, self._method, aim, self._listener, direction), direction)
 
     def traced_search(self, *numbers: Any) -> None:
         """See AbstractPair."""
@@ -316,26 +310,40 @@ class CubePair(AbstractPair):
 
 # What serves at all, in the order in which it is named.
 _METHODS = BranchAndBound, TwoStep, BiarcTrimming, AlgebraicEvents, CubeIntervals
-# A pair belongs to the first of these kinds that one of its shapes is of; anything else is not a shape.
-_KINDS: tuple[tuple[type, Callable[[str, Any], None], Callable[..., AbstractPair]], ...] = (
-    (TriangleMesh, check_mesh, MeshPair),
-    (ImplicitSurface, check_surface, SurfacePair),
-    (object, check_curve, CurvePair),
+# Two shapes of one of these kinds have an engine of their own; all others are mixed.
+_ENGINES: tuple[tuple[type, Callable[..., AbstractPair]], ...] = (
+    (AbstractCurve, CurvePair),
+    (ImplicitSurface, SurfacePair),
+    (TriangleMesh, MeshPair),
+)
+_CHECKS: tuple[tuple[type, Callable[[str, Any], None]], ...] = (
+    (TriangleMesh, check_mesh),
+    (ImplicitSurface, check_surface),
 )
 
 
-def _with_points(a: Any, b: Any, method: Any) -> bool:
-    """Whether a pair is for the searches of sets of points."""
-    if not (is_points(a) or is_points(b)):
-        return False
-    if not (is_points(a) and is_points(b)):
-        return any(isinstance(shape, TriangleMesh | AbstractPatch | ImplicitSurface) for shape in (a, b))
-    known = not is_tracing(jax.lax.stop_gradient((a, b)), method)
-    return known and isinstance(method, BranchAndBound)
+def _check_shapes(a: Any, b: Any) -> None:
+    """Raises TypeError for what is no shape, naming what goes with the other one."""
+    kind = next((check for known, check in _CHECKS if isinstance(a, known) or isinstance(b, known)), check_curve)
+    for name, shape in (("a", a), ("b", b)):
+        if not isinstance(shape, Shape):
+            kind(name, shape)
+
+
+def _pair_for(a: Any, b: Any, method: Any) -> Callable[..., AbstractPair]:
+    """What measures two shapes under a method that serves them."""
+    if isinstance(method, CubeIntervals):
+        return CubePair
+    # Points among themselves are searched by trees where they are known, else as curves in one program.
+    if is_points(a) and is_points(b) and isinstance(method, BranchAndBound):
+        return CurvePair if is_tracing(jax.lax.stop_gradient((a, b)), method) else MixedPair
+    return next((pair for kind, pair in _ENGINES if isinstance(a, kind) and isinstance(b, kind)), MixedPair)
 
 
 def _working(shape: Any) -> Any:
     """The form of a shape that searches take."""
+    if isinstance(shape, AbstractCurve):
+        return shape.segments()
     return shape.patches() if isinstance(shape, AbstractPatch) else shape
 
 

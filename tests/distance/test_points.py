@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import KDTree
 
 import jhd
-from jhd.distance.search.to_points import ToPointsSearch
+from jhd.distance.search.farthest_place import FarthestSearch
 from jhd.solution import name_of
 
 RNG = np.random.default_rng(31)
@@ -113,7 +113,7 @@ def test_points_are_refused_where_they_do_not_fit():
 
 
 def test_an_interruption_in_one_direction_keeps_the_bounds_of_both(monkeypatch):
-    monkeypatch.setattr(ToPointsSearch, "first_steps", 1)
+    monkeypatch.setattr(FarthestSearch, "first_steps", 1)
     points, calls = jhd.points(np.random.default_rng(6).normal(size=(400, 3)) + [1.5, 1.5, 0]), []
 
     def interrupt(progress):

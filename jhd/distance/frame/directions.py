@@ -64,24 +64,32 @@ def larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSoluti
 
 
 def alike(there: HausdorffSolution, back: HausdorffSolution) -> tuple[HausdorffSolution, HausdorffSolution]:
-    """Both in one form: `t` and `foot_params` are repeated to a common shape; counts that one lacks are zeros."""
-    first, second = there.witness, back.witness
-    forms = (
-        jnp.broadcast_shapes(first.t.shape, second.t.shape),
-        jnp.broadcast_shapes(
-            *(w.foot_params.shape if w.foot_params.ndim == 2 else (*w.foot_params.shape, 1) for w in (first, second))
-        ),
-    )
+    """Both in one form: of parameters each has as many as the richer one, and counts that one lacks are zeros.
+
+    A single number is repeated, and rows are filled up with zeros.
+    """
+    witnesses = there.witness, back.witness
+    columns = max(w.t.shape[0] if w.t.ndim else 0 for w in witnesses)
+    params = max(w.foot_params.shape[1] if w.foot_params.ndim == 2 else 0 for w in witnesses)
     names = {**there.stats, **back.stats}
-    return _formed(there, *forms, names), _formed(back, *forms, names)
+    return _formed(there, columns, params, names), _formed(back, columns, params, names)
 
 
-def _formed(solution: HausdorffSolution, t: tuple, params: tuple, names: Any) -> HausdorffSolution:
+def _formed(solution: HausdorffSolution, columns: int, params: int, names: Any) -> HausdorffSolution:
     w = solution.witness
-    own = w.foot_params if w.foot_params.ndim == 2 else jnp.broadcast_to(w.foot_params[:, None], params)
-    own = own if params[1] > 1 else own[:, 0]
-    witness = replace(w, t=jnp.broadcast_to(w.t, t), foot_params=own)
+    witness = replace(
+        w, t=_filled(w.t, columns, w.t.ndim == 0), foot_params=_filled(w.foot_params, params, w.foot_params.ndim == 1)
+    )
     return replace(solution, witness=witness, stats={n: solution.stats.get(n, jnp.array(0)) for n in names})
+
+
+def _filled(rows: Array, columns: int, single: bool) -> Array:
+    """The rows with so many numbers each, or as they are for none."""
+    if columns == 0:
+        return rows
+    if single:
+        return jnp.broadcast_to(rows[..., None], (*rows.shape, columns))
+    return jnp.pad(rows, [(0, 0)] * (rows.ndim - 1) + [(0, columns - rows.shape[-1])])
 
 
 def _maximum(x: Array, y: Array) -> Array:

@@ -36,6 +36,12 @@ def net_of(shape: AbstractCurve | AbstractPatch | TriangleMesh) -> Net:
     return Net(patches.control_points, weights)
 
 
+def hull_of(points: Any) -> Net:
+    """The least and the largest coordinates of points (..., dim), as a net that stands for them in a frame."""
+    ends: Any = np.stack(extremes(np.asarray(points)))[:, None, None]
+    return Net(ends, None)
+
+
 def prepare_nets(a: Net, b: Net) -> tuple[Net, Net, Frame, float]:
     """Both with coordinates in [-1, 1] about the origin, the frame that leads back, and a bound of the error made.
 

@@ -5,11 +5,12 @@ prepares once what its searches share (a tree, samples, a cover), and can be ask
 """
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jhd.arithmetic.rounding import gamma
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.closest_point import (
@@ -47,6 +48,42 @@ class ProvenFeet(NamedTuple):
     closed: Bool[np.ndarray, " points"]
 
 
+class FootRows(NamedTuple):
+    """Points of a shape, any number of them for each of some cells.
+
+    Args:
+        point: the points.
+        error: the shape has a point within this; infinite where none is proven.
+        segment: the part of the shape that holds each, as in Projection.
+        t: its parameters there, in as many columns as there are, none on polynomial surfaces.
+    """
+
+    point: Float[np.ndarray, "*cells feet dim"]
+    error: Float[np.ndarray, "*cells feet"]
+    segment: Int[np.ndarray, "*cells feet"]
+    t: Float[np.ndarray, "*cells feet parameters"]
+
+    def map(self, function: Any) -> "FootRows":
+        """The same function of every array."""
+        return FootRows(*(function(x) for x in self))
+
+
+class Flats(NamedTuple):
+    """Flat pieces: all points origin + s first + t second have a point of the shape within `sag` of them.
+
+    Args:
+        origin: of each piece, (cells, flats, 3).
+        first: along s in [0, 1].
+        second: along t in [0, 1]; of triangles s + t is at most one.
+        sag: infinite where nothing is proven.
+    """
+
+    origin: Any
+    first: Any
+    second: Any
+    sag: Any
+
+
 class AbstractTarget(ABC):
     """A shape that distances are taken to; all its numbers are known."""
 
@@ -56,6 +93,11 @@ class AbstractTarget(ABC):
     feet_named: int = 4
     # Whether bounds are always those of rounding.
     sharp: bool = True
+    # Whether its flat pieces are triangles; else they are parallelograms.
+    triangles: bool = False
+
+    # Feet of places next to each other are one within this share of their distance.
+    same: float = 1e-4
 
     @abstractmethod
     def rounding(self, distance: float) -> float:
@@ -64,6 +106,31 @@ class AbstractTarget(ABC):
     @abstractmethod
     def feet(self, points: np.ndarray) -> np.ndarray:
         """Proven upper bounds of the distances of points (points, dim), those of points of the shape near them."""
+
+    @abstractmethod
+    def near(self, points: np.ndarray) -> ProvenFeet:
+        """Points of the shape near others, with proven upper bounds; lower ones may be zero.
+
+        What is sharp gives its nearest points.
+        """
+
+    @abstractmethod
+    def error(self, found: ProvenFeet) -> np.ndarray:
+        """Within which the shape has a point of each foot that was found."""
+
+    @abstractmethod
+    def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
+        """Flat pieces beside cells in the hulls of some corners (cells, corners, 3), near their feet (cells, FEET)."""
+
+    @abstractmethod
+    def parameters(self, t: np.ndarray) -> np.ndarray:
+        """The parameters of feet, from rows of them, as a Witness has them."""
+
+    def rows_of(self, found: ProvenFeet) -> FootRows:
+        """The feet alone, in rows."""
+        t = found.t.reshape(len(found.segment), -1)
+        segment = np.where(np.isfinite(found.upper), found.segment, -1)
+        return FootRows(found.foot, self.error(found), segment, np.where(np.isnan(t), 0.0, t))
 
     @abstractmethod
     def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
@@ -79,6 +146,7 @@ class PointTarget(AbstractTarget):
     """A set of points; those of the plane lie at height zero."""
 
     feet_named = 2
+    same = 0.0
 
     def __init__(self, points: BezierSegments):
         self.rows = np.asarray(points.control_points)[:, 0]
@@ -96,6 +164,23 @@ class PointTarget(AbstractTarget):
     def _holds(self, points: np.ndarray, index: np.ndarray) -> np.ndarray:
         """Whether queries are points of the set; then nothing about their distance is rounded."""
         return np.all(self.rows[index] == points, axis=1)
+
+    def near(self, points: np.ndarray) -> ProvenFeet:
+        """See AbstractTarget."""
+        return self.nearest(points)
+
+    def error(self, found: ProvenFeet) -> np.ndarray:
+        """See AbstractTarget."""
+        return np.zeros_like(found.distance)
+
+    def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
+        """See AbstractTarget: the points."""
+        nothing = np.zeros_like(feet.point)
+        return Flats(feet.point, nothing, nothing, feet.error)
+
+    def parameters(self, t: np.ndarray) -> np.ndarray:
+        """See AbstractTarget: zeros."""
+        return t[:, 0]
 
     def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
         """See AbstractTarget: the bounds are always those of rounding."""
@@ -118,8 +203,11 @@ class PointTarget(AbstractTarget):
 class MeshTarget(AbstractTarget):
     """A triangle mesh."""
 
+    triangles = True
+
     def __init__(self, mesh: TriangleMesh):
         self.mesh, self.tree = mesh, triangle_tree(mesh)
+        self._corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
 
     def rounding(self, distance: float) -> float:
         """See AbstractTarget."""
@@ -128,6 +216,24 @@ class MeshTarget(AbstractTarget):
     def feet(self, points: np.ndarray) -> np.ndarray:
         """See AbstractTarget."""
         return _hinted(self.tree, points)[0]
+
+    def near(self, points: np.ndarray) -> ProvenFeet:
+        """See AbstractTarget."""
+        return self.nearest(points)
+
+    def error(self, found: ProvenFeet) -> np.ndarray:
+        """See AbstractTarget: of what barycentric coordinates are multiplied with."""
+        sizes = np.max(np.abs(self._corners[found.segment]), axis=(1, 2))
+        return gamma(16, sizes.dtype) * 2 * sizes
+
+    def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
+        """See AbstractTarget: the triangles."""
+        first, second, third = np.moveaxis(self._corners[feet.segment], -2, 0)
+        return Flats(first, second - first, third - first, np.zeros_like(feet.error))
+
+    def parameters(self, t: np.ndarray) -> np.ndarray:
+        """See AbstractTarget."""
+        return t
 
     def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
         """See AbstractTarget: the bounds are always those of rounding."""

@@ -1,4 +1,4 @@
-"""Nearest points of parametric surfaces, proven, for many queries at once.
+"""Nearest points of parametric surfaces and curves in space, proven, for many queries at once.
 
 A query is a pair search of a point and a net (jhd.distance.cells.pairs). The cells of all queries wait in one list: a
 block of them is bounded by a compiled program, and the host cuts those that may still hold a nearer point. So the work
@@ -17,15 +17,15 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.bernstein import binomials
-from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, length, unit_weights
 from jhd.compiled import compiled
+from jhd.distance.cells.beside import beside_net, of_points
 from jhd.distance.cells.pairs import Cell, bound, derivatives, nearest_in, newton_step
 from jhd.distance.frame.curves import padded_count
 from jhd.distance.frame.net_jets import Net, jet, point_error
-from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
+from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
 from jhd.distance.search.rows import BLOCK, each, in_blocks
-from jhd.shapes.patch import AbstractPatch
 from jhd.triangles.closest_point import TriangleTree, in_unit_of, nearest_triangles, outward, point_tree
 
 # Samples of a piece along each parameter from which feet are looked for, and Newton steps for feet.
@@ -67,16 +67,15 @@ class _Feet(NamedTuple):
     x: np.ndarray
 
 
-class PatchTarget(AbstractTarget):
-    """A parametric surface, its coordinates divided by 2^exponent, which leaves at most one."""
+class NetTarget(AbstractTarget):
+    """A parametric surface, or a curve in space, its coordinates divided by 2^exponent, which leaves at most one."""
 
     block = 1024
     sharp = False
 
-    def __init__(self, surface: AbstractPatch):
-        patches = surface.patches()
-        points: Any = np.asarray(patches.control_points)
-        weights: Any = patches.weights
+    def __init__(self, net: Net):
+        points: Any = np.asarray(net.points)
+        weights: Any = net.weights
         self.exponent = int(common_exponent(points))
         points = np.ldexp(points, -self.exponent)
         if weights is not None:
@@ -89,6 +88,7 @@ class PatchTarget(AbstractTarget):
         samples = _samples(self.net, places)
         self._places = places
         self._tree: TriangleTree = point_tree(samples.reshape(-1, 3))
+        self._off = float(np.ldexp(point_error(self.net), self.exponent))
 
     def rounding(self, distance: float) -> float:
         """See AbstractTarget."""
@@ -100,13 +100,41 @@ class PatchTarget(AbstractTarget):
         scaled, shift = self._scaled(points)
         return outward(self._near(scaled, shift).upper, self.exponent + shift, points.dtype, 1)
 
+    def near(self, points: np.ndarray) -> ProvenFeet:
+        """See AbstractTarget."""
+        scaled, shift = self._scaled(points)
+        feet = self._near(scaled, shift)
+        return self._placed(feet, shift, np.zeros(len(points)), np.zeros(len(points), bool), points.dtype)
+
+    def error(self, found: ProvenFeet) -> np.ndarray:
+        """See AbstractTarget."""
+        # The unit of queries from afar is larger, and what rounding leaves of feet with it.
+        u = unit_roundoff(found.distance.dtype)
+        return np.maximum(found.upper - found.distance, 0.0) + 8 * u * found.distance + self._off
+
+    def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
+        """See AbstractTarget: parts of the pieces, and the feet themselves."""
+        scale = -self.exponent
+        scaled = feet.map(lambda x: np.ldexp(x, scale) if x is feet.point or x is feet.error else x)
+        found = in_blocks(_beside, self._padded, *scaled, np.ldexp(corners, scale))
+        return Flats(*(np.ldexp(x, self.exponent) for x in found))
+
+    def parameters(self, t: np.ndarray) -> np.ndarray:
+        """See AbstractTarget."""
+        return t if self.net.parameters == 2 else t[:, 0]
+
     def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
         """See AbstractTarget."""
         scaled, shift = self._scaled(points)
-        unit, dtype = self.exponent + shift, points.dtype
+        unit = self.exponent + shift
         with np.errstate(over="ignore"):
             least = np.ldexp(max(enough, -1.0), -unit) if np.isfinite(enough) else -np.inf
         feet, lower, closed = self._searched(scaled, shift, least)
+        return self._placed(feet, shift, lower, closed, points.dtype)
+
+    def _placed(self, feet: _Feet, shift: int, lower: np.ndarray, closed: np.ndarray, dtype: Any) -> ProvenFeet:
+        """The feet in the user's coordinates."""
+        unit = self.exponent + shift
         foot = in_blocks(_points, self._shrunk(shift), feet.piece, feet.x)
         x = feet.x if feet.x.shape[1] == 2 else np.concatenate([feet.x, np.zeros_like(feet.x)], axis=1)
         low, high = outward(lower, unit, dtype, -1), outward(feet.upper, unit, dtype, 1)
@@ -334,3 +362,15 @@ def _bounded(net: Net, count: Array, points: Array, piece: Array, low: Array, hi
 @compiled
 def _points(net: Net, count: Array, piece: Array, x: Array) -> Array:
     return each(lambda k, x: jet(net.piece(k), x).point, count, (piece, x), _LANES)
+
+
+@compiled
+def _beside(net: Net, count: Array, point: Array, error: Array, segment: Array, t: Array, corners: Array) -> Flats:
+    """Flat pieces beside cells: parts of the net, then the feet themselves."""
+
+    def one(point: Array, error: Array, segment: Array, t: Array, corners: Array) -> Flats:
+        parts = jax.vmap(lambda k, x: beside_net(net, k, x, corners))(segment, t[:, : net.parameters])
+        feet = of_points(point, error)
+        return jax.tree_util.tree_map(lambda x, y: jnp.concatenate([x, y]), parts, feet)
+
+    return each(one, count, (point, error, segment, t, corners), _LANES)

@@ -5,17 +5,19 @@ A query so far away that the whole box is one place beside it is answered by the
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.compiled import compiled
-from jhd.distance.frame.coordinates import common_points
-from jhd.distance.frame.surfaces import prepare_surfaces
+from jhd.distance.cells.beside import beside_surface, of_points
+from jhd.distance.frame.coordinates import Frame, common_points
+from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.nearest.places import local_feet
 from jhd.distance.nearest.surfaces import nearest, nearest_places, nearest_proven
-from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
+from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.rows import each, in_blocks
 from jhd.distance.search.solutions import target
@@ -33,7 +35,7 @@ _FAR = {8: 2.0**56, 4: 2.0**26}
 
 
 class SurfaceTarget(AbstractTarget):
-    """A polynomial surface in coordinates of its own.
+    """A polynomial surface in coordinates of its own, or in common ones.
 
     Raises:
         ValueError: the surface is proven to have no point in its box.
@@ -42,8 +44,12 @@ class SurfaceTarget(AbstractTarget):
     block = 64
     sharp = False
 
-    def __init__(self, surface: ImplicitSurface):
-        side, _, self.frame = prepare_surfaces(surface, surface)
+    def __init__(self, surface: ImplicitSurface | Side):
+        if isinstance(surface, Side):
+            side, zero = surface, np.asarray(0)
+            self.frame = Frame(np.zeros_like(np.asarray(side.lower)), zero, zero)
+        else:
+            side, _, self.frame = prepare_surfaces(surface, surface)
         self.target, empty = looked_at(side)
         if bool(empty):
             raise ValueError("the surface is empty: the polynomial is proven to have no zero in the box.")
@@ -69,6 +75,42 @@ class SurfaceTarget(AbstractTarget):
         upper = in_blocks(_feet, self.target, x)[0].astype(np.float64)
         upper = outward(upper + _moved(x), self.exponent, points.dtype, 1)
         return np.where(far, self._from_afar(points)[1], upper)
+
+    def near(self, points: np.ndarray) -> ProvenFeet:
+        """See AbstractTarget."""
+        x, far = self._scaled(points)
+        upper, foot = in_blocks(_feet, self.target, x)
+        distance = np.sqrt(np.sum((foot - x) ** 2, axis=1))
+        upper = outward(upper.astype(np.float64) + _moved(x), self.exponent, points.dtype, 1)
+        known = np.isfinite(upper) & ~far
+        nothing = np.zeros_like(upper)
+        return ProvenFeet(
+            distance=np.where(known, np.minimum(np.ldexp(distance, self.exponent), upper), np.inf),
+            lower=nothing,
+            upper=np.where(far, self._from_afar(points)[1], upper),
+            foot=np.where(known[:, None], np.asarray(self.frame.place(foot)), np.nan),
+            segment=np.full(len(x), -1),
+            t=np.full(len(x), np.nan, points.dtype),
+            closed=nothing > 0,
+        )
+
+    def error(self, found: ProvenFeet) -> np.ndarray:
+        """See AbstractTarget."""
+        u = unit_roundoff(found.distance.dtype)
+        known = np.isfinite(found.upper) & np.isfinite(found.distance)
+        left = np.where(known, found.upper, 0.0) - np.where(known, found.distance, 0.0)
+        size = np.abs(np.asarray(self.frame.place(self.target.side.upper - self.target.side.lower))).max()
+        slack = 8 * u * (np.where(known, found.distance, 0.0) + size)
+        return np.where(known, np.maximum(left, 0.0) + slack, np.inf)
+
+    def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
+        """See AbstractTarget: parallelograms in tangent planes, and the feet themselves; in common coordinates."""
+        point, error = np.where(np.isfinite(feet.point), feet.point, 0.0), feet.error
+        return in_blocks(_beside, self.target, point, error, corners)
+
+    def parameters(self, t: np.ndarray) -> np.ndarray:
+        """See AbstractTarget: there are none."""
+        return np.full(len(t), np.nan)
 
     def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
         """See AbstractTarget."""
@@ -186,3 +228,14 @@ def _nearest(target: Target, count: Array, points: Array, least: Array) -> Any:
         return found.lower, jnp.minimum(upper, found.upper), foot
 
     return each(one, count, (points, least), 1)
+
+
+@compiled
+def _beside(target: Target, count: Array, point: Array, error: Array, corners: Array) -> Flats:
+    """Flat pieces beside cells: in tangent planes, then the feet themselves."""
+
+    def one(point: Array, error: Array, corners: Array) -> Flats:
+        flat, feet = beside_surface(target.side, point, error, corners), of_points(point, error)
+        return jax.tree_util.tree_map(lambda x, y: jnp.concatenate([x, y]), flat, feet)
+
+    return each(one, count, (point, error, corners), _LANES)

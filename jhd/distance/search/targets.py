@@ -10,9 +10,10 @@ from jaxtyping import Array
 from jhd.arrays import is_traced, is_tracing
 from jhd.distance.frame.from_host import from_host
 from jhd.distance.frame.net_jets import Net
+from jhd.distance.frame.nets import net_of
 from jhd.distance.nearest.meshes import checked_points
 from jhd.distance.nearest.target import AbstractTarget, MeshTarget, PointTarget, ProvenFeet
-from jhd.distance.search.on_patches import PatchTarget
+from jhd.distance.search.on_patches import NetTarget
 from jhd.distance.search.on_surfaces import SurfaceTarget
 from jhd.distance.witness.surface_projection import with_patch_derivatives, with_surface_derivatives
 from jhd.shapes.checks import Numbers, largest_weight_ratio
@@ -35,11 +36,11 @@ def target_of(shape: Any) -> AbstractTarget:
     if isinstance(shape, TriangleMesh):
         return MeshTarget(shape)
     if isinstance(shape, AbstractPatch):
-        return PatchTarget(shape)
+        return NetTarget(net_of(shape))
     if isinstance(shape, ImplicitSurface):
         return SurfaceTarget(shape)
-    if isinstance(shape, BezierSegments) and shape.degree == 0:
-        return PointTarget(shape)
+    if isinstance(shape, BezierSegments):
+        return PointTarget(shape) if shape.degree == 0 else NetTarget(net_of(shape))
     raise TypeError(f"no target for {type(shape).__name__}.")
 
 
@@ -110,13 +111,13 @@ def _answer(points: np.ndarray, surface: Any) -> tuple[np.ndarray, ...]:
 
 
 def usable(surface: Any) -> bool:
-    """Whether the numbers of a surface are those of one."""
+    """Whether the numbers of a shape are those of one."""
     leaves = [np.asarray(x) for x in jax.tree_util.tree_leaves(surface)]
     if not all(np.all(np.isfinite(x)) for x in leaves):
         return False
     if isinstance(surface, ImplicitSurface):
         return bool(np.any(leaves[0] != 0) and np.all(np.asarray(surface.lower) < np.asarray(surface.upper)))
-    if surface.weights is None:
+    if isinstance(surface, TriangleMesh) or surface.weights is None:
         return True
     least, most = (float(f(np.asarray(surface.weights))) for f in (np.min, np.max))
     return least > 0 and most / largest_weight_ratio(np.asarray(surface.weights).dtype) <= least

@@ -267,7 +267,7 @@ def test_a_surface_that_proves_nothing_raises_and_keeps_what_is_known():
 @pytest.mark.parametrize(
     ("shapes", "method", "message"),
     [
-        ((CONES[0], jhd.circle([0.0, 0.0], 1.0)), None, "b must be an ImplicitSurface; got BezierSegments."),
+        ((CONES[0], "x^2 - 1"), None, "b must be an ImplicitSurface; got str."),
         (
             CONES,
             jhd.TwoStep(),

@@ -8,9 +8,9 @@ import jhd
 from jhd.distance.search.closest import ClosestSearch
 from jhd.distance.search.closest_triangles import TriangleSearch
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
+from jhd.distance.search.farthest_place import FarthestSearch
 from jhd.distance.search.from_points import PointSearch
 from jhd.distance.search.meshes import MeshSearch
-from jhd.distance.search.to_points import ToPointsSearch
 from jhd.solution import name_of
 from tests.distance import pairs
 from tests.distance.nearest.test_meshes import torus
@@ -59,7 +59,7 @@ FARTHEST = {
     "surfaces": (SurfaceSearch, CONES),
     "meshes": (MeshSearch, (torus(12, 8), torus(10, 7))),
     "from points": (PointSearch, (CROWD, WAVY)),
-    "to points": (ToPointsSearch, (WAVY, SPREAD)),
+    "to points": (FarthestSearch, (WAVY, SPREAD)),
 }
 # From points the first block of them is always measured.
 FEWEST = {"to points": 1}

@@ -1,8 +1,9 @@
-"""Derivatives of Hausdorff distances with a set of points on one side, of first order.
+"""Derivatives of directed distances of shapes of any two kinds, of first order.
 
-From a set of points the farthest one has one foot, and the derivative is that of its nearest point. To a set of points
-the place on the surface keeps its parameters, or moves along the normal with the polynomial and with the faces of the
-box that hold it, and the feet are weighted by the multipliers.
+From a set of points the farthest one has one foot, and the derivative is that of its nearest point. Else the value is
+sum m_k |p - q_k| for the farthest place p, its feet q_k and their multipliers m_k, and by the envelope theorem its
+derivative is that of the points p and q_k at fixed parameters; those of a polynomial surface move along the normal with
+the polynomial, and with the faces of the box that hold them.
 """
 
 from dataclasses import replace
@@ -25,19 +26,47 @@ from jhd.shapes.patch import BezierPatches
 from jhd.solution import HausdorffSolution, Projection
 
 
-def with_point_derivatives(solution: HausdorffSolution, a: Any, b: Any) -> HausdorffSolution:
+def with_place_derivatives(solution: HausdorffSolution, a: Any, b: Any) -> HausdorffSolution:
     """A distance from a to b, its value, point and feet differentiable in both.
 
     Args:
         solution: the distance; its witness lies on a.
-        a: points, or BezierPatches or an ImplicitSurface where b is points.
-        b: any shape, or points.
+        a: points, BezierSegments, BezierPatches, an ImplicitSurface or a TriangleMesh.
+        b: likewise.
     """
     if not is_traced(a, b):
         return solution
-    if isinstance(a, BezierSegments):
+    if isinstance(a, BezierSegments) and a.degree == 0 and not _is_curve(b):
         return _from_points(solution, a.control_points[:, 0], b)
-    return _to_points(solution, a, b.control_points[:, 0])
+    w = solution.witness
+    # Where nothing is proven there is no place; its derivatives are not used, but they must be numbers.
+    point, feet, t, params, multipliers = (
+        jnp.where(jnp.isfinite(x), x, 0.0) for x in (w.point, w.feet, w.t, w.foot_params, w.multipliers)
+    )
+    apart = jax.lax.stop_gradient(point - feet)
+    distance = length(apart)[:, None]
+    unit = apart / jnp.where(distance > 0, distance, 1.0)
+    place = _moving(a, w.segment, t, point)
+    moving = jax.vmap(lambda k, s, x: _moving(b, k, s, x))(w.foot_segments, params, feet)
+    value = jnp.sum(multipliers[:, None] * unit * (place - moving))
+    return _with(solution, value, place, moving)
+
+
+def _is_curve(shape: Any) -> bool:
+    return isinstance(shape, BezierSegments) and shape.degree > 0
+
+
+def _moving(shape: Any, segment: Array, t: Array, at: Array) -> Array:
+    """A point of a shape as a function of the shape."""
+    index = jnp.maximum(segment, 0)
+    if isinstance(shape, ImplicitSurface):
+        return moving_point(shape.coefficients, jnp.stack(shape.box()), at)
+    if isinstance(shape, TriangleMesh):
+        return jnp.sum(t[:, None] * shape.vertices[shape.triangles[index]], axis=0)
+    if isinstance(shape, BezierPatches):
+        return jet(Net(shape.control_points, shape.weights).piece(index), t).point
+    weights = None if shape.weights is None else shape.weights[:, :, None]
+    return jet(Net(shape.control_points[:, :, None], weights).piece(index), t[None]).point
 
 
 def _from_points(solution: HausdorffSolution, points: Array, b: Any) -> HausdorffSolution:
@@ -61,23 +90,6 @@ def _from_points(solution: HausdorffSolution, points: Array, b: Any) -> Hausdorf
         found = replace(found, distance=distance[None], foot=foot[None])
     feet = jnp.broadcast_to(found.foot, w.feet.shape)
     return _with(solution, found.distance[0], query, feet)
-
-
-def _to_points(solution: HausdorffSolution, a: Any, points: Array) -> HausdorffSolution:
-    w = solution.witness
-    feet = points[w.foot_segments]
-    # Where nothing is proven there is no place; its derivatives are not used, but they must be numbers.
-    t, at, multipliers = (jnp.where(jnp.isfinite(x), x, 0.0) for x in (w.t, w.point, w.multipliers))
-    apart = jax.lax.stop_gradient(at - jnp.where(jnp.isfinite(w.feet), w.feet, 0.0))
-    distance = length(apart)[:, None]
-    unit = apart / jnp.where(distance > 0, distance, 1.0)
-    if isinstance(a, BezierPatches):
-        net = Net(a.control_points, a.weights)
-        place = jet(net.piece(jnp.maximum(w.segment, 0)), t[: net.parameters]).point
-    else:
-        place = moving_point(a.coefficients, jnp.stack(a.box()), at)
-    value = jnp.sum(multipliers[:, None] * unit * (place - feet))
-    return _with(solution, value, place, feet)
 
 
 def _with(solution: HausdorffSolution, value: Array, point: Array, feet: Array) -> HausdorffSolution:

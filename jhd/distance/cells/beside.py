@@ -1,0 +1,145 @@
+"""Flat pieces beside parametric and polynomial surfaces and curves, near feet of a cell; see jhd.distance.cells.flats.
+
+Of a parametric shape the part that the cell projects to, a box of parameters, is compared with the linear map that fits
+its control points b_ij best: with L that map, b(u, v) = sum w_ij b_ij for non-negative w_ij of sum one that depend on
+u and v, so with (s, t) = sum w_ij (i / p, j / q)
+
+    |b(u, v) - L(s, t)| = |sum w_ij (b_ij - L(i / p, j / q))| <= max |b_ij - L(i / p, j / q)|,
+
+and (s, t) takes all values in [0, 1]^2, as sides go to sides. So each point of the parallelogram L has one of b within
+that.
+
+Of a polynomial surface f = 0 it is a parallelogram in the tangent plane at the foot. On a box about it, with n the
+normal, let m > 0 bound the slope of f along n from below and let |f| <= e on the parallelogram. Then f has both signs
+on the line along n through each of its points, within e / m, as long as that stays within the box.
+
+Rounding: control points of a part are off by eta (jhd.distance.frame.net_jets) in each coordinate, the fit is whatever
+it is, and a residual takes three roundings; forms have their own bounds (jhd.distance.nearest.forms).
+"""
+
+import math
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.arithmetic.polynomials import jets
+from jhd.arithmetic.rounding import gamma, round_up
+from jhd.distance.frame.net_jets import Net, eta, jet, part_of
+from jhd.distance.frame.surfaces import Side
+from jhd.distance.nearest.forms import Form, boxes, form
+from jhd.distance.nearest.target import Flats
+
+# Room for the curvature of the surface beside the parallelogram, as a multiple of what a first look says.
+_ROOM = 2.0
+
+
+def of_points(points: Array, error: Any) -> Flats:
+    """The feet (feet, 3) themselves, off by an error each."""
+    nothing = jnp.zeros_like(points)
+    return Flats(points, nothing, nothing, jnp.broadcast_to(jnp.asarray(error, points.dtype), points.shape[:1]))
+
+
+def beside_net(net: Net, piece: Array, x: Array, corners: Array) -> Flats:
+    """A part of a piece near the place x, where the corners (corners, 3) of a cell project to."""
+    part = net.piece(piece)
+    at = jet(part, x)
+    apart = corners - at.point
+    n = net.parameters
+    a = at.first[0]
+    b = at.first[1] if n == 2 else jnp.zeros_like(a)
+    steps = jnp.stack(_coordinates(apart, a, b)[:n], axis=-1)
+    steps = jnp.where(jnp.isfinite(steps), steps, 0.0)
+    low, high = (jnp.clip(x + f(steps, axis=0), 0.0, 1.0) for f in (jnp.min, jnp.max))
+    points = part_of(part, low, high).points
+    p, q = net.degrees
+    # Of degree zero there is one place, in the middle.
+    shares = [((np.arange(k + 1) - 0.5 * k) / max(k, 1)).astype(points.dtype)[:, None] for k in (p, q)]
+    u, v = shares[0][:, :, None], shares[1][None]
+    first, second = (jnp.sum(s * points, axis=(0, 1)) / _sum_of_squares(s, points) for s in (u, v))
+    rest = points - (u * first + v * second)
+    most, least = jnp.max(rest, axis=(0, 1)), jnp.min(rest, axis=(0, 1))
+    centre = 0.5 * (most + least)
+    rest = jnp.sqrt(jnp.max(jnp.sum((rest - centre) ** 2, axis=-1)))
+    size = jnp.max(jnp.abs(points)) + jnp.max(jnp.abs(first)) + jnp.max(jnp.abs(second))
+    dtype = points.dtype
+    sag = rest * (1 + gamma(16, dtype)) + math.sqrt(3) * (1.01 * eta(net) + gamma(16, dtype) * size)
+    return Flats(centre - 0.5 * first - 0.5 * second, first, second, round_up(sag))
+
+
+def _sum_of_squares(shares: np.ndarray, points: Array) -> Any:
+    """Of as many rows as there are control points; one where that is zero."""
+    return np.sum(np.broadcast_to(shares, (*points.shape[:2], 1)) ** 2) or 1.0
+
+
+def _coordinates(apart: Array, a: Array, b: Array) -> tuple[Array, Array]:
+    """The coordinates of vectors (points, 3) along two others, as far as these have directions of their own."""
+    aa, bb, ab = (jnp.sum(x * y) for x, y in ((a, a), (b, b), (a, b)))
+    xa, xb = jnp.sum(apart * a, axis=-1), jnp.sum(apart * b, axis=-1)
+    determinant = aa * bb - ab * ab
+    apt = determinant > 1e-12 * aa * bb
+    safe = jnp.where(apt, determinant, 1.0)
+    single = (xa / jnp.where(aa > 0, aa, 1.0), xb / jnp.where(bb > 0, bb, 1.0))
+    both = ((xa * bb - xb * ab) / safe, (xb * aa - xa * ab) / safe)
+    return jnp.where(apt, both[0], single[0]), jnp.where(apt, both[1], single[1])
+
+
+def beside_surface(side: Side, feet: Array, radius: Array, corners: Array) -> Flats:
+    """Parallelograms in the tangent planes at feet (feet, 3), where the corners (corners, 3) of a cell project to.
+
+    Args:
+        side: the polynomial.
+        feet: points close to the surface.
+        radius: within which one of it is proven, for each.
+        corners: of the hull of a cell.
+    """
+    slope = jnp.moveaxis(jets(jnp.asarray(side.coefficients), feet.T).gradient, -1, 0).reshape(feet.shape)
+    square = jnp.sum(slope**2, axis=-1, keepdims=True)
+    normal = slope / jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    least = jnp.eye(3, dtype=feet.dtype)[jnp.argmin(jnp.abs(normal), axis=-1)]
+    along = jnp.cross(normal, least)
+    along = along / jnp.sqrt(jnp.sum(along**2, axis=-1, keepdims=True))
+    across = jnp.cross(normal, along)
+    apart = corners[None] - feet[:, None]
+    ends = [jnp.sum(apart * e[:, None], axis=-1) for e in (along, across)]
+    (s0, s1), (t0, t1) = ((jnp.min(x, axis=1)[:, None], jnp.max(x, axis=1)[:, None]) for x in ends)
+    flats = Flats(feet + s0 * along + t0 * across, (s1 - s0) * along, (t1 - t0) * across, radius)
+    sag = _sag(side, flats, normal, jnp.zeros_like(radius))
+    # Where the parallelogram leaves the box a look at a larger one is not needed.
+    sag = _sag(side, flats, normal, _ROOM * jnp.where(jnp.isfinite(sag), sag, 0.0))
+    return flats._replace(sag=sag)
+
+
+def _sag(side: Side, flats: Flats, normal: Array, thickness: Array) -> Array:
+    """Within which the surface is proven at all points of the pieces; infinite unless it is within the thickness."""
+    o, a, b = flats.origin, flats.first, flats.second
+    vertices = jnp.stack([o, o + a, o + b, o + a + b], axis=1)
+    dtype = o.dtype
+    room = thickness[:, None] * (1 + gamma(8, dtype)) + gamma(32, dtype) * (1 + jnp.max(jnp.abs(vertices), axis=1))
+    low, high = jnp.min(vertices, axis=1) - room, jnp.max(vertices, axis=1) + room
+    cells = boxes(low.T, high.T)
+    f = form(side, cells)
+    half = cells.half.T
+    local = (vertices - cells.centre.T[:, None]) / half[:, None]
+    size = jnp.sum(jnp.abs(f.slope), axis=0) + jnp.abs(f.value) + f.rest
+    values = jnp.max(jnp.abs(f.value[:, None] + jnp.sum(f.slope.T[:, None] * local, axis=-1)), axis=1)
+    most = values + f.rest + f.error + gamma(64, dtype) * size
+    steepness = jnp.sum(normal * f.slope.T / half, axis=-1)
+    loose = jnp.sum(jnp.abs(normal) * (_bends(f).T + 4 * f.error[:, None] * (sum(f.local.shape[:3]))) / half, axis=-1)
+    loose = loose + gamma(64, dtype) * jnp.sum(jnp.abs(f.slope.T) / half, axis=-1)
+    least = steepness - loose
+    inside = jnp.all((low >= jnp.asarray(side.lower)) & (high <= jnp.asarray(side.upper)), axis=-1)
+    sag = round_up(most / jnp.where(least > 0, least, 1.0) * (1 + gamma(32, dtype)))
+    first_look = thickness == 0
+    good = inside & (least > 0) & (first_look | (sag <= thickness))
+    return jnp.where(good & jnp.isfinite(sag), sag, jnp.inf)
+
+
+def _bends(f: Form) -> Array:
+    """Bounds of what the terms of degree two and more change the slopes by, times the half widths, (3, cells)."""
+    sizes = jnp.abs(f.local)
+    powers = np.indices(sizes.shape[:3]).astype(sizes.dtype)
+    for axis in range(3):
+        powers[axis][tuple(1 if k == axis else 0 for k in range(3))] = 0
+    return jnp.sum(powers[..., None] * sizes, axis=(1, 2, 3)) * (1 + gamma(sum(sizes.shape[:3]) + 64, sizes.dtype))

@@ -1,0 +1,348 @@
+"""Hausdorff distances from curves, surfaces and meshes to any shape: the place on a that is farthest from all of b.
+
+Cells of a wait with proven upper bounds (jhd.distance.search.sources). A step takes those with the largest, cuts them,
+looks for points of b near their middles and corners, and bounds the parts by these. A place whose distance to all of b
+is proven to be large raises the lower bound: where nearest points cost little, each is looked at, else those that seem
+to be farthest in the cells with the largest bounds, whose feet are then better as well. Cells are dropped as soon as
+their bound is within the tolerance of the lower one.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from jhd.arithmetic.rounding import smallest_normal, unit_roundoff
+from jhd.distance.cells.surfaces import FEET
+from jhd.distance.frame.aim import Aim
+from jhd.distance.frame.coordinates import Frame
+from jhd.distance.nearest.target import AbstractTarget, FootRows, ProvenFeet
+from jhd.distance.search.search import AbstractSearch, Standing
+from jhd.distance.search.sources import AbstractSource, CellRows, PlacesOfCells
+from jhd.distance.witness.multipliers import balanced
+from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
+
+# Cells cut in a step, at most, and most that wait; each takes 400 bytes.
+_BATCH, _WAITING = 1 << 13, 1 << 20
+# What is counted: steps, cells bounded, and cells that wait.
+COUNTS = "steps", "cells", "waiting"
+# Points are looked for around the place this far away, and count as nearest within this much; shares of the distance.
+_RING, _EQUAL = 1e-6, 1e-8
+_CUBE = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+# So many points that are about equally near are looked at.
+_MOST = 16
+# Multipliers leave no more than this where they balance.
+_UNBALANCED = 1e-4
+# Steps of the first stretch.
+_FIRST_STEPS = 24
+# Places that are measured in a step: of the cells with the largest bounds, and of those that seem farthest.
+_PROVEN = 8
+# Feet count together where their distances agree to this many diameters of a cell.
+_TOGETHER = 2.0
+
+
+class PlaceFound(NamedTuple):
+    """The farthest place found: its piece, parameters, point, foot (one row), proven bound, and distance."""
+
+    piece: int
+    x: np.ndarray
+    point: np.ndarray
+    foot: FootRows
+    lower: float
+    distance: float
+
+
+class _Waiting(NamedTuple):
+    cells: CellRows
+    upper: np.ndarray
+    feet: FootRows  # (cells, FEET)
+
+    def take(self, rows: Any) -> "_Waiting":
+        return _Waiting(self.cells.take(rows), self.upper[rows], self.feet.map(lambda x: x[rows]))
+
+    @staticmethod
+    def join(first: "_Waiting", second: "_Waiting") -> "_Waiting":
+        both = lambda x, y: np.concatenate([x, y])  # noqa: E731
+        return _Waiting(
+            CellRows(*map(both, first.cells, second.cells)),
+            both(first.upper, second.upper),
+            FootRows(*map(both, first.feet, second.feet)),
+        )
+
+
+class _FarthestState(NamedTuple):
+    waiting: Any  # _Waiting, None before there are any
+    best: PlaceFound | None
+    settled: float
+    steps: int
+    bounded: int
+
+
+class FarthestSearch(AbstractSearch):
+    """The search.
+
+    Args:
+        source: the shape whose farthest place is looked for, in common coordinates.
+        target: the shape that distances are taken to, in the same.
+        frame: leads back to the user's; `aim` is in their unit.
+        moved: by how much common coordinates may misplace both.
+        allowed: the gap that may stay at a lower bound.
+        aim: what of the distance matters.
+        max_steps: most steps.
+    """
+
+    first_steps = _FIRST_STEPS
+
+    def __init__(
+        self,
+        source: AbstractSource,
+        target: AbstractTarget,
+        frame: Frame,
+        moved: float,
+        allowed: Callable[[float], float],
+        aim: Aim,
+        max_steps: int,
+    ):
+        self._source, self._target, self._frame, self._moved, self._allowed = source, target, frame, moved, allowed
+        level, ceiling = (np.asarray(x, float) for x in aim)
+        # Bounds here are off by as much as the coordinates are.
+        self._level = float(frame.common(level, 0.0)) - moved
+        self._ceiling = float(frame.common(ceiling, np.inf)) + moved
+        self.max_steps = max_steps
+
+    def begin(self) -> _FarthestState:
+        """See AbstractSearch."""
+        cells = self._source.cover()
+        upper = np.full(len(cells.piece), np.inf)
+        return self._entered(_FarthestState(None, None, -np.inf, 0, 0), cells, upper, None)
+
+    def advance(self, state: _FarthestState, limit: int, growing: bool) -> tuple[_FarthestState, Standing]:
+        """See AbstractSearch."""
+        while self._going(state) and state.steps < limit:
+            state = self._step(state)
+        going = self._going(state)
+        return state, Standing(self._solution(state), going, False, state.steps, len(state.waiting.upper))
+
+    def longer(self, state: _FarthestState) -> _FarthestState:
+        """See AbstractSearch; it is never full."""
+        return state
+
+    def _goal(self, best: PlaceFound | None) -> float:
+        return self._level if best is None else max(best.lower + 0.9 * self._allowed(best.lower), self._level)
+
+    def _going(self, state: _FarthestState) -> bool:
+        lower = 0.0 if state.best is None else state.best.lower
+        waiting = len(state.waiting.upper)
+        return 0 < waiting <= _WAITING and lower <= self._ceiling
+
+    def _step(self, state: _FarthestState) -> _FarthestState:
+        waiting = state.waiting
+        if len(waiting.upper) > _BATCH:
+            order = np.argpartition(-waiting.upper, _BATCH)
+            taken, rest = waiting.take(order[:_BATCH]), waiting.take(order[_BATCH:])
+        else:
+            taken, rest = waiting, waiting.take(slice(0, 0))
+        cells, parent = self._source.cut(taken.cells)
+        state = state._replace(waiting=rest, steps=state.steps + 1)
+        if not len(cells.piece):
+            return state
+        return self._entered(state, cells, taken.upper[parent], taken.feet.map(lambda x: x[parent]))
+
+    def _entered(
+        self, state: _FarthestState, cells: CellRows, upper: np.ndarray, feet: FootRows | None
+    ) -> _FarthestState:
+        """The state with new cells, of which bounds are known already."""
+        places = self._source.places(cells)
+        flat = places.points.reshape(-1, 3)
+        if self._target.sharp:
+            found = self._target.nearest(flat)
+            who = np.arange(len(flat))
+            best = self._better(state.best, cells, places, who, found)
+        else:
+            found, best = self._target.near(flat), state.best
+        rows = self._in_cells(self._target.rows_of(found), places)
+        candidates = (
+            rows if feet is None else FootRows(*(np.concatenate(x, axis=1) for x in zip(rows, feet, strict=True)))
+        )
+        chosen = _spread(candidates, places.points)
+        bound = self._source.over(cells, self._target, chosen).astype(np.float64)
+        upper = np.fmin(upper, bound)
+        if not self._target.sharp:
+            high = found.upper.reshape(places.radius.shape)
+            who = self._promising(best, np.where(np.isfinite(places.radius), high, -np.inf), upper)
+            if len(who):
+                enough = self._level if best is None else max(best.lower, self._level)
+                proven = self._target.nearest(flat[who], enough)
+                best = self._better(best, cells, places, who, proven)
+                # The feet serve the parts of these cells.
+                _put(chosen, who // places.radius.shape[1], self._target.rows_of(proven))
+        state = state._replace(best=best, bounded=state.bounded + len(cells.piece))
+        return self._kept(state, _Waiting(cells, upper, chosen))
+
+    def _in_cells(self, rows: FootRows, places: PlacesOfCells) -> FootRows:
+        shape = places.points.shape[:2]
+        return rows.map(lambda x: x.reshape(*shape, *x.shape[1:]))
+
+    def _promising(self, best: PlaceFound | None, high: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Places worth a proof: of the cells with the largest bounds those that seem farthest, and the farthest of all.
+
+        Args:
+            best: the farthest place so far.
+            high: upper bounds of the distances of the places, -inf of those that may not be of the source.
+            upper: those of the cells.
+        """
+        place = np.argmax(high, axis=1)
+        rows = np.arange(len(high))
+        seems = high[rows, place]
+        least = -np.inf if best is None else best.lower
+        worth = np.flatnonzero((seems > least) & (upper > self._goal(best)))
+        if best is None and not len(worth):
+            # Some place is always measured: the witness is the farthest of those that were.
+            worth = np.flatnonzero(seems == np.max(seems))[:1]
+        by_bound = worth[np.argsort(-upper[worth], kind="stable")[:_PROVEN]]
+        by_place = worth[np.argsort(-seems[worth], kind="stable")[:_PROVEN]]
+        chosen = np.union1d(by_bound, by_place)
+        return chosen * high.shape[1] + place[chosen]
+
+    def _kept(self, state: _FarthestState, new: _Waiting) -> _FarthestState:
+        """The state without what cannot matter any more."""
+        every = new if state.waiting is None else _Waiting.join(state.waiting, new)
+        width = np.max(np.abs(every.cells.high - every.cells.low), axis=1, initial=0.0)
+        done = (every.upper <= self._goal(state.best)) | (width <= 16 * unit_roundoff(every.cells.low.dtype))
+        settled = max(state.settled, float(np.max(every.upper[done], initial=-np.inf)))
+        return state._replace(waiting=every.take(np.flatnonzero(~done)), settled=settled)
+
+    def _better(
+        self, best: PlaceFound | None, cells: CellRows, places: PlacesOfCells, who: np.ndarray, found: ProvenFeet
+    ) -> PlaceFound | None:
+        """The farthest place found so far, after some more were measured."""
+        radius = places.radius.ravel()[who]
+        lower = found.lower.astype(np.float64)
+        proven = np.where(np.isfinite(radius), (lower - radius) * (1 - 4e-16), -np.inf)
+        row = int(np.argmax(proven))
+        there = float(proven[row])
+        if there == -np.inf or (best is not None and there <= best.lower):
+            return best
+        k = int(who[row])
+        cell, place = divmod(k, places.radius.shape[1])
+        x, point = places.parameters[cell, place], places.points[cell, place]
+        foot = self._target.rows_of(ProvenFeet(*(x[row : row + 1] for x in found)))
+        distance = float(found.distance[row])
+        return PlaceFound(int(cells.piece[cell]), x, point, foot, max(there, 0.0), distance)
+
+    def _solution(self, state: _FarthestState) -> HausdorffSolution:
+        """The solution in the user's coordinates."""
+        best, dtype = state.best, self._frame.centre.dtype
+        # Where no place is proven, some place stands for the witness.
+        place = best if best is not None else self._nowhere(dtype)
+        upper = max(state.settled, float(np.max(state.waiting.upper, initial=-np.inf)), place.lower)
+        known = best is not None and np.isfinite(upper)
+        gap = upper - max(place.lower, self._level) + 2 * self._moved
+        closed = gap <= self._allowed(place.lower) or place.lower > self._ceiling
+        full = len(state.waiting.upper) > _WAITING
+        failed = RESULTS.capacity_reached if full else RESULTS.gap_not_closed
+        result = RESULTS.successful if closed else failed
+        lower = max(place.lower - self._moved, 0.0)
+        ends = self._frame.length(lower, 0.0), self._frame.length(upper + self._moved if known else np.inf, np.inf)
+        distance = place.distance if place.lower > 0 else 0.0
+        counts = state.steps, state.bounded, len(state.waiting.upper)
+        return HausdorffSolution(
+            value=jnp.clip(self._frame.length(np.asarray(distance, dtype)), *ends).astype(dtype),
+            lower=ends[0].astype(dtype),
+            upper=ends[1].astype(dtype),
+            witness=self._witness(place, distance, upper - place.lower),
+            result=result if known else RESULTS.unverified,
+            stats={name: jnp.asarray(count) for name, count in zip(COUNTS, counts, strict=True)},
+        )
+
+    def _nowhere(self, dtype: Any) -> PlaceFound:
+        cells = self._source.cover().take(slice(0, 1))
+        point = self._source.places(cells).points[0, 0]
+        foot = self._target.rows_of(self._target.near(point[None]))
+        foot = foot._replace(point=np.where(np.isfinite(foot.point), foot.point, point))
+        return PlaceFound(int(cells.piece[0]), np.full(cells.low.shape[1], np.nan, dtype), point, foot, 0.0, 0.0)
+
+    def _witness(self, place: PlaceFound, distance: float, gap: float) -> Witness:
+        """All points that are nearest to the place, with multipliers, and how the maximum arises."""
+        dtype = self._frame.centre.dtype
+        nowhere = np.zeros((0, 3))
+        known = np.all(np.isfinite(place.x))
+        free, into = self._source.rays(place.piece, place.x) if known else (nowhere, nowhere)
+        feet, shares = active_feet(self._target, place.point, place.foot, gap, free, into)
+        several = np.count_nonzero(shares) > 1
+        event = EVENTS.one_to_two if several else EVENTS.a_end if len(into) < len(free) else EVENTS.b_end
+        return Witness(
+            segment=jnp.asarray(place.piece),
+            t=jnp.asarray(self._source.parameters(place.x), dtype),
+            point=self._frame.place(place.point),
+            feet=self._frame.place(feet.point),
+            foot_segments=jnp.asarray(feet.segment),
+            foot_params=jnp.asarray(self._target.parameters(feet.t), dtype),
+            multipliers=jnp.asarray(shares, dtype),
+            event=event if distance > 0 else EVENTS.coincident,
+            direction=DIRECTIONS.a_to_b,
+        )
+
+
+def active_feet(
+    target: AbstractTarget, place: np.ndarray, foot: FootRows, gap: float, free: np.ndarray, into: np.ndarray
+) -> tuple[FootRows, np.ndarray]:
+    """The feet (FEET,) that are about nearest to a place and balance there, and their multipliers.
+
+    Args:
+        target: the shape that they lie on.
+        place: the farthest place of the other one.
+        foot: its nearest point.
+        gap: upper - lower, which the distances of active feet may differ by.
+        free: directions along the other shape, as if it had no border.
+        into: those into it; multipliers that balance all of the free ones serve as well.
+    """
+    size = max(float(np.max(np.abs(place - foot.point[0]))), smallest_normal(place.dtype))
+    around = place + _RING * size * _CUBE
+    found = target.rows_of(target.near(around.astype(place.dtype)))
+    every = FootRows(*(np.concatenate([x, y]) for x, y in zip(foot, found, strict=True)))
+    distance = np.linalg.norm(place.astype(np.float64) - every.point, axis=1)
+    equal = max(4 * gap, _EQUAL * size)
+    order = [k for k in np.argsort(distance, kind="stable") if distance[k] <= distance.min() + equal]
+    # Those around move with the places that they belong to.
+    kept: list[int] = []
+    for k in order:
+        apart = [np.max(np.abs(every.point[k] - every.point[j])) for j in kept]
+        if len(kept) < _MOST and min(apart, default=np.inf) > target.same * size:
+            kept.append(int(k))
+    kept = kept or [0]
+    units = (place - every.point[kept]) / np.maximum(distance[kept], 1e-300)[:, None]
+    excess = (distance[kept] - distance[kept].min()) / equal
+    shares = balanced(units, free, excess)
+    if len(into) < len(free) and np.max(np.abs(free @ units.T @ shares)) > _UNBALANCED:
+        shares = balanced(units, into, excess)
+    chosen = np.flatnonzero(shares)
+    rows = np.array(kept)[np.append(chosen, np.full(FEET - len(chosen), chosen[0]))]
+    return every.map(lambda x: x[rows]), np.append(shares[chosen], np.zeros(FEET - len(chosen)))
+
+
+def _put(feet: FootRows, cells: np.ndarray, rows: FootRows) -> None:
+    """One foot more for each of some cells, in place of the last one."""
+    for held, new in zip(feet, rows, strict=True):
+        held[cells, -1] = new
+
+
+def _spread(feet: FootRows, places: np.ndarray) -> FootRows:
+    """Some feet of each cell: the nearest to the middle, and of those about as near the farthest from each other."""
+    there = np.where(feet.error[..., None] < np.inf, feet.point, np.nan).astype(np.float64)
+    middle = places[:, :1].astype(np.float64)
+    size = np.sqrt(np.max(np.sum((places - middle) ** 2, axis=2), axis=1))
+    far = np.sqrt(np.sum((there - middle) ** 2, axis=2))
+    far = np.where(np.isnan(far), np.inf, far)
+    first = np.argmin(far, axis=1)
+    index = np.arange(len(first))
+    reach = far[index, first] + _TOGETHER * size
+    chosen = [first]
+    apart = np.sum((there - there[index, first][:, None]) ** 2, axis=2)
+    for _ in range(FEET - 1):
+        after = np.argmax(np.where(far <= reach[:, None], apart, -1.0), axis=1)
+        chosen.append(after)
+        apart = np.fmin(apart, np.sum((there - there[index, after][:, None]) ** 2, axis=2))
+    rows = np.stack(chosen, axis=1)
+    return feet.map(lambda x: x[index[:, None], rows])

@@ -1,0 +1,229 @@
+"""Directed distances of shapes of any two kinds: which search serves, its frame and its tolerance."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jhd.arithmetic.rounding import gamma
+from jhd.arrays import is_tracing
+from jhd.distance.cells.surfaces import FEET
+from jhd.distance.frame.aim import Aim, default_tolerance
+from jhd.distance.frame.coordinates import Frame, common_points, diagonal, extremes
+from jhd.distance.frame.net_jets import Net, eta, point_error
+from jhd.distance.frame.nets import hull_of, net_of, prepare_nets, repeated
+from jhd.distance.frame.surfaces import Side, prepare_surfaces
+from jhd.distance.nearest.target import AbstractTarget, MeshTarget, PointTarget
+from jhd.distance.search import farthest_place, from_points
+from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.closest_triangles import as_mesh
+from jhd.distance.search.farthest_place import FarthestSearch
+from jhd.distance.search.from_points import PointSearch
+from jhd.distance.search.from_program import AnswerForm, from_program
+from jhd.distance.search.mesh_source import MeshSource
+from jhd.distance.search.meshes import mesh_directed
+from jhd.distance.search.on_patches import NetTarget
+from jhd.distance.search.on_surfaces import SurfaceTarget, looked_at
+from jhd.distance.search.points import is_points
+from jhd.distance.search.search import AbstractSearch, Listener, drive
+from jhd.distance.search.sources import AbstractSource, NetSource
+from jhd.distance.search.surface_source import SurfaceSource
+from jhd.distance.search.targets import target_of, usable
+from jhd.distance.witness.meshes import with_mesh_derivatives
+from jhd.distance.witness.places import with_place_derivatives
+from jhd.shapes.curve import BezierSegments
+from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.patch import BezierPatches
+from jhd.solution import RESULTS, HausdorffSolution
+
+# What cannot be told in the search over a polynomial surface, in units of roundoff of the common coordinates.
+_ULPS = 512
+# The size of points, in units of a surface, from which on their common box is the unit; by the bytes of a number.
+_FAR = {8: 2.0**400, 4: 2.0**40}
+
+
+def mixed_directed(
+    a: Any, b: Any, method: BranchAndBound, aim: Aim, listener: Listener, direction: Any
+) -> HausdorffSolution:
+    """The directed distance of two shapes of any kinds, in their own coordinates.
+
+    The value is differentiable in both, to first order.
+
+    Args:
+        a: points, BezierSegments, BezierPatches, an ImplicitSurface or a TriangleMesh; in space unless both are points.
+        b: likewise.
+        method: the options.
+        aim: what of the distance matters.
+        listener: that of the call; not under tracing.
+        direction: a member of DIRECTIONS.
+
+    Raises:
+        ValueError: a polynomial surface without points in its box (not under tracing).
+    """
+    if isinstance(a, TriangleMesh) and is_points(b):
+        points: Any = as_mesh(b)
+        found = mesh_directed(*lax.stop_gradient((a, points)), method, aim, listener, direction)
+        return with_mesh_derivatives(found, a, points)
+    found = _directed(*lax.stop_gradient((a, b)), method, aim, listener, direction)
+    return with_place_derivatives(found, a, b)
+
+
+def _directed(
+    a: Any, b: Any, method: BranchAndBound, aim: Aim, listener: Listener, direction: Any
+) -> HausdorffSolution:
+    # Inside jit all operations are traced, those on known numbers too.
+    if not is_tracing(a, b, method, aim):
+        return drive(_search(a, b, method, aim), listener, direction)
+    refused = _form(a, b).refused
+
+    def search(shapes: Any, method: BranchAndBound, aim: Aim) -> HausdorffSolution:
+        if not all(usable(x) for x in shapes):
+            return refused()
+        try:
+            return drive(_search(shapes[0], shapes[1], method, aim), Listener(), direction)
+        except ValueError:
+            return refused(RESULTS.empty_surface)
+
+    return from_program(search, refused, (a, b), method, aim)
+
+
+def _search(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> AbstractSearch:
+    if not is_points(a):
+        return _farthest(a, b, method, aim)
+    points, target = np.asarray(a.control_points)[:, 0], target_of(b)
+    # Bounds that are always those of rounding need no tolerance.
+    atol = 0.0 if target.sharp else float(default_tolerance(_diagonal(a, b), points.dtype, 0.0))
+    atol = atol if method.atol is None else float(method.atol)
+
+    def allowed(lower: float) -> float:
+        return max(atol, float(method.rtol) * lower, target.rounding(lower))
+
+    return PointSearch(points, target, allowed, aim, method.max_steps)
+
+
+class _Together(NamedTuple):
+    """Two shapes in common coordinates: nets, sides of polynomials, or corners of triangles and points.
+
+    Args:
+        a: the one.
+        b: the other.
+        frame: leads back.
+        moved: by how much the coordinates may misplace both.
+    """
+
+    a: Any
+    b: Any
+    frame: Frame
+    moved: float
+
+
+def _farthest(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> FarthestSearch:
+    pair = _together(a, b)
+    source, floor = _source(a, pair.a)
+    target, size = _target(b, pair.b)
+    frame, moved = pair.frame, pair.moved
+    dtype = np.asarray(frame.centre).dtype
+    floor = (floor + 16 * gamma(64, dtype)) * (1 + size) + 8 * moved
+    atol = float(default_tolerance(float(frame.common(np.asarray(_diagonal(a, b)))), dtype, 0.0))
+    atol = atol if method.atol is None else float(frame.common(np.asarray(method.atol)))
+
+    def allowed(lower: float) -> float:
+        return max(atol, float(method.rtol) * lower, floor + target.rounding(lower))
+
+    return FarthestSearch(source, target, frame, moved, allowed, aim, method.max_steps)
+
+
+def _together(a: Any, b: Any) -> _Together:
+    """Both in common coordinates; where one is a polynomial surface all but its own move without rounding."""
+    if not any(isinstance(x, ImplicitSurface) for x in (a, b)):
+        p, q, frame, moved = prepare_nets(_net(a), _net(b))
+        return _Together(_common(a, p, frame), _common(b, q, frame), frame, moved)
+    # Points so far away that their squares overflow beside the surface share its coordinates; it may vanish there.
+    p, q, frame = prepare_surfaces(*(_net(x) for x in ((a, a) if is_points(b) else (a, b))))
+    rows = [np.asarray(x.control_points) for x in (a, b) if is_points(x)]
+    if rows and np.max(np.abs(common_points(frame, rows[0]))) > _FAR[rows[0].dtype.itemsize]:
+        p, q, frame = prepare_surfaces(_net(a), _net(b))
+    p, q = _common(a, p, frame), _common(b, q, frame)
+    moved = max(
+        (gamma(4, x.dtype) * 2 * float(np.max(np.abs(x))) for x in (p, q) if isinstance(x, np.ndarray)), default=0
+    )
+    return _Together(p, q, frame, float(moved))
+
+
+def _net(shape: Any) -> Any:
+    """What a frame is made for: a polynomial surface itself, the box of points and meshes, the net of others."""
+    if isinstance(shape, ImplicitSurface):
+        return shape
+    if isinstance(shape, TriangleMesh):
+        return hull_of(shape.vertices)
+    return hull_of(shape.control_points) if is_points(shape) else net_of(shape)
+
+
+def _common(shape: Any, moved: Any, frame: Frame) -> Any:
+    """A shape in common coordinates: what the frame has moved, or the points of a mesh or of a set of them."""
+    if isinstance(shape, TriangleMesh):
+        return common_points(frame, np.asarray(shape.vertices))
+    if is_points(shape):
+        rows = np.asarray(shape.control_points)[:, 0]
+        return common_points(frame, rows).astype(rows.dtype)
+    if isinstance(shape, ImplicitSurface):
+        return moved
+    return Net(moved.points[: shape.count], None if moved.weights is None else moved.weights[: shape.count])
+
+
+def _source(shape: Any, moved: Any) -> tuple[AbstractSource, float]:
+    """A shape in common coordinates as a source, and what rounding leaves of its bounds."""
+    if isinstance(moved, Side):
+        return SurfaceSource(_known(moved)), _ULPS * float(np.finfo(np.asarray(moved.lower).dtype).eps)
+    if isinstance(moved, Net):
+        net = repeated(moved)
+        return NetSource(net, shape.count), 16 * (point_error(net) + 2 * eta(net))
+    return MeshSource(moved[np.asarray(shape.triangles)]), 0.0
+
+
+def _target(shape: Any, moved: Any) -> tuple[AbstractTarget, float]:
+    """A shape in common coordinates as a target, and its largest coordinate."""
+    if isinstance(moved, Side):
+        return SurfaceTarget(moved), 1.0
+    if isinstance(moved, Net):
+        return NetTarget(moved), 1.0
+    if isinstance(shape, TriangleMesh):
+        return MeshTarget(TriangleMesh(moved, shape.triangles)), 1.0
+    return PointTarget(BezierSegments(moved[:, None])), float(np.max(np.abs(moved)))
+
+
+def _known(side: Side) -> Any:
+    target, empty = looked_at(side)
+    if bool(empty):
+        raise ValueError("the surface is empty: the polynomial is proven to have no zero in the box.")
+    return target
+
+
+def dtype_of(shape: Any) -> np.dtype:
+    """The type of a shape's real numbers."""
+    types = [x.dtype for x in jax.tree_util.tree_leaves(shape) if jnp.issubdtype(x.dtype, jnp.floating)]
+    return np.dtype(types[0])
+
+
+def _diagonal(*shapes: Any) -> float:
+    """Length of the diagonal of the box of all shapes."""
+    ends = [[np.asarray(end, np.float64) for end in _box(shape)] for shape in shapes]
+    return float(diagonal([(low, high) for low, high in ends]))
+
+
+def _box(shape: Any) -> tuple[Any, Any]:
+    if isinstance(shape, TriangleMesh):
+        return extremes(np.asarray(shape.vertices)[np.asarray(shape.triangles)])
+    return shape.box()
+
+
+def _form(a: Any, b: Any) -> AnswerForm:
+    """The form of every answer about two shapes."""
+    places: dict[type, tuple[int, ...]] = {TriangleMesh: (3,), BezierPatches: (2,)}
+    t, params = places.get(type(a), ()), places.get(type(b), ())
+    feet = 2 if is_points(a) and is_points(b) else FEET
+    counts = from_points.COUNTS if is_points(a) else farthest_place.COUNTS
+    return AnswerForm(dtype_of(a), a.dim, feet, t, params, counts)

@@ -1,0 +1,193 @@
+"""Shapes of two kinds, and parametric surfaces: against closed forms, dense samples, and differences."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jhd
+from jhd.solution import name_of
+
+RNG = np.random.default_rng(12)
+GRID = np.stack([*np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij"), np.zeros((4, 4))], axis=-1)
+# The square [-2, 2]^2 in the plane z = 0 three times: a patch, a mesh, and a polynomial in its box.
+PLANES = {
+    "patch": jhd.BezierPatch((GRID - [1.5, 1.5, 0]) * [4 / 3, 4 / 3, 1]),
+    "mesh": jhd.TriangleMesh([[-2.0, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]], [[0, 1, 2], [0, 2, 3]]),
+    "polynomial": jhd.ImplicitSurface.parse("z", [-2, -2, -3], [2, 2, 4]),
+}
+SPHERE = jhd.ImplicitSurface.parse("x**2 + y**2 + (z - 5)**2 - 1", [-2, -2, 3], [2, 2, 7])
+ROUND = jhd.circle([0.0, 0.0], 1.0)
+# A circle about (0, 0, 2), tilted so that its highest point is 4 / 5 above the middle; one that is not.
+TILTED = ROUND.transform([[1.0, 0], [0, 0.6], [0, 0.8]], [0.0, 0.0, 2.0])
+LEVEL = ROUND.transform([[1.0, 0], [0, 1], [0, 0]], [0.0, 0.0, 2.0])
+WIDE = jhd.BezierSegments(np.array([[[-2.0, 0, 1], [2, 0, 1]]]))
+ARC = np.sqrt(0.5)
+# A quarter of a cylinder of radius one about the z axis.
+CYLINDER = jhd.BezierPatch(
+    np.array([[[1.0, 0, z], [1, 1, z], [0, 1, z]] for z in (0.0, 2.0)]), np.array([[1, ARC, 1]] * 2)
+)
+# References are rounded by a few units of the last place, and the stored arcs are as far from circles.
+EXACT = 4e-15
+
+BUMPY = jhd.BezierPatches(np.stack([GRID, GRID + [3, 0, 0]]) + 0.3 * RNG.normal(size=(2, 4, 4, 3)))
+ROUGH = GRID.reshape(-1, 3) * [2, 1, 1] + 0.2 * RNG.normal(size=(16, 3))
+CORNERS = np.array([(4 * i + j, 4 * i + j + 4, 4 * i + j + 1) for i in range(3) for j in range(3)])
+COARSE = jhd.TriangleMesh(ROUGH, np.concatenate([CORNERS, CORNERS[:, [1, 1, 2]] + [0, 1, 0]]))
+CURVE = jhd.BezierSegments(RNG.normal(size=(2, 4, 3)) + [2, 1, 0.5])
+SADDLE = jhd.ImplicitSurface.parse("z - 0.1*x*y + 0.2*x - 0.03*y**3", [0, 0, -3], [5, 3, 3])
+BENT = jhd.BezierPatches(BUMPY.control_points + 0.3 * RNG.normal(size=(2, 4, 4, 3)))
+SHAPES = {"patches": BUMPY, "others": BENT, "mesh": COARSE, "curve": CURVE, "polynomial": SADDLE}
+MIXES = [("patches", "others"), *[(a, b) for a in SHAPES for b in SHAPES if a != b and "others" not in (a, b)]]
+
+
+def assert_is(solution, exact):
+    """The bounds hold but for the rounding of the reference, and are as close as they are meant to be."""
+    assert name_of(solution.result) == "successful"
+    assert float(solution.lower) <= exact + EXACT * exact and exact - EXACT * exact <= float(solution.upper)
+    assert float(solution.upper - solution.lower) < 1e-8
+    assert solution.lower <= solution.value <= solution.upper
+
+
+@pytest.mark.parametrize("plane", PLANES)
+def test_curves_and_planes_are_as_far_as_their_formulas_say(plane):
+    flat = PLANES[plane]
+    found = jhd.directed_hausdorff(TILTED, flat)
+    assert_is(found, 2.8)
+    np.testing.assert_allclose(found.witness.point, [0, 0.6, 2.8], atol=1e-4)
+    assert found.witness.t.shape == ()
+    assert_is(jhd.directed_hausdorff(LEVEL, flat), 2.0)
+    # A corner of the square is farthest from the circle.
+    assert_is(jhd.directed_hausdorff(flat, LEVEL), np.sqrt(4 + (np.sqrt(8) - 1) ** 2))
+    assert_is(jhd.hausdorff(flat, WIDE), np.sqrt(5.0))
+
+
+@pytest.mark.parametrize("plane", ["patch", "mesh"])
+def test_spheres_and_cylinders_are_as_far_from_planes_as_their_formulas_say(plane):
+    flat = PLANES[plane]
+    assert_is(jhd.directed_hausdorff(SPHERE, flat), 6.0)
+    assert_is(jhd.directed_hausdorff(flat, SPHERE), np.sqrt(33.0) - 1)
+    assert_is(jhd.directed_hausdorff(CYLINDER, flat), 2.0)
+    # From (-2, -2) to the nearest end of the arc.
+    assert_is(jhd.directed_hausdorff(flat, CYLINDER), np.sqrt(13.0))
+
+
+@pytest.mark.parametrize(("a", "b"), [("patch", "mesh"), ("mesh", "patch"), ("patch", "patch"), ("polynomial", "mesh")])
+def test_the_same_square_in_three_forms_is_nowhere_far_from_itself(a, b):
+    found = jhd.directed_hausdorff(PLANES[a], PLANES[b])
+    assert float(found.lower) == 0.0 and float(found.upper) < 1e-9
+
+
+def test_a_line_beside_a_cone_is_as_far_as_its_formula_says():
+    cone = jhd.ImplicitSurface.parse("x**2 + y**2 - z**2", [-3, -3, 0.5], [3, 3, 3])
+    line = jhd.BezierSegments(np.array([[[3.0, 0, 0.75], [3, 0, 1.25]]]))
+    assert_is(jhd.directed_hausdorff(line, cone), 2.25 * np.sqrt(0.5))
+
+
+def samples_of(shape, count=3000):
+    """Points of a shape, about."""
+    share = np.random.default_rng(3)
+    if isinstance(shape, jhd.TriangleMesh):
+        weights, k = share.dirichlet([0.7] * 3, size=count), share.integers(shape.count, size=count)
+        return np.concatenate(
+            [np.einsum("nk,nkd->nd", weights, np.asarray(shape.corners)[k]), np.asarray(shape.vertices)]
+        )
+    if isinstance(shape, jhd.BezierSegments):
+        t = np.linspace(0, 1, count // 2)
+        return np.concatenate([np.asarray(jhd.BezierCurve(x)(t)) for x in np.asarray(shape.control_points)])
+    if isinstance(shape, jhd.BezierPatches):
+        u, v = np.meshgrid(*[np.linspace(0, 1, int(np.sqrt(count / 2)))] * 2)
+        return np.concatenate([np.asarray(shape.point(k, u, v)).reshape(-1, 3) for k in range(2)])
+    x, y = np.meshgrid(np.linspace(0, 5, 60), np.linspace(0, 3, 50))
+    points = np.stack([x, y, 0.1 * x * y - 0.2 * x + 0.03 * y**3], axis=-1).reshape(-1, 3)
+    return points[np.all((points >= np.asarray(shape.lower)) & (points <= np.asarray(shape.upper)), axis=1)]
+
+
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [pytest.param(*pair, marks=pytest.mark.slow if "polynomial" in pair else ()) for pair in MIXES],
+    ids=["-".join(pair) for pair in MIXES],
+)
+def test_bounds_hold_of_samples_and_close(a, b):
+    first, second = SHAPES[a], SHAPES[b]
+    rough = jhd.directed_hausdorff(first, second, jhd.BranchAndBound(max_steps=2), throw=False)
+    found = jhd.directed_hausdorff(first, second)
+    there = samples_of(first)
+    nearest = np.min(np.linalg.norm(there[:, None] - samples_of(second, 1500)[None], axis=-1), axis=1)
+    # Of the samples that seem farthest the distance is proven.
+    most = np.max(np.asarray(jhd.project(there[np.argsort(-nearest)[:20]], second).lower))
+    for solution in (rough, found):
+        assert most <= float(solution.upper) * (1 + 1e-12)
+        assert solution.lower <= solution.value <= solution.upper
+    assert float(rough.lower) <= float(found.upper) and float(found.lower) <= float(rough.upper)
+    assert float(found.upper - found.lower) < 1e-9
+    # The witness is a point of a as far away as is claimed; its feet are points of b.
+    at = jhd.project(found.witness.point, first), jhd.project(found.witness.point, second)
+    assert float(at[0].lower) < 1e-12 and float(at[1].upper) >= float(found.lower) * (1 - 1e-12)
+    assert np.max(np.asarray(jhd.project(found.witness.feet, second).lower)) < 1e-8
+    assert abs(float(jnp.sum(found.witness.multipliers)) - 1) < 1e-12
+
+
+def test_both_directions_and_decisions_agree_with_the_directed_distances():
+    there, back, both = (
+        jhd.directed_hausdorff(BUMPY, COARSE),
+        jhd.directed_hausdorff(COARSE, BUMPY),
+        jhd.hausdorff(BUMPY, COARSE),
+    )
+    larger = max(float(there), float(back))
+    assert abs(float(both) - larger) < 1e-9
+    assert both.witness.t.shape == (3,) and both.witness.foot_params.shape == (4, 3)
+    assert name_of(jhd.hausdorff_at_most(BUMPY, COARSE, larger * 1.01).answer) == "yes"
+    assert name_of(jhd.hausdorff_at_most(BUMPY, COARSE, larger * 0.99).answer) == "no"
+
+
+@pytest.mark.parametrize("power", [-530, 500])
+def test_distances_scale_with_the_shapes(power):
+    scale = 2.0**power
+    plain, found = (
+        jhd.directed_hausdorff(
+            jhd.BezierPatches(BUMPY.control_points * s), jhd.TriangleMesh(ROUGH * s, COARSE.triangles)
+        )
+        for s in (1.0, scale)
+    )
+    assert float(found.lower) == float(plain.lower) * scale and float(found.upper) == float(plain.upper) * scale
+
+
+STEP = 1e-5
+
+
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [pytest.param(*pair, marks=() if pair[0] == "mesh" else pytest.mark.slow) for pair in MIXES],
+    ids=["-".join(pair) for pair in MIXES],
+)
+def test_derivatives_in_both_shapes_are_those_of_differences(a, b):
+    given = [jax.tree_util.tree_flatten(SHAPES[name]) for name in (a, b)]
+    method = jhd.BranchAndBound(atol=1e-11)
+
+    def distance(*arrays):
+        p, q = (
+            jax.tree_util.tree_unflatten(tree, [x, *leaves[1:]])
+            for x, (leaves, tree) in zip(arrays, given, strict=True)
+        )
+        return jhd.directed_hausdorff(p, q, method, throw=False).value
+
+    arrays = [jnp.asarray(leaves[0]) for leaves, _ in given]
+    directions = [jnp.asarray(np.random.default_rng(4).normal(size=x.shape)) for x in arrays]
+    value, change = jax.jvp(distance, arrays, directions)
+    ahead, behind = (distance(*(x + s * STEP * d for x, d in zip(arrays, directions, strict=True))) for s in (1, -1))
+    np.testing.assert_allclose(change, (ahead - behind) / (2 * STEP), atol=1e-4)
+    compiled, gradient = jax.jit(jax.value_and_grad(distance))(*arrays)
+    np.testing.assert_allclose(compiled, value, rtol=1e-13)
+    np.testing.assert_allclose(gradient, jax.grad(distance)(*arrays), atol=1e-12)
+
+
+def test_shapes_that_are_none_and_do_not_fit_are_refused():
+    with pytest.raises(ValueError, match="a has 3 coordinates a point and b has 2"):
+        jhd.directed_hausdorff(COARSE, ROUND)
+    with pytest.raises(TypeError, match="BranchAndBound.. for BezierPatches and TriangleMesh"):
+        jhd.hausdorff(BUMPY, COARSE, jhd.TwoStep())
+    with pytest.raises(ValueError, match="empty"):
+        jhd.directed_hausdorff(jhd.ImplicitSurface.parse("x**2 + 1", [-1] * 3, [1] * 3), COARSE)
+    bad = jax.jit(lambda p: jhd.directed_hausdorff(jhd.BezierPatches(p), COARSE))(jnp.full((1, 2, 2, 3), jnp.nan))
+    assert name_of(bad.result) == "nonfinite_value" and np.isinf(bad.upper)
