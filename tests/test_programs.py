@@ -124,9 +124,11 @@ def test_a_program_that_does_not_run_is_compiled_again_and_replaced(folder, samp
 def test_what_jax_has_read_from_its_own_cache_has_lost_its_code_and_is_not_kept(folder, sample, tmp_path):
     module = sample(SQUARE)
     reset_cache()
-    before = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    mine = {"jax_compilation_cache_dir": str(tmp_path / "of-jax"), "jax_persistent_cache_min_compile_time_secs": 0.0}
+    before = {name: getattr(jax.config, name) for name in mine}
     jax.config.update("jax_enable_compilation_cache", True)
-    jax.config.update("jax_compilation_cache_dir", str(tmp_path / "of-jax"))
+    for name, value in mine.items():
+        jax.config.update(name, value)
     try:
         in_a_new_process(module.square)(jnp.ones(3))
         (path,) = folder.iterdir()
@@ -136,7 +138,8 @@ def test_what_jax_has_read_from_its_own_cache_has_lost_its_code_and_is_not_kept(
             assert len(module.traced) == count
         assert files(folder) == []
     finally:
-        jax.config.update("jax_compilation_cache_dir", before)
+        for name, value in before.items():
+            jax.config.update(name, value)
 
 
 def test_a_program_under_the_name_of_another_is_not_taken_for_it(folder, sample):

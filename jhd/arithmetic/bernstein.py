@@ -33,8 +33,8 @@ def binomials(degree: int) -> np.ndarray:
 def basis(degree: int, t: ArrayLike) -> np.ndarray:
     """Values (..., degree + 1) of the Bernstein polynomials at the parameters t (...,), in NumPy.
 
-    >>> basis(2, [0.5]).tolist()
-    [[0.25, 0.5, 0.25]]
+    >>> basis(2, 0.5).tolist()
+    [0.25, 0.5, 0.25]
     """
     x, k = np.asarray(t)[..., None], np.arange(degree + 1)
     return binomials(degree) * x**k * (1 - x) ** (degree - k)
