@@ -1,5 +1,7 @@
 """Programs from the host: the same anywhere, and dropped before the process holds too many mappings."""
 
+from weakref import WeakSet
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -42,6 +44,8 @@ def test_static_arguments_are_constants_of_the_program():
 
 def test_programs_are_dropped_near_the_limit_and_made_again(monkeypatch, tmp_path):
     traced = []
+    # Those of other tests stay.
+    monkeypatch.setattr(module, "_programs", WeakSet())
 
     @compiled
     def program(x):

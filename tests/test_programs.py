@@ -7,6 +7,7 @@ import types
 from functools import partial, wraps
 from pathlib import Path
 from typing import Any
+from weakref import WeakSet
 
 import equinox as eqx
 import jax
@@ -345,9 +346,12 @@ def test_under_a_trace_nothing_is_kept(folder, sample):
 
 
 def test_what_is_kept_is_dropped_with_all_programs_and_read_again(folder, sample, monkeypatch, tmp_path):
+    # Those of other tests stay.
+    monkeypatch.setattr(compiled_module, "_programs", WeakSet())
     module = sample(SQUARE)
     program = in_a_new_process(module.square)
     program(jnp.ones(3))
+    assert sum(p._cache_size() for p in compiled_module._programs) > 0
     (tmp_path / "limit").write_text("10\n")
     monkeypatch.setattr(compiled_module, "_LIMIT", tmp_path / "limit")
     compiled_module.make_room()

@@ -64,7 +64,7 @@ def bounds_hold(found, rows, control_points, weights=None):
         assert Fraction(float(lower)) ** 2 <= least
 
 
-QUICK_DEGREES = (3, 5)
+QUICK_DEGREES = (3,)
 DEGREES = [pytest.param(d, marks=() if d in QUICK_DEGREES else pytest.mark.slow) for d in range(1, 9)]
 
 
