@@ -241,7 +241,7 @@ def _zoom(measure: Measure, segment: int, t: float) -> None:
 def _cuts(measure: Measure, segment: int, t: float, lower: float) -> list[list[float]] | None:
     """For each segment of the other curve cuts that show it to be no nearer to the place than `lower`; None if not."""
     point = verification.restricted(measure.a.exact[segment], [t])
-    place = jets(measure.a, np.array([segment]), np.array([t]))[0]
+    place = np.asarray(jets(measure.a, np.array([segment]), np.array([t]))[0])
 
     def failed(part: verification.Part) -> bool:
         return verification.failure_at_least(*verification.distance_sq(point, part), lower) is not None
