@@ -170,7 +170,8 @@ def check_quarter_circle(numbers):
     # The quintic of a small run is cut short.
     for name, maxima in (("parameter", 3), ("fixed", 5), ("free", 7)):
         fit, error = fits[name], fits[name]["error"]
-        assert fit["active"] == maxima and fit["spread"] < 4e-16 and fit["optimality"] < 1e-15
+        # Two distances of points of size one, each rounded twice at least: that is all they differ by.
+        assert fit["active"] == maxima and fit["spread"] < 4 * np.finfo(float).eps and fit["optimality"] < 1e-15
         assert error["lower"] <= error["value"] <= error["upper"] <= error["lower"] + 1.01e-12
         assert abs(error["value"] - fit["known"]) < 1e-5 * fit["known"]
         # The error curve, in rational arithmetic, stays below what is proven.
