@@ -237,7 +237,8 @@ def outward(length: np.ndarray, exponent: int, dtype: Any, sign: int) -> np.ndar
     with np.errstate(over="ignore", under="ignore"):
         scaled = np.nextafter(np.ldexp(length, exponent).astype(dtype), dtype.type(sign * np.inf))
     most = np.finfo(dtype).max if sign < 0 else np.inf
-    return np.where(length > 0, np.clip(scaled, 0.0, most), 0.0).astype(dtype)
+    # What is no number stays none: it bounds nothing.
+    return np.where(np.asarray(length) <= 0, 0.0, np.clip(scaled, 0.0, most)).astype(dtype)
 
 
 def nearest_triangles(

@@ -8,7 +8,7 @@ import pytest
 import jhd.triangles.closest_point as module
 from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.box_tree import WIDTH, box_tree, hints
-from jhd.triangles.closest_point import closest_points, nearest_triangles, triangle_tree
+from jhd.triangles.closest_point import closest_points, nearest_triangles, outward, triangle_tree
 from jhd.triangles.point_triangle import frames
 from tests.triangles.exact_triangles import exact_distance_sq, hard_points, hard_triangles
 
@@ -168,3 +168,10 @@ def test_frames_measure_their_own_defect():
         assert np.all(np.maximum(first, second) <= found.defect * found.longest + 1e-16)
         assert found.defect <= largest
         assert np.all(found.table[:, 17] >= 0) and np.all(found.table[:, 16] <= found.table[:, 9])
+
+
+def test_a_bound_that_is_no_number_does_not_become_one():
+    ends = [outward(np.array([np.nan, 0.0, -1.0, 1.0]), 0, np.dtype(float), sign) for sign in (-1, 1)]
+    assert np.isnan(ends[0][0]) and np.isnan(ends[1][0])
+    np.testing.assert_array_equal([end[1:3] for end in ends], 0.0)
+    assert ends[0][3] < 1.0 < ends[1][3]
