@@ -63,6 +63,7 @@ from jhd.shapes import (  # noqa: E402
     Partials,
     PatchMesh,
     TriangleMesh,
+    as_shape,
     biarcs,
     circle,
     points,

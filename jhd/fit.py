@@ -23,6 +23,7 @@ from jhd.distance.witness.critical import critical_pairs
 from jhd.fitting.bundle import Bundled, minimise_by_cuts, motions
 from jhd.fitting.chain import Chain, Layout, divided, least_squares, longest_pieces, turns
 from jhd.fitting.minimax import Ended, FitProgress, Problem, minimise
+from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface
@@ -46,7 +47,7 @@ _SPREAD = 0.1
 def minimise_hausdorff(
     build: Callable[[Any], Fitted],
     parameters: Any,
-    target: Fitted,
+    target: Any,
     *,
     starts: Any = 1,
     seed: int = 0,
@@ -81,6 +82,7 @@ def minimise_hausdorff(
         TypeError: a target that is no curve, surface or mesh, or shapes of another kind than the target.
         ValueError: no parameter, or starts of another shape.
     """
+    target = taken_as("target", target)
     bundled = isinstance(target, ImplicitSurface | TriangleMesh)
     if not bundled:
         check_curve("target", target)
@@ -106,7 +108,7 @@ def minimise_hausdorff(
 
 
 def fit_curve(
-    target: AbstractCurve,
+    target: Any,
     *,
     degree: int,
     segments: int = 1,
@@ -144,6 +146,7 @@ def fit_curve(
         TypeError: a target that is no curve.
         ValueError: a target of several contours, or sizes that are too small.
     """
+    target = taken_as("target", target)
     check_curve("target", target)
     curve = target.segments()
     following = np.asarray(curve.following)
@@ -172,7 +175,7 @@ def fit_curve(
 
 
 def fit_outline(
-    target: AbstractCurve,
+    target: Any,
     tolerance: Numbers,
     *,
     degree: int = 3,
@@ -201,6 +204,7 @@ def fit_outline(
         TypeError: a target that is no curve.
         ValueError: a tolerance that is not positive.
     """
+    target = taken_as("target", target)
     check_curve("target", target)
     limit = real_array("tolerance", tolerance)
     if limit.shape != () or not float(limit) > 0:

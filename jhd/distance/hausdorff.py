@@ -10,7 +10,7 @@ from jhd.arithmetic.rounding import ordered
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
 from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
-from jhd.distance.pairs import Shape, pair_of
+from jhd.distance.pairs import pair_of
 from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
 from jhd.distance.search.search import Progress
 from jhd.shapes.checks import Numbers
@@ -26,8 +26,8 @@ from jhd.solution import (
 
 
 def directed_hausdorff(
-    a: Shape,
-    b: Shape,
+    a: Any,
+    b: Any,
     method: AbstractHausdorffMethod | None = None,
     *,
     throw: bool = True,
@@ -49,8 +49,8 @@ def directed_hausdorff(
     RESULTS.gap_not_closed.
 
     Args:
-        a: the shape whose farthest point is looked for: points (jhd.points), a curve, an ImplicitSurface, a mesh, or a
-            parametric surface (BezierPatch, BezierPatches, BSplineSurface).
+        a: the shape whose farthest point is looked for: points (jhd.points), a curve, an ImplicitSurface, a mesh, a
+            parametric surface (BezierPatch, BezierPatches, BSplineSurface), or what jhd.as_shape takes for one.
         b: the shape that distances are taken to, of any of these kinds and of the same dimension.
         method: how; by default BranchAndBound(), which serves all. CubeIntervals() serves implicit surfaces, not under
             jit; TwoStep(), BiarcTrimming() and AlgebraicEvents() serve curves.
@@ -71,8 +71,8 @@ def directed_hausdorff(
 
 
 def hausdorff(
-    a: Shape,
-    b: Shape,
+    a: Any,
+    b: Any,
     method: AbstractHausdorffMethod | None = None,
     *,
     throw: bool = True,
@@ -84,8 +84,8 @@ def hausdorff(
     below that its bounds are true and may be wide. Derivatives are those of the larger one, see `directed_hausdorff`.
 
     Args:
-        a: points (jhd.points), a curve, an ImplicitSurface, a mesh, or a parametric surface (BezierPatch,
-            BezierPatches, BSplineSurface).
+        a: points (jhd.points), a curve, an ImplicitSurface, a mesh, a parametric surface (BezierPatch, BezierPatches,
+            BSplineSurface), or what jhd.as_shape takes for one.
         b: another of these, of the same dimension.
         method: how; by default BranchAndBound(). CubeIntervals() serves implicit surfaces, not under jit.
         throw: whether to raise where the method did not reach what it promises.
@@ -105,8 +105,8 @@ def hausdorff(
 
 
 def hausdorff_at_most(
-    a: Shape,
-    b: Shape,
+    a: Any,
+    b: Any,
     threshold: Numbers,
     method: AbstractHausdorffMethod | None = None,
     *,
@@ -118,8 +118,8 @@ def hausdorff_at_most(
     steps where the threshold is not close to the distance.
 
     Args:
-        a: points (jhd.points), a curve, an ImplicitSurface, a mesh, or a parametric surface (BezierPatch,
-            BezierPatches, BSplineSurface).
+        a: points (jhd.points), a curve, an ImplicitSurface, a mesh, a parametric surface (BezierPatch, BezierPatches,
+            BSplineSurface), or what jhd.as_shape takes for one.
         b: another of these, of the same dimension.
         threshold: a length of at least 0, in the unit of the coordinates.
         method: options of the search; its tolerance says when it gives up.

@@ -18,6 +18,7 @@ from jhd.distance.search.mixed import with_surface
 from jhd.distance.search.nets import of_nets
 from jhd.distance.search.points import is_points, nearest_points, point_mesh
 from jhd.distance.search.search import Progress
+from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
@@ -72,8 +73,8 @@ def minimum_distance(
     (True, True)
 
     Args:
-        a: a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, which is
-            clipped to its box, or a TriangleMesh.
+        a: points, a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, which
+            is clipped to its box, a TriangleMesh, or what jhd.as_shape takes for one.
         b: another of these, of the same dimension.
         method: BranchAndBound(...), by default with the options below; or VoxelPairs(...) for implicit surfaces, whose
             answer is RESULTS.unproven and is never raised.
@@ -97,6 +98,7 @@ def minimum_distance(
     Source: Lin & Wang, 3D signed Euclidean distance transform and its applications, section on the minimum distance
     (the problem; their method is VoxelPairs, which proves nothing).
     """
+    a, b = taken_as("a", a), taken_as("b", b)
     for name, shape in (("a", a), ("b", b)):
         if not isinstance(shape, AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh):
             raise TypeError(f"{name} must be {_KINDS}; got {type(shape).__name__}.")

@@ -37,13 +37,13 @@ from jhd.distance.search.solutions import CoveredPair, target
 from jhd.distance.witness.derivative import with_derivatives
 from jhd.distance.witness.meshes import with_mesh_derivatives
 from jhd.distance.witness.surfaces import with_surface_derivatives
+from jhd.shapes.as_shape import Shape, taken_as
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.shapes.patch import AbstractPatch
 from jhd.solution import DIRECTIONS, HausdorffSolution, in_direction
 
-Shape = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
 Report = Callable[[Any], object] | None
 
 
@@ -96,7 +96,7 @@ class AbstractPair(ABC):
         return self.differentiable(self.reported(solution))
 
 
-def pair_of(a: Shape, b: Shape, method: AbstractHausdorffMethod | None, progress: Report) -> AbstractPair:
+def pair_of(a: Any, b: Any, method: AbstractHausdorffMethod | None, progress: Report) -> AbstractPair:
     """The pair of two shapes under a method; by default BranchAndBound().
 
     Raises:
@@ -104,6 +104,7 @@ def pair_of(a: Shape, b: Shape, method: AbstractHausdorffMethod | None, progress
         ValueError: curves of different dimensions, or a surface proven empty in its box.
     """
     method = default_method() if method is None else method
+    a, b = taken_as("a", a), taken_as("b", b)
     _check_shapes(a, b)
     check_serves(method, a, b, _METHODS)
     return _pair_for(a, b, method)(a, b, method, progress)

@@ -37,8 +37,9 @@ from jhd.distance.search.targets import project_on_surface
 from jhd.distance.witness.active import stationary
 from jhd.distance.witness.derivative import projection_with_derivatives
 from jhd.distance.witness.mesh_feet import project_on_mesh
+from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
-from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd.shapes.curve import BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
@@ -59,7 +60,7 @@ _CHUNK = 128
 
 def project(
     points: Numbers,
-    shape: AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh,
+    shape: Any,
     method: AbstractProjectionMethod | VertexVoxels | None = None,
     *,
     throw: bool = True,
@@ -77,7 +78,8 @@ def project(
     Args:
         points: queries (..., dim); the batch shape is kept, and a single point has none.
         shape: a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, which is
-            clipped to its box, or a mesh. Under tracing every query is compared with every triangle.
+            clipped to its box, a mesh, or what jhd.as_shape takes for one. Under tracing every query is compared with
+            every triangle of a mesh.
         method: for curves NearestSearch() or, as safe, ProjectedPolyhedron(), else a local one; for meshes None, which
             is the exact search, or VertexVoxels(), which is local; for surfaces None.
         throw: whether to raise where the bounds were not closed.
@@ -92,6 +94,7 @@ def project(
             a polynomial surface without points in its box.
         NotProvenError: bounds not closed and throw is True.
     """
+    shape = taken_as("shape", shape)
     if isinstance(shape, TriangleMesh):
         return project_on_mesh(points, shape, method)
     if isinstance(shape, AbstractPatch | ImplicitSurface):
@@ -113,9 +116,7 @@ def _finished(projection: Projection, throw: bool) -> Projection:
     return projection
 
 
-def stationary_points(
-    points: Numbers, curve: AbstractCurve, *, capacity: int = 32, throw: bool = True
-) -> StationaryPoints:
+def stationary_points(points: Numbers, curve: Any, *, capacity: int = 32, throw: bool = True) -> StationaryPoints:
     """All parameters at which the distance to each point is stationary: roots of (P - B).B', with proven enclosures.
 
     They are sorted along the curve; a multiple root comes once, and a stretch of constant distance as one interval. A
@@ -123,7 +124,7 @@ def stationary_points(
 
     Args:
         points: queries (..., dim); the batch shape is kept.
-        curve: the curve.
+        curve: the curve, or what jhd.as_shape takes for one.
         capacity: room for the stationary parameters of one query over the whole curve.
         throw: whether to raise where some did not fit.
 
@@ -140,9 +141,10 @@ def stationary_points(
     return found
 
 
-def _checked(points: Numbers, shape: object) -> tuple[Array, BezierSegments]:
+def _checked(points: Numbers, shape: Any) -> tuple[Array, BezierSegments]:
+    shape = taken_as("shape", shape)
     check_curve("shape", shape)
-    curve = shape.segments()  # pyright: ignore[reportAttributeAccessIssue]
+    curve = shape.segments()
     queries = real_array("points", points)
     if queries.ndim == 0 or queries.shape[-1] != curve.dim:
         raise ValueError(f"points has shape {queries.shape}; needs (..., {curve.dim}).")

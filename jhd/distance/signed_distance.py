@@ -9,6 +9,8 @@ computation using the angle weighted pseudonormal (2005); the average: Lin03 ("3
 and its applications", 2003), section 3, detail 3.
 """
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -19,6 +21,7 @@ from jhd.arrays import is_traced
 from jhd.distance.nearest.meshes import checked_points
 from jhd.distance.published.vertex_voxels import VertexVoxels
 from jhd.distance.witness.mesh_feet import project_on_mesh
+from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.solution import Projection
@@ -30,7 +33,7 @@ _SIGNS = ("winding", "pseudonormal", "average")
 
 
 def signed_distance(
-    points: Numbers, mesh: TriangleMesh, sign: str | None = None, *, method: VertexVoxels | None = None
+    points: Numbers, mesh: Any, sign: str | None = None, *, method: VertexVoxels | None = None
 ) -> Array:
     """Distances to the surface of a mesh, negative inside; differentiable in the points and in the vertices, twice.
 
@@ -39,7 +42,8 @@ def signed_distance(
 
     Args:
         points: queries (..., 3); the batch shape is kept.
-        mesh: the surface. Which way round its triangles run does not matter where all agree.
+        mesh: the surface, or what jhd.as_shape takes for it. Which way round its triangles run does not matter where
+            all agree.
         sign: "winding": inside is where the winding number is at least 1/2 in absolute value, also for meshes with
             holes; "pseudonormal": the side of the angle-weighted normal at the nearest point, for closed meshes
             without self-intersections, which are not looked for; not under jit; "average": the same with all triangles
@@ -54,6 +58,7 @@ def signed_distance(
         ValueError: points that are not finite, empty, or not in space; an unknown sign; normals at the nearest point of
             a mesh that is not closed and consistently oriented; a grid of VertexVoxels beyond its capacity.
     """
+    mesh = taken_as("mesh", mesh)
     check_mesh("mesh", mesh)
     sign = ("winding" if method is None else "average") if sign is None else sign
     if sign not in _SIGNS:

@@ -27,6 +27,7 @@ from jhd.fields.adaptive_error import LeafBoxes, largest_error, meeting
 from jhd.fields.adaptive_evaluate import LeafCells, values_at
 from jhd.fields.adaptive_extract import Leaves, extracted
 from jhd.fields.adaptive_samples import SIGNS, Surface, is_inner, surface_of
+from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.triangles.closest_point import closest_points
@@ -78,7 +79,7 @@ class AdaptiveDistanceField(eqx.Module):
     @classmethod
     def build(
         cls,
-        mesh: TriangleMesh,
+        mesh: Any,
         atol: Numbers,
         mode: str = "band",
         *,
@@ -93,7 +94,7 @@ class AdaptiveDistanceField(eqx.Module):
         thinner than the tolerance can be lost, as an error of that size may close them.
 
         Args:
-            mesh: the surface.
+            mesh: the surface, or what jhd.as_shape takes for it.
             atol: the tolerance, positive, in the unit of the mesh.
             mode: "band" refines only cells that may meet the surface; "full" all of them, as published.
             sign: as for jhd.signed_distance: "winding", for all meshes (where one is not closed the field jumps across
@@ -108,6 +109,7 @@ class AdaptiveDistanceField(eqx.Module):
             ValueError: a tolerance that is not positive and finite, an unknown mode or sign, a depth or number out of
                 range, or pseudonormals of a mesh that is not closed and consistently oriented.
         """
+        mesh = taken_as("mesh", mesh)
         surface, power = _surface("mesh", mesh, _one_of("sign", sign, SIGNS))
         tolerance = _positive("atol", atol)
         depth = _whole("max_depth", max_depth, 0, DEEPEST)

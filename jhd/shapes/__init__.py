@@ -1,5 +1,6 @@
 """Shapes: what a user hands in."""
 
+from jhd.shapes.as_shape import as_shape
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.biarc import BiarcCurve, biarcs, least_tolerance
 from jhd.shapes.bspline import BSplineCurve

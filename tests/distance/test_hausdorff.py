@@ -263,7 +263,7 @@ ONE, SPACE = jhd.points([[0.0, 0.0]]), jhd.points([[0.0, 0.0, 0.0]])
 
 @pytest.mark.parametrize("entry", [jhd.hausdorff, jhd.directed_hausdorff])
 @pytest.mark.parametrize(
-    ("a", "b", "name"), [([[0.0, 0.0]], ONE, "a"), (ONE, np.zeros((2, 2)), "b"), (ONE, None, "b"), ("M0 0", ONE, "a")]
+    ("a", "b", "name"), [(3.0, ONE, "a"), (ONE, {"a": 1}, "b"), (ONE, None, "b"), ("M0 0", ONE, "a")]
 )
 def test_what_is_no_curve_is_refused(entry, a, b, name, as_a_user):
     given_type = type(a if name == "a" else b).__name__

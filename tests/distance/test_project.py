@@ -380,7 +380,7 @@ def test_queries_that_are_no_points_are_refused(entry, points, error, message, a
 
 
 @pytest.mark.parametrize("entry", [jhd.project, jhd.stationary_points])
-@pytest.mark.parametrize("shape", [None, [[0.0, 0.0]], "circle"], ids=["None", "list", "str"])
+@pytest.mark.parametrize("shape", [None, 3.0, "circle"], ids=["None", "number", "str"])
 def test_what_is_no_curve_is_refused(entry, shape, as_a_user):
     with pytest.raises(TypeError) as caught:
         entry([0.0, 0.0], shape)

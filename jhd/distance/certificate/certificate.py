@@ -21,6 +21,7 @@ from jhd.distance.certificate.host import host, jets, local_feet
 from jhd.distance.certificate.verification import FORMAT, KINDS, VERSION, Proven
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import prepare
+from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.solution import HausdorffSolution, NotProvenError, name_of
 
@@ -100,8 +101,8 @@ class Certificate:
 
 
 def certify(
-    a: AbstractCurve,
-    b: AbstractCurve,
+    a: Any,
+    b: Any,
     solution: HausdorffSolution,
     *,
     max_cells: int = 100_000,
@@ -112,7 +113,7 @@ def certify(
     An upper bound of inf and a lower bound of 0, where a method proves none, are not claimed or need no proof.
 
     Args:
-        a: the first curve of the distance.
+        a: the first curve of the distance, as it was handed in.
         b: the second one.
         solution: what directed_hausdorff or hausdorff returned for them: one, not a batch.
         max_cells: most cells in one direction. A smooth segment takes a handful, more where b is far from smooth.
@@ -126,6 +127,7 @@ def certify(
         ValueError: curves of different dimensions, or max_cells that is no positive whole number.
         NotProvenError: a bound of the solution could not be proven of these curves, or takes more cells.
     """
+    a, b = taken_as("a", a), taken_as("b", b)
     _check_arguments(a, b, solution, max_cells)
     x, y = a.segments(), b.segments()
     p, q, frame = prepare(x, y)

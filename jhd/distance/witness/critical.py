@@ -9,6 +9,7 @@ Source: the events are those of Elber & Grandine, GMP 2008; the search is ours.
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,14 +22,15 @@ from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import prepare
 from jhd.distance.witness.derivative import moving
 from jhd.distance.witness.maxima import local_maxima
-from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd.shapes.as_shape import taken_as
+from jhd.shapes.curve import BezierSegments, check_curve
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
 
 # Pairs at the same place, in the common coordinates, are one.
 _SAME = 1e-5
 
 
-def critical_pairs(a: AbstractCurve, b: AbstractCurve, capacity: int = 16) -> CriticalPairs:
+def critical_pairs(a: Any, b: Any, capacity: int = 16) -> CriticalPairs:
     """The largest local maxima of the distance from a to b and from b to a, largest first.
 
     Each has a value and a witness that are differentiable in all arrays of both curves, as those of `hausdorff` are.
@@ -36,7 +38,7 @@ def critical_pairs(a: AbstractCurve, b: AbstractCurve, capacity: int = 16) -> Cr
     complete; every value is the distance of a point of one curve to the other curve. Works under jit and vmap.
 
     Args:
-        a: a curve.
+        a: a curve, or what jhd.as_shape takes for one.
         b: a curve of the same dimension.
         capacity: length of the list; entries beyond the number of maxima are not `valid` and have the value 0.
 
@@ -44,6 +46,7 @@ def critical_pairs(a: AbstractCurve, b: AbstractCurve, capacity: int = 16) -> Cr
         TypeError: a shape of another kind, or a capacity that is no whole number.
         ValueError: curves of different dimensions, or a capacity below 1.
     """
+    a, b = taken_as("a", a), taken_as("b", b)
     check_curve("a", a)
     check_curve("b", b)
     if not isinstance(capacity, int) or isinstance(capacity, bool):

@@ -1,0 +1,166 @@
+"""What users have, as shapes: arrays, and objects of other packages by their attributes. No package is imported.
+
+Meshes: pairs (vertices, triangles), trimesh, Open3D (legacy and tensor), PyVista's PolyData. Splines: SciPy, geomdl,
+splinepy. Outlines: shapely, matplotlib's paths. Points: arrays, data frames, tensors, point clouds of these packages.
+"""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from jhd.arrays import is_traced, real_array
+from jhd.shapes.curve import AbstractCurve, BezierSegments, points
+from jhd.shapes.foreign_splines import spline_of
+from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.patch import AbstractPatch
+
+Shape = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
+
+_ACCEPTED = (
+    "a shape of jhd, an array of points, a pair (vertices, triangles), a mesh or point cloud (trimesh, Open3D, "
+    "PyVista), a spline (SciPy's BSpline or NdBSpline, geomdl, splinepy), a shapely geometry or a matplotlib path"
+)
+
+
+def as_shape(shape: Any) -> Any:
+    """The shape that an object stands for; every entry that takes shapes takes such objects by itself.
+
+    An array (count, 2) or (count, 3) is a set of points, a pair of an array of vertices and one of integers (count, 3)
+    a mesh. Of polygons the rings that bound them are meant, of meshes the surface.
+
+    >>> as_shape([[0, 0], [3, 4]]).count, as_shape(([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])).count
+    (2, 1)
+
+    Args:
+        shape: a shape of jhd, which is handed back; an array of points, or what becomes one; a pair (vertices,
+            triangles); an object with `vertices` and `faces` or `triangles` (trimesh, Open3D), or with `points` and
+            `faces` or `lines` (PyVista, Open3D's LineSet and PointCloud); a spline of SciPy (BSpline, NdBSpline),
+            geomdl or splinepy; a shapely geometry; a matplotlib Path.
+
+    Raises:
+        TypeError: another object, or entries that are not numbers.
+        ValueError: an object of these that is no shape: empty, not finite, trimmed, with faces that are not triangles.
+    """
+    found = taken_as(None, shape)
+    if not isinstance(found, Shape):
+        raise TypeError(f"shape must be {_ACCEPTED}; got {type(shape).__name__}.")
+    return found
+
+
+def taken_as(name: str | None, value: Any) -> Any:
+    """The shape that an object stands for, under the name that errors give it; an unknown object as it is."""
+    if isinstance(value, Shape):
+        return value
+    try:
+        return _converted(value)
+    except (TypeError, ValueError) as error:
+        if name is None:
+            raise
+        raise type(error)(f"{name}: {error}") from error
+
+
+def _converted(value: Any) -> Any:
+    if _is_pair(value):
+        return TriangleMesh(*value)
+    if _is_rows(value):
+        return points(value if is_traced(value) or isinstance(value, jax.Array) else _array(value))
+    spline = spline_of(value)
+    if spline is not None:
+        return spline
+    if hasattr(value, "geom_type"):
+        return BezierSegments.from_shapely(value)
+    if hasattr(value, "vertices") and hasattr(value, "codes"):
+        return BezierSegments.from_path(value)
+    parts = _parts_of(value)
+    return value if parts is None else _assembled(*parts)
+
+
+def _is_pair(value: Any) -> bool:
+    """Whether it is a pair of tables, the second one of integers; a list of two points is none."""
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        return False
+    tables = [x if hasattr(x, "ndim") else np.asarray(x, object) for x in value]
+    return all(x.ndim == 2 for x in tables)
+
+
+def _is_rows(value: Any) -> bool:
+    """Whether it is an array of numbers, or becomes one."""
+    if isinstance(value, tuple | list):
+        return True
+    # PyVista's objects are no arrays, whatever NumPy makes of them.
+    return hasattr(value, "__array__") and not hasattr(value, "points") and np.ndim(value) > 0
+
+
+def _array(value: Any) -> np.ndarray:
+    """An array of another package on the host; tensors of some say so themselves."""
+    return np.asarray(value.numpy() if hasattr(value, "numpy") and not hasattr(value, "__array__") else value)
+
+
+def _parts_of(value: Any) -> tuple[Any, Any, Any] | None:
+    """Places, faces and lines of a mesh, a set of lines or a point cloud; None where it is none."""
+    if any(hasattr(value, name) for name in ("entities", "tetras")) or _is_grid(value):
+        # Paths of trimesh and solids: their vertices are not the shape.
+        return None
+    if hasattr(value, "vertices"):
+        return value.vertices, getattr(value, "faces", getattr(value, "triangles", None)), None
+    for places, cells, name in (("vertex", "triangle", "indices"), ("point", "line", "indices")):
+        # Open3D's tensors: tables by name.
+        if hasattr(value, places) and hasattr(getattr(value, places), "positions"):
+            table = getattr(getattr(value, cells, None), name, None)
+            faces, lines = (table, None) if cells == "triangle" else (None, table)
+            return getattr(value, places).positions, faces, lines
+    if hasattr(value, "points") and not callable(value.points):
+        if getattr(value, "n_strips", 0):
+            raise ValueError("the mesh has strips of triangles; take its triangulate().")
+        return value.points, getattr(value, "faces", None), getattr(value, "lines", None)
+    return None
+
+
+def _is_grid(value: Any) -> bool:
+    """Whether it has points in cells, as PyVista's grids and meshio's meshes have, and not as faces."""
+    return not hasattr(value, "faces") and (hasattr(value, "cells") or bool(getattr(value, "n_cells", 0)))
+
+
+def _assembled(places: Any, faces: Any, lines: Any) -> Shape:
+    """A mesh, segments, or where nothing joins the places a set of points."""
+    places = _array(places)
+    none = np.empty((0, 3), int)
+    triangles = none if faces is None else _triangles(_array(faces))
+    segments = none if lines is None else _segments(_array(lines))
+    if len(triangles) and len(segments):
+        raise ValueError("it has faces and lines; take one of them.")
+    if len(triangles):
+        return TriangleMesh(places, triangles)
+    if len(segments):
+        return BezierSegments(real_array("points", places)[segments])
+    return points(places)
+
+
+def _triangles(cells: np.ndarray) -> np.ndarray:
+    """Triangles in rows; PyVista's stand one after the other, each behind its number of corners."""
+    if cells.ndim == 2:
+        return cells
+    if len(cells) % 4 == 0 and np.all(cells[::4] == 3):
+        return cells.reshape(-1, 4)[:, 1:]
+    rows = _chains(cells)
+    wrong = next(k for k, row in enumerate(rows) if len(row) != 3)
+    raise ValueError(f"faces[{wrong}] has {len(rows[wrong])} corners; needs triangles: take its triangulate().")
+
+
+def _segments(cells: np.ndarray) -> np.ndarray:
+    """Segments in rows, those of PyVista's chains of places too."""
+    if cells.ndim == 2 or not len(cells):
+        return cells
+    return np.concatenate([np.stack([row[:-1], row[1:]], axis=1) for row in _chains(cells)])
+
+
+def _chains(cells: np.ndarray) -> list[np.ndarray]:
+    """What stands one after the other, each behind its number of places."""
+    rows, start = [], 0
+    while start < len(cells):
+        stop = start + 1 + int(cells[start])
+        rows.append(cells[start + 1 : stop])
+        start = stop
+    return rows
