@@ -18,6 +18,7 @@ from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.nearest.target import AbstractTarget, FootRows, ProvenFeet
+from jhd.distance.search.followed_cells import FollowedFeet
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import AbstractSource, CellRows, PlacesOfCells
 from jhd.distance.witness.multipliers import balanced
@@ -90,6 +91,7 @@ class FarthestSearch(AbstractSearch):
         allowed: the gap that may stay at a lower bound.
         aim: what of the distance matters.
         max_steps: most steps.
+        followed: bounds that cost more and are closer, or None.
     """
 
     first_steps = _FIRST_STEPS
@@ -103,7 +105,9 @@ class FarthestSearch(AbstractSearch):
         allowed: Callable[[float], float],
         aim: Aim,
         max_steps: int,
+        followed: FollowedFeet | None = None,
     ):
+        self._followed = followed
         self._source, self._target, self._frame, self._moved, self._allowed = source, target, frame, moved, allowed
         level, ceiling = (np.asarray(x, float) for x in aim)
         # Bounds here are off by as much as the coordinates are.
@@ -166,8 +170,7 @@ class FarthestSearch(AbstractSearch):
             rows if feet is None else FootRows(*(np.concatenate(x, axis=1) for x in zip(rows, feet, strict=True)))
         )
         chosen = _spread(candidates, places.points)
-        bound = self._source.over(cells, self._target, chosen).astype(np.float64)
-        upper = np.fmin(upper, bound)
+        upper = self._bounded(best, cells, upper, chosen)
         if not self._target.sharp:
             high = found.upper.reshape(places.radius.shape)
             who = self._promising(best, np.where(np.isfinite(places.radius), high, -np.inf), upper)
@@ -179,6 +182,17 @@ class FarthestSearch(AbstractSearch):
                 _put(chosen, who // places.radius.shape[1], self._target.rows_of(proven))
         state = state._replace(best=best, bounded=state.bounded + len(cells.piece))
         return self._kept(state, _Waiting(cells, upper, chosen))
+
+    def _bounded(self, best: PlaceFound | None, cells: CellRows, upper: np.ndarray, feet: FootRows) -> np.ndarray:
+        """Bounds over cells, by feet that are followed where that is known, then where they matter by flat pieces."""
+        goal, rows = self._goal(best), np.arange(len(upper))
+        if self._followed is not None:
+            upper = np.fmin(upper, self._followed.over(cells, feet, goal))
+            rows = np.flatnonzero(upper > goal)
+        if len(rows):
+            bound = self._source.over(cells.take(rows), self._target, feet.map(lambda x: x[rows]))
+            upper[rows] = np.fmin(upper[rows], bound.astype(np.float64))
+        return upper
 
     def _in_cells(self, rows: FootRows, places: PlacesOfCells) -> FootRows:
         shape = places.points.shape[:2]

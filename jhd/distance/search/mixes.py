@@ -20,6 +20,7 @@ from jhd.distance.search import farthest_place, from_points
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest_triangles import as_mesh
 from jhd.distance.search.farthest_place import FarthestSearch
+from jhd.distance.search.followed_cells import FollowedFeet
 from jhd.distance.search.from_points import PointSearch
 from jhd.distance.search.from_program import AnswerForm, from_program
 from jhd.distance.search.mesh_source import MeshSource
@@ -133,7 +134,9 @@ def _farthest(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> FarthestSearc
     def allowed(lower: float) -> float:
         return max(atol, float(method.rtol) * lower, floor + target.rounding(lower))
 
-    return FarthestSearch(source, target, frame, moved, allowed, aim, method.max_steps)
+    nets = isinstance(pair.a, Net) and isinstance(pair.b, Net)
+    feet = FollowedFeet(pair.a, pair.b) if nets else None
+    return FarthestSearch(source, target, frame, moved, allowed, aim, method.max_steps, feet)
 
 
 def _together(a: Any, b: Any) -> _Together:

@@ -1,0 +1,143 @@
+"""Polynomials on segments and triangles, by scaled coefficients in Bernstein form.
+
+A polynomial of degree n on a simplex with k + 1 corners (k is 1 or 2) is an array of n + 1 entries along each of its
+first k axes: at i its coefficient at the multi-index (n - |i|, i), times the multinomial coefficient; zero where |i|
+exceeds n. So a product is a plain convolution, and the constant one of degree n is the array of its multinomial
+coefficients. Further axes are those of its values; the last one should be long, as the compiler goes along it.
+
+Rounding. In terms of Bernstein coefficients all that is done here are sums of terms with non-negative factors of sum
+one. A product costs one rounding of each term and one for every term of a coefficient but the first, of which it has at
+most as many as the smaller operand has coefficients. Composing costs at most 20 roundings a level where the inner
+coordinate and its complement are off by a factor of gamma(6) at most: one product, a sum of at most 12 terms, those
+six, and one for multinomial coefficients.
+
+Source: Farin, Triangular Bernstein-Bezier patches, CAGD 3 (1986); DeRose et al., Functional composition algorithms via
+blossoming, ACM TOG 12 (1993), of which ours is de Casteljau's algorithm on polynomials.
+"""
+
+import math
+from functools import cache
+from itertools import product
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+# Roundings of one level of a composition with an inner map of degree two at most.
+LEVEL = 20
+
+
+@cache
+def lattice(k: int, n: int) -> np.ndarray:
+    """The multi-indices of degree n, (indices, k + 1), those of the corners first in their order."""
+    rows = [(n - sum(i), *i) for i in product(range(n + 1), repeat=k) if sum(i) <= n]
+    corners = [tuple(row) for row in n * np.eye(k + 1, dtype=int)] if n else []
+    return np.array([*corners, *(row for row in rows if row not in corners)])
+
+
+def _places(k: int, n: int) -> tuple[np.ndarray, ...]:
+    """Where the coefficients of the lattice stand in an array."""
+    return tuple(lattice(k, n)[:, 1:].T)
+
+
+@cache
+def multinomials(k: int, n: int) -> np.ndarray:
+    """The constant one of degree n: multinomial coefficients, zero where there are none."""
+    table = np.zeros((n + 1,) * k)
+    table[_places(k, n)] = [math.factorial(n) / math.prod(math.factorial(int(x)) for x in i) for i in lattice(k, n)]
+    return table
+
+
+def like(k: int, table: np.ndarray, values: Array) -> Array:
+    """Numbers for all entries, with axes for the values of an array."""
+    return jnp.asarray(table.reshape(*table.shape, *(1,) * (values.ndim - k)), values.dtype)
+
+
+def constant(k: int, n: int, values: Array) -> Array:
+    """The constant one of degree n, with axes for the values of an array."""
+    return like(k, multinomials(k, n), values)
+
+
+def scaled(k: int, n: int, coefficients: Array) -> Array:
+    """A polynomial of degree n from its coefficients at the lattice, (indices, *values)."""
+    table = jnp.zeros(((n + 1,) * k) + coefficients.shape[1:], coefficients.dtype)
+    return table.at[_places(k, n)].set(coefficients) * like(k, multinomials(k, n), table)
+
+
+def coefficients_of(k: int, f: Array) -> Array:
+    """The coefficients at the lattice, (indices, *values); each is divided, two roundings."""
+    n = f.shape[0] - 1
+    counts = multinomials(k, n)[_places(k, n)]
+    return f[_places(k, n)] / counts.reshape(-1, *(1,) * (f.ndim - k)).astype(f.dtype)
+
+
+def multiply(k: int, f: Array, g: Array) -> Array:
+    """The product; axes of values broadcast."""
+    if f.shape[0] > g.shape[0]:
+        return multiply(k, g, f)
+    n = f.shape[0] - 1
+    return _added(k, [(at, f[at] * g) for at in zip(*_places(k, n), strict=True)], n)
+
+
+def dot(k: int, f: Array, g: Array) -> Array:
+    """The scalar product of two polynomials whose values are vectors along the next axis."""
+    n = f.shape[0] - 1
+    return _added(k, [(at, jnp.sum(f[at] * g, axis=k)) for at in zip(*_places(k, n), strict=True)], n)
+
+
+def composed(k: int, rows: Array, inner: Array, complement: Array) -> Array:
+    """A polynomial in Bernstein form along the first axis, of the polynomial that its variable is on the simplex.
+
+    Args:
+        k: dimension of the simplex.
+        rows: coefficients (degree + 1, ..., *entries, values, last), already composed in other variables; else entries
+            of one.
+        inner: the variable (*entries, last), its values in [0, 1].
+        complement: one minus that.
+    """
+    g = inner.shape[0] - 1
+    while rows.shape[0] > 1:
+        low, high = rows[:-1], rows[1:]
+        terms = [(at, complement[at] * low + inner[at] * high) for at in zip(*_places(k, g), strict=True)]
+        rows = _added(k, terms, g, rows.ndim - 2 - k)
+    return rows[0]
+
+
+def _added(k: int, terms: list[tuple[Any, Array]], room: int, first: int = 0) -> Array:
+    """The sum of arrays that are moved by so much along their k axes of entries, the first of which is named."""
+    shape = list(terms[0][1].shape)
+    wide = [x + room if first <= axis < first + k else x for axis, x in enumerate(shape)]
+    out = jnp.zeros(wide, terms[0][1].dtype)
+    for at, x in terms:
+        moved = tuple(slice(int(i), int(i) + shape[first + axis]) for axis, i in enumerate(at))
+        out = out.at[(slice(None),) * first + moved].add(x)
+    return out
+
+
+@cache
+def raising(k: int, n: int, to: int) -> np.ndarray:
+    """The matrix that takes coefficients of degree n at the lattice to those of a higher degree; of rows of sum one."""
+    high, low = lattice(k, to), lattice(k, n)
+    counts = [math.prod(math.comb(int(a), int(b)) for a, b in zip(i, j, strict=True)) for i in high for j in low]
+    return np.reshape(counts, (len(high), len(low))) / math.comb(to, n)
+
+
+@cache
+def lowering(k: int, to: int, n: int) -> np.ndarray:
+    """A matrix that takes coefficients of a higher degree to those of about the same polynomial of degree n."""
+    return np.linalg.pinv(raising(k, n, to))
+
+
+@cache
+def inner_lattice(k: int, n: int, inset: float) -> np.ndarray:
+    """Barycentric coordinates of the lattice of degree n, moved towards the middle by a share, (indices, k + 1)."""
+    return (1 - inset) * lattice(k, n) / n + inset / (k + 1)
+
+
+@cache
+def fitting(k: int, n: int, inset: float) -> np.ndarray:
+    """The matrix that takes values at the inner lattice to the coefficients of the polynomial through them."""
+    places, index = inner_lattice(k, n, inset), lattice(k, n)
+    basis = np.prod(places[:, None] ** index[None], axis=-1) * multinomials(k, n)[_places(k, n)]
+    return np.linalg.inv(basis)
