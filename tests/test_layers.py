@@ -27,7 +27,10 @@ ORDER = """
 """
 COMMAND_LINE = ("commands", "__main__")
 # Their import takes a tenth of a second and more, so they may be imported where they are used.
-HEAVY = {"matplotlib", "mpl_toolkits", "fontTools", "scipy", "shapely", "trimesh", "skimage", "svgelements", "sympy"}
+HEAVY = {"matplotlib", "mpl_toolkits", "fontTools", "scipy", "shapely", "trimesh", "pyvista", "skimage"} | {
+    "svgelements",
+    "sympy",
+}
 
 
 def places():

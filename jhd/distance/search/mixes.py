@@ -96,7 +96,7 @@ def _search(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> AbstractSearch:
         return _farthest(a, b, method, aim)
     points, target = np.asarray(a.control_points)[:, 0], target_of(b)
     # Bounds that are always those of rounding need no tolerance.
-    atol = 0.0 if target.sharp else float(default_tolerance(_diagonal(a, b), points.dtype, 0.0))
+    atol = 0.0 if target.sharp else float(default_tolerance(diagonal_of(a, b), points.dtype, 0.0))
     atol = atol if method.atol is None else float(method.atol)
 
     def allowed(lower: float) -> float:
@@ -105,7 +105,7 @@ def _search(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> AbstractSearch:
     return PointSearch(points, target, allowed, aim, method.max_steps)
 
 
-class _Together(NamedTuple):
+class Together(NamedTuple):
     """Two shapes in common coordinates: nets, sides of polynomials, or corners of triangles and points.
 
     Args:
@@ -122,13 +122,13 @@ class _Together(NamedTuple):
 
 
 def _farthest(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> FarthestSearch:
-    pair = _together(a, b)
+    pair = together(a, b)
     source, floor = _source(a, pair.a)
-    target, size = _target(b, pair.b)
+    target, size = target_in(b, pair.b)
     frame, moved = pair.frame, pair.moved
     dtype = np.asarray(frame.centre).dtype
     floor = (floor + 16 * gamma(64, dtype)) * (1 + size) + 8 * moved
-    atol = float(default_tolerance(float(frame.common(np.asarray(_diagonal(a, b)))), dtype, 0.0))
+    atol = float(default_tolerance(float(frame.common(np.asarray(diagonal_of(a, b)))), dtype, 0.0))
     atol = atol if method.atol is None else float(frame.common(np.asarray(method.atol)))
 
     def allowed(lower: float) -> float:
@@ -139,11 +139,11 @@ def _farthest(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> FarthestSearc
     return FarthestSearch(source, target, frame, moved, allowed, aim, method.max_steps, feet)
 
 
-def _together(a: Any, b: Any) -> _Together:
+def together(a: Any, b: Any) -> Together:
     """Both in common coordinates; where one is a polynomial surface all but its own move without rounding."""
     if not any(isinstance(x, ImplicitSurface) for x in (a, b)):
         p, q, frame, moved = prepare_nets(_net(a), _net(b))
-        return _Together(_common(a, p, frame), _common(b, q, frame), frame, moved)
+        return Together(_common(a, p, frame), _common(b, q, frame), frame, moved)
     # Points so far away that their squares overflow beside the surface share its coordinates; it may vanish there.
     p, q, frame = prepare_surfaces(*(_net(x) for x in ((a, a) if is_points(b) else (a, b))))
     rows = [np.asarray(x.control_points) for x in (a, b) if is_points(x)]
@@ -153,7 +153,7 @@ def _together(a: Any, b: Any) -> _Together:
     moved = max(
         (gamma(4, x.dtype) * 2 * float(np.max(np.abs(x))) for x in (p, q) if isinstance(x, np.ndarray)), default=0
     )
-    return _Together(p, q, frame, float(moved))
+    return Together(p, q, frame, float(moved))
 
 
 def _net(shape: Any) -> Any:
@@ -187,7 +187,7 @@ def _source(shape: Any, moved: Any) -> tuple[AbstractSource, float]:
     return MeshSource(moved[np.asarray(shape.triangles)]), 0.0
 
 
-def _target(shape: Any, moved: Any) -> tuple[AbstractTarget, float]:
+def target_in(shape: Any, moved: Any) -> tuple[AbstractTarget, float]:
     """A shape in common coordinates as a target, and its largest coordinate."""
     if isinstance(moved, Side):
         return SurfaceTarget(moved), 1.0
@@ -211,7 +211,7 @@ def dtype_of(shape: Any) -> np.dtype:
     return np.dtype(types[0])
 
 
-def _diagonal(*shapes: Any) -> float:
+def diagonal_of(*shapes: Any) -> float:
     """Length of the diagonal of the box of all shapes."""
     ends = [[np.asarray(end, np.float64) for end in _box(shape)] for shape in shapes]
     return float(diagonal([(low, high) for low, high in ends]))

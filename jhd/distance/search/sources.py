@@ -108,7 +108,7 @@ class NetSource(AbstractSource):
         """See AbstractSource: at the middles of those parameters along which it is long."""
         parent = np.arange(len(cells.piece))
         if cells.low.shape[1] == 1:
-            return _cut_along(cells, parent, 0, parent >= 0)
+            return cut_along(cells, parent, 0, parent >= 0)
         # Beside a side that is a single point cells stay as long as they are wide.
         corners = self.places(cells).points[:, 1:].reshape(-1, 2, 2, 3)
         along = [np.sqrt(np.max(np.sum(np.diff(corners, axis=k) ** 2, axis=-1), axis=(1, 2))) for k in (1, 2)]
@@ -117,7 +117,7 @@ class NetSource(AbstractSource):
         which = wide & ((along >= _LONG * np.max(along, axis=1, keepdims=True)) | ~np.any(along > 0, axis=1)[:, None])
         which |= ~np.any(which, axis=1)[:, None]
         for axis in range(2):
-            cells, parent = _cut_along(cells, parent, axis, which[parent, axis])
+            cells, parent = cut_along(cells, parent, axis, which[parent, axis])
         return cells, parent
 
     def places(self, cells: CellRows) -> PlacesOfCells:
@@ -150,7 +150,7 @@ def over_hulls(hulls: Hulls, target: AbstractTarget, feet: FootRows) -> np.ndarr
     return in_blocks(program, None, *hulls, *target.flats(feet, hulls.corners))
 
 
-def _cut_along(cells: CellRows, parent: np.ndarray, axis: int, which: np.ndarray) -> tuple[CellRows, np.ndarray]:
+def cut_along(cells: CellRows, parent: np.ndarray, axis: int, which: np.ndarray) -> tuple[CellRows, np.ndarray]:
     """Cells cut in the middle of one parameter where asked for, and which cell each part is of."""
     middle = 0.5 * (cells.low[:, axis] + cells.high[:, axis])
     first, second = cells.high.copy(), cells.low.copy()

@@ -1,0 +1,222 @@
+"""The distance over flat cells: proven bounds of it everywhere, of its mean and of the mean of its square.
+
+A cell is a segment, triangle or parallelogram with corners v_i and middle c, its points spread evenly. With W the mean
+of |x - c|^2 over it, of any point p the mean of |x - p|^2 is |c - p|^2 + W.
+
+**Below.** The distance to b changes by at most |x - p|, so d(x) >= d(p) - |x - p| for every point p, near or far: from
+p on the far side of the cell from b, along the line from the foot of c, only W / (2 |c - p|) is lost. Such balls about
+far points are empty of b, and flat.
+
+**Above.** Flat pieces F with points of b within sag of all of theirs (jhd.distance.nearest.target) give the convex
+function f(x) = d(x, F) + sag. Over the cell it is at most its largest value at a corner, and its mean is at most the
+mean of these, as each point is that mean of corners on the average. Where F is the foot q of c the mean of the squares
+is |c - q|^2 + W itself.
+
+Rounding: sizes are at most `size`, and gamma(64) of it is more than the roundings of a sum of a few lengths.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jhd.arithmetic.rounding import gamma
+from jhd.distance.cells.measures import FlatCells
+from jhd.distance.nearest.target import AbstractTarget, Flats, ProvenFeet
+
+# The mean of |x - c|^2 as a share of the sum over the corners; by their number.
+_SPREAD = {1: 0.0, 2: 1 / 6, 3: 1 / 12, 4: 1 / 12}
+# Far points are looked for this far away at first; no round number, since at centres of circles and spheres nearest
+# points are hard to prove. Where one serves and more would be gained, this many times as far away, but no farther than
+# that: coordinates are at most one.
+NEAR, _FARTHER, _FARTHEST = 0.0437, 4.0, 4.0
+# More is gained where what is lost is more than this share of what may stay.
+_GAIN = 0.1
+_ROUNDINGS = gamma(64, np.float64)
+
+
+class OverCells(NamedTuple):
+    """Bounds over cells, and what serves their parts.
+
+    Args:
+        lower: of the distance, everywhere.
+        upper: likewise.
+        mean: bounds (cells, 2) of its mean.
+        square: bounds (cells, 2) of the mean of its square.
+        reach: how far away the far point is that served; negative where farther ones do not.
+    """
+
+    lower: Float[np.ndarray, " cells"]
+    upper: Float[np.ndarray, " cells"]
+    mean: Float[np.ndarray, "cells 2"]
+    square: Float[np.ndarray, "cells 2"]
+    reach: Float[np.ndarray, " cells"]
+
+    def take(self, rows: Any) -> "OverCells":
+        """Those of some of the cells."""
+        return OverCells(*(x[rows] for x in self))
+
+
+def distances_over(
+    cells: FlatCells, target: AbstractTarget, dtype: np.dtype, reach: np.ndarray, goal: float
+) -> OverCells:
+    """Bounds of the distance to a target over cells.
+
+    Args:
+        cells: the cells.
+        target: in the same coordinates.
+        dtype: that the target takes points in.
+        reach: how far away far points are looked for, for each cell; negative where farther ones did not serve.
+        goal: a gap that may stay.
+    """
+    # Bounds below are for the exact number that each point is.
+    middle = np.mean(cells.corners, axis=1).astype(dtype)
+    # Copies: what a program gives may not be written to.
+    found = ProvenFeet(*(np.array(x) for x in target.near(middle)))
+    least, least_mean, after = _below(cells.corners, target, middle, found, (reach, goal))
+    doubtful = np.flatnonzero((after < 0) & (np.abs(after) < np.abs(reach)))
+    if len(doubtful) and not target.sharp:
+        # What is near may be far from the nearest.
+        _put(found, doubtful, target.nearest(middle[doubtful]))
+        mended = ProvenFeet(*(x[doubtful] for x in found))
+        again = _below(cells.corners[doubtful], target, middle[doubtful], mended, (reach[doubtful], goal))
+        least[doubtful], least_mean[doubtful] = (
+            np.maximum(x[doubtful], y) for x, y in zip((least, least_mean), again[:2], strict=True)
+        )
+        after[doubtful] = again[2]
+    most, most_mean, most_square = _above(cells.corners, target, middle, found)
+    size = np.max(np.abs(cells.corners), axis=(1, 2)) + _FARTHEST
+    loose = cells.slack + 4 * _ROUNDINGS * size + 4 * np.finfo(dtype).eps * size
+    least, least_mean = (np.maximum(x - loose, 0.0) for x in (least, least_mean))
+    most, most_mean = most + loose, most_mean + loose
+    most_square = (np.sqrt(most_square) * (1 + _ROUNDINGS) + loose) ** 2
+    return OverCells(*_weighed(cells.uneven, least, most, least_mean, most_mean, most_square), after)
+
+
+def _weighed(
+    uneven: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    least: np.ndarray,
+    most: np.ndarray,
+    square: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The bounds for points that are spread unevenly: half the unevenness of the range may be off."""
+    with np.errstate(invalid="ignore"):
+        off = np.where(uneven > 0, 0.5 * uneven * (upper - lower), 0.0) * (1 + _ROUNDINGS)
+        off_square = np.where(uneven > 0, 0.5 * uneven * (upper**2 - lower**2), 0.0) * (1 + _ROUNDINGS)
+        square_low = least**2 * (1 - _ROUNDINGS)
+        low, high = np.fmax(least - off, lower), np.fmin(most + off, upper)
+        square_low = np.fmax(square_low - off_square, lower**2 * (1 - _ROUNDINGS))
+        square_high = np.fmin(square + off_square, upper**2 * (1 + _ROUNDINGS))
+    # A mean is at most the root of the mean of squares.
+    high = np.fmin(high, np.sqrt(square_high) * (1 + _ROUNDINGS))
+    square_low = np.fmax(square_low, low**2 * (1 - _ROUNDINGS))
+    return lower, upper, np.stack([low, high], axis=1), np.stack([square_low, square_high], axis=1)
+
+
+def _below(
+    corners: np.ndarray,
+    target: AbstractTarget,
+    middle: np.ndarray,
+    found: ProvenFeet,
+    reached: tuple[np.ndarray, float],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lower bounds over the cells and of the means, and how far away the point was that gave these."""
+    away = middle.astype(np.float64) - np.where(np.isfinite(found.foot), found.foot, middle)
+    length = np.sqrt(np.sum(away**2, axis=1))
+    normal = np.where((length > 0)[:, None], away / np.where(length > 0, length, 1.0)[:, None], _across(corners))
+    before, goal = reached
+    reach, spread = np.abs(before), _share(corners) * _scatter(corners)
+    least, mean = _seen_from(corners, target, middle, reach[:, None] * normal)
+    lost = spread / (2 * reach)
+    served = found.upper - mean <= 2 * lost + _GAIN * goal
+    more = np.flatnonzero(served & (before > 0) & (lost > _GAIN * goal) & (_FARTHER * reach <= _FARTHEST))
+    after = np.where(served, before, -reach / _FARTHER)
+    if len(more):
+        there = _seen_from(corners[more], target, middle[more], _FARTHER * reach[more, None] * normal[more])
+        after[more] = np.where(there[1] > mean[more], _FARTHER * reach[more], -reach[more])
+        least[more], mean[more] = np.maximum(least[more], there[0]), np.maximum(mean[more], there[1])
+    return least, mean, after
+
+
+def _put(found: ProvenFeet, rows: np.ndarray, others: ProvenFeet) -> None:
+    for held, new in zip(found, others, strict=True):
+        held[rows] = new
+
+
+def _seen_from(
+    corners: np.ndarray, target: AbstractTarget, middle: np.ndarray, offset: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lower bounds over cells and of the means, from points away from their middles."""
+    places = (middle + offset).astype(middle.dtype)
+    distance = target.nearest(places).lower.astype(np.float64)
+    apart = np.sqrt(np.sum((corners - places[:, None].astype(np.float64)) ** 2, axis=-1))
+    square = np.mean(apart**2, axis=1) - (1 - _share(corners)) * _scatter(corners)
+    return distance - np.max(apart, axis=1), distance - np.sqrt(np.maximum(square, 0.0))
+
+
+def _scatter(corners: np.ndarray) -> np.ndarray:
+    """The mean of |v_i - c|^2 over the corners."""
+    return np.mean(np.sum((corners - np.mean(corners, axis=1, keepdims=True)) ** 2, axis=2), axis=1)
+
+
+def _share(corners: np.ndarray) -> float:
+    """W as a share of the mean over the corners."""
+    return _SPREAD[corners.shape[1]] * corners.shape[1]
+
+
+def _across(corners: np.ndarray) -> np.ndarray:
+    """A unit vector across each flat cell; some direction where it has no area."""
+    if corners.shape[1] < 3:
+        return np.broadcast_to(np.array([0.0, 0.0, 1.0]), (len(corners), 3))
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.sqrt(np.sum(normal**2, axis=1, keepdims=True))
+    return np.where(length > 0, normal / np.where(length > 0, length, 1.0), np.array([0.0, 0.0, 1.0]))
+
+
+def _above(
+    corners: np.ndarray, target: AbstractTarget, middle: np.ndarray, found: ProvenFeet
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Upper bounds over the cells, of the means, and of the means of squares."""
+    rows = target.rows_of(found).map(lambda x: x[:, None])
+    flats = target.flats(rows, corners.astype(middle.dtype))
+    far = _beside(corners, flats, target.triangles)  # (cells, flats, corners)
+    to_middle = found.upper.astype(np.float64)
+    spread = np.max(np.sqrt(np.sum((corners - middle[:, None]) ** 2, axis=2)), axis=1)
+    square = to_middle**2 + _share(corners) * _scatter(corners)
+    most = np.fmin(np.min(np.max(far, axis=2), axis=1), to_middle + spread)
+    mean = np.fmin(np.min(np.mean(far, axis=2), axis=1), np.sqrt(square))
+    return most, mean, np.fmin(np.min(np.mean(far**2, axis=2), axis=1), square)
+
+
+def _beside(corners: np.ndarray, flats: Flats, triangles: bool) -> np.ndarray:
+    """Upper bounds of f at the corners (cells, flats, corners), from points of the pieces about nearest to them."""
+    origin, first, second, sag = (np.asarray(x, np.float64) for x in flats)
+    apart = corners[:, None] - origin[:, :, None]
+    aa, bb, ab = (np.sum(x * y, axis=-1)[..., None] for x, y in ((first, first), (second, second), (first, second)))
+    xa, xb = (np.sum(apart * x[:, :, None], axis=-1) for x in (first, second))
+    zero = np.zeros_like(xa)
+    along_a, along_b = _clipped(xa, aa), _clipped(xb, bb)
+    if triangles:
+        over = _clipped(xb - xa - ab + aa, aa + bb - 2 * ab)
+        places = [(along_a, zero), (zero, along_b), (1 - over, over)]
+    else:
+        one = zero + 1
+        places = [(along_a, zero), (zero, along_b), (_clipped(xa - ab, aa), one), (one, _clipped(xb - ab, bb))]
+    determinant = aa * bb - ab * ab
+    safe = np.where(determinant > 0, determinant, 1.0)
+    s, t = (xa * bb - xb * ab) / safe, (xb * aa - xa * ab) / safe
+    within = (determinant > 0) & (s >= 0) & (t >= 0) & ((s + t <= 1) if triangles else (s <= 1) & (t <= 1))
+    places.append((np.where(within, s, 0.0), np.where(within, t, 0.0)))
+    lengths = [_left(apart, first, second, s, t) for s, t in places]
+    return np.minimum.reduce(lengths) + np.where(np.isnan(sag), np.inf, sag)[..., None]
+
+
+def _clipped(along: np.ndarray, square: np.ndarray) -> np.ndarray:
+    return np.clip(along / np.where(square > 0, square, 1.0), 0.0, 1.0)
+
+
+def _left(apart: np.ndarray, first: np.ndarray, second: np.ndarray, s: np.ndarray, t: np.ndarray) -> np.ndarray:
+    left = apart - s[..., None] * first[:, :, None] - t[..., None] * second[:, :, None]
+    return np.sqrt(np.sum(left**2, axis=-1))

@@ -1,0 +1,190 @@
+"""The deviation of shapes whose distributions of distances are known, and what is refused."""
+
+import json
+import math
+
+import jax
+import numpy as np
+import pytest
+
+import jhd
+
+SEGMENT = [(0, 0), (1, 0)]
+# A turn in so many steps: sums of them err by far less than the bounds are apart.
+TURN = np.linspace(0, 2 * np.pi, 200_001)[:-1]
+
+
+def encloses(bounds, exact):
+    return bounds.lower <= exact <= bounds.upper
+
+
+def within(found, atol, rtol=1e-3):
+    """Whether maximum, mean and root mean square are as close as was asked for."""
+    return all(
+        float(x.upper) - float(x.lower) <= max(atol, rtol * float(x.upper))
+        for x in (found.maximum, found.mean, found.rms)
+    )
+
+
+@pytest.mark.parametrize("power", [-400, 0, 400])
+def test_a_segment_and_one_of_its_ends(power):
+    unit = 2.0**power
+    found = jhd.deviation(jhd.polyline(unit * np.array(SEGMENT)), jhd.points([(0, 0)]))
+    assert encloses(found.mean, unit / 2) and encloses(found.rms, unit / math.sqrt(3)) and encloses(found.measure, unit)
+    assert within(found, 1e-6 * unit) and found.maximum.lower <= unit <= found.maximum.upper
+    for q in (0.1, 0.5, 0.9, 1.0):
+        assert encloses(found.quantile(q), q * unit) and found.quantile(q).upper - found.quantile(q).lower < 0.2 * unit
+        assert encloses(found.share_within(q * unit), q)
+
+
+def test_a_segment_above_a_line_that_rises():
+    # The distance is (1 - x / 2) times the cosine of the slope.
+    cosine = 1 / math.sqrt(1.25)
+    found = jhd.deviation(jhd.polyline([(0, 1), (1, 1)]), jhd.polyline([(-3, -1.5), (3, 1.5)]))
+    assert encloses(found.mean, 0.75 * cosine) and encloses(found.quantile(0.5), 0.75 * cosine) and within(found, 1e-5)
+    assert encloses(found.rms, cosine * math.sqrt(7 / 12))
+    assert encloses(found.share_within(0.75 * cosine), 0.5)
+
+
+@pytest.mark.slow
+def test_concentric_circles_are_everywhere_as_far():
+    found = jhd.deviation(jhd.circle((0, 0), 1.0), jhd.circle((0, 0), 1.5), rtol=4e-3)
+    # The stored circles are within roundings of circles.
+    for bounds in (found.mean, found.rms, found.quantile(0.2), found.quantile(0.9)):
+        assert bounds.lower <= 0.5 * (1 + 1e-14) and 0.5 * (1 - 1e-14) <= bounds.upper
+        assert bounds.upper - bounds.lower < 5e-3
+    assert encloses(found.measure, 2 * math.pi) and within(found, 1e-5, 4e-3)
+
+
+def test_circles_that_cross_agree_with_a_dense_sum():
+    found = jhd.deviation(jhd.circle((0, 0), 1.0), jhd.circle((0.3, 0), 1.0), rtol=4e-3)
+    exact = np.abs(np.hypot(np.cos(TURN) - 0.3, np.sin(TURN)) - 1)
+    assert encloses(found.mean, exact.mean()) and encloses(found.rms, np.sqrt(np.mean(exact**2)))
+    assert encloses(found.quantile(0.5), np.median(exact)) and encloses(found.quantile(0.9), np.quantile(exact, 0.9))
+    assert encloses(found.share_within(0.1), np.mean(exact <= 0.1)) and within(found, 1e-5, 4e-3)
+
+
+def test_points_are_counted_and_not_cut():
+    rows = [(0.0, 1.0), (0.5, 2.0), (0.75, 4.0), (2.0, 0.0)]
+    found = jhd.deviation(jhd.points(rows), jhd.polyline(SEGMENT))
+    assert encloses(found.mean, 2.0) and encloses(found.rms, math.sqrt(22 / 4)) and found.measure == (4.0, 4.0)
+    assert encloses(found.quantile(0.5), 1.0) and encloses(found.quantile(0.75), 2.0)
+    assert found.share_within(1.5).upper == pytest.approx(0.5) and found.mean.upper - found.mean.lower < 1e-11
+    assert np.all(np.asarray(found.at().distance) == pytest.approx([1, 2, 4, 1]))
+
+
+def test_a_square_above_a_tilted_plane():
+    # The distance is (1 + x / 2) times the cosine of the slope, and the measure the area.
+    square = jhd.TriangleMesh([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], [[0, 1, 2], [0, 2, 3]])
+    plane = jhd.TriangleMesh([[-3, -3, 1.5], [4, -3, -2], [4, 4, -2], [-3, 4, 1.5]], [[0, 1, 2], [0, 2, 3]])
+    found, cosine = jhd.deviation(square, plane), 1 / math.sqrt(1.25)
+    assert encloses(found.mean, 1.25 * cosine) and encloses(found.rms, cosine * math.sqrt(1.25**2 + 1 / 48))
+    assert encloses(found.measure, 1.0) and encloses(found.quantile(0.5), 1.25 * cosine) and within(found, 1e-5)
+    assert np.asarray(found.at().distance) == pytest.approx(cosine * np.array([1, 1.5, 1.5, 1]))
+
+
+def test_a_shape_deviates_from_itself_by_nothing():
+    mesh = jhd.TriangleMesh([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.5]], [[0, 1, 2], [0, 2, 3]])
+    found = jhd.deviation(mesh, mesh)
+    assert found.mean.lower == found.rms.lower == 0 and found.rms.upper < 2e-6
+    assert found.share_within(1e-5).lower > 1 - 1e-10
+
+
+@pytest.mark.slow
+def test_a_flat_patch_and_a_paraboloid_agree_with_a_dense_sum():
+    ends = {-1.0: 1.0, 0.0: -1.0, 1.0: 1.0}
+    bowl = jhd.BezierPatch([[[x, y, ends[x] + ends[y] - 0.3] for y in ends] for x in ends])
+    patch = jhd.BezierPatch([[[x, y, 0.0] for y in (-0.5, 0.5)] for x in (-0.5, 0.5)])
+    found = jhd.deviation(patch, bowl, rtol=1e-2)
+    x = (np.arange(1000) + 0.5) / 2000
+    radius = np.linspace(0, 0.75, 4001)
+    exact = np.interp(np.hypot(*np.meshgrid(x, x)), radius, from_a_parabola(radius))
+    assert encloses(found.mean, exact.mean()) and encloses(found.rms, np.sqrt(np.mean(exact**2)))
+    assert encloses(found.quantile(0.5), np.median(exact)) and encloses(found.quantile(0.9), np.quantile(exact, 0.9))
+    assert encloses(found.share_within(0.1), np.mean(exact <= 0.1)) and within(found, 1e-5, 1e-2)
+
+
+def from_a_parabola(radius):
+    """The distance of (r, 0) from z = s^2 - 0.3 with 0 <= s: the least at the real roots of its derivative in s."""
+    found = np.empty_like(radius)
+    for k, r in enumerate(radius):
+        roots = np.roots([2, 0, 0.4, -r])
+        s = np.append(roots[np.abs(roots.imag) < 1e-9].real, 0.0)
+        found[k] = np.sqrt(np.min((s - r) ** 2 + (s**2 - 0.3) ** 2))
+    return found
+
+
+@pytest.mark.slow
+def test_an_octahedron_and_a_polynomial_sphere_agree_with_a_dense_sum():
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    faces = [[i, j, k] for i in (0, 3) for j in (1, 4) for k in (2, 5)]
+    sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", -1.5 * np.ones(3), 1.5 * np.ones(3))
+    found = jhd.deviation(jhd.TriangleMesh(axes, faces), sphere, rtol=0.05)
+    n = 400
+    u, v = (x.ravel() for x in np.meshgrid((np.arange(n) + 0.5) / n, (np.arange(n) + 0.5) / n))
+    # Half of the square is folded onto the other, so that its points fill the triangle evenly.
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    exact = 1 - np.linalg.norm(np.stack([u, v, 1 - u - v]), axis=0)
+    assert encloses(found.mean, exact.mean()) and encloses(found.rms, np.sqrt(np.mean(exact**2)))
+    assert encloses(found.quantile(0.5), np.median(exact)) and encloses(found.measure, 4 * math.sqrt(3))
+
+
+def test_results_are_told_and_written():
+    found = jhd.deviation(jhd.polyline(SEGMENT), jhd.points([(0, 0)]))
+    stored = json.loads(found.to_json())
+    assert stored["mean"] == list(found.mean) and stored["result"] == "successful"
+    assert stored["quantiles"]["0.5"] == list(found.quantile(0.5))
+    assert "mean in [0.49" in repr(found) and float(found) == found.mean.value
+
+
+def test_a_tolerance_that_is_not_reached_is_told_with_true_bounds():
+    shapes = jhd.circle((0, 0), 1.0), jhd.circle((0.3, 0), 1.0)
+    with pytest.raises(jhd.NotProvenError) as caught:
+        jhd.deviation(*shapes, max_cells=16)
+    exact = np.abs(np.hypot(np.cos(TURN) - 0.3, np.sin(TURN)) - 1)
+    assert encloses(caught.value.solution.mean, exact.mean()) and encloses(caught.value.solution.rms, 0.2115206140)
+    assert jhd.deviation(*shapes, max_cells=16, throw=False).result == jhd.RESULTS.capacity_reached
+
+
+def test_distances_at_places_are_differentiable():
+    line = jhd.polyline([(-3, -1.5), (3, 1.5)])
+    found = jhd.deviation(jhd.polyline([(0, 1), (1, 1)]), line)
+    assert np.asarray(found.at([0.0, 1.0]).distance) == pytest.approx([1 / math.sqrt(1.25), 0.5 / math.sqrt(1.25)])
+
+    def lifted(height):
+        return jhd.directed_hausdorff(jhd.polyline([(0.0, height), (1.0, height)]), line).value
+
+    assert float(jax.grad(lifted)(1.0)) == pytest.approx(1 / math.sqrt(1.25))
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda a, b: jhd.deviation(a, a.count), TypeError, "b must be a shape"),
+        (lambda a, b: jhd.deviation(a, b, rtol=-1), ValueError, "rtol"),
+        (lambda a, b: jhd.deviation(a, b, atol=-1), ValueError, "atol"),
+        (lambda a, b: jhd.deviation(a, b, max_cells=0), ValueError, "max_cells"),
+        (lambda a, b: jhd.deviation(a, jhd.points([(0, 0, 0)])), ValueError, "coordinates"),
+        (lambda a, b: jhd.deviation(jhd.polyline([(1, 1), (1, 1)]), b), ValueError, "a has no length"),
+        (lambda a, b: jhd.deviation(a, b).quantile(0), ValueError, "q is 0"),
+        (lambda a, b: jhd.deviation(a, b).share_within(-1), ValueError, "threshold is -1"),
+        (lambda a, b: jhd.deviation(a, b).at(), ValueError, "places is missing"),
+        (lambda a, b: jhd.deviation(b, a).at([0]), ValueError, "places is for curves"),
+        (lambda a, b: jhd.deviation(a, b).to_trimesh(), TypeError, "a is BezierSegments"),
+    ],
+)
+@pytest.mark.usefixtures("as_a_user")
+def test_what_cannot_be_measured_is_refused(call, error, message):
+    with pytest.raises(error, match=message):
+        call(jhd.polyline(SEGMENT), jhd.points([(0, 0)]))
+
+
+def test_a_polynomial_surface_has_no_proven_area():
+    sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", -1.5 * np.ones(3), 1.5 * np.ones(3))
+    with pytest.raises(TypeError, match="whose area is not proven"):
+        jhd.deviation(sphere, jhd.points([(0, 0, 0)]))
+
+
+def test_traced_shapes_are_refused():
+    with pytest.raises(TypeError, match="needs known shapes"):
+        jax.jit(lambda x: jhd.deviation(jhd.polyline(x), jhd.points([(0.0, 0.0)])).mean)(np.array(SEGMENT, float))
