@@ -28,7 +28,7 @@ from jhd.arithmetic.polynomials import jets
 from jhd.arithmetic.rounding import gamma, round_up
 from jhd.distance.frame.net_jets import Net, eta, jet, part_of
 from jhd.distance.frame.surfaces import Side
-from jhd.distance.nearest.forms import Form, boxes, form
+from jhd.distance.nearest.forms import boxes, form, slope_changes
 from jhd.distance.nearest.target import Flats
 
 # Room for the curvature of the surface beside the parallelogram, as a multiple of what a first look says.
@@ -126,7 +126,9 @@ def _sag(side: Side, flats: Flats, normal: Array, thickness: Array) -> Array:
     values = jnp.max(jnp.abs(f.value[:, None] + jnp.sum(f.slope.T[:, None] * local, axis=-1)), axis=1)
     most = values + f.rest + f.error + gamma(64, dtype) * size
     steepness = jnp.sum(normal * f.slope.T / half, axis=-1)
-    loose = jnp.sum(jnp.abs(normal) * (_bends(f).T + 4 * f.error[:, None] * (sum(f.local.shape[:3]))) / half, axis=-1)
+    loose = jnp.sum(
+        jnp.abs(normal) * (slope_changes(f).T + 4 * f.error[:, None] * (sum(f.local.shape[:3]))) / half, axis=-1
+    )
     loose = loose + gamma(64, dtype) * jnp.sum(jnp.abs(f.slope.T) / half, axis=-1)
     least = steepness - loose
     inside = jnp.all((low >= jnp.asarray(side.lower)) & (high <= jnp.asarray(side.upper)), axis=-1)
@@ -134,12 +136,3 @@ def _sag(side: Side, flats: Flats, normal: Array, thickness: Array) -> Array:
     first_look = thickness == 0
     good = inside & (least > 0) & (first_look | (sag <= thickness))
     return jnp.where(good & jnp.isfinite(sag), sag, jnp.inf)
-
-
-def _bends(f: Form) -> Array:
-    """Bounds of what the terms of degree two and more change the slopes by, times the half widths, (3, cells)."""
-    sizes = jnp.abs(f.local)
-    powers = np.indices(sizes.shape[:3]).astype(sizes.dtype)
-    for axis in range(3):
-        powers[axis][tuple(1 if k == axis else 0 for k in range(3))] = 0
-    return jnp.sum(powers[..., None] * sizes, axis=(1, 2, 3)) * (1 + gamma(sum(sizes.shape[:3]) + 64, sizes.dtype))

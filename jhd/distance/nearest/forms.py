@@ -124,6 +124,15 @@ def lower_bounds(
     return jnp.maximum(root, 0.0)
 
 
+def slope_changes(f: Form) -> Float[Array, "3 cells"]:
+    """Bounds of what the terms of degree two and more change the slopes by, times the half widths."""
+    sizes = jnp.abs(f.local)
+    powers = np.indices(sizes.shape[:3]).astype(sizes.dtype)
+    for axis in range(3):
+        powers[axis][tuple(1 if k == axis else 0 for k in range(3))] = 0
+    return jnp.sum(powers[..., None] * sizes, axis=(1, 2, 3)) * (1 + gamma(sum(sizes.shape[:3]) + 64, sizes.dtype))
+
+
 def box_distances(cells: Boxes, point: Array) -> tuple[Array, Array]:
     """Bounds of the distances from a point, or from one point for each cell, to the points of cells: least and most."""
     apart = jnp.abs(cells.centre - (point[:, None] if point.ndim == 1 else point))

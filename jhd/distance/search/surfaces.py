@@ -1,9 +1,10 @@
 """Proven bounds of the directed Hausdorff distance of two implicit surfaces, closed by branch and bound.
 
 Cells are boxes that cover a; each waits in a table with an upper bound of the distance of its points from b. A step
-takes those with the largest bounds, finds feet of b for each, bounds them (jhd.distance.cells.surfaces), and cuts what
-is still too large into eight, of which those go that hold no point of a. The most promising point of a that a step sees
-is polished to a local maximum and measured: its distance from all of b, proven from below, raises the lower bound.
+takes those with the largest bounds, finds feet of b for each, bounds them (jhd.distance.cells.surfaces, also signs and
+moving_feet), and cuts what is still too large into eight, of which those go that hold no point of a. The most promising
+point of a that a step sees is polished to a local maximum and measured: its distance from all of b, proven from below,
+raises the lower bound.
 
 At every moment each point of a lies in a cell whose bound holds, so the largest bound is one of the distance. What does
 not fit into the table is folded into it, and cells that are no larger than what was folded need no more work.
@@ -22,6 +23,7 @@ from jaxtyping import Array
 from jhd.arithmetic.polynomials import jets
 from jhd.arithmetic.rounding import like_double, unit_roundoff
 from jhd.arrays import varying
+from jhd.distance.cells.moving_feet import moving_bounds
 from jhd.distance.cells.signs import sign_bounds
 from jhd.distance.cells.surfaces import FEET, upper_bounds
 from jhd.distance.frame.aim import Wanted, default_tolerance
@@ -199,6 +201,12 @@ def _bounded(a: Side, b: Target, state: SurfaceState, rows: Array, parents: Arra
     radius = jnp.where(proven, radius, jnp.take_along_axis(radius, first[None], axis=0))
     bound = jnp.minimum(parents, upper_bounds(form_a, cells, feet, radius, free))
     bound = jnp.minimum(bound, sign_bounds(form_a, b.side, cells, free, place, feet[0], limit))
+    bound = jax.lax.cond(
+        jnp.any(alive & (bound > limit)),
+        lambda bound: jnp.minimum(bound, moving_bounds(form_a, a, b.side, cells, feet[0])),
+        lambda bound: bound,
+        bound,
+    )
     # The points of a that a cell offers, of which the one farther from all feet is the better one.
     far = jnp.sqrt(jnp.min(jnp.sum((points[:, None] - feet) ** 2, axis=2), axis=1))
     far = jnp.where(near & alive & (bound > limit), jnp.minimum(far, bound), -jnp.inf)

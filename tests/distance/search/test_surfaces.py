@@ -215,3 +215,25 @@ def test_both_directions_under_jit_are_those_from_the_host():
         assert abs(float(there.value) - float(here.value)) < 1e-9
         assert max(float(there.lower), float(here.lower)) <= min(float(there.upper), float(here.upper))
         assert int(there.direction._value) == int(here.direction._value)
+
+
+FAMILIES = {
+    "cylinders": ("x^2 + y^2 - 1", "x^2 + y^2 - 1.5625", 0.25),
+    "spheres": ("x^2 + y^2 + z^2 - 1", "x^2 + y^2 + z^2 - 1.5625", 0.25),
+    "tori": ("(x^2 + y^2 + z^2 + 0.9375)^2 - 4*x^2 - 4*y^2", "(x^2 + y^2 + z^2 + 0.859375)^2 - 4*x^2 - 4*y^2", 0.125),
+}
+
+
+@pytest.mark.parametrize(
+    "name", ["cylinders", pytest.param("spheres", marks=pytest.mark.slow), pytest.param("tori", marks=pytest.mark.slow)]
+)
+def test_what_is_equally_far_everywhere_closes_to_a_millionth_of_the_diagonal(name):
+    first, second, exact = FAMILIES[name]
+    a, b, gap = parsed(first), parsed(second), 1e-6 * 4 * math.sqrt(3)
+    solution = jhd.directed_hausdorff(a, b, jhd.BranchAndBound(atol=gap))
+    check(solution, exact, gap)
+    assert int(solution.stats["cells"]) < 30_000
+    if name == "cylinders":
+        # What does not close by default says so, and has bounds.
+        found = jhd.directed_hausdorff(a, b, jhd.BranchAndBound(max_steps=20), throw=False)
+        assert name_of(found.result) == "family_of_maxima" and float(found.lower) <= exact <= float(found.upper)

@@ -1,0 +1,67 @@
+"""Truncated polynomials against exact rational arithmetic."""
+
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jhd.arithmetic.truncated import EXPONENTS, Truncated, composed, largest, product
+
+CASES = 8
+PRODUCT, COMPOSED, LARGEST = (jax.jit(f) for f in (product, composed, largest))
+
+
+def random_polynomials(rng, *shape):
+    """Coefficients that fall with the degree, by a factor for each case, and of absolute values below one."""
+    fall = 2.0 ** -rng.integers(1, 12, CASES)
+    degrees = np.array([sum(powers) for powers in EXPONENTS]).reshape(-1, *[1] * (len(shape) + 1))
+    terms = rng.uniform(-1, 1, (len(EXPONENTS), *shape, CASES)) * fall**degrees
+    return terms / (1.01 * np.sum(np.abs(terms), axis=0))
+
+
+def value(terms, s, t):
+    return sum(Fraction(float(c)) * s**i * t**j for c, (i, j) in zip(terms, EXPONENTS, strict=True))
+
+
+def places(rng):
+    """Corners and inner points of the square."""
+    inner = [Fraction(float(x)) for x in rng.uniform(-1, 1, 4)]
+    return [(Fraction(1), Fraction(-1)), (Fraction(-1), Fraction(-1)), inner[:2], inner[2:]]
+
+
+def holds(found, case, exact, s, t):
+    return abs(exact - value(np.asarray(found.terms)[:, case], s, t)) <= Fraction(float(found.rest[case]))
+
+
+def test_products_and_compositions_stay_within_their_rests():
+    rng = np.random.default_rng(3)
+    x = random_polynomials(rng, 3)
+    powers = list(np.ndindex(4, 4, 4))
+    form = rng.normal(size=(4, 4, 4, CASES))
+    nothing = jnp.zeros((3, CASES))
+    square = PRODUCT(*(Truncated(jnp.asarray(x[:, k]), nothing[k]) for k in (0, 1)))
+    whole = COMPOSED(form, Truncated(jnp.asarray(x), nothing))
+    for case in range(CASES):
+        for s, t in places(rng):
+            first, second, third = (value(x[:, k, case], s, t) for k in range(3))
+            assert holds(square, case, first * second, s, t)
+            parts = [first**i * second**j * third**k for i, j, k in powers]
+            numbers = [Fraction(float(form[(*p, case)])) for p in powers]
+            exact = sum(number * part for number, part in zip(numbers, parts, strict=True))
+            assert holds(whole, case, exact, s, t)
+    # Rests fall with the size: what is lost is beyond the degree.
+    assert float(np.min(square.rest)) < 1e-12
+
+
+def test_the_largest_value_is_bounded_and_attained_at_corners():
+    rng = np.random.default_rng(4)
+    x = random_polynomials(rng)
+    rest = jnp.asarray(rng.uniform(0, 1e-3, CASES))
+    most = LARGEST(Truncated(jnp.asarray(x), rest))
+    for case in range(CASES):
+        values = [value(x[:, case], s, t) for s, t in places(rng)]
+        assert max(values) + Fraction(float(rest[case])) <= Fraction(float(most[case]))
+    rising = np.zeros_like(x)
+    rising[:3] = 0.25
+    assert np.allclose(LARGEST(Truncated(jnp.asarray(rising), 0 * rest)), 0.75, atol=1e-14)
