@@ -20,7 +20,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 from jhd.arithmetic.scaling import common_exponent, scale_of, unit_weights
-from jhd.arrays import is_traced
+from jhd.arrays import is_traced, is_tracing
 from jhd.compiled import compiled
 from jhd.distance.frame.attach import attached
 from jhd.distance.frame.coordinates import Frame
@@ -116,15 +116,19 @@ def _moving(
 
 def _moving_rule(primals: tuple, tangents: tuple) -> tuple[tuple[_Answer, ...], tuple[_Answer, ...]]:
     answers, curves, kinds, frame = primals
+    touched = _touched(curves, kinds)
+    moves = [_Rows(*(None if isinstance(x, SymbolicZero) else x for x in change)) for change in tangents[1]]
+    if is_tracing():
+        # Only what is asked for remains of it.
+        return answers, _changed_there(answers, touched, moves, kinds, frame)
     # All slopes by a program of its own, which is kept for curves of any length: where the curves are known the rest is
     # a few sums.
-    touched = _touched(curves, kinds)
     slopes = _slopes(answers, touched.rows, touched.of_b, kinds, frame)
     moved = [
         (slope, segments, x)
-        for rows, segments, change in zip(slopes, touched.segments, tangents[1], strict=True)
+        for rows, segments, change in zip(slopes, touched.segments, moves, strict=True)
         for slope, x in zip(rows, change, strict=True)
-        if x is not None and not isinstance(x, SymbolicZero)
+        if x is not None
     ]
     return answers, _changed(answers, moved)
 
@@ -167,13 +171,45 @@ def _slopes(
 
     def one(answer: _Answer, rows: tuple[_Rows, _Rows], of_b: Array, kind: _Constants) -> tuple[_Rows, _Rows]:
         def change(moved: tuple[_Rows, _Rows]) -> Array:
-            pieces, pieces_dot = jax.jvp(lambda rows: _pieces(rows, of_b, frame), (rows,), (moved,))
-            return _change(answer, pieces, pieces_dot, frame.scale(answer.value.dtype), kind).vector()
+            return _moved_by(answer, rows, moved, of_b, kind, frame).vector()
 
         # It is linear: its slopes anywhere are those of the answer.
         return jax.jacrev(change)(jax.tree_util.tree_map(jnp.zeros_like, rows))
 
     return jax.vmap(one)(_stacked(answers), rows, of_b, _stacked(kinds))
+
+
+def _changed_there(
+    answers: tuple[_Answer, ...], touched: _Touched, moves: list[_Rows], kinds: tuple[_Constants, ...], frame: Frame
+) -> tuple[_Answer, ...]:
+    """The changes of the answers where control points and weights change, without the slopes; None does not change."""
+
+    def taken(row: Any, change: Any, segments: Array) -> Any:
+        return None if row is None else jnp.zeros_like(row) if change is None else change[segments]
+
+    moved = tuple(
+        _Rows(taken(rows.points, change.points, segments), taken(rows.weights, change.weights, segments))
+        for rows, change, segments in zip(touched.rows, moves, touched.segments, strict=True)
+    )
+
+    def one(k: int, answer: _Answer, kind: _Constants) -> _Answer:
+        rows, change, of_b = jax.tree_util.tree_map(lambda x: x[k], (touched.rows, moved, touched.of_b))
+        return _moved_by(answer, rows, change, of_b, kind, frame)
+
+    return tuple(one(k, answer, kind) for k, (answer, kind) in enumerate(zip(answers, kinds, strict=True)))
+
+
+def _moved_by(
+    answer: _Answer,
+    rows: tuple[_Rows, _Rows],
+    moved: tuple[_Rows, _Rows],
+    of_b: Array,
+    kind: _Constants,
+    frame: Frame,
+) -> _Answer:
+    """How an answer changes where the rows that it touches change."""
+    pieces, pieces_dot = jax.jvp(lambda rows: _pieces(rows, of_b, frame), (rows,), (moved,))
+    return _change(answer, pieces, pieces_dot, frame.scale(answer.value.dtype), kind)
 
 
 def _stacked(each: tuple) -> Any:
