@@ -174,6 +174,8 @@ def _kind(x: Any) -> Any:
         return x.shape, x.dtype
     if of in (bool, int, float):
         return of
+    if _is_literal(x):
+        return x.shape, x.dtype, x.weak_type  # pyright: ignore[reportAttributeAccessIssue]
     return (x.aval, x.sharding, x.committed) if isinstance(x, jax.Array) else (of, getattr(x, "dtype", None))
 
 
@@ -190,10 +192,15 @@ def _usual(leaves: list[Any]) -> bool:
 def _is_usual(x: Any, home: Any, alone: bool) -> bool:
     if type(x) in (bool, int, float):
         return True
-    if type(x) is not np.ndarray and not isinstance(x, jax.Array | np.generic):
+    if type(x) is not np.ndarray and not isinstance(x, jax.Array | np.generic) and not _is_literal(x):
         return False
     number = isinstance(x.dtype, np.dtype) and x.dtype.isnative and x.dtype.kind in "biuf"
     return number and (not isinstance(x, jax.Array) or (x.sharding == home and (alone or not x.committed)))
+
+
+def _is_literal(x: Any) -> bool:
+    """Whether it is an array of NumPy as JAX hands on the known numbers of what it differentiates."""
+    return isinstance(x, np.ndarray) and hasattr(x, "weak_type")
 
 
 def _like(x: Any) -> jax.ShapeDtypeStruct:

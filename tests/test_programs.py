@@ -197,6 +197,23 @@ def test_the_same_kind_from_elsewhere_is_the_same_program(folder, sample):
     assert len(module.traced) == 2
 
 
+def test_known_numbers_in_the_rule_of_a_derivative_have_the_program_of_any_others(folder, sample):
+    program = in_a_new_process(sample(SQUARE).square)
+
+    @jax.custom_jvp
+    def scaled(x, known):
+        return x * known**2
+
+    @scaled.defjvp
+    def rule(primals, tangents):
+        return scaled(*primals), program(primals[1])["square"] * tangents[0]
+
+    # JAX hands numbers of NumPy on as literals.
+    for known, expected in ((np.asarray(3.0), 9.0), (np.arange(3.0), [0, 1, 4])):
+        assert jax.grad(lambda x, known=known: scaled(x, known).sum())(jnp.ones(known.shape)).tolist() == expected
+    assert len(files(folder)) == 2
+
+
 def test_static_arguments_are_told_apart_by_type_too(folder, sample):
     module = sample("def scaled(x, n):\n    traced.append(n)\n    return 7 * x if n is True else x * n + n")
     for _ in range(2):
@@ -345,6 +362,7 @@ def test_under_a_trace_nothing_is_kept(folder, sample):
     assert files(folder) == []
 
 
+@pytest.mark.slow
 def test_what_is_kept_is_dropped_with_all_programs_and_read_again(folder, sample, monkeypatch, tmp_path):
     # Those of other tests stay.
     monkeypatch.setattr(compiled_module, "_programs", WeakSet())
