@@ -42,6 +42,7 @@ def test_static_arguments_are_constants_of_the_program():
     assert compiled(power, static=(1,))(jnp.array(3.0), 2) == 9.0
 
 
+@pytest.mark.slow
 def test_programs_are_dropped_near_the_limit_and_made_again(monkeypatch, tmp_path):
     traced = []
     # Those of other tests stay.

@@ -71,6 +71,7 @@ def test_free_inner_points_end_in_equal_oscillation():
     assert np.sum(solution.multipliers > 0) == 5 and spread(solution) <= max(1e-8 * FIXED, ROUNDING)
 
 
+@pytest.mark.slow
 def test_free_ends_are_nearer_than_fixed_ones():
     solution = jhd.fit_curve(quarter(), degree=3, ends="free")
     assert float(solution.error.value) == pytest.approx(FREE, rel=1e-5)

@@ -197,6 +197,7 @@ CURVES = {
 
 
 @pytest.mark.parametrize("name", CURVES)
+@pytest.mark.slow
 def test_a_curve_and_a_patch(name):
     curve, surface, exact = CURVES[name]
     check(curve, surface, exact, slack=2e-15)
@@ -224,6 +225,7 @@ TO_SPHERE = {
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow if name == "inside" else ()) for name in TO_SPHERE]
 )
+@pytest.mark.slow
 def test_a_curve_and_a_sphere(name):
     curve, exact = TO_SPHERE[name]
     check(curve, SPHERE, exact, slack=2e-15, gap=1e-8)

@@ -160,6 +160,7 @@ def test_derivatives_in_points_and_shape_are_those_of_differences(shape, turned)
     np.testing.assert_allclose(gradient, jax.grad(distance)(*arrays), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_batches_of_sets_of_points_are_measured_one_after_the_other():
     sets = RNG.normal(size=(3, 6, 3))
     found = jax.vmap(lambda p: jhd.directed_hausdorff(jhd.points(p), SQUARE).value)(sets)
@@ -212,6 +213,7 @@ def test_a_point_nearly_on_a_plane_has_a_true_upper_bound_where_squares_vanish(h
     assert float(found.lower[0]) <= height <= float(found.upper[0])
 
 
+@pytest.mark.slow
 def test_of_points_that_are_one_only_one_is_searched_beside_a_long_curve():
     angles = np.arange(101) * 2 * np.pi / 100
     found = jhd.minimum_distance(jhd.points(np.zeros((300, 2))), jhd.polyline(np.c_[np.cos(angles), np.sin(angles)]))

@@ -82,6 +82,7 @@ def random_curves(degree):
 
 @pytest.mark.parametrize("method", GLOBAL, ids=kind)
 @pytest.mark.parametrize("degree", DEGREES)
+@pytest.mark.slow
 def test_random_queries_never_miss_the_nearest_point(degree, method):
     for control_points, rows, expected in random_curves(degree):
         found = jhd.project(rows, jhd.BezierSegments(control_points), method)
@@ -92,6 +93,7 @@ def test_random_queries_never_miss_the_nearest_point(degree, method):
     "degree", [pytest.param(2, marks=pytest.mark.slow), 3, pytest.param(5, marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize("method", GLOBAL, ids=kind)
+@pytest.mark.slow
 def test_random_queries_never_miss_the_nearest_point_of_a_rational_curve(method, degree):
     rng = np.random.default_rng(degree)
     for _ in range(CURVES // 4):

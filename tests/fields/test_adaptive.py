@@ -222,6 +222,7 @@ def largest_seen(field, mesh, count=20_000):
 
 
 @pytest.mark.parametrize("which", ["field", "full"])
+@pytest.mark.slow
 def test_the_proven_error_is_above_all_that_is_seen_and_not_far(which, request):
     field, mesh = request.getfixturevalue(which), block()
     proven, seen = field.proven_error(mesh, max_boxes=60_000), largest_seen(field, mesh)

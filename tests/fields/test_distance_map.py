@@ -86,6 +86,7 @@ def test_the_nearest_arc_attains_the_distance_and_no_other_is_nearer():
 
 
 @pytest.mark.parametrize("tile", [1, 7, 32, 128])
+@pytest.mark.slow
 def test_tiles_leave_no_trace(tile):
     arcs = biarcs(spline(12), 1e-4)
     size = (40, 24) if tile == 1 else (100, 60)

@@ -31,6 +31,7 @@ def test_a_moved_mesh_finds_its_place():
     assert np.all(np.diff(fit.history) <= 0) and int(fit.stats["evaluations"]) <= 61
 
 
+@pytest.mark.slow
 def test_a_mesh_between_two_others_ends_where_its_maxima_cancel():
     # The distance of a tetrahedron stretched by s along x from two copies 0.5 apart along x is never zero.
     two = jhd.TriangleMesh(

@@ -422,6 +422,7 @@ def test_a_curve_is_a_tree_of_its_arrays():
     assert again.periodic
 
 
+@pytest.mark.slow
 def test_curves_are_mapped_over():
     batch = eqx.filter_vmap(lambda c: BSplineCurve.uniform(c, closed=True))(np.stack([POINTS, 2 * POINTS]))
     assert (batch.degree, batch.dim) == (3, 2)
@@ -436,6 +437,7 @@ def test_curves_are_mapped_over():
 @pytest.mark.parametrize(
     ("knots", "periodic"), [(DOUBLE, False), (CLOSED, True)], ids=["double knots", "triple knot and seam"]
 )
+@pytest.mark.slow
 def test_gradients_in_points_knots_and_weights_are_finite_at_repeated_knots(knots, periodic):
     def total(points, knots, weights):
         curve = BSplineCurve(points, knots, weights, periodic)

@@ -558,6 +558,7 @@ def test_a_curve_is_a_tree_of_its_arrays():
     assert bool(eqx.tree_equal(curve, again))
 
 
+@pytest.mark.slow
 def test_curves_are_mapped_over():
     batch = eqx.filter_vmap(BezierSegments)(np.stack([LOOP, LOOP[::-1]]))
     assert (batch.count, batch.degree, batch.dim) == (4, 3, 2)

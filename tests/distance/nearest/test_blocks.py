@@ -42,6 +42,7 @@ def _both(points, queries):
 @pytest.mark.parametrize(
     "kind", ["plain", "repeated", pytest.param("overlapping", marks=pytest.mark.slow), "points", "around"]
 )
+@pytest.mark.slow
 def test_blocks_prove_what_all_segments_prove(kind):
     points, queries = _segments(kind, np.random.default_rng(3))
     (found, (segment, t)), expected = _both(jnp.asarray(points), jnp.asarray(queries))

@@ -167,6 +167,7 @@ def test_bounds_hold_on_a_lattice(integers):
 
 
 @pytest.mark.parametrize(("name", "value"), [("_CAPACITY", 1), ("_MAX_STEPS", 1)])
+@pytest.mark.slow
 def test_a_full_queue_and_a_step_limit_leave_true_bounds(monkeypatch, name, value):
     # Folded to and fro over a line: from beside it several stretches are almost equally near.
     folded = np.array([[(0, 0), (9, 0), (-30, 0.5), (60, 0), (-60, 0.25), (30, 0), (-9, 0), (0, 0.125)]])

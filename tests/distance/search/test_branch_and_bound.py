@@ -100,6 +100,7 @@ def cubics(name):
     return [np.asarray(curve.elevate(3).control_points) for curve in pairs.both(pairs.BY_NAME[name])]
 
 
+@pytest.mark.slow
 def test_a_full_table_is_folded_into_the_upper_bound():
     name = "segment_folded"
     a, b = cubics(name)
@@ -134,6 +135,7 @@ def lattice_cubics(draw):
 
 @given(lattice_cubics(), st.sampled_from([0.0, 1e6, -3e8]), st.sampled_from([1.0, 2.0**-40, 2.0**40]))
 @settings(max_examples=60)
+@pytest.mark.slow
 def test_bounds_of_lattice_cubics_hold_against_the_reference(pair, offset, scale):
     a, b = (rows * scale + offset * scale for rows in pair)
     solution = jhd.directed_hausdorff(jhd.BezierSegments(a), jhd.BezierSegments(b), throw=False)

@@ -162,6 +162,7 @@ FEATURES = {
 
 
 @pytest.mark.parametrize("name", FEATURES)
+@pytest.mark.slow
 def test_first_and_second_derivatives_are_those_of_differences(name):
     corners = jnp.stack([A, np.array(FEATURES[name])])
     ways = np.random.default_rng(3).normal(size=(2, 2, 3, 3))

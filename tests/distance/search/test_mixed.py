@@ -46,6 +46,7 @@ def test_spheres_far_from_the_origin_are_as_close_as_near_it(offset):
 
 
 @pytest.mark.parametrize("exponent", EXTREMES)
+@pytest.mark.slow
 def test_spheres_of_extreme_sizes_are_as_close_as_those_of_size_one(exponent):
     found = minimum_distance(*spheres(exponent=exponent))
     enclosed(found, 2 * Fraction(2) ** exponent, 1e-12 * 2.0**exponent)

@@ -64,6 +64,7 @@ def test_feet_of_patches_are_points_of_the_piece_named_at_the_parameters_named()
     assert np.all(nearest <= np.asarray(found.upper) + 0.05)
 
 
+@pytest.mark.slow
 def test_a_quarter_of_a_cylinder_and_collapsed_edges_are_measured_as_their_formulas_say():
     w = np.sqrt(0.5)
     arc, weights = np.array([[1.0, 0], [1, 1], [0, 1]]), np.array([1, w, 1])
@@ -81,6 +82,7 @@ def test_a_quarter_of_a_cylinder_and_collapsed_edges_are_measured_as_their_formu
     np.testing.assert_allclose(found.distance, [1, 1], atol=1e-13)
 
 
+@pytest.mark.slow
 def test_distances_to_a_sphere_are_those_of_its_formula_from_its_centre_to_far_away():
     points = np.concatenate(
         [RNG.normal(size=(20, 3)), [[0, 0, 0], [1, 0, 0], [1e30, 0, 0], [0, 1e-200, 0], [0, 0, 1e300]]]
@@ -169,12 +171,14 @@ def test_derivatives_of_nearest_points_are_those_of_differences_and_the_same_und
     np.testing.assert_allclose(bent, (ahead - behind) / (2 * STEP), atol=1e-7)
 
 
+@pytest.mark.slow
 def test_at_distance_zero_and_where_all_of_the_surface_is_nearest_derivatives_are_finite():
     for query, expected in (([1.0, 0, 0], 0.0), ([0.0, 0, 0], 1.0)):
         gradient = jax.grad(lambda p: jhd.project(p, SPHERE).distance)(jnp.asarray(query))
         assert abs(float(jnp.linalg.norm(gradient)) - expected) < 1e-9
 
 
+@pytest.mark.slow
 def test_where_no_point_is_proven_derivatives_are_finite():
     line = jhd.ImplicitSurface.parse("x**2 + y**2", [-2, -2, -2], [2, 2, 2])
 

@@ -153,6 +153,7 @@ def test_the_hessian_agrees_with_differences_of_the_gradient(seed):
     np.testing.assert_allclose(product, difference, rtol=SECOND, atol=SECOND * float(jnp.max(jnp.abs(difference))))
 
 
+@pytest.mark.slow
 def test_reverse_mode_can_be_taken_twice():
     rng = np.random.default_rng(21)
     rows = jnp.asarray(np.stack([0.3 * rng.normal(size=(4, 2)), rng.normal(size=(4, 2))]))
@@ -172,6 +173,7 @@ def _product(rows, direction):
     return jax.jvp(_gradient, (rows,), (direction,))[1]
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_mode_agree_and_batches_equal_single_calls():
     rows = jnp.asarray(np.random.default_rng(5).normal(size=(4, 2, 4, 2)))
     batched = jax.jit(jax.vmap(jax.grad(_value)))(rows)
@@ -220,6 +222,7 @@ def test_at_distance_zero_the_gradient_is_zero():
     ],
     ids=["concentric", "points", "parallel", "about_the_centre", "cusp"],
 )
+@pytest.mark.slow
 def test_degenerate_pairs_have_finite_derivatives(a, b):
     gradient = eqx.filter_grad(lambda ab: jhd.hausdorff(*ab).value)((a, b))
     for leaf in jax.tree_util.tree_leaves(gradient):
@@ -234,6 +237,7 @@ def test_the_radius_of_a_concentric_circle_has_slope_one():
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("rational", [False, True])
+@pytest.mark.slow
 def test_projections_are_differentiable_in_points_and_curve(dim, rational):
     rng = np.random.default_rng(dim)
     rows, queries = rng.normal(size=(4, dim)), 1.5 * rng.normal(size=(5, dim))

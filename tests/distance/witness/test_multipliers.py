@@ -130,6 +130,7 @@ def solved(dim):
 
 
 @pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_at_ends_and_corners_of_curves_the_derivative_is_between_the_one_sided_ones(dim):
     shared = 0
     for case, witness, (values, *gradients) in solved(dim):
@@ -212,6 +213,7 @@ def mesh_case(event, rng):
 
 
 @pytest.mark.parametrize("event", ["corner", "one_to_two"])
+@pytest.mark.slow
 def test_at_edges_and_vertices_of_meshes_the_derivative_is_between_the_one_sided_ones(event):
     rng, kinks = np.random.default_rng(len(event)), 0
     for _ in range(4):
