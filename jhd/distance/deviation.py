@@ -14,7 +14,6 @@ from jhd.arrays import check_scalar, check_whole, is_traced, real_array
 from jhd.distance.cells.weighted import Weights, quantile_bounds, share_bounds
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.hausdorff import directed_hausdorff
-from jhd.distance.pairs import Shape
 from jhd.distance.project import project
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.distribution import COUNTS, Distribution, DistributionSearch
@@ -22,6 +21,7 @@ from jhd.distance.search.measured import AbstractMeasured, MeasuredMesh, Measure
 from jhd.distance.search.mixes import Together, diagonal_of, dtype_of, target_in, together
 from jhd.distance.search.points import is_points
 from jhd.distance.search.search import Listener, Progress, drive
+from jhd.shapes.as_shape import Shape, taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
@@ -170,7 +170,7 @@ class Deviation(eqx.Module):
         import trimesh
 
         mesh = self._mesh()
-        attributes = {"distance": np.asarray(self.at().distance)}
+        attributes: Any = {"distance": np.asarray(self.at().distance)}
         return trimesh.Trimesh(
             np.asarray(mesh.vertices), np.asarray(mesh.triangles), process=False, vertex_attributes=attributes
         )
@@ -182,7 +182,7 @@ class Deviation(eqx.Module):
             TypeError: a is no mesh.
             ImportError: PyVista is not installed.
         """
-        import pyvista
+        import pyvista  # pyright: ignore[reportMissingImports]
 
         mesh = self._mesh()
         triangles = np.asarray(mesh.triangles)
@@ -210,8 +210,8 @@ class Deviation(eqx.Module):
 
 
 def deviation(
-    a: Shape,
-    b: Shape,
+    a: Any,
+    b: Any,
     *,
     atol: Numbers | None = None,
     rtol: Numbers = 1e-3,
@@ -238,8 +238,8 @@ def deviation(
     (True, True)
 
     Args:
-        a: points (jhd.points), a curve, a parametric surface or a mesh.
-        b: any shape of the same dimension.
+        a: points (jhd.points), a curve, a parametric surface or a mesh, or what jhd.as_shape takes for one.
+        b: any shape of the same dimension, likewise.
         atol: the gap that may stay between bounds, in the unit of the coordinates; by default 1e-6 of the diagonal of
             the box of both shapes.
         rtol: the same relative to the upper bound; the larger of both counts.
@@ -254,6 +254,7 @@ def deviation(
         NotProvenError: the tolerance was not reached, or the search was interrupted, and throw is True; it carries the
             Deviation, whose bounds are true.
     """
+    a, b = taken_as("a", a), taken_as("b", b)
     absolute, relative = _checked(a, b, atol, rtol, max_cells)
     tolerance = BranchAndBound(atol=absolute, rtol=relative)
     maximum = directed_hausdorff(a, b, tolerance, throw=False, progress=progress)
@@ -318,7 +319,10 @@ def _distributed(
 
     most = float(frame.common(np.asarray(maximum.upper, np.float64), np.inf)) + moved
     search = DistributionSearch(source, target, dtype, most, allowed, max_cells, _MAX_STEPS)
-    found = drive(search, Listener(progress, frame))
+    listener = Listener(progress, frame)
+    # Who interrupted the search for the maximum waits for no other.
+    listener.interrupted = name_of(maximum.result) == "interrupted"
+    found = drive(search, listener)
     if source.dimension and not np.any(found.cells.flat.lower > 0):
         raise ValueError(f"a has no {('length', 'area')[source.dimension - 1]}: there is nothing to average over.")
     return found, pair, source.dimension

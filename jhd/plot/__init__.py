@@ -1,4 +1,4 @@
-"""Pictures: shapes, the witness of a distance, both together, distances along a curve, and the cells of a surface.
+"""Pictures: shapes, the witness of a distance, distances along a curve or as colours, and the cells of a surface.
 
 Every function takes axes and returns them; without axes it makes a figure 85 mm wide (one column of a journal) with
 pyplot, which is imported only then. Nothing global is changed. Lengths on the axes carry the unit of the input
@@ -14,6 +14,8 @@ from jhd.plot.axes import ORANGE as ORANGE
 from jhd.plot.axes import VERMILLION as VERMILLION
 from jhd.plot.curves import curve as curve
 from jhd.plot.curves import profile as profile
+from jhd.plot.deviations import deviation as deviation
+from jhd.plot.deviations import histogram as histogram
 from jhd.plot.implicit import section as section
 from jhd.plot.implicit import surface as surface
 from jhd.plot.implicit import surfaces as surfaces

@@ -45,7 +45,7 @@ def witness(solution: HausdorffSolution, ax: Any = None, *, distance: bool = Tru
     draw(ax, point[None], "witness", marker="o", markersize=5.5, color=VERMILLION, label="witness", zorder=6, **marks)
     name = "foot" if len(feet) == 1 else "feet"
     draw(ax, feet, "feet", marker="s", markersize=4.5, markerfacecolor="white", label=name, zorder=5, **marks)
-    draw(ax, spokes, "joining_lines", color="black", linewidth=1.0, label=_distance_text(solution), zorder=4)
+    draw(ax, spokes, "joining_lines", color="black", linewidth=1.0, label=distance_text(solution), zorder=4)
     if distance:
         _write_distance(ax, solution, point, feet)
     finish(ax)
@@ -103,7 +103,7 @@ def _distinct(feet: np.ndarray) -> np.ndarray:
     return np.stack([foot for k, foot in enumerate(feet) if not (feet[:k] == foot).all(axis=-1).any()])
 
 
-def _distance_text(solution: HausdorffSolution) -> str:
+def distance_text(solution: HausdorffSolution) -> str:
     """The distance to four digits; as the inequality that is proven where the bounds do not agree in them."""
     lower, upper = float(solution.lower), float(solution.upper)
     if f"{lower:.4g}" == f"{upper:.4g}":
@@ -123,7 +123,7 @@ def _write_distance(ax: Any, solution: HausdorffSolution, point: np.ndarray, fee
     style: dict[str, Any] = {"fontsize": TEXT_POINTS, "path_effects": halo, "zorder": 6, "gid": "distance"}
     middle = (point + feet[0]) / 2
     if ax.name == "3d":
-        ax.text(*middle, f" {_distance_text(solution)}", **style)
+        ax.text(*middle, f" {distance_text(solution)}", **style)
         return
     along = feet[0] - point
     length = np.linalg.norm(along)
@@ -134,4 +134,4 @@ def _write_distance(ax: Any, solution: HausdorffSolution, point: np.ndarray, fee
     sides = ("right", "center", "left"), ("top", "center", "bottom")
     ha, va = (names[int(np.sign(np.round(x))) + 1] for names, x in zip(sides, normal, strict=True))
     offset = 5 * normal
-    ax.annotate(_distance_text(solution), middle, tuple(offset), textcoords="offset points", ha=ha, va=va, **style)
+    ax.annotate(distance_text(solution), middle, tuple(offset), textcoords="offset points", ha=ha, va=va, **style)

@@ -1,0 +1,295 @@
+"""Pictures of a deviation: a shape coloured by its distance to another one, its histogram, and the farthest place."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jhd.distance.deviation import Deviation
+from jhd.distance.project import project
+from jhd.plot.axes import BLUE, COLUMN_INCHES, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
+from jhd.plot.coloured import DrawnPieces, pieces_of, section
+from jhd.plot.faces import frame
+from jhd.plot.solutions import distance_text
+
+# Seen in grey and by the colour-blind, and as bright on paper as far.
+_COLOURS = "viridis"
+# Height of a whole picture as a share of its width, in a column.
+_TALL = 1.5
+_BINS = 40
+# Axes shorter than this share of the longest have two ticks alone.
+_SHORT = 0.35
+# The inset shows this many distances to each side, at least this share of the shapes' size.
+_AROUND, _LEAST = 1.6, 0.02
+
+
+def deviation(
+    found: Deviation,
+    ax: Any = None,
+    *,
+    labels: Sequence[str] = ("A", "B"),
+    unit: str | None = None,
+    witness: bool = True,
+    colour_bar: bool = True,
+) -> Any:
+    """Axes with a coloured by its distance to b, and the place that is farthest.
+
+    Without axes it makes a whole figure one column wide: below the shape come the histogram of the distances and an
+    inset of the farthest place, which is the section of both shapes that holds it and its foot. Shapes in space are
+    seen from the side of that place.
+
+    Args:
+        found: what jhd.deviation found.
+        ax: axes to draw on, three-dimensional ones for shapes in space; None makes a figure.
+        labels: names of both shapes.
+        unit: of the coordinates, for the labels.
+        witness: whether the farthest place is marked.
+        colour_bar: whether there is one; on the axes given it takes some of their room.
+
+    Returns:
+        The axes of the shape; the others are found as `ax.figure.axes`, with the gids `histogram` and `inset`.
+
+    Raises:
+        ValueError: a shape in space on plane axes.
+    """
+    if ax is None:
+        return _whole(found, labels, unit, witness, colour_bar)
+    ax = axes_for(ax, found.a.dim)
+    _coloured(found, ax, labels, unit, witness, ax if colour_bar else None)
+    return ax
+
+
+def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A", "B"), unit: str | None = None) -> Any:
+    """Axes with the histogram of the distances: the share of a, by length, area or number, at each distance.
+
+    Each part of a counts at the middle of its bounds; mean, root mean square and maximum are marked.
+
+    Args:
+        found: what jhd.deviation found.
+        ax: plane axes; None makes a figure.
+        labels: names of both shapes.
+        unit: of the coordinates, for the labels.
+    """
+    ax = axes_for(ax, 2)
+    parts = found.samples
+    known = np.isfinite(parts.upper)
+    middle = 0.5 * (parts.lower[known] + parts.upper[known])
+    weight = parts.share[known].sum(axis=1)
+    top = float(found.maximum.value)
+    edges = np.linspace(0.0, top if top > 0 else 1.0, _BINS + 1)
+    heights, _ = np.histogram(np.minimum(middle, edges[-1]), edges, weights=weight)
+    ax.bar(edges[:-1], 100 * heights / weight.sum(), np.diff(edges), align="edge", color=BLUE, gid="histogram_bars")
+    marks = (("mean", found.mean.value, "-", "black"), ("rms", found.rms.value, "--", "black"))
+    for name, value, style, colour in (*marks, ("max.", top, ":", VERMILLION)):
+        ax.axvline(value, color=colour, linestyle=style, linewidth=1.2, label=name, gid=name)
+    ax.set_xlim(0, 1.04 * edges[-1])
+    ax.set_xlabel(_length("distance", labels, unit), fontsize=TEXT_POINTS)
+    ax.set_ylabel(f"share of {labels[0]} (%)", fontsize=TEXT_POINTS)
+    ax.tick_params(labelsize=TEXT_POINTS)
+    ax.locator_params(axis="x", nbins=3)
+    ax.locator_params(axis="y", nbins=4)
+    place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
+    ax.legend(ncols=3, fontsize=TEXT_POINTS, frameon=False, columnspacing=0.7, handlelength=1.1, **place)
+    return ax
+
+
+def _whole(found: Deviation, labels: Sequence[str], unit: str | None, witness: bool, colour_bar: bool) -> Any:
+    import matplotlib.pyplot as plt
+
+    figure = plt.figure(figsize=(COLUMN_INCHES, _TALL * COLUMN_INCHES))
+    space = found.a.dim == 3
+    room: Any = (0.04, 0.44, 0.66, 0.54) if space else (0.18, 0.5, 0.53, 0.47)
+    ax = figure.add_axes(room, projection="3d" if space else None)
+    bar = figure.add_axes((0.76, 0.52, 0.03, 0.44)) if colour_bar else None
+    _coloured(found, ax, labels, unit, witness, None, bar)
+    histogram(found, figure.add_axes((0.16, 0.1, 0.38, 0.23), gid="histogram"), labels=labels, unit=unit)
+    _inset(found, figure.add_axes((0.655, 0.1, 0.33, 0.23), gid="inset"), labels)
+    return ax
+
+
+def _coloured(
+    found: Deviation,
+    ax: Any,
+    labels: Sequence[str],
+    unit: str | None,
+    witness: bool,
+    beside: Any,
+    bar: Any = None,
+) -> None:
+    """The shape in colours, and the colour bar beside some axes or on its own."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    pieces = pieces_of(found.a)
+    values = np.asarray(project(pieces.points, found.b, throw=False).distance)
+    top = float(found.maximum.value)
+    colours = ScalarMappable(Normalize(0.0, top if top > 0 else 1.0), _COLOURS)
+    rgba: Any = colours.to_rgba(np.mean(values[pieces.rows], axis=1))
+    {1: _as_points, 2: _as_lines, 3: _as_faces}[pieces.rows.shape[1]](ax, pieces, rgba)
+    point = np.asarray(found.maximum.witness.point)
+    low, high = pieces.points.min(axis=0), pieces.points.max(axis=0)
+    if found.a.dim == 3:
+        frame(ax, [low, high])
+        _sized(ax, high - low)
+        if pieces.rows.shape[1] == 3:
+            _turned(ax, point - 0.5 * (low + high))
+    else:
+        ax.set_xlim(*_widened(low[0], high[0]))
+        ax.set_ylim(*_widened(low[1], high[1]))
+        finish(ax)
+    if witness and top > 0:
+        style: dict[str, Any] = {"markeredgecolor": "black", "markeredgewidth": 0.8, "linestyle": "none"}
+        draw(ax, point[None], "witness", marker="o", markersize=5.5, color=VERMILLION, zorder=6, **style)
+    if beside is not None or bar is not None:
+        made = ax.figure.colorbar(colours, cax=bar, ax=beside, shrink=0.7 if bar is None else 1.0)
+        made.set_label(_length("distance", labels, unit), fontsize=TEXT_POINTS)
+        made.ax.tick_params(labelsize=TEXT_POINTS)
+        made.ax.locator_params(nbins=5)
+
+
+def _widened(low: float, high: float) -> tuple[float, float]:
+    room = 0.06 * (high - low) or 0.5
+    return low - room, high + room
+
+
+def _length(what: str, labels: Sequence[str], unit: str | None) -> str:
+    return f"{what} to {labels[1]}" + (f" ({unit})" if unit else "")
+
+
+def _as_points(ax: Any, pieces: DrawnPieces, rgba: np.ndarray) -> None:
+    # The colours are the distances: those of far points do not fade.
+    style = {"depthshade": False} if ax.name == "3d" else {}
+    ax.scatter(*pieces.points.T, c=rgba, s=6, linewidths=0, gid="deviation", **style)
+
+
+def _as_lines(ax: Any, pieces: DrawnPieces, rgba: np.ndarray) -> None:
+    if ax.name == "3d":
+        from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+        ax.add_collection3d(Line3DCollection(pieces.corners, colors=rgba, linewidths=2.2, gid="deviation"))
+        return
+    from matplotlib.collections import LineCollection
+
+    ax.add_collection(
+        LineCollection(list(pieces.corners), colors=rgba, linewidths=2.6, capstyle="round", gid="deviation")
+    )
+
+
+def _as_faces(ax: Any, pieces: DrawnPieces, rgba: np.ndarray) -> None:
+    """The colours say the distance, so no light changes them; what is nearer hides what is behind."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    # Thousands of faces as paths would make files that no viewer opens; edges close the seams between them.
+    faces = Poly3DCollection(pieces.corners, facecolors=rgba, edgecolors=rgba, linewidth=0.3, rasterized=True)
+    faces.set_gid("deviation")
+    ax.add_collection3d(faces, autolim=False)
+
+
+def _sized(ax: Any, extent: np.ndarray) -> None:
+    """Room for the labels of the axes, of which short ones have fewer ticks."""
+    limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+    sides = np.ptp(limits, axis=1)
+    # A long box is as long as a cube's diagonal, and its labels stand beyond its ends.
+    ax.set_box_aspect(sides, zoom=0.65 * np.sqrt(np.linalg.norm(sides) / np.max(sides)))
+    for name, share, ends in zip("xyz", extent / (np.max(extent) or 1.0), limits, strict=True):
+        if share >= _SHORT:
+            ax.locator_params(axis=name, nbins=int(np.clip(round(4 * share), 2, 4)))
+            continue
+        unit = 10.0 ** np.floor(np.log10(np.ptp(ends) / 2))
+        inside = np.trunc(ends / unit) * unit
+        getattr(ax, f"set_{name}ticks")(np.unique(np.round(inside, 12)))
+
+
+def _turned(ax: Any, outward: np.ndarray) -> None:
+    """Turns the view so that a place in this direction from the middle is seen from the front."""
+    level = float(np.hypot(outward[0], outward[1]))
+    azimuth = np.degrees(np.arctan2(outward[1], outward[0])) + 25 if level > 0 else -60.0
+    steep = np.degrees(np.arctan2(outward[2], level)) if np.any(outward != 0) else 25.0
+    ax.view_init(elev=float(np.clip(steep + 15, -15, 40)), azim=float(azimuth))
+    # The mark lies on the surface, and drawing by depth would hide half of it.
+    ax.computed_zorder = False
+
+
+def _inset(found: Deviation, ax: Any, labels: Sequence[str]) -> None:
+    """The section of both shapes that holds the farthest place, its foot and a direction along a."""
+    point, foot = (np.asarray(x, float) for x in (found.maximum.witness.point, found.maximum.witness.feet[0]))
+    distance = float(found.maximum.value)
+    size = float(np.max(np.ptp(pieces_of(found.a).points, axis=0)))
+    reach = max(_AROUND * distance, _LEAST * size) or 1.0
+    up = point - foot
+    up = up / np.linalg.norm(up) if np.any(up != 0) else np.eye(len(point))[-1]
+    across = _across(found.a, point, up)
+    for shape, colour, style, name in ((found.a, BLUE, "-", labels[0]), (found.b, ORANGE, (0, (4, 1.2)), labels[1])):
+        lines = _flat_lines(shape, point, np.stack([across, up]), reach)
+        draw(ax, lines, f"section_{name}", color=colour, linestyle=style, linewidth=1.2, label=name)
+    draw(ax, np.array([[0, 0], [0, -distance]]), "joining_line", color="black", linewidth=0.8)
+    marks: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "markeredgewidth": 0.8}
+    draw(ax, np.zeros((1, 2)), "inset_witness", marker="o", markersize=5.5, color=VERMILLION, zorder=6, **marks)
+    draw(ax, np.array([[0, -distance]]), "inset_foot", marker="s", markersize=4.5, markerfacecolor="white", **marks)
+    ax.set_xlim(-reach, reach)
+    ax.set_ylim(-0.5 * distance - reach, -0.5 * distance + reach)
+    ax.set_aspect("equal")
+    ax.set_xticks([])
+    ax.set_yticks([])
+    place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
+    # The marks need no names: the place is that of the picture above.
+    ax.legend(fontsize=TEXT_POINTS, frameon=False, handlelength=1.8, labelspacing=0.2, **place)
+    ax.set_xlabel(distance_text(found.maximum).replace(" ≤ $d$ ≤ ", " ≤ $d$\n≤ "), fontsize=TEXT_POINTS)
+
+
+def _across(shape: Any, point: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """A direction along the shape at a place, made normal to `up`."""
+    if len(up) == 2:
+        return np.array([up[1], -up[0]])
+    pieces = pieces_of(shape)
+    nearest = np.argmin(np.sum((pieces.points - point) ** 2, axis=1))
+    held = pieces.corners[np.any(pieces.rows == nearest, axis=1)]
+    sides = [held[:, k] - held[:, 0] for k in range(1, held.shape[1])] or [np.eye(3)]
+    along = np.concatenate(sides)
+    along = along - (along @ up)[:, None] * up
+    best = along[np.argmax(np.sum(along**2, axis=1))]
+    if not np.any(np.abs(best) > 0):
+        best = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    return best / np.linalg.norm(best)
+
+
+def _flat_lines(shape: Any, point: np.ndarray, axes: np.ndarray, reach: float) -> np.ndarray:
+    """Lines of a shape in a plane, parted by rows of NaN; of curves in space and points what is near the plane."""
+    pieces = pieces_of(shape)
+    if pieces.rows.shape[1] == 3:
+        lines = section(pieces, point, np.cross(*axes))
+    else:
+        lines = pieces.corners[:, [0, -1]]
+        if lines.shape[2] == 3:
+            away = np.abs((lines - point) @ np.cross(*axes))
+            lines = lines[np.max(away, axis=1) <= reach]
+    flat = (lines - point) @ axes.T
+    near = np.min(np.max(np.abs(flat), axis=2), axis=1) <= 3 * reach
+    flat = flat[near]
+    if pieces.rows.shape[1] == 1:
+        # A point is drawn as a short stroke.
+        flat = flat + 0.03 * reach * np.array([[-1.0, 0.0], [1.0, 0.0]])
+    return _chained(flat, 1e-6 * reach)
+
+
+def _chained(lines: np.ndarray, room: float) -> np.ndarray:
+    """Lines (lines, 2, 2) put together where they meet, so that dashes run on; rows of NaN part what does not."""
+    rows = np.arange(len(lines))
+    ends: dict[tuple[int, ...], list[int]] = {}
+    keys = [[tuple(end) for end in line] for line in np.round(lines / room).astype(np.int64).tolist()]
+    for k, pair in enumerate(keys):
+        for key in pair:
+            ends.setdefault(key, []).append(k)
+    left, chains = set(rows.tolist()), []
+    while left:
+        start = left.pop()
+        chain = [lines[start, 0], lines[start, 1]]
+        for forward in (True, False):
+            key = keys[start][1 if forward else 0]
+            while (after := next((k for k in ends[key] if k in left), None)) is not None:
+                left.remove(after)
+                end = 1 if keys[after][0] == key else 0
+                key = keys[after][end]
+                chain.insert(len(chain) if forward else 0, lines[after, end])
+        chains.append(np.array([*chain, [np.nan, np.nan]]))
+    return np.concatenate(chains) if chains else np.full((1, 2), np.nan)
