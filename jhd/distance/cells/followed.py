@@ -22,13 +22,12 @@ coefficients of l.(2 e - l) are at most 3 m^2 in size and off by less than gamma
 raised by six terms, by gamma(64) m^2; those of w likewise. Weights that are so small that squares of them might be
 flushed are refused; digits of e that are flushed count as the root of nu.
 
-All functions but `foot_map` take many cells at once, along the last axis.
+All functions take many cells at once, along the last axis. Feet and maps are those of jhd.distance.cells.foot_maps.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -39,19 +38,13 @@ from jhd.arithmetic.simplices import (
     composed,
     constant,
     dot,
-    fitting,
     lowering,
     multiply,
     raising,
     scaled,
 )
-from jhd.distance.cells.pairs import newton_step
-from jhd.distance.frame.net_jets import Net, jet
-
-# How far towards the middle of a cell the places are whose feet are followed.
-INSET = 0.125
-# Newton steps towards the foot of the middle, and from there towards those of the other places.
-_FIRST, _STEPS = 4, 4
+from jhd.distance.cells.foot_maps import Triangles
+from jhd.distance.frame.net_jets import Net
 
 
 class Simplex(NamedTuple):
@@ -61,50 +54,29 @@ class Simplex(NamedTuple):
     weights: Array | None
 
 
-def weighted(shares: Array, rows: Array) -> Array:
-    """Sums of rows with shares of them."""
-    return jnp.sum(shares[:, :, None] * rows[None], axis=1)
-
-
-def foot_map(places: Array, b: Net, start: Array) -> Array:
-    """Coefficients (indices, parameters of b) of sigma.
-
-    Args:
-        places: points of a at its inner lattice, (indices, 3).
-        b: the piece.
-        start: its parameters near the foot of the middle.
-    """
-    middle = newton(b, jnp.mean(places, axis=0), start, _FIRST)
-    feet = jax.vmap(lambda p: newton(b, p, middle, _STEPS))(places)
-    matrix = fitting(1 if len(places) == 3 else 2, 2, INSET).astype(feet.dtype)
-    return jnp.clip(jnp.sum(matrix[:, :, None] * feet[None], axis=1), 0.0, 1.0)
-
-
-def newton(b: Net, place: Array, start: Array, steps: int, low: float = 0.0, high: float = 1.0) -> Array:
-    """Parameters of b about nearest to a place, near a start."""
-
-    def step(_: Any, x: Array) -> Array:
-        at = jet(b, x)
-        e = at.point - place
-        slope = jnp.sum(at.first * e, axis=-1)
-        bent = jnp.sum(at.first[:, None] * at.first[None], axis=-1) + jnp.sum(at.second * e, axis=-1)
-        held = ((x <= low) & (slope > 0)) | ((x >= high) & (slope < 0))
-        moved = x + newton_step(slope, bent, held)
-        return jnp.clip(jnp.where(jnp.isfinite(moved), moved, x), low, high)
-
-    return jax.lax.fori_loop(0, steps, step, start)
-
-
-def part_over(k: int, net: Net, inner: Array, complement: Array) -> Simplex:
+def part_over(k: int, shape: Net | Triangles, inner: Array, complement: Array) -> Simplex:
     """Pieces over cells, by maps of these into their parameters.
 
     Args:
         k: dimension of the cells.
-        net: a piece for each cell, (cells, rows, columns, 3).
-        inner: coefficients of the maps (indices, parameters, cells), of degree one or two.
-        complement: those of one minus them.
+        shape: a piece for each cell, which is its first axis.
+        inner: coefficients of the maps (indices, parameters, cells), of degree one or two; of triangles barycentric
+            coordinates, whose sums are one but for four roundings.
+        complement: those of one minus them, which triangles do not need.
     """
     degree = 1 if inner.shape[0] == k + 1 else 2
+    if isinstance(shape, Triangles):
+        corners = jnp.moveaxis(shape.corners, 0, -1)
+        return Simplex(scaled(k, degree, jnp.sum(inner[:, :, None] * corners[None], axis=1)), None)
+    return _part_of_nets(k, degree, shape, inner, complement)
+
+
+def levels_of(shape: Net | Triangles) -> int:
+    """How many levels of composition the roundings of a part are worth; those of a triangle are fewer than 16."""
+    return 1 if isinstance(shape, Triangles) else sum(shape.degrees)
+
+
+def _part_of_nets(k: int, degree: int, net: Net, inner: Array, complement: Array) -> Simplex:
     points = net.points
     if net.weights is not None:
         points = jnp.concatenate([points * net.weights[..., None], net.weights[..., None]], axis=-1)
@@ -123,6 +95,7 @@ def part_over(k: int, net: Net, inner: Array, complement: Array) -> Simplex:
 def bound_between(k: int, part: Simplex, other: Simplex, levels: int) -> Array:
     """The bounds (cells,) of the distances of two parts, each composed in some levels, at the same places of cells."""
     e, w = _difference(k, part, other)
+    e, w = _of_degree_two(k, e), None if w is None else _of_degree_two(k, w)
     n = e.shape[0] - 1
     e = coefficients_of(k, e)
     dtype = e.dtype
@@ -152,6 +125,11 @@ def bound_between(k: int, part: Simplex, other: Simplex, levels: int) -> Array:
     found = jnp.minimum(jnp.where(good, quotient, jnp.inf), hull)
     found = jnp.where(jnp.min(w, axis=0) > smallest_normal(dtype) ** 0.25, found, jnp.inf)
     return _length(found + flushed, off, gamma(2 * roundings, dtype))
+
+
+def _of_degree_two(k: int, x: Array) -> Array:
+    """The same polynomials in degree two at least."""
+    return x if x.shape[0] > 2 else multiply(k, x, constant(k, 3 - x.shape[0], x))
 
 
 def _length(square: Array, off: float, relative: float) -> Array:

@@ -170,7 +170,7 @@ class FarthestSearch(AbstractSearch):
             rows if feet is None else FootRows(*(np.concatenate(x, axis=1) for x in zip(rows, feet, strict=True)))
         )
         chosen = _spread(candidates, places.points)
-        upper = self._bounded(best, cells, upper, chosen)
+        upper = self._bounded(best, cells, upper, places.points[:, 0], candidates, chosen)
         if not self._target.sharp:
             high = found.upper.reshape(places.radius.shape)
             who = self._promising(best, np.where(np.isfinite(places.radius), high, -np.inf), upper)
@@ -183,11 +183,21 @@ class FarthestSearch(AbstractSearch):
         state = state._replace(best=best, bounded=state.bounded + len(cells.piece))
         return self._kept(state, _Waiting(cells, upper, chosen))
 
-    def _bounded(self, best: PlaceFound | None, cells: CellRows, upper: np.ndarray, feet: FootRows) -> np.ndarray:
+    def _bounded(
+        self,
+        best: PlaceFound | None,
+        cells: CellRows,
+        upper: np.ndarray,
+        middle: np.ndarray,
+        candidates: FootRows,
+        feet: FootRows,
+    ) -> np.ndarray:
         """Bounds over cells, by feet that are followed where that is known, then where they matter by flat pieces."""
         goal, rows = self._goal(best), np.arange(len(upper))
         if self._followed is not None:
-            upper = np.fmin(upper, self._followed.over(cells, feet, goal))
+            order = np.argsort(np.sum((candidates.point - middle[:, None]) ** 2, axis=2), axis=1, kind="stable")
+            ordered = candidates.map(lambda x: x[rows[:, None], order])
+            upper = np.fmin(upper, self._followed.over(cells, ordered, goal))
             rows = np.flatnonzero(upper > goal)
         if len(rows):
             bound = self._source.over(cells.take(rows), self._target, feet.map(lambda x: x[rows]))

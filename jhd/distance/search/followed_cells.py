@@ -1,7 +1,11 @@
 """Bounds over cells by feet that are followed over them, from the host; see jhd.distance.cells.followed.
 
 A box of parameters of a patch is two triangles, that of a curve a segment, and the cells of meshes are triangles. Of
-the pieces that the feet of a cell lie on one after the other is tried, until the bound is good enough.
+the pieces that the feet of a cell lie on one after the other is tried, until the bound is good enough. Where the foot
+leaves its piece within the cell, this is cut along the line through the places on its edges where that happens, and the
+parts are bounded one by one: without cuts the bound would be off by the square of the cell's size there.
+
+The new corners divide edges in shares whose sum is exactly one, so the parts cover the cell.
 """
 
 from typing import Any, NamedTuple
@@ -13,17 +17,37 @@ from jaxtyping import Array
 
 from jhd.arithmetic.simplices import inner_lattice
 from jhd.compiled import compiled
-from jhd.distance.cells.followed import INSET, bound_between, foot_map, part_over, weighted
-from jhd.distance.frame.net_jets import Net, jet
+from jhd.distance.cells.followed import bound_between, levels_of, part_over
+from jhd.distance.cells.foot_maps import (
+    BEYOND,
+    INSET,
+    Triangles,
+    beyond_sides,
+    foot_map,
+    place_on,
+    share_on_side,
+    weighted,
+)
+from jhd.distance.frame.curves import padded_count
+from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.nets import repeated
-from jhd.distance.nearest.target import FootRows
-from jhd.distance.search.rows import in_blocks, in_groups
+from jhd.distance.nearest.target import AbstractTarget, FootRows
+from jhd.distance.search.rows import each, in_blocks, in_groups
 from jhd.distance.search.sources import CellRows
 
 # Cells done side by side.
 _LANES = 32
 # Feet of one piece belong to different maps where their parameters are farther apart than this.
 _APART = 0.5
+# Feet of a cell that are tried.
+_MOST = 4
+# A cell is cut where it goes beyond a side by this share of what it is long, where the foot of its middle is as far
+# from the mean of those of its corners as this share of that, and where it is at most so many pieces long.
+_LEAST, _BENT, _LONG = 1e-7, 0.3, {Net: 0.9, Triangles: 3.0}
+# Parts of a triangle of which one corner is on the one side of a cut and two are on the other: corners by their
+# numbers from the first on, and the ends 3 and 4 of the cut, which lie towards the second and the third.
+_PARTS_OF_TRIANGLE = np.array([[0, 3, 4], [3, 1, 2], [3, 2, 4]])
+_PARTS_OF_SEGMENT = np.array([[0, 2], [2, 1]])
 
 
 class _Simplices(NamedTuple):
@@ -45,90 +69,227 @@ class _Simplices(NamedTuple):
 
 
 class FollowedFeet:
-    """Bounds between two nets in common coordinates.
+    """Bounds between two shapes in common coordinates.
 
     Args:
-        a: the net whose cells are bounded.
-        b: the other one.
+        a: the shape whose cells are bounded: a net, or the corners of triangles.
+        b: the other one, likewise.
+        target: its nearest points.
     """
 
-    def __init__(self, a: Net, b: Net):
-        self._nets = repeated(a), repeated(b)
+    def __init__(self, a: Net | Triangles, b: Net | Triangles, target: AbstractTarget):
+        self._target, self._shapes = target, (_padded(a), _padded(b))
+        self._long = _LONG[type(b)]
 
     def over(self, cells: CellRows, feet: FootRows, goal: float) -> np.ndarray:
         """Proven upper bounds of the distances of all points in cells, from their feet.
 
         Args:
             cells: of a.
-            feet: of each, on pieces of b; the first one is tried first.
+            feet: of each, on pieces of b, in the order in which they are tried.
             goal: what is below it need not be any better.
         """
-        corners = _simplices(cells)
-        many = corners.shape[1]
-        parts = _Simplices(
-            np.repeat(cells.piece, many),
-            corners.reshape(-1, *corners.shape[2:]),
-            np.broadcast_to(
-                np.eye(corners.shape[2], dtype=corners.dtype), (corners.shape[0] * many, *(corners.shape[2],) * 2)
-            ),
-        )
+        corners = self._corners(cells)
+        many, count = corners.shape[1:3]
+        whole = np.broadcast_to(np.eye(count, dtype=corners.dtype), (len(corners) * many, count, count))
+        parts = _Simplices(np.repeat(cells.piece, many), corners.reshape(-1, *corners.shape[2:]), whole)
         feet = feet.map(lambda x: np.repeat(x, many, axis=0))
-        bound = np.full(len(parts.piece), np.inf)
         tried = _worth_trying(feet)
+        bound = self._by_any(parts, feet, tried, goal)
+        rows = np.flatnonzero(bound > goal)
+        if len(rows):
+            bound[rows] = np.fmin(
+                bound[rows], self._by_cuts(parts.take(rows), feet.map(lambda x: x[rows]), tried[rows], goal)
+            )
+        return np.max(bound.reshape(-1, many), axis=1)
+
+    def _by_any(self, parts: _Simplices, feet: FootRows, tried: np.ndarray, goal: float) -> np.ndarray:
+        """Bounds by one foot after the other."""
+        bound = np.full(len(parts.piece), np.inf)
         for k in range(tried.shape[1]):
             rows = np.flatnonzero(tried[:, k] & (bound > goal))
             if len(rows):
                 found = self._bounds(parts.take(rows), feet.segment[rows, k], feet.t[rows, k])
                 bound[rows] = np.fmin(bound[rows], found)
-        return np.max(bound.reshape(-1, many), axis=1)
+        return bound
+
+    def _corners(self, cells: CellRows) -> np.ndarray:
+        """The corners (cells, simplices, corners, parameters) of what cells are made of."""
+        low, high = cells.low, cells.high
+        if low.shape[1] == 1:
+            return np.stack([low, high], axis=1)[:, None]
+        mixed = [np.stack([low[:, 0], high[:, 1]], axis=1), np.stack([high[:, 0], low[:, 1]], axis=1)]
+        first = np.stack([low, mixed[1], mixed[0]], axis=1)
+        if isinstance(self._shapes[0], Triangles):
+            # Multiples of a power of two, so that the third coordinate is exact.
+            return np.concatenate([1 - np.sum(first, axis=-1, keepdims=True), first], axis=-1)[:, None]
+        return np.stack([first, np.stack([high, *mixed], axis=1)], axis=1)
+
+    def _start(self, t: np.ndarray, like: np.ndarray) -> np.ndarray:
+        return t[:, : self._shapes[1].parameters].astype(like.dtype)
 
     def _bounds(self, parts: _Simplices, segment: np.ndarray, t: np.ndarray) -> np.ndarray:
-        start = t[:, : self._nets[1].parameters].astype(parts.corners.dtype)
-        return in_blocks(_bounds_of, self._nets, *parts, segment, start).astype(np.float64)
+        start = self._start(t, parts.corners)
+        return in_blocks(_bounds_of, self._shapes, *parts, segment, start).astype(np.float64)
+
+    def _by_cuts(self, parts: _Simplices, feet: FootRows, tried: np.ndarray, goal: float) -> np.ndarray:
+        """Bounds of cells that are cut where the foot leaves a piece; infinite where none are."""
+        bound = np.full(len(parts.piece), np.inf)
+        cut = self._cuts(parts, feet, tried)
+        rows = np.flatnonzero(cut.score > _LEAST)
+        if len(rows):
+            smaller = self._divided(parts.take(rows), _Cuts(*(x[rows] for x in cut)))
+            many = len(smaller.piece) // len(rows)
+            of = np.repeat(rows, many)
+            rest = feet.map(lambda x: x[of])
+            new = self._target.rows_of(self._target.near(self._middles(smaller))).map(lambda x: x[:, None])
+            every = FootRows(*(np.concatenate(x, axis=1) for x in zip(new, rest, strict=True)))
+            bounds = self._by_any(smaller, every, _worth_trying(every), goal)
+            bound[rows] = np.max(bounds.reshape(-1, many), axis=1)
+        return bound
+
+    def _middles(self, parts: _Simplices) -> np.ndarray:
+        x = np.mean(parts.shares @ parts.corners, axis=1)
+        return in_blocks(_places_of, self._shapes[0], parts.piece, x)
+
+    def _cuts(self, parts: _Simplices, feet: FootRows, tried: np.ndarray) -> "_Cuts":
+        """For each cell the side that divides it best, of the pieces its feet lie on."""
+        count, corners = len(parts.piece), parts.corners.shape[1]
+        best = _Cuts(
+            np.zeros(count),
+            np.zeros(count, int),
+            np.zeros(count, feet.segment.dtype),
+            np.zeros_like(self._start(feet.t[:, 0], parts.corners)),
+            np.zeros((count, corners), parts.corners.dtype),
+        )
+        for k in range(tried.shape[1]):
+            rows = np.flatnonzero(tried[:, k])
+            if not len(rows):
+                continue
+            segment, start = feet.segment[rows, k], self._start(feet.t[rows, k], parts.corners)
+            at = parts.piece[rows], parts.corners[rows]
+            sides = in_blocks(_beyond, self._shapes, *at, segment, start)
+            score, side = self._scores(sides)
+            values = np.take_along_axis(sides[:, :-1], side[:, None, None], axis=2)[:, :, 0]
+            better = score > best.score[rows]
+            for held, new in zip(best, (score, side, segment, start, values), strict=True):
+                held[rows[better]] = new[better]
+        return best
+
+    def _scores(self, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How well the best side divides each cell, a share of its length, and which one it is."""
+        corners = sides[:, :-1]
+        low, high = np.min(corners, axis=1), np.max(corners, axis=1)
+        bent, less = np.abs(sides[:, -1] - np.mean(corners, axis=1)), np.minimum(-low, high)
+        span = high - low
+        apt = (bent < _BENT * less) & (span < self._long) & (span > 1e-9)
+        score = np.where(apt, less / np.where(span > 0, span, 1.0), 0.0)
+        if isinstance(self._shapes[1], Net):
+            # The foot was not followed any farther, or is around a side that is a single point.
+            score[np.any(np.abs(sides - 0.5) > 0.5 + 0.99 * BEYOND, axis=(1, 2))] = 0.0
+        side = np.argmax(score, axis=1)
+        return score[np.arange(len(side)), side], side
+
+    def _divided(self, parts: _Simplices, cut: "_Cuts") -> _Simplices:
+        """The parts of each cell, one after the other."""
+        count, corners = parts.corners.shape[:2]
+        index = np.arange(count)
+        below = cut.values < 0
+        # The corner that is alone on its side comes first.
+        alone = np.argmax(below == (np.sum(below, axis=1, keepdims=True) == 1), axis=1)
+        turned = (alone[:, None] + np.arange(corners)) % corners
+        eye = np.eye(corners, dtype=parts.corners.dtype)
+        rows = [eye[turned[:, k]] for k in range(corners)]
+        for k in range(1, corners):
+            ends = np.stack([parts.corners[index, turned[:, j]] for j in (0, k)], axis=1)
+            values = np.stack([cut.values[index, turned[:, j]] for j in (0, k)], axis=1)
+            share = in_blocks(_shares, self._shapes, parts.piece, ends, cut.segment, cut.start, cut.side, values)
+            # Their sum is exactly one: this difference is a multiple of the unit of roundoff.
+            rest = 1 - share
+            share = 1 - rest
+            rows.append(rest[:, None] * rows[0] + share[:, None] * rows[k])
+        every = np.stack(rows, axis=1)
+        of = _PARTS_OF_TRIANGLE if corners == 3 else _PARTS_OF_SEGMENT
+        shares = every[:, of].reshape(-1, corners, corners)
+        return _Simplices(np.repeat(parts.piece, len(of)), np.repeat(parts.corners, len(of), axis=0), shares)
 
 
-def _simplices(cells: CellRows) -> np.ndarray:
-    """The corners (cells, simplices, corners, parameters) of what cells of nets are made of."""
-    low, high = cells.low, cells.high
-    if low.shape[1] == 1:
-        return np.stack([low, high], axis=1)[:, None]
-    mixed = [np.stack([low[:, 0], high[:, 1]], axis=1), np.stack([high[:, 0], low[:, 1]], axis=1)]
-    return np.stack([np.stack([low, mixed[1], mixed[0]], axis=1), np.stack([high, *mixed], axis=1)], axis=1)
+class _Cuts(NamedTuple):
+    """Where cells are cut: how good that is, side of which piece, a place near, and how far corners are beyond it."""
+
+    score: np.ndarray
+    side: np.ndarray
+    segment: np.ndarray
+    start: np.ndarray
+    values: np.ndarray
+
+
+def _padded(shape: Net | Triangles) -> Net | Triangles:
+    """The shape with as many pieces as programs are compiled for."""
+    if isinstance(shape, Net):
+        return repeated(shape)
+    count = len(shape.corners)
+    return Triangles(np.asarray(shape.corners)[np.minimum(np.arange(padded_count(count, small=False)), count - 1)])
 
 
 def _worth_trying(feet: FootRows) -> np.ndarray:
-    """Which feet are on a piece, or a place of it, that none before them are."""
-    count = feet.segment.shape[1]
+    """Which feet are on a piece, or a place of it, that none before them are; not more than some."""
     columns = [feet.segment[:, 0] >= 0]
-    for k in range(1, count):
+    for k in range(1, feet.segment.shape[1]):
         new = feet.segment[:, k] >= 0
         for j in range(k):
             near = np.max(np.abs(feet.t[:, k] - feet.t[:, j]), axis=1) <= _APART
             new &= (feet.segment[:, k] != feet.segment[:, j]) | ~near
         columns.append(new)
-    return np.stack(columns, axis=1)
+    tried = np.stack(columns, axis=1)
+    return tried & (np.cumsum(tried, axis=1) <= _MOST)
 
 
 @compiled
 def _bounds_of(
-    nets: tuple[Net, Net], count: Array, piece: Array, corners: Array, shares: Array, segment: Array, start: Array
+    shapes: Any, count: Array, piece: Array, corners: Array, shares: Array, segment: Array, start: Array
 ) -> Array:
-    a, b = nets
+    a, b = shapes
 
     def one(k: Array, corners: Array, segment: Array, start: Array) -> Array:
-        middles = weighted(jnp.asarray(inner_lattice(corners.shape[0] - 1, 2, INSET), corners.dtype), corners)
-        places = jax.vmap(lambda x: jet(a.piece(k), x).point)(middles)
-        return foot_map(places, b.piece(segment), start)
+        at = weighted(jnp.asarray(inner_lattice(corners.shape[0] - 1, 2, INSET), corners.dtype), corners)
+        return foot_map(jax.vmap(lambda x: place_on(a.piece(k), x))(at), b.piece(segment), start)
 
     def group(piece: Array, corners: Array, shares: Array, segment: Array, start: Array) -> Array:
         # Sums of non-negative numbers, so that relative errors are those of a few roundings.
         inner, complement = (jax.vmap(weighted)(shares, x) for x in (corners, 1 - corners))
         sigma = jax.vmap(one)(piece, inner, segment, start)
-        maps = (jnp.moveaxis(x, 0, -1) for x in (inner, complement, sigma))
-        inner, complement, sigma = maps
+        inner, complement, sigma = (jnp.moveaxis(x, 0, -1) for x in (inner, complement, sigma))
         k = corners.shape[1] - 1
         part = part_over(k, a.piece(piece), inner, complement)
         other = part_over(k, b.piece(segment), sigma, 1 - sigma)
-        return bound_between(k, part, other, sum(a.degrees) + sum(b.degrees))
+        return bound_between(k, part, other, levels_of(a) + levels_of(b))
 
     return in_groups(group, count, (piece, corners, shares, segment, start), _LANES)
+
+
+@compiled
+def _beyond(shapes: Any, count: Array, piece: Array, corners: Array, segment: Array, start: Array) -> Array:
+    a, b = shapes
+
+    def one(k: Array, corners: Array, segment: Array, start: Array) -> Array:
+        return beyond_sides(a.piece(k), b.piece(segment), corners, start)
+
+    return each(one, count, (piece, corners, segment, start), _LANES)
+
+
+@compiled
+def _shares(
+    shapes: Any, count: Array, piece: Array, ends: Array, segment: Array, start: Array, side: Array, values: Array
+) -> Array:
+    a, b = shapes
+
+    def one(k: Array, ends: Array, segment: Array, start: Array, side: Array, values: Array) -> Array:
+        return share_on_side(a.piece(k), b.piece(segment), ends, start, side, values)
+
+    return each(one, count, (piece, ends, segment, start, side, values), _LANES)
+
+
+@compiled
+def _places_of(a: Any, count: Array, piece: Array, x: Array) -> Array:
+    return each(lambda k, x: place_on(a.piece(k), x), count, (piece, x), _LANES)

@@ -9,6 +9,7 @@ from jax import lax
 
 from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_tracing
+from jhd.distance.cells.foot_maps import Triangles
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Aim, default_tolerance
 from jhd.distance.frame.coordinates import Frame, common_points, diagonal, extremes
@@ -134,9 +135,19 @@ def _farthest(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> FarthestSearc
     def allowed(lower: float) -> float:
         return max(atol, float(method.rtol) * lower, floor + target.rounding(lower))
 
-    nets = isinstance(pair.a, Net) and isinstance(pair.b, Net)
-    feet = FollowedFeet(pair.a, pair.b) if nets else None
-    return FarthestSearch(source, target, frame, moved, allowed, aim, method.max_steps, feet)
+    return FarthestSearch(source, target, frame, moved, allowed, aim, method.max_steps, _followed(a, b, pair, target))
+
+
+def _followed(a: Any, b: Any, pair: Together, target: AbstractTarget) -> FollowedFeet | None:
+    """Bounds by feet that are followed, where both shapes are parametric or triangles."""
+    first, second = _pieces(a, pair.a), _pieces(b, pair.b)
+    return None if first is None or second is None else FollowedFeet(first, second, target)
+
+
+def _pieces(shape: Any, moved: Any) -> Net | Triangles | None:
+    if isinstance(shape, TriangleMesh):
+        return Triangles(moved[np.asarray(shape.triangles)])
+    return moved if isinstance(moved, Net) else None
 
 
 def together(a: Any, b: Any) -> Together:

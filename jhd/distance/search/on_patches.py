@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arithmetic.bernstein import binomials
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, length, unit_weights
 from jhd.compiled import compiled
@@ -25,6 +24,7 @@ from jhd.distance.cells.pairs import Cell, bound, derivatives, nearest_in, newto
 from jhd.distance.frame.curves import padded_count
 from jhd.distance.frame.net_jets import Net, jet, point_error
 from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
+from jhd.distance.search.patch_samples import samples_beside, samples_of
 from jhd.distance.search.rows import BLOCK, each, in_blocks
 from jhd.triangles.closest_point import TriangleTree, in_unit_of, nearest_triangles, outward, point_tree
 
@@ -85,9 +85,10 @@ class NetTarget(AbstractTarget):
         self.net = Net(points, weights)
         self._padded = Net(points[index], None if weights is None else weights[index])
         places = np.linspace(0.0, 1.0, _SAMPLES).astype(points.dtype)
-        samples = _samples(self.net, places)
+        samples = samples_of(self.net, places)
         self._places = places
         self._tree: TriangleTree = point_tree(samples.reshape(-1, 3))
+        self._beside = samples_beside(samples.reshape(self.count, -1, 3))
         self._off = float(np.ldexp(point_error(self.net), self.exponent))
 
     def rounding(self, distance: float) -> float:
@@ -174,7 +175,27 @@ class NetTarget(AbstractTarget):
         n = self.net.parameters
         piece, place = np.divmod(sample, _SAMPLES**n)
         places = np.stack(np.unravel_index(place, (_SAMPLES,) * n), axis=1)
-        return self._moved(points, shift, piece, self._places[places])
+        feet = self._moved(points, shift, piece, self._places[places])
+        return self._beyond(points, shift, feet)
+
+    def _beyond(self, points: np.ndarray, shift: int, feet: _Feet) -> _Feet:
+        """The same inside of a piece; on its border the nearest of that and of those on its neighbours."""
+        rows = np.flatnonzero(np.any((feet.x <= 0) | (feet.x >= 1), axis=1))
+        shape = (_SAMPLES,) * self.net.parameters
+        place = np.rint(feet.x[rows] * (_SAMPLES - 1)).astype(int)
+        beside = self._beside[feet.piece[rows] * _SAMPLES ** len(shape) + np.ravel_multi_index(tuple(place.T), shape)]
+        for sample in beside.T:
+            some = sample >= 0
+            who, sample = rows[some], sample[some]
+            if not len(who):
+                break
+            piece, place = np.divmod(sample, _SAMPLES ** len(shape))
+            found = self._moved(
+                points[who], shift, piece, self._places[np.stack(np.unravel_index(place, shape), axis=1)]
+            )
+            better = found.upper < feet.upper[who]
+            feet = _Feet(*(_written(held, who[better], new[better]) for held, new in zip(feet, found, strict=True)))
+        return feet
 
     def _moved(self, points: np.ndarray, shift: int, piece: np.ndarray, x: np.ndarray) -> _Feet:
         upper, distance, x = in_blocks(_foot, self._shrunk(shift), points, piece, x)
@@ -262,18 +283,11 @@ def _take_over(feet: _Feet, cells: _Cells, upper: np.ndarray, distance: np.ndarr
     feet.x[who] = x[rows]
 
 
-def _samples(net: Net, places: np.ndarray) -> np.ndarray:
-    """Points of all pieces at a grid of parameters, about."""
-    p, q = net.degrees
-
-    def basis(degree: int, t: np.ndarray) -> np.ndarray:
-        k = np.arange(degree + 1)
-        return binomials(degree) * t[:, None] ** k * (1 - t[:, None]) ** (degree - k)
-
-    u, v = basis(p, places), basis(q, places if net.parameters == 2 else places[:1])
-    weights = np.ones(net.points.shape[:-1], net.points.dtype) if net.weights is None else net.weights
-    along = [np.einsum("ia,jb,kabd->kijd", u, v, x) for x in (net.points * weights[..., None], weights[..., None])]
-    return (along[0] / along[1]).astype(net.points.dtype)
+def _written(held: np.ndarray, rows: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """A copy with some rows exchanged."""
+    held = np.array(held)
+    held[rows] = new
+    return held
 
 
 class _About(NamedTuple):

@@ -1,0 +1,46 @@
+"""Samples of parametric shapes, from which feet are looked for, and which are at one place; nothing is proven."""
+
+import numpy as np
+
+from jhd.arithmetic.bernstein import binomials
+from jhd.distance.frame.net_jets import Net
+
+# Samples of pieces that count as neighbours, and in how many units a length of one is divided to tell whether samples
+# are at one place.
+_MOST, _SAME = 3, 2.0**30
+
+
+def samples_beside(samples: np.ndarray) -> np.ndarray:
+    """For each sample some of other pieces at the same place, (all samples, _MOST), -1 for none.
+
+    Args:
+        samples: of all pieces (pieces, samples, 3), with coordinates of at most one.
+    """
+    count = samples.shape[1]
+    places = np.rint(samples.reshape(-1, 3).astype(np.float64) * _SAME)
+    _, place = np.unique(places, axis=0, return_inverse=True)
+    piece = np.arange(len(places)) // count
+    # Of a piece one sample at each place.
+    _, first = np.unique(place.ravel() * len(samples) + piece, return_index=True)
+    start, size = np.unique(place.ravel()[first], return_index=True, return_counts=True)[1:]
+    found = np.full((len(places), _MOST), -1)
+    group = place.ravel()
+    own = np.searchsorted(group[first] * len(samples) + piece[first], group * len(samples) + piece)
+    for k in range(_MOST):
+        turned = start[group] + (own - start[group] + k + 1) % size[group]
+        found[:, k] = np.where(k + 1 < size[group], first[turned], -1)
+    return found
+
+
+def samples_of(net: Net, places: np.ndarray) -> np.ndarray:
+    """Points of all pieces at a grid of parameters, about."""
+    p, q = net.degrees
+
+    def basis(degree: int, t: np.ndarray) -> np.ndarray:
+        k = np.arange(degree + 1)
+        return binomials(degree) * t[:, None] ** k * (1 - t[:, None]) ** (degree - k)
+
+    u, v = basis(p, places), basis(q, places if net.parameters == 2 else places[:1])
+    weights = np.ones(net.points.shape[:-1], net.points.dtype) if net.weights is None else net.weights
+    along = [np.einsum("ia,jb,kabd->kijd", u, v, x) for x in (net.points * weights[..., None], weights[..., None])]
+    return (along[0] / along[1]).astype(net.points.dtype)

@@ -1,0 +1,90 @@
+"""Shapes that are equally far from each other along whole regions: offsets of spheres, tori and cylinders."""
+
+import numpy as np
+import pytest
+
+import jhd
+from jhd.solution import name_of
+
+ARC = np.sqrt(0.5)
+# A quarter of a circle with its weights, and the whole one.
+QUARTER, WEIGHTS = np.array([[1.0, 0], [1, 1], [0, 1]]), np.array([1, ARC, 1])
+TURNS = [np.linalg.matrix_power(np.array([[0.0, -1], [1, 0]]), k) for k in range(4)]
+CIRCLE = [QUARTER @ turn.T for turn in TURNS]
+# References and stored arcs are rounded by a few units of the last place.
+EXACT = 1e-14
+
+
+def about_z(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def turned():
+    matrix, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    return matrix * np.sign(np.linalg.det(matrix))
+
+
+def revolved(profiles, weights):
+    """Patches of surfaces of revolution about the z axis: profiles of points (radius, height) with their weights."""
+    nets = [
+        np.stack([np.append(r * arc, np.full((3, 1), z), axis=1) for r, z in profile])
+        for profile in profiles
+        for arc in CIRCLE
+    ]
+    return jhd.BezierPatches(np.array(nets), np.broadcast_to(np.outer(weights, WEIGHTS), (len(nets), len(weights), 3)))
+
+
+def torus(radius):
+    return revolved([quarter * radius + [1, 0] for quarter in CIRCLE], WEIGHTS)
+
+
+def sphere(radius):
+    return revolved([radius * QUARTER, radius * QUARTER * [1, -1]], WEIGHTS)
+
+
+def cylinder(radius, angle=0.0):
+    return revolved([np.array([[radius, -1.0], [radius, 1]])], np.ones(2)).transform(about_z(angle))
+
+
+def assert_is(found, exact, gap):
+    assert name_of(found.result) == "successful"
+    assert float(found.lower) <= exact + EXACT and exact - EXACT <= float(found.upper)
+    assert float(found.upper - found.lower) <= gap
+
+
+@pytest.mark.slow
+def test_turned_cylinders_are_as_far_from_each_other_as_their_radii():
+    # The joints of the patches of the one lie inside of those of the other.
+    found = jhd.directed_hausdorff(cylinder(1.0), cylinder(1.25, 0.7), jhd.BranchAndBound(atol=1e-7))
+    assert_is(found, 0.25, 1e-7)
+    assert int(found.stats["cells"]) < 1000
+
+
+@pytest.mark.slow
+def test_tori_and_spheres_are_as_far_from_each_other_as_their_radii():
+    close = jhd.BranchAndBound(atol=4e-6)
+    for other in (torus(0.35), torus(0.35).transform(about_z(0.7))):
+        found = jhd.directed_hausdorff(torus(0.3), other, close)
+        assert_is(found, 0.05, 4e-6)
+        assert int(found.stats["cells"]) < 4000
+    # Their poles, where sides of patches are single points, lie at different places.
+    found = jhd.directed_hausdorff(sphere(1.0), sphere(1.1).transform(turned()), close)
+    assert_is(found, 0.1, 4e-6)
+    assert int(found.stats["cells"]) < 6000
+
+
+@pytest.mark.slow
+def test_triangles_between_points_of_a_cylinder_are_as_far_as_their_chords():
+    count = 24
+    angles = 2 * np.pi * np.arange(count) / count
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    vertices = np.concatenate([np.append(ring, np.full((count, 1), z), axis=1) for z in (-1.0, 1.0)])
+    k = np.arange(count)
+    after = (k + 1) % count
+    mesh = jhd.TriangleMesh(
+        vertices, np.concatenate([np.stack([k, after, k + count], 1), np.stack([after, after + count, k + count], 1)])
+    )
+    exact = 1 - np.cos(np.pi / count)
+    for a, b in ((mesh, cylinder(1.0, 0.1)), (cylinder(1.0, 0.1), mesh)):
+        assert_is(jhd.directed_hausdorff(a, b, jhd.BranchAndBound(atol=1e-8)), exact, 1e-8)
