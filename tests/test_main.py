@@ -308,6 +308,7 @@ def test_warm_says_where_nothing_can_be_kept(run, monkeypatch, tmp_path):
     assert "--degree is 0; needs at least 1." in run("warm", "--degree", "0")[2]
 
 
+@pytest.mark.slow
 def test_each_kind_to_prepare_has_its_calls():
     named = [x.name for x in preparations(list(KINDS))]
     assert len(set(named)) == len(named) == 4 * len(KINDS) + 3

@@ -204,6 +204,7 @@ def test_a_curve_and_a_patch(name):
 
 
 @pytest.mark.parametrize(("height", "exact"), [(1.0, 1.0), (2.0**-16, 2.0**-16), (0.0, 0.0), (-0.125, 0.0)])
+@pytest.mark.slow
 def test_a_bowl_over_a_plate(height, exact):
     # The net of heights (1, -1/3, -1/3, 1) is that of (2 u - 1)^2.
     parabola = np.array([1, -1 / 3, -1 / 3, 1])

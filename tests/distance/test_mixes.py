@@ -65,6 +65,7 @@ def test_curves_and_planes_are_as_far_as_their_formulas_say(plane):
 
 
 @pytest.mark.parametrize("plane", [pytest.param("patch", marks=pytest.mark.slow), "mesh"])
+@pytest.mark.slow
 def test_spheres_and_cylinders_are_as_far_from_planes_as_their_formulas_say(plane):
     flat = PLANES[plane]
     assert_is(jhd.directed_hausdorff(SPHERE, flat), 6.0)

@@ -71,6 +71,7 @@ def test_a_square_is_as_far_from_points_as_its_formula_says(square, points, exac
     assert abs(float(jnp.sum(found.witness.multipliers)) - 1) < 1e-12
 
 
+@pytest.mark.slow
 def test_a_sphere_and_points_on_its_axes_are_as_far_as_their_formula_says():
     found = jhd.directed_hausdorff(SPHERE, jhd.points(AXES))
     # The farthest are at (1, 1, 1) / sqrt(3), up to signs: 2 - 2 / sqrt(3).

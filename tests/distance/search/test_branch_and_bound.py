@@ -293,6 +293,7 @@ def test_bounds_of_random_pairs_hold_the_reference_and_the_distance_of_the_witne
     assert Fraction(float(solution.lower)) ** 2 <= exact.minimum_near(point, b[segment], None, s)
 
 
+@pytest.mark.slow
 def test_a_batch_under_jit_and_vmap_is_its_single_calls_and_what_is_not_finite_stays_in_its_lane():
     a, b = np.random.default_rng(3).normal(size=(2, 4, 1, 4, 2))
     a[1, 0, 0, 0] = np.nan

@@ -196,7 +196,7 @@ def test_more_cells_than_there_is_room_for_end_the_search_with_true_bounds(monke
 
 def test_other_shapes_are_refused(as_a_user):
     with pytest.raises(TypeError, match="b must be a TriangleMesh"):
-        jhd.directed_hausdorff(PLATE, PLATE.vertices)  # pyright: ignore[reportArgumentType]
+        jhd.directed_hausdorff(PLATE, "a plate")  # pyright: ignore[reportArgumentType]
 
 
 def lifted(shift):

@@ -103,6 +103,7 @@ def test_distances_to_a_sphere_are_those_of_its_formula_from_its_centre_to_far_a
     np.testing.assert_allclose(np.linalg.norm(np.asarray(found.foot), axis=1), 1, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_polynomial_without_a_change_of_sign_has_no_proven_foot_but_a_true_lower_bound():
     double = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2", [-2, -2, -2], [2, 2, 2])
     found = jhd.project([[1.0, 0, 0], [0, 0, 3]], double, throw=False)

@@ -143,6 +143,7 @@ def test_the_witness_moves_as_differences_say():
 
 
 @pytest.mark.parametrize("seed", [3, 21])
+@pytest.mark.slow
 def test_the_hessian_agrees_with_differences_of_the_gradient(seed):
     rng = np.random.default_rng(seed)
     rows = jnp.asarray(np.stack([0.3 * rng.normal(size=(4, 2)), rng.normal(size=(4, 2))]))

@@ -142,6 +142,7 @@ def test_at_ends_and_corners_of_curves_the_derivative_is_between_the_one_sided_o
     assert shared >= 2
 
 
+@pytest.mark.slow
 def test_the_end_between_the_arms_of_a_v_has_the_derivative_of_both_arms():
     case, witness, (values, *gradients) = solved(2)[0]
     sides = assert_between(along([g[0] for g in gradients], case.directions), values, STEP, CLOSE)
@@ -151,6 +152,7 @@ def test_the_end_between_the_arms_of_a_v_has_the_derivative_of_both_arms():
     np.testing.assert_allclose(gradients[0][0, 0], np.array([1 / 3, 1.0]) * np.sqrt(0.5), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_at_an_end_with_two_feet_there_are_second_derivatives():
     case = between_the_arms()
     a, b = (jnp.asarray(x) for x in case.shapes)
