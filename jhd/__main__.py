@@ -8,7 +8,7 @@ the reader of the output went away.
 import argparse
 import os
 import sys
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import jax
 
@@ -32,6 +32,7 @@ examples:
   jhd fit "font:DejaVu Serif:s" --tolerance 5 --out s.svg
   jhd distance "font:DejaVu Sans:a" "font:DejaVu Serif:a" --json
   jhd distance a.ply b.obj
+  jhd deviation scan.ply model.obj --within 0.1 --plot deviation.png
   jhd project a.svg 10 -2.5
   jhd field bunny.ply --atol 0.001 --out bunny.npz
   jhd warm plane rational --degree 3
@@ -119,6 +120,8 @@ def _parser() -> argparse.ArgumentParser:
     distance.add_argument("--certificate", metavar="FILE", help="write what proves the bounds, for jhd verify")
     distance.set_defaults(command="distance")
 
+    _add_deviation(commands)
+
     fit = commands.add_parser("fit", help="fewer or lower-degree segments within a proven distance")
     fit.add_argument("target", metavar="TARGET", help=_CURVE_HELP)
     fit.add_argument("--tolerance", type=float, required=True, metavar="LENGTH", help="in input units")
@@ -156,9 +159,20 @@ def _parser() -> argparse.ArgumentParser:
 
     doctor = commands.add_parser("doctor", help="versions, devices, what is kept, and a check with a known answer")
     doctor.set_defaults(command="doctor")
-    for command in (distance, fit, verify, project, field, warm, doctor):
+    for command in commands.choices.values():
         command.add_argument("--json", action="store_true", help="print JSON and nothing else")
     return parser
+
+
+def _add_deviation(commands: Any) -> None:
+    parser = commands.add_parser("deviation", help="the distance along a curve or mesh: mean, rms, quantiles, maximum")
+    parser.add_argument("a", metavar="A", type=_as_given, help=_SHAPE_HELP)
+    parser.add_argument("b", metavar="B", type=_as_given, help="the one that distances are taken to")
+    parser.add_argument("--atol", type=float, metavar="LENGTH", help="gap of the bounds that may stay, in input units")
+    parser.add_argument("--rtol", type=float, default=1e-3, metavar="SHARE", help="the same as a share (default: 1e-3)")
+    parser.add_argument("--within", type=float, metavar="LENGTH", help="also the share of A that is this near")
+    parser.add_argument("--plot", metavar="FILE", help="draw A in the colours of its distance, with a histogram")
+    parser.set_defaults(command="deviation", box=None)
 
 
 def _switch_cache_on() -> None:

@@ -9,8 +9,6 @@ import platform
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -20,21 +18,22 @@ import numpy as np
 
 import jhd
 from jhd import storage
+from jhd.console import busy, device, exit_status, precision, print_json, timed
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.io import load_certificate, load_shape, save_curve, save_mesh, write_svg
 from jhd.io.meshes import MESH_SUFFIXES
 from jhd.options import PROJECTIONS, curve_of, mesh_of, method_name, method_of, points_of, shapes_of
 from jhd.report import (
+    PICTURE_DPI,
     bar,
     check_picture_file,
+    deviation_text,
     directions_text,
     names_of,
     picture,
-    progress_text,
     shape_line,
     solution_text,
     space_picture,
-    successful,
 )
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
@@ -60,19 +59,19 @@ def demo(options: Namespace) -> int:
     def both() -> list[HausdorffSolution]:
         return [jhd.directed_hausdorff(a, b, throw=False), jhd.directed_hausdorff(b, a, throw=False)]
 
-    with _busy("computing; the first run compiles"):
-        (there, back), first = _timed(both)
-        _, again = _timed(both)
+    with busy("computing; the first run compiles"):
+        (there, back), first = timed(both)
+        _, again = timed(both)
     print(solution_text("directed distance from A to B", there, "A", "B"), end="\n\n")
     print(solution_text("directed distance from B to A", back, "B", "A"), end="\n\n")
     larger, name = max((there, "from A to B"), (back, "from B to A"), key=lambda pair: float(pair[0]))
     print(f"Hausdorff distance, the larger of the two: {float(larger)!r} {name}")
     print(f"time       {first:.2f} s with compilation, {again:.3f} s once compiled (both directions)")
-    print(f"device     {_device()}, {_precision()}")
-    with _busy("drawing"):
+    print(f"device     {device()}, {precision()}")
+    with busy("drawing"):
         picture(_DEMO_FILE, a, b, (there, back), list(_DEMO_FONTS), "font units")
     print(f"picture    {Path(_DEMO_FILE).resolve()}")
-    return _status(there, back)
+    return exit_status(there, back)
 
 
 def distance(options: Namespace) -> int:
@@ -88,20 +87,20 @@ def distance(options: Namespace) -> int:
         raise ValueError("--certificate: certificates are for curves; leave it out.")
     if options.certificate and not Path(options.certificate).absolute().parent.is_dir():
         raise ValueError(f"{options.certificate}: no such folder.")
-    with _busy("computing; a first run compiles") as show:
-        solution, seconds = _timed(lambda: entry(a, b, method, throw=False, progress=show))
+    with busy("computing; a first run compiles") as show:
+        solution, seconds = timed(lambda: entry(a, b, method, throw=False, progress=show))
     if name_of(solution.result) == "interrupted":
         print(solution_text("the bounds reached", solution, *names_of(solution)))
         return 1
     if options.plot:
-        with _busy("drawing"):
+        with busy("drawing"):
             _draw(options.plot, a, b, solution)
     written = bool(options.certificate) and _certified(options.certificate, a, b, solution)
-    status = 1 if options.certificate and not written else _status(solution)
+    status = 1 if options.certificate and not written else exit_status(solution)
     if options.json:
         asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": method_name(method)}
         box = {"box": [np.asarray(end).tolist() for end in a.box()]} if surfaces else {}
-        _print_json(solution, **asked, **box, seconds=seconds)
+        print_json(solution, **asked, **box, seconds=seconds)
         return status
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     title = "directed distance from A to B" if options.directed else "Hausdorff distance"
@@ -110,12 +109,38 @@ def distance(options: Namespace) -> int:
         print(directions_text(*solution.directions), end="\n\n")
     print(f"method     {method_name(method)}")
     print(f"time       {seconds:.2f} s with compilation")
-    print(f"device     {_device()}, {_precision()}")
+    print(f"device     {device()}, {precision()}")
     if options.plot:
         print(f"picture    {Path(options.plot).resolve()}")
     if written:
         print(f"proof      {Path(options.certificate).resolve()}")
     return status
+
+
+def deviation(options: Namespace) -> int:
+    """The distance to B along A as a distribution."""
+    a, b = shapes_of(options)
+    if options.plot:
+        check_picture_file(options.plot)
+    asked = {"atol": options.atol, "rtol": options.rtol}
+    with busy("computing; a first run compiles") as show:
+        found, seconds = timed(lambda: jhd.deviation(a, b, **asked, throw=False, progress=show))
+    if options.plot:
+        with busy("drawing"):
+            jhd.plot.deviation(found).figure.savefig(options.plot, dpi=PICTURE_DPI)
+    within = None if options.within is None else found.share_within(options.within)
+    if options.json:
+        asked |= {"a": options.a, "b": options.b, "within": options.within}
+        shares = {} if within is None else {"share_within": list(within)}
+        print_json(found, found.to_plain() | shares, **asked, seconds=seconds)
+        return exit_status(found)
+    print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
+    print(deviation_text(found, options.within), end="\n\n")
+    print(f"time       {seconds:.2f} s with compilation")
+    print(f"device     {device()}, {precision()}")
+    if options.plot:
+        print(f"picture    {Path(options.plot).resolve()}")
+    return exit_status(found)
 
 
 def fit(options: Namespace) -> int:
@@ -129,7 +154,7 @@ def fit(options: Namespace) -> int:
     if options.plot:
         check_picture_file(options.plot)
     start = time.perf_counter()
-    with _busy("fitting; a first run compiles"):
+    with busy("fitting; a first run compiles"):
         contours = jhd.fit_outline(target, options.tolerance, degree=options.degree, smooth=options.smooth)
         shape = jhd.BezierSegments.join([contour.shape for contour in contours])
         error = jhd.hausdorff(target, shape, throw=False)
@@ -139,11 +164,11 @@ def fit(options: Namespace) -> int:
         write = write_svg if options.out.endswith(".svg") else save_curve
         write(options.out, shape)
     if options.plot:
-        with _busy("drawing"):
+        with busy("drawing"):
             picture(options.plot, target, shape, _directions(error))
     if options.json:
         asked = {"target": options.target, "tolerance": options.tolerance, "degree": options.degree}
-        _print_json(error, **asked, within=near, segments=[c.shape.count for c in contours], seconds=seconds)
+        print_json(error, **asked, within=near, segments=[c.shape.count for c in contours], seconds=seconds)
         return 0 if near else 1
     print(shape_line("A", options.target, target), shape_line("B", "fit", shape), sep="\n", end="\n\n")
     print(solution_text("Hausdorff distance", error, *names_of(error)), end="\n\n")
@@ -184,18 +209,18 @@ def project(options: Namespace) -> int:
     if points.shape[1] != dim:
         raise ValueError(f"a point has {points.shape[1]} coordinates; the {'mesh' if on_mesh else 'curve'} has {dim}.")
     method = None if on_mesh and options.method is None else method_of(options.method, None, PROJECTIONS)
-    with _busy("computing; a first run compiles"):
+    with busy("computing; a first run compiles"):
         found = jhd.project(points, shape, method=method, throw=False)
     if options.json:
         name = "exact" if method is None else method_name(method)
-        _print_json(found, shape=options.shape, points=points.tolist(), method=name)
-        return _status(found)
+        print_json(found, shape=options.shape, points=points.tolist(), method=name)
+        return exit_status(found)
     where = ["triangle", "t1", "t2", "t3"] if on_mesh else ["segment", "t"]
     print("\t".join(["distance", "lower", "upper", *where, *(f"foot {axis}" for axis in "xyz"[:dim]), "result"]))
     rows = [found.distance, found.lower, found.upper, found.segment, np.asarray(found.t), found.foot]
     for *numbers, t, foot, result in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
         print("\t".join([*(repr(x.item()) for x in (*numbers, *np.atleast_1d(t), *foot)), result]))
-    return _status(found)
+    return exit_status(found)
 
 
 def field(options: Namespace) -> int:
@@ -211,9 +236,9 @@ def field(options: Namespace) -> int:
         if file and not Path(file).absolute().parent.is_dir():
             raise ValueError(f"{file}: no such folder.")
     build = jhd.AdaptiveDistanceField.build
-    with _busy("building; a first run compiles") as show:
+    with busy("building; a first run compiles") as show:
         asked = {"mode": options.mode, "sign": options.sign}
-        made, seconds = _timed(lambda: build(mesh, options.atol, **asked, progress=show))
+        made, seconds = timed(lambda: build(mesh, options.atol, **asked, progress=show))
         made.save(options.out)
         error = made.sampled_error(mesh)
         if options.surface:
@@ -243,7 +268,7 @@ def doctor(options: Namespace) -> int:
         "python": f"{platform.python_version()} on {platform.platform()}",
         **{name: _version(name) for name in _PACKAGES},
         "devices": ", ".join(str(device) for device in jax.devices()) + f" ({jax.default_backend()})",
-        "precision": _precision(),
+        "precision": precision(),
         "programs": _kept(),
         "JAX's cache": _cache(),
     }
@@ -266,7 +291,7 @@ def warm(options: Namespace) -> int:
     if folder is None:
         raise ValueError("JHD_CACHE is 0, or there is no home folder: programs are not kept.")
     if jax.default_backend() != "cpu":
-        raise ValueError(f"programs are kept for CPUs only; this device is {_device()}.")
+        raise ValueError(f"programs are kept for CPUs only; this device is {device()}.")
     if not storage.made(folder):
         raise ValueError(f"{folder}: programs are not kept there: {storage.refusal(folder)}.")
     unknown = [kind for kind in options.kinds if kind not in KINDS]
@@ -276,10 +301,10 @@ def warm(options: Namespace) -> int:
         raise ValueError(f"--degree is {options.degree}; needs at least 1.")
     asked = preparations(options.kinds or list(KINDS), options.degree)
     rows = []
-    with _busy("preparing") as show:
+    with busy("preparing") as show:
         for done, (name, run) in enumerate(asked):
             show(f"{bar(done, len(asked))} {name}")
-            rows.append({"name": name, "seconds": _timed(run)[1]})
+            rows.append({"name": name, "seconds": timed(run)[1]})
     if options.json:
         print(json.dumps({"folder": str(folder), **storage.contents(folder)._asdict(), "prepared": rows}, indent=2))
         return 0
@@ -308,56 +333,13 @@ def _directions(solution: HausdorffSolution) -> list[HausdorffSolution | None]:
 def _certified(file: str, a: AbstractCurve, b: AbstractCurve, solution: HausdorffSolution) -> bool:
     """Writes the certificate of the solution; False, after a line on stderr, where its bounds could not be proven."""
     try:
-        with _busy("certifying"):
+        with busy("certifying"):
             certificate = jhd.certify(a, b, solution)
     except jhd.NotProvenError as error:
         print(f"jhd: no certificate: {error}", file=sys.stderr)
         return False
     certificate.save(file)
     return True
-
-
-def _print_json(solution: Any, **context: Any) -> None:
-    """Prints the result as `jhd.io.save_result` writes it, so that `jhd.io.load_result` reads it."""
-    context |= {"version": jhd.__version__, "device": _device(), "precision": _precision()}
-    content = {"type": type(solution).__name__, "solution": to_plain(solution), "context": context}
-    print(json.dumps(content, indent=2, allow_nan=False))
-
-
-def _status(*solutions: Any) -> int:
-    return 0 if all(successful(solution) for solution in solutions) else 1
-
-
-def _timed(action: Callable[[], Any]) -> tuple[Any, float]:
-    """What the action returns, when all of it has been computed, and the seconds that took."""
-    start = time.perf_counter()
-    value = jax.block_until_ready(action())
-    return value, time.perf_counter() - start
-
-
-@contextmanager
-def _busy(message: str) -> Iterator[Callable[[Any], None]]:
-    """Shows the message while the block runs, and the progress handed to what it yields; on a terminal only."""
-    if not sys.stderr.isatty():
-        yield lambda _: None
-        return
-
-    def show(text: str) -> None:
-        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
-
-    show(f"{message} ...")
-    try:
-        yield lambda progress: show(progress if isinstance(progress, str) else progress_text(progress))
-    finally:
-        show("")
-
-
-def _device() -> str:
-    return jax.devices()[0].device_kind
-
-
-def _precision() -> str:
-    return "float64" if jax.config.jax_enable_x64 else "float32"  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _version(name: str) -> str:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from jhd import plot
+from jhd.distance.deviation import Bounds, Deviation
+from jhd.distance.search.points import is_points
 from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.octree import VoxelProgress
 from jhd.shapes.curve import AbstractCurve
@@ -19,7 +21,7 @@ from jhd.solution import RESULTS, HausdorffSolution, name_of
 
 _MILLIMETRES = 1 / 25.4
 _PICTURE_SIZE = 180 * _MILLIMETRES, 102 * _MILLIMETRES  # two columns of a journal
-_DPI = 200
+PICTURE_DPI = 200
 _SPACE_SIZE = 120 * _MILLIMETRES, 115 * _MILLIMETRES
 _BAR = 24  # characters of a bar of progress
 _SPEC_WIDTH = 60  # path data can be pages long
@@ -56,6 +58,22 @@ def solution_text(title: str, solution: HausdorffSolution, name: str, other: str
     if not successful(solution):
         lines.append(f"  result   {_with_sentence(solution.result)}")
     return "\n".join(lines)
+
+
+def deviation_text(found: Deviation, threshold: float | None) -> str:
+    """Bounds of the numbers of a deviation in a table; numbers in full, so that they are still bounds."""
+    largest = Bounds(float(found.maximum.lower), float(found.maximum.upper))
+    rows = {"maximum": largest, "rms": found.rms, "mean": found.mean}
+    rows |= {f"{q:.0%} within": found.quantile(q) for q in (0.5, 0.9, 0.99)}
+    if threshold is not None:
+        rows[f"share within {threshold:g}"] = found.share_within(threshold)
+    kind = "points" if is_points(found.a) else "length" if isinstance(found.a, AbstractCurve) else "area"
+    rows[f"{kind} of A"] = found.measure
+    width = max(map(len, rows))
+    head = f"distance from A to B\n  {'':<{width}}  {'lower':<24}upper"
+    lines = [f"  {name:<{width}}  {low!r:<24}{high!r}" for name, (low, high) in rows.items()]
+    told = [] if successful(found) else [f"  {'result':<{width}}  {_with_sentence(found.result)}"]
+    return "\n".join([head, *lines, *told])
 
 
 def directions_text(there: HausdorffSolution, back: HausdorffSolution) -> str:
@@ -156,7 +174,7 @@ def picture(
     plot.profile(a, b, panels[0], directed[0], labels=labels, unit=unit)
     for panel, back in zip(panels[1:], directed[1:], strict=True):
         plot.profile(b, a, panel, back, labels=labels[::-1], unit=unit, colour=plot.ORANGE)
-    figure.savefig(file, dpi=_DPI)
+    figure.savefig(file, dpi=PICTURE_DPI)
 
 
 def space_picture(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
@@ -166,4 +184,4 @@ def space_picture(file: str, a: Any, b: Any, solution: HausdorffSolution) -> Non
     figure = Figure(figsize=_SPACE_SIZE)
     # No layout engine sees the labels of space axes.
     plot.solution(a, b, solution, figure.add_axes((0.02, 0.08, 0.88, 0.82), projection="3d"))
-    figure.savefig(file, dpi=_DPI)
+    figure.savefig(file, dpi=PICTURE_DPI)

@@ -154,7 +154,7 @@ def test_an_interrupted_search_prints_the_bounds_reached(run, monkeypatch):
 
         yield interrupt
 
-    monkeypatch.setattr("jhd.commands._busy", interrupting)
+    monkeypatch.setattr("jhd.commands.busy", interrupting)
     # Zero is below what rounding leaves, so the search would go on.
     status, out, err = run("distance", BASE, DIAGONAL, "--atol", "0", "--plot", "no.png")
     assert (status, err) == (1, "")

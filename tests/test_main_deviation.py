@@ -1,0 +1,59 @@
+"""The command line on deviations: the table, JSON, the picture, and exit statuses."""
+
+import json
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import jhd
+from jhd.__main__ import main
+from jhd.io import save_mesh
+
+
+@pytest.fixture
+def run(capsys, monkeypatch, tmp_path):
+    """Runs one command in a folder with a square above a tilted plane: status, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    triangles = [[0, 1, 2], [0, 2, 3]]
+    save_mesh("square.ply", jhd.TriangleMesh([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], triangles))
+    save_mesh("plane.obj", jhd.TriangleMesh([[-3, -3, 1.5], [4, -3, -2], [4, 4, -2], [-3, 4, 1.5]], triangles))
+
+    def call(*arguments):
+        status = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+def numbers_of(out, name):
+    """Both numbers of a row of the table."""
+    (line,) = (line for line in out.splitlines() if line.startswith(f"  {name}"))
+    return [float(word) for word in line.removeprefix(f"  {name}").split()]
+
+
+def test_the_table_holds_proven_bounds_and_the_picture_is_written(run):
+    status, out, _ = run("deviation", "square.ply", "plane.obj", "--within", "1.118", "--plot", "picture.png")
+    cosine = 1 / np.sqrt(1.25)
+    exact = {"mean": 1.25 * cosine, "rms": cosine * np.sqrt(1.25**2 + 1 / 48), "maximum": 1.5 * cosine}
+    exact |= {"area of A": 1.0, "50% within": 1.25 * cosine, "share within 1.118": 2 * (1.118 / cosine - 1)}
+    for name, value in exact.items():
+        lower, upper = numbers_of(out, name)
+        assert lower <= value <= upper, name
+    assert status == 0 and imread("picture.png").std() > 0.01
+
+
+def test_json_holds_the_same_and_what_was_asked(run):
+    status, out, _ = run("deviation", "square.ply", "plane.obj", "--json", "--within", "9", "--rtol", "0.01")
+    stored = json.loads(out)
+    lower, upper = stored["solution"]["mean"]
+    assert status == 0 and lower <= 1.25 / np.sqrt(1.25) <= upper
+    assert stored["type"] == "Deviation" and stored["context"]["rtol"] == 0.01
+    assert stored["solution"]["share_within"][0] > 0.999
+
+
+def test_what_is_refused_is_told_in_one_line(run):
+    status, out, err = run("deviation", "square.ply", "plane.obj", "--within", "-1")
+    assert (status, out) == (2, "") and err == "jhd: error: threshold is -1.0; needs a length of at least 0.\n"
+    assert run("deviation", "square.ply", "plane.obj", "--plot", "nowhere/picture.png")[0] == 2
