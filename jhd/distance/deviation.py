@@ -225,12 +225,14 @@ def deviation(
     of mean and root mean square are cut on, until both are known to the tolerance. The distance is that of the stored
     numbers. What a covers twice counts twice.
 
-    The work grows like 1 / gap along a curve and like (1 / gap) on a surface, where the gap of a cell is its squared
-    size times the curvature of b; where the distance is much smaller than cells are, as between a surface and its
-    triangulation, ask for a larger rtol. Quantiles and shares come from the same cells, at the width that these have.
+    What a cell leaves open is about its squared size times the curvature of either shape, so the number of cells grows
+    like 1 / gap on a surface and like its root along a curve. Where the distance is as small as that, as between a
+    surface and its triangulation, ask for a larger rtol. Quantiles and shares come from the same cells, whose bounds
+    are as wide as the distance varies in them.
 
-    Shapes must be known: there is no deviation under jit, vmap or grad. `maximum`, and `at(places)` of each place, are
-    differentiable where the shapes given are.
+    The value of `maximum` (within about the root of its gap) and the distances of `at(places)` are differentiable in
+    both shapes, to first order; mean and the other bounds are plain numbers. Shapes must be known: there is no
+    deviation under jit or vmap.
 
     >>> import jhd
     >>> found = deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.points([(0, 0)]))
