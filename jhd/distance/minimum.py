@@ -64,8 +64,9 @@ def minimum_distance(
     surfaces is meant. Meshes, and a mesh with a point set or a polyline, have a search of their own from the host: the
     pairs of triangles that count are measured in rational arithmetic, so the bounds are next to each other and meshes
     that meet have `upper` 0; only where very many pairs are equally near is the tolerance used. Under jit and vmap this
-    search is called from the program. With other shapes the triangles count as patches: a surface allows hundreds of
-    them, not thousands.
+    search is called from the program. With other shapes the triangles count as patches. Beside a polynomial surface
+    those of many pieces that may be nearest are found first, so thousands of them are served; where an edge of a mesh
+    of many triangles crosses the surface, `upper` is 0 but for the smallest numbers.
 
     >>> from jhd.shapes.curve import circle
     >>> found = minimum_distance(circle([0, 0], 3.0), circle([0, 7], 2.0))

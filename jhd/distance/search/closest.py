@@ -184,7 +184,7 @@ def tolerance_of(problem: Problem, wanted: WantedGap, state: ClosestState) -> Ar
 
 def is_open(problem: Problem, wanted: WantedGap, state: ClosestState) -> Array:
     """Whether there are pairs that may hold a distance smaller by more than the tolerance."""
-    return state.lower[0] < state.best.upper - _CLOSE * tolerance_of(problem, wanted, state)
+    return state.lower[0] < close_enough(problem, wanted, state)
 
 
 def is_full(state: ClosestState) -> Array:
@@ -228,7 +228,7 @@ def _step(problem: Problem, wanted: WantedGap, state: ClosestState) -> ClosestSt
     lowers = jnp.where(jnp.isnan(found.lower), before, jnp.maximum(found.lower, before))
     lowers = jnp.where(valid, lowers, jnp.inf)
     state = state._replace(best=best, steps=state.steps + 1, pairs=state.pairs + jnp.sum(valid))
-    closed = (lowers >= best.upper - _CLOSE * tolerance_of(problem, wanted, state)) | found.thin
+    closed = (lowers >= close_enough(problem, wanted, state)) | found.thin
     settled = jnp.minimum(state.settled, jnp.min(jnp.where(closed, lowers, jnp.inf)))
     lowers = jnp.where(closed, jnp.inf, lowers)
     every = jnp.concatenate([lowers, jnp.where(np.arange(capacity) < WIDTH, jnp.inf, state.lower)])
@@ -304,13 +304,28 @@ class ClosestSearch(AbstractSearch):
 
     def advance(self, state: ClosestState, limit: int, growing: bool) -> tuple[ClosestState, Standing]:
         """See AbstractSearch."""
-        growing = growing and state.lower.size < _LONGEST
+        growing = growing and may_grow(state)
         state, found, news = self._stretch(state, np.asarray(limit), np.asarray(growing))
         return state, Standing(found, *np.asarray(news))
 
     def longer(self, state: ClosestState) -> ClosestState:
         """See AbstractSearch."""
-        size = _GROWTH * state.lower.size
-        lower = jnp.pad(state.lower, (0, size - state.lower.size), constant_values=jnp.inf)
-        cell, axis = jax.tree_util.tree_map(partial(_padded, size), (state.cell, state.axis))
-        return state._replace(lower=lower, cell=cell, axis=axis)
+        return longer(state)
+
+
+def may_grow(state: ClosestState) -> bool:
+    """Whether a longer table would not fill the memory."""
+    return state.lower.size < _LONGEST
+
+
+def longer(state: ClosestState) -> ClosestState:
+    """The same table with more room."""
+    size = _GROWTH * state.lower.size
+    lower = jnp.pad(state.lower, (0, size - state.lower.size), constant_values=jnp.inf)
+    cell, axis = jax.tree_util.tree_map(partial(_padded, size), (state.cell, state.axis))
+    return state._replace(lower=lower, cell=cell, axis=axis)
+
+
+def close_enough(problem: Problem, wanted: WantedGap, state: ClosestState) -> Array:
+    """The bound from which on pairs cannot hold a distance smaller by more than the tolerance."""
+    return state.best.upper - _CLOSE * tolerance_of(problem, wanted, state)

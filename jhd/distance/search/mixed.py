@@ -34,6 +34,7 @@ from jhd.distance.search.closest import (
     Outcome,
     WantedGap,
     advance,
+    close_enough,
     in_one_go,
     lower_of,
     news_of,
@@ -43,14 +44,25 @@ from jhd.distance.search.closest import (
     table_of,
     wanted_gap,
 )
-from jhd.distance.search.search import Listener, Progress, drive
+from jhd.distance.search.from_program import from_program
+from jhd.distance.search.near_pairs import Crossing, NearPairs, around, crossing, near_pairs
+from jhd.distance.search.queued import PART, QueuedSearch
+from jhd.distance.search.search import AbstractSearch, Listener, Progress, drive
+from jhd.distance.search.targets import usable
 from jhd.distance.witness.surface_projection import moving_point
 from jhd.shapes.implicit import ImplicitSurface
-from jhd.solution import MinimumSolution
+from jhd.shapes.mesh import TriangleMesh
+from jhd.solution import RESULTS, MinimumSolution
 
 # The room for rounding where points are made sharp; the half side, as a share of the size, of the cells for that, and
 # steps there.
 _ROOM, _ABOUT, _STEPS = 4.0, 1e-4, 24
+# Up to so many pieces all pairs are searched, each over the whole surface; more are thinned out before the search.
+_FEW = 64
+# Steps over a few near pieces, for a first distance.
+_FIRST = 32
+# How often these are exchanged for others, while that brings the points nearer by this share.
+_TIMES, _NEARER = 12, 0.99
 
 
 def with_surface(
@@ -62,37 +74,144 @@ def with_surface(
         ValueError: a surface that is proven to have no point in its box (not under jit).
     """
     shapes = tuple(shape if isinstance(shape, ImplicitSurface) else net_of(shape) for shape in (a, b))
-    still = jax.lax.stop_gradient(shapes)
-    known = not is_tracing(still, method)
-    # Repeated to a few sizes that programs are compiled for; what repeats is not searched.
-    still = tuple(repeated(shape) if known and isinstance(shape, Net) else shape for shape in still)
-    *sides, frame = prepare_surfaces(*still)
-    problem = WithSurface(*sides)
-    corners = [side[2:4] if isinstance(side, Side) else extremes(side.points) for side in sides]
-    # What rounding leaves counts in the search, where it is known how far the nearest points are out.
-    wanted = wanted_gap(corners, frame, method, 0.0)
-    pieces = np.asarray(max(_count(shape) for shape in shapes))
-    if not known:
-        begun = lambda problem: _begin(problem, pieces, method.capacity)  # noqa: E731
-        found = in_one_go(begun, _outcome, problem, wanted, method.max_steps)
+    still: Any = jax.lax.stop_gradient(shapes)
+    is_mesh = isinstance(a, TriangleMesh)
+    if not is_tracing(still, method):
+        found = _from_here(still, method, is_mesh, progress)
+    elif max(map(_count, shapes)) > _FEW:
+        found = _from_program(still, method, is_mesh)
     else:
-        stretch = partial(_stretch, _Known(still, frame), problem, wanted)
-        search = ClosestSearch(partial(_begun, problem, pieces, method.capacity), stretch, method.max_steps)
-        found = drive(search, Listener(progress, frame))
-        if np.isinf(np.asarray(found.lower)):
-            raise ValueError("a or b is a surface without points in its box: its polynomial is proven to have no zero.")
-    solution = found.solution(frame)
+        found = _in_program(still, method)
     if not is_traced(shapes):
-        return solution
-    moving = _moving(shapes, *jax.lax.stop_gradient((found, solution)))
-    return attached(solution, solution.value > 0, value=moving)
+        return found.solution
+    moving = _moving(shapes, *jax.lax.stop_gradient(found))
+    return attached(found.solution, found.solution.value > 0, value=moving)
 
 
-class _Known(NamedTuple):
-    """Shapes of which all numbers are known, in the user's coordinates, and their frame."""
+class _FoundBoth(NamedTuple):
+    """What a search found, in common coordinates and in the user's."""
+
+    outcome: Outcome
+    solution: MinimumSolution
+
+
+def _in_program(shapes: tuple[Any, Any], method: BranchAndBound) -> _FoundBoth:
+    """The search in one program."""
+    task = _task_of(shapes, method)
+    pieces = np.asarray(max(map(_count, shapes)))
+    begun = lambda problem: _begin(problem, pieces, method.capacity)  # noqa: E731
+    found = in_one_go(begun, _outcome, task.problem, task.wanted, method.max_steps)
+    return _FoundBoth(found, found.solution(task.frame))
+
+
+def _from_here(
+    shapes: tuple[Any, Any], method: BranchAndBound, is_mesh: bool, progress: Callable[[Progress], object] | None = None
+) -> _FoundBoth:
+    """The search from the host; see with_surface.
+
+    Args:
+        shapes: of the net or surface and the surface all numbers are known.
+        method: the options.
+        is_mesh: whether the first one is a mesh.
+        progress: see minimum_distance.
+    """
+    pieces = max(map(_count, shapes))
+    # Repeated to a few sizes that programs are compiled for; what repeats is not searched.
+    task = _task_of(tuple(repeated(shape) if isinstance(shape, Net) else shape for shape in shapes), method)
+    found = drive(_search(task, pieces, method, is_mesh), Listener(progress, task.frame))
+    if np.isinf(np.asarray(found.lower)):
+        raise ValueError("a or b is a surface without points in its box: its polynomial is proven to have no zero.")
+    return _FoundBoth(found, found.solution(task.frame))
+
+
+def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: bool) -> AbstractSearch:
+    """Over all pairs; where there are many pieces, over those that may be the nearest ones."""
+    problem, capacity = task.problem, method.capacity
+    net: Any = problem.a
+    surface: Any = problem.b
+    room = room_for(PART, capacity)
+    meeting = crossing(surface, net, pieces) if pieces > _FEW and is_mesh else None
+    near = near_pairs(surface, net, pieces, is_mesh) if pieces > _FEW and meeting is None else None
+    if meeting is not None:
+        pairs, best = meeting.pairs, _met(meeting)
+    elif near is not None:
+        pairs, best = near.pairs, _first(task, pieces, near.first, room)
+    else:
+        begun = partial(_begun, problem, np.asarray(pieces), capacity)
+        return ClosestSearch(begun, partial(_stretch, task), method.max_steps)
+
+    def filled(start: int) -> ClosestState:
+        return _filled(problem, pairs.part(start, PART), best, room)
+
+    def closed(table: ClosestState) -> float:
+        return float(close_enough(_with_room(problem, table), task.wanted, table))
+
+    return QueuedSearch(pairs.lower, filled, partial(_stretch, task), closed, method.max_steps)
+
+
+def _first(task: "_SurfaceTask", pieces: int, few: NearPairs, room: int) -> BestPair:
+    """A pair of near points, before the search: from some pieces on to those beside the nearest, while they get nearer.
+
+    From the whole box feet are found that are lost in small cells, where both shapes are about to touch.
+    """
+    problem, best = task.problem, _unknown(task.problem)
+    net: Any = problem.a
+    surface: Any = problem.b
+    for _ in range(_TIMES):
+        table = _filled(problem, few.part(0, PART), best, room)
+        found = _stretch(task, table, np.asarray(_FIRST), np.asarray(False))[0].best
+        if not found.upper < _NEARER * best.upper:
+            return found
+        best = found
+        few = around(surface, net, pieces, np.asarray(best.x[net.parameters :]))
+    return best
+
+
+def _met(meeting: Crossing) -> BestPair:
+    """A pair at distance zero."""
+    zero: Any = np.zeros((), meeting.place.dtype)
+    x: Any = np.concatenate([meeting.x, meeting.place])
+    piece: Any = np.asarray(meeting.piece)
+    return BestPair(zero, zero, piece, jnp.array(0), x)
+
+
+def _from_program(shapes: tuple[Any, Any], method: BranchAndBound, is_mesh: bool) -> _FoundBoth:
+    """The search from the host, called from the program."""
+    dtype, n = shapes[0].points.dtype, shapes[0].parameters + 3
+
+    def refused(result: Any = RESULTS.nonfinite_value) -> _FoundBoth:
+        number = lambda x, *shape: jnp.full(shape, x, dtype)  # noqa: E731
+        zero, infinite = jnp.array(0), number(jnp.inf)
+        best = BestPair(infinite, infinite, zero, zero, number(0.0, n))
+        stats = {"steps": zero, "pairs": zero, "waiting": zero}
+        parts = infinite, number(0.0), infinite, number(jnp.nan, 3), number(jnp.nan, 3), result, stats
+        return _FoundBoth(Outcome(best, *parts[1:]), MinimumSolution(*parts))
+
+    def search(shapes: Any, method: BranchAndBound) -> _FoundBoth:
+        if not usable(shapes[1]):
+            return refused()
+        try:
+            return _from_here(shapes, method, is_mesh)
+        except ValueError:
+            return refused(RESULTS.empty_surface)
+
+    return from_program(search, refused, shapes, method)
+
+
+class _SurfaceTask(NamedTuple):
+    """Shapes in the user's coordinates and in common ones, the frame that leads back, and what is asked for."""
 
     shapes: tuple[Any, ...]
+    problem: WithSurface
     frame: Frame
+    wanted: WantedGap
+
+
+def _task_of(shapes: tuple[Any, ...], method: BranchAndBound) -> _SurfaceTask:
+    *sides, frame = prepare_surfaces(*shapes)
+    corners = [side[2:4] if isinstance(side, Side) else extremes(side.points) for side in sides]
+    # What rounding leaves counts in the search, where it is known how far the nearest points are out.
+    return _SurfaceTask(shapes, WithSurface(*sides), frame, wanted_gap(corners, frame, method, 0.0))
 
 
 def _count(shape: ImplicitSurface | Side | Net) -> int:
@@ -106,13 +225,18 @@ def _begin(problem: WithSurface, pieces: Any, capacity: int) -> ClosestState:
     low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
     count = len(first)
     cells = Cell(jnp.asarray(first), jnp.asarray(second), *(jnp.broadcast_to(x, (count, x.size)) for x in (low, high)))
-    zero, infinite = jnp.array(0), jnp.full((), jnp.inf, low.dtype)
-    best = BestPair(infinite, infinite, zero, zero, 0.5 * (low + high))
     # Every first cut is along the longest side of a box: the pieces of a net are small already.
     sides = [side.upper - side.lower if isinstance(side, Side) else jnp.zeros(parameters(side)) for side in problem[:2]]
     axis = jnp.full((count,), jnp.argmax(jnp.concatenate(sides)))
     lower = jnp.where(np.arange(count) < pieces, jnp.zeros((), low.dtype), jnp.inf)
-    return table_of(lower, cells, axis, best, room_for(count, capacity))
+    return table_of(lower, cells, axis, _unknown(problem), room_for(count, capacity))
+
+
+def _unknown(problem: WithSurface) -> BestPair:
+    """What is known before any pair is."""
+    low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
+    zero, infinite = jnp.array(0), jnp.full((), jnp.inf, low.dtype)
+    return BestPair(infinite, infinite, zero, zero, 0.5 * (low + high))
 
 
 def _ends(side: Net | Side) -> tuple[Array, Array]:
@@ -139,16 +263,28 @@ def _point(side: Net | Side, k: Array, x: Array) -> Array:
 _begun = compiled(_begin, (2,))
 
 
+@partial(compiled, static=(3,))
+def _filled(problem: WithSurface, pairs: NearPairs, best: BestPair, capacity: int) -> ClosestState:
+    """The table with pairs of cells of the surface and whole pieces."""
+    n, count, dtype = parameters(problem.a), pairs.lower.shape[0], pairs.lower.dtype
+    ends = jnp.zeros((count, n), dtype), jnp.ones((count, n), dtype)
+    low, high = (jnp.concatenate(x, axis=1) for x in zip(ends, (pairs.low, pairs.high), strict=True))
+    cells = Cell(jnp.asarray(pairs.piece), jnp.zeros(count, int), low, high)
+    return table_of(pairs.lower, cells, n + jnp.argmax(pairs.high - pairs.low, axis=1), best, capacity)
+
+
 _advanced = compiled(advance)
 
 
 def _stretch(
-    known: _Known, problem: WithSurface, wanted: WantedGap, state: ClosestState, limit: np.ndarray, growing: np.ndarray
+    task: _SurfaceTask, state: ClosestState, limit: np.ndarray, growing: np.ndarray, waiting: Any = np.inf
 ) -> tuple[ClosestState, Outcome, Array]:
-    """Goes on for some steps, then makes the nearest points sharp."""
+    """Goes on for some steps, then makes the nearest points sharp; pairs with this bound wait beside the table."""
+    problem, wanted = task.problem, task.wanted
     state = _advanced(_with_room(problem, state), wanted, state, limit, growing)
-    state = state._replace(best=_sharp(known, problem, state.best))
-    return state, *_standing(_with_room(problem, state), wanted, state, growing)
+    state = state._replace(best=_sharp(task, state.best))
+    shown = state._replace(settled=jnp.minimum(state.settled, waiting))
+    return state, *_standing(_with_room(problem, state), wanted, shown, growing)
 
 
 def _with_room(problem: WithSurface, state: ClosestState) -> WithSurface:
@@ -171,17 +307,16 @@ def _standing(problem: WithSurface, wanted: WantedGap, state: ClosestState, grow
     return _outcome(problem, wanted, state), news_of(problem, wanted, state, growing)
 
 
-def _sharp(known: _Known, problem: WithSurface, best: BestPair) -> BestPair:
+def _sharp(task: _SurfaceTask, best: BestPair) -> BestPair:
     """The nearest points where the Lagrange system is solved, if they are proven to be nearer than those found."""
+    problem = task.problem
     if not np.isfinite(np.asarray(best.upper)):
         return best
     n = parameters(problem.a)
     for x in (_solved(problem, best), best.x):
         radii = [
-            exact_radius(shape, side, known.frame, np.asarray(part))
-            if isinstance(side, Side)
-            else float(error_of(side))
-            for shape, side, part in zip(known.shapes, problem[:2], (x[:n], x[n:]), strict=True)
+            exact_radius(shape, side, task.frame, np.asarray(part)) if isinstance(side, Side) else float(error_of(side))
+            for shape, side, part in zip(task.shapes, problem[:2], (x[:n], x[n:]), strict=True)
         ]
         best = _nearer(problem, best, x, np.asarray(radii, x.dtype))
     return best
