@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jhd.arithmetic.rounding import like_double, round_up, unit_roundoff
+from jhd.arithmetic.rounding import gamma, like_double, round_up, smallest_normal, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.frame.surfaces import Side
-from jhd.distance.nearest.forms import box_distances, boxes, form, lower_bounds
+from jhd.distance.nearest.forms import Boxes, Form, box_distances, boxes, finite_or_zero, form, lower_bounds, positive
 from jhd.distance.nearest.places import local_feet, projected, proven_radius, reach, thorough_radius
 
 # Cells along each axis that every search starts from, and places along each axis for the points of a cloud.
@@ -31,6 +31,8 @@ _NARROW = 2.0**-48
 _STARTS, _FOOT_STEPS = 8, 5
 # Least gap, in units of roundoff.
 _CLOSE = 16
+# Half sides of the cubes about a foot in which it may be proven to be the nearest point, as shares of the box.
+_CUBES = 2.0 ** -np.arange(1.0, 9.0)
 
 
 class Cover(NamedTuple):
@@ -165,6 +167,9 @@ def nearest(
         part = form(side, cells)
         bound = lower_bounds(part, cells, point, inner(side, low, high))
         bound = jnp.fmax(bound, jnp.tile(parents, 8))  # a NaN bounds nothing
+        about, least_about = _convex_about(side, point, state.foot)
+        within = jnp.all((low[:, None] >= about.lower[..., None]) & (high[:, None] <= about.upper[..., None]), axis=0)
+        bound = jnp.maximum(bound, jnp.max(jnp.where(within, least_about[:, None], 0.0), axis=0))
         bound = jnp.where(part.may_vanish & jnp.tile(live & ~narrow, 8), bound, jnp.inf)
         _, lowest = jax.lax.top_k(-bound.astype(jnp.float32), starts.shape[1])
         places = jnp.where(state.steps == 0, starts, cells.centre[:, lowest])
@@ -188,6 +193,58 @@ def nearest(
     end = jax.lax.while_loop(open_, step, varying(start, side, point))
     lower = jnp.minimum(jnp.minimum(jnp.min(end.bound), end.closed), end.upper)
     return NearestOnSurface(lower, end.upper, end.foot, end.steps)
+
+
+def _convex_about(side: Side, point: Array, foot: Array) -> tuple[Boxes, Array]:
+    """Cubes of a few sizes about a foot, (3, cubes), and lower bounds of the distance to the surface in each, or zero.
+
+    With l so that the gradient of L = |q - p|^2 - l f(q) is about zero at the foot, L lies above its tangent plane
+    there in every cube in which its second derivatives are proven positive definite: the pivots of their middle, less
+    all that the terms of higher degree and rounding can change. On the surface L is the squared distance.
+    """
+    dtype = foot.dtype
+    half = jnp.asarray(_CUBES, dtype) * jnp.max(jnp.asarray(side.upper) - jnp.asarray(side.lower))
+    centre = jnp.broadcast_to(foot[:, None], (3, half.size))
+    sides = jnp.broadcast_to(half, centre.shape)
+    inner_half = half - gamma(8, dtype) * (jnp.abs(centre) + half)
+    cells = Boxes(centre - inner_half, centre + inner_half, centre, sides)
+    f = form(side, cells)
+    apart, slope = foot - point, f.slope
+    pull = 2 * apart[:, None] * half
+    factor = finite_or_zero(jnp.sum(pull * slope, axis=0) / positive(jnp.sum(slope**2, axis=0)))
+    size = jnp.sum((jnp.abs(apart)[:, None] + half) ** 2, axis=0)
+    error = gamma(24, dtype) * size + 1.01 * jnp.abs(factor) * f.error
+    value = jnp.sum(apart**2) - factor * f.value
+    tilt = jnp.sum(jnp.abs(pull - factor * slope), axis=0) * (1 + gamma(16, dtype))
+    # The errors of all coefficients together are within the first, those of slopes within as many times the degree.
+    degree = max(f.local.shape[:3])
+    least = value - tilt - (4 * degree + 4) * error
+    convex = _definite(f, factor, half, error * degree**2)
+    root = jnp.sqrt(jnp.maximum(least, 0.0)) * (1 - 8 * unit_roundoff(dtype)) - smallest_normal(dtype) ** 0.5
+    return cells, jnp.where(convex & (root > 0), root, 0.0)
+
+
+def _definite(f: Form, factor: Array, half: Array, error: Array) -> Array:
+    """Whether the second derivatives of |half e|^2 - factor f(e) are positive definite for all |e| <= 1."""
+    local, dtype = f.local, half.dtype
+    powers = np.indices(local.shape[:3])
+    total = np.sum(powers, axis=0)
+    # What terms beyond the second degree change entries of a row by, all together.
+    rows = [powers[k] * (total - 1) for k in range(3)]
+    sizes = [
+        jnp.sum(jnp.where((total > 2)[..., None], r[..., None] * jnp.abs(local), 0.0), axis=(0, 1, 2)) for r in rows
+    ]
+    loose = jnp.abs(factor) * jnp.max(jnp.stack(sizes), axis=0) + 3 * error
+    own = [2 * half**2 - 2 * factor * x for x in (local[2, 0, 0], local[0, 2, 0], local[0, 0, 2])]
+    xy, xz, yz = (-factor * x for x in (local[1, 1, 0], local[1, 0, 1], local[0, 1, 1]))
+    scale = sum(jnp.abs(x) for x in (*own, xy, xz, yz)) + half**2
+    loose = loose * (1 + gamma(local[..., 0].size + 16, dtype)) + gamma(64, dtype) * scale
+    x, y, z = (entry - loose for entry in own)
+    first = jnp.where(x > 0, x, jnp.inf)
+    second = y - xy**2 / first
+    cross = yz - xy * xz / first
+    third = z - xz**2 / first - cross**2 / jnp.where(second > 0, second, jnp.inf)
+    return (x > 0) & (second > 0) & (third > 0)
 
 
 def nearest_proven(side: Side, point: Array, places: Array) -> tuple[Array, Array]:
