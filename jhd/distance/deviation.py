@@ -274,6 +274,8 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
     for name, shape in (("a", a), ("b", b)):
         if not isinstance(shape, Shape):
             raise TypeError(f"{name} must be a shape of jhd; got {type(shape).__name__}.")
+    if isinstance(a, AbstractPatch) and min(a.patches().degrees) == 0:
+        raise ValueError("a has no area: there is nothing to average over; a patch of degree zero is a curve.")
     if is_traced(*jax.tree_util.tree_leaves(jax.lax.stop_gradient((a, b)))):
         raise TypeError(
             "deviation needs known shapes: its cells depend on them. Under tracing take directed_hausdorff."

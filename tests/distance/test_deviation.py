@@ -175,6 +175,7 @@ def test_the_maximum_and_distances_at_places_are_differentiable():
         (lambda a, b: jhd.deviation(a, b, max_cells=0), ValueError, "max_cells"),
         (lambda a, b: jhd.deviation(a, jhd.points([(0, 0, 0)])), ValueError, "coordinates"),
         (lambda a, b: jhd.deviation(jhd.polyline([(1, 1), (1, 1)]), b), ValueError, "a has no length"),
+        (lambda a, b: jhd.deviation(jhd.BezierPatch([[[0, 0, 0]], [[1, 0, 0]]]), b), ValueError, "a has no area"),
         (lambda a, b: jhd.deviation(a, b).quantile(0), ValueError, "q is 0"),
         (lambda a, b: jhd.deviation(a, b).share_within(-1), ValueError, "threshold is -1"),
         (lambda a, b: jhd.deviation(a, b).at(), ValueError, "places is missing"),
