@@ -157,6 +157,8 @@ def test_distances_scale_with_the_shapes(power):
 
 
 STEP = 1e-5
+# What differences leave, and the place where it is known to full precision.
+DERIVATIVE = 1e-7
 
 
 @pytest.mark.parametrize(
@@ -180,11 +182,31 @@ def test_derivatives_in_both_shapes_are_those_of_differences(a, b):
     directions = [jnp.asarray(np.random.default_rng(4).normal(size=x.shape)) for x in arrays]
     value, change = jax.jvp(distance, arrays, directions)
     ahead, behind = (distance(*(x + s * STEP * d for x, d in zip(arrays, directions, strict=True))) for s in (1, -1))
-    # The place is known to about the root of the gap, and the derivative with it.
-    np.testing.assert_allclose(change, (ahead - behind) / (2 * STEP), rtol=10 * gap**0.5, atol=1e-4)
+    # Beside polynomial surfaces the place is known to about the root of the gap, and the derivative with it.
+    known = 10 * gap**0.5 if "polynomial" in (a, b) else DERIVATIVE
+    np.testing.assert_allclose(change, (ahead - behind) / (2 * STEP), rtol=known, atol=known)
     compiled, gradient = jax.jit(jax.value_and_grad(distance))(*arrays)
     np.testing.assert_allclose(compiled, value, rtol=1e-13)
     np.testing.assert_allclose(gradient, jax.grad(distance)(*arrays), atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 5, 10])
+def test_two_feet_on_one_patch_that_are_equally_near_share_the_derivative(seed):
+    def bumpy(k):
+        rng = np.random.default_rng(k)
+        return jnp.asarray((GRID / 3 + rng.normal(size=(4, 4, 3)) * [0.1, 0.1, 0.3])[None])
+
+    def distance(p, q):
+        return jhd.directed_hausdorff(jhd.BezierPatches(p), jhd.BezierPatches(q)).value
+
+    nets = bumpy(seed), bumpy(seed + 50)
+    found = jhd.directed_hausdorff(jhd.BezierPatches(nets[0]), jhd.BezierPatches(nets[1]))
+    assert np.count_nonzero(np.asarray(found.witness.multipliers) > 0.1) == 2
+    towards = tuple(jnp.asarray(np.random.default_rng(4).normal(size=x.shape)) for x in nets)
+    change = jax.jvp(distance, nets, towards)[1]
+    ahead, behind = (distance(*(x + s * STEP * d for x, d in zip(nets, towards, strict=True))) for s in (1, -1))
+    np.testing.assert_allclose(change, (ahead - behind) / (2 * STEP), rtol=DERIVATIVE, atol=DERIVATIVE)
 
 
 def test_shapes_that_are_none_and_do_not_fit_are_refused():

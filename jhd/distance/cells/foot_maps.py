@@ -69,6 +69,11 @@ def foot_map(places: Array, b: Net | Triangles, start: Array) -> Array:
     return jnp.clip(jnp.sum(matrix[:, :, None] * feet[None], axis=1), 0.0, 1.0)
 
 
+def foot_near(b: Net | Triangles, place: Array, start: Array) -> Array:
+    """Parameters of the foot of a place on a piece, near a start."""
+    return _on_triangle(b.corners, place) if isinstance(b, Triangles) else _newton(b, place, start, _FIRST + _STEPS)
+
+
 def _newton(b: Net, place: Array, start: Array, steps: int, beyond: float = 0.0) -> Array:
     """Parameters of b about nearest to a place, near a start, and so far beyond its sides at most."""
     low, high = -beyond, 1 + beyond

@@ -8,33 +8,30 @@ their bound is within the tolerance of the lower one.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.arithmetic.rounding import smallest_normal, unit_roundoff
+from jhd.arithmetic.rounding import unit_roundoff
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.nearest.target import AbstractTarget, FootRows, ProvenFeet
+from jhd.distance.search.active_feet import active_feet
 from jhd.distance.search.followed_cells import FollowedFeet
+from jhd.distance.search.polished_place import polished
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import AbstractSource, CellRows, PlacesOfCells
-from jhd.distance.witness.multipliers import balanced
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 
 # Cells cut in a step, at most, and most that wait; each takes 400 bytes.
 _BATCH, _WAITING = 1 << 13, 1 << 20
 # What is counted: steps, cells bounded, and cells that wait.
 COUNTS = "steps", "cells", "waiting"
-# Points are looked for around the place this far away, and count as nearest within this much; shares of the distance.
-_RING, _EQUAL = 1e-6, 1e-8
-_CUBE = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
-# So many points that are about equally near are looked at.
-_MOST = 16
-# Multipliers leave no more than this where they balance.
-_UNBALANCED = 1e-4
+# A place counts as farther where only this share of the distance is missing.
+_AS_FAR = 1e-14
 # Steps of the first stretch.
 _FIRST_STEPS = 24
 # Places that are measured in a step: of the cells with the largest bounds, and of those that seem farthest.
@@ -44,7 +41,7 @@ _TOGETHER = 2.0
 
 
 class PlaceFound(NamedTuple):
-    """The farthest place found: its piece, parameters, point, foot (one row), proven bound, and distance."""
+    """The farthest place found: piece, parameters, point and its error, foot (one row), proven bound, distance."""
 
     piece: int
     x: np.ndarray
@@ -52,6 +49,7 @@ class PlaceFound(NamedTuple):
     foot: FootRows
     lower: float
     distance: float
+    radius: float
 
 
 class _Waiting(NamedTuple):
@@ -126,6 +124,8 @@ class FarthestSearch(AbstractSearch):
         while self._going(state) and state.steps < limit:
             state = self._step(state)
         going = self._going(state)
+        if not going and state.best is not None and self._followed is not None:
+            state = state._replace(best=self._polished(state, state.best, self._followed))
         return state, Standing(self._solution(state), going, False, state.steps, len(state.waiting.upper))
 
     def longer(self, state: _FarthestState) -> _FarthestState:
@@ -253,14 +253,14 @@ class FarthestSearch(AbstractSearch):
         x, point = places.parameters[cell, place], places.points[cell, place]
         foot = self._target.rows_of(ProvenFeet(*(x[row : row + 1] for x in found)))
         distance = float(found.distance[row])
-        return PlaceFound(int(cells.piece[cell]), x, point, foot, max(there, 0.0), distance)
+        return PlaceFound(int(cells.piece[cell]), x, point, foot, max(there, 0.0), distance, float(radius[row]))
 
     def _solution(self, state: _FarthestState) -> HausdorffSolution:
         """The solution in the user's coordinates."""
         best, dtype = state.best, self._frame.centre.dtype
         # Where no place is proven, some place stands for the witness.
         place = best if best is not None else self._nowhere(dtype)
-        upper = max(state.settled, float(np.max(state.waiting.upper, initial=-np.inf)), place.lower)
+        upper = max(self._upper(state), place.lower)
         known = best is not None and np.isfinite(upper)
         gap = upper - max(place.lower, self._level) + 2 * self._moved
         closed = gap <= self._allowed(place.lower) or place.lower > self._ceiling
@@ -280,22 +280,51 @@ class FarthestSearch(AbstractSearch):
             stats={name: jnp.asarray(count) for name, count in zip(COUNTS, counts, strict=True)},
         )
 
+    def _upper(self, state: _FarthestState) -> float:
+        return max(state.settled, float(np.max(state.waiting.upper, initial=-np.inf)))
+
+    def _polished(self, state: _FarthestState, best: PlaceFound, followed: FollowedFeet) -> PlaceFound:
+        """The farthest place to full precision, proven again; the one that is known where that is not farther."""
+        if best.lower <= 0 or not np.isfinite(self._upper(state)):
+            return best
+        feet, shares = self._active(best, self._upper(state) - best.lower)[:2]
+        found = polished(followed.shapes, best.piece, best.x, feet, shares)
+        if found is None:
+            return best
+        there = self._target.nearest(found.point[None])
+        if not float(there.distance[0]) >= best.distance * (1 - _AS_FAR):
+            return best
+        lower = max((float(there.lower[0]) - best.radius) * (1 - 4e-16), best.lower)
+        return best._replace(
+            x=found.x,
+            point=found.point,
+            foot=self._target.rows_of(there),
+            lower=lower,
+            distance=float(there.distance[0]),
+        )
+
+    def _active(self, place: PlaceFound, gap: float) -> tuple[FootRows, np.ndarray, bool]:
+        """The feet that count at a place, their multipliers, and whether it lies on a border."""
+        nowhere = np.zeros((0, 3))
+        known = np.all(np.isfinite(place.x))
+        free, into = self._source.rays(place.piece, place.x) if known else (nowhere, nowhere)
+        follow = partial(self._followed.moved, place) if self._followed is not None and known else None
+        feet, shares = active_feet(self._target, place.point, place.foot, gap, (free, into), follow)
+        return feet, shares, len(into) < len(free)
+
     def _nowhere(self, dtype: Any) -> PlaceFound:
         cells = self._source.cover().take(slice(0, 1))
         point = self._source.places(cells).points[0, 0]
         foot = self._target.rows_of(self._target.near(point[None]))
         foot = foot._replace(point=np.where(np.isfinite(foot.point), foot.point, point))
-        return PlaceFound(int(cells.piece[0]), np.full(cells.low.shape[1], np.nan, dtype), point, foot, 0.0, 0.0)
+        return PlaceFound(int(cells.piece[0]), np.full(cells.low.shape[1], np.nan, dtype), point, foot, 0.0, 0.0, 0.0)
 
     def _witness(self, place: PlaceFound, distance: float, gap: float) -> Witness:
         """All points that are nearest to the place, with multipliers, and how the maximum arises."""
         dtype = self._frame.centre.dtype
-        nowhere = np.zeros((0, 3))
-        known = np.all(np.isfinite(place.x))
-        free, into = self._source.rays(place.piece, place.x) if known else (nowhere, nowhere)
-        feet, shares = active_feet(self._target, place.point, place.foot, gap, free, into)
+        feet, shares, at_border = self._active(place, gap)
         several = np.count_nonzero(shares) > 1
-        event = EVENTS.one_to_two if several else EVENTS.a_end if len(into) < len(free) else EVENTS.b_end
+        event = EVENTS.one_to_two if several else EVENTS.a_end if at_border else EVENTS.b_end
         return Witness(
             segment=jnp.asarray(place.piece),
             t=jnp.asarray(self._source.parameters(place.x), dtype),
@@ -307,43 +336,6 @@ class FarthestSearch(AbstractSearch):
             event=event if distance > 0 else EVENTS.coincident,
             direction=DIRECTIONS.a_to_b,
         )
-
-
-def active_feet(
-    target: AbstractTarget, place: np.ndarray, foot: FootRows, gap: float, free: np.ndarray, into: np.ndarray
-) -> tuple[FootRows, np.ndarray]:
-    """The feet (FEET,) that are about nearest to a place and balance there, and their multipliers.
-
-    Args:
-        target: the shape that they lie on.
-        place: the farthest place of the other one.
-        foot: its nearest point.
-        gap: upper - lower, which the distances of active feet may differ by.
-        free: directions along the other shape, as if it had no border.
-        into: those into it; multipliers that balance all of the free ones serve as well.
-    """
-    size = max(float(np.max(np.abs(place - foot.point[0]))), smallest_normal(place.dtype))
-    around = place + _RING * size * _CUBE
-    found = target.rows_of(target.near(around.astype(place.dtype)))
-    every = FootRows(*(np.concatenate([x, y]) for x, y in zip(foot, found, strict=True)))
-    distance = np.linalg.norm(place.astype(np.float64) - every.point, axis=1)
-    equal = max(4 * gap, _EQUAL * size)
-    order = [k for k in np.argsort(distance, kind="stable") if distance[k] <= distance.min() + equal]
-    # Those around move with the places that they belong to.
-    kept: list[int] = []
-    for k in order:
-        apart = [np.max(np.abs(every.point[k] - every.point[j])) for j in kept]
-        if len(kept) < _MOST and min(apart, default=np.inf) > target.same * size:
-            kept.append(int(k))
-    kept = kept or [0]
-    units = (place - every.point[kept]) / np.maximum(distance[kept], 1e-300)[:, None]
-    excess = (distance[kept] - distance[kept].min()) / equal
-    shares = balanced(units, free, excess)
-    if len(into) < len(free) and np.max(np.abs(free @ units.T @ shares)) > _UNBALANCED:
-        shares = balanced(units, into, excess)
-    chosen = np.flatnonzero(shares)
-    rows = np.array(kept)[np.append(chosen, np.full(FEET - len(chosen), chosen[0]))]
-    return every.map(lambda x: x[rows]), np.append(shares[chosen], np.zeros(FEET - len(chosen)))
 
 
 def _put(feet: FootRows, cells: np.ndarray, rows: FootRows) -> None:

@@ -32,6 +32,7 @@ from jhd.distance.frame.curves import padded_count
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.nets import repeated
 from jhd.distance.nearest.target import AbstractTarget, FootRows
+from jhd.distance.search.polished_place import moved_feet
 from jhd.distance.search.rows import each, in_blocks, in_groups
 from jhd.distance.search.sources import CellRows
 
@@ -78,7 +79,7 @@ class FollowedFeet:
     """
 
     def __init__(self, a: Net | Triangles, b: Net | Triangles, target: AbstractTarget):
-        self._target, self._shapes = target, (_padded(a), _padded(b))
+        self._target, self.shapes = target, (_padded(a), _padded(b))
         self._long = _LONG[type(b)]
 
     def over(self, cells: CellRows, feet: FootRows, goal: float) -> np.ndarray:
@@ -103,6 +104,15 @@ class FollowedFeet:
             )
         return np.max(bound.reshape(-1, many), axis=1)
 
+    def moved(self, place: Any, feet: FootRows) -> FootRows:
+        """Feet on the pieces where they are, as those of a place of a."""
+        known = feet.segment >= 0
+        new = moved_feet(self.shapes, place.piece, place.x, feet.map(lambda x: x[known]))
+        feet = feet.map(np.array)
+        for held, rows in zip(feet, new, strict=True):
+            held[known] = rows
+        return feet
+
     def _by_any(self, parts: _Simplices, feet: FootRows, tried: np.ndarray, goal: float) -> np.ndarray:
         """Bounds by one foot after the other."""
         bound = np.full(len(parts.piece), np.inf)
@@ -120,17 +130,17 @@ class FollowedFeet:
             return np.stack([low, high], axis=1)[:, None]
         mixed = [np.stack([low[:, 0], high[:, 1]], axis=1), np.stack([high[:, 0], low[:, 1]], axis=1)]
         first = np.stack([low, mixed[1], mixed[0]], axis=1)
-        if isinstance(self._shapes[0], Triangles):
+        if isinstance(self.shapes[0], Triangles):
             # Multiples of a power of two, so that the third coordinate is exact.
             return np.concatenate([1 - np.sum(first, axis=-1, keepdims=True), first], axis=-1)[:, None]
         return np.stack([first, np.stack([high, *mixed], axis=1)], axis=1)
 
     def _start(self, t: np.ndarray, like: np.ndarray) -> np.ndarray:
-        return t[:, : self._shapes[1].parameters].astype(like.dtype)
+        return t[:, : self.shapes[1].parameters].astype(like.dtype)
 
     def _bounds(self, parts: _Simplices, segment: np.ndarray, t: np.ndarray) -> np.ndarray:
         start = self._start(t, parts.corners)
-        return in_blocks(_bounds_of, self._shapes, *parts, segment, start).astype(np.float64)
+        return in_blocks(_bounds_of, self.shapes, *parts, segment, start).astype(np.float64)
 
     def _by_cuts(self, parts: _Simplices, feet: FootRows, tried: np.ndarray, goal: float) -> np.ndarray:
         """Bounds of cells that are cut where the foot leaves a piece; infinite where none are."""
@@ -150,7 +160,7 @@ class FollowedFeet:
 
     def _middles(self, parts: _Simplices) -> np.ndarray:
         x = np.mean(parts.shares @ parts.corners, axis=1)
-        return in_blocks(_places_of, self._shapes[0], parts.piece, x)
+        return in_blocks(_places_of, self.shapes[0], parts.piece, x)
 
     def _cuts(self, parts: _Simplices, feet: FootRows, tried: np.ndarray) -> "_Cuts":
         """For each cell the side that divides it best, of the pieces its feet lie on."""
@@ -168,7 +178,7 @@ class FollowedFeet:
                 continue
             segment, start = feet.segment[rows, k], self._start(feet.t[rows, k], parts.corners)
             at = parts.piece[rows], parts.corners[rows]
-            sides = in_blocks(_beyond, self._shapes, *at, segment, start)
+            sides = in_blocks(_beyond, self.shapes, *at, segment, start)
             score, side = self._scores(sides)
             values = np.take_along_axis(sides[:, :-1], side[:, None, None], axis=2)[:, :, 0]
             better = score > best.score[rows]
@@ -184,7 +194,7 @@ class FollowedFeet:
         span = high - low
         apt = (bent < _BENT * less) & (span < self._long) & (span > 1e-9)
         score = np.where(apt, less / np.where(span > 0, span, 1.0), 0.0)
-        if isinstance(self._shapes[1], Net):
+        if isinstance(self.shapes[1], Net):
             # The foot was not followed any farther, or is around a side that is a single point.
             score[np.any(np.abs(sides - 0.5) > 0.5 + 0.99 * BEYOND, axis=(1, 2))] = 0.0
         side = np.argmax(score, axis=1)
@@ -203,7 +213,7 @@ class FollowedFeet:
         for k in range(1, corners):
             ends = np.stack([parts.corners[index, turned[:, j]] for j in (0, k)], axis=1)
             values = np.stack([cut.values[index, turned[:, j]] for j in (0, k)], axis=1)
-            share = in_blocks(_shares, self._shapes, parts.piece, ends, cut.segment, cut.start, cut.side, values)
+            share = in_blocks(_shares, self.shapes, parts.piece, ends, cut.segment, cut.start, cut.side, values)
             # Their sum is exactly one: this difference is a multiple of the unit of roundoff.
             rest = 1 - share
             share = 1 - rest

@@ -1,0 +1,67 @@
+"""The feet that count at the farthest place: those about equally near that balance there."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from jhd.arithmetic.rounding import smallest_normal
+from jhd.distance.cells.surfaces import FEET
+from jhd.distance.nearest.target import AbstractTarget, FootRows
+from jhd.distance.witness.multipliers import balanced
+
+# Points are looked for around the place this far away, and count as nearest within this much; shares of the distance.
+_RING, _EQUAL = 1e-6, 1e-8
+_CUBE = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+# So many points that are about equally near are looked at.
+_MOST = 16
+# Multipliers leave no more than this where they balance.
+_UNBALANCED = 1e-4
+
+
+def active_feet(
+    target: AbstractTarget,
+    place: np.ndarray,
+    foot: FootRows,
+    gap: float,
+    rays: tuple[np.ndarray, np.ndarray],
+    follow: Callable[[FootRows], FootRows] | None,
+) -> tuple[FootRows, np.ndarray]:
+    """The feet (FEET,) that are about nearest to a place and balance there, and their multipliers.
+
+    Args:
+        target: the shape that they lie on.
+        place: the farthest place of the other one.
+        foot: its nearest point.
+        gap: upper - lower, which the distances of active feet may differ by.
+        rays: directions along the other shape as if it had no border, and those into it; multipliers that balance all
+            of the former serve as well.
+        follow: moves feet of places around to the place; None where feet about nearest have to do.
+    """
+    free, into = rays
+    size = max(float(np.max(np.abs(place - foot.point[0]))), smallest_normal(place.dtype))
+    around = place + _RING * size * _CUBE
+    around = around.astype(place.dtype)
+    if follow is None:
+        found = target.rows_of(target.near(around))
+    else:
+        # On either side of a tie another foot is the nearest.
+        found = follow(target.rows_of(target.nearest(around)))
+    every = FootRows(*(np.concatenate([x, y]) for x, y in zip(foot, found, strict=True)))
+    distance = np.linalg.norm(place.astype(np.float64) - every.point, axis=1)
+    equal = max(4 * gap, _EQUAL * size)
+    order = [k for k in np.argsort(distance, kind="stable") if distance[k] <= distance.min() + equal]
+    # Those around move with the places that they belong to.
+    kept: list[int] = []
+    for k in order:
+        apart = [np.max(np.abs(every.point[k] - every.point[j])) for j in kept]
+        if len(kept) < _MOST and min(apart, default=np.inf) > target.same * size:
+            kept.append(int(k))
+    kept = kept or [0]
+    units = (place - every.point[kept]) / np.maximum(distance[kept], 1e-300)[:, None]
+    excess = (distance[kept] - distance[kept].min()) / equal
+    shares = balanced(units, free, excess)
+    if len(into) < len(free) and np.max(np.abs(free @ units.T @ shares)) > _UNBALANCED:
+        shares = balanced(units, into, excess)
+    chosen = np.flatnonzero(shares)
+    rows = np.array(kept)[np.append(chosen, np.full(FEET - len(chosen), chosen[0]))]
+    return every.map(lambda x: x[rows]), np.append(shares[chosen], np.zeros(FEET - len(chosen)))

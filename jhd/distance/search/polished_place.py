@@ -1,0 +1,155 @@
+"""The farthest place to full precision, where both shapes are parametric or triangles: a proposal, nothing is proven.
+
+A search knows its place to about the root of the gap. Let d_k be the distances of a(x) to the feet that count, each
+followed on its piece of b, g_k their gradients in the parameters x of a, and Z directions along the sides of the domain
+that hold x. At the maximum of the smallest of them all d_k are equal and sum l_k Z g_k = 0 with multipliers l_k of sum
+one. Newton's method takes the second derivatives of sum l_k d_k from differences of the gradients, which the envelope
+theorem gives without any derivatives of the feet.
+
+Source: conditions of Karush, Kuhn and Tucker, and Newton's method on them, as in Nocedal & Wright, Numerical
+Optimization (2006), chapters 12 and 18.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.compiled import compiled
+from jhd.distance.cells.foot_maps import Triangles, foot_near, place_on
+from jhd.distance.frame.net_jets import Net, jet
+from jhd.distance.nearest.target import FootRows
+from jhd.distance.search.rows import each, in_blocks
+
+# Newton steps; the first that is longer than this share of the domain ends them, and the first that is shorter.
+_STEPS, _LONGEST, _SHORTEST = 6, 0.05, 1e-15
+# Of the domain, the steps of differences of gradients.
+_STEP = 1e-4
+# Slopes outwards of this share of the longest gradient hold a place at a side.
+_OUTWARD = 1e-6
+
+
+class _Followed(NamedTuple):
+    """Distances (places, feet), their gradients (places, feet, parameters), places and feet."""
+
+    distance: np.ndarray
+    gradient: np.ndarray
+    point: np.ndarray
+    foot: np.ndarray
+    t: np.ndarray
+
+
+def moved_feet(shapes: Any, piece: int, x: np.ndarray, feet: FootRows) -> FootRows:
+    """Feet that are moved on their pieces to where they are nearest to one place."""
+    found = _followed(shapes, piece, x[None], feet)
+    t = np.concatenate([found.t[0], feet.t[:, found.t.shape[2] :]], axis=1)
+    return feet._replace(point=found.foot[0], t=t)
+
+
+class SharpenedPlace(NamedTuple):
+    """Parameters of a maximum, and the point there."""
+
+    x: np.ndarray
+    point: np.ndarray
+
+
+def polished(shapes: Any, piece: int, x: np.ndarray, feet: FootRows, shares: np.ndarray) -> SharpenedPlace | None:
+    """The maximum of the distance to the nearest of some feet, or None where none is found.
+
+    Args:
+        shapes: a and b, nets or triangles.
+        piece: the piece of a.
+        x: parameters near the maximum; of triangles the last two barycentric coordinates.
+        feet: near its feet.
+        shares: their multipliers; feet whose multiplier is zero do not count.
+    """
+    used = np.flatnonzero(shares > 0)
+    feet, shares = feet.map(lambda y: y[used]), shares[used]
+    x, dtype = x.astype(np.float64), x.dtype
+    for _ in range(_STEPS):
+        here = _followed(shapes, piece, x[None].astype(dtype), feet)
+        gradient = here.gradient[0]
+        along = _along(shapes[0], x, shares @ gradient, np.max(np.abs(gradient), initial=0.0))
+        if along.shape[1] < len(used) - 1:
+            return None
+        if not along.shape[1]:
+            break
+        places = np.concatenate([x + s * _STEP * along.T for s in (1, -1)])
+        ahead, behind = np.split(_followed(shapes, piece, places.astype(dtype), feet).gradient, 2)
+        bent = np.einsum("ikn,k,nj->ij", ahead - behind, shares, along) / (2 * _STEP)
+        step, shares = _newton(0.5 * (bent + bent.T), gradient @ along, here.distance[0])
+        step = along @ step
+        if not np.all(np.isfinite(step)) or np.max(np.abs(step)) > _LONGEST:
+            return None
+        x = x + step
+        if np.max(np.abs(step)) < _SHORTEST:
+            break
+    sides, room = _domain(shapes[0], len(x))
+    if not np.all(sides @ x <= room):
+        return None
+    x = x.astype(dtype)
+    return SharpenedPlace(x, _followed(shapes, piece, x[None], feet).point[0, 0])
+
+
+def _newton(bent: np.ndarray, slopes: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A step and multipliers: sum l_k (slope_k + ...) = 0, distances along it all equal, sum l_k = 1."""
+    feet, n = slopes.shape
+    matrix, right = np.zeros((n + feet + 1, n + feet + 1)), np.zeros(n + feet + 1)
+    matrix[:n, :n], matrix[:n, n : n + feet] = bent, slopes.T
+    matrix[n:-1, :n], matrix[n:-1, -1], right[n:-1] = slopes, -1.0, -(distance - np.mean(distance))
+    matrix[-1, n:-1], right[-1] = 1.0, 1.0
+    found = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
+    return found[:n], found[n:-1]
+
+
+def _domain(a: Net | Triangles, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of what is at most something within the domain of a piece, and what."""
+    eye = np.eye(n)
+    if isinstance(a, Triangles):
+        return np.concatenate([-eye, np.ones((1, 2))]), np.array([0.0, 0.0, 1.0])
+    return np.concatenate([-eye, eye]), np.append(np.zeros(n), np.ones(n))
+
+
+def _along(a: Net | Triangles, x: np.ndarray, slope: np.ndarray, size: float) -> np.ndarray:
+    """Orthonormal directions (parameters, directions) along the sides that hold a place."""
+    sides, room = _domain(a, len(x))
+    held = (room - sides @ x <= 1e-12) & (sides @ slope > -_OUTWARD * size)
+    if not np.any(held):
+        return np.eye(len(x))
+    values, frame = np.linalg.svd(sides[held])[1:]
+    return frame[np.count_nonzero(values > 1e-9) :].T
+
+
+def _followed(shapes: Any, piece: int, x: np.ndarray, feet: FootRows) -> _Followed:
+    """The feet followed to places (places, parameters) of a piece."""
+    count, many = len(x), len(feet.segment)
+    rows = np.repeat(x, many, axis=0)
+    segment = np.tile(feet.segment, count)
+    start = np.tile(feet.t[:, : shapes[1].parameters].astype(x.dtype), (count, 1))
+    found = in_blocks(_followed_to, shapes, np.full(len(rows), piece), rows, segment, start)
+    point, tangents, foot, t = (np.reshape(y, (count, many, *y.shape[1:])) for y in found)
+    apart = point.astype(np.float64) - foot
+    distance = np.linalg.norm(apart, axis=-1)
+    unit = apart / np.where(distance > 0, distance, 1.0)[..., None]
+    return _Followed(distance, np.einsum("pkd,pknd->pkn", unit, tangents), point, foot, t)
+
+
+@compiled
+def _followed_to(shapes: Any, count: Array, piece: Array, x: Array, segment: Array, start: Array) -> Any:
+    a, b = shapes
+
+    def one(k: Array, x: Array, segment: Array, start: Array) -> tuple[Array, ...]:
+        point, tangents = _point_and_tangents(a.piece(k), x)
+        foot = foot_near(b.piece(segment), point, start)
+        return point, tangents, place_on(b.piece(segment), foot), foot
+
+    return each(one, count, (piece, x, segment, start), 8)
+
+
+def _point_and_tangents(a: Net | Triangles, x: Array) -> tuple[Array, Array]:
+    if isinstance(a, Triangles):
+        weights = jnp.concatenate([1 - jnp.sum(x, keepdims=True), x])
+        return place_on(a, weights), a.corners[1:] - a.corners[0]
+    at = jet(a, x)
+    return at.point, at.first
