@@ -32,6 +32,7 @@ examples:
   jhd fit "font:DejaVu Serif:s" --tolerance 5 --out s.svg
   jhd distance "font:DejaVu Sans:a" "font:DejaVu Serif:a" --json
   jhd distance a.ply b.obj
+  jhd minimum bunny.ply "x**2 + y**2 + z**2 - 1" --box -2 2
   jhd deviation scan.ply model.obj --within 0.1 --plot deviation.png
   jhd project a.svg 10 -2.5
   jhd field bunny.ply --atol 0.001 --out bunny.npz
@@ -108,7 +109,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.set_defaults(command="demo")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
-    distance = commands.add_parser("distance", help="the Hausdorff distance of two curves, meshes or surfaces")
+    distance = commands.add_parser("distance", help="the Hausdorff distance of two shapes of any kinds")
     distance.add_argument("a", metavar="A", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
     distance.add_argument("b", metavar="B", type=_as_given, help="the other one")
     box = "surfaces: the box they are cut off at, its two ends for all axes, or three lower and three upper ones"
@@ -119,6 +120,13 @@ def _parser() -> argparse.ArgumentParser:
     distance.add_argument("--plot", metavar="FILE", help="draw both, the witness and, of curves, the distance profiles")
     distance.add_argument("--certificate", metavar="FILE", help="write what proves the bounds, for jhd verify")
     distance.set_defaults(command="distance")
+
+    minimum = commands.add_parser("minimum", help="the smallest distance of two shapes of any kinds")
+    minimum.add_argument("a", metavar="A", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
+    minimum.add_argument("b", metavar="B", type=_as_given, help="the other one")
+    minimum.add_argument("--box", type=float, nargs="+", metavar="X", help=box)
+    minimum.add_argument("--atol", type=float, metavar="LENGTH", help="tolerance on upper - lower, in input units")
+    minimum.set_defaults(command="minimum")
 
     _add_deviation(commands)
 

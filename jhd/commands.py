@@ -22,13 +22,24 @@ from jhd.console import busy, device, exit_status, precision, print_json, timed
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.io import load_certificate, load_shape, save_curve, save_mesh, write_svg
 from jhd.io.meshes import MESH_SUFFIXES
-from jhd.options import PROJECTIONS, curve_of, mesh_of, method_name, method_of, points_of, shapes_of
+from jhd.options import (
+    PROJECTIONS,
+    box_of,
+    check_drawable,
+    curve_of,
+    mesh_of,
+    method_name,
+    method_of,
+    points_of,
+    shapes_of,
+)
 from jhd.report import (
     PICTURE_DPI,
     bar,
     check_picture_file,
     deviation_text,
     directions_text,
+    minimum_text,
     names_of,
     picture,
     shape_line,
@@ -36,7 +47,6 @@ from jhd.report import (
     space_picture,
 )
 from jhd.shapes.curve import AbstractCurve
-from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import HausdorffSolution, name_of, to_plain
 from jhd.warming import KINDS, preparations
@@ -75,14 +85,14 @@ def demo(options: Namespace) -> int:
 
 
 def distance(options: Namespace) -> int:
-    """The Hausdorff distance of two curves, meshes or surfaces, or the directed one."""
+    """The Hausdorff distance of two shapes of any kinds, or the directed one."""
     a, b = shapes_of(options)
-    surfaces = isinstance(a, ImplicitSurface)
     curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
     entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
     method = method_of(options.method, options.atol, AbstractHausdorffMethod)
     if options.plot:
         check_picture_file(options.plot)
+        check_drawable(a, b)
     if options.certificate and not curves:
         raise ValueError("--certificate: certificates are for curves; leave it out.")
     if options.certificate and not Path(options.certificate).absolute().parent.is_dir():
@@ -99,8 +109,7 @@ def distance(options: Namespace) -> int:
     status = 1 if options.certificate and not written else exit_status(solution)
     if options.json:
         asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": method_name(method)}
-        box = {"box": [np.asarray(end).tolist() for end in a.box()]} if surfaces else {}
-        print_json(solution, **asked, **box, seconds=seconds)
+        print_json(solution, **asked, **box_of(a, b), seconds=seconds)
         return status
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     title = "directed distance from A to B" if options.directed else "Hausdorff distance"
@@ -115,6 +124,21 @@ def distance(options: Namespace) -> int:
     if written:
         print(f"proof      {Path(options.certificate).resolve()}")
     return status
+
+
+def minimum(options: Namespace) -> int:
+    """The minimum distance of two shapes of any kinds, and the nearest points."""
+    a, b = shapes_of(options)
+    with busy("computing; a first run compiles") as show:
+        found, seconds = timed(lambda: jhd.minimum_distance(a, b, atol=options.atol, throw=False, progress=show))
+    if options.json:
+        print_json(found, a=options.a, b=options.b, **box_of(a, b), seconds=seconds)
+        return exit_status(found)
+    print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
+    print(minimum_text(found), end="\n\n")
+    print(f"time       {seconds:.2f} s with compilation")
+    print(f"device     {device()}, {precision()}")
+    return exit_status(found)
 
 
 def deviation(options: Namespace) -> int:

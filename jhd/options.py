@@ -12,6 +12,7 @@ import jhd
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.project_methods import AbstractProjectionMethod
 from jhd.io import load_shape
+from jhd.io.meshes import MESH_SUFFIXES
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -22,10 +23,10 @@ PROJECTIONS = (AbstractProjectionMethod, jhd.VertexVoxels)
 
 
 def shapes_of(options: Namespace) -> tuple[Any, Any]:
-    """Both curves or meshes, or where there is a box both surfaces.
+    """Both shapes, of any kinds; where there is a box, what names no file, letter or path is a polynomial.
 
     Raises:
-        ValueError: a box that is none, or text that is no polynomial, with the column.
+        ValueError: a box that is none or serves no polynomial, or text that is no polynomial, with the column.
     """
     texts = {"A": options.a, "B": options.b}
     if options.box is None:
@@ -35,7 +36,33 @@ def shapes_of(options: Namespace) -> tuple[Any, Any]:
             f"--box has {len(options.box)} numbers; needs 2, or 6: three lower ends, then three upper ones."
         )
     lower, upper = np.array(options.box).reshape(2, -1)
-    return tuple(_surface(name, text, lower, upper) for name, text in texts.items())  # pyright: ignore
+    shapes = tuple(_in_box(name, text, lower, upper) for name, text in texts.items())
+    if not any(isinstance(shape, ImplicitSurface) for shape in shapes):
+        raise ValueError("--box is for polynomials, and neither A nor B is one; leave it out.")
+    return shapes  # pyright: ignore[reportReturnType]
+
+
+def _in_box(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> Any:
+    """The shape that a text names, or the surface of the polynomial that it is."""
+    try:
+        return load_shape(text)
+    except FileNotFoundError:
+        if Path(text).suffix.lower() in (*MESH_SUFFIXES, ".json", ".svg"):
+            raise
+    return _surface(name, text, lower, upper)
+
+
+def box_of(a: Any, b: Any) -> dict[str, Any]:
+    """The box of the polynomials among the shapes, for the context of a stored result."""
+    surface = next((shape for shape in (a, b) if isinstance(shape, ImplicitSurface)), None)
+    return {} if surface is None else {"box": [np.asarray(end).tolist() for end in surface.box()]}
+
+
+def check_drawable(a: Any, b: Any) -> None:
+    """Raises ValueError for two shapes of which there is no picture: better known before than after."""
+    kinds = AbstractCurve, ImplicitSurface, TriangleMesh
+    if not any(isinstance(a, kind) and isinstance(b, kind) for kind in kinds):
+        raise ValueError("--plot: pictures are of two shapes of one kind; leave it out.")
 
 
 def curve_of(name: str, text: str) -> AbstractCurve:

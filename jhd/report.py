@@ -17,7 +17,7 @@ from jhd.fields.octree import VoxelProgress
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import RESULTS, HausdorffSolution, name_of
+from jhd.solution import RESULTS, HausdorffSolution, MinimumSolution, name_of
 
 _MILLIMETRES = 1 / 25.4
 _PICTURE_SIZE = 180 * _MILLIMETRES, 102 * _MILLIMETRES  # two columns of a journal
@@ -74,6 +74,18 @@ def deviation_text(found: Deviation, threshold: float | None) -> str:
     lines = [f"  {name:<{width}}  {low!r:<24}{high!r}" for name, (low, high) in rows.items()]
     told = [] if successful(found) else [f"  {'result':<{width}}  {_with_sentence(found.result)}"]
     return "\n".join([head, *lines, *told])
+
+
+def minimum_text(found: MinimumSolution) -> str:
+    """The minimum distance in lines, with the nearest points."""
+    upper = repr(float(found.upper)) if np.isfinite(found.upper) else "not proven"
+    lines = ["minimum distance", f"  value    {float(found.value)!r}", f"  lower    {float(found.lower)!r}"]
+    lines.append(f"  upper    {upper}")
+    for name, point in (("A", found.point_a), ("B", found.point_b)):
+        lines.append(f"  point    {name} at ({', '.join(f'{float(x):.9g}' for x in point)})")
+    if not successful(found):
+        lines.append(f"  result   {_with_sentence(found.result)}")
+    return "\n".join(lines)
 
 
 def directions_text(there: HausdorffSolution, back: HausdorffSolution) -> str:

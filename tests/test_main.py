@@ -421,3 +421,37 @@ def test_bad_options_of_a_fit_are_refused(run, options, message):
     status, out, err = run("fit", BASE, *options)
     assert (status, out) == (2, "")
     assert message in err
+
+
+# ---- minimum and mixed kinds ---------------------------------------------------------------------
+
+
+def test_the_minimum_distance_is_printed_with_its_bounds_and_points(run):
+    status, out, err = run("minimum", BASE, "M1 2 L5 3")
+    assert (status, err) == (0, "")
+    assert "minimum distance\n  value    2.0\n" in out and "point    B at (1, 2)" in out
+    status, out, _ = run("minimum", BASE, "M1 2 L5 3", "--json")
+    stored = json.loads(out)
+    assert status == 0 and stored["type"] == "MinimumSolution"
+    assert stored["solution"]["lower"] <= 2.0 <= stored["solution"]["upper"]
+
+
+def test_beside_a_polynomial_any_file_is_a_shape(run, monkeypatch):
+    Path("line.json").write_text(SPACE)
+    seen = []
+
+    def entry(a, b, **options):
+        seen.extend([a, b])
+        zero = jnp.zeros(())
+        return jhd.MinimumSolution(zero, zero, zero, jnp.zeros(3), jnp.ones(3), jhd.RESULTS.successful, {})
+
+    monkeypatch.setattr(jhd, "minimum_distance", entry)
+    status, out, _ = run("minimum", "line.json", "x**2 + y**2 + z**2 - 1", "--box", -2, 2, "--json")
+    assert status == 0 and json.loads(out)["context"]["box"] == [[-2.0] * 3, [2.0] * 3]
+    assert [type(shape) for shape in seen] == [jhd.BezierSegments, jhd.ImplicitSurface]
+    missing = run("minimum", "bunny.ply", "x - 1", "--box", -2, 2)
+    assert missing[0] == 2 and "bunny.ply" in missing[2] and "column" not in missing[2]
+    neither = run("distance", "line.json", "line.json", "--box", -2, 2)
+    assert neither[0] == 2 and "--box is for polynomials" in neither[2]
+    drawn = run("distance", "line.json", "x - 1", "--box", -2, 2, "--plot", "a.png")
+    assert drawn[0] == 2 and "two shapes of one kind" in drawn[2]
