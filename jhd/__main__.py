@@ -19,7 +19,7 @@ from jhd.storage import chosen_folder, made
 from jhd.warming import KINDS as _KINDS
 
 _CURVE_HELP = "a curve: a JSON or SVG file, or font:NAME:LETTER"
-_SHAPE_HELP = f"{_CURVE_HELP}; or a mesh: an OBJ, OFF, PLY or STL file"
+_SHAPE_HELP = f"{_CURVE_HELP}; or a mesh: an OBJ, OFF, PLY or STL file; or points: an XYZ or NPY file"
 _OR_POLYNOMIAL = "; with --box a polynomial in x, y, z"
 _METHOD_HELP = "the method, a class of jhd; an unknown name lists those there are"
 _EPILOG = """\

@@ -134,10 +134,8 @@ def minimum(options: Namespace) -> int:
     if options.json:
         print_json(found, a=options.a, b=options.b, **box_of(a, b), seconds=seconds)
         return exit_status(found)
-    print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
-    print(minimum_text(found), end="\n\n")
-    print(f"time       {seconds:.2f} s with compilation")
-    print(f"device     {device()}, {precision()}")
+    lines = [shape_line("A", options.a, a), shape_line("B", options.b, b), "", minimum_text(found), ""]
+    print(*lines, f"time       {seconds:.2f} s with compilation", f"device     {device()}, {precision()}", sep="\n")
     return exit_status(found)
 
 

@@ -12,6 +12,7 @@ import jhd
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.project_methods import AbstractProjectionMethod
 from jhd.io import load_shape
+from jhd.io.clouds import CLOUD_SUFFIXES
 from jhd.io.meshes import MESH_SUFFIXES
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
@@ -47,7 +48,7 @@ def _in_box(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> Any:
     try:
         return load_shape(text)
     except FileNotFoundError:
-        if Path(text).suffix.lower() in (*MESH_SUFFIXES, ".json", ".svg"):
+        if Path(text).suffix.lower() in (*MESH_SUFFIXES, *CLOUD_SUFFIXES, ".json", ".svg"):
             raise
     return _surface(name, text, lower, upper)
 

@@ -1,6 +1,7 @@
 """Files to shapes and back: outlines of fonts, SVG, curves as JSON, meshes, results and certificates."""
 
 from jhd.io.certificates import load_certificate as load_certificate
+from jhd.io.clouds import load_points as load_points
 from jhd.io.curves import curve_from_dict as curve_from_dict
 from jhd.io.curves import curve_to_dict as curve_to_dict
 from jhd.io.curves import load_curve as load_curve

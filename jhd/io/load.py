@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+from jhd.io.clouds import CLOUD_SUFFIXES, load_points
 from jhd.io.curves import load_curve
 from jhd.io.errors import ParseError
 from jhd.io.meshes import MESH_SUFFIXES, load_mesh
@@ -13,11 +14,11 @@ from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
 
 _READERS: dict[str, Callable[[str], AbstractCurve | TriangleMesh]] = {".json": load_curve, ".svg": read_svg}
-_READERS |= dict.fromkeys(MESH_SUFFIXES, load_mesh)
+_READERS |= dict.fromkeys(MESH_SUFFIXES, load_mesh) | dict.fromkeys(CLOUD_SUFFIXES, load_points)
 _PATH_DATA = re.compile(r"\s*[Mm][\s]*[-+.\d]")
 _ACCEPTED = (
     "a curve is a .json or .svg file, font:NAME:LETTER, or SVG path data (M0 0 ...); a mesh is a file "
-    f"{', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}"
+    f"{', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}; points are a file {' or '.join(CLOUD_SUFFIXES)}"
 )
 
 
@@ -26,7 +27,7 @@ def load_shape(text: str) -> AbstractCurve | TriangleMesh:
 
     Args:
         text: `NAME.json` (see `load_curve`), `NAME.svg` (all that it draws), a mesh file (see `load_mesh`),
-            `font:NAME:LETTER`, or path data. A text that ends as a file name is one.
+            points (see `load_points`), `font:NAME:LETTER`, or path data. A text that ends as a file name is one.
 
     Raises:
         FileNotFoundError: a file that does not exist.
