@@ -1,6 +1,6 @@
 """Searches for the farthest point that run as one compiled program a stretch: of curves, and of implicit surfaces."""
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import jax
@@ -22,8 +22,8 @@ from jhd.distance.search.solutions import CoveredPair
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import HausdorffSolution, in_direction, on_device
 
-# Steps of the first stretch, which hold all but hard pairs.
-_FIRST_STEPS = 128
+# Steps of the first stretch, which hold all but hard pairs of curves, and of surfaces.
+_FIRST_STEPS, _FIRST_STEPS_OF_SURFACES = 128, 64
 # The table grows by this factor.
 _GROWTH = 4
 
@@ -78,7 +78,7 @@ class SurfaceSearch(AbstractSearch):
         max_steps: most steps.
     """
 
-    first_steps = _FIRST_STEPS
+    first_steps = _FIRST_STEPS_OF_SURFACES
 
     def __init__(self, pair: CoveredPair, wanted: Wanted, direction: Any, capacity: int, max_steps: int):
         self._asked, self._capacity, self.max_steps = (pair, wanted, direction), capacity, max_steps
@@ -91,7 +91,8 @@ class SurfaceSearch(AbstractSearch):
         self, state: tuple[surface_search.SurfaceState, bool], limit: int, growing: bool
     ) -> tuple[tuple[surface_search.SurfaceState, bool], Standing]:
         """See AbstractSearch."""
-        table, solution, news = _surface_stretch(*self._asked, *state, limit)
+        # Hard cases alone need the feet that move, and a second program.
+        table, solution, news = _surface_stretch(*self._asked, *state, limit, limit > self.first_steps)
         return (table, False), Standing(solution, *np.asarray(news))
 
     def longer(self, state: tuple[surface_search.SurfaceState, bool]) -> tuple[surface_search.SurfaceState, bool]:
@@ -131,13 +132,19 @@ def _blank(capacity: int, dtype: str) -> CurveState:
     return on_device(CurveState(CurveTable(cell, numbers), number, number, place, place, number, none, place, count))
 
 
-@compiled
+@partial(compiled, static=(6,))
 def _surface_stretch(
-    pair: CoveredPair, wanted: Wanted, direction: Any, state: surface_search.SurfaceState, fresh: Array, limit: Array
+    pair: CoveredPair,
+    wanted: Wanted,
+    direction: Any,
+    state: surface_search.SurfaceState,
+    fresh: Array,
+    limit: Array,
+    following: bool,
 ) -> tuple[surface_search.SurfaceState, HausdorffSolution, Array]:
     capacity = state.table.bound.size
     state = jax.lax.cond(fresh, lambda _: surface_search.begin(pair.a, pair.b, capacity), lambda state: state, state)
-    state, going_on = surface_solution.advanced(pair, wanted, state, limit)
+    state, going_on = surface_solution.advanced(pair, wanted, state, limit, following)
     news = jnp.stack([going_on, jnp.array(False), state.steps, state.waiting])
     return state, surface_solution.solution_of(pair, wanted, state, direction), news
 

@@ -158,10 +158,12 @@ def _witness(a: Side, b: Side, state: SurfaceState, value: Array, direction: Any
     )
 
 
-def advanced(pair: CoveredPair, wanted: Wanted, state: SurfaceState, limit: ArrayLike) -> tuple[SurfaceState, Array]:
+def advanced(
+    pair: CoveredPair, wanted: Wanted, state: SurfaceState, limit: ArrayLike, following: bool = True
+) -> tuple[SurfaceState, Array]:
     """The search some steps on, and whether more would serve; none do where a bound is missing for good."""
     known = _known(pair)
-    state = advance(pair.a, pair.b, wanted, state, jnp.where(known, limit, 0))
+    state = advance(pair.a, pair.b, wanted, state, jnp.where(known, limit, 0), following)
     return state, known & unfinished(pair.a, pair.b, wanted, state)
 
 

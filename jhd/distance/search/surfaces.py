@@ -137,13 +137,19 @@ def begin(a: Target, b: Target, capacity: int) -> SurfaceState:
     return SurfaceState(table, nothing, none, none, jnp.array(False), count, count, jnp.array([0, 1]))
 
 
-def advance(a: Target, b: Target, wanted: Wanted, state: SurfaceState, limit: ArrayLike) -> SurfaceState:
-    """Goes on until what is wanted is reached, or the limit of steps."""
+def advance(
+    a: Target, b: Target, wanted: Wanted, state: SurfaceState, limit: ArrayLike, following: bool
+) -> SurfaceState:
+    """Goes on until what is wanted is reached, or the limit of steps; with feet that move with the place if following.
+
+    These bounds make steps longer by a third, and programs take as much longer to compile. Only where surfaces are
+    equally far from each other along whole regions are they needed.
+    """
 
     def open_(state: SurfaceState) -> Array:
         return unfinished(a, b, wanted, state) & (state.steps < limit)
 
-    return jax.lax.while_loop(open_, lambda s: _step(a, b, wanted, s), varying(state, a, b))
+    return jax.lax.while_loop(open_, lambda s: _step(a, b, wanted, s, following), varying(state, a, b))
 
 
 class _Lanes(NamedTuple):
@@ -157,7 +163,7 @@ class _Lanes(NamedTuple):
     promise: Array
 
 
-def _step(a: Target, b: Target, wanted: Wanted, state: SurfaceState) -> SurfaceState:
+def _step(a: Target, b: Target, wanted: Wanted, state: SurfaceState, following: bool) -> SurfaceState:
     limit = goal(a.side, b.side, wanted, state)
     # What cannot matter any more makes room.
     idle = state.table.bound <= limit
@@ -168,7 +174,7 @@ def _step(a: Target, b: Target, wanted: Wanted, state: SurfaceState) -> SurfaceS
     state = state._replace(
         table=SurfaceTable(state.table.rows, bound.at[index].set(-jnp.inf)), closed=closed, steps=state.steps + 1
     )
-    lanes = _bounded(a.side, b, state, rows, parents, limit)
+    lanes = _bounded(a.side, b, state, rows, parents, limit, following)
     best = jnp.argmax(lanes.promise)
     place = SurfacePlace(lanes.point[:, best], lanes.feet[:, :, best], jnp.full(FEET, 1 / FEET, limit.dtype))
     # The first one is the farthest point of the cloud.
@@ -187,7 +193,9 @@ def _step(a: Target, b: Target, wanted: Wanted, state: SurfaceState) -> SurfaceS
     return _cut(a.side, state, lanes, goal(a.side, b.side, wanted, state))
 
 
-def _bounded(a: Side, b: Target, state: SurfaceState, rows: Array, parents: Array, limit: Array) -> _Lanes:
+def _bounded(
+    a: Side, b: Target, state: SurfaceState, rows: Array, parents: Array, limit: Array, following: bool
+) -> _Lanes:
     cells = boxes(rows[:3], rows[3:6])
     form_a = form(a, cells)
     alive = (parents > -jnp.inf) & form_a.may_vanish
@@ -201,12 +209,13 @@ def _bounded(a: Side, b: Target, state: SurfaceState, rows: Array, parents: Arra
     radius = jnp.where(proven, radius, jnp.take_along_axis(radius, first[None], axis=0))
     bound = jnp.minimum(parents, upper_bounds(form_a, cells, feet, radius, free))
     bound = jnp.minimum(bound, sign_bounds(form_a, b.side, cells, free, place, feet[0], limit))
-    bound = jax.lax.cond(
-        jnp.any(alive & (bound > limit)),
-        lambda bound: jnp.minimum(bound, moving_bounds(form_a, a, b.side, cells, feet[0])),
-        lambda bound: bound,
-        bound,
-    )
+    if following:
+        bound = jax.lax.cond(
+            jnp.any(alive & (bound > limit)),
+            lambda bound: jnp.minimum(bound, moving_bounds(form_a, a, b.side, cells, feet[0])),
+            lambda bound: bound,
+            bound,
+        )
     # The points of a that a cell offers, of which the one farther from all feet is the better one.
     far = jnp.sqrt(jnp.min(jnp.sum((points[:, None] - feet) ** 2, axis=2), axis=1))
     far = jnp.where(near & alive & (bound > limit), jnp.minimum(far, bound), -jnp.inf)
