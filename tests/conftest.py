@@ -1,4 +1,4 @@
-"""What all tests share: compiled programs are kept, shapes and types are checked at run time, nothing is random.
+"""What all tests share: compiled programs are kept, shapes and types can be checked at run time, nothing is random.
 
 The type checks of jaxtyping must be switched on before the package is imported, so this file imports nothing of it.
 """
@@ -66,17 +66,19 @@ def checked(function):
     return beartype.beartype(conf=beartype.BeartypeConf(hint_overrides=_FROZEN(_WIDER)))(function)
 
 
-# The hook takes the name of a checker, not the checker.
-jaxtyping.install_import_hook("jhd", f"{__name__}.checked")
-
-
 def pytest_configure(config):
     """Quick tests compile with few of XLA's and LLVM's optimisations, in less time; slow ones with all that users have.
 
-    What is proven must hold for either: with and without fused multiplications and additions.
+    What is proven must hold for either: with and without fused multiplications and additions. Checked annotations take
+    a tenth of the time: slow tests have them, and quick ones where the environment says CHECK_ANNOTATIONS=1, as it does
+    in the continuous integration.
     """
-    if config.option.markexpr == "not slow":
+    quick = config.option.markexpr == "not slow"
+    if quick:
         os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *_QUICK_FLAGS])
+    if not quick or os.environ.get("CHECK_ANNOTATIONS") == "1":
+        # The hook takes the name of a checker, not the checker.
+        jaxtyping.install_import_hook("jhd", f"{__name__}.checked")
 
 
 def pytest_collection_modifyitems(items):

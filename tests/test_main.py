@@ -91,6 +91,7 @@ def test_json_on_standard_output_is_a_saved_result(run):
     assert (content["context"]["a"], content["context"]["precision"]) == (BASE, "float64")
 
 
+@pytest.mark.slow
 def test_a_method_is_chosen_by_name_in_any_spelling(run):
     for name in ("TwoStep", "two-step", "two_step"):
         status, out, _ = run("distance", BASE, DIAGONAL, "--method", name, "--json")

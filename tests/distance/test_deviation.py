@@ -152,6 +152,7 @@ def test_a_tolerance_that_is_not_reached_is_told_with_true_bounds():
     assert found.result == jhd.RESULTS.capacity_reached
 
 
+@pytest.mark.slow
 def test_the_maximum_and_distances_at_places_are_differentiable():
     height = np.array([0.0, 0.0, 1.0])
 

@@ -52,6 +52,7 @@ def assert_is(solution, exact):
 
 
 @pytest.mark.parametrize("plane", [pytest.param(x, marks=() if x == "mesh" else pytest.mark.slow) for x in PLANES])
+@pytest.mark.slow
 def test_curves_and_planes_are_as_far_as_their_formulas_say(plane):
     flat = PLANES[plane]
     found = jhd.directed_hausdorff(TILTED, flat)
@@ -76,11 +77,13 @@ def test_spheres_and_cylinders_are_as_far_from_planes_as_their_formulas_say(plan
 
 
 @pytest.mark.parametrize(("a", "b"), [("patch", "mesh"), ("mesh", "patch"), ("patch", "patch"), ("polynomial", "mesh")])
+@pytest.mark.slow
 def test_the_same_square_in_three_forms_is_nowhere_far_from_itself(a, b):
     found = jhd.directed_hausdorff(PLANES[a], PLANES[b])
     assert float(found.lower) == 0.0 and float(found.upper) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_line_beside_a_cone_is_as_far_as_its_formula_says():
     cone = jhd.ImplicitSurface.parse("x**2 + y**2 - z**2", [-3, -3, 0.5], [3, 3, 3])
     line = jhd.BezierSegments(np.array([[[3.0, 0, 0.75], [3, 0, 1.25]]]))

@@ -141,6 +141,7 @@ STEP = 1e-5
     ids=["patches", "polynomial", "mesh"],
 )
 @pytest.mark.parametrize("turned", [False, True], ids=["from", "to"])
+@pytest.mark.slow
 def test_derivatives_in_points_and_shape_are_those_of_differences(shape, turned):
     leaves, tree = jax.tree_util.tree_flatten(shape)
     points = RNG.normal(size=(12, 3)) * [1.5, 1, 1] + [1, 1, 0]

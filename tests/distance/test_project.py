@@ -319,6 +319,7 @@ def test_a_set_of_points_has_no_stationary_parameter_that_moves():
     np.testing.assert_allclose(np.asarray(found.distance)[valid], 5.0)
 
 
+@pytest.mark.slow
 def test_a_segment_that_repeats_the_one_before_it_has_stationary_points_of_its_own():
     row = np.array([[0.0, 0.0], [1.0, 0.0]])
     curve = jhd.BezierSegments(np.stack([row, row, row + [0.0, 1.0]]))

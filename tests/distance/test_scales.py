@@ -84,6 +84,7 @@ def test_a_mesh_of_a_patch_that_is_small_beside_its_place_claims_no_better():
 CONTROL, WEIGHTS = RANDOM.normal(size=(4, 2)), RANDOM.uniform(0.5, 2.0, size=4)
 
 
+@pytest.mark.slow
 def test_a_common_factor_of_the_weights_changes_nothing():
     one, other = (jhd.BezierCurve(CONTROL, np.ldexp(WEIGHTS, k)) for k in (0, -1015))
     for ask in (jhd.project, jhd.stationary_points):

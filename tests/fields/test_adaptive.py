@@ -233,6 +233,7 @@ def test_the_proven_error_is_above_all_that_is_seen_and_not_far(which, request):
     assert proven <= field.proven_error(mesh, max_boxes=1)
 
 
+@pytest.mark.slow
 def test_the_proven_error_sees_wrong_values_and_another_mesh():
     mesh, turned = block(), block(SIZE, np.array([0.03, 0.02, 0.0]))
     field = AdaptiveDistanceField.build(mesh, 2e-2)
@@ -260,6 +261,7 @@ def test_the_mesh_of_a_field_is_closed_outward_and_near():
     assert np.median(off) < 1e-4 and off.max() < 5e-3
 
 
+@pytest.mark.slow
 def test_the_mesh_of_a_field_does_not_depend_on_how_the_grid_is_cut(monkeypatch):
     import jhd.fields.adaptive_extract as module
 

@@ -21,6 +21,7 @@ def scaled(factors):
     return jhd.TriangleMesh(jnp.asarray(CORNERS) * factors, FACES)
 
 
+@pytest.mark.slow
 def test_a_moved_mesh_finds_its_place():
     seen = []
     fit = jhd.minimise_hausdorff(moved, np.array([0.3, -0.2, 0.1]), TETRAHEDRON, atol=1e-3, progress=seen.append)

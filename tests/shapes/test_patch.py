@@ -61,6 +61,7 @@ def test_what_are_no_knots_is_refused(as_a_user, knots_u, knots_v, message):
 
 
 @pytest.mark.parametrize("weights", [None, WEIGHTS], ids=["polynomial", "rational"])
+@pytest.mark.slow
 def test_a_patch_is_its_formula_and_its_parts_are_parts_of_it(weights):
     patch = BezierPatch(POINTS, weights)
     u, v = 0.3, 0.8
@@ -119,6 +120,7 @@ def to_triangles(points, corners):
 
 @pytest.mark.parametrize("weights", [None, WEIGHTS], ids=["polynomial", "rational"])
 @pytest.mark.parametrize("offset", [0.0, 1e6])
+@pytest.mark.slow
 def test_no_point_at_equal_parameters_is_farther_from_the_mesh_than_its_deviation(weights, offset):
     patch = BezierPatch(POINTS + offset, weights)
     mesh, deviation = patch.to_mesh(0.1)

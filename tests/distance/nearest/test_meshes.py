@@ -224,6 +224,7 @@ def torus(rows, columns):
     return TriangleMesh(points, np.stack([a, c, b, b, c, d], axis=-1).reshape(-1, 3))
 
 
+@pytest.mark.slow
 def test_errors_of_winding_numbers_hold_and_all_ways_to_decide_agree():
     mesh = torus(40, 20)
     points = np.random.default_rng(3).uniform(-1.5, 1.5, (400, 3))

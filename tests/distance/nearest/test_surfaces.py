@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.distance.nearest.surfaces import cloud, cover, nearest, nearest_places
@@ -29,6 +30,7 @@ def places(count):
     return np.concatenate([rng.uniform(-1.9, 1.9, (count, 3)), close, ring + near_axis])
 
 
+@pytest.mark.slow
 def test_distances_from_a_torus_hold_at_all_places():
     points = places(8)[:17]
     found = SurfaceTarget(TORUS).nearest(points)

@@ -286,6 +286,7 @@ def test_isolated_points_are_ends():
     assert int(solution.stats["boxes"]) == 0
 
 
+@pytest.mark.slow
 def test_the_gradient_is_that_of_the_default():
     a, b = curves("degrees_3_and_3", "ab")
 

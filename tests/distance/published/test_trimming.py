@@ -168,6 +168,7 @@ def one_arc(x0, x1, y, sagitta):
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
 def test_the_bounds_hold_along_the_curve_itself(seed):
     """Every piece of a is as near to b as is claimed three times, by proven projections of points of the piece."""
     a, b = random_pair(seed)

@@ -148,6 +148,7 @@ def test_bounds_of_lattice_cubics_hold_against_the_reference(pair, offset, scale
     assert name_of(solution.result) == "successful" or solution.upper - solution.lower > GAP * diagonal
 
 
+@pytest.mark.slow
 def test_options_are_leaves_and_a_new_tolerance_does_not_compile_again():
     a, b = cubics("arch_and_wave")
     rough = traced(a, b, 1e-1)

@@ -179,6 +179,7 @@ def test_first_and_second_derivatives_are_those_of_differences(name):
         np.testing.assert_allclose(found, second, atol=DIFFERENCES)
 
 
+@pytest.mark.slow
 def test_the_points_move_with_the_corners_and_where_meshes_meet_derivatives_are_zero():
     def gap(z):
         return minimum_distance(sphere(6), points(jnp.stack([0.1, 0.2, z])[None]))

@@ -32,6 +32,7 @@ def holds(found, exact, width=1e-8):
     return found.lower <= exact <= found.upper and near and name_of(found.result) == "successful"
 
 
+@pytest.mark.slow
 def test_a_mesh_of_thousands_of_triangles_beside_a_ball_and_across_it():
     mesh = square(3.0)
     found = minimum_distance(BALL, mesh)

@@ -48,6 +48,7 @@ def test_distances_to_a_square_are_enclosed_at_every_scale(patch, query):
     assert np.all(exact - np.asarray(found.lower) <= room)
 
 
+@pytest.mark.slow
 def test_feet_of_patches_are_points_of_the_piece_named_at_the_parameters_named():
     patches = jhd.BezierPatches(np.stack([BUMPY, BUMPY + [0, 0, 2.0], BUMPY + [3, 0, 0]]))
     points = RNG.normal(size=(3, 5, 3)) * 2 + [1, 1, 0]
@@ -200,6 +201,7 @@ def test_under_jit_what_is_no_number_is_said_to_be_none():
     assert float(found.lower[0]) == 0
 
 
+@pytest.mark.slow
 def test_a_target_says_upper_bounds_at_once_and_stops_where_enough_is_known():
     points = RNG.normal(size=(30, 3)) + [1, 1, 0]
     for shape in (jhd.BezierPatch(BUMPY), SPHERE, jhd.points(BUMPY.reshape(-1, 3))):

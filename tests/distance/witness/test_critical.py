@@ -55,6 +55,7 @@ def events_of(pairs):
     "name",
     [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS if BY_NAME[name].a.weights is None)],
 )
+@pytest.mark.slow
 def test_the_largest_pair_is_the_hausdorff_distance(name):
     solution = jhd.hausdorff(*pair_of(name))
     assert abs(float(found(name).value[0]) - float(solution.value)) <= VALUE * diagonal(name)

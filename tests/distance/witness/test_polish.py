@@ -74,6 +74,7 @@ BALL, HALF_BALL = surface(sphere(1), 2), surface(sphere(1.5), 2)
 CONES = BY_NAME["paper_cones"]
 
 
+@pytest.mark.slow
 def test_hard_maxima():
     saddle = (1.36 * 4 / 3, 0.0, 1.36)
     ab = CONES.ab
