@@ -34,9 +34,9 @@ from jhd.options import (
     shapes_of,
 )
 from jhd.report import (
-    PICTURE_DPI,
     bar,
     check_picture_file,
+    deviation_picture,
     deviation_text,
     directions_text,
     minimum_text,
@@ -149,7 +149,7 @@ def deviation(options: Namespace) -> int:
         found, seconds = timed(lambda: jhd.deviation(a, b, **asked, throw=False, progress=show))
     if options.plot:
         with busy("drawing"):
-            jhd.plot.deviation(found).figure.savefig(options.plot, dpi=PICTURE_DPI)
+            deviation_picture(options.plot, found)
     within = None if options.within is None else found.share_within(options.within)
     if options.json:
         asked |= {"a": options.a, "b": options.b, "within": options.within}

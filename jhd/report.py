@@ -197,3 +197,14 @@ def space_picture(file: str, a: Any, b: Any, solution: HausdorffSolution) -> Non
     # No layout engine sees the labels of space axes.
     plot.solution(a, b, solution, figure.add_axes((0.02, 0.08, 0.88, 0.82), projection="3d"))
     figure.savefig(file, dpi=PICTURE_DPI)
+
+
+def deviation_picture(file: str, found: Any) -> None:
+    """Writes the shape in the colours of its distance, with a histogram."""
+    import matplotlib.pyplot as plt
+
+    figure = plot.deviation(found).figure
+    try:
+        figure.savefig(file, dpi=PICTURE_DPI)
+    finally:
+        plt.close(figure)

@@ -2,6 +2,7 @@
 
 import json
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -35,6 +36,7 @@ def numbers_of(out, name):
 
 def test_the_table_holds_proven_bounds_and_the_picture_is_written(run):
     status, out, _ = run("deviation", "square.ply", "plane.obj", "--within", "1.118", "--plot", "picture.png")
+    assert plt.get_fignums() == []
     cosine = 1 / np.sqrt(1.25)
     exact = {"mean": 1.25 * cosine, "rms": cosine * np.sqrt(1.25**2 + 1 / 48), "maximum": 1.5 * cosine}
     exact |= {"area of A": 1.0, "50% within": 1.25 * cosine, "share within 1.118": 2 * (1.118 / cosine - 1)}

@@ -229,7 +229,7 @@ def test_join_refuses_nothing_and_mixed_dimensions():
         BezierSegments.join([])
     with pytest.raises(ValueError, match=r"join needs curves of one dimension; got \[2, 3\]\."):
         BezierSegments.join([jhd.points([[0, 0]]), jhd.points([[0, 0, 0]])])
-    with pytest.raises(TypeError, match="curves must be a curve|type-checking|Type-check"):
+    with pytest.raises(TypeError, match=r"curves\[0\] must be a curve|type-checking|Type-check"):
         BezierSegments.join([CUBICS])  # pyright: ignore[reportArgumentType]
 
 
