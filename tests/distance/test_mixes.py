@@ -40,7 +40,7 @@ BENT = jhd.BezierPatches(BUMPY.control_points + 0.3 * RNG.normal(size=(2, 4, 4, 
 SHAPES = {"patches": BUMPY, "others": BENT, "mesh": COARSE, "curve": CURVE, "polynomial": SADDLE}
 MIXES = [("patches", "others"), *[(a, b) for a in SHAPES for b in SHAPES if a != b and "others" not in (a, b)]]
 # Those that the quick tests measure: each kind but polynomials once on either side.
-QUICK = [("patches", "others"), ("mesh", "curve"), ("curve", "mesh")]
+QUICK = [("mesh", "curve"), ("curve", "mesh")]
 
 
 def assert_is(solution, exact):
@@ -134,6 +134,7 @@ def test_bounds_hold_of_samples_and_close(a, b):
     assert abs(float(jnp.sum(found.witness.multipliers)) - 1) < 1e-12
 
 
+@pytest.mark.slow
 def test_both_directions_and_decisions_agree_with_the_directed_distances():
     there, back, both = (
         jhd.directed_hausdorff(BUMPY, COARSE),

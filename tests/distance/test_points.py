@@ -95,6 +95,7 @@ def test_both_directions_and_decisions_agree_with_the_directed_distances():
     assert name_of(jhd.hausdorff_at_most(SQUARE, points, 2.3).answer) == "no"
 
 
+@pytest.mark.slow
 def test_a_polynomial_without_a_proven_point_leaves_a_bound_missing():
     double = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2", [-2, -2, -2], [2, 2, 2])
     found = jhd.directed_hausdorff(jhd.points(CORNERS), double, throw=False)

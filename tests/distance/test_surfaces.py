@@ -51,6 +51,7 @@ def tolerance_of(case, rtol):
     return tolerance * max(1e-3, float(case.ab.value), float(case.ba.value))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", QUICK)
 def test_bounds_of_quadrics_enclose_the_distance(name):
     case = BY_NAME[name]

@@ -264,6 +264,7 @@ def test_a_distance_beyond_the_largest_float_has_a_finite_lower_bound():
 
 
 @pytest.mark.parametrize("scale", [1e-307, 1e-310])
+@pytest.mark.slow
 def test_upper_bounds_of_subnormal_coordinates_are_true_under_jit(scale):
     x = np.linspace(0.0, 1.0, 4)
     low, high = (np.stack([x, np.full(4, y)], axis=1)[None] * scale for y in (0.0, 2.0))

@@ -227,6 +227,7 @@ FAMILIES = {
 @pytest.mark.parametrize(
     "name", ["cylinders", pytest.param("spheres", marks=pytest.mark.slow), pytest.param("tori", marks=pytest.mark.slow)]
 )
+@pytest.mark.slow
 def test_what_is_equally_far_everywhere_closes_to_a_millionth_of_the_diagonal(name):
     first, second, exact = FAMILIES[name]
     a, b, gap = parsed(first), parsed(second), 1e-6 * 4 * math.sqrt(3)

@@ -200,6 +200,7 @@ def test_gradients_of_curves_of_any_length_share_the_program_of_the_slopes(monke
     assert not traced
 
 
+@pytest.mark.slow
 def test_at_distance_zero_the_gradient_is_zero():
     rows = jnp.array([[0.0, 0.0], [1.0, 2.0], [3.0, -1.0], [4.0, 0.0]])
     gradient = jax.grad(lambda x: jhd.hausdorff(jhd.BezierCurve(x), jhd.BezierCurve(rows)).value)(rows)
