@@ -346,7 +346,7 @@ def _in_units(
     """What was found, in the user's coordinates."""
     frame, over, flat = pair.frame, found.cells.over, found.cells.flat
     ends = partial(_lengths, frame, pair.moved)
-    mean, rms = (Bounds(*(float(x) for x in ends(*pair))) for pair in ((found.lower, found.upper), found.rms))
+    mean, rms = (Bounds(*(float(x) for x in ends(*known))) for known in ((found.lower, found.upper), found.rms))
     lower, upper = ends(over.lower, over.upper)
     place = np.asarray(frame.place(np.mean(flat.corners, axis=1)))[:, : a.dim]
     samples = DistanceSamples(place, lower, upper, np.stack([flat.lower, flat.upper], axis=1))
