@@ -57,7 +57,7 @@ def active_feet(
         if len(kept) < _MOST and min(apart, default=np.inf) > target.same * size:
             kept.append(int(k))
     kept = kept or [0]
-    units = (place - every.point[kept]) / np.maximum(distance[kept], 1e-300)[:, None]
+    units = (place - every.point[kept]) / np.maximum(distance[kept], smallest_normal(np.float64))[:, None]
     excess = (distance[kept] - distance[kept].min()) / equal
     shares = balanced(units, free, excess)
     if len(into) < len(free) and np.max(np.abs(free @ units.T @ shares)) > _UNBALANCED:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.distance.cells.averages import NEAR, OverCells, distances_over
 from jhd.distance.cells.measures import FlatCells
 from jhd.distance.cells.weighted import Weights, mean_bounds
@@ -28,6 +29,9 @@ _THIN = 2.0**-40
 _UNKNOWN = 1e200
 # Steps of the first stretch.
 _FIRST_STEPS = 4
+# More than the roundings of a square or root and of this factor; squares that underflow are less than what the common
+# coordinates are off by (jhd.distance.deviation).
+_FEW = gamma(8, np.float64)
 # What is counted: steps, and cells at the end.
 COUNTS = "steps", "cells"
 
@@ -206,12 +210,12 @@ def _left_open(weights: Weights, values: np.ndarray, bounds: tuple[float, float]
     off = np.maximum(np.abs(values[:, 1] - middle), np.abs(values[:, 0] - middle))
     with np.errstate(invalid="ignore"):
         open_ = weights.upper * (values[:, 1] - values[:, 0]) + (weights.upper - weights.lower) * off
-    return open_ / max(float(np.sum(weights.upper)), 1e-300)
+    return open_ / max(float(np.sum(weights.upper)), smallest_normal(np.float64))
 
 
 def _down(x: Any) -> Any:
-    return x * (1 - 1e-15)
+    return x * (1 - _FEW)
 
 
 def _up(x: Any) -> Any:
-    return x * (1 + 1e-15)
+    return x * (1 + _FEW)
