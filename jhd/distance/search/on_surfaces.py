@@ -201,10 +201,15 @@ def _moved(x: np.ndarray) -> np.ndarray:
 looked_at = compiled(target)
 
 
-def _best_of(target: Target, point: Array, starts: Array) -> tuple[Array, Array]:
-    """The best foot from some places, and the places themselves, with its proven distance."""
-    found = local_feet(target.side, jnp.broadcast_to(point[:, None], starts.shape), starts, _FOOT_STEPS)
-    return nearest_proven(target.side, point, jnp.concatenate([found, starts], axis=1))
+def _mended(target: Target, point: Array, place: Array) -> tuple[Array, Array]:
+    """A foot after some more Newton steps, with the proven distance, which is that of the place where it is less.
+
+    Of two as near but for rounding the mended one is the foot: the distance hardly changes where the foot does.
+    """
+    found = local_feet(target.side, point[:, None], place[:, None], _FOOT_STEPS)
+    mended, there = (nearest_proven(target.side, point, places)[0] for places in (found, place[:, None]))
+    room = 8 * unit_roundoff(point.dtype) * (1 + there)
+    return jnp.minimum(mended, there), jnp.where(mended <= there + room, found[:, 0], place)
 
 
 @compiled
@@ -244,7 +249,7 @@ def _nearest(target: Target, count: Array, points: Array, least: Array) -> Any:
         starts = nearest_places(target.cloud, point, _STARTS)
         found = nearest(target.side, target.cover, point, starts, least, close)
         # Distances are as good as they get where feet are off by the root of that; some steps mend it.
-        upper, foot = _best_of(target, point, found.foot[:, None])
+        upper, foot = _mended(target, point, found.foot)
         return found.lower, jnp.minimum(upper, found.upper), foot
 
     return each(one, count, (points, least), 1)
