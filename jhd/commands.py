@@ -48,6 +48,7 @@ from jhd.report import (
 )
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.patch import AbstractPatch
 from jhd.solution import HausdorffSolution, name_of, to_plain
 from jhd.warming import KINDS, preparations
 
@@ -223,26 +224,33 @@ def verify(options: Namespace) -> int:
 
 
 def project(options: Namespace) -> int:
-    """The nearest points of a curve or mesh to given points, one row each."""
+    """The nearest points of a curve, parametric surface or mesh to given points, one row each."""
     shape = load_shape(options.shape)
     points = points_of(options)
-    on_mesh = isinstance(shape, TriangleMesh)
-    dim = shape.dim if on_mesh else shape.segments().dim
-    if points.shape[1] != dim:
-        raise ValueError(f"a point has {points.shape[1]} coordinates; the {'mesh' if on_mesh else 'curve'} has {dim}.")
-    method = None if on_mesh and options.method is None else method_of(options.method, None, PROJECTIONS)
+    kind, where = _places_on(shape)
+    if points.shape[1] != shape.dim:
+        raise ValueError(f"a point has {points.shape[1]} coordinates; the {kind} has {shape.dim}.")
+    method = None if kind != "curve" and options.method is None else method_of(options.method, None, PROJECTIONS)
     with busy("computing; a first run compiles"):
         found = jhd.project(points, shape, method=method, throw=False)
     if options.json:
         name = "exact" if method is None else method_name(method)
         print_json(found, shape=options.shape, points=points.tolist(), method=name)
         return exit_status(found)
-    where = ["triangle", "t1", "t2", "t3"] if on_mesh else ["segment", "t"]
-    print("\t".join(["distance", "lower", "upper", *where, *(f"foot {axis}" for axis in "xyz"[:dim]), "result"]))
+    print("\t".join(["distance", "lower", "upper", *where, *(f"foot {axis}" for axis in "xyz"[: shape.dim]), "result"]))
     rows = [found.distance, found.lower, found.upper, found.segment, np.asarray(found.t), found.foot]
     for *numbers, t, foot, result in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
         print("\t".join([*(repr(x.item()) for x in (*numbers, *np.atleast_1d(t), *foot)), result]))
     return exit_status(found)
+
+
+def _places_on(shape: Any) -> tuple[str, list[str]]:
+    """What kind of shape it is, and what names a place on it."""
+    if isinstance(shape, TriangleMesh):
+        return "mesh", ["triangle", "t1", "t2", "t3"]
+    if isinstance(shape, AbstractPatch):
+        return "surface", ["patch", "u", "v"]
+    return "curve", ["segment", "t"]
 
 
 def field(options: Namespace) -> int:

@@ -12,11 +12,11 @@ import jhd
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.project_methods import AbstractProjectionMethod
 from jhd.io import load_shape
-from jhd.io.clouds import CLOUD_SUFFIXES
-from jhd.io.meshes import MESH_SUFFIXES
+from jhd.io.load import SHAPE_SUFFIXES
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.patch import AbstractPatch
 from jhd.shapes.polynomial_text import read as read_polynomial
 
 # Classes that a projection can be asked for by, with their subclasses.
@@ -48,7 +48,7 @@ def _in_box(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> Any:
     try:
         return load_shape(text)
     except FileNotFoundError:
-        if Path(text).suffix.lower() in (*MESH_SUFFIXES, *CLOUD_SUFFIXES, ".json", ".svg"):
+        if Path(text).suffix.lower() in SHAPE_SUFFIXES:
             raise
     return _surface(name, text, lower, upper)
 
@@ -70,11 +70,11 @@ def curve_of(name: str, text: str) -> AbstractCurve:
     """The curve that a text names.
 
     Raises:
-        TypeError: a mesh.
+        TypeError: a mesh or a surface.
     """
     shape = load_shape(text)
-    if isinstance(shape, TriangleMesh):
-        raise TypeError(f"{name} is a mesh; needs a curve.")
+    if not isinstance(shape, AbstractCurve):
+        raise TypeError(f"{name} is a {'mesh' if isinstance(shape, TriangleMesh) else 'surface'}; needs a curve.")
     return shape
 
 
@@ -82,15 +82,15 @@ def mesh_of(name: str, text: str) -> TriangleMesh:
     """The mesh that a text names.
 
     Raises:
-        TypeError: a curve.
+        TypeError: a curve or a surface.
     """
     shape = load_shape(text)
     if not isinstance(shape, TriangleMesh):
-        raise TypeError(f"{name} is a curve; needs a mesh.")
+        raise TypeError(f"{name} is a {'curve' if isinstance(shape, AbstractCurve) else 'surface'}; needs a mesh.")
     return shape
 
 
-def _curve(name: str, text: str) -> AbstractCurve | TriangleMesh:
+def _curve(name: str, text: str) -> AbstractCurve | AbstractPatch | TriangleMesh:
     try:
         return load_shape(text)
     except FileNotFoundError:

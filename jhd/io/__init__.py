@@ -1,4 +1,4 @@
-"""Files to shapes and back: outlines of fonts, SVG, curves as JSON, meshes, results and certificates."""
+"""Files to shapes and back: fonts, SVG, curves and surfaces as JSON, meshes, points, results and certificates."""
 
 from jhd.io.certificates import load_certificate as load_certificate
 from jhd.io.clouds import load_points as load_points
@@ -14,6 +14,10 @@ from jhd.io.outlines import outline as outline
 from jhd.io.outlines import parse_font_spec as parse_font_spec
 from jhd.io.results import load_result as load_result
 from jhd.io.results import save_result as save_result
+from jhd.io.surfaces import load_surface as load_surface
+from jhd.io.surfaces import save_surface as save_surface
+from jhd.io.surfaces import surface_from_dict as surface_from_dict
+from jhd.io.surfaces import surface_to_dict as surface_to_dict
 from jhd.io.svg import path as path
 from jhd.io.svg import read_svg as read_svg
 from jhd.io.svg import write_svg as write_svg

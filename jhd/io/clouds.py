@@ -1,12 +1,14 @@
-"""Point clouds: rows of coordinates in text (.xyz) or as an array of NumPy (.npy)."""
+"""Point clouds: rows of coordinates in text (.xyz), an array of NumPy (.npy), or the vertices of a PLY file."""
 
 from pathlib import Path
 
 import numpy as np
 
-from jhd.io.errors import ParseError
+from jhd.io.errors import ParseError, read_bytes, shown
+from jhd.io.ply import read_ply
 from jhd.shapes.curve import BezierSegments, points
 
+# What is nothing but points; a .ply file may hold a mesh too.
 CLOUD_SUFFIXES = (".xyz", ".npy")
 
 
@@ -15,13 +17,16 @@ def load_points(file: str | Path) -> BezierSegments:
 
     Args:
         file: `NAME.xyz`, with a point in each line, numbers apart by spaces or commas, of which the first three are
-            coordinates, and comments behind #; or `NAME.npy`, an array (count, 2) or (count, 3).
+            coordinates, and comments behind #; `NAME.npy`, an array (count, 2) or (count, 3); or `NAME.ply` without
+            faces.
 
     Raises:
         FileNotFoundError: a file that does not exist.
-        ParseError: a file that cannot be read, with the line, or that holds no points.
+        ParseError: a file that cannot be read, with the line, that holds no points, or that holds faces.
     """
-    rows = _array(str(file)) if Path(file).suffix.lower() == ".npy" else _rows(str(file))
+    suffix = Path(file).suffix.lower()
+    reader = {".npy": _array, ".ply": _vertices}.get(suffix, _rows)
+    rows = reader(str(file))
     try:
         return points(rows)
     except (TypeError, ValueError) as error:
@@ -30,9 +35,17 @@ def load_points(file: str | Path) -> BezierSegments:
 
 def _array(file: str) -> np.ndarray:
     try:
-        return np.load(file, allow_pickle=False)
-    except (ValueError, EOFError) as error:
-        raise ParseError(f"no array of numbers: {error}", file) from None
+        # Mapped: an array that the file is too short for is refused before there is room for it.
+        return np.array(np.load(file, mmap_mode="r", allow_pickle=False))
+    except (ValueError, EOFError, OverflowError) as error:
+        raise ParseError(f"no array of numbers: {' '.join(str(error)[:200].split())}", file) from None
+
+
+def _vertices(file: str) -> np.ndarray:
+    found = read_ply(file, read_bytes(file))
+    if len(found.sizes):
+        raise ParseError(f"holds {len(found.sizes)} faces; load_mesh reads the mesh.", file)
+    return found.vertices
 
 
 def _rows(file: str) -> np.ndarray:
@@ -43,8 +56,8 @@ def _rows(file: str) -> np.ndarray:
             continue
         try:
             row = [float(word) for word in words]
-        except ValueError as error:
-            raise ParseError(f"{error}.", file, number) from None
+        except ValueError:
+            raise ParseError(f"needs numbers; found {shown(line)}.", file, number) from None
         if rows and len(row) != len(rows[0]):
             raise ParseError(f"{len(row)} numbers; the lines before have {len(rows[0])}.", file, number)
         rows.append(row)

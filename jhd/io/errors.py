@@ -26,6 +26,17 @@ class ParseError(ValueError):
         super().__init__(f"{place}: {message}" if place else message)
 
 
+def shown(value: object, most: int = 60) -> str:
+    """What was found, for messages: in quotes where it is text, on one line, cut to `most` characters.
+
+    >>> shown("x" * 100, 10)
+    "'xxxxxx..."
+    """
+    # A long text is cut before its copy in quotes is made.
+    text = repr(value[: most + 1] if isinstance(value, str | bytes) else value)
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
 def place_in(text: str, index: int) -> tuple[int, int]:
     """Line and column, both from 1, of the character `index` of the text."""
     before = text[:index]

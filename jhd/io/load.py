@@ -5,29 +5,34 @@ from collections.abc import Callable
 from pathlib import Path
 
 from jhd.io.clouds import CLOUD_SUFFIXES, load_points
-from jhd.io.curves import load_curve
-from jhd.io.errors import ParseError
+from jhd.io.curves import CURVE_KINDS
+from jhd.io.described import load_described
+from jhd.io.errors import ParseError, read_bytes
 from jhd.io.meshes import MESH_SUFFIXES, load_mesh
 from jhd.io.outlines import outline, parse_font_spec
+from jhd.io.ply import read_ply
+from jhd.io.polygons import mesh_of
+from jhd.io.surfaces import SURFACE_KINDS
 from jhd.io.svg import path, read_svg
-from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.patch import AbstractPatch
 
-_READERS: dict[str, Callable[[str], AbstractCurve | TriangleMesh]] = {".json": load_curve, ".svg": read_svg}
-_READERS |= dict.fromkeys(MESH_SUFFIXES, load_mesh) | dict.fromkeys(CLOUD_SUFFIXES, load_points)
 _PATH_DATA = re.compile(r"\s*[Mm][\s]*[-+.\d]")
 _ACCEPTED = (
-    "a curve is a .json or .svg file, font:NAME:LETTER, or SVG path data (M0 0 ...); a mesh is a file "
-    f"{', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}; points are a file {' or '.join(CLOUD_SUFFIXES)}"
+    "a curve is a .json or .svg file, font:NAME:LETTER, or SVG path data (M0 0 ...); a parametric surface is a .json "
+    f"file; a mesh is a file {', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}; points are a file "
+    f"{', '.join(CLOUD_SUFFIXES)}, or .ply without faces"
 )
 
 
-def load_shape(text: str) -> AbstractCurve | TriangleMesh:
-    """The shape that the text names: a curve or mesh file, a letter of a font, or SVG path data itself.
+def load_shape(text: str) -> AbstractCurve | AbstractPatch | TriangleMesh:
+    """The shape that the text names: a file, a letter of a font, or SVG path data itself.
 
     Args:
-        text: `NAME.json` (see `load_curve`), `NAME.svg` (all that it draws), a mesh file (see `load_mesh`),
-            points (see `load_points`), `font:NAME:LETTER`, or path data. A text that ends as a file name is one.
+        text: `NAME.json` (a curve or a parametric surface, see `load_curve` and `load_surface`), `NAME.svg` (all that
+            it draws), a mesh file (see `load_mesh`), points (see `load_points`; a .ply file without faces too),
+            `font:NAME:LETTER`, or path data. A text that ends as a file name is one.
 
     Raises:
         FileNotFoundError: a file that does not exist.
@@ -42,6 +47,26 @@ def load_shape(text: str) -> AbstractCurve | TriangleMesh:
     if _PATH_DATA.match(text):
         return path(text)
     raise _refusal(text, suffix)
+
+
+def _json_shape(file: str) -> AbstractCurve | AbstractPatch:
+    return load_described("shape", file, {**CURVE_KINDS, **SURFACE_KINDS})
+
+
+def _ply_shape(file: str) -> BezierSegments | TriangleMesh:
+    """The mesh, or where there are no faces the points."""
+    found = read_ply(file, read_bytes(file))
+    return mesh_of(file, found) if len(found.sizes) else load_points(file)
+
+
+_READERS: dict[str, Callable[[str], AbstractCurve | AbstractPatch | TriangleMesh]] = {
+    **dict.fromkeys(MESH_SUFFIXES, load_mesh),
+    **dict.fromkeys(CLOUD_SUFFIXES, load_points),
+    ".json": _json_shape,
+    ".svg": read_svg,
+    ".ply": _ply_shape,
+}
+SHAPE_SUFFIXES = tuple(_READERS)
 
 
 def _refusal(text: str, suffix: str) -> Exception:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from jhd.io.errors import ParseError, read_bytes
+from jhd.io.files import replace_file
 from jhd.io.ply import read_ply, write_ply
 from jhd.io.polygons import Polygons, coordinates_in, indices_in, merged, mesh_of
 from jhd.shapes.mesh import TriangleMesh, check_mesh
@@ -50,7 +51,7 @@ def save_mesh(file: str | Path, mesh: TriangleMesh, *, text: bool = False) -> No
     suffix = Path(file).suffix.lower()
     if suffix not in _WRITERS:
         raise ValueError(f"the suffix of {file} is {suffix!r}; a mesh is a file {_KNOWN}.")
-    Path(file).write_bytes(_WRITERS[suffix](np.asarray(mesh.vertices), np.asarray(mesh.triangles), text))
+    replace_file(file, _WRITERS[suffix](np.asarray(mesh.vertices), np.asarray(mesh.triangles), text))
 
 
 def _lines(content: bytes) -> Iterator[tuple[int, list[str]]]:

@@ -2,6 +2,7 @@
 
 Of all elements only the coordinates of `vertex` and the corners of `face` are kept; the others are skipped. The layout
 is that of the Stanford 3D Scanning Repository (Turk 1994); `vertex_index` and `vertex_indices` are both in use.
+A file without faces is a point cloud.
 """
 
 import re
@@ -10,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jhd.io.errors import ParseError
+from jhd.io.errors import ParseError, shown
 from jhd.io.polygons import Polygons, coordinates_in, indices_in
 
 _TYPES = {
@@ -23,6 +24,8 @@ _TYPES = {
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNERS = ("vertex_indices", "vertex_index")
+# Of a number of rows; more than any file has bytes.
+_DIGITS = 18
 
 
 class _Property(NamedTuple):
@@ -43,7 +46,7 @@ class _PlyElement(NamedTuple):
 
 
 def read_ply(file: object, content: bytes) -> Polygons:
-    """The vertices and polygons of a PLY file.
+    """The vertices and polygons of a PLY file, no polygons where it has no element `face`.
 
     Raises:
         ParseError: a header or rows that cannot be read, with line or byte.
@@ -53,11 +56,11 @@ def read_ply(file: object, content: bytes) -> Polygons:
     found = {}
     for element in elements:
         found[element.name] = rows(element)
-    for name in ("vertex", "face"):
-        if name not in found:
-            raise ParseError(f"has no element {name!r}.", file)
+    if "vertex" not in found:
+        raise ParseError("has no element 'vertex'.", file)
+    none = np.zeros(0, np.int64)
     vertices, _, vertex_places = found["vertex"]
-    corners, sizes, polygon_places = found["face"]
+    corners, sizes, polygon_places = found.get("face", (none, none, none))
     return Polygons(vertices, corners, sizes, vertex_places, polygon_places, by_line=not order)
 
 
@@ -96,14 +99,14 @@ def _header(file: object, content: bytes) -> tuple[str, list[_PlyElement], int, 
             continue
         if words[0] == "format":
             if len(words) < 2 or words[1] not in _ORDERS:
-                raise ParseError(f"needs a format of {', '.join(_ORDERS)}; found {line!r}.", file, number)
+                raise ParseError(f"needs a format of {', '.join(_ORDERS)}; found {shown(line)}.", file, number)
             order = _ORDERS[words[1]]
-        elif words[0] == "element" and len(words) == 3 and words[2].isdecimal():
+        elif words[0] == "element" and len(words) == 3 and words[2].isdecimal() and len(words[2]) <= _DIGITS:
             elements.append(_PlyElement(words[1], int(words[2]), []))
         elif words[0] == "property" and elements:
             elements[-1].properties.append(_property(file, words, number))
         else:
-            raise ParseError(f"cannot read {line!r} in the header.", file, number)
+            raise ParseError(f"cannot read {shown(line)} in the header.", file, number)
     if order is None:
         raise ParseError("has no line 'format'.", file, 1)
     for element in elements:
@@ -115,7 +118,7 @@ def _property(file: object, words: list[str], line: int) -> _Property:
     listed = len(words) == 5 and words[1] == "list"
     types = words[2:4] if listed else words[1:2]
     if len(words) != (5 if listed else 3) or any(name not in _TYPES for name in types):
-        raise ParseError(f"cannot read the property {' '.join(words[1:])!r}.", file, line)
+        raise ParseError(f"cannot read the property {shown(' '.join(words[1:]))}.", file, line)
     codes = [_TYPES[name] for name in types]
     return _Property(words[-1], codes[-1], codes[0] if listed else "")
 
@@ -243,7 +246,8 @@ def _uneven(file: object, content: bytes, at: int, order: str, element: _PlyElem
     """The rows one by one, and where they end."""
     values, sizes, places = [], [], []
     wanted = [element.place(axis) for axis in "xyz"] if element.name == "vertex" else [_corners_of(element)]
-    for k in range(element.count):
+    # Rows of no property take no byte, so that their number bounds nothing.
+    for k in range(element.count if element.properties else 0):
         places.append(at)
         fields = []
         for array, end in _read(content, at, order, element):

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd.io.errors import ParseError
+from jhd.io.errors import ParseError, shown
 from jhd.shapes.mesh import TriangleMesh, places_of
 
 
@@ -109,7 +109,7 @@ def _check_words(file: object, kind: type, words: Sequence[str], line: int) -> N
     for word in words:
         if not _is(kind, word):
             needed = "number" if kind is float else "whole number"
-            raise ParseError(f"needs a {needed}; found {word!r}.", file, line)
+            raise ParseError(f"needs a {needed}; found {shown(word)}.", file, line)
 
 
 def _is(kind: type, word: str) -> bool:

@@ -16,6 +16,7 @@ import equinox as eqx
 import numpy as np
 
 from jhd.io.errors import ParseError, read_bytes, read_text
+from jhd.io.files import replace_file
 from jhd.solution import to_plain
 
 # Keys of nested fields are joined by it in npz files.
@@ -41,11 +42,12 @@ def save_result(file: str | Path, solution: eqx.Module, /, **context: Any) -> No
     plain_context = {key: _plain(key, value) for key, value in context.items()}
     if suffix == ".json":
         content = {"type": name, "solution": _plain("solution", solution), "context": plain_context}
-        Path(file).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        replace_file(file, json.dumps(content, indent=2, allow_nan=False) + "\n")
         return
     arrays = {"type": np.array(name), "context": np.array(json.dumps(plain_context))}
-    with open(file, "wb") as stream:
-        np.savez(stream, allow_pickle=False, **arrays, **_flatten("solution", solution))
+    stream = io.BytesIO()
+    np.savez(stream, allow_pickle=False, **arrays, **_flatten("solution", solution))
+    replace_file(file, stream.getvalue())
 
 
 def load_result(file: str | Path) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from jhd.io.contours import Contour, assemble, contours_of
 from jhd.io.errors import ParseError, read_bytes
+from jhd.io.files import replace_file
 from jhd.io.path_data import parse_path
 from jhd.io.svg_document import Drawn, drawn_shapes
 from jhd.io.svg_elements import parse_document
@@ -123,7 +124,7 @@ def write_svg(file: str | Path | None, curves: AbstractCurve | Sequence[Abstract
     opening = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{view_box}" {style}>'
     text = "\n".join([opening, *paths, "</svg>", ""])
     if file is not None:
-        Path(file).write_text(text, encoding="utf-8")
+        replace_file(file, text)
     return text
 
 

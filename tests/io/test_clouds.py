@@ -1,5 +1,6 @@
 """Points of text files and of NumPy's arrays are sets of points; what is none is refused with its line."""
 
+import io
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,16 @@ import pytest
 
 import jhd.io
 
+PLY = b"ply\nformat ascii 1.0\nelement vertex 2\n"
+PLY += b"property double x\nproperty double y\nproperty double z\nproperty double quality\n"
 ROWS = np.array([[0.1, 2.0, -3.0], [1e-3, 4.0, 5.5]])
+
+
+def npy_header(shape):
+    stream = io.BytesIO()
+    header: Any = {"descr": "<f8", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(stream, header)
+    return stream.getvalue()
 
 
 def test_rows_of_text_and_arrays_are_points(tmp_path):
@@ -24,14 +34,60 @@ def test_rows_of_text_and_arrays_are_points(tmp_path):
     ("name", "content", "message"),
     [
         ("a.xyz", b"1 2 3\n1 two 3\n", "a.xyz:2.*two"),
+        ("a.xyz", b"1 2 3\n" + b"x" * 10_000, r"a.xyz:2: needs numbers; found 'xxx+\.\.\."),
         ("a.xyz", b"1 2 3\n1 2\n", "a.xyz:2.*2 numbers; the lines before have 3"),
         ("a.xyz", b"# nothing\n", "at least 1"),
         ("a.npy", b"nothing", "no array of numbers"),
+        ("a.npy", npy_header((10**12, 3)) + bytes(48), "no array of numbers"),
+        (
+            "a.ply",
+            PLY + b"element face 1\nproperty list uchar int vertex_index\nend_header\n",
+            "ends after 0 of 2 rows",
+        ),
+        ("a.ply", PLY + b"end_header\n0.1 2 -3 9\n", "ends after 1 of 2 rows of 'vertex'"),
+        ("a.ply", PLY.replace(b" 2\n", b" 999999999999\n") + b"end_header\n0 0 0 0\n", "after 1 of 999999999999 rows"),
+        (
+            "a.ply",
+            PLY.replace(b" 2\n", b" " + b"9" * 5000 + b"\n") + b"end_header\n",
+            "cannot read 'element vertex 999",
+        ),
+        ("a.ply", PLY.replace(b" z", b" w") + b"end_header\n", "no property 'z'"),
         ("a.xyz", b"1 nan 3\n", "not finite"),
     ],
 )
 def test_what_holds_no_points_is_refused(tmp_path, name, content, message):
     file = tmp_path / name
     file.write_bytes(content)
-    with pytest.raises(jhd.io.ParseError, match=message):
+    with pytest.raises(jhd.io.ParseError, match=message) as caught:
         jhd.io.load_points(file)
+    assert "\n" not in str(caught.value) and len(caught.value.reason) < 300
+
+
+@pytest.mark.parametrize("faces", [b"", b"element face 0\nproperty list uchar int vertex_indices\n"])
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_a_ply_file_without_faces_is_a_point_cloud(tmp_path, order, faces):
+    rows = np.column_stack([ROWS, [7, 8]])
+    code = ">f8" if order.startswith("binary_big") else "<f8"
+    content = b"0.1 2 -3 7\n0.001 4 5.5 8\n" if order == "ascii" else rows.astype(code).tobytes()
+    file = tmp_path / "a.ply"
+    file.write_bytes(PLY.replace(b"ascii", order.encode()) + faces + b"end_header\n" + content)
+    for cloud in (jhd.io.load_points(file), jhd.io.load_shape(str(file))):
+        shape: Any = cloud
+        np.testing.assert_array_equal(shape.control_points[:, 0], ROWS)
+    with pytest.raises(jhd.io.ParseError, match="holds no faces"):
+        jhd.io.load_mesh(file)
+
+
+def test_a_ply_file_with_faces_is_no_point_cloud(tmp_path):
+    file = tmp_path / "a.ply"
+    jhd.io.save_mesh(file, jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
+    assert isinstance(jhd.io.load_shape(str(file)), jhd.TriangleMesh)
+    with pytest.raises(jhd.io.ParseError, match="holds 1 faces; load_mesh reads the mesh"):
+        jhd.io.load_points(file)
+
+
+def test_rows_of_no_property_take_no_time(tmp_path):
+    file = tmp_path / "a.ply"
+    start = PLY.replace(b"ascii", b"binary_little_endian").replace(b"element", b"element none 999999999999\nelement", 1)
+    file.write_bytes(start + b"end_header\n" + np.ones((2, 4)).tobytes())
+    assert jhd.io.load_points(file).count == 2

@@ -138,7 +138,7 @@ NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
         ("a.ply", "ply\nformat ascii 2\nelement vertex x\nend_header\n", r"a\.ply:3: cannot read 'element vertex x'"),
         ("a.ply", "ply\nformat utf 1.0\nend_header\n", r"a\.ply:2: needs a format of ascii"),
         ("a.ply", "ply\nend_header\n", "has no line 'format'"),
-        ("a.ply", HEADER.format("ascii") + "end_header\n" + "0 0 0\n" * 4, "has no element 'face'"),
+        ("a.ply", HEADER.format("ascii") + "end_header\n" + "0 0 0\n" * 4, "holds no faces"),
         ("a.ply", HEADER.format("ascii").replace("float z", "half z") + FACES, r"a\.ply:7: cannot read the property"),
         ("a.ply", HEADER.format("ascii").replace("float z", "float w") + FACES, "vertices have no property 'z'"),
         ("a.ply", HEADER.format("ascii") + FACES.replace("vertex_index", "strips"), "no list of whole numbers"),
