@@ -2,7 +2,7 @@
 
 Exit status: 0 done and what was asked for holds; 1 the bounds are true but wider than asked for (or the self-check of
 `jhd doctor` fails, or `jhd verify` refuses a certificate); 2 bad input, with one line on stderr; 130 interrupted; 141
-the reader of the output went away.
+the reader of the output went away. With --threshold: 0 proven yes, 3 proven no, 1 undecided.
 """
 
 import argparse
@@ -13,14 +13,21 @@ from typing import Any, NoReturn
 import jax
 
 import jhd
+from jhd import lengths
 from jhd.fields.adaptive_build import MODES
 from jhd.fields.adaptive_samples import SIGNS
 from jhd.storage import chosen_folder, made
 from jhd.warming import KINDS as _KINDS
 
 _CURVE_HELP = "a curve: a JSON or SVG file, or font:NAME:LETTER"
-_SHAPE_HELP = f"{_CURVE_HELP}; or a mesh: an OBJ, OFF, PLY or STL file; or points: an XYZ or NPY file"
+_SHAPE_HELP = (
+    f"{_CURVE_HELP}; or a parametric surface: a JSON file; or a mesh: an OBJ, OFF, PLY or STL file; or points: an XYZ, "
+    "NPY or PLY file"
+)
 _OR_POLYNOMIAL = "; with --box a polynomial in x, y, z"
+_BOX_HELP = "polynomials: the box they are cut off at, its two ends for all axes, or three lower and three upper ones"
+_ATOL_HELP = "tolerance on upper - lower, in input units or as a share of the diagonal"
+_THRESHOLD_HELP = "answer only whether the distance is at most this: exit status 0 yes, 3 no, 1 undecided"
 _METHOD_HELP = "the method, a class of jhd; an unknown name lists those there are"
 _EPILOG = """\
 examples:
@@ -32,6 +39,7 @@ examples:
   jhd fit "font:DejaVu Serif:s" --tolerance 5 --out s.svg
   jhd distance "font:DejaVu Sans:a" "font:DejaVu Serif:a" --json
   jhd distance a.ply b.obj
+  jhd distance scan.ply model.obj --directed --threshold 0.5%
   jhd minimum bunny.ply "x**2 + y**2 + z**2 - 1" --box -2 2
   jhd deviation scan.ply model.obj --within 0.1 --plot deviation.png
   jhd project a.svg 10 -2.5
@@ -39,7 +47,8 @@ examples:
   jhd warm plane rational --degree 3
   jhd doctor
 
-exit status: 0 done, 1 bounds not closed or certificate refused, 2 bad input
+exit status: 0 done, 1 bounds not closed or certificate refused, 2 bad input; with --threshold 0 yes, 3 no, 1 undecided
+LENGTH is a number in input units, or a share of the diagonal of the box of the shapes, as 0.1%
 JHD_CACHE=FOLDER is where compiled programs are kept, JHD_CACHE=0 keeps none; JAX_ENABLE_X64=0 means float32.
 """
 
@@ -110,29 +119,26 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
     distance = commands.add_parser("distance", help="the Hausdorff distance of two shapes of any kinds")
-    distance.add_argument("a", metavar="A", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
-    distance.add_argument("b", metavar="B", type=_as_given, help="the other one")
-    box = "surfaces: the box they are cut off at, its two ends for all axes, or three lower and three upper ones"
-    distance.add_argument("--box", type=float, nargs="+", metavar="X", help=box)
+    _add_shapes(distance)
     distance.add_argument("--directed", action="store_true", help="only the largest distance of points of A to B")
     distance.add_argument("--method", metavar="NAME", help=_METHOD_HELP)
-    distance.add_argument("--atol", type=float, metavar="LENGTH", help="tolerance on upper - lower, in input units")
+    distance.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=_ATOL_HELP)
+    distance.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
     distance.add_argument("--plot", metavar="FILE", help="draw both, the witness and, of curves, the distance profiles")
     distance.add_argument("--certificate", metavar="FILE", help="write what proves the bounds, for jhd verify")
     distance.set_defaults(command="distance")
 
     minimum = commands.add_parser("minimum", help="the smallest distance of two shapes of any kinds")
-    minimum.add_argument("a", metavar="A", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
-    minimum.add_argument("b", metavar="B", type=_as_given, help="the other one")
-    minimum.add_argument("--box", type=float, nargs="+", metavar="X", help=box)
-    minimum.add_argument("--atol", type=float, metavar="LENGTH", help="tolerance on upper - lower, in input units")
+    _add_shapes(minimum)
+    minimum.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=_ATOL_HELP)
+    minimum.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
     minimum.set_defaults(command="minimum")
 
     _add_deviation(commands)
 
     fit = commands.add_parser("fit", help="fewer or lower-degree segments within a proven distance")
     fit.add_argument("target", metavar="TARGET", help=_CURVE_HELP)
-    fit.add_argument("--tolerance", type=float, required=True, metavar="LENGTH", help="in input units")
+    fit.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help="how far it may be")
     fit.add_argument("--degree", type=int, default=3, metavar="N", help="of the segments (default: 3)")
     fit.add_argument("--smooth", action="store_true", help="one tangent at the joints inside a contour")
     fit.add_argument("--out", metavar="FILE", help="write the fit: .svg or .json")
@@ -143,16 +149,17 @@ def _parser() -> argparse.ArgumentParser:
     verify.add_argument("file", metavar="FILE", help="what jhd distance --certificate wrote")
     verify.set_defaults(command="verify")
 
-    project = commands.add_parser("project", help="the nearest point of a curve or mesh to points")
-    project.add_argument("shape", metavar="SHAPE", help=_SHAPE_HELP)
+    project = commands.add_parser("project", help="the nearest point of a shape of any kind to points")
+    project.add_argument("shape", metavar="SHAPE", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
     project.add_argument("coordinates", metavar="X", nargs="*", type=float, help="the point: X Y or X Y Z")
+    project.add_argument("--box", type=float, nargs="+", metavar="X", help=_BOX_HELP)
     project.add_argument("--points", metavar="FILE", help="points in rows instead; without X or with -, standard input")
     project.add_argument("--method", metavar="NAME", help=_METHOD_HELP)
     project.set_defaults(command="project")
 
     field = commands.add_parser("field", help="the distance field of a mesh on an octree")
     field.add_argument("mesh", metavar="MESH", help="an OBJ, OFF, PLY or STL file")
-    field.add_argument("--atol", type=float, required=True, metavar="LENGTH", help="tolerance, in input units")
+    field.add_argument("--atol", type=lengths.length, required=True, metavar="LENGTH", help="tolerance")
     field.add_argument("--out", required=True, metavar="FILE", help="where to: a name in .npz")
     field.add_argument("--mode", choices=MODES, default="band", help="refine at the surface (default) or everywhere")
     field.add_argument("--sign", choices=SIGNS, default="winding", help="how inside is told from outside")
@@ -172,15 +179,20 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_shapes(parser: Any, other: str = "the other one") -> None:
+    parser.add_argument("a", metavar="A", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
+    parser.add_argument("b", metavar="B", type=_as_given, help=other)
+    parser.add_argument("--box", type=float, nargs="+", metavar="X", help=_BOX_HELP)
+
+
 def _add_deviation(commands: Any) -> None:
-    parser = commands.add_parser("deviation", help="the distance along a curve or mesh: mean, rms, quantiles, maximum")
-    parser.add_argument("a", metavar="A", type=_as_given, help=_SHAPE_HELP)
-    parser.add_argument("b", metavar="B", type=_as_given, help="the one that distances are taken to")
-    parser.add_argument("--atol", type=float, metavar="LENGTH", help="gap of the bounds that may stay, in input units")
+    parser = commands.add_parser("deviation", help="the distance along a shape: mean, rms, quantiles, maximum")
+    _add_shapes(parser, "the one that distances are taken to")
+    parser.add_argument("--atol", type=lengths.length, metavar="LENGTH", help="gap of the bounds that may stay")
     parser.add_argument("--rtol", type=float, default=1e-3, metavar="SHARE", help="the same as a share (default: 1e-3)")
-    parser.add_argument("--within", type=float, metavar="LENGTH", help="also the share of A that is this near")
+    parser.add_argument("--within", type=lengths.length, metavar="LENGTH", help="also the share of A that is this near")
     parser.add_argument("--plot", metavar="FILE", help="draw A in the colours of its distance, with a histogram")
-    parser.set_defaults(command="deviation", box=None)
+    parser.set_defaults(command="deviation")
 
 
 def _switch_cache_on() -> None:

@@ -1,6 +1,7 @@
 """What the commands of the command line do: each takes the parsed options, prints, and returns the exit status.
 
-Numbers are printed in full, so that a bound that is read back is still the bound that was proven.
+Those that measure shapes stand in jhd.comparisons and are named here. Numbers are printed in full, so that a bound that
+is read back is still the bound that was proven.
 """
 
 import json
@@ -11,52 +12,27 @@ import time
 from argparse import Namespace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 import jax
-import numpy as np
 
 import jhd
 from jhd import storage
+from jhd.comparisons import deviation as deviation
+from jhd.comparisons import directions_of
+from jhd.comparisons import distance as distance
+from jhd.comparisons import minimum as minimum
+from jhd.comparisons import project as project
 from jhd.console import busy, device, exit_status, precision, print_json, timed
-from jhd.distance.frame.method import AbstractHausdorffMethod
-from jhd.io import load_certificate, load_shape, save_curve, save_mesh, write_svg
+from jhd.io import load_certificate, save_curve, save_mesh, write_svg
 from jhd.io.meshes import MESH_SUFFIXES
-from jhd.options import (
-    PROJECTIONS,
-    box_of,
-    check_drawable,
-    curve_of,
-    mesh_of,
-    method_name,
-    method_of,
-    points_of,
-    shapes_of,
-)
-from jhd.report import (
-    bar,
-    check_picture_file,
-    deviation_picture,
-    deviation_text,
-    directions_text,
-    minimum_text,
-    names_of,
-    picture,
-    shape_line,
-    solution_text,
-    space_picture,
-)
-from jhd.shapes.curve import AbstractCurve
-from jhd.shapes.mesh import TriangleMesh
-from jhd.shapes.patch import AbstractPatch
-from jhd.solution import HausdorffSolution, name_of, to_plain
+from jhd.options import check_writable, curve_of, mesh_of
+from jhd.report import bar, check_picture_file, names_of, picture, shape_line, solution_text
+from jhd.solution import HausdorffSolution
 from jhd.warming import KINDS, preparations
 
 _DEMO_FONTS = {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}
 _DEMO_LETTER = "a"
 _DEMO_FILE = "jhd-demo.png"
-# A directed distance whose bounds are this close, as a share, is drawn as it is.
-_CLOSED = 1e-6
 _PACKAGES = "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib"
 
 
@@ -85,117 +61,35 @@ def demo(options: Namespace) -> int:
     return exit_status(there, back)
 
 
-def distance(options: Namespace) -> int:
-    """The Hausdorff distance of two shapes of any kinds, or the directed one."""
-    a, b = shapes_of(options)
-    curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
-    entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
-    method = method_of(options.method, options.atol, AbstractHausdorffMethod)
-    if options.plot:
-        check_picture_file(options.plot)
-        check_drawable(a, b)
-    if options.certificate and not curves:
-        raise ValueError("--certificate: certificates are for curves; leave it out.")
-    if options.certificate and not Path(options.certificate).absolute().parent.is_dir():
-        raise ValueError(f"{options.certificate}: no such folder.")
-    with busy("computing; a first run compiles") as show:
-        solution, seconds = timed(lambda: entry(a, b, method, throw=False, progress=show))
-    if name_of(solution.result) == "interrupted":
-        print(solution_text("the bounds reached", solution, *names_of(solution)))
-        return 1
-    if options.plot:
-        with busy("drawing"):
-            _draw(options.plot, a, b, solution)
-    written = bool(options.certificate) and _certified(options.certificate, a, b, solution)
-    status = 1 if options.certificate and not written else exit_status(solution)
-    if options.json:
-        asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": method_name(method)}
-        print_json(solution, **asked, **box_of(a, b), seconds=seconds)
-        return status
-    print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
-    title = "directed distance from A to B" if options.directed else "Hausdorff distance"
-    print(solution_text(title, solution, *names_of(solution)), end="\n\n")
-    if solution.directions is not None:
-        print(directions_text(*solution.directions), end="\n\n")
-    print(f"method     {method_name(method)}")
-    print(f"time       {seconds:.2f} s with compilation")
-    print(f"device     {device()}, {precision()}")
-    if options.plot:
-        print(f"picture    {Path(options.plot).resolve()}")
-    if written:
-        print(f"proof      {Path(options.certificate).resolve()}")
-    return status
-
-
-def minimum(options: Namespace) -> int:
-    """The minimum distance of two shapes of any kinds, and the nearest points."""
-    a, b = shapes_of(options)
-    with busy("computing; a first run compiles") as show:
-        found, seconds = timed(lambda: jhd.minimum_distance(a, b, atol=options.atol, throw=False, progress=show))
-    if options.json:
-        print_json(found, a=options.a, b=options.b, **box_of(a, b), seconds=seconds)
-        return exit_status(found)
-    lines = [shape_line("A", options.a, a), shape_line("B", options.b, b), "", minimum_text(found), ""]
-    print(*lines, f"time       {seconds:.2f} s with compilation", f"device     {device()}, {precision()}", sep="\n")
-    return exit_status(found)
-
-
-def deviation(options: Namespace) -> int:
-    """The distance to B along A as a distribution."""
-    a, b = shapes_of(options)
-    if options.plot:
-        check_picture_file(options.plot)
-    asked = {"atol": options.atol, "rtol": options.rtol}
-    with busy("computing; a first run compiles") as show:
-        found, seconds = timed(lambda: jhd.deviation(a, b, **asked, throw=False, progress=show))
-    if options.plot:
-        with busy("drawing"):
-            deviation_picture(options.plot, found)
-    within = None if options.within is None else found.share_within(options.within)
-    if options.json:
-        asked |= {"a": options.a, "b": options.b, "within": options.within}
-        shares = {} if within is None else {"share_within": list(within)}
-        print_json(found, found.to_plain() | shares, **asked, seconds=seconds)
-        return exit_status(found)
-    print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
-    print(deviation_text(found, options.within), end="\n\n")
-    print(f"time       {seconds:.2f} s with compilation")
-    print(f"device     {device()}, {precision()}")
-    if options.plot:
-        print(f"picture    {Path(options.plot).resolve()}")
-    return exit_status(found)
-
-
 def fit(options: Namespace) -> int:
     """An outline by few segments of a degree, within a tolerance; its proven distance."""
     target = curve_of("TARGET", options.target)
     if options.out and Path(options.out).suffix not in (".svg", ".json"):
         raise ValueError(f"{options.out}: the name must end in .svg or .json.")
-    for file in (options.out, options.plot):
-        if file and not Path(file).absolute().parent.is_dir():
-            raise ValueError(f"{file}: no such folder.")
+    check_writable(options.out, options.plot)
     if options.plot:
         check_picture_file(options.plot)
+    tolerance = options.tolerance.of(target)
     start = time.perf_counter()
     with busy("fitting; a first run compiles"):
-        contours = jhd.fit_outline(target, options.tolerance, degree=options.degree, smooth=options.smooth)
+        contours = jhd.fit_outline(target, tolerance, degree=options.degree, smooth=options.smooth)
         shape = jhd.BezierSegments.join([contour.shape for contour in contours])
         error = jhd.hausdorff(target, shape, throw=False)
     seconds = time.perf_counter() - start
-    near = float(error.upper) <= options.tolerance
+    near = float(error.upper) <= tolerance
     if options.out:
         write = write_svg if options.out.endswith(".svg") else save_curve
         write(options.out, shape)
     if options.plot:
         with busy("drawing"):
-            picture(options.plot, target, shape, _directions(error))
+            picture(options.plot, target, shape, directions_of(error))
     if options.json:
-        asked = {"target": options.target, "tolerance": options.tolerance, "degree": options.degree}
+        asked = {"target": options.target, "tolerance": tolerance, "degree": options.degree}
         print_json(error, **asked, within=near, segments=[c.shape.count for c in contours], seconds=seconds)
         return 0 if near else 1
     print(shape_line("A", options.target, target), shape_line("B", "fit", shape), sep="\n", end="\n\n")
     print(solution_text("Hausdorff distance", error, *names_of(error)), end="\n\n")
-    print(f"within     {options.tolerance:g}" if near else f"farther than {options.tolerance:g}")
+    print(f"within     {tolerance:g}" if near else f"farther than {tolerance:g}")
     print(f"time       {seconds:.2f} s with compilation")
     for name, file in (("fit", options.out), ("picture", options.plot)):
         if file:
@@ -223,36 +117,6 @@ def verify(options: Namespace) -> int:
     return 0
 
 
-def project(options: Namespace) -> int:
-    """The nearest points of a curve, parametric surface or mesh to given points, one row each."""
-    shape = load_shape(options.shape)
-    points = points_of(options)
-    kind, where = _places_on(shape)
-    if points.shape[1] != shape.dim:
-        raise ValueError(f"a point has {points.shape[1]} coordinates; the {kind} has {shape.dim}.")
-    method = None if kind != "curve" and options.method is None else method_of(options.method, None, PROJECTIONS)
-    with busy("computing; a first run compiles"):
-        found = jhd.project(points, shape, method=method, throw=False)
-    if options.json:
-        name = "exact" if method is None else method_name(method)
-        print_json(found, shape=options.shape, points=points.tolist(), method=name)
-        return exit_status(found)
-    print("\t".join(["distance", "lower", "upper", *where, *(f"foot {axis}" for axis in "xyz"[: shape.dim]), "result"]))
-    rows = [found.distance, found.lower, found.upper, found.segment, np.asarray(found.t), found.foot]
-    for *numbers, t, foot, result in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
-        print("\t".join([*(repr(x.item()) for x in (*numbers, *np.atleast_1d(t), *foot)), result]))
-    return exit_status(found)
-
-
-def _places_on(shape: Any) -> tuple[str, list[str]]:
-    """What kind of shape it is, and what names a place on it."""
-    if isinstance(shape, TriangleMesh):
-        return "mesh", ["triangle", "t1", "t2", "t3"]
-    if isinstance(shape, AbstractPatch):
-        return "surface", ["patch", "u", "v"]
-    return "curve", ["segment", "t"]
-
-
 def field(options: Namespace) -> int:
     """The adaptive distance field of a mesh, stored; on request the surface that it stands for."""
     mesh = mesh_of("MESH", options.mesh)
@@ -262,13 +126,12 @@ def field(options: Namespace) -> int:
         raise ValueError("--surface and --resolution go together.")
     if options.surface and Path(options.surface).suffix.lower() not in MESH_SUFFIXES:
         raise ValueError(f"{options.surface}: the name must end in {' or '.join(MESH_SUFFIXES)}.")
-    for file in (options.out, options.surface):
-        if file and not Path(file).absolute().parent.is_dir():
-            raise ValueError(f"{file}: no such folder.")
+    check_writable(options.out, options.surface)
+    atol = options.atol.of(mesh)
     build = jhd.AdaptiveDistanceField.build
     with busy("building; a first run compiles") as show:
         asked = {"mode": options.mode, "sign": options.sign}
-        made, seconds = timed(lambda: build(mesh, options.atol, **asked, progress=show))
+        made, seconds = timed(lambda: build(mesh, atol, **asked, progress=show))
         made.save(options.out)
         error = made.sampled_error(mesh)
         if options.surface:
@@ -276,12 +139,10 @@ def field(options: Namespace) -> int:
     facts = {"leaves": made.leaves, "unresolved": made.unresolved, "sampled_error": error, "seconds": seconds}
     status = 0 if made.unresolved == 0 else 1
     if options.json:
-        print(json.dumps({"mesh": options.mesh, "atol": options.atol, **asked, **facts}, indent=2))
+        print(json.dumps({"mesh": options.mesh, "atol": atol, **asked, **facts}, indent=2))
         return status
     print(shape_line("A", options.mesh, mesh), end="\n\n")
-    print(
-        f"leaves     {made.leaves}, of them {made.unresolved} off by more than {options.atol:g} where they were tested"
-    )
+    print(f"leaves     {made.leaves}, of them {made.unresolved} off by more than {atol:g} where they were tested")
     where = "near the surface" if options.mode == "band" else "in the box"
     print(f"error      {error!r} at most at random points {where}")
     print(f"time       {seconds:.2f} s with compilation")
@@ -342,34 +203,6 @@ def warm(options: Namespace) -> int:
     print("\n".join(f"{row['name']:<{width}}  {row['seconds']:6.2f} s" for row in rows), end="\n\n")
     print(f"programs   {_kept()}")
     return 0
-
-
-def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
-    """The picture of a distance: of curves with both directions, unless only one was asked for."""
-    if isinstance(a, AbstractCurve):
-        picture(file, a, b, _directions(solution))
-    else:
-        space_picture(file, a, b, solution)
-
-
-def _directions(solution: HausdorffSolution) -> list[HausdorffSolution | None]:
-    """The directed distances of a solution; None for the second where the first one left its bounds wide."""
-    if solution.directions is None:
-        return [solution]
-    there, back = solution.directions
-    return [there, back if float(back.upper - back.lower) <= _CLOSED * float(back.upper) else None]
-
-
-def _certified(file: str, a: AbstractCurve, b: AbstractCurve, solution: HausdorffSolution) -> bool:
-    """Writes the certificate of the solution; False, after a line on stderr, where its bounds could not be proven."""
-    try:
-        with busy("certifying"):
-            certificate = jhd.certify(a, b, solution)
-    except jhd.NotProvenError as error:
-        print(f"jhd: no certificate: {error}", file=sys.stderr)
-        return False
-    certificate.save(file)
-    return True
 
 
 def _version(name: str) -> str:

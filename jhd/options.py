@@ -11,12 +11,12 @@ import numpy as np
 import jhd
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.project_methods import AbstractProjectionMethod
+from jhd.distance.search.points import is_points
 from jhd.io import load_shape
 from jhd.io.load import SHAPE_SUFFIXES
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
-from jhd.shapes.patch import AbstractPatch
 from jhd.shapes.polynomial_text import read as read_polynomial
 
 # Classes that a projection can be asked for by, with their subclasses.
@@ -29,18 +29,27 @@ def shapes_of(options: Namespace) -> tuple[Any, Any]:
     Raises:
         ValueError: a box that is none or serves no polynomial, or text that is no polynomial, with the column.
     """
-    texts = {"A": options.a, "B": options.b}
-    if options.box is None:
-        return tuple(_curve(name, text) for name, text in texts.items())  # pyright: ignore[reportReturnType]
-    if len(options.box) not in (2, 6):
-        raise ValueError(
-            f"--box has {len(options.box)} numbers; needs 2, or 6: three lower ends, then three upper ones."
-        )
-    lower, upper = np.array(options.box).reshape(2, -1)
-    shapes = tuple(_in_box(name, text, lower, upper) for name, text in texts.items())
+    a, b = _read({"A": options.a, "B": options.b}, options.box)
+    return a, b
+
+
+def shape_of(options: Namespace) -> Any:
+    """The shape of a command that takes one, read as those of two are."""
+    return _read({"SHAPE": options.shape}, options.box)[0]
+
+
+def _read(texts: dict[str, str], box: list[float] | None) -> list[Any]:
+    if box is None:
+        return [_without_box(name, text) for name, text in texts.items()]
+    if len(box) not in (2, 6):
+        raise ValueError(f"--box has {len(box)} numbers; needs 2, or 6: three lower ends, then three upper ones.")
+    lower, upper = np.array(box).reshape(2, -1)
+    shapes = [_in_box(name, text, lower, upper) for name, text in texts.items()]
     if not any(isinstance(shape, ImplicitSurface) for shape in shapes):
-        raise ValueError("--box is for polynomials, and neither A nor B is one; leave it out.")
-    return shapes  # pyright: ignore[reportReturnType]
+        which = " nor ".join(texts)
+        none = f"neither {which} is one" if len(texts) > 1 else f"{which} is none"
+        raise ValueError(f"--box is for polynomials, and {none}; leave it out.")
+    return shapes
 
 
 def _in_box(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> Any:
@@ -53,28 +62,36 @@ def _in_box(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> Any:
     return _surface(name, text, lower, upper)
 
 
-def box_of(a: Any, b: Any) -> dict[str, Any]:
+def box_of(*shapes: Any) -> dict[str, Any]:
     """The box of the polynomials among the shapes, for the context of a stored result."""
-    surface = next((shape for shape in (a, b) if isinstance(shape, ImplicitSurface)), None)
+    surface = next((shape for shape in shapes if isinstance(shape, ImplicitSurface)), None)
     return {} if surface is None else {"box": [np.asarray(end).tolist() for end in surface.box()]}
 
 
-def check_drawable(a: Any, b: Any) -> None:
-    """Raises ValueError for two shapes of which there is no picture: better known before than after."""
-    kinds = AbstractCurve, ImplicitSurface, TriangleMesh
-    if not any(isinstance(a, kind) and isinstance(b, kind) for kind in kinds):
-        raise ValueError("--plot: pictures are of two shapes of one kind; leave it out.")
+def check_writable(*files: str | None) -> None:
+    """Raises ValueError for a file whose folder is not there: better known before a long computation than after it."""
+    for file in files:
+        if file and not Path(file).absolute().parent.is_dir():
+            raise ValueError(f"{file}: no such folder.")
+
+
+def kind_of(shape: Any) -> str:
+    """What a shape is, in words."""
+    if is_points(shape):
+        return "set of points"
+    kinds = {AbstractCurve: "curve", TriangleMesh: "mesh", ImplicitSurface: "polynomial surface"}
+    return next((name for kind, name in kinds.items() if isinstance(shape, kind)), "parametric surface")
 
 
 def curve_of(name: str, text: str) -> AbstractCurve:
     """The curve that a text names.
 
     Raises:
-        TypeError: a mesh or a surface.
+        TypeError: a shape of another kind.
     """
     shape = load_shape(text)
     if not isinstance(shape, AbstractCurve):
-        raise TypeError(f"{name} is a {'mesh' if isinstance(shape, TriangleMesh) else 'surface'}; needs a curve.")
+        raise TypeError(f"{name} is a {kind_of(shape)}; needs a curve.")
     return shape
 
 
@@ -82,15 +99,15 @@ def mesh_of(name: str, text: str) -> TriangleMesh:
     """The mesh that a text names.
 
     Raises:
-        TypeError: a curve or a surface.
+        TypeError: a shape of another kind.
     """
     shape = load_shape(text)
     if not isinstance(shape, TriangleMesh):
-        raise TypeError(f"{name} is a {'curve' if isinstance(shape, AbstractCurve) else 'surface'}; needs a mesh.")
+        raise TypeError(f"{name} is a {kind_of(shape)}; needs a mesh.")
     return shape
 
 
-def _curve(name: str, text: str) -> AbstractCurve | AbstractPatch | TriangleMesh:
+def _without_box(name: str, text: str) -> Any:
     try:
         return load_shape(text)
     except FileNotFoundError:

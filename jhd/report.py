@@ -14,11 +14,21 @@ from jhd.distance.deviation import Bounds, Deviation
 from jhd.distance.search.points import is_points
 from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.octree import VoxelProgress
+from jhd.lengths import share_text
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import RESULTS, HausdorffSolution, MinimumSolution, name_of
+from jhd.shapes.patch import AbstractPatch
+from jhd.solution import RESULTS, Decision, HausdorffSolution, MinimumSolution, name_of
 
+# What says where a point lies, of each kind of shape: its piece and the parameters there.
+PLACES = {
+    "curve": ("segment", "t"),
+    "set of points": ("segment", "t"),
+    "mesh": ("triangle", "t1", "t2", "t3"),
+    "parametric surface": ("patch", "u", "v"),
+    "polynomial surface": ("",),
+}
 _MILLIMETRES = 1 / 25.4
 _PICTURE_SIZE = 180 * _MILLIMETRES, 102 * _MILLIMETRES  # two columns of a journal
 PICTURE_DPI = 200
@@ -38,7 +48,7 @@ def names_of(solution: HausdorffSolution) -> tuple[str, str]:
     return ("A", "B") if name_of(solution.direction) == "a_to_b" else ("B", "A")
 
 
-def solution_text(title: str, solution: HausdorffSolution, name: str, other: str) -> str:
+def solution_text(title: str, solution: HausdorffSolution, name: str, other: str, diagonal: float | None = None) -> str:
     """One solution in lines; the point lies on the shape `name`, its feet on `other`."""
     w = solution.witness
     upper = repr(float(solution.upper)) if np.isfinite(solution.upper) else "not proven by this method"
@@ -47,6 +57,7 @@ def solution_text(title: str, solution: HausdorffSolution, name: str, other: str
         f"  value    {_number(solution)}",
         f"  lower    {float(solution.lower)!r}",
         f"  upper    {upper}",
+        *_share_line("  share    ", solution.value, diagonal),
         f"  event    {name_of(solution.event)}",
         f"  witness  {_place(name, w.segment, w.t, w.point)}",
     ]
@@ -60,27 +71,47 @@ def solution_text(title: str, solution: HausdorffSolution, name: str, other: str
     return "\n".join(lines)
 
 
-def deviation_text(found: Deviation, threshold: float | None) -> str:
+def deviation_text(found: Deviation, threshold: float | None, diagonal: float) -> str:
     """Bounds of the numbers of a deviation in a table; numbers in full, so that they are still bounds."""
     largest = Bounds(float(found.maximum.lower), float(found.maximum.upper))
     rows = {"maximum": largest, "rms": found.rms, "mean": found.mean}
     rows |= {f"{q:.0%} within": found.quantile(q) for q in (0.5, 0.9, 0.99)}
+    lengths = len(rows)
     if threshold is not None:
         rows[f"share within {threshold:g}"] = found.share_within(threshold)
     kind = "points" if is_points(found.a) else "length" if isinstance(found.a, AbstractCurve) else "area"
     rows[f"{kind} of A"] = found.measure
     width = max(map(len, rows))
-    head = f"distance from A to B\n  {'':<{width}}  {'lower':<24}upper"
-    lines = [f"  {name:<{width}}  {low!r:<24}{high!r}" for name, (low, high) in rows.items()]
+    head = f"distance from A to B\n  {'':<{width}}  {'lower':<24}{'upper':<24}of the diagonal"
+    shares = [share_text(known.upper, diagonal) for known in list(rows.values())[:lengths]]
+    shares += [""] * (len(rows) - lengths)
+    lines = [
+        f"  {name:<{width}}  {low!r:<24}{high!r:<24}{share}".rstrip()
+        for (name, (low, high)), share in zip(rows.items(), shares, strict=True)
+    ]
     told = [] if successful(found) else [f"  {'result':<{width}}  {_with_sentence(found.result)}"]
     return "\n".join([head, *lines, *told])
 
 
-def minimum_text(found: MinimumSolution) -> str:
+def decision_text(title: str, found: Decision, threshold: float, diagonal: float) -> str:
+    """The answer to whether a distance is at most a threshold, with the bounds that were reached."""
+    upper = repr(float(found.upper)) if np.isfinite(found.upper) else "not proven"
+    return "\n".join(
+        [
+            f"{title} at most {threshold!r}: {name_of(found.answer)}",
+            f"  lower    {float(found.lower)!r}",
+            f"  upper    {upper}",
+            *_share_line("  asked    ", threshold, diagonal),
+            f"  answer   {found.answer._enumeration._index_to_message[int(found.answer._value)]}",
+        ]
+    )
+
+
+def minimum_text(found: MinimumSolution, diagonal: float) -> str:
     """The minimum distance in lines, with the nearest points."""
     upper = repr(float(found.upper)) if np.isfinite(found.upper) else "not proven"
     lines = ["minimum distance", f"  value    {float(found.value)!r}", f"  lower    {float(found.lower)!r}"]
-    lines.append(f"  upper    {upper}")
+    lines += [f"  upper    {upper}", *_share_line("  share    ", found.value, diagonal)]
     for name, point in (("A", found.point_a), ("B", found.point_b)):
         lines.append(f"  point    {name} at ({', '.join(f'{float(x):.9g}' for x in point)})")
     if not successful(found):
@@ -97,6 +128,12 @@ def directions_text(there: HausdorffSolution, back: HausdorffSolution) -> str:
     return "\n".join(lines)
 
 
+def _share_line(title: str, distance: Any, diagonal: float | None) -> list[str]:
+    """The line that says which share of the diagonal a distance is, where it is one."""
+    share = "" if diagonal is None else share_text(distance, diagonal)
+    return [f"{title}{share} of the diagonal"] if share else []
+
+
 def _with_sentence(item: Any) -> str:
     """The name of a member of an enumeration and the sentence that it stands for."""
     return f"{name_of(item)}: {item._enumeration._index_to_message[int(item._value)]}"
@@ -107,7 +144,8 @@ def _place(name: str, segment: Any, t: Any, point: Any) -> str:
     if int(segment) < 0:
         where = ""
     elif np.ndim(t):
-        where = f" triangle {int(segment)}, t = ({', '.join(f'{float(x):.9g}' for x in t)}),"
+        kind = "triangle" if len(t) == 3 else "patch"
+        where = f" {kind} {int(segment)}, t = ({', '.join(f'{float(x):.9g}' for x in t)}),"
     else:
         where = f" segment {int(segment)}, t = {float(t):.9g},"
     return f"{name}{where} at ({', '.join(f'{float(x):.9g}' for x in point)})"
@@ -117,7 +155,7 @@ def _number(solution: HausdorffSolution) -> str:
     return "unknown" if np.isnan(solution.value) else repr(float(solution))
 
 
-def shape_line(name: str, spec: str, shape: AbstractCurve | ImplicitSurface | TriangleMesh) -> str:
+def shape_line(name: str, spec: str, shape: Any) -> str:
     """What a shape is, after its name and how it was given."""
     shown = spec if len(spec) <= _SPEC_WIDTH else f"{spec[: _SPEC_WIDTH - 3]}..."
     if isinstance(shape, ImplicitSurface):
@@ -127,6 +165,11 @@ def shape_line(name: str, spec: str, shape: AbstractCurve | ImplicitSurface | Tr
     if isinstance(shape, TriangleMesh):
         kind = "closed mesh" if shape.is_closed else "open mesh"
         return f"{name}  {shown}: {kind} of {shape.count} triangle{'' if shape.count == 1 else 's'}"
+    if isinstance(shape, AbstractPatch):
+        parts = shape.patches()
+        kind = "rational patch" if parts.weights is not None else "patch"
+        plural = "" if parts.count == 1 else "es"
+        return f"{name}  {shown}: {parts.count} {kind}{plural} of degrees {' and '.join(map(str, parts.degrees))}"
     pieces = shape.segments()
     plural = "" if pieces.count == 1 else "s"
     if pieces.degree == 0:
@@ -190,7 +233,10 @@ def picture(
 
 
 def space_picture(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
-    """Writes both surfaces or meshes with the witness of their distance."""
+    """Writes two polynomial surfaces with the witness; of other shapes the farther one in colours of its distance."""
+    if not (isinstance(a, ImplicitSurface) and isinstance(b, ImplicitSurface)):
+        _save_and_close(file, plot.distances(a, b, solution).figure)
+        return
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SPACE_SIZE)
@@ -201,9 +247,12 @@ def space_picture(file: str, a: Any, b: Any, solution: HausdorffSolution) -> Non
 
 def deviation_picture(file: str, found: Any) -> None:
     """Writes the shape in the colours of its distance, with a histogram."""
+    _save_and_close(file, plot.deviation(found).figure)
+
+
+def _save_and_close(file: str, figure: Any) -> None:
     import matplotlib.pyplot as plt
 
-    figure = plot.deviation(found).figure
     try:
         figure.savefig(file, dpi=PICTURE_DPI)
     finally:

@@ -17,7 +17,7 @@ from matplotlib.image import imread
 
 import jhd
 import jhd.io
-from jhd import commands, storage
+from jhd import commands, comparisons, storage
 from jhd.__main__ import main
 from jhd.distance import pairs
 from jhd.io import load_result
@@ -121,9 +121,9 @@ def test_a_picture_of_two_directions_that_are_known_searches_no_more(run, monkey
 @pytest.mark.parametrize(("pair", "known"), [((BASE, DIAGONAL), 2), (("M0 0 L4 0 L4 9", "M0 0 Q2 1 4 0"), 1)])
 def test_a_picture_searches_each_direction_once_also_where_one_is_left_wide(run, monkeypatch, pair, known):
     searched, drawn = [], []
-    drive, picture = pairs.drive, commands.picture
+    drive, picture = pairs.drive, comparisons.picture
     monkeypatch.setattr(pairs, "drive", lambda *search: searched.append(search) or drive(*search))
-    monkeypatch.setattr(commands, "picture", lambda *content: drawn.append(content[3]) or picture(*content))
+    monkeypatch.setattr(comparisons, "picture", lambda *content: drawn.append(content[3]) or picture(*content))
     status, _, _ = run("distance", *pair, "--plot", "a.png")
     assert (status, len(searched)) == (0, 2)
     assert [solution is not None for solution in drawn[0]] == [True] * known + [False] * (2 - known)
@@ -155,7 +155,7 @@ def test_an_interrupted_search_prints_the_bounds_reached(run, monkeypatch):
 
         yield interrupt
 
-    monkeypatch.setattr("jhd.commands.busy", interrupting)
+    monkeypatch.setattr("jhd.comparisons.busy", interrupting)
     # Zero is below what rounding leaves, so the search would go on.
     status, out, err = run("distance", BASE, DIAGONAL, "--atol", "0", "--plot", "no.png")
     assert (status, err) == (1, "")
@@ -331,7 +331,7 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
     [
         (["measure"], "invalid choice: 'measure'"),
         (["distance", BASE], "the following arguments are required: B"),
-        (["distance", BASE, DIAGONAL, "--atol", "small"], "argument --atol: invalid float value"),
+        (["distance", BASE, DIAGONAL, "--atol", "small"], "argument --atol: invalid length value"),
         (["distance", BASE, "missing.svg"], "missing.svg: no such file"),
         (["distance", BASE, "broken.svg"], "broken.svg:"),
         (["distance", BASE, "notes.txt"], "notes.txt: the suffix is '.txt'"),
@@ -454,5 +454,3 @@ def test_beside_a_polynomial_any_file_is_a_shape(run, monkeypatch):
     assert missing[0] == 2 and "bunny.ply" in missing[2] and "column" not in missing[2]
     neither = run("distance", "line.json", "line.json", "--box", -2, 2)
     assert neither[0] == 2 and "--box is for polynomials" in neither[2]
-    drawn = run("distance", "line.json", "x - 1", "--box", -2, 2, "--plot", "a.png")
-    assert drawn[0] == 2 and "two shapes of one kind" in drawn[2]

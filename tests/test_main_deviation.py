@@ -29,9 +29,9 @@ def run(capsys, monkeypatch, tmp_path):
 
 
 def numbers_of(out, name):
-    """Both numbers of a row of the table."""
+    """Both bounds in a row of the table."""
     (line,) = (line for line in out.splitlines() if line.startswith(f"  {name}"))
-    return [float(word) for word in line.removeprefix(f"  {name}").split()]
+    return [float(word) for word in line.removeprefix(f"  {name}").split()[:2]]
 
 
 def test_the_table_holds_proven_bounds_and_the_picture_is_written(run):

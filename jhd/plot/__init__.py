@@ -15,6 +15,7 @@ from jhd.plot.axes import VERMILLION as VERMILLION
 from jhd.plot.curves import curve as curve
 from jhd.plot.curves import profile as profile
 from jhd.plot.deviations import deviation as deviation
+from jhd.plot.deviations import distances as distances
 from jhd.plot.deviations import histogram as histogram
 from jhd.plot.implicit import section as section
 from jhd.plot.implicit import surface as surface

@@ -1,7 +1,7 @@
 """Pictures of a deviation: a shape coloured by its distance to another one, its histogram, and the farthest place."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,11 +11,18 @@ from jhd.plot.axes import BLUE, COLUMN_INCHES, ORANGE, TEXT_POINTS, VERMILLION, 
 from jhd.plot.coloured import DrawnPieces, pieces_of, section
 from jhd.plot.faces import frame
 from jhd.plot.solutions import distance_text
+from jhd.shapes.as_shape import as_shape
+from jhd.solution import HausdorffSolution, name_of
 
 # Seen in grey and by the colour-blind, and as bright on paper as far.
 _COLOURS = "viridis"
 # Height of a whole picture as a share of its width, in a column.
 _TALL = 1.5
+# Where a whole picture has the shape in space or in the plane, the colour bar, the histogram and the inset.
+_SPACE, _PLANE, _BAR = (0.05, 0.45, 0.63, 0.52), (0.18, 0.5, 0.53, 0.47), (0.76, 0.52, 0.03, 0.44)
+_HISTOGRAM, _SECTION = (0.16, 0.1, 0.38, 0.23), (0.655, 0.1, 0.33, 0.23)
+# The inset of a picture that has no histogram.
+_SECTION_ALONE = (0.2, 0.1, 0.6, 0.23)
 _BINS = 40
 # Axes shorter than this share of the longest have two ticks alone.
 _SHORT = 0.35
@@ -53,9 +60,56 @@ def deviation(
         ValueError: a shape in space on plane axes.
     """
     if ax is None:
-        return _whole(found, labels, unit, witness, colour_bar)
+        ax = _whole(_ColouredPair(found.a, found.b, found.maximum, labels, unit), witness, colour_bar, _SECTION)
+        histogram(found, ax.figure.add_axes(_HISTOGRAM, gid="histogram"), labels=labels, unit=unit)
+        return ax
     ax = axes_for(ax, found.a.dim)
-    _coloured(found, ax, labels, unit, witness, ax if colour_bar else None)
+    shown = _ColouredPair(found.a, found.b, found.maximum, labels, unit)
+    _coloured(shown, ax, witness, ax if colour_bar else None)
+    return ax
+
+
+def distances(
+    a: Any,
+    b: Any,
+    solution: HausdorffSolution,
+    ax: Any = None,
+    *,
+    labels: Sequence[str] = ("A", "B"),
+    unit: str | None = None,
+    witness: bool = True,
+    colour_bar: bool = True,
+) -> Any:
+    """Axes with the shape that holds the witness of a distance, coloured by its distance to the other shape.
+
+    What `deviation` draws, for shapes of any kinds and without a search of its own, so without the histogram. Without
+    axes it makes a whole figure one column wide, with an inset of the farthest place.
+
+    Args:
+        a: the first shape.
+        b: the second one, of the same dimension.
+        solution: their distance; where its witness lies on b that is the shape in colours.
+        ax: axes to draw on, three-dimensional ones for shapes in space; None makes a figure.
+        labels: names of both shapes.
+        unit: of the coordinates, for the labels.
+        witness: whether the farthest place is marked.
+        colour_bar: whether there is one; on the axes given it takes some of their room.
+
+    Returns:
+        The axes of the shape; the inset is found in `ax.figure.axes`, with the gid `inset`.
+
+    Raises:
+        TypeError: what is no shape.
+        ValueError: a shape in space on plane axes.
+    """
+    a, b = as_shape(a), as_shape(b)
+    shown = _ColouredPair(a, b, solution, labels, unit)
+    if name_of(solution.direction) == "b_to_a":
+        shown = _ColouredPair(b, a, solution, labels[::-1], unit)
+    if ax is None:
+        return _whole(shown, witness, colour_bar, _SECTION_ALONE)
+    ax = axes_for(ax, a.dim)
+    _coloured(shown, ax, witness, ax if colour_bar else None)
     return ax
 
 
@@ -93,42 +147,46 @@ def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A",
     return ax
 
 
-def _whole(found: Deviation, labels: Sequence[str], unit: str | None, witness: bool, colour_bar: bool) -> Any:
+class _ColouredPair(NamedTuple):
+    """A shape to colour, the one that distances are taken to, and where the first is farthest from it."""
+
+    a: Any
+    b: Any
+    maximum: HausdorffSolution
+    labels: Sequence[str]
+    unit: str | None
+
+
+def _whole(shown: _ColouredPair, witness: bool, colour_bar: bool, section: tuple[float, ...]) -> Any:
     import matplotlib.pyplot as plt
 
     figure = plt.figure(figsize=(COLUMN_INCHES, _TALL * COLUMN_INCHES))
-    space = found.a.dim == 3
-    room: Any = (0.04, 0.44, 0.66, 0.54) if space else (0.18, 0.5, 0.53, 0.47)
-    ax = figure.add_axes(room, projection="3d" if space else None)
-    bar = figure.add_axes((0.76, 0.52, 0.03, 0.44)) if colour_bar else None
-    _coloured(found, ax, labels, unit, witness, None, bar)
-    histogram(found, figure.add_axes((0.16, 0.1, 0.38, 0.23), gid="histogram"), labels=labels, unit=unit)
-    _inset(found, figure.add_axes((0.655, 0.1, 0.33, 0.23), gid="inset"), labels)
+    space = shown.a.dim == 3
+    ax = figure.add_axes(_SPACE if space else _PLANE, projection="3d" if space else None)
+    bar = figure.add_axes(_BAR) if colour_bar else None
+    _coloured(shown, ax, witness, None, bar)
+    if space:
+        # Nearer to its axis, the name of z stays clear of the border and of the colour bar.
+        ax.zaxis.labelpad = -2
+    place: Any = section
+    _inset(shown, figure.add_axes(place, gid="inset"))
     return ax
 
 
-def _coloured(
-    found: Deviation,
-    ax: Any,
-    labels: Sequence[str],
-    unit: str | None,
-    witness: bool,
-    beside: Any,
-    bar: Any = None,
-) -> None:
+def _coloured(shown: _ColouredPair, ax: Any, witness: bool, beside: Any, bar: Any = None) -> None:
     """The shape in colours, and the colour bar beside some axes or on its own."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    pieces = pieces_of(found.a)
-    values = np.asarray(project(pieces.points, found.b, throw=False).distance)
-    top = float(found.maximum.value)
+    pieces = pieces_of(shown.a)
+    values = np.asarray(project(pieces.points, shown.b, throw=False).distance)
+    top = float(shown.maximum.value)
     colours = ScalarMappable(Normalize(0.0, top if top > 0 else 1.0), _COLOURS)
     rgba: Any = colours.to_rgba(np.mean(values[pieces.rows], axis=1))
     {1: _as_points, 2: _as_lines, 3: _as_faces}[pieces.rows.shape[1]](ax, pieces, rgba)
-    point = np.asarray(found.maximum.witness.point)
+    point = np.asarray(shown.maximum.witness.point)
     low, high = pieces.points.min(axis=0), pieces.points.max(axis=0)
-    if found.a.dim == 3:
+    if shown.a.dim == 3:
         frame(ax, [low, high])
         _sized(ax, high - low)
         if pieces.rows.shape[1] == 3:
@@ -142,7 +200,7 @@ def _coloured(
         draw(ax, point[None], "witness", marker="o", markersize=5.5, color=VERMILLION, zorder=6, **style)
     if beside is not None or bar is not None:
         made = ax.figure.colorbar(colours, cax=bar, ax=beside, shrink=0.7 if bar is None else 1.0)
-        made.set_label(_length("distance", labels, unit), fontsize=TEXT_POINTS)
+        made.set_label(_length("distance", shown.labels, shown.unit), fontsize=TEXT_POINTS)
         made.ax.tick_params(labelsize=TEXT_POINTS)
         made.ax.locator_params(nbins=5)
 
@@ -210,16 +268,18 @@ def _turned(ax: Any, outward: np.ndarray) -> None:
     ax.computed_zorder = False
 
 
-def _inset(found: Deviation, ax: Any, labels: Sequence[str]) -> None:
+def _inset(shown: _ColouredPair, ax: Any) -> None:
     """The section of both shapes that holds the farthest place, its foot and a direction along a."""
-    point, foot = (np.asarray(x, float) for x in (found.maximum.witness.point, found.maximum.witness.feet[0]))
-    distance = float(found.maximum.value)
-    size = float(np.max(np.ptp(pieces_of(found.a).points, axis=0)))
+    found = shown.maximum
+    point, foot = (np.asarray(x, float) for x in (found.witness.point, found.witness.feet[0]))
+    distance = float(found.value)
+    size = float(np.max(np.ptp(pieces_of(shown.a).points, axis=0)))
     reach = max(_AROUND * distance, _LEAST * size) or 1.0
     up = point - foot
     up = up / np.linalg.norm(up) if np.any(up != 0) else np.eye(len(point))[-1]
-    across = _across(found.a, point, up)
-    for shape, colour, style, name in ((found.a, BLUE, "-", labels[0]), (found.b, ORANGE, (0, (4, 1.2)), labels[1])):
+    across = _across(shown.a, point, up)
+    first, second = shown.labels
+    for shape, colour, style, name in ((shown.a, BLUE, "-", first), (shown.b, ORANGE, (0, (4, 1.2)), second)):
         lines = _flat_lines(shape, point, np.stack([across, up]), reach)
         draw(ax, lines, f"section_{name}", color=colour, linestyle=style, linewidth=1.2, label=name)
     draw(ax, np.array([[0, 0], [0, -distance]]), "joining_line", color="black", linewidth=0.8)
@@ -234,7 +294,7 @@ def _inset(found: Deviation, ax: Any, labels: Sequence[str]) -> None:
     place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
     # The marks need no names: the place is that of the picture above.
     ax.legend(fontsize=TEXT_POINTS, frameon=False, handlelength=1.8, labelspacing=0.2, **place)
-    ax.set_xlabel(distance_text(found.maximum).replace(" ≤ $d$ ≤ ", " ≤ $d$\n≤ "), fontsize=TEXT_POINTS)
+    ax.set_xlabel(distance_text(found).replace(" ≤ $d$ ≤ ", " ≤ $d$\n≤ "), fontsize=TEXT_POINTS)
 
 
 def _across(shape: Any, point: np.ndarray, up: np.ndarray) -> np.ndarray:

@@ -1,0 +1,251 @@
+"""What the commands of the command line do that measure one shape against another, or points against a shape.
+
+Lengths may be given as shares of the diagonal of the box of both shapes, and are printed as such too.
+"""
+
+import sys
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import jhd
+from jhd.console import busy, device, exit_status, precision, print_json, timed
+from jhd.distance.frame.method import AbstractHausdorffMethod
+from jhd.lengths import rounded_diagonal
+from jhd.options import (
+    PROJECTIONS,
+    box_of,
+    check_writable,
+    kind_of,
+    method_name,
+    method_of,
+    points_of,
+    shape_of,
+    shapes_of,
+)
+from jhd.report import (
+    PLACES,
+    check_picture_file,
+    decision_text,
+    deviation_picture,
+    deviation_text,
+    directions_text,
+    minimum_text,
+    names_of,
+    picture,
+    shape_line,
+    solution_text,
+    space_picture,
+)
+from jhd.shapes.curve import AbstractCurve
+from jhd.solution import ANSWERS, Decision, HausdorffSolution, name_of, to_plain
+
+# A directed distance whose bounds are this close, as a share, is drawn as it is.
+_CLOSED = 1e-6
+# The exit status of each answer: an undecided one is that of bounds not closed.
+_STATUS = {"yes": 0, "no": 3, "undecided": 1}
+
+
+def distance(options: Namespace) -> int:
+    """The Hausdorff distance of two shapes of any kinds, or the directed one; or whether it is at most a threshold."""
+    a, b = shapes_of(options)
+    curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
+    size = rounded_diagonal(a, b)
+    atol = None if options.atol is None else options.atol.of(a, b)
+    method = method_of(options.method, atol, AbstractHausdorffMethod)
+    if options.plot:
+        check_picture_file(options.plot)
+    if options.certificate and not curves:
+        raise ValueError("--certificate: certificates are for curves; leave it out.")
+    check_writable(options.certificate)
+    if options.threshold is not None:
+        return _distance_at_most(options, a, b, method)
+    entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
+    with busy("computing; a first run compiles") as show:
+        solution, seconds = timed(lambda: entry(a, b, method, throw=False, progress=show))
+    if name_of(solution.result) == "interrupted":
+        print(solution_text("the bounds reached", solution, *names_of(solution), size))
+        return 1
+    if options.plot:
+        with busy("drawing"):
+            _draw(options.plot, a, b, solution)
+    written = bool(options.certificate) and _certified(options.certificate, a, b, solution)
+    status = 1 if options.certificate and not written else exit_status(solution)
+    if options.json:
+        asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": method_name(method)}
+        print_json(solution, **asked, **box_of(a, b), diagonal=size, seconds=seconds)
+        return status
+    print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
+    print(solution_text(_title(options), solution, *names_of(solution), size), end="\n\n")
+    if solution.directions is not None:
+        print(directions_text(*solution.directions), end="\n\n")
+    print(f"method     {method_name(method)}")
+    _print_run(seconds, size)
+    if options.plot:
+        print(f"picture    {Path(options.plot).resolve()}")
+    if written:
+        print(f"proof      {Path(options.certificate).resolve()}")
+    return status
+
+
+def _title(options: Namespace) -> str:
+    return "directed distance from A to B" if options.directed else "Hausdorff distance"
+
+
+def _print_run(seconds: float, size: float) -> None:
+    """The last lines of every answer in words."""
+    print(f"diagonal   {size!r}, of the box of both shapes")
+    print(f"time       {seconds:.2f} s with compilation")
+    print(f"device     {device()}, {precision()}")
+
+
+def _distance_at_most(options: Namespace, a: Any, b: Any, method: Any) -> int:
+    """Whether the distance is at most the threshold, by a search that ends as soon as it knows."""
+    given = {"--plot": options.plot, "--certificate": options.certificate}
+    if any(given.values()):
+        name = next(name for name, value in given.items() if value)
+        raise ValueError(f"{name}: with --threshold the search ends before the farthest place is known; leave it out.")
+    limit = _limit(options, a, b)
+    with busy("computing; a first run compiles") as show:
+        if options.directed:
+            found, seconds = timed(lambda: jhd.directed_hausdorff(a, b, method, throw=False, progress=show))
+            found = _decided(found, limit)
+        else:
+            found, seconds = timed(lambda: jhd.hausdorff_at_most(a, b, limit, method, progress=show))
+    asked = {"directed": options.directed, "method": method_name(method)}
+    return _print_decision(options, a, b, _title(options), found, seconds, asked)
+
+
+def _limit(options: Namespace, a: Any, b: Any) -> float:
+    limit = options.threshold.of(a, b)
+    if not limit >= 0:
+        raise ValueError(f"--threshold is {options.threshold.text}; needs a length of at least 0.")
+    return limit
+
+
+def _decided(found: Any, limit: float) -> Decision:
+    """What proven bounds say about a threshold."""
+    answer = ANSWERS.undecided
+    if float(found.upper) <= limit:
+        answer = ANSWERS.yes
+    elif float(found.lower) > limit:
+        answer = ANSWERS.no
+    return Decision(answer, found.lower, found.upper, found.result, found.stats)
+
+
+def _print_decision(
+    options: Namespace, a: Any, b: Any, title: str, found: Decision, seconds: float, asked: dict[str, Any]
+) -> int:
+    """Prints the answer with the bounds reached, and returns its exit status."""
+    size, limit = rounded_diagonal(a, b), _limit(options, a, b)
+    status = _STATUS[name_of(found.answer)]
+    if options.json:
+        asked |= {"a": options.a, "b": options.b, "threshold": limit}
+        print_json(found, **asked, **box_of(a, b), diagonal=size, seconds=seconds)
+        return status
+    print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
+    print(decision_text(title, found, limit, size), end="\n\n")
+    _print_run(seconds, size)
+    return status
+
+
+def minimum(options: Namespace) -> int:
+    """The minimum distance of two shapes of any kinds, and the nearest points; or whether it is at most a threshold."""
+    a, b = shapes_of(options)
+    size = rounded_diagonal(a, b)
+    atol = None if options.atol is None else options.atol.of(a, b)
+    if options.threshold is not None:
+        _limit(options, a, b)
+    with busy("computing; a first run compiles") as show:
+        found, seconds = timed(lambda: jhd.minimum_distance(a, b, atol=atol, throw=False, progress=show))
+    if options.threshold is not None:
+        decided = _decided(found, _limit(options, a, b))
+        return _print_decision(options, a, b, "minimum distance", decided, seconds, {})
+    if options.json:
+        print_json(found, a=options.a, b=options.b, **box_of(a, b), diagonal=size, seconds=seconds)
+        return exit_status(found)
+    print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
+    print(minimum_text(found, size), end="\n\n")
+    _print_run(seconds, size)
+    return exit_status(found)
+
+
+def deviation(options: Namespace) -> int:
+    """The distance to B along A as a distribution."""
+    a, b = shapes_of(options)
+    size = rounded_diagonal(a, b)
+    if options.plot:
+        check_picture_file(options.plot)
+    atol, threshold = (None if x is None else x.of(a, b) for x in (options.atol, options.within))
+    with busy("computing; a first run compiles") as show:
+        found, seconds = timed(lambda: jhd.deviation(a, b, atol=atol, rtol=options.rtol, throw=False, progress=show))
+    within = None if threshold is None else found.share_within(threshold)
+    if options.plot:
+        with busy("drawing"):
+            deviation_picture(options.plot, found)
+    if options.json:
+        asked = {"atol": atol, "rtol": options.rtol, "a": options.a, "b": options.b, "within": threshold}
+        shares = {} if within is None else {"share_within": list(within)}
+        print_json(found, found.to_plain() | shares, **asked, **box_of(a, b), diagonal=size, seconds=seconds)
+        return exit_status(found)
+    print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
+    print(deviation_text(found, threshold, size), end="\n\n")
+    _print_run(seconds, size)
+    if options.plot:
+        print(f"picture    {Path(options.plot).resolve()}")
+    return exit_status(found)
+
+
+def project(options: Namespace) -> int:
+    """The nearest points of a shape of any kind to given points, one row each."""
+    shape = shape_of(options)
+    points = points_of(options)
+    if points.shape[1] != shape.dim:
+        raise ValueError(f"a point has {points.shape[1]} coordinates; the {kind_of(shape)} has {shape.dim}.")
+    unnamed = options.method is None and not isinstance(shape, AbstractCurve)
+    method = None if unnamed else method_of(options.method, None, PROJECTIONS)
+    with busy("computing; a first run compiles"):
+        found = jhd.project(points, shape, method=method, throw=False)
+    if options.json:
+        name = "exact" if method is None else method_name(method)
+        print_json(found, shape=options.shape, points=points.tolist(), method=name, **box_of(shape))
+        return exit_status(found)
+    kind, *parameters = PLACES[kind_of(shape)]
+    where = [kind, *parameters] if kind else []
+    feet = [f"foot {axis}" for axis in "xyz"[: shape.dim]]
+    print("\t".join(["distance", "lower", "upper", *where, *feet, "result"]))
+    rows = [found.distance, found.lower, found.upper, found.segment, np.asarray(found.t), found.foot]
+    for *numbers, segment, t, foot, result in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
+        place = (segment, *np.atleast_1d(t)) if kind else ()
+        print("\t".join([*(repr(x.item()) for x in (*numbers, *place, *foot)), result]))
+    return exit_status(found)
+
+
+def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
+    """The picture of a distance: of curves with both directions, unless only one was asked for."""
+    if isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve):
+        picture(file, a, b, directions_of(solution))
+    else:
+        space_picture(file, a, b, solution)
+
+
+def directions_of(solution: HausdorffSolution) -> list[HausdorffSolution | None]:
+    """The directed distances of a solution; None for the second where the first one left its bounds wide."""
+    if solution.directions is None:
+        return [solution]
+    there, back = solution.directions
+    return [there, back if float(back.upper - back.lower) <= _CLOSED * float(back.upper) else None]
+
+
+def _certified(file: str, a: AbstractCurve, b: AbstractCurve, solution: HausdorffSolution) -> bool:
+    """Writes the certificate of the solution; False, after a line on stderr, where its bounds could not be proven."""
+    try:
+        with busy("certifying"):
+            certificate = jhd.certify(a, b, solution)
+    except jhd.NotProvenError as error:
+        print(f"jhd: no certificate: {error}", file=sys.stderr)
+        return False
+    certificate.save(file)
+    return True
