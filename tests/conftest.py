@@ -38,23 +38,26 @@ _FROZEN: Any = getattr(beartype, "FrozenDict", None) or beartype.BeartypeHintOve
 
 # A third less of the time that a search takes to compile.
 _QUICK_FLAGS = ("--xla_cpu_use_fusion_emitters=false", "--xla_backend_optimization_level=0")
-# Those that take longest when nothing is compiled yet, quick and slow tests together, in that order.
+# Those that take longest when nothing is compiled yet, quick and slow tests together. Files that share large programs
+# do not stand beside each other: two processes that begin with them would compile the same.
 _LONGEST = (
     "test_experiments.py",
     "test_certificate.py",
-    "test_trimming.py",
+    "test_search.py",
+    "test_mixes.py",
     "test_two_step.py",
     "test_project.py",
-    "test_algebraic.py",
     "test_fit.py",
+    "test_algebraic.py",
     "test_derivative.py",
-    "test_critical.py",
+    "test_adaptive.py",
+    "test_trimming.py",
     "test_surfaces.py",
+    "test_critical.py",
     "test_branch_and_bound.py",
     "test_minimum.py",
     "test_bspline.py",
     "test_driver.py",
-    "test_adaptive.py",
     "test_distance_transform.py",
     "test_main.py",
     "test_cases.py",
@@ -93,11 +96,17 @@ hypothesis.settings.load_profile("jhd")
 
 @pytest.fixture(autouse=True, scope="module")
 def room_for_programs():
-    """Some hundred programs stay under the system's limit of memory mappings only if old ones go."""
+    """Some hundred programs stay under the system's limit of memory mappings only if old ones go.
+
+    What is there when a file of tests begins mostly stays: to look through all of it again and again for garbage takes
+    a fifteenth of the time.
+    """
     maps = Path("/proc/self/maps")
     if maps.exists() and len(maps.read_bytes().splitlines()) > 40_000:
+        gc.unfreeze()
         jax.clear_caches()
         gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

@@ -94,7 +94,7 @@ class SurfaceSearch(AbstractSearch):
     ) -> tuple[tuple[surface_search.SurfaceState, bool], Standing]:
         """See AbstractSearch."""
         # Hard cases alone need the feet that move, and a second program.
-        table, solution, news = _surface_stretch(*self._asked, *state, limit, limit > self.first_steps)
+        table, solution, news = _surface_stretch(*self._asked, *state, limit, limit > _FIRST_STEPS_OF_SURFACES)
         return (table, False), Standing(solution, *np.asarray(news))
 
     def longer(self, state: tuple[surface_search.SurfaceState, bool]) -> tuple[surface_search.SurfaceState, bool]:

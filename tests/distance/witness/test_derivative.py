@@ -231,6 +231,7 @@ def test_degenerate_pairs_have_finite_derivatives(a, b):
         assert np.all(np.isfinite(leaf))
 
 
+@pytest.mark.slow
 def test_the_radius_of_a_concentric_circle_has_slope_one():
     outer = lambda r: jhd.hausdorff(jhd.circle((0, 0), 1.0), jhd.circle((0, 0), r)).value  # noqa: E731
     assert float(jax.grad(outer)(2.0)) == pytest.approx(1.0, rel=1e-12)
