@@ -39,6 +39,7 @@ from jhd.distance import (  # noqa: E402
     minimum_distance,
     project,
     signed_distance,
+    stack_curves,
     stationary_points,
     verify,
 )

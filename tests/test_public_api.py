@@ -26,6 +26,7 @@ PARAMETERS = {
     "BezierSegments.elevate": ["self", "degree"],
     "BezierSegments.split": ["self", "t"],
     "BezierSegments.transform": ["self", "matrix", "offset"],
+    "stack_curves": ["curves"],
     "points": ["array"],
     "polyline": ["points", "closed"],
     "circle": ["centre", "radius"],

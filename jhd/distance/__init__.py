@@ -13,6 +13,7 @@ stand the entries: `hausdorff`, `minimum`, `project`, `signed_distance`,
 from jhd.distance.certificate.certificate import Certificate, certify
 from jhd.distance.certificate.verification import CertificateError, verify
 from jhd.distance.deviation import Bounds, Deviation, DistanceSamples, deviation
+from jhd.distance.frame.stacked import stack_curves
 from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
 from jhd.distance.minimum import minimum_distance
 from jhd.distance.project import project, stationary_points
