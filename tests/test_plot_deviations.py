@@ -1,11 +1,14 @@
 """What is drawn of a deviation is what was found, and nothing stands over anything else."""
 
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 import jhd
 from jhd.plot.coloured import pieces_of, section
+from jhd.solution import name_of
 
 
 @pytest.fixture(autouse=True)
@@ -22,7 +25,7 @@ def square():
     return jhd.deviation(above, plane)
 
 
-def by_gid(figure, gid):
+def by_gid(figure: Any, gid: str) -> list[Any]:
     return [artist for artist in figure.findobj() if artist.get_gid() == gid]
 
 
@@ -85,6 +88,20 @@ def test_curves_and_points_are_coloured_on_axes_of_ones_own(square):
     assert len(ax.figure.axes) == 1
     figure = jhd.plot.deviation(jhd.deviation(jhd.points([(0, 1, 1), (1, 1, 1)]), square.b)).figure
     assert all(len(by_gid(figure, gid)) == 1 for gid in ("deviation", "histogram", "inset", "witness"))
+
+
+def test_the_shape_that_holds_the_witness_is_coloured_without_a_search(square):
+    solution = jhd.hausdorff(square.a, square.b)
+    assert name_of(solution.direction) == "b_to_a"
+    figure = jhd.plot.distances(square.a, square.b, solution, labels=("square", "plane")).figure
+    (faces,) = by_gid(figure, "deviation")
+    assert len(np.asarray(faces.get_facecolor())) == len(pieces_of(square.b).rows)
+    assert "distance to square" in [ax.get_ylabel() for ax in figure.axes]
+    assert not by_gid(figure, "histogram") and len(by_gid(figure, "inset")) == 1
+    own = plt.figure().add_subplot(projection="3d")
+    assert jhd.plot.distances(square.a, square.b, square.maximum, own, colour_bar=False) is own
+    (faces,) = by_gid(own.figure, "deviation")
+    assert len(np.asarray(faces.get_facecolor())) == len(pieces_of(square.a).rows)
 
 
 def test_a_section_of_triangles_is_where_they_meet_the_plane():

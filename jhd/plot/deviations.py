@@ -162,7 +162,7 @@ def _whole(shown: _ColouredPair, witness: bool, colour_bar: bool, section: tuple
 
     figure = plt.figure(figsize=(COLUMN_INCHES, _TALL * COLUMN_INCHES))
     space = shown.a.dim == 3
-    ax = figure.add_axes(_SPACE if space else _PLANE, projection="3d" if space else None)
+    ax: Any = figure.add_axes(_SPACE if space else _PLANE, projection="3d" if space else None)
     bar = figure.add_axes(_BAR) if colour_bar else None
     _coloured(shown, ax, witness, None, bar)
     if space:
