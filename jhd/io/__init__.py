@@ -1,4 +1,4 @@
-"""Files to shapes and back: fonts, SVG, curves and surfaces as JSON, meshes, points, results and certificates."""
+"""Files to shapes and back: fonts, SVG, JSON, IGES, meshes, point clouds, results and certificates."""
 
 from jhd.io.certificates import load_certificate as load_certificate
 from jhd.io.clouds import load_points as load_points
@@ -7,6 +7,7 @@ from jhd.io.curves import curve_to_dict as curve_to_dict
 from jhd.io.curves import load_curve as load_curve
 from jhd.io.curves import save_curve as save_curve
 from jhd.io.errors import ParseError as ParseError
+from jhd.io.iges import load_iges as load_iges
 from jhd.io.load import load_shape as load_shape
 from jhd.io.meshes import load_mesh as load_mesh
 from jhd.io.meshes import save_mesh as save_mesh

@@ -8,6 +8,7 @@ from jhd.io.clouds import CLOUD_SUFFIXES, load_points
 from jhd.io.curves import CURVE_KINDS
 from jhd.io.described import load_described
 from jhd.io.errors import ParseError, read_bytes
+from jhd.io.iges import IGES_SUFFIXES, load_iges
 from jhd.io.meshes import MESH_SUFFIXES, load_mesh
 from jhd.io.outlines import outline, parse_font_spec
 from jhd.io.ply import read_ply
@@ -16,12 +17,12 @@ from jhd.io.surfaces import SURFACE_KINDS
 from jhd.io.svg import path, read_svg
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.mesh import TriangleMesh
-from jhd.shapes.patch import AbstractPatch
+from jhd.shapes.patch import AbstractPatch, BezierPatches
 
 _PATH_DATA = re.compile(r"\s*[Mm][\s]*[-+.\d]")
 _ACCEPTED = (
-    "a curve is a .json or .svg file, font:NAME:LETTER, or SVG path data (M0 0 ...); a parametric surface is a .json "
-    f"file; a mesh is a file {', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}; points are a file "
+    "a curve is a .json or .svg file, font:NAME:LETTER, or SVG path data (M0 0 ...); a parametric surface is a "
+    f".json or .igs file; a mesh is a file {', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}; points are a file "
     f"{', '.join(CLOUD_SUFFIXES)}, or .ply without faces"
 )
 
@@ -31,8 +32,9 @@ def load_shape(text: str) -> AbstractCurve | AbstractPatch | TriangleMesh:
 
     Args:
         text: `NAME.json` (a curve or a parametric surface, see `load_curve` and `load_surface`), `NAME.svg` (all that
-            it draws), a mesh file (see `load_mesh`), points (see `load_points`; a .ply file without faces too),
-            `font:NAME:LETTER`, or path data. A text that ends as a file name is one.
+            it draws), `NAME.igs` or `.iges` (all its B-spline curves, or all its surfaces, see `load_iges`), a mesh
+            file (see `load_mesh`), points (see `load_points`; a .ply file without faces too), `font:NAME:LETTER`, or
+            path data. A text that ends as a file name is one.
 
     Raises:
         FileNotFoundError: a file that does not exist.
@@ -53,6 +55,19 @@ def _json_shape(file: str) -> AbstractCurve | AbstractPatch:
     return load_described("shape", file, {**CURVE_KINDS, **SURFACE_KINDS})
 
 
+def _iges_shape(file: str) -> AbstractCurve | AbstractPatch:
+    """The only shape of a file, or all of them as one where all are curves or all are surfaces."""
+    found = load_iges(file)
+    curves = [shape for shape in found if isinstance(shape, AbstractCurve)]
+    surfaces = [shape for shape in found if isinstance(shape, AbstractPatch)]
+    if curves and surfaces:
+        counts = f"{len(curves)} curve{'s' * (len(curves) > 1)} and {len(surfaces)} surface{'s' * (len(surfaces) > 1)}"
+        raise ParseError(f"holds {counts}; load_iges gives them one by one.", file)
+    if len(found) == 1:
+        return found[0]
+    return BezierSegments.join(curves) if curves else BezierPatches.join(surfaces)
+
+
 def _ply_shape(file: str) -> BezierSegments | TriangleMesh:
     """The mesh, or where there are no faces the points."""
     found = read_ply(file, read_bytes(file))
@@ -64,6 +79,7 @@ _READERS: dict[str, Callable[[str], AbstractCurve | AbstractPatch | TriangleMesh
     **dict.fromkeys(CLOUD_SUFFIXES, load_points),
     ".json": _json_shape,
     ".svg": read_svg,
+    **dict.fromkeys(IGES_SUFFIXES, _iges_shape),
     ".ply": _ply_shape,
 }
 SHAPE_SUFFIXES = tuple(_READERS)

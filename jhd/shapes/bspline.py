@@ -20,7 +20,7 @@ from jhd.shapes.checks import Numbers, check_control_points, checked_between
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
 from jhd.shapes.homogeneous import cartesian, elevate, hodograph, homogeneous, in_unit, out_of_unit
 from jhd.shapes.joints import completed
-from jhd.shapes.knots import bezier_pieces, evaluate, insert, ratio, unrolled
+from jhd.shapes.knots import bezier_pieces, evaluate, insert, parted, ratio, unrolled
 
 # Knots of a periodic spline repeat to this many ulp of the largest knot: one subtraction and one addition each way.
 _KNOT_ULPS = 8
@@ -130,10 +130,8 @@ class BSplineCurve(AbstractCurve):
         points = np.asarray(spline.c)[: len(knots) - degree - 1]
         if points.ndim != 2 or points.shape[1] not in (2, 3):
             raise ValueError(f"spline.c has shape {points.shape}; needs (points, 2) or (points, 3).")
-        pieces = len(points) - degree
-        if getattr(spline, "extrapolate", None) == "periodic" and _repeats(points, knots, degree):
-            return cls(points[:pieces], knots[: pieces + degree + 1], None, True)
-        return cls(points, knots)
+        curve = cls(points, knots)
+        return curve.closed_up() if getattr(spline, "extrapolate", None) == "periodic" else curve
 
     @property
     def degree(self) -> int:
@@ -150,7 +148,16 @@ class BSplineCurve(AbstractCurve):
         """The same curve as an open spline: a periodic one repeats its first points and knots at the end."""
         return self._open(*self._unrolled())
 
-    def _open(self, h: Array, knots: Array) -> "BSplineCurve":
+    def closed_up(self) -> "BSplineCurve":
+        """The curve as a periodic spline where its points, weights and knots repeat as in `opened()`; else itself."""
+        knots, p, count = np.asarray(self.knots), self.degree, self.control_points.shape[-2]
+        arrays = [np.asarray(x) for x in (self.control_points, self.weights) if x is not None]
+        if self.periodic or not all(_repeats(x, knots, p) for x in arrays):
+            return self
+        weights = None if self.weights is None else self.weights[: count - p]
+        return BSplineCurve(self.control_points[: count - p], knots[: count + 1], weights, True)
+
+    def _open(self, h: Array, knots: Numbers) -> "BSplineCurve":
         points, weights = cartesian(h, self.weights is not None)
         return BSplineCurve(points, knots, weights)
 
@@ -254,18 +261,9 @@ class BSplineCurve(AbstractCurve):
         if is_traced(t, self.knots):
             raise TypeError("split of a BSplineCurve needs concrete t and knots: the numbers of points depend on them.")
         knots, p = unrolled(np.asarray(self.knots), self.degree, self.periodic), self.degree
-        u = checked_between("t", t, knots[p], knots[len(knots) - 1 - p])
-        place = np.asarray(t, dtype=knots.dtype)
-        return self._parts(u, int(np.sum(knots < place)), int(np.sum(knots == place)))
-
-    @eqx.filter_jit
-    def _parts(self, u: Array, below: int, present: int) -> tuple["BSplineCurve", "BSplineCurve"]:
-        p, (h, knots) = self.degree, self._unrolled()
-        for _ in range(p - present):
-            h, knots = insert(h, knots, p, u)
-        cut, through = jnp.full((p + 1,), u), below + max(p, present)
-        left = self._open(h[:below], jnp.concatenate([knots[:below], cut]))
-        return left, self._open(h[through - 1 - p :], jnp.concatenate([cut, knots[through:]]))
+        checked_between("t", t, knots[p], knots[len(knots) - 1 - p])
+        before, after = parted(self._unrolled()[0], knots, p, t)
+        return self._open(*before), self._open(*after)
 
     def insert_knot(self, t: Numbers) -> "BSplineCurve":
         """The same curve with one more knot at t, strictly inside the domain, and one more point; t may be traced.

@@ -14,7 +14,7 @@ from jhd.compiled import compiled
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import affine_image
 from jhd.shapes.homogeneous import cartesian, in_unit, out_of_unit
-from jhd.shapes.knots import bezier_pieces, evaluate
+from jhd.shapes.knots import bezier_pieces, evaluate, parted
 from jhd.shapes.patch import AbstractPatch, BezierPatches, checked_net
 
 
@@ -111,6 +111,24 @@ class BSplineSurface(AbstractPatch):
         points, weights = cartesian(pieces, self.weights is not None)
         return BezierPatches(out_of_unit(points, of_points), out_of_unit(weights, of_weights))
 
+    def restrict(self, u0: Numbers, u1: Numbers, v0: Numbers, v1: Numbers) -> "BSplineSurface":
+        """The part over [u0, u1] x [v0, v1] within the domain, over the same parameters, clamped where it was cut.
+
+        Raises:
+            ValueError: an end outside of the domain, or a first one that is not below its second.
+            TypeError: knots or ends are traced; the numbers of points of the part depend on them.
+        """
+        if is_traced(self.knots_u, self.knots_v, u0, u1, v0, v1):
+            raise TypeError(
+                "restrict of a BSplineSurface needs concrete knots and ends: numbers of points depend on them."
+            )
+        (p, q), (domain_u, domain_v), h = self.degrees, self.domain, self.homogeneous
+        ends_u, ends_v = _within("u", (u0, u1), domain_u), _within("v", (v0, v1), domain_v)
+        h, knots_u = _restricted(h, np.asarray(self.knots_u), p, ends_u)
+        h, knots_v = _restricted(jnp.swapaxes(h, 0, 1), np.asarray(self.knots_v), q, ends_v)
+        points, weights = cartesian(jnp.swapaxes(h, 0, 1), self.weights is not None)
+        return BSplineSurface(points, knots_u, knots_v, weights)
+
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BSplineSurface":
         """The image under x -> matrix x + offset; differentiable in both.
 
@@ -119,6 +137,26 @@ class BSplineSurface(AbstractPatch):
         """
         points = affine_image(self.control_points, matrix, offset)
         return BSplineSurface(points, self.knots_u, self.knots_v, self.weights)
+
+
+def _within(name: str, ends: tuple[Numbers, Numbers], domain: tuple[Array, Array]) -> tuple[float, float]:
+    """The ends as numbers; ValueError unless they rise within the domain."""
+    (start, stop), (low, high) = ((float(np.asarray(x)) for x in pair) for pair in (ends, domain))
+    if not low <= start < stop <= high:
+        raise ValueError(
+            f"{name}0 and {name}1 are {start:g} and {stop:g}; needs {low:g} <= {name}0 < {name}1 <= {high:g}."
+        )
+    return start, stop
+
+
+def _restricted(h: Array, knots: np.ndarray, p: int, ends: tuple[float, float]) -> tuple[Array, np.ndarray]:
+    """Points and knots of splines along the first axis, one for each place of the others, between both ends."""
+    rest, rows = h.shape[1:], h.reshape(h.shape[0], -1)
+    if ends[0] > knots[p]:
+        rows, knots = parted(rows, knots, p, ends[0])[1]
+    if ends[1] < knots[len(knots) - 1 - p]:
+        rows, knots = parted(rows, knots, p, ends[1])[0]
+    return rows.reshape(-1, *rest), knots
 
 
 def _check_knots(name: str, knots: Array, axis: str, count: int) -> None:

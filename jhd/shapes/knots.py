@@ -8,6 +8,7 @@ Source: Ramshaw, Blossoms are polar forms, CAGD 6 (1989); Boehm, Inserting new k
 (1980).
 """
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -107,3 +108,22 @@ def insert(h: Array, knots: Array, p: int, u: Array) -> tuple[Array, Array]:
     a = jnp.where(right <= u, 1.0, jnp.where(left >= u, 0.0, ratio(u - left, right - left)))[:, None]
     points = (1 - a) * jnp.concatenate([h[:1], h]) + a * jnp.concatenate([h, h[-1:]])
     return points, jnp.sort(jnp.append(knots, u))
+
+
+@partial(jax.jit, static_argnames=("p", "below", "present"))
+def _parted(h: Array, knots: Array, u: Array, p: int, below: int, present: int) -> tuple[Array, Array]:
+    for _ in range(p - present):
+        h, knots = insert(h, knots, p, u)
+    return h[:below], h[below + max(p, present) - 1 - p :]
+
+
+def parted(h: Array, knots: np.ndarray, p: int, t: Any) -> tuple[tuple[Array, np.ndarray], tuple[Array, np.ndarray]]:
+    """Points and knots of an open spline before and after t, strictly inside the domain; both clamped at the cut.
+
+    Knots and t are known numbers, on which the numbers of points of the parts depend.
+    """
+    place = np.asarray(t, dtype=knots.dtype)
+    below, present = int(np.sum(knots < place)), int(np.sum(knots == place))
+    before, after = _parted(h, jnp.asarray(knots), jnp.asarray(place), p, below, present)
+    cut = np.full(p + 1, place)
+    return (before, np.append(knots[:below], cut)), (after, np.append(cut, knots[below + present :]))

@@ -8,7 +8,7 @@ Source: Farin, Curves and Surfaces for CAGD, 5th edition (2002), chapters 14 and
 """
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -241,6 +241,41 @@ class BezierPatches(AbstractPatch):
     def patches(self) -> "BezierPatches":
         """The surface itself."""
         return self
+
+    def elevate(self, degree_u: int, degree_v: int) -> "BezierPatches":
+        """The same patches written in higher degrees.
+
+        Raises:
+            ValueError: a degree is below the one of the patches.
+        """
+        if self.degrees == (degree_u, degree_v):
+            # The way through homogeneous coordinates rounds.
+            return self
+        raised = bernstein.elevate(bernstein.elevate(self.homogeneous, degree_u, axis=-3), degree_v, axis=-2)
+        return BezierPatches(*cartesian(raised, self.weights is not None))
+
+    @staticmethod
+    def join(surfaces: Sequence[AbstractPatch]) -> "BezierPatches":
+        """The union of surfaces as one: degrees are raised to the largest, weights of one added where others have some.
+
+        Raises:
+            ValueError: no surface.
+            TypeError: an entry that is not a parametric surface.
+        """
+        surfaces = list(surfaces)
+        if not surfaces:
+            raise ValueError("join needs at least one surface; got none.")
+        for k, surface in enumerate(surfaces):
+            if not isinstance(surface, AbstractPatch):
+                raise TypeError(f"surfaces[{k}] must be a parametric surface; got {type(surface).__name__}.")
+        parts = [surface.patches() for surface in surfaces]
+        degrees = [max(part.degrees[axis] for part in parts) for axis in (0, 1)]
+        parts = [part.elevate(*degrees) for part in parts]
+        points = jnp.concatenate([part.control_points for part in parts])
+        if all(part.weights is None for part in parts):
+            return BezierPatches(points)
+        weights = [jnp.ones(x.control_points.shape[:-1]) if x.weights is None else x.weights for x in parts]
+        return BezierPatches(points, jnp.concatenate(weights))
 
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierPatches":
         """The image under x -> matrix x + offset; differentiable in both.

@@ -168,3 +168,44 @@ def test_several_patches_are_one_surface():
     np.testing.assert_allclose(both(1.25, 0.5), both.point(1, 0.25, 0.5), atol=ROUNDING)
     lower, upper = both.box()
     assert np.all(lower <= POINTS.min((0, 1))) and upper[0] == POINTS[..., 0].max() + 5.0
+
+
+def test_the_union_of_surfaces_takes_the_largest_degrees_and_weights_of_one():
+    net = [[[0.0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]
+    patch, sheet = BezierPatch(net), BezierPatches(np.ones((2, 2, 2, 3)))
+    union = BezierPatches.join([patch, sheet])
+    np.testing.assert_array_equal(union.control_points, np.concatenate([[net], np.ones((2, 2, 2, 3))]))
+    weighted = BezierPatches.join([patch, BezierPatch(net, [[1, 2], [3, 4]])])
+    np.testing.assert_array_equal(weighted.weights, [[[1, 1], [1, 1]], [[1, 2], [3, 4]]])
+    for bad, error in (([], ValueError), ([patch, net], TypeError)):
+        with pytest.raises(error, match="join needs at least one|must be a parametric surface|^Type-check error"):
+            BezierPatches.join(bad)
+
+
+@pytest.mark.slow
+def test_patches_of_a_higher_degree_are_the_same_surface():
+    rows = np.random.default_rng(5).normal(size=(2, 2, 3, 3))
+    patches = BezierPatches(rows, np.random.default_rng(6).uniform(0.5, 2, size=(2, 2, 3)))
+    raised = BezierPatches.join([patches, BezierPatch(np.zeros((4, 2, 3)))])
+    assert raised.degrees == (3, 2) and raised.count == 3
+    u, v = np.meshgrid(np.linspace(0, 1.9, 7), np.linspace(0, 1, 5))
+    np.testing.assert_allclose(raised(u, v), patches(u, v), atol=1e-14)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("weighted", [False, True])
+def test_a_part_of_a_spline_surface_is_the_surface_there(weighted):
+    random = np.random.default_rng(7)
+    weights = random.uniform(0.5, 2, size=(5, 6)) if weighted else None
+    knots = [0, 0, 0, 0.25, 0.5, 1, 1, 1], [0, 1, 2, 3, 4, 5, 6, 7, 8.5, 9]
+    surface = BSplineSurface(random.normal(size=(5, 6, 3)), *knots, weights)
+    part = surface.restrict(0.25, 0.75, 3.5, 4)
+    assert [[float(x) for x in ends] for ends in part.domain] == [[0.25, 0.75], [3.5, 4]]
+    u, v = np.meshgrid(np.linspace(0.25, 0.75, 6), np.linspace(3.5, 4, 5))
+    np.testing.assert_allclose(part(u, v), surface(u, v), atol=1e-14)
+    with pytest.raises(ValueError, match="u0 and u1 are 0.5 and 0.5; needs 0 <= u0 < u1 <= 1"):
+        surface.restrict(0.5, 0.5, 3, 6)
+    with pytest.raises(ValueError, match="v0 and v1 are 2 and 4; needs 3 <= v0 < v1 <= 6"):
+        surface.restrict(0, 1, 2, 4)
+    with pytest.raises(TypeError, match="needs concrete knots and ends"):
+        jax.jit(lambda u: surface.restrict(u, 1, 3, 6).control_points)(0.5)

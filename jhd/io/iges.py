@@ -1,0 +1,228 @@
+"""B-spline curves and surfaces of IGES files: entities 126 and 128, rational or not, and composite curves, 102.
+
+What is read, after IGES 5.3 (US PRO/IPO-100, 1996): 126 in section 4.23, 128 in 4.24, 102 in 4.4, each placed by its
+transformation matrix, 124 in section 4.21. Form numbers say what a spline looks like and are not needed. Coordinates
+are those of the model in the unit of the file; nothing is scaled.
+
+Left out is what is no shape of its own: hidden entities, annotation, definitions, curves in the parameters of a
+surface, parts of other entities, and what holds no geometry (colours, properties, groups, views). All other entities
+are refused by name, trimmed surfaces among them, since without them the distance would be that of another shape.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from jhd.io.errors import ParseError, read_bytes
+from jhd.io.iges_file import IgesEntry, IgesFile, IgesRecord, read_iges
+from jhd.shapes.bspline import BSplineCurve
+from jhd.shapes.bspline_surface import BSplineSurface
+from jhd.shapes.curve import BezierSegments
+
+IgesShape = BSplineCurve | BezierSegments | BSplineSurface
+
+IGES_SUFFIXES = (".igs", ".iges")
+COMPOSITE, MATRIX, CURVE, SURFACE = 102, 124, 126, 128
+# Nothing to measure: null, directions, matrices, fonts, colours, units, groups, drawings, properties, views; and
+# annotation, which has the types from 202 to 230.
+_SILENT = frozenset((0, 123, MATRIX, 302, 304, 308, 310, 312, 314, 316, 320, 322, 402, 404, 406, 410, *range(202, 231)))
+# Entity use flags of geometry, other and construction geometry; the rest is annotation, definitions, 2-D parameters.
+_USES = (0, 3, 6)
+_NAMES = {
+    100: "circular arc", 104: "conic arc", 106: "copious data", 108: "plane", 110: "line",
+    112: "parametric spline curve", 114: "parametric spline surface", 116: "point", 118: "ruled surface",
+    120: "surface of revolution", 122: "tabulated cylinder", 130: "offset curve", 140: "offset surface",
+    141: "boundary", 142: "curve on a parametric surface", 143: "bounded surface", 144: "trimmed surface",
+    150: "block", 154: "cylinder", 156: "cone frustum", 158: "sphere", 160: "torus", 162: "solid of revolution",
+    180: "boolean tree", 184: "solid assembly", 186: "solid", 190: "plane surface", 192: "cylindrical surface",
+    194: "conical surface", 196: "spherical surface", 198: "toroidal surface", 408: "subfigure instance",
+    412: "rectangular array", 414: "circular array", 416: "external reference", 430: "solid instance",
+    508: "loop", 510: "face", 514: "shell",
+}  # fmt: skip
+
+
+def load_iges(file: str | Path) -> list[IgesShape]:
+    """The B-spline curves and surfaces of an IGES file in the order of its directory; composite curves as segments.
+
+    Curves are curves in space, also those that lie in a plane. A curve that is marked as periodic and whose points and
+    knots repeat is a periodic one. Surfaces and curves are cut to the parameters that the entity names.
+
+    Args:
+        file: a file in the fixed format of IGES 5.3 or before, of lines of 80 columns.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ParseError: a file that cannot be read, with the line and the entity; an entity that is not one of these, by
+            name, trimmed surfaces too; or there is no curve and no surface.
+    """
+    found = read_iges(file, read_bytes(file))
+    reader = _IgesReader(found)
+    shapes = [reader.shape(entry) for entry in found.entries.values() if _is_shape(entry) and not entry.dependent]
+    if not shapes:
+        raise ParseError("holds no B-spline curve or surface (entities 126 and 128) that stands by itself.", file)
+    return shapes
+
+
+def _is_shape(entry: IgesEntry) -> bool:
+    return not entry.blanked and entry.use in _USES and entry.type not in _SILENT
+
+
+class _IgesReader:
+    """Entities as shapes; each matrix is read once, and each curve is part of one composite curve at most."""
+
+    def __init__(self, found: IgesFile):
+        self.found = found
+        self.parts: set[int] = set()
+        self.matrices: dict[int, np.ndarray] = {}
+
+    def shape(self, entry: IgesEntry) -> IgesShape:
+        """The shape that an entity stands for."""
+        if entry.type == COMPOSITE:
+            return self._composite(entry)
+        if entry.type not in (CURVE, SURFACE):
+            known = _NAMES.get(entry.type, "an entity of another kind")
+            message = f"entity {entry.type} (D{entry.sequence}), {known}, is not read; needs untrimmed B-spline curves "
+            raise ParseError(message + "(126) and surfaces (128).", self.found.name, entry.line)
+        record = self.found.record(entry)
+        try:
+            return (_curve if entry.type == CURVE else _surface)(record, self._matrix(entry))
+        except ParseError:
+            raise
+        except ValueError as error:
+            raise record.error(f"is no shape: {error}") from None
+
+    def _composite(self, entry: IgesEntry) -> BezierSegments:
+        record = self.found.record(entry)
+        count = record.integer(1)
+        if count < 1:
+            raise record.error(f"has {count} parts; needs at least 1.")
+        record.needs(1 + count)
+        parts = []
+        for k in range(count):
+            pointer = record.integer(2 + k)
+            part = self.found.entries.get(pointer)
+            if part is None or part.type != CURVE:
+                what = "which is not there" if part is None else f"entity {part.type}"
+                raise record.error(f"names D{pointer}, {what}; its parts must be B-spline curves (126).")
+            if pointer in self.parts:
+                raise record.error(f"names D{pointer}, which is part of a composite curve already.")
+            self.parts.add(pointer)
+            parts.append(self.shape(part))
+        joined = BezierSegments.join(parts)
+        matrix = self._matrix(entry)
+        if matrix is None:
+            return joined
+        points = _placed(np.asarray(joined.control_points), matrix)
+        return BezierSegments(points, joined.weights, joined.following)
+
+    def _matrix(self, entry: IgesEntry) -> np.ndarray | None:
+        """The rows (R, T) of x -> R x + T, matrices of matrices multiplied; None where nothing is to be moved."""
+        chain: dict[int, None] = {}
+        at = entry.matrix
+        while at and at not in self.matrices:
+            known = self.found.entries.get(at)
+            if known is None or known.type != MATRIX or at in chain:
+                reason = "is no transformation matrix (124)" if at not in chain else "refers to itself"
+                message = f"D{at}, the matrix of D{entry.sequence}, {reason}."
+                raise ParseError(message, self.found.name, entry.line)
+            chain[at] = None
+            at = known.matrix
+        outer = self.matrices.get(at)
+        for sequence in reversed(chain):
+            outer = _composed(outer, _rows(self.found.record(self.found.entries[sequence])))
+            self.matrices[sequence] = outer
+        return outer
+
+
+def _rows(record: IgesRecord) -> np.ndarray:
+    """The rows of a transformation matrix; forms 10 to 12 hold coordinate systems of finite elements."""
+    if record.entry.form not in (0, 1):
+        raise record.error(f"is of form {record.entry.form}; needs 0 or 1.")
+    record.needs(12)
+    rows = np.array(record.reals(1, 12)).reshape(3, 4)
+    if not np.isfinite(rows).all():
+        raise record.error("holds a number that is not finite.")
+    return rows
+
+
+def _composed(outer: np.ndarray | None, inner: np.ndarray) -> np.ndarray:
+    if outer is None:
+        return inner
+    return np.column_stack([_product(outer[:, :3], inner[:, :3]), _placed(inner[:, 3], outer)])
+
+
+def _placed(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    # Numbers that overflow are refused as points that are not finite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _product(points, matrix[:, :3].T) + matrix[:, 3]
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The product a b, summed in a fixed order: equal points have equal images."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return a[..., 0, None] * b[0] + a[..., 1, None] * b[1] + a[..., 2, None] * b[2]
+
+
+def _degree(record: IgesRecord, last: int, degree: int) -> None:
+    if not 1 <= degree <= last:
+        raise record.error(f"has degree {degree} and {last + 1} points; needs at least 1, and more points.")
+
+
+def _weights(record: IgesRecord, weights: np.ndarray, polynomial: bool) -> np.ndarray | None:
+    """The weights, None where the entity says that it is polynomial."""
+    if polynomial and np.any(weights != weights.flat[0]):
+        raise record.error("says that it is polynomial, and its weights differ.")
+    return None if polynomial and weights.flat[0] > 0 else weights
+
+
+def _ends(record: IgesRecord, ends: Sequence[float], knots: Sequence[float], degree: int) -> tuple[float, float]:
+    """First and last parameter, within the domain of the knots."""
+    lower, upper = knots[degree], knots[len(knots) - 1 - degree]
+    start, stop = ends
+    if not lower <= start < stop <= upper:
+        raise record.error(f"runs from {start:g} to {stop:g}; its knots have the domain {lower:g} to {upper:g}.")
+    return start, stop
+
+
+def _curve(record: IgesRecord, matrix: np.ndarray | None) -> BSplineCurve:
+    """Entity 126: K, M, four flags, K + M + 2 knots, K + 1 weights, K + 1 points, first and last parameter."""
+    record.needs(6)
+    last, degree = record.integer(1), record.integer(2)
+    _degree(record, last, degree)
+    polynomial, periodic = record.flag(5), record.flag(6)
+    count, knots_count = last + 1, last + degree + 2
+    record.needs(6 + knots_count + 4 * count + 2)
+    knots = record.reals(7, knots_count)
+    weights = np.array(record.reals(7 + knots_count, count))
+    points = np.array(record.reals(7 + knots_count + count, 3 * count)).reshape(count, 3)
+    points = points if matrix is None else _placed(points, matrix)
+    curve = BSplineCurve(points, knots, _weights(record, weights, polynomial))
+    start, stop = _ends(record, record.reals(7 + knots_count + 4 * count, 2), knots, degree)
+    if (start, stop) == (knots[degree], knots[count]):
+        return curve.closed_up() if periodic else curve
+    curve = curve.split(start)[1] if start > knots[degree] else curve
+    return curve.split(stop)[0] if stop < knots[count] else curve
+
+
+def _surface(record: IgesRecord, matrix: np.ndarray | None) -> BSplineSurface:
+    """Entity 128: K1, K2, M1, M2, five flags, knots, weights, points (both along u first), and the ends in u and v."""
+    record.needs(9)
+    last_u, last_v, p, q = (record.integer(k) for k in (1, 2, 3, 4))
+    for last, degree in ((last_u, p), (last_v, q)):
+        _degree(record, last, degree)
+    polynomial = record.flag(7)
+    rows, columns, knots_u, knots_v = last_u + 1, last_v + 1, last_u + p + 2, last_v + q + 2
+    count = rows * columns
+    record.needs(9 + knots_u + knots_v + 4 * count + 4)
+    at = 10
+    in_u, at = record.reals(at, knots_u), at + knots_u
+    in_v, at = record.reals(at, knots_v), at + knots_v
+    weights, at = np.array(record.reals(at, count)).reshape(columns, rows).T, at + count
+    points, at = np.array(record.reals(at, 3 * count)).reshape(columns, rows, 3).swapaxes(0, 1), at + 3 * count
+    points = points if matrix is None else _placed(points, matrix)
+    surface = BSplineSurface(points, in_u, in_v, _weights(record, weights, polynomial))
+    u = _ends(record, record.reals(at, 2), in_u, p)
+    v = _ends(record, record.reals(at + 2, 2), in_v, q)
+    whole = u == (in_u[p], in_u[rows]) and v == (in_v[q], in_v[columns])
+    return surface if whole else surface.restrict(*u, *v)
