@@ -8,7 +8,7 @@ Source: Farin, Curves and Surfaces for CAGD, 5th edition (2002), chapters 14 and
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jhd.arithmetic import bernstein
-from jhd.arrays import is_traced, real_array
+from jhd.arrays import array_of, is_traced, real_array
 from jhd.compiled import compiled
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
 from jhd.shapes.curve import affine_image
@@ -38,11 +38,39 @@ class Partials(NamedTuple):
     vv: Array
 
 
-class PatchMesh(NamedTuple):
-    """A mesh and a proven bound of how far it and its surface are from each other, both ways."""
+class PatchMesh(eqx.Module):
+    """A mesh and a proven bound of how far it and its surface are from each other, both ways: `mesh, deviation = ...`.
+
+    Args:
+        mesh: the triangles; their corners are points of the surface.
+        deviation: the bound, in the unit of the coordinates.
+        patch: a patch of `surface.patches()` that each vertex lies on.
+        u: its first parameter there, from 0 to 1.
+        v: its second one.
+    """
 
     mesh: TriangleMesh
     deviation: float
+    patch: Int[Array, " vertices"]
+    u: Float[Array, " vertices"]
+    v: Float[Array, " vertices"]
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.mesh, self.deviation))
+
+    def on(self, surface: "AbstractPatch") -> TriangleMesh:
+        """The same triangles with their corners at the same parameters of a surface; differentiable in it.
+
+        Nothing is said of how far they are from another surface than the one that they were made for.
+
+        Raises:
+            ValueError: the surface has another number of patches than the vertices ask for.
+        """
+        parts = surface.patches()
+        most = int(np.max(np.asarray(self.patch)))
+        if most >= parts.count:
+            raise ValueError(f"surface has {parts.count} patches; a vertex is on patch {most}.")
+        return TriangleMesh(parts.point(self.patch, self.u, self.v), self.mesh.triangles)
 
 
 class AbstractPatch(eqx.Module):
@@ -91,15 +119,17 @@ class AbstractPatch(eqx.Module):
     def to_mesh(self, atol: Numbers, *, max_triangles: int = 2_000_000) -> "PatchMesh":
         """A triangle mesh with a proven deviation of at most atol, both ways.
 
-        All patches are cut on one grid, so neighbours share the vertices of their common edge. Distances between meshes
-        of two surfaces are those of the surfaces to within the sum of their deviations.
+        Triangles are small where the surface is curved and long where it is straight. Patches whose control points (and
+        weights) agree along a common edge, in either direction, share the vertices there: the mesh has no cracks.
+        Triangles with two corners at one place, as at poles, are kept. Distances between meshes of two surfaces are
+        those of the surfaces to within the sum of their deviations; `on` of the result moves the mesh with the surface.
 
         Args:
             atol: the most that the surface may be away from the mesh anywhere, and the mesh from the surface.
             max_triangles: the largest mesh to make; their number grows like 1 / atol.
 
         Raises:
-            ValueError: atol is not positive, or asks for too many triangles.
+            ValueError: atol is not positive, or asks for too many triangles or for less than rounding leaves.
             TypeError: the surface is traced; the number of triangles depends on it.
         """
         if is_traced(self, atol):
@@ -110,7 +140,9 @@ class AbstractPatch(eqx.Module):
         parts = self.patches()
         weights = None if parts.weights is None else np.asarray(parts.weights)
         found = tessellate(np.asarray(parts.control_points), weights, float(tolerance), max_triangles)
-        return PatchMesh(TriangleMesh(found.vertices, found.triangles), found.deviation)
+        mesh = TriangleMesh(found.vertices, found.triangles)
+        places = array_of(found.patch), array_of(found.u), array_of(found.v)
+        return PatchMesh(mesh, found.deviation, *places)
 
 
 class BezierPatch(AbstractPatch):

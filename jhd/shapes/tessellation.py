@@ -1,171 +1,198 @@
-"""Triangles for tensor-product patches, with a proven deviation.
+"""Triangles for tensor-product patches, with a proven deviation: rectangles of the parameters, cut where it is needed.
 
-Every patch is cut into a grid of cells, and every cell into two triangles between its corners. Over a cell the patch is
-compared with the bilinear surface B between the stored corners at equal parameters: the coefficients of N - w B, in one
-degree more, divided by those of w, bound |S - B| on rational patches as on polynomial ones. In a triangle B differs
-from the plane by the twist v00 - v10 - v01 + v11 times x y, x + y <= 1: at most a quarter of it. As the triangles
-are the image of the same parameters, the sum bounds the distance both ways: from any point of the surface to the mesh
-and from any point of the mesh to the surface.
-
-All this is done with coordinates divided by a power of two, of order one, and the vertices as they are stored.
-Rounding, for coordinates about a common centre, of size at most r. The entries of a restriction of degree p are sums of
-products of p factors, 3 p roundings; two of them, the point and its weight, and the sums make at most 4 (p + q) + 10.
-The coefficients of N - w B take p + q + 12 more, with non-negative factors that add up to the weight; the length and
-the quotient 12. So |S - B| is off by at most 2 sqrt(3) gamma(5 (p + q) + 34) r.
-
-Source: Farin, Curves and Surfaces for CAGD (2002), chapter 14, for the nets; the bound by the elevated difference is
-ours and sharper than the one by second derivatives (Filip, Magedson & Markot, CAGD 3, 1986).
+Every patch is bisected, along the parameter in which it bends more, into rectangles whose triangles are near enough
+(`jhd.shapes.patch_cells` has the proof). The sides of a rectangle hold the corners of all its neighbours, those across
+the border of two patches with the same control points there included, in whichever direction these run. Triangles are
+fans: from a corner whose sides hold no more points, or from a point of a side that is alone on it, or from the middle
+where there is neither. So there are no cracks.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from jhd.arithmetic.bernstein import basis, product_weights
-from jhd.arithmetic.rounding import gamma
-from jhd.arithmetic.scaling import common_exponent, unit_weights
+from jhd.arrays import joined
+from jhd.shapes.mesh import places_of
+from jhd.shapes.patch_cells import HostPatches, PatchCells, with_bounds
 
-# The numbers of cells grow by this factor until the bound is small enough.
-_GROWTH = 1.25
-# Tolerances, for surfaces of size one, between which the first numbers of cells are worked out.
-_SOUGHT = (1e-100, 1e100)
-
-
-class _SampleGrid(NamedTuple):
-    """Numbers of cells of every patch, the power of two of the coordinates, and the precision of the vertices."""
-
-    m: int
-    n: int
-    power: int
-    dtype: np.dtype
+# Of narrower rectangles the ends are not exact: those near one have no more digits.
+_NARROWEST = 2.0**-48
+# Rectangles measured together: few enough for their numbers to stay close to the processor.
+_CHUNK = 4096
 
 
 class Tessellation(NamedTuple):
-    """Corners and triangles, and how far surface and triangles are from each other at most."""
+    """Corners and triangles, where the corners lie on the patches, and how far surface and triangles are apart at most.
+
+    Args:
+        vertices: the corners, each once.
+        triangles: numbers of three corners, counter-clockwise in the parameters.
+        patch: a patch that each corner lies on.
+        u: its first parameter there.
+        v: its second one.
+        deviation: the bound, in the user's unit.
+    """
 
     vertices: np.ndarray
     triangles: np.ndarray
+    patch: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
     deviation: float
 
 
+class _Goal(NamedTuple):
+    atol: float
+    most: int
+
+    def check(self, triangles: int) -> None:
+        if triangles > self.most:
+            needed = f"more than max_triangles = {self.most} triangles would be needed"
+            raise ValueError(f"atol is {self.atol:g}; {needed}.")
+
+
+class _Loops(NamedTuple):
+    """The points around rectangles, counter-clockwise in the parameters from the corner of least u and v.
+
+    Args:
+        node: numbers of points, one rectangle after the other; one point may have two numbers, at one place.
+        cell: the rectangle of each entry of `node`.
+        inner: how many entries lie inside each of the four sides (cells, 4).
+        patch: a patch that each numbered point lies on.
+        u: its first parameter there.
+        v: its second one.
+    """
+
+    node: np.ndarray
+    cell: np.ndarray
+    inner: np.ndarray
+    patch: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+
+    def place(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Patch, u and v of each numbered point."""
+        return self.patch, self.u, self.v
+
+
 def tessellate(points: np.ndarray, weights: np.ndarray | None, atol: float, most: int) -> Tessellation:
-    """Triangles within atol of Bezier patches (patches, rows, columns, 3), on one grid for all patches.
+    """Triangles within atol of Bezier patches (patches, rows, columns, 3).
 
     Raises:
-        ValueError: more than `most` triangles are needed.
+        ValueError: more than `most` triangles are needed, or rounding alone may exceed atol.
     """
-    dtype = points.dtype
-    power = int(common_exponent(points))
-    points = np.ldexp(points.astype(np.float64), -power)
-    # Beyond either end nothing is told by how far: every number of cells is enough, or none.
-    wanted = float(np.clip(np.ldexp(np.longdouble(atol), -power), *_SOUGHT))
-    heavy = np.ones(points.shape[:-1]) if weights is None else unit_weights(weights.astype(np.float64), (1, 2))
-    m, n = _first_counts(points, wanted)
+    patches, goal, off = HostPatches.of(points, weights), _Goal(atol, most), 0.0
+    cells = patches.whole()
     while True:
-        # Written so that numbers beyond the integers are refused too.
-        if not 2.0 * len(points) * m * n <= most:
-            raise ValueError(f"atol is {atol:g}; more than max_triangles = {most} triangles would be needed.")
-        found = _on_grid(points, heavy, _SampleGrid(int(m), int(n), power, dtype))
-        if found.deviation <= atol:
-            return found
-        # A direction of degree zero holds nothing to cut.
-        m, n = (
-            np.ceil(_GROWTH * k) if k_points > 1 else k for k, k_points in zip((m, n), points.shape[1:], strict=False)
-        )
+        cells = _refined(patches, cells, goal, off)
+        loops = _loops(patches, cells)
+        triangles, middles = _fans(loops, patches.vertices(*loops.place())[0])
+        goal.check(len(triangles))
+        pairs = zip(loops.place(), cells.take(middles).middle(), strict=True)
+        patch, u, v = (np.concatenate(pair) for pair in pairs)
+        vertices, off = patches.vertices(patch, u, v)
+        deviation = float(patches.in_user_units(np.max(cells.bound) + off))
+        if deviation <= atol:
+            _, once, names = np.unique(places_of(vertices), return_index=True, return_inverse=True)
+            return Tessellation(vertices[once], names[triangles], patch[once], u[once], v[once], deviation)
 
 
-def _first_counts(points: np.ndarray, atol: float) -> tuple[float, float]:
-    """Numbers of cells that second differences of the nets ask for at the least, each kind by itself."""
-    p, q = points.shape[1] - 1, points.shape[2] - 1
-
-    def most(rows: np.ndarray, factor: float) -> float:
-        return float(np.sqrt(np.sum(rows**2, axis=-1)).max(initial=0.0)) * factor
-
-    bend_u = most(np.diff(points, 2, axis=1), p * (p - 1) / 8)
-    bend_v = most(np.diff(points, 2, axis=2), q * (q - 1) / 8)
-    twist = most(np.diff(np.diff(points, axis=1), axis=2), p * q / 4)
-    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        m, n = (max(1.0, float(np.ceil(np.sqrt(np.float64(x) / atol)))) if x > 0 else 1.0 for x in (bend_u, bend_v))
-        lacking = np.sqrt(max(1.0, float(np.float64(twist) / atol) / (m * n))) if twist > 0 else 1.0
-    return float(np.ceil(m * lacking)), float(np.ceil(n * lacking))
+def _refined(patches: HostPatches, cells: PatchCells, goal: _Goal, off: float) -> PatchCells:
+    """Rectangles whose triangles are near enough, with vertices that are off by so much."""
+    found, count = [], 0
+    while len(cells.patch):
+        goal.check(2 * (count + len(cells.patch)))
+        parts = [with_bounds(patches, cells.take(rows)) for rows in _chunks(len(cells.patch))]
+        cells = joined(parts)
+        good = patches.in_user_units(cells.bound + off) <= goal.atol
+        found.append(cells.take(good))
+        count += int(good.sum())
+        cells = _checked(patches, cells.take(~good), goal.atol, off).halves()
+    return joined(found)
 
 
-def _on_grid(points: np.ndarray, weights: np.ndarray, grid: _SampleGrid) -> Tessellation:
-    """The triangles of one grid, in the user's coordinates, from points divided by 2^power."""
-    (count, rows, columns), (m, n) = weights.shape, grid[:2]
-    p, q = rows - 1, columns - 1
-    u, v = np.linspace(0.0, 1.0, m + 1), np.linspace(0.0, 1.0, n + 1)
-    vertices = np.ldexp(_corners(points, weights, u, v), grid.power).astype(grid.dtype)
-    low, high = points.min(axis=(0, 1, 2)), points.max(axis=(0, 1, 2))
-    centre = low + 0.5 * (high - low)
-    about, corners = points - centre, np.ldexp(vertices.astype(np.float64), -grid.power) - centre
-    # Far from the origin the surface may be small beside its coordinates.
-    second = common_exponent(about, corners)
-    about, corners = np.ldexp(about, -second), np.ldexp(corners, -second)
-    net = np.concatenate([about * weights[..., None], weights[..., None]], axis=-1)
-    along_v = np.stack([_restriction(v[j], v[j + 1], q) for j in range(n)])
-    rows_of_v = np.einsum("nbj,kijc->knibc", along_v, net)
-    worst = 0.0
-    for i in range(m):
-        cells = np.einsum("ai,knibc->knabc", _restriction(u[i], u[i + 1], p), rows_of_v)
-        ends = corners[:, i : i + 2]
-        square = np.stack([ends[:, :, :-1], ends[:, :, 1:]], axis=-2)  # (patches, 2 along u, cells, 2 along v, 3)
-        worst = max(worst, _bent(cells, np.moveaxis(square, 1, 2)))
-    size = max(float(np.abs(about).max()), float(np.abs(corners).max()))
-    error = 2 * np.sqrt(3.0) * gamma(5 * (p + q) + 34, np.float64) * size
-    with np.errstate(over="ignore"):
-        deviation = np.ldexp((worst + error) * (1 + 1e-15), grid.power + second)
-    return Tessellation(*_joined(vertices, count, m, n), float(np.nextafter(deviation, np.inf)))
+def _checked(patches: HostPatches, cells: PatchCells, atol: float, off: float) -> PatchCells:
+    """The rectangles to bisect; ValueError where that cannot help."""
+    width = np.where(cells.along_u, cells.u1 - cells.u0, cells.v1 - cells.v0)
+    if len(width) and (width.min() <= _NARROWEST or not patches.in_user_units(patches.noise + off) <= atol):
+        raise ValueError(f"atol is {atol:g}; rounding leaves more on this surface, in any number of triangles.")
+    return cells
 
 
-def _bent(cells: np.ndarray, square: np.ndarray) -> float:
-    """The largest distance of cells (patches, cells, rows, columns, 4) from the triangles between their corners."""
-    p, q = cells.shape[2] - 1, cells.shape[3] - 1
-    along_u, along_v = product_weights(p, 1), product_weights(q, 1)
-    total = np.zeros((*cells.shape[:2], p + 2, q + 2, 4))
-    for a in (0, 1):
-        for b in (0, 1):
-            share = along_u[:, a, None, None] * along_v[None, :, b, None]
-            corner = square[:, :, a, b][:, :, None, None]
-            weight = cells[..., 3:]
-            difference = np.concatenate([cells[..., :3] - weight * corner, weight], axis=-1)
-            total[:, :, a : a + p + 1, b : b + q + 1] += share * difference
-    from_bilinear = np.sqrt(np.sum((total[..., :3] / total[..., 3:]) ** 2, axis=-1)).max(axis=(2, 3))
-    twist = square[:, :, 0, 0] - square[:, :, 1, 0] - square[:, :, 0, 1] + square[:, :, 1, 1]
-    return float((from_bilinear + 0.25 * np.sqrt(np.sum(twist**2, axis=-1))).max())
+def _chunks(count: int) -> list[slice]:
+    return [slice(k, k + _CHUNK) for k in range(0, count, _CHUNK)]
 
 
-def _restriction(t0: float, t1: float, degree: int) -> np.ndarray:
-    """The matrix whose row j holds the weights of the blossom with degree - j arguments t0 and j arguments t1."""
-    rows = []
-    for j in range(degree + 1):
-        row = np.ones(1)
-        for k in range(degree):
-            t = t0 if k < degree - j else t1
-            row = np.append(row * (1 - t), 0.0) + np.append(0.0, row * t)
-        rows.append(row)
-    return np.stack(rows)
+def _loops(patches: HostPatches, cells: PatchCells) -> _Loops:
+    """The points around each rectangle: the corners of all that lie on its sides.
 
-
-def _corners(points: np.ndarray, weights: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Points of the patches on the grid (patches, m + 1, n + 1, 3).
-
-    Sums in a fixed order: neighbours get the same floats along their common edge.
+    A side lies on a line: a curve of `patches.borders`, or a parameter of a patch. Points are numbered by their line
+    and their parameter there.
     """
-    net = np.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
-    along_u = np.zeros((len(points), len(u), *net.shape[2:]))
-    for i, values in enumerate(basis(net.shape[1] - 1, u).T):
-        along_u = along_u + values[:, None, None] * net[:, i, None]
-    both = np.zeros((len(points), len(u), len(v), 4))
-    for j, values in enumerate(basis(net.shape[2] - 1, v).T):
-        both = both + values[:, None] * along_u[:, :, j, None]
-    return both[..., :3] / both[..., 3:]
+    patch = np.repeat(cells.patch[:, None], 4, axis=1)
+    level = np.stack([cells.v0, cells.u1, cells.v1, cells.u0], axis=1)
+    start = np.stack([cells.u0, cells.v0, cells.u1, cells.v1], axis=1)
+    end = np.stack([cells.u1, cells.v1, cells.u0, cells.v0], axis=1)
+    # The side of the patch, where the side of the rectangle is one.
+    side = np.array([2, 0, 2, 0]) + (level == 1)
+    border = (level == 0) | (level == 1)
+    ends = np.stack([np.where(border, patches.borders.along(patch, side, t), t) for t in (start, end)])
+    values = np.unique(np.append(ends, level))
+    count = len(values)
+    within = (2 * patch + side // 2) * count + np.searchsorted(values, level)
+    line = np.where(border, 2 * len(patches.net) * count + patches.borders.number[patch, side], within)
+    keys, index, number = np.unique(
+        line * count + np.searchsorted(values, ends), return_index=True, return_inverse=True
+    )
+    first, last = number.reshape(2, -1)
+    steps = np.abs(last - first)
+    entry, step = _counted(steps)
+    node = first[entry] + np.sign(last - first)[entry] * step
+    places = (np.stack([np.stack(cells.corner((k + e) % 4), 1) for k in range(4)], axis=1) for e in (0, 1))
+    of_patch, u, v = np.concatenate([x.reshape(-1, 3) for x in places])[index].T
+    return _Loops(node, entry // 4, steps.reshape(-1, 4) - 1, of_patch.astype(int), u, v)
 
 
-def _joined(grid: np.ndarray, count: int, m: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices that are each given once, and two triangles for each cell, counter-clockwise in the parameters."""
-    vertices, number = np.unique(grid.reshape(-1, 3), axis=0, return_inverse=True)
-    index = number.reshape(count, m + 1, n + 1)
-    a, b, c, d = index[:, :-1, :-1], index[:, 1:, :-1], index[:, 1:, 1:], index[:, :-1, 1:]
-    triangles = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)], axis=-2)
-    return vertices, triangles.reshape(-1, 3)
+def _counted(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Every row as often as its count says, and 0, 1, ... beside it."""
+    row = np.repeat(np.arange(len(counts)), counts)
+    return row, np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
+
+
+def _fans(loops: _Loops, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The triangles of all rectangles, and which of these have a middle; the middles count on from the numbered points.
+
+    Args:
+        loops: the points around the rectangles.
+        vertices: the numbered points.
+    """
+    size = loops.inner.sum(axis=1) + 4
+    first = np.cumsum(size) - size
+    corner = np.cumsum(np.pad(loops.inner[:, :3] + 1, ((0, 0), (1, 0))), axis=1)
+    apex = _apexes(loops.inner, corner, vertices[loops.node[first[:, None] + corner]])
+    place = np.arange(len(loops.node)) - first[loops.cell]
+    after = np.where(place + 1 == size[loops.cell], 0, place + 1)
+    at = apex[loops.cell]
+    middles = np.flatnonzero(apex < 0)
+    start = loops.node[first + np.maximum(apex, 0)]
+    start[middles] = len(loops.u) + np.arange(len(middles))
+    corners = [start[loops.cell], loops.node, loops.node[first[loops.cell] + after]]
+    return np.stack(corners, axis=1)[(place != at) & (after != at)], middles
+
+
+def _apexes(inner: np.ndarray, corner: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """The entry of each loop that its fan starts from; -1 for its middle. No triangle of the fan lies on one side.
+
+    Args:
+        inner: the numbers of points inside the sides; side k begins at corner k.
+        corner: the entries of the corners.
+        points: the corners (cells, 4, 3).
+    """
+    near = points.astype(np.float64)
+    # Half of each, so that nothing overflows.
+    rising, falling = (np.abs(0.5 * near[:, k + 2] - 0.5 * near[:, k]).max(axis=1) for k in (0, 1))
+    clear = (inner == 0) & (np.roll(inner, 1, axis=1) == 0)
+    # Without more points: the shorter diagonal.
+    conditions = [np.all(clear, axis=1), *(inner == 1).T, *clear.T]
+    choices = [(falling < rising).astype(int), *(corner + 1).T, *corner.T]
+    return np.select(conditions, choices, default=-1)

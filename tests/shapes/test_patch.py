@@ -1,5 +1,6 @@
 """Parametric surfaces: what they refuse, that every form is the same surface, and meshes with a proven deviation."""
 
+from fractions import Fraction
 from math import comb
 
 import jax
@@ -152,6 +153,108 @@ def test_neighbouring_patches_share_the_vertices_of_their_edges():
     assert mesh.is_manifold and mesh.vertices.shape[0] - len(edges) + mesh.count == 1
 
 
+def sphere():
+    """The unit sphere with poles and a seam: half a circle turned around the z axis, knots repeated."""
+    turn = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0]], float)
+    half, corner = np.array([[0, -1], [1, -1], [1, 0], [1, 1], [0, 1]], float), np.sqrt(0.5)
+    points = np.concatenate([turn[:, None] * half[None, :, :1], np.broadcast_to(half[:, 1:], (9, 5, 1))], axis=-1)
+    weights = np.array([1, corner] * 4 + [1])[:, None] * np.array([1, corner, 1, corner, 1])
+    return BSplineSurface(points, [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4], [0, 0, 0, 1, 1, 2, 2, 2], weights)
+
+
+@pytest.mark.parametrize("atol", [0.01, 0.001])
+def test_a_sphere_with_poles_and_a_seam_gives_a_closed_mesh_within_the_deviation(atol):
+    mesh, deviation = sphere().to_mesh(atol)
+    edges = edges_of(mesh)
+    assert mesh.is_closed and mesh.is_manifold
+    assert mesh.vertices.shape[0] - len(edges.count) + int(edges.proper.sum()) == 2
+    centres = np.linalg.norm(np.asarray(mesh.corners).mean(1), axis=1)
+    assert np.allclose(np.linalg.norm(np.asarray(mesh.vertices), axis=1), 1, atol=ROUNDING)
+    assert 0.3 * atol < (1 - centres).max() <= deviation <= atol
+    assert mesh.count <= 40 / atol
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_neighbours_of_different_curvature_share_their_edge_in_either_direction(turned):
+    flat = np.stack(np.meshgrid([1.0, 2.0, 3.0], [0.0, 1.0, 2.0], [0.0], indexing="ij"), axis=-1)[:, :, 0]
+    bent = flat - [2.0, 0, 0] + [[[0, 0, 3.0]], [[0, 0, -4.0]], [[0, 0, 0]]]
+    flat[:, 1, 2] += 1.0
+    bent[-1] = flat[0]
+    # The second one with both parameters exchanged and reversed: its last column is the shared edge.
+    other = flat[::-1, ::-1].swapaxes(0, 1) if turned else flat
+    mesh = BezierPatches(np.stack([bent, other])).to_mesh(1e-3).mesh
+    edges = edges_of(mesh)
+    assert np.all(edges.count <= 2) and edges.proper.all()
+    assert mesh.vertices.shape[0] - len(edges.count) + mesh.count == 1
+    # The straight border of the bent one is one edge; where it bends most there are many.
+    on_edge = np.asarray(mesh.vertices)[:, 0]
+    assert np.sum(on_edge < 0.5) > 3 * np.sum(on_edge > 2.5)
+
+
+def test_a_cylinder_is_cut_along_its_axis_alone():
+    arc = np.array([[1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    net = arc[:, None] + np.linspace(0, 100, 3)[None, :, None] * [0, 0, 1.0]
+    mesh, deviation = BezierPatch(net, np.array([[1.0], [np.sqrt(0.5)], [1.0]]) * np.ones(3)).to_mesh(1e-4)
+    height, vertices = np.round(np.asarray(mesh.vertices)[:, 2], 9), np.asarray(mesh.vertices)
+    assert set(height) == {0.0, 100.0} and mesh.count == len(vertices) - 2
+    chords = np.linalg.norm(np.diff(vertices[height == 0, :2], axis=0), axis=1)
+    assert (1 - np.sqrt(1 - chords**2 / 4)).max() <= deviation <= 1e-4
+
+
+def test_the_mesh_moves_with_the_surface_and_has_its_derivatives():
+    made = BezierPatch(POINTS, WEIGHTS).to_mesh(0.05)
+    same = made.on(BezierPatch(POINTS, WEIGHTS))
+    np.testing.assert_allclose(same.vertices, made.mesh.vertices, atol=ROUNDING)
+    total = lambda points: jnp.sum(made.on(BezierPatch(points, WEIGHTS)).vertices[:, 2])  # noqa: E731
+    slope, step = jax.grad(total)(jnp.asarray(POINTS)), np.random.default_rng(5).normal(size=POINTS.shape)
+    # Vertices are linear in the control points.
+    assert np.all(np.asarray(slope)[..., :2] == 0)
+    np.testing.assert_allclose(np.sum(slope * step), total(POINTS + step) - total(POINTS), rtol=1e-11)
+    with pytest.raises(ValueError, match="a vertex is on patch 1"):
+        BezierPatches(np.stack([POINTS, POINTS + 1])).to_mesh(0.1).on(BezierPatch(POINTS))
+
+
+def tensor_point(points, weights, u, v):
+    """A point of a patch in exact rational arithmetic."""
+    p, q = points.shape[0] - 1, points.shape[1] - 1
+    total, weight = [Fraction(0)] * 3, Fraction(0)
+    for i in range(p + 1):
+        for j in range(q + 1):
+            share = comb(p, i) * u**i * (1 - u) ** (p - i) * comb(q, j) * v**j * (1 - v) ** (q - j)
+            share *= Fraction(float(weights[i, j]))
+            total = [x + share * Fraction(float(y)) for x, y in zip(total, points[i, j], strict=True)]
+            weight += share
+    return [x / weight for x in total]
+
+
+@pytest.mark.parametrize("degrees", [(1, 7), (3, 2)])
+def test_points_of_a_patch_with_weights_from_1e_minus_6_to_1e6_are_within_the_deviation(degrees):
+    random = np.random.default_rng(sum(degrees))
+    shape = (degrees[0] + 1, degrees[1] + 1)
+    points, weights = random.normal(size=(*shape, 3)), 10.0 ** random.uniform(-6, 6, size=shape)
+    made = BezierPatch(points, weights).to_mesh(0.05)
+    assert made.deviation <= 0.05 and made.mesh.is_manifold
+    corners = np.asarray(made.mesh.corners)
+    for _ in range(10):
+        # Near the ends too, where such weights make the surface run.
+        u, v = (Fraction(float(x)) for x in random.beta(0.3, 0.3, size=2))
+        point = np.array([float(x) for x in tensor_point(points, weights, u, v)])
+        assert distances_to_triangles(point, corners).min() <= made.deviation + ROUNDING
+
+
+def distances_to_triangles(point, corners):
+    """Distances of one point to triangles, by the plane where its foot is inside, else by the edges."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    ends = [(a, b), (b, c), (c, a)]
+    shares = [np.clip(((point - x) * (y - x)).sum(1) / ((y - x) ** 2).sum(1), 0, 1) for x, y in ends]
+    feet = [x + t[:, None] * (y - x) for (x, y), t in zip(ends, shares, strict=True)]
+    found = np.min([np.linalg.norm(point - x, axis=1) for x in feet], axis=0)
+    normal = np.cross(b - a, c - a)
+    inside = np.all([(np.cross(y - x, point - x) * normal).sum(1) >= 0 for x, y in ends], axis=0)
+    height = np.abs(((point - a) * normal).sum(1)) / np.linalg.norm(normal, axis=1)
+    return np.where(inside, height, found)
+
+
 def test_meshes_are_refused_where_they_cannot_be():
     patch = BezierPatch(POINTS)
     for atol in (0.0, -1.0):
@@ -159,6 +262,8 @@ def test_meshes_are_refused_where_they_cannot_be():
             patch.to_mesh(atol)
     with pytest.raises(ValueError, match="more than max_triangles = 100"):
         patch.to_mesh(1e-6, max_triangles=100)
+    with pytest.raises(ValueError, match="rounding leaves more"):
+        patch.to_mesh(1e-17)
     with pytest.raises(TypeError, match="concrete surface"):
         jax.jit(lambda p: BezierPatch(p).to_mesh(0.1).deviation)(POINTS)
 
