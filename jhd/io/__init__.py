@@ -8,6 +8,7 @@ from jhd.io.curves import load_curve as load_curve
 from jhd.io.curves import save_curve as save_curve
 from jhd.io.errors import ParseError as ParseError
 from jhd.io.iges import load_iges as load_iges
+from jhd.io.iges_writer import save_iges as save_iges
 from jhd.io.load import load_shape as load_shape
 from jhd.io.meshes import load_mesh as load_mesh
 from jhd.io.meshes import save_mesh as save_mesh

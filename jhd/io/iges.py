@@ -11,14 +11,17 @@ are refused by name, trimmed surfaces among them, since without them the distanc
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from jhd.io.errors import ParseError, read_bytes
 from jhd.io.iges_file import IgesEntry, IgesFile, IgesRecord, read_iges
+from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.bspline import BSplineCurve
 from jhd.shapes.bspline_surface import BSplineSurface
-from jhd.shapes.curve import BezierSegments
+from jhd.shapes.curve import AbstractCurve, BezierSegments
+from jhd.shapes.patch import BezierPatch, BezierPatches
 
 IgesShape = BSplineCurve | BezierSegments | BSplineSurface
 
@@ -62,6 +65,28 @@ def load_iges(file: str | Path) -> list[IgesShape]:
     if not shapes:
         raise ParseError("holds no B-spline curve or surface (entities 126 and 128) that stands by itself.", file)
     return shapes
+
+
+def united(shapes: Sequence[IgesShape]) -> BezierSegments | BezierPatches:
+    """Several curves, or several surfaces, as one."""
+    curves = [_single(shape) for shape in shapes if isinstance(shape, AbstractCurve)]
+    return BezierSegments.join(curves) if curves else BezierPatches.join([_single(shape) for shape in shapes])
+
+
+def _single(shape: Any) -> Any:
+    """The spline, as a Bezier curve or patch where it is one: the way through knots rounds products with weights."""
+    points, weights = shape.control_points, shape.weights
+    if isinstance(shape, BSplineCurve) and not shape.periodic and _is_span(shape.knots, shape.degree):
+        return BezierCurve(points, weights)
+    if isinstance(shape, BSplineSurface) and all(map(_is_span, (shape.knots_u, shape.knots_v), shape.degrees)):
+        return BezierPatch(points, weights)
+    return shape
+
+
+def _is_span(knots: Any, degree: int) -> bool:
+    """Whether the knots are two of multiplicity degree + 1."""
+    known = np.asarray(knots)
+    return len(known) == 2 * degree + 2 and bool(known[0] == known[degree] and known[-1] == known[degree + 1])
 
 
 def _is_shape(entry: IgesEntry) -> bool:
@@ -109,7 +134,7 @@ class _IgesReader:
                 raise record.error(f"names D{pointer}, which is part of a composite curve already.")
             self.parts.add(pointer)
             parts.append(self.shape(part))
-        joined = BezierSegments.join(parts)
+        joined = BezierSegments.join([_single(part) for part in parts])
         matrix = self._matrix(entry)
         if matrix is None:
             return joined

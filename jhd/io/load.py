@@ -8,7 +8,7 @@ from jhd.io.clouds import CLOUD_SUFFIXES, load_points
 from jhd.io.curves import CURVE_KINDS
 from jhd.io.described import load_described
 from jhd.io.errors import ParseError, read_bytes
-from jhd.io.iges import IGES_SUFFIXES, load_iges
+from jhd.io.iges import IGES_SUFFIXES, load_iges, united
 from jhd.io.meshes import MESH_SUFFIXES, load_mesh
 from jhd.io.outlines import outline, parse_font_spec
 from jhd.io.ply import read_ply
@@ -17,7 +17,7 @@ from jhd.io.surfaces import SURFACE_KINDS
 from jhd.io.svg import path, read_svg
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.mesh import TriangleMesh
-from jhd.shapes.patch import AbstractPatch, BezierPatches
+from jhd.shapes.patch import AbstractPatch
 
 _PATH_DATA = re.compile(r"\s*[Mm][\s]*[-+.\d]")
 _ACCEPTED = (
@@ -63,9 +63,7 @@ def _iges_shape(file: str) -> AbstractCurve | AbstractPatch:
     if curves and surfaces:
         counts = f"{len(curves)} curve{'s' * (len(curves) > 1)} and {len(surfaces)} surface{'s' * (len(surfaces) > 1)}"
         raise ParseError(f"holds {counts}; load_iges gives them one by one.", file)
-    if len(found) == 1:
-        return found[0]
-    return BezierSegments.join(curves) if curves else BezierPatches.join(surfaces)
+    return found[0] if len(found) == 1 else united(found)
 
 
 def _ply_shape(file: str) -> BezierSegments | TriangleMesh:
