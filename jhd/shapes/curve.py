@@ -205,6 +205,9 @@ class BezierSegments(AbstractCurve):
 
     def elevate(self, degree: int) -> "BezierSegments":
         """The same curve written in a higher degree."""
+        if degree == self.degree:
+            # The way through homogeneous coordinates rounds.
+            return self
         return self.with_homogeneous(elevate(self.homogeneous, degree), self.following)
 
     def reverse(self) -> "BezierSegments":
