@@ -133,12 +133,13 @@ class AbstractTarget(ABC):
         return FootRows(found.foot, self.error(found), segment, np.where(np.isnan(t), 0.0, t))
 
     @abstractmethod
-    def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
+    def nearest(self, points: np.ndarray, enough: float = -np.inf, close: float = 0.0) -> ProvenFeet:
         """Nearest points with proven bounds.
 
         Args:
             points: queries (points, dim), finite.
             enough: the bounds of a query may stay apart where its upper one is at most this.
+            close: by so much bounds may stay apart.
         """
 
 
@@ -182,7 +183,7 @@ class PointTarget(AbstractTarget):
         """See AbstractTarget: zeros."""
         return t[:, 0]
 
-    def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
+    def nearest(self, points: np.ndarray, enough: float = -np.inf, close: float = 0.0) -> ProvenFeet:
         """See AbstractTarget: the bounds are always those of rounding."""
         tree, scaled = in_unit_of(self.tree, in_space(points))
         found = nearest_triangles(tree, scaled)
@@ -235,7 +236,7 @@ class MeshTarget(AbstractTarget):
         """See AbstractTarget."""
         return t
 
-    def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
+    def nearest(self, points: np.ndarray, enough: float = -np.inf, close: float = 0.0) -> ProvenFeet:
         """See AbstractTarget: the bounds are always those of rounding."""
         found = closest_points(self.mesh, points)
         return ProvenFeet(*found, closed=np.ones(len(points), bool))

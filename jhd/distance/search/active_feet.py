@@ -11,6 +11,8 @@ from jhd.distance.witness.multipliers import balanced
 
 # Points are looked for around the place this far away, and count as nearest within this much; shares of the distance.
 _RING, _EQUAL = 1e-6, 1e-8
+# Of the latter the share that bounds of distances around the place may leave open.
+_SURE = 0.1
 _CUBE = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
 # So many points that are about equally near are looked at.
 _MOST = 16
@@ -45,7 +47,7 @@ def active_feet(
         found = target.rows_of(target.near(around))
     else:
         # On either side of a tie another foot is the nearest.
-        found = follow(target.rows_of(target.nearest(around)))
+        found = follow(target.rows_of(target.nearest(around, close=_SURE * _EQUAL * size)))
     every = FootRows(*(np.concatenate([x, y]) for x, y in zip(foot, found, strict=True)))
     distance = np.linalg.norm(place.astype(np.float64) - every.point, axis=1)
     equal = max(4 * gap, _EQUAL * size)

@@ -36,6 +36,8 @@ _AS_FAR = 1e-14
 _FIRST_STEPS = 24
 # Places that are measured in a step: of the cells with the largest bounds, and of those that seem farthest.
 _PROVEN = 8
+# The share of the tolerance that the bounds of a measured place may take.
+_MEASURED = 0.05
 # Feet count together where their distances agree to this many diameters of a cell.
 _TOGETHER = 2.0
 
@@ -135,6 +137,10 @@ class FarthestSearch(AbstractSearch):
     def _goal(self, best: PlaceFound | None) -> float:
         return self._level if best is None else max(best.lower + 0.9 * self._allowed(best.lower), self._level)
 
+    def _close(self, best: PlaceFound | None) -> float:
+        """By how much the bounds of a measured place may be apart."""
+        return _MEASURED * self._allowed(0.0 if best is None else best.lower)
+
     def _going(self, state: _FarthestState) -> bool:
         lower = 0.0 if state.best is None else state.best.lower
         waiting = len(state.waiting.upper)
@@ -176,7 +182,7 @@ class FarthestSearch(AbstractSearch):
             who = self._promising(best, np.where(np.isfinite(places.radius), high, -np.inf), upper)
             if len(who):
                 enough = self._level if best is None else max(best.lower, self._level)
-                proven = self._target.nearest(flat[who], enough)
+                proven = self._target.nearest(flat[who], enough, self._close(best))
                 best = self._better(best, cells, places, who, proven)
                 # The feet serve the parts of these cells.
                 _put(chosen, who // places.radius.shape[1], self._target.rows_of(proven))
@@ -291,7 +297,7 @@ class FarthestSearch(AbstractSearch):
         found = polished(followed.shapes, best.piece, best.x, feet, shares)
         if found is None:
             return best
-        there = self._target.nearest(found.point[None])
+        there = self._target.nearest(found.point[None], close=self._close(best))
         if not float(there.distance[0]) >= best.distance * (1 - _AS_FAR):
             return best
         lower = max((float(there.lower[0]) - best.radius) * (1 - 4e-16), best.lower)

@@ -36,8 +36,8 @@ from jhd.distance.search.polished_place import moved_feet
 from jhd.distance.search.rows import each, in_blocks, in_groups
 from jhd.distance.search.sources import CellRows
 
-# Cells done side by side.
-_LANES = 32
+# Cells done side by side: few, since often there are no more; of polynomials over them some more.
+_LANES, _LANES_OF_PARTS = 8, 16
 # Feet of one piece belong to different maps where their parameters are farther apart than this.
 _APART = 0.5
 # Feet of a cell that are tried.
@@ -275,7 +275,7 @@ def _bounds_of(
         other = part_over(k, b.piece(segment), sigma, 1 - sigma)
         return bound_between(k, part, other, levels_of(a) + levels_of(b))
 
-    return in_groups(group, count, (piece, corners, shares, segment, start), _LANES)
+    return in_groups(group, count, (piece, corners, shares, segment, start), _LANES_OF_PARTS)
 
 
 @compiled

@@ -30,8 +30,8 @@ from jhd.triangles.closest_point import TriangleTree, in_unit_of, nearest_triang
 
 # Samples of a piece along each parameter from which feet are looked for, and Newton steps for feet.
 _SAMPLES, _FOOT_STEPS = 6, 10
-# Queries or cells that are bounded side by side.
-_LANES = 64
+# Queries or cells that are bounded side by side: few, since often there are no more.
+_LANES = 8
 # A larger change of the parameters by one more Newton step is no mending.
 _MENDED = 1e-6
 # Pairs of queries and boxes of pieces that are formed at once.
@@ -124,13 +124,14 @@ class NetTarget(AbstractTarget):
         """See AbstractTarget."""
         return t if self.net.parameters == 2 else t[:, 0]
 
-    def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
+    def nearest(self, points: np.ndarray, enough: float = -np.inf, close: float = 0.0) -> ProvenFeet:
         """See AbstractTarget."""
         scaled, shift = self._scaled(points)
         unit = self.exponent + shift
         with np.errstate(over="ignore"):
             least = np.ldexp(max(enough, -1.0), -unit) if np.isfinite(enough) else -np.inf
-        feet, lower, closed = self._searched(scaled, shift, least)
+            close = float(np.ldexp(close, -unit))
+        feet, lower, closed = self._searched(scaled, shift, least, close)
         return self._placed(feet, shift, lower, closed, points.dtype)
 
     def _placed(self, feet: _Feet, shift: int, lower: np.ndarray, closed: np.ndarray, dtype: Any) -> ProvenFeet:
@@ -201,7 +202,9 @@ class NetTarget(AbstractTarget):
         upper, distance, x = in_blocks(_foot, self._shrunk(shift), points, piece, x)
         return _Feet(upper.astype(np.float64), distance, piece, x)
 
-    def _searched(self, points: np.ndarray, shift: int, enough: float) -> tuple[_Feet, np.ndarray, np.ndarray]:
+    def _searched(
+        self, points: np.ndarray, shift: int, enough: float, apart: float
+    ) -> tuple[_Feet, np.ndarray, np.ndarray]:
         """The best feet, proven lower bounds, and whether these are close enough."""
         feet, dtype = self._near(points, shift), points.dtype
         net, u = self._shrunk(shift), float(np.finfo(dtype).eps)
@@ -212,7 +215,7 @@ class NetTarget(AbstractTarget):
             """Cells with bounds from here on need not be looked at."""
             size = np.ldexp(1.0, -shift)
             close = _CLOSE * u * np.minimum(feet.upper + size, np.maximum(64 * feet.upper, size))
-            return np.where(feet.upper <= enough, -np.inf, feet.upper - close)
+            return np.where(feet.upper <= enough, -np.inf, feet.upper - np.maximum(close, apart))
 
         stack = [self._whole(points, net, feet.upper)]
         while stack:

@@ -112,7 +112,7 @@ class SurfaceTarget(AbstractTarget):
         """See AbstractTarget: there are none."""
         return np.full(len(t), np.nan)
 
-    def nearest(self, points: np.ndarray, enough: float = -np.inf) -> ProvenFeet:
+    def nearest(self, points: np.ndarray, enough: float = -np.inf, close: float = 0.0) -> ProvenFeet:
         """See AbstractTarget."""
         x, far = self._scaled(points)
         least = np.ldexp(enough, -self.exponent) if np.isfinite(enough) else -np.inf

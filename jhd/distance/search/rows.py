@@ -14,7 +14,7 @@ from jaxtyping import Array
 from jhd.triangles.closest_point import in_blocks_of
 
 # Rows that one call of a program takes.
-BLOCK = 4096
+BLOCK = 1024
 
 
 def in_blocks(program: Any, shape: Any, *rows: np.ndarray) -> Any:

@@ -24,8 +24,8 @@ from jhd.distance.frame.net_jets import Net, eta, jet, part_of, point_error
 from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows
 from jhd.distance.search.rows import each, in_blocks
 
-# Cells done side by side.
-_LANES = 64
+# Cells done side by side: few, since often there are no more.
+_LANES = 8
 # A cell is cut along the parameters along which it is at least this share as long as along the longest, unless it is
 # thinner than this many units of roundoff there.
 _LONG, _THIN = 0.6, 16
