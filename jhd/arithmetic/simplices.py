@@ -7,9 +7,9 @@ coefficients. Further axes are those of its values; the last one should be long,
 
 Rounding. In terms of Bernstein coefficients all that is done here are sums of terms with non-negative factors of sum
 one. A product costs one rounding of each term and one for every term of a coefficient but the first, of which it has at
-most as many as the smaller operand has coefficients. Composing costs at most 20 roundings a level where the inner
-coordinate and its complement are off by a factor of gamma(6) at most: one product, a sum of at most 12 terms, those
-six, and one for multinomial coefficients.
+most as many as the smaller operand has coefficients. Composing costs at most 24 roundings a level where the inner
+coordinate and its complement are off by a factor of gamma(10) at most: one product, a sum of at most 12 terms, those
+ten, and one for multinomial coefficients.
 
 Source: Farin, Triangular Bernstein-Bezier patches, CAGD 3 (1986); DeRose et al., Functional composition algorithms via
 blossoming, ACM TOG 12 (1993), of which ours is de Casteljau's algorithm on polynomials.
@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array
 
 # Roundings of one level of a composition with an inner map of degree two at most.
-LEVEL = 20
+LEVEL = 24
 
 
 @cache

@@ -61,7 +61,7 @@ def part_over(k: int, shape: Net | Triangles, inner: Array, complement: Array) -
         k: dimension of the cells.
         shape: a piece for each cell, which is its first axis.
         inner: coefficients of the maps (indices, parameters, cells), of degree one or two; of triangles barycentric
-            coordinates, whose sums are one but for four roundings.
+            coordinates, whose sums are one but for eight roundings.
         complement: those of one minus them, which triangles do not need.
     """
     degree = 1 if inner.shape[0] == k + 1 else 2
@@ -72,7 +72,7 @@ def part_over(k: int, shape: Net | Triangles, inner: Array, complement: Array) -
 
 
 def levels_of(shape: Net | Triangles) -> int:
-    """How many levels of composition the roundings of a part are worth; those of a triangle are fewer than 16."""
+    """How many levels of composition the roundings of a part are worth; those of a triangle are fewer than 20."""
     return 1 if isinstance(shape, Triangles) else sum(shape.degrees)
 
 

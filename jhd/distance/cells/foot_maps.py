@@ -115,6 +115,11 @@ def _on_triangle(corners: Array, place: Array) -> Array:
     return jnp.where(jnp.all(inside >= 0), inside, rows[jnp.argmin(squares)])
 
 
+def distance_to(triangle: Triangles, place: Array) -> Array:
+    """The distance of a place from a triangle."""
+    return jnp.sqrt(jnp.sum((place_on(triangle, _on_triangle(triangle.corners, place)) - place) ** 2))
+
+
 def _continued(b: Net | Triangles, place: Array, start: Array, steps: int) -> Array:
     """The parameters of the foot on the piece continued beyond its sides."""
     return _in_plane(b.corners, place) if isinstance(b, Triangles) else _newton(b, place, start, steps, BEYOND)

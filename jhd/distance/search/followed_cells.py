@@ -3,9 +3,12 @@
 A box of parameters of a patch is two triangles, that of a curve a segment, and the cells of meshes are triangles. Of
 the pieces that the feet of a cell lie on one after the other is tried, until the bound is good enough. Where the foot
 leaves its piece within the cell, this is cut along the line through the places on its edges where that happens, and the
-parts are bounded one by one: without cuts the bound would be off by the square of the cell's size there.
+parts are bounded one by one, and cut again where that is needed, about a corner of several pieces: without cuts the
+bound would be off by the square of the cell's size there.
 
-The new corners divide edges in shares whose sum is exactly one, so the parts cover the cell.
+The new corners divide edges in shares whose sum is exactly one, so the parts cover the cell. Shares of parts of parts
+are sums of products of those, all non-negative, so each is off by a factor of gamma(2) a cut, which counts with the
+roundings of what is composed with them (jhd.arithmetic.simplices).
 """
 
 from typing import Any, NamedTuple
@@ -23,6 +26,7 @@ from jhd.distance.cells.foot_maps import (
     INSET,
     Triangles,
     beyond_sides,
+    distance_to,
     foot_map,
     place_on,
     share_on_side,
@@ -44,7 +48,11 @@ _APART = 0.5
 _MOST = 4
 # A cell is cut where it goes beyond a side by this share of what it is long, where the foot of its middle is as far
 # from the mean of those of its corners as this share of that, and where it is at most so many pieces long.
-_LEAST, _BENT, _LONG = 1e-7, 0.3, {Net: 0.9, Triangles: 3.0}
+_LEAST, _BENT, _LONG = 1e-7, 0.3, {Net: 0.9, Triangles: 2.0}
+# How often cells are cut, and then their parts: about a corner of patches two lines meet, of triangles three.
+_CUTS = {Net: 2, Triangles: 3}
+# A piece that is farther from a corner of a cell than the goal by this factor does not help.
+_HOPELESS = 1.5
 # Parts of a triangle of which one corner is on the one side of a cut and two are on the other: corners by their
 # numbers from the first on, and the ends 3 and 4 of the cut, which lie towards the second and the third.
 _PARTS_OF_TRIANGLE = np.array([[0, 3, 4], [3, 1, 2], [3, 2, 4]])
@@ -57,7 +65,7 @@ class _Simplices(NamedTuple):
     Args:
         piece: of a.
         corners: parameters of the corners (cells, corners, parameters of a).
-        shares: rows of non-negative numbers of sum one, exactly, (cells, corners, corners).
+        shares: rows of non-negative numbers whose sum is one, (cells, corners, corners); see the module.
     """
 
     piece: np.ndarray
@@ -67,6 +75,22 @@ class _Simplices(NamedTuple):
     def take(self, rows: Any) -> "_Simplices":
         """Some of them."""
         return _Simplices(*(x[rows] for x in self))
+
+    @property
+    def places(self) -> np.ndarray:
+        """The parameters of the corners of the parts, about."""
+        return self.shares @ self.corners
+
+
+class _Feet(NamedTuple):
+    """Feet of each part: their pieces (parts, feet), -1 for none, and parameters there."""
+
+    segment: np.ndarray
+    t: np.ndarray
+
+    def take(self, rows: Any) -> "_Feet":
+        """Those of some of the parts."""
+        return _Feet(self.segment[rows], self.t[rows])
 
 
 class FollowedFeet:
@@ -80,7 +104,7 @@ class FollowedFeet:
 
     def __init__(self, a: Net | Triangles, b: Net | Triangles, target: AbstractTarget):
         self._target, self.shapes = target, (_padded(a), _padded(b))
-        self._long = _LONG[type(b)]
+        self._long, self._most_cuts = _LONG[type(b)], _CUTS[type(b)]
 
     def over(self, cells: CellRows, feet: FootRows, goal: float) -> np.ndarray:
         """Proven upper bounds of the distances of all points in cells, from their feet.
@@ -94,14 +118,7 @@ class FollowedFeet:
         many, count = corners.shape[1:3]
         whole = np.broadcast_to(np.eye(count, dtype=corners.dtype), (len(corners) * many, count, count))
         parts = _Simplices(np.repeat(cells.piece, many), corners.reshape(-1, *corners.shape[2:]), whole)
-        feet = feet.map(lambda x: np.repeat(x, many, axis=0))
-        tried = _worth_trying(feet)
-        bound = self._by_any(parts, feet, tried, goal)
-        rows = np.flatnonzero(bound > goal)
-        if len(rows):
-            bound[rows] = np.fmin(
-                bound[rows], self._by_cuts(parts.take(rows), feet.map(lambda x: x[rows]), tried[rows], goal)
-            )
+        bound = self._bounded(parts, _Feet(feet.segment, feet.t).take(np.repeat(np.arange(len(corners)), many)), goal)
         return np.max(bound.reshape(-1, many), axis=1)
 
     def moved(self, place: Any, feet: FootRows) -> FootRows:
@@ -113,7 +130,26 @@ class FollowedFeet:
             held[known] = rows
         return feet
 
-    def _by_any(self, parts: _Simplices, feet: FootRows, tried: np.ndarray, goal: float) -> np.ndarray:
+    def _bounded(self, parts: _Simplices, feet: _Feet, goal: float, cuts: int = 0) -> np.ndarray:
+        """Bounds of parts, which are cut so often already."""
+        tried = _worth_trying(feet, isinstance(self.shapes[1], Triangles))
+        bound = self._by_any(parts, feet, self._hopeful(parts, feet, tried, goal), goal)
+        rows = np.flatnonzero(bound > goal)
+        if len(rows) and cuts < self._most_cuts:
+            bound[rows] = np.fmin(bound[rows], self._by_cuts(parts.take(rows), feet.take(rows), tried[rows], goal, cuts))
+        return bound
+
+    def _hopeful(self, parts: _Simplices, feet: _Feet, tried: np.ndarray, goal: float) -> np.ndarray:
+        """Which feet are tried: of triangles not those that are too far from a corner of the part."""
+        if not isinstance(self.shapes[1], Triangles) or not goal > 0:
+            return tried
+        rows, k = np.nonzero(tried)
+        far = in_blocks(_farthest_corner, self.shapes, parts.piece[rows], parts.places[rows], feet.segment[rows, k])
+        hopeful = np.zeros_like(tried)
+        hopeful[rows, k] = far <= _HOPELESS * goal
+        return hopeful
+
+    def _by_any(self, parts: _Simplices, feet: _Feet, tried: np.ndarray, goal: float) -> np.ndarray:
         """Bounds by one foot after the other."""
         bound = np.full(len(parts.piece), np.inf)
         for k in range(tried.shape[1]):
@@ -142,7 +178,7 @@ class FollowedFeet:
         start = self._start(t, parts.corners)
         return in_blocks(_bounds_of, self.shapes, *parts, segment, start).astype(np.float64)
 
-    def _by_cuts(self, parts: _Simplices, feet: FootRows, tried: np.ndarray, goal: float) -> np.ndarray:
+    def _by_cuts(self, parts: _Simplices, feet: _Feet, tried: np.ndarray, goal: float, cuts: int) -> np.ndarray:
         """Bounds of cells that are cut where the foot leaves a piece; infinite where none are."""
         bound = np.full(len(parts.piece), np.inf)
         cut = self._cuts(parts, feet, tried)
@@ -150,21 +186,19 @@ class FollowedFeet:
         if len(rows):
             smaller = self._divided(parts.take(rows), _Cuts(*(x[rows] for x in cut)))
             many = len(smaller.piece) // len(rows)
-            of = np.repeat(rows, many)
-            rest = feet.map(lambda x: x[of])
-            new = self._target.rows_of(self._target.near(self._middles(smaller))).map(lambda x: x[:, None])
-            every = FootRows(*(np.concatenate(x, axis=1) for x in zip(new, rest, strict=True)))
-            bounds = self._by_any(smaller, every, _worth_trying(every), goal)
-            bound[rows] = np.max(bounds.reshape(-1, many), axis=1)
+            new, rest = self._target.rows_of(self._target.near(self._middles(smaller))), feet.take(np.repeat(rows, many))
+            both = zip((new.segment[:, None], new.t[:, None]), rest, strict=True)
+            every = _Feet(*(np.concatenate(x, axis=1) for x in both))
+            bound[rows] = np.max(self._bounded(smaller, every, goal, cuts + 1).reshape(-1, many), axis=1)
         return bound
 
     def _middles(self, parts: _Simplices) -> np.ndarray:
-        x = np.mean(parts.shares @ parts.corners, axis=1)
+        x = np.mean(parts.places, axis=1)
         return in_blocks(_places_of, self.shapes[0], parts.piece, x)
 
-    def _cuts(self, parts: _Simplices, feet: FootRows, tried: np.ndarray) -> "_Cuts":
+    def _cuts(self, parts: _Simplices, feet: _Feet, tried: np.ndarray) -> "_Cuts":
         """For each cell the side that divides it best, of the pieces its feet lie on."""
-        count, corners = len(parts.piece), parts.corners.shape[1]
+        count, corners, places = len(parts.piece), parts.corners.shape[1], parts.places
         best = _Cuts(
             np.zeros(count),
             np.zeros(count, int),
@@ -177,8 +211,7 @@ class FollowedFeet:
             if not len(rows):
                 continue
             segment, start = feet.segment[rows, k], self._start(feet.t[rows, k], parts.corners)
-            at = parts.piece[rows], parts.corners[rows]
-            sides = in_blocks(_beyond, self.shapes, *at, segment, start)
+            sides = in_blocks(_beyond, self.shapes, parts.piece[rows], places[rows], segment, start)
             score, side = self._scores(sides)
             values = np.take_along_axis(sides[:, :-1], side[:, None, None], axis=2)[:, :, 0]
             better = score > best.score[rows]
@@ -203,15 +236,14 @@ class FollowedFeet:
     def _divided(self, parts: _Simplices, cut: "_Cuts") -> _Simplices:
         """The parts of each cell, one after the other."""
         count, corners = parts.corners.shape[:2]
-        index = np.arange(count)
+        index, places = np.arange(count), parts.places
         below = cut.values < 0
         # The corner that is alone on its side comes first.
         alone = np.argmax(below == (np.sum(below, axis=1, keepdims=True) == 1), axis=1)
         turned = (alone[:, None] + np.arange(corners)) % corners
-        eye = np.eye(corners, dtype=parts.corners.dtype)
-        rows = [eye[turned[:, k]] for k in range(corners)]
+        rows = [parts.shares[index, turned[:, k]] for k in range(corners)]
         for k in range(1, corners):
-            ends = np.stack([parts.corners[index, turned[:, j]] for j in (0, k)], axis=1)
+            ends = np.stack([places[index, turned[:, j]] for j in (0, k)], axis=1)
             values = np.stack([cut.values[index, turned[:, j]] for j in (0, k)], axis=1)
             share = in_blocks(_shares, self.shapes, parts.piece, ends, cut.segment, cut.start, cut.side, values)
             # Their sum is exactly one: this difference is a multiple of the unit of roundoff.
@@ -242,14 +274,14 @@ def _padded(shape: Net | Triangles) -> Net | Triangles:
     return Triangles(np.asarray(shape.corners)[np.minimum(np.arange(padded_count(count, small=False)), count - 1)])
 
 
-def _worth_trying(feet: FootRows) -> np.ndarray:
-    """Which feet are on a piece, or a place of it, that none before them are; not more than some."""
+def _worth_trying(feet: _Feet, flat: bool) -> np.ndarray:
+    """Which feet are on a piece, or a place of it where it is not flat, that none before are; not more than some."""
     columns = [feet.segment[:, 0] >= 0]
     for k in range(1, feet.segment.shape[1]):
         new = feet.segment[:, k] >= 0
         for j in range(k):
-            near = np.max(np.abs(feet.t[:, k] - feet.t[:, j]), axis=1) <= _APART
-            new &= (feet.segment[:, k] != feet.segment[:, j]) | ~near
+            other = feet.segment[:, k] != feet.segment[:, j]
+            new &= other if flat else other | (np.max(np.abs(feet.t[:, k] - feet.t[:, j]), axis=1) > _APART)
         columns.append(new)
     tried = np.stack(columns, axis=1)
     return tried & (np.cumsum(tried, axis=1) <= _MOST)
@@ -276,6 +308,16 @@ def _bounds_of(
         return bound_between(k, part, other, levels_of(a) + levels_of(b))
 
     return in_groups(group, count, (piece, corners, shares, segment, start), _LANES_OF_PARTS)
+
+
+@compiled
+def _farthest_corner(shapes: Any, count: Array, piece: Array, corners: Array, segment: Array) -> Array:
+    a, b = shapes
+
+    def one(k: Array, corners: Array, segment: Array) -> Array:
+        return jnp.max(jax.vmap(lambda x: distance_to(b.piece(segment), place_on(a.piece(k), x)))(corners))
+
+    return each(one, count, (piece, corners, segment), _LANES)
 
 
 @compiled
