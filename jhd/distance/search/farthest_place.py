@@ -21,9 +21,9 @@ from jhd.distance.frame.coordinates import Frame
 from jhd.distance.nearest.target import AbstractTarget, FootRows, ProvenFeet
 from jhd.distance.search.active_feet import active_feet
 from jhd.distance.search.followed_cells import FollowedFeet
-from jhd.distance.search.polished_place import polished
+from jhd.distance.search.polished_place import SharpenedPlace, polished
 from jhd.distance.search.search import AbstractSearch, Standing
-from jhd.distance.search.sources import AbstractSource, CellRows, PlacesOfCells
+from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 
 # Cells cut in a step, at most, and most that wait; each takes 400 bytes.
@@ -153,7 +153,8 @@ class FarthestSearch(AbstractSearch):
             taken, rest = waiting.take(order[:_BATCH]), waiting.take(order[_BATCH:])
         else:
             taken, rest = waiting, waiting.take(slice(0, 0))
-        cells, parent = self._source.cut(taken.cells)
+        best = state.best
+        cells, parent = self._source.cut(taken.cells, None if best is None else PlaceOfCut(best.piece, best.x))
         state = state._replace(waiting=rest, steps=state.steps + 1)
         if not len(cells.piece):
             return state
@@ -168,7 +169,7 @@ class FarthestSearch(AbstractSearch):
         if self._target.sharp:
             found = self._target.nearest(flat)
             who = np.arange(len(flat))
-            best = self._better(state.best, cells, places, who, found)
+            best = self._raised(state.best, self._better(state.best, cells, places, who, found))
         else:
             found, best = self._target.near(flat), state.best
         rows = self._in_cells(self._target.rows_of(found), places)
@@ -183,7 +184,7 @@ class FarthestSearch(AbstractSearch):
             if len(who):
                 enough = self._level if best is None else max(best.lower, self._level)
                 proven = self._target.nearest(flat[who], enough, self._close(best))
-                best = self._better(best, cells, places, who, proven)
+                best = self._raised(best, self._better(best, cells, places, who, proven))
                 # The feet serve the parts of these cells.
                 _put(chosen, who // places.radius.shape[1], self._target.rows_of(proven))
         state = state._replace(best=best, bounded=state.bounded + len(cells.piece))
@@ -261,6 +262,28 @@ class FarthestSearch(AbstractSearch):
         distance = float(found.distance[row])
         return PlaceFound(int(cells.piece[cell]), x, point, foot, max(there, 0.0), distance, float(radius[row]))
 
+    def _raised(self, before: PlaceFound | None, best: PlaceFound | None) -> PlaceFound | None:
+        """A new place moved to where its distance is largest, as long as the same foot is the nearest."""
+        if best is None or best is before or self._followed is None:
+            return best
+        return self._moved_to(best, polished(self._followed.shapes, best.piece, best.x, best.foot, np.ones(1)))
+
+    def _moved_to(self, best: PlaceFound, found: SharpenedPlace | None) -> PlaceFound:
+        """The place that was found, proven; the one that is known where that is not farther."""
+        if found is None:
+            return best
+        there = self._target.nearest(found.point[None], close=self._close(best))
+        if not float(there.distance[0]) >= best.distance * (1 - _AS_FAR):
+            return best
+        lower = max((float(there.lower[0]) - best.radius) * (1 - 4e-16), best.lower)
+        return best._replace(
+            x=found.x,
+            point=found.point,
+            foot=self._target.rows_of(there),
+            lower=lower,
+            distance=float(there.distance[0]),
+        )
+
     def _solution(self, state: _FarthestState) -> HausdorffSolution:
         """The solution in the user's coordinates."""
         best, dtype = state.best, self._frame.centre.dtype
@@ -294,20 +317,7 @@ class FarthestSearch(AbstractSearch):
         if best.lower <= 0 or not np.isfinite(self._upper(state)):
             return best
         feet, shares = self._active(best, self._upper(state) - best.lower)[:2]
-        found = polished(followed.shapes, best.piece, best.x, feet, shares)
-        if found is None:
-            return best
-        there = self._target.nearest(found.point[None], close=self._close(best))
-        if not float(there.distance[0]) >= best.distance * (1 - _AS_FAR):
-            return best
-        lower = max((float(there.lower[0]) - best.radius) * (1 - 4e-16), best.lower)
-        return best._replace(
-            x=found.x,
-            point=found.point,
-            foot=self._target.rows_of(there),
-            lower=lower,
-            distance=float(there.distance[0]),
-        )
+        return self._moved_to(best, polished(followed.shapes, best.piece, best.x, feet, shares))
 
     def _active(self, place: PlaceFound, gap: float) -> tuple[FootRows, np.ndarray, bool]:
         """The feet that count at a place, their multipliers, and whether it lies on a border."""

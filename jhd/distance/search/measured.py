@@ -106,7 +106,8 @@ class MeasuredNet(AbstractMeasured):
         which = along >= _LONG**2 * np.max(along, axis=1, keepdims=True)
         parent = np.arange(len(cells.piece))
         for axis in range(self.dimension):
-            cells, parent = cut_along(cells, parent, axis, which[parent, axis])
+            middle = 0.5 * (cells.low[:, axis] + cells.high[:, axis])
+            cells, parent = cut_along(cells, parent, axis, which[parent, axis], middle)
         return cells, parent
 
     def flat(self, cells: CellRows) -> FlatCells:

@@ -7,7 +7,7 @@ import numpy as np
 from jhd.arithmetic.rounding import gamma
 from jhd.distance.cells.flats import Hulls
 from jhd.distance.nearest.target import AbstractTarget, FootRows
-from jhd.distance.search.sources import AbstractSource, CellRows, PlacesOfCells, over_hulls, units
+from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells, over_hulls, units
 
 
 class MeshSource(AbstractSource):
@@ -29,8 +29,8 @@ class MeshSource(AbstractSource):
         ends = np.zeros((len(self._corners), 2), self._corners.dtype)
         return CellRows(np.arange(len(ends)), ends, ends + 1)
 
-    def cut(self, cells: CellRows) -> tuple[CellRows, np.ndarray]:
-        """See AbstractSource: each into four at the middles of its sides."""
+    def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
+        """See AbstractSource: each into four at the middles of its sides, so that all numbers are exact."""
         half, count = 0.5 * (cells.high - cells.low), len(cells.piece)
         zero = np.zeros_like(half[:, 0])
         steps = [np.stack(x, axis=1) for x in ((zero, zero), (half[:, 0], zero), (zero, half[:, 1]))]

@@ -29,6 +29,8 @@ _LANES = 8
 # A cell is cut along the parameters along which it is at least this share as long as along the longest, unless it is
 # thinner than this many units of roundoff there.
 _LONG, _THIN = 0.6, 16
+# The share of a cell that each part has at least where it is cut at a place.
+_INSET = 0.05
 
 
 class CellRows(NamedTuple):
@@ -57,6 +59,13 @@ class PlacesOfCells(NamedTuple):
     parameters: Float[np.ndarray, "cells places parameters"]
 
 
+class PlaceOfCut(NamedTuple):
+    """A place at which cells are best cut: the piece it is of, and its parameters."""
+
+    piece: int
+    x: np.ndarray
+
+
 class AbstractSource(ABC):
     """A shape that distances are maximised over, in common coordinates.
 
@@ -68,8 +77,13 @@ class AbstractSource(ABC):
         """Cells that cover all of it."""
 
     @abstractmethod
-    def cut(self, cells: CellRows) -> tuple[CellRows, np.ndarray]:
-        """Parts that cover the same, and which cell each is of; what is proven to hold no point is left out."""
+    def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
+        """Parts that cover the same, and which cell each is of; what is proven to hold no point is left out.
+
+        Args:
+            cells: which ones.
+            at: a corner of all parts about it, if that can be.
+        """
 
     @abstractmethod
     def places(self, cells: CellRows) -> PlacesOfCells:
@@ -104,20 +118,26 @@ class NetSource(AbstractSource):
         ends = np.zeros((self._count, self._net.parameters), np.asarray(self._net.points).dtype)
         return CellRows(np.arange(self._count), ends, ends + 1)
 
-    def cut(self, cells: CellRows) -> tuple[CellRows, np.ndarray]:
-        """See AbstractSource: at the middles of those parameters along which it is long."""
-        parent = np.arange(len(cells.piece))
+    def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
+        """See AbstractSource: at the place, or at the middles of those parameters along which it is long."""
+        parent, middle = np.arange(len(cells.piece)), 0.5 * (cells.low + cells.high)
+        about = np.zeros(len(parent), bool)
+        if at is not None:
+            room = _INSET * (cells.high - cells.low)
+            apt = (at.x - cells.low > room) & (cells.high - at.x > room) & (cells.piece == at.piece)[:, None]
+            about = np.all(apt, axis=1)
+            middle = np.where(about[:, None], at.x, middle)
         if cells.low.shape[1] == 1:
-            return cut_along(cells, parent, 0, parent >= 0)
+            return cut_along(cells, parent, 0, parent >= 0, middle[:, 0])
         # Beside a side that is a single point cells stay as long as they are wide.
         corners = self.places(cells).points[:, 1:].reshape(-1, 2, 2, 3)
         along = [np.sqrt(np.max(np.sum(np.diff(corners, axis=k) ** 2, axis=-1), axis=(1, 2))) for k in (1, 2)]
         along = np.stack(along, axis=1)
         wide = cells.high - cells.low > _THIN * np.finfo(cells.low.dtype).eps
         which = wide & ((along >= _LONG * np.max(along, axis=1, keepdims=True)) | ~np.any(along > 0, axis=1)[:, None])
-        which |= ~np.any(which, axis=1)[:, None]
+        which |= ~np.any(which, axis=1)[:, None] | about[:, None]
         for axis in range(2):
-            cells, parent = cut_along(cells, parent, axis, which[parent, axis])
+            cells, parent = cut_along(cells, parent, axis, which[parent, axis], middle[parent, axis])
         return cells, parent
 
     def places(self, cells: CellRows) -> PlacesOfCells:
@@ -150,9 +170,10 @@ def over_hulls(hulls: Hulls, target: AbstractTarget, feet: FootRows) -> np.ndarr
     return in_blocks(program, None, *hulls, *target.flats(feet, hulls.corners))
 
 
-def cut_along(cells: CellRows, parent: np.ndarray, axis: int, which: np.ndarray) -> tuple[CellRows, np.ndarray]:
-    """Cells cut in the middle of one parameter where asked for, and which cell each part is of."""
-    middle = 0.5 * (cells.low[:, axis] + cells.high[:, axis])
+def cut_along(
+    cells: CellRows, parent: np.ndarray, axis: int, which: np.ndarray, middle: np.ndarray
+) -> tuple[CellRows, np.ndarray]:
+    """Cells cut at a value of one parameter where asked for, and which cell each part is of."""
     first, second = cells.high.copy(), cells.low.copy()
     first[which, axis], second[which, axis] = middle[which], middle[which]
     rows = np.flatnonzero(which)

@@ -17,7 +17,7 @@ from jhd.distance.nearest.surfaces import halved, inner
 from jhd.distance.nearest.target import AbstractTarget, FootRows, PointTarget
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.rows import each, in_blocks
-from jhd.distance.search.sources import AbstractSource, CellRows, PlacesOfCells, over_hulls, units
+from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells, over_hulls, units
 
 # Cells done side by side.
 _LANES = 64
@@ -39,7 +39,7 @@ class SurfaceSource(AbstractSource):
         low, high = (np.asarray(x).T[alive] for x in self._target.cover[:2])
         return CellRows(np.full(len(low), -1), low, high)
 
-    def cut(self, cells: CellRows) -> tuple[CellRows, np.ndarray]:
+    def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
         """See AbstractSource: each into eight."""
         low, high, alive = in_blocks(_eighths, self._target, cells.low, cells.high)
         parent = np.repeat(np.arange(len(cells.piece)), 8)
