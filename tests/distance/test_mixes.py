@@ -213,6 +213,24 @@ def test_two_feet_on_one_patch_that_are_equally_near_share_the_derivative(seed):
     np.testing.assert_allclose(change, (ahead - behind) / (2 * STEP), rtol=DERIVATIVE, atol=DERIVATIVE)
 
 
+def test_triangles_that_meet_at_a_small_angle_share_the_derivative():
+    # Two patches above a valley; the slope of the one is a quarter of that of the other.
+    high, along, up = 6e-4, 0.005, 0.02
+    share = np.linspace(0, 1, 4)
+    basis = np.stack([[1, 3, 3, 1][k] * share**k * (1 - share) ** (3 - k) for k in range(4)], axis=1)
+    nets = []
+    for low, wide in ((-0.03, 0.05), (0.02, 0.01)):
+        x, y = np.meshgrid(low + wide * share, 0.05 * share - 0.02, indexing="ij")
+        heights = np.stack([x, y, high + along * x - 0.2 * (x**2 + y**2)])
+        nets.append(np.moveaxis(np.linalg.inv(basis) @ heights @ np.linalg.inv(basis).T, 0, -1))
+    sides = [[x, y, up * abs(x)] for x in (0.0, 0.1, -0.1) for y in (-0.1, 0.1)]
+    valley = jhd.TriangleMesh(sides, [[0, 2, 1], [2, 3, 1], [0, 1, 4], [4, 1, 5]])
+    # A gap of this size leaves the place a few millionths of the distance beside the bottom.
+    found = jhd.directed_hausdorff(jhd.BezierPatches(np.stack(nets)), valley, jhd.BranchAndBound(atol=1e-9))
+    np.testing.assert_allclose(found.value, high / np.sqrt(1 + up**2), rtol=1e-11)
+    np.testing.assert_allclose(np.sort(found.witness.multipliers), [0, 0, 0.375, 0.625], atol=1e-6)
+
+
 def test_shapes_that_are_none_and_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="a has 3 coordinates a point and b has 2"):
         jhd.directed_hausdorff(COARSE, ROUND)

@@ -41,12 +41,12 @@ def active_feet(
     """
     free, into = rays
     size = max(float(np.max(np.abs(place - foot.point[0]))), smallest_normal(place.dtype))
-    around = place + _RING * size * _CUBE
-    around = around.astype(place.dtype)
     if follow is None:
-        found = target.rows_of(target.near(around))
+        found = target.rows_of(target.near((place + _RING * size * _CUBE).astype(place.dtype)))
     else:
-        # On either side of a tie another foot is the nearest.
+        # On either side of a tie another foot is the nearest. Beside flat pieces that meet at a small angle the gap
+        # leaves the place farther from it than a small share of the distance.
+        around = (place + max(_RING * size, np.sqrt(gap * size)) * _CUBE).astype(place.dtype)
         found = follow(target.rows_of(target.nearest(around, close=_SURE * _EQUAL * size)))
     every = FootRows(*(np.concatenate([x, y]) for x, y in zip(foot, found, strict=True)))
     distance = np.linalg.norm(place.astype(np.float64) - every.point, axis=1)

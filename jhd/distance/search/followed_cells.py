@@ -82,15 +82,15 @@ class _Simplices(NamedTuple):
         return self.shares @ self.corners
 
 
-class _Feet(NamedTuple):
+class _FeetOfParts(NamedTuple):
     """Feet of each part: their pieces (parts, feet), -1 for none, and parameters there."""
 
     segment: np.ndarray
     t: np.ndarray
 
-    def take(self, rows: Any) -> "_Feet":
+    def take(self, rows: Any) -> "_FeetOfParts":
         """Those of some of the parts."""
-        return _Feet(self.segment[rows], self.t[rows])
+        return _FeetOfParts(self.segment[rows], self.t[rows])
 
 
 class FollowedFeet:
@@ -118,7 +118,9 @@ class FollowedFeet:
         many, count = corners.shape[1:3]
         whole = np.broadcast_to(np.eye(count, dtype=corners.dtype), (len(corners) * many, count, count))
         parts = _Simplices(np.repeat(cells.piece, many), corners.reshape(-1, *corners.shape[2:]), whole)
-        bound = self._bounded(parts, _Feet(feet.segment, feet.t).take(np.repeat(np.arange(len(corners)), many)), goal)
+        bound = self._bounded(
+            parts, _FeetOfParts(feet.segment, feet.t).take(np.repeat(np.arange(len(corners)), many)), goal
+        )
         return np.max(bound.reshape(-1, many), axis=1)
 
     def moved(self, place: Any, feet: FootRows) -> FootRows:
@@ -130,16 +132,17 @@ class FollowedFeet:
             held[known] = rows
         return feet
 
-    def _bounded(self, parts: _Simplices, feet: _Feet, goal: float, cuts: int = 0) -> np.ndarray:
+    def _bounded(self, parts: _Simplices, feet: _FeetOfParts, goal: float, cuts: int = 0) -> np.ndarray:
         """Bounds of parts, which are cut so often already."""
         tried = _worth_trying(feet, isinstance(self.shapes[1], Triangles))
         bound = self._by_any(parts, feet, self._hopeful(parts, feet, tried, goal), goal)
         rows = np.flatnonzero(bound > goal)
         if len(rows) and cuts < self._most_cuts:
-            bound[rows] = np.fmin(bound[rows], self._by_cuts(parts.take(rows), feet.take(rows), tried[rows], goal, cuts))
+            by_cuts = self._by_cuts(parts.take(rows), feet.take(rows), tried[rows], goal, cuts)
+            bound[rows] = np.fmin(bound[rows], by_cuts)
         return bound
 
-    def _hopeful(self, parts: _Simplices, feet: _Feet, tried: np.ndarray, goal: float) -> np.ndarray:
+    def _hopeful(self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray, goal: float) -> np.ndarray:
         """Which feet are tried: of triangles not those that are too far from a corner of the part."""
         if not isinstance(self.shapes[1], Triangles) or not goal > 0:
             return tried
@@ -149,7 +152,7 @@ class FollowedFeet:
         hopeful[rows, k] = far <= _HOPELESS * goal
         return hopeful
 
-    def _by_any(self, parts: _Simplices, feet: _Feet, tried: np.ndarray, goal: float) -> np.ndarray:
+    def _by_any(self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray, goal: float) -> np.ndarray:
         """Bounds by one foot after the other."""
         bound = np.full(len(parts.piece), np.inf)
         for k in range(tried.shape[1]):
@@ -178,7 +181,7 @@ class FollowedFeet:
         start = self._start(t, parts.corners)
         return in_blocks(_bounds_of, self.shapes, *parts, segment, start).astype(np.float64)
 
-    def _by_cuts(self, parts: _Simplices, feet: _Feet, tried: np.ndarray, goal: float, cuts: int) -> np.ndarray:
+    def _by_cuts(self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray, goal: float, cuts: int) -> np.ndarray:
         """Bounds of cells that are cut where the foot leaves a piece; infinite where none are."""
         bound = np.full(len(parts.piece), np.inf)
         cut = self._cuts(parts, feet, tried)
@@ -186,9 +189,9 @@ class FollowedFeet:
         if len(rows):
             smaller = self._divided(parts.take(rows), _Cuts(*(x[rows] for x in cut)))
             many = len(smaller.piece) // len(rows)
-            new, rest = self._target.rows_of(self._target.near(self._middles(smaller))), feet.take(np.repeat(rows, many))
-            both = zip((new.segment[:, None], new.t[:, None]), rest, strict=True)
-            every = _Feet(*(np.concatenate(x, axis=1) for x in both))
+            new = self._target.rows_of(self._target.near(self._middles(smaller)))
+            both = zip((new.segment[:, None], new.t[:, None]), feet.take(np.repeat(rows, many)), strict=True)
+            every = _FeetOfParts(*(np.concatenate(x, axis=1) for x in both))
             bound[rows] = np.max(self._bounded(smaller, every, goal, cuts + 1).reshape(-1, many), axis=1)
         return bound
 
@@ -196,7 +199,7 @@ class FollowedFeet:
         x = np.mean(parts.places, axis=1)
         return in_blocks(_places_of, self.shapes[0], parts.piece, x)
 
-    def _cuts(self, parts: _Simplices, feet: _Feet, tried: np.ndarray) -> "_Cuts":
+    def _cuts(self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray) -> "_Cuts":
         """For each cell the side that divides it best, of the pieces its feet lie on."""
         count, corners, places = len(parts.piece), parts.corners.shape[1], parts.places
         best = _Cuts(
@@ -274,7 +277,7 @@ def _padded(shape: Net | Triangles) -> Net | Triangles:
     return Triangles(np.asarray(shape.corners)[np.minimum(np.arange(padded_count(count, small=False)), count - 1)])
 
 
-def _worth_trying(feet: _Feet, flat: bool) -> np.ndarray:
+def _worth_trying(feet: _FeetOfParts, flat: bool) -> np.ndarray:
     """Which feet are on a piece, or a place of it where it is not flat, that none before are; not more than some."""
     columns = [feet.segment[:, 0] >= 0]
     for k in range(1, feet.segment.shape[1]):
