@@ -27,6 +27,13 @@ PARAMETERS = {
     "BezierSegments.split": ["self", "t"],
     "BezierSegments.transform": ["self", "matrix", "offset"],
     "stack_curves": ["curves"],
+    "pairwise": ["shapes", "others", "method", "executor", "progress"],
+    "nearest_shapes": ["queries", "shapes", "k", "method", "executor", "progress"],
+    "pairs_within": ["shapes", "threshold", "others", "method", "executor", "progress"],
+    "signatures": ["shapes", "points", "executor", "progress"],
+    "Pairwise": ["value", "lower", "upper", "result", "computed"],
+    "Neighbours": ["index", "value", "lower", "upper", "result", "ties", "computed"],
+    "PairsWithin": ["index", "lower", "upper", "undecided", "result", "computed"],
     "points": ["array"],
     "polyline": ["points", "closed"],
     "circle": ["centre", "radius"],
@@ -70,6 +77,9 @@ PARAMETERS = {
     "NotProvenError": ["message", "solution"],
 }
 KEYWORD_ONLY = {
+    "pairwise": ["executor", "progress"],
+    "nearest_shapes": ["executor", "progress"],
+    "pairs_within": ["executor", "progress"],
     "certify": ["max_cells", "progress"],
     "project": ["throw"],
     "signed_distance": ["method"],

@@ -135,14 +135,15 @@ def hausdorff_at_most(
     method = default_method() if method is None else method
     # It proves both bounds, and ends where they say enough.
     check_serves(method, a, b, (BranchAndBound,))
-    pair, limit = pair_of(a, b, method, progress), _checked_limit(threshold)
+    pair, limit = pair_of(a, b, method, progress), checked_limit(threshold)
     # Inward, so that bounds cut off at the level are not above the threshold, nor at the ceiling below it.
     level, ceiling = pair.length(limit, 0.0), pair.length(limit, math.inf)
     there, back = pair.both(level, ceiling)
     return _decided(pair.larger(pair.reported(there), pair.reported(back)), limit)
 
 
-def _checked_limit(threshold: Numbers) -> Array:
+def checked_limit(threshold: Numbers) -> Array:
+    """The threshold as one number of at least 0; ValueError for anything else."""
     limit = real_array("threshold", threshold)
     if limit.shape != () or (not is_traced(limit) and float(limit) < 0):
         raise ValueError(f"threshold is {limit}; needs one number of at least 0.")

@@ -106,7 +106,7 @@ def pair_of(a: Any, b: Any, method: AbstractHausdorffMethod | None, progress: Re
     method = default_method() if method is None else method
     a, b = taken_as("a", a), taken_as("b", b)
     _check_shapes(a, b)
-    check_serves(method, a, b, _METHODS)
+    check_serves(method, a, b, METHODS)
     return _pair_for(a, b, method)(a, b, method, progress)
 
 
@@ -310,7 +310,7 @@ class CubePair(AbstractPair):
 
 
 # What serves at all, in the order in which it is named.
-_METHODS = BranchAndBound, TwoStep, BiarcTrimming, AlgebraicEvents, CubeIntervals
+METHODS = BranchAndBound, TwoStep, BiarcTrimming, AlgebraicEvents, CubeIntervals
 # Two shapes of one of these kinds have an engine of their own; all others are mixed.
 _ENGINES: tuple[tuple[type, Callable[..., AbstractPair]], ...] = (
     (AbstractCurve, CurvePair),

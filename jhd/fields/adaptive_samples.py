@@ -52,7 +52,7 @@ class Samples(NamedTuple):
         return self.distance * self.side
 
 
-class Neighbours(NamedTuple):
+class CellNeighbours(NamedTuple):
     """Samples about each of some points.
 
     Args:
@@ -151,7 +151,7 @@ def spread(samples: Samples, who: np.ndarray, others: np.ndarray, apart: np.ndar
     samples.side[who[found != 0]] = found[found != 0]
 
 
-def lift(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray, others: Neighbours) -> None:
+def lift(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray, others: CellNeighbours) -> None:
     """Hands sides to points close to the mesh, in place.
 
     They are moved away from it, inside the balls about them, until a ball meets that of a neighbour.

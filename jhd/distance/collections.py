@@ -1,0 +1,352 @@
+"""The entries for many shapes: all pairs, the nearest shapes of each query, all pairs within a threshold.
+
+Shapes are of any kinds, in every mix of one dimension. Curves, which may differ in degree and in their number of
+segments, are measured in blocks by a few compiled programs; shapes of other kinds one after the other. The work goes to
+threads, or to any executor.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jhd.arrays import check_whole, real_array
+from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
+from jhd.distance.hausdorff import checked_limit
+from jhd.distance.many.near_duplicates import candidates
+from jhd.distance.many.neighbours import nearest_of, standings_of, together
+from jhd.distance.many.shapes import Collection, both_collections
+from jhd.distance.many.signatures import PointLattice, SignatureBounds, Signatures, lattice_over, reaches, signatures_of
+from jhd.distance.many.tasks import CollectionProgress, measured, pairs_between, workers
+from jhd.distance.pairs import METHODS
+from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
+from jhd.outcomes import RESULTS
+from jhd.shapes.checks import Numbers
+
+Report = Callable[[CollectionProgress], object] | None
+
+# Pairs that are sent out before their results are put away, and pairs whose bounds are held at once.
+_PAIRS, _BOUNDS = 1 << 14, 10**7
+
+
+class Pairwise(eqx.Module):
+    """All distances of two collections with their bounds: rows are the first shapes, columns the second ones.
+
+    Args:
+        value: the distances; NaN where the call was interrupted before.
+        lower: proven lower bounds.
+        upper: proven upper bounds.
+        result: members of RESULTS: how each search ended; RESULTS.interrupted where there was none.
+        computed: how many distances were searched for: of one collection each pair once, and no shape with itself.
+    """
+
+    value: Float[np.ndarray, "rows columns"]
+    lower: Float[np.ndarray, "rows columns"]
+    upper: Float[np.ndarray, "rows columns"]
+    result: Any
+    computed: int
+
+    def __repr__(self) -> str:
+        rows, columns = self.value.shape
+        done = int(np.sum(~np.isnan(self.value)))
+        return f"Pairwise({rows} x {columns} distances, {done} known, {self.computed} computed)"
+
+
+class Neighbours(eqx.Module):
+    """The nearest shapes of each query, nearest first.
+
+    The k nearest shapes of a query are among those in its row and in its `ties`.
+
+    Args:
+        index: which shapes.
+        value: their distances; NaN where the call was interrupted before.
+        lower: proven lower bounds of these.
+        upper: proven upper bounds.
+        result: members of RESULTS, one a query: RESULTS.interrupted where not all was looked at.
+        ties: for each query the other shapes that are not proven to be farther than the last one in its row.
+        computed: how many distances were searched for.
+    """
+
+    index: Int[np.ndarray, "queries neighbours"]
+    value: Float[np.ndarray, "queries neighbours"]
+    lower: Float[np.ndarray, "queries neighbours"]
+    upper: Float[np.ndarray, "queries neighbours"]
+    result: Any
+    ties: tuple[np.ndarray, ...]
+    computed: int
+
+    @property
+    def tied(self) -> Bool[np.ndarray, " queries"]:
+        """Which queries have ties."""
+        return np.array([len(tie) > 0 for tie in self.ties])
+
+    def __repr__(self) -> str:
+        count, k = self.index.shape
+        return f"Neighbours({k} of each of {count} queries, {int(self.tied.sum())} tied, {self.computed} computed)"
+
+
+class PairsWithin(eqx.Module):
+    """The pairs of shapes that are at most a threshold apart, proven, in the order of their indices.
+
+    Args:
+        index: the shapes of each pair.
+        lower: proven lower bounds of their distances.
+        upper: proven upper bounds, at most the threshold.
+        undecided: pairs of which neither is proven: their bounds lie on both sides of the threshold, or the call was
+            interrupted.
+        result: successful where no pair is undecided, else gap_not_closed or interrupted.
+        computed: how many distances were searched for.
+    """
+
+    index: Int[np.ndarray, "pairs 2"]
+    lower: Float[np.ndarray, " pairs"]
+    upper: Float[np.ndarray, " pairs"]
+    undecided: Int[np.ndarray, "others 2"]
+    result: Any
+    computed: int
+
+    def __repr__(self) -> str:
+        return f"PairsWithin({len(self.index)} pairs, {len(self.undecided)} undecided, {self.computed} computed)"
+
+
+def pairwise(
+    shapes: Sequence[Any],
+    others: Sequence[Any] | None = None,
+    method: AbstractHausdorffMethod | None = None,
+    *,
+    executor: Executor | None = None,
+    progress: Report = None,
+) -> Pairwise:
+    """All Hausdorff distances of two collections, or of one among itself, each with proven bounds.
+
+    What a pair gets does not depend on its place, on the executor, or on how many others there are. Ctrl-C ends the
+    call with what is done.
+
+    >>> import jhd
+    >>> squares = [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in (1, 2, 4)]
+    >>> pairwise(squares).value.round(9).tolist()
+    [[0.0, 1.414213562, 4.242640687], [1.414213562, 0.0, 2.828427125], [4.242640687, 2.828427125, 0.0]]
+
+    Args:
+        shapes: shapes of any kinds, of one dimension, or what jhd.as_shape takes for some.
+        others: likewise; None for the pairs of `shapes` among themselves, each of which is measured once.
+        method: as for jhd.hausdorff; by default BranchAndBound().
+        executor: any concurrent.futures.Executor; by default threads, as many as there are processors.
+        progress: called with a CollectionProgress now and then.
+
+    Raises:
+        TypeError: something that is no shape, traced shapes, or a method that does not serve them.
+        ValueError: an empty collection, shapes of the plane and of space, a surface proven empty in its box.
+    """
+    method = default_method() if method is None else method
+    a, b = both_collections("shapes", shapes, "others", others)
+    if a is not b or len(a) > 1:
+        _check_method(method, a, b)
+    shape = len(a), len(b)
+    value, lower, upper = np.full(shape, np.nan), np.zeros(shape), np.full(shape, np.inf)
+    result, computed = np.full(shape, int(RESULTS.interrupted._value)), 0
+    if a is b:
+        for table, known in ((value, 0.0), (lower, 0.0), (upper, 0.0), (result, int(RESULTS.successful._value))):
+            np.fill_diagonal(table, known)
+    total = len(a) * (len(a) - 1) // 2 if a is b else len(a) * len(b)
+    try:
+        with workers(executor) as pool:
+            for rows, columns in _all_pairs(a, b):
+                for index, found in measured(pool, a, b, pairs_between(rows, columns), method):
+                    at = rows[index], columns[index]
+                    for table, numbers in zip((value, lower, upper, result), found, strict=False):
+                        table[at] = numbers
+                        if a is b:
+                            table[at[::-1]] = numbers
+                    computed += len(index)
+                    _tell(progress, "distances", computed, total)
+    except KeyboardInterrupt:
+        pass
+    return Pairwise(value, lower, upper, _results(result), computed)
+
+
+def nearest_shapes(
+    queries: Sequence[Any],
+    shapes: Sequence[Any],
+    k: int = 1,
+    method: BranchAndBound | None = None,
+    *,
+    executor: Executor | None = None,
+    progress: Report = None,
+) -> Neighbours:
+    """The k nearest shapes of each query by Hausdorff distance, proven, from a small share of the distances.
+
+    Distances of all shapes from the points of a lattice bound all pairs; what these leave is searched, up to the best
+    bound so far. Shapes tie often, and those that tie are named. Where `queries` is `shapes` each query is its own
+    nearest shape. Ctrl-C ends the call with what is known, once there are bounds of all pairs.
+
+    >>> import jhd
+    >>> squares = [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in (1, 2, 4)]
+    >>> found = nearest_shapes([jhd.polyline([(0, 0), (3, 0), (3, 3), (0, 3)], closed=True)], squares)
+    >>> found.index.tolist(), found.ties, found.value.round(9).tolist()
+    ([[1]], (array([2]),), [[1.414213562]])
+
+    Args:
+        queries: shapes of any kinds, of one dimension, or what jhd.as_shape takes for some.
+        shapes: likewise.
+        k: how many.
+        method: options of the search; by default BranchAndBound().
+        executor: any concurrent.futures.Executor; by default threads, as many as there are processors.
+        progress: called with a CollectionProgress now and then.
+
+    Raises:
+        TypeError: something that is no shape, traced shapes, or another method.
+        ValueError: an empty collection, k above the number of shapes, shapes of the plane and of space, a surface
+            proven empty in its box.
+    """
+    method = default_method() if method is None else method
+    a, b = both_collections("queries", queries, "shapes", None if queries is shapes else shapes)
+    check_whole("k", k, 1)
+    if k > len(b):
+        raise ValueError(f"k is {k}; there are {len(b)} shapes.")
+    _check_method(method, a, b, (BranchAndBound,))
+    step, parts = max(1, _BOUNDS // len(b)), []
+    with workers(executor) as pool:
+        bounds = SignatureBounds(*_both_signatures(pool, a, b, progress))
+        for start in range(0, len(a), step):
+            rows, before = np.arange(start, min(start + step, len(a))), sum(part.computed for part in parts)
+            known = standings_of(bounds, rows, len(b), a is b)
+            report = lambda done, total, before=before: _tell(progress, "distances", before + done, before + total)  # noqa: E731
+            parts.append(nearest_of(pool, (a, b), rows, k, known, method, report))
+    found = together(parts)
+    return Neighbours(*found[:4], _results(found.result), tuple(found.ties), found.computed)
+
+
+def pairs_within(
+    shapes: Sequence[Any],
+    threshold: Numbers,
+    others: Sequence[Any] | None = None,
+    method: BranchAndBound | None = None,
+    *,
+    executor: Executor | None = None,
+    progress: Report = None,
+) -> PairsWithin:
+    """All pairs that are at most `threshold` apart, each of them proven, from a small share of the distances.
+
+    Bounds by distances from a lattice of points leave few pairs, and the search of each ends as soon as its bounds are
+    on one side of the threshold. Ctrl-C ends the call with what is decided, once the candidates are known.
+
+    >>> import jhd
+    >>> squares = [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in (1, 1.01, 4)]
+    >>> pairs_within(squares, 0.1).index.tolist()
+    [[0, 1]]
+
+    Args:
+        shapes: shapes of any kinds, of one dimension, or what jhd.as_shape takes for some.
+        threshold: a length of at least 0, in the unit of the coordinates.
+        others: likewise shapes; None for the pairs of `shapes` among themselves, the smaller index first.
+        method: options of the search; its tolerance says when it gives up.
+        executor: any concurrent.futures.Executor; by default threads, as many as there are processors.
+        progress: called with a CollectionProgress now and then.
+
+    Raises:
+        TypeError: something that is no shape, traced shapes, or another method.
+        ValueError: an empty collection, a threshold that is no length, shapes of the plane and of space, a surface
+            proven empty in its box.
+    """
+    method = default_method() if method is None else method
+    limit = float(checked_limit(threshold))
+    a, b = both_collections("shapes", shapes, "others", others)
+    _check_method(method, a, b, (BranchAndBound,))
+    computed = 0
+    with workers(executor) as pool:
+        some = candidates(*_both_signatures(pool, a, b, progress), limit, a is b)
+        rows, columns, lower, upper = (np.concatenate(x) for x in zip(*some, *_no_pairs(), strict=True))
+        order = np.lexsort((columns, rows))
+        rows, columns, lower, upper = (x[order] for x in (rows, columns, lower, upper))
+        open_ = np.flatnonzero(upper > limit)
+        pairs = pairs_between(rows[open_], columns[open_], limit, limit)
+        try:
+            for index, found in measured(pool, a, b, pairs, method):
+                at = open_[index]
+                lower[at], upper[at] = np.maximum(lower[at], found.lower), np.minimum(upper[at], found.upper)
+                computed += len(index)
+                _tell(progress, "distances", computed, len(open_))
+        except KeyboardInterrupt:
+            pass
+    yes, no = upper <= limit, lower > limit
+    index = np.stack([rows, columns], axis=1)
+    unsure = RESULTS.interrupted if computed < len(open_) else RESULTS.gap_not_closed
+    result = RESULTS.successful if np.all(yes | no) else unsure
+    return PairsWithin(index[yes], lower[yes], upper[yes], index[~yes & ~no], result, computed)
+
+
+def signatures(
+    shapes: Sequence[Any], points: Any = None, *, executor: Executor | None = None, progress: Report = None
+) -> Signatures:
+    """Proven distances of shapes from points: |d(p, a) - d(p, b)| is at most their Hausdorff distance, for every p.
+
+    Args:
+        shapes: shapes of any kinds, of one dimension, or what jhd.as_shape takes for some.
+        points: the points (points, dim); by default a lattice over the shapes.
+        executor: any concurrent.futures.Executor; by default threads, as many as there are processors.
+        progress: called with a CollectionProgress now and then.
+
+    Raises:
+        TypeError: something that is no shape, traced shapes, or points that are not real numbers.
+        ValueError: an empty collection, shapes of the plane and of space, points of another dimension.
+    """
+    a, _ = both_collections("shapes", shapes, "others", None)
+    lattice = None if points is not None else lattice_over(a)
+    with workers(executor) as pool:
+        return _signed(pool, a, lattice, points, progress)
+
+
+def _check_method(
+    method: Any, a: Collection, b: Collection, known: tuple[type[AbstractHausdorffMethod], ...] | None = None
+) -> None:
+    """Raises TypeError where a method serves not all pairs, each kind with each."""
+    kinds = [list({type(shape): shape for shape in collection.shapes}.values()) for collection in (a, b)]
+    for x in kinds[0]:
+        for y in kinds[1]:
+            check_serves(method, x, y, METHODS if known is None else known)
+
+
+def _all_pairs(a: Collection, b: Collection) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Rows and columns of the pairs to measure, some rows of the table at a time."""
+    step = max(1, _PAIRS // len(b))
+    for start in range(0, len(a), step):
+        rows = np.arange(start, min(start + step, len(a)))
+        row, column = np.repeat(rows, len(b)), np.tile(np.arange(len(b)), len(rows))
+        yield (row[column > row], column[column > row]) if a is b else (row, column)
+
+
+def _both_signatures(pool: Executor, a: Collection, b: Collection, progress: Report) -> tuple[Signatures, Signatures]:
+    if a is b:
+        found = _signed(pool, a, lattice_over(a), None, progress)
+        return found, found
+    lattice = lattice_over(a, b)
+    return _signed(pool, a, lattice, None, progress), _signed(pool, b, lattice, None, progress)
+
+
+def _signed(pool: Executor, a: Collection, lattice: PointLattice | None, points: Any, progress: Report) -> Signatures:
+    if lattice is not None:
+        rows, reach = lattice.points, reaches(a, lattice)
+    else:
+        rows, reach = np.asarray(real_array("points", points)), np.full(len(a), np.inf)
+        if rows.ndim != 2 or not len(rows) or rows.shape[1] != a.dim:
+            raise ValueError(f"points has shape {rows.shape}; needs (points, {a.dim}).")
+    return signatures_of(a, rows, reach, pool, lambda done: _tell(progress, "signatures", done, len(a)))
+
+
+def _tell(progress: Report, stage: str, done: int, total: int) -> None:
+    if progress is not None:
+        progress(CollectionProgress(stage, done, total))
+
+
+def _results(numbers: np.ndarray) -> Any:
+    """Members of RESULTS from their numbers."""
+    return eqx.tree_at(lambda x: x._value, RESULTS.successful, numbers)
+
+
+def _no_pairs() -> list[tuple[np.ndarray, ...]]:
+    nothing, none = np.zeros(0, int), np.zeros(0)
+    return [(nothing, nothing, none, none)]

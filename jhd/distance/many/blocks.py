@@ -1,0 +1,193 @@
+"""Pairs of curves in blocks: shapes padded to few sizes, one compiled program a size, which measures pair after pair.
+
+Degrees are raised within the program, by matrices that are handed in, after the coordinates were centred: so the errors
+are those that jhd.distance.frame.curves accounts for, and one program serves curves of several degrees. What a pair
+gets depends on its two curves alone, to the last bit, and not on the block it comes in.
+"""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.arithmetic.scaling import unit_weights
+from jhd.arrays import varying
+from jhd.compiled import compiled
+from jhd.distance.frame.aim import Aim
+from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of, reported
+from jhd.distance.frame.curves import elevation_matrix, raised_degree, trusted
+from jhd.distance.frame.directions import larger
+from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.shapes.curve import BezierSegments
+from jhd.solution import DIRECTIONS, in_direction
+
+# Numbers of segments that programs are compiled for, and pairs of a block: some tenths of a second of work each. A
+# program takes ten seconds to compile, and a repeated segment costs little.
+SIZES = {16: 256, 48: 256, 192: 128, 768: 32}
+
+
+class PairKind(NamedTuple):
+    """What a program is compiled for: the number of segments, the degree, the dimension, whether there are weights."""
+
+    size: int
+    degree: int
+    dim: int
+    rational: bool
+
+
+class CurveRows(NamedTuple):
+    """Curves of one size: what they are on the host, and how their degrees are raised.
+
+    Args:
+        points: control points, the last one of each segment repeated up to the degree of the program.
+        weights: likewise, or None.
+        following: the joints.
+        raising: a matrix for each curve, zero where its points are repeated.
+    """
+
+    points: Any
+    weights: Any
+    following: Any
+    raising: Any
+
+
+class Block(NamedTuple):
+    """Pairs of curves of one kind, and what of each distance matters.
+
+    Args:
+        a: the first curve of each pair.
+        b: the second one.
+        level: nothing up to this length matters, in the unit of the coordinates.
+        ceiling: nothing more matters above this length.
+        count: how many of the pairs are to be measured; the others fill the block.
+        method: the options.
+    """
+
+    a: CurveRows
+    b: CurveRows
+    level: Any
+    ceiling: Any
+    count: Any
+    method: BranchAndBound
+
+
+class MeasuredPairs(NamedTuple):
+    """Distances of pairs with their bounds, in the unit of the coordinates; `result` holds numbers of RESULTS."""
+
+    value: Any
+    lower: Any
+    upper: Any
+    result: Any
+    steps: Any
+
+
+def kind_of(a: BezierSegments, b: BezierSegments) -> PairKind | None:
+    """The program that measures two curves; None where they have too many segments for blocks."""
+    most = max(a.count, b.count)
+    size = next((size for size in SIZES if size >= most), None)
+    rational = a.weights is not None or b.weights is not None
+    return None if size is None else PairKind(size, raised_degree(max(a.degree, b.degree)), a.dim, rational)
+
+
+def row_of(curve: BezierSegments, kind: PairKind) -> CurveRows:
+    """One curve as a program of this kind takes it."""
+    segment = np.minimum(np.arange(kind.size), curve.count - 1)
+    slot = np.minimum(np.arange(kind.degree + 1), curve.degree)
+    points, weights = np.asarray(curve.control_points), None
+    if kind.rational:
+        weights = np.ones(points.shape[:-1], points.dtype) if curve.weights is None else np.asarray(curve.weights)
+        weights = weights[segment][:, slot]
+    raising = _raising(curve.degree, kind.degree).astype(points.dtype)
+    return CurveRows(points[segment][:, slot], weights, np.asarray(curve.following)[segment], raising)
+
+
+@lru_cache(maxsize=64)
+def _raising(degree: int, target: int) -> np.ndarray:
+    matrix = np.zeros((target + 1, target + 1))
+    matrix[:, : degree + 1] = elevation_matrix(degree, target)
+    return matrix
+
+
+def block_of(rows: list[tuple[CurveRows, CurveRows]], level: Any, ceiling: Any, length: int, method: Any) -> Block:
+    """The block of these pairs, filled up to its length by repetitions that are not measured."""
+    index = np.minimum(np.arange(length), len(rows) - 1)
+    a, b = (_stacked([pair[k] for pair in rows], index) for k in range(2))
+    dtype = a.points.dtype
+    return Block(a, b, np.asarray(level, dtype)[index], np.asarray(ceiling, dtype)[index], len(rows), method)
+
+
+def _stacked(rows: list[CurveRows], index: np.ndarray) -> CurveRows:
+    return CurveRows(*(None if x[0] is None else np.stack([x[k] for k in index]) for x in zip(*rows, strict=True)))
+
+
+def measure_block(block: Block) -> MeasuredPairs:
+    """The distances of a block's pairs."""
+    found = _measured(block._replace(count=np.asarray(block.count)))
+    return MeasuredPairs(*(np.asarray(x)[: block.count] for x in found))
+
+
+@compiled
+def _measured(block: Block) -> MeasuredPairs:
+    # Side by side each pair would last as long as the longest one, which serves an accelerator alone.
+    return _in_turn(block) if jax.default_backend() == "cpu" else _side_by_side(block)
+
+
+def _in_turn(block: Block) -> MeasuredPairs:
+    """Only as many pairs as there are, so that a block which is not full costs what it holds."""
+    pairs = block.a, block.b, block.level, block.ceiling
+
+    def one(k: Any, out: MeasuredPairs) -> MeasuredPairs:
+        found = _pair(jax.tree_util.tree_map(lambda x: x[k], pairs), block.method)
+        return MeasuredPairs(*(x.at[k].set(y) for x, y in zip(out, found, strict=True)))
+
+    number = jnp.zeros_like(block.level)
+    whole = jnp.zeros(number.shape, int)
+    empty = varying(MeasuredPairs(number, number, number, whole, whole), block)
+    return jax.lax.fori_loop(0, block.count, one, empty)
+
+
+def _side_by_side(block: Block) -> MeasuredPairs:
+    ceiling = jnp.where(jnp.arange(block.ceiling.size) < block.count, block.ceiling, -1.0)
+    return jax.vmap(lambda pair: _pair(pair, block.method))((block.a, block.b, block.level, ceiling))
+
+
+def _pair(pair: tuple[CurveRows, CurveRows, Array, Array], method: BranchAndBound) -> MeasuredPairs:
+    """Both directions of one pair, with its level and its ceiling."""
+    a, b, level, ceiling = pair
+    frame = frame_of([extremes(row.points) for row in (a, b)])
+    p, q = (_in_common(frame, row) for row in (a, b))
+    low = frame.common(level, 0.0)
+    high = jnp.where(jnp.isfinite(ceiling), frame.common(ceiling, np.inf), jnp.inf)
+
+    def one(aim: Aim, turn: Any) -> tuple[Aim, Any]:
+        found = method.directed(turn[0], turn[1], frame, aim)
+        # Below the first direction nothing matters of the second, and nothing at all where it is above the ceiling.
+        most = jnp.where(found.lower > aim.ceiling, -1.0, aim.ceiling)
+        return Aim(jnp.maximum(aim.level, found.lower), most), found
+
+    both = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), (p, q), (q, p))
+    _, found = jax.lax.scan(one, varying(Aim(low, high), both), both)
+    there, back = (jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(2))
+    there, back = in_direction(there, DIRECTIONS.a_to_b), in_direction(back, DIRECTIONS.b_to_a)
+    whole = larger(reported(frame, there), reported(frame, back))
+    steps = there.stats["steps"] + back.stats["steps"]
+    return MeasuredPairs(
+        whole.value, whole.lower, whole.upper, jnp.asarray(whole.result._value, int), steps.astype(int)
+    )
+
+
+def _in_common(frame: Frame, row: CurveRows) -> BezierSegments:
+    """The curve in common coordinates, of the degree of the program; see jhd.distance.frame.curves.prepare."""
+    points, raising = common_points(frame, row.points), row.raising
+    if row.weights is None:
+        return trusted(_raised(raising, points), None, row.following)
+    weights = unit_weights(row.weights)
+    high = jnp.sum(raising * weights[:, None], axis=-1)
+    return trusted(_raised(raising, points * weights[..., None]) / high[..., None], high, row.following)
+
+
+def _raised(raising: Array, points: Array) -> Array:
+    return jnp.sum(raising[:, :, None] * points[:, None], axis=-2)

@@ -1,0 +1,79 @@
+"""A collection of shapes of any kinds: checked once, in the form that searches take, and their extents."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from jhd.arrays import is_tracing
+from jhd.distance.frame.coordinates import extremes
+from jhd.distance.many.blocks import CurveRows, PairKind, row_of
+from jhd.shapes.as_shape import as_shape
+from jhd.shapes.curve import AbstractCurve, BezierSegments
+
+
+class Collection:
+    """Shapes of one dimension, in the order given.
+
+    Args:
+        name: what errors call it.
+        shapes: shapes, or what jhd.as_shape takes for some.
+
+    Raises:
+        TypeError: something that is no shape, or traced arrays.
+        ValueError: no shape, or shapes of the plane and of space.
+    """
+
+    def __init__(self, name: str, shapes: Iterable[Any]):
+        self.shapes = [_working(f"{name}[{k}]", shape) for k, shape in enumerate(shapes)]
+        if not self.shapes:
+            raise ValueError(f"{name} is empty; needs at least one shape.")
+        if is_tracing(self.shapes):
+            raise TypeError(f"{name} must be known shapes: collections are searched from the host, not under jit.")
+        self.dim = self.shapes[0].dim
+        for k, shape in enumerate(self.shapes):
+            if shape.dim != self.dim:
+                raise ValueError(
+                    f"{name}[{k}] has {shape.dim} coordinates and {name}[0] has {self.dim}; needs the same."
+                )
+        self.corners = [_corners(shape) for shape in self.shapes]
+        self._rows: dict[tuple[int, PairKind], CurveRows] = {}
+
+    def __len__(self) -> int:
+        return len(self.shapes)
+
+    def row(self, k: int, kind: PairKind) -> CurveRows:
+        """A curve as a program takes it."""
+        found = self._rows.get((k, kind))
+        if found is None:
+            found = self._rows[k, kind] = row_of(self.shapes[k], kind)
+        return found
+
+
+def both_collections(name: str, shapes: Any, other_name: str, others: Any) -> tuple[Collection, Collection]:
+    """Two collections of one dimension; the same one twice where the second is None.
+
+    Raises:
+        TypeError: see Collection.
+        ValueError: see Collection.
+    """
+    a = Collection(name, shapes)
+    b = a if others is None else Collection(other_name, others)
+    if a.dim != b.dim:
+        raise ValueError(f"{name} has shapes of {a.dim} coordinates and {other_name} of {b.dim}; needs the same.")
+    return a, b
+
+
+def _working(name: str, value: Any) -> Any:
+    try:
+        shape: Any = as_shape(value)
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{name}: {error}") from error
+    return shape.segments() if isinstance(shape, AbstractCurve) else shape
+
+
+def _corners(shape: Any) -> tuple[np.ndarray, np.ndarray]:
+    if isinstance(shape, BezierSegments):
+        return extremes(np.asarray(shape.control_points))
+    low, high = shape.box()
+    return np.asarray(low), np.asarray(high)

@@ -1,0 +1,185 @@
+"""Distances of many pairs on an executor: which of them make one task, and the results in the order in which they come.
+
+A task is a function of this module and its arguments, which can be pickled: it runs on threads, in other processes or
+on other machines. Curves go in blocks through one program; shapes of other kinds, and curves of very many segments, are
+searched one after the other as jhd.hausdorff does.
+"""
+
+import os
+import threading
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jhd.distance.frame.method import AbstractHausdorffMethod
+from jhd.distance.hausdorff import hausdorff
+from jhd.distance.many.blocks import SIZES, MeasuredPairs, block_of, kind_of, measure_block
+from jhd.distance.many.shapes import Collection
+from jhd.distance.pairs import pair_of
+from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.points import is_points
+from jhd.shapes.curve import BezierSegments
+from jhd.solution import HausdorffSolution
+
+# Tasks that are sent out for each worker: enough to keep it busy, and few enough that memory stays bounded.
+_AHEAD = 3
+# The same for executors that do not say how many workers they have.
+_OPEN = 64
+# Pairs of a task that are searched one after the other.
+_ALONE = 8
+
+
+class CollectionProgress(NamedTuple):
+    """How far a call on collections has come.
+
+    Args:
+        stage: what is being done: "signatures" (distances of all shapes from common points) or "distances".
+        done: shapes or pairs that are done.
+        total: how many there are to do, as far as is known by now.
+    """
+
+    stage: str
+    done: int
+    total: int
+
+
+class AskedPairs(NamedTuple):
+    """Pairs of shapes, and what of each distance matters.
+
+    Args:
+        rows: indices into the first collection.
+        columns: indices into the second.
+        level: nothing up to this length matters.
+        ceiling: nothing more matters above this length.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    level: np.ndarray
+    ceiling: np.ndarray
+
+
+def pairs_between(rows: Any, columns: Any, level: Any = 0.0, ceiling: Any = np.inf) -> AskedPairs:
+    """Pairs with one level and ceiling, or one each."""
+    shape = np.shape(rows)
+    limits = (np.broadcast_to(np.asarray(x, float), shape) for x in (level, ceiling))
+    return AskedPairs(np.asarray(rows), np.asarray(columns), *limits)
+
+
+@contextmanager
+def workers(executor: Executor | None) -> Iterator[Executor]:
+    """The executor, or threads of our own, as many as there are processors to use.
+
+    XLA lets other threads go on while it computes, so threads do as much as processes, and compile once.
+    """
+    if executor is not None:
+        yield executor
+        return
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    own = ThreadPoolExecutor(count)
+    try:
+        yield own
+    finally:
+        # What has begun cannot be stopped, and takes a moment.
+        own.shutdown(cancel_futures=True)
+
+
+def completed(executor: Executor, tasks: Iterable[tuple[Any, Callable[..., Any], Any]]) -> Iterator[tuple[Any, Any]]:
+    """Yields (key, result) as tasks (key, function, argument) complete; few are sent out at a time."""
+    ahead = _AHEAD * getattr(executor, "_max_workers", _OPEN // _AHEAD)
+    tasks, running = iter(tasks), {}
+    try:
+        while True:
+            while len(running) < ahead and (task := next(tasks, None)) is not None:
+                running[executor.submit(task[1], task[2])] = task[0]
+            if not running:
+                return
+            for future in _finished(running):
+                yield running.pop(future), future.result()
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def _finished(running: dict[Future, Any]) -> set[Future]:
+    return wait(list(running), return_when=FIRST_COMPLETED).done
+
+
+def measured(
+    executor: Executor, a: Collection, b: Collection, pairs: AskedPairs, method: AbstractHausdorffMethod
+) -> Iterator[tuple[np.ndarray, MeasuredPairs]]:
+    """The distances of pairs as they come: which of the pairs, and what was measured of them."""
+    return completed(executor, _tasks(a, b, pairs, method))
+
+
+def _tasks(
+    a: Collection, b: Collection, pairs: AskedPairs, method: Any
+) -> Iterator[tuple[Any, Callable[..., Any], Any]]:
+    kinds: dict[Any, list[int]] = defaultdict(list)
+    for k, (i, j) in enumerate(zip(pairs.rows.tolist(), pairs.columns.tolist(), strict=True)):
+        kinds[_kind(a.shapes[i], b.shapes[j], method)].append(k)
+    for kind, members in sorted(kinds.items(), key=lambda item: (item[0] is None, item[0])):
+        length = _ALONE if kind is None else SIZES[kind.size]
+        for start in range(0, len(members), length):
+            index = np.array(members[start : start + length])
+            some = AskedPairs(*(x[index] for x in pairs))
+            ends = list(zip(some.rows.tolist(), some.columns.tolist(), strict=True))
+            if kind is None:
+                shapes = [(a.shapes[i], b.shapes[j]) for i, j in ends]
+                yield index, _measure_alone, (shapes, some.level, some.ceiling, method)
+            else:
+                rows = [(a.row(i, kind), b.row(j, kind)) for i, j in ends]
+                yield index, _measure_block, block_of(rows, some.level, some.ceiling, length, method)
+
+
+def _kind(a: Any, b: Any, method: Any) -> Any:
+    """The kind of the blocks that a pair is measured in; None where it is measured by itself."""
+    curves = isinstance(a, BezierSegments) and isinstance(b, BezierSegments)
+    if not curves or not isinstance(method, BranchAndBound) or (is_points(a) and is_points(b)):
+        return None
+    return kind_of(a, b)
+
+
+# Several threads may want a program that is not yet compiled, and one of them is to do it.
+_first, _compiled = threading.Lock(), set()
+
+
+def _measure_block(block: Any) -> MeasuredPairs:
+    kind = tuple((x.shape, x.dtype) for x in (block.a.points, block.level)), block.a.weights is None, repr(block.method)
+    if kind in _compiled:
+        return measure_block(block)
+    with _first:
+        found = measure_block(block)
+        _compiled.add(kind)
+    return found
+
+
+def _measure_alone(task: Any) -> MeasuredPairs:
+    shapes, level, ceiling, method = task
+    pairs = zip(shapes, level, ceiling, strict=True)
+    rows: Any = [_plain(_alone(a, b, least, most, method)) for (a, b), least, most in pairs]
+    columns: Any = (np.array(x) for x in zip(*rows, strict=True))
+    return MeasuredPairs(*columns)
+
+
+def _alone(a: Any, b: Any, level: float, ceiling: float, method: Any) -> HausdorffSolution:
+    if level == 0 and ceiling == np.inf:
+        return hausdorff(a, b, method, throw=False)
+    pair = pair_of(a, b, method, None)
+    aim: Any = np.asarray(level), np.asarray(ceiling)
+    low, high = pair.length(aim[0], 0.0), pair.length(aim[1], np.inf)
+    there = pair.measured(level=low, ceiling=high)
+    # Above the ceiling of the first direction nothing matters of the second.
+    rest = -1.0 if float(there.lower) > float(high) else high
+    back = pair.measured(turned=True, level=np.maximum(low, np.asarray(there.lower)), ceiling=np.asarray(rest))
+    return pair.larger(pair.reported(there), pair.reported(back))
+
+
+def _plain(solution: HausdorffSolution) -> tuple[float, float, float, int, int]:
+    steps = sum(int(x) for name, x in solution.stats.items() if name.endswith("steps"))
+    value, lower, upper = (float(x) for x in (solution.value, solution.lower, solution.upper))
+    return value, lower, upper, int(solution.result._value), steps

@@ -1,0 +1,251 @@
+"""Many shapes at once: what pairs get alone they get in a collection, and few distances serve for all.
+
+Curves of at most sixteen segments and degree three share one program; sets of points take none.
+"""
+
+import itertools
+import multiprocessing
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import jhd
+from jhd.solution import names_of
+
+
+def squares(sides):
+    return [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in sides]
+
+
+def some_curves(seed, count=9, scale=1.0):
+    """Ragged curves of degrees 0 to 3: chains, points, two that are the same, one whose points all coincide."""
+    random = np.random.default_rng(seed)
+    shapes = []
+    for k in range(count):
+        points = random.standard_normal((1 + k % 5, 1 + k % 4, 2)).cumsum(axis=0) + 3 * random.standard_normal(2)
+        shapes.append(jhd.BezierSegments(scale * points))
+    shapes[3] = jhd.BezierSegments(np.zeros((2, 3, 2)) + scale)
+    return [*shapes, shapes[1]]
+
+
+CURVES = some_curves(1)
+ALL = jhd.pairwise(CURVES)
+
+
+def clouds(seed, count):
+    random = np.random.default_rng(seed)
+    return [jhd.points(random.standard_normal((3 + k, 2)) + k % 3) for k in range(count)]
+
+
+class InPlace(Executor):
+    """Does everything at once, in this thread, and counts."""
+
+    def __init__(self):
+        self.count = 0
+
+    def submit(self, fn, /, *args, **kwargs):
+        self.count += 1
+        future = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
+def test_all_pairs_of_squares_have_their_distances():
+    sides = np.array([1.0, 2.0, 5.0, 5.5])
+    found = jhd.pairwise(squares(sides))
+    exact = np.sqrt(2) * np.abs(sides[:, None] - sides)
+    # A square in another one is nearest at its corners, which the other square may hold.
+    assert np.all(found.lower <= exact * (1 + 1e-15)) and np.all(exact * (1 - 1e-15) <= found.upper)
+    assert np.all(found.upper - found.lower <= 1e-9) and np.all(found.lower <= found.value)
+    assert found.computed == 6 and set(names_of(found.result)) == {"successful"}
+    assert repr(found) == "Pairwise(4 x 4 distances, 16 known, 6 computed)"
+
+
+@pytest.mark.slow
+def test_shapes_of_all_kinds_are_measured_beside_each_other():
+    corners = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    shapes = [
+        jhd.TriangleMesh(corners, faces),
+        jhd.points(corners),
+        jhd.TriangleMesh(corners + 0.25, faces),
+        jhd.polyline([(0, 0, 0), (1, 1, 1)]),
+    ]
+    method = jhd.BranchAndBound(atol=1e-3)
+    every = jhd.pairwise(shapes, method=method)
+    for i, j in itertools.combinations(range(4), 2):
+        alone = jhd.hausdorff(shapes[i], shapes[j], method)
+        assert every.lower[i, j] <= alone.upper and alone.lower <= every.upper[i, j]
+    near = jhd.nearest_shapes(shapes, shapes, 2, method)
+    for i in range(4):
+        second = np.sort(every.upper[i])[1]
+        assert near.lower[i, 1] <= second and np.sort(every.lower[i])[1] <= near.upper[i, 1]
+    within = jhd.pairs_within(shapes, 0.5, method=method)
+    found = {(i, j) for i, j in itertools.combinations(range(4), 2) if every.upper[i, j] <= 0.5}
+    assert {tuple(pair) for pair in within.index} == found == {(0, 2)}
+
+
+@pytest.mark.slow
+def test_other_processes_find_the_same_bits():
+    curves = some_curves(5, 20)
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        found = jhd.pairwise(curves, executor=pool)
+    for name in ("value", "lower", "upper"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(jhd.pairwise(curves), name))
+
+
+@pytest.mark.slow
+def test_bounds_of_a_pair_are_those_of_the_single_call():
+    for i, j in ((0, 2), (1, 5), (3, 7)):
+        alone = jhd.hausdorff(CURVES[i], CURVES[j])
+        assert ALL.lower[i, j] <= alone.upper and alone.lower <= ALL.upper[i, j]
+
+
+def test_what_a_pair_gets_depends_on_nothing_else():
+    order = [4, 0, 9, 3, 1, 2]
+    pool = InPlace()
+    found = jhd.pairwise([CURVES[k] for k in order], [CURVES[k] for k in (2, 7)], executor=pool)
+    assert pool.count == 1 and found.computed == 12
+    for (i, k), (j, m) in itertools.product(enumerate(order), enumerate((2, 7))):
+        if k < m:
+            assert [x[i, j] for x in (found.value, found.lower, found.upper)] == [
+                x[k, m] for x in (ALL.value, ALL.lower, ALL.upper)
+            ]
+
+
+def test_the_table_of_one_collection_is_symmetric_and_zero_for_a_shape_and_itself():
+    np.testing.assert_array_equal(ALL.value, ALL.value.T)
+    np.testing.assert_array_equal(np.diag(ALL.upper), 0.0)
+    assert ALL.computed == 45 and ALL.value[1, 9] == 0.0
+
+
+@pytest.mark.parametrize("exponent", [0, -480, 480])
+def test_signatures_bound_every_pair_at_every_scale(exponent):
+    # Powers of two change no digit of a distance.
+    shapes = some_curves(1, scale=2.0**exponent)
+    signs = jhd.signatures(shapes)
+    assert np.all(signs.lower <= signs.upper)
+    most = np.max(np.maximum(signs.lower[:, None] - signs.upper, signs.lower - signs.upper[:, None]), axis=-1)
+    assert np.all(np.ldexp(most, -exponent) <= ALL.upper)
+    # Chords of quadratics and cubics deviate, so the bounds are no better than that.
+    assert np.all(signs.upper - signs.lower <= 2.0**exponent)
+    near = jhd.nearest_shapes(shapes, shapes, 3)
+    inside = np.take_along_axis(ALL.value, near.index, axis=1)
+    np.testing.assert_array_equal(np.ldexp(near.value, -exponent), inside)
+
+
+def test_bounds_of_all_pairs_hold_and_the_reach_covers_the_shapes():
+    from jhd.distance.many.shapes import Collection
+    from jhd.distance.many.signatures import SignatureBounds, lattice_over, reaches
+
+    for offset in (0.0, 1e9):
+        moved = [jhd.BezierSegments(np.asarray(shape.control_points) + offset) for shape in CURVES]
+        signs = jhd.signatures(moved)
+        lower, upper = SignatureBounds(signs, signs).between(np.arange(len(moved)), np.arange(len(moved)))
+        exact = ALL if offset == 0.0 else jhd.pairwise(moved)
+        assert np.all(lower <= exact.upper) and np.all(exact.lower <= upper)
+        assert np.median(lower[exact.value > 0] / exact.value[exact.value > 0]) > 0.8
+        collection = Collection("shapes", moved)
+        lattice = lattice_over(collection)
+        for shape, reach in zip(moved, reaches(collection, lattice), strict=True):
+            places = np.asarray(shape(np.linspace(0, shape.count, 33)))
+            apart = np.linalg.norm(places[:, None] - lattice.points, axis=-1).min(axis=1)
+            assert np.all(apart <= reach)
+
+
+@pytest.mark.parametrize("k", [1, 3])
+def test_the_nearest_shapes_are_those_of_all_distances(k):
+    queries = some_curves(2)
+    every = jhd.pairwise(queries, CURVES)
+    found = jhd.nearest_shapes(queries, CURVES, k)
+    best = np.sort(every.value, axis=1)[:, :k]
+    np.testing.assert_array_equal(np.sort(found.value, axis=1), best)
+    assert set(names_of(found.result)) == {"successful"} and found.computed < every.computed
+    for row, index, ties in zip(every.lower, found.index, found.ties, strict=True):
+        near = set(np.flatnonzero(row <= np.sort(row)[k - 1]))
+        assert near <= {*index, *ties} and not {*index} & {*ties}
+
+
+def test_ties_are_named():
+    found = jhd.nearest_shapes(squares([3.0]), squares([1.0, 2.0, 4.0, 9.0]))
+    assert {*found.index[0], *found.ties[0]} == {1, 2} and found.tied.tolist() == [True]
+    assert repr(found) == f"Neighbours(1 of each of 1 queries, 1 tied, {found.computed} computed)"
+
+
+@pytest.mark.parametrize("threshold", [1e-9, 1.0, 2.5])
+def test_pairs_within_a_threshold_are_those_of_all_distances(threshold):
+    found = jhd.pairs_within(CURVES, threshold)
+    near = [(i, j) for i, j in itertools.combinations(range(len(CURVES)), 2) if ALL.value[i, j] <= threshold]
+    assert [tuple(pair) for pair in found.index] == near and len(near) > 0
+    assert np.all(found.upper <= threshold) and len(found.undecided) == 0 and found.computed < ALL.computed
+    assert repr(found) == f"PairsWithin({len(near)} pairs, 0 undecided, {found.computed} computed)"
+    between = jhd.pairs_within(CURVES[:4], threshold, CURVES[4:])
+    assert [(i, j + 4) for i, j in between.index] == [(i, j) for i, j in near if i < 4 <= j]
+
+
+def test_a_threshold_within_the_bounds_of_a_pair_is_undecided():
+    a, b = some_curves(3)[2], some_curves(4)[2]
+    value = float(jhd.pairwise([a], [b]).value[0, 0])
+    found = jhd.pairs_within([a], value, [b])
+    assert len(found.index) + len(found.undecided) == 1
+    assert (names_of(found.result) == "gap_not_closed") == (len(found.undecided) == 1)
+
+
+def test_sets_of_points_are_measured_beside_curves():
+    shapes = [*clouds(1, 3), CURVES[2], np.array([[0.0, 1.0], [2.0, 2.0]])]
+    found = jhd.pairwise(shapes)
+    for i, j in ((0, 1), (0, 2), (1, 4)):
+        a, b = (np.asarray(jhd.as_shape(shapes[k]).control_points)[:, 0] for k in (i, j))
+        table = np.linalg.norm(a[:, None] - b, axis=-1)
+        exact = max(table.min(axis=1).max(), table.min(axis=0).max())
+        assert found.lower[i, j] <= exact * (1 + 1e-15) and exact * (1 - 1e-15) <= found.upper[i, j]
+    near = jhd.nearest_shapes(shapes, shapes, 2)
+    np.testing.assert_array_equal(near.value[:, 1], np.sort(found.value, axis=1)[:, 1])
+
+
+def test_an_interrupted_call_keeps_what_is_done_and_says_so():
+    shapes, told = clouds(2, 9), []
+
+    def stop(progress):
+        told.append(progress)
+        if progress.stage == "distances":
+            raise KeyboardInterrupt
+
+    exact = jhd.pairwise(shapes)
+    with ThreadPoolExecutor(1) as pool:
+        found = jhd.pairwise(shapes, executor=pool, progress=stop)
+        known = ~np.isnan(found.value)
+        assert 9 < known.sum() < 81 and told[-1].total == 36 and told[-1].done == found.computed
+        np.testing.assert_array_equal(found.value[known], exact.value[known])
+        names = np.array(names_of(found.result)).reshape(known.shape)
+        assert set(names[known]) == {"successful"} and set(names[~known]) == {"interrupted"}
+        assert np.all(found.lower <= exact.upper) and np.all(exact.lower <= found.upper)
+        near = jhd.nearest_shapes(shapes[:2], shapes[2:], progress=stop)
+        assert set(names_of(near.result)) == {"interrupted"} and near.computed == 0
+        chosen = np.take_along_axis(exact.value[:2, 2:], near.index, axis=1)
+        assert np.all(near.lower <= chosen) and np.all(chosen <= near.upper)
+        within = jhd.pairs_within(clouds(3, 16), 2.3, executor=pool, progress=stop)
+        assert names_of(within.result) == "interrupted" and len(within.undecided) > 0
+
+
+def test_what_is_no_collection_is_refused():
+    space = jhd.polyline([(0, 0, 0), (1, 1, 1)])
+    with pytest.raises(ValueError, match="shapes is empty"):
+        jhd.pairwise([])
+    with pytest.raises(TypeError, match=r"others\[1\]: shape must be a shape of jhd"):
+        jhd.pairwise(CURVES, [CURVES[0], "a"])
+    with pytest.raises(ValueError, match=r"shapes\[1\] has 3 coordinates and shapes\[0\] has 2"):
+        jhd.pairs_within([CURVES[0], space], 1.0)
+    with pytest.raises(ValueError, match="queries has shapes of 3 coordinates and shapes of 2"):
+        jhd.nearest_shapes([space], CURVES)
+    with pytest.raises(ValueError, match="k is 11; there are 10 shapes"):
+        jhd.nearest_shapes(CURVES, CURVES, 11)
+    with pytest.raises(ValueError, match="threshold is -1"):
+        jhd.pairs_within(CURVES, -1.0)
+    with pytest.raises(TypeError, match="method must be BranchAndBound"):
+        jhd.nearest_shapes(CURVES, CURVES, method=jhd.TwoStep())  # pyright: ignore[reportArgumentType]
+    with pytest.raises(TypeError, match="method must be"):
+        jhd.pairwise(CURVES, method=jhd.CubeIntervals())
+    with pytest.raises(ValueError, match=r"points has shape \(1, 3\); needs \(points, 2\)"):
+        jhd.signatures(CURVES, np.zeros((1, 3)))
