@@ -73,6 +73,7 @@ from jhd.shapes import (  # noqa: E402
     BiarcCurve,
     BSplineCurve,
     BSplineSurface,
+    CurveApproximation,
     ImplicitSurface,
     Partials,
     PatchMesh,

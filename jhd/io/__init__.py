@@ -14,6 +14,10 @@ from jhd.io.meshes import load_mesh as load_mesh
 from jhd.io.meshes import save_mesh as save_mesh
 from jhd.io.outlines import outline as outline
 from jhd.io.outlines import parse_font_spec as parse_font_spec
+from jhd.io.outward import to_geomdl as to_geomdl
+from jhd.io.outward import to_path as to_path
+from jhd.io.outward import to_scipy as to_scipy
+from jhd.io.outward import to_shapely as to_shapely
 from jhd.io.results import load_result as load_result
 from jhd.io.results import save_result as save_result
 from jhd.io.surfaces import load_surface as load_surface
@@ -21,5 +25,6 @@ from jhd.io.surfaces import save_surface as save_surface
 from jhd.io.surfaces import surface_from_dict as surface_from_dict
 from jhd.io.surfaces import surface_to_dict as surface_to_dict
 from jhd.io.svg import path as path
+from jhd.io.svg import path_data as path_data
 from jhd.io.svg import read_svg as read_svg
 from jhd.io.svg import write_svg as write_svg

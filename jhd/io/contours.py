@@ -126,17 +126,18 @@ def _elevate(coefficients: np.ndarray, degree: int) -> np.ndarray:
 
 
 def contours_of(curve: BezierSegments) -> list[Contour]:
-    """The polynomial segments as contours, cut wherever an end is not exactly the next start."""
+    """The segments as contours, cut wherever an end is not exactly the next start."""
     points = np.asarray(curve.control_points, dtype=float)
     following = np.asarray(curve.following)
+    weights = [None] * len(points) if curve.weights is None else map(tuple, np.asarray(curve.weights, float).tolist())
     contours: list[Contour] = []
     first = 0
-    for index, row in enumerate(points):
+    for index, (row, own) in enumerate(zip(points, weights, strict=True)):
         steps = [complex(x, y) for x, y in row.tolist()]
         if index == 0 or following[index - 1] != index or contours[-1].end != steps[0]:
             contours.append(Contour(steps[0]))
             first = index
-        contours[-1].append(*steps[1:])
+        contours[-1].append(*steps[1:], weights=own)
         contours[-1].closed = bool(following[index] == first) and contours[-1].end == contours[-1].start
     return contours
 

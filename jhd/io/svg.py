@@ -14,10 +14,10 @@ from jhd.io.files import replace_file
 from jhd.io.path_data import parse_path
 from jhd.io.svg_document import Drawn, drawn_shapes
 from jhd.io.svg_elements import parse_document
+from jhd.io.svg_paths import path_words
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 
 _MIRROR = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-_LETTERS = {1: "L", 2: "Q", 3: "C"}
 # Margin around a written drawing and width of its lines, as parts of its larger side.
 _MARGIN, _STROKE = 0.05, 0.004
 
@@ -91,23 +91,53 @@ def _some(names: list[str]) -> str:
     return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "none"
 
 
-def write_svg(file: str | Path | None, curves: AbstractCurve | Sequence[AbstractCurve], *, y_up: bool = False) -> str:
-    """Writes polynomial plane curves of degree 1 to 3 as SVG paths, and returns the text of the file.
+def path_data(curve: AbstractCurve, *, atol: float | None = None) -> str:
+    """The text of an attribute `d` that draws a plane curve: the way back from `path`.
+
+    Polynomial segments of degree 1 to 3 keep their numbers. Arcs of ellipses, as rational segments of degree 2 or 3,
+    are written as arcs, so that what `path` reads is proven to be within atol. Other segments are drawn by cubics.
+
+    >>> path_data(path("M0 0 L4 .5 A2 2 0 0 1 8 .5"))
+    'M0.0,0.0 Q2.0,0.25 4.0,0.5 A2 2 0 0 1 6.0,-1.5 A2 2 0 0 1 8.0,0.5'
+
+    Args:
+        curve: a curve in the plane.
+        atol: how far the curve that is read back may be away from this one, anywhere and either way. None: exact, and
+            arcs within 1e-12 of the largest coordinate; what is neither is refused.
+
+    Raises:
+        TypeError: not a curve.
+        ValueError: a curve in space, points, or no atol where one is needed.
+    """
+    _check_atol(atol)
+    return path_words(_drawing("curve", curve, False), atol)
+
+
+def write_svg(
+    file: str | Path | None,
+    curves: AbstractCurve | Sequence[AbstractCurve],
+    *,
+    y_up: bool = False,
+    atol: float | None = None,
+) -> str:
+    """Writes plane curves as SVG paths, and returns the text of the file.
 
     Numbers are written so that `read_svg` gets the same floats back (with the same `y_up`); it leaves out segments that
-    stay at one point. Each curve is one path, of id curve0, curve1, ...; the viewBox is the box of the control points
-    with a margin.
+    stay at one point. Arcs of ellipses are arcs, and what paths cannot hold is drawn by cubics: see `path_data`. Each
+    curve is one path, of id curve0, curve1, ...; the viewBox is the box of the control points with a margin.
 
     Args:
         file: where to write; None only returns the text.
         curves: one curve or several.
         y_up: whether y of the curves points up: the file holds (x, -y), which viewers show upright.
+        atol: see `path_data`.
 
     Raises:
         TypeError: not a curve.
-        ValueError: no curve; rational segments, degrees other than 1 to 3, or curves in space, which path data cannot
-            hold exactly.
+        ValueError: no curve; curves in space or points; rational segments that are no arcs and degrees above 3 where
+            atol is None.
     """
+    _check_atol(atol)
     several = [curves] if isinstance(curves, AbstractCurve) else list(curves)
     if not several:
         raise ValueError("curves is empty; needs at least one curve.")
@@ -118,7 +148,7 @@ def write_svg(file: str | Path | None, curves: AbstractCurve | Sequence[Abstract
     side = float(max(np.ptp(x), np.ptp(y))) or 1.0
     margin = _MARGIN * side
     box = (x.min() - margin, y.min() - margin, np.ptp(x) + 2 * margin, np.ptp(y) + 2 * margin)
-    paths = [f'  <path id="curve{index}" d="{_path_data(drawing)}"/>' for index, drawing in enumerate(drawings)]
+    paths = [f'  <path id="curve{index}" d="{path_words(drawing, atol)}"/>' for index, drawing in enumerate(drawings)]
     style = f'fill="none" stroke="black" stroke-width="{_STROKE * side:.6g}"'
     view_box = " ".join(f"{number:.9g}" for number in box)
     opening = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{view_box}" {style}>'
@@ -133,22 +163,12 @@ def _drawing(name: str, curve: AbstractCurve, y_up: bool) -> list[Contour]:
     segments = curve.segments()
     if segments.dim != 2:
         raise ValueError(f"{name} has {segments.dim} coordinates a point; SVG needs 2.")
-    if segments.weights is not None:
-        raise ValueError(f"{name} is rational; SVG paths hold polynomial segments of degree 1 to 3 only.")
-    if segments.degree not in _LETTERS:
-        raise ValueError(f"{name} has degree {segments.degree}; SVG paths hold degrees 1 to 3.")
+    if segments.degree == 0:
+        raise ValueError(f"{name} has degree 0; SVG paths hold no points.")
     contours = contours_of(segments)
     return [contour.transformed(_MIRROR) for contour in contours] if y_up else contours
 
 
-def _path_data(contours: list[Contour]) -> str:
-    words = []
-    for contour in contours:
-        words.append("M" + _pair(contour.start))
-        words += [_LETTERS[len(points) - 1] + " ".join(map(_pair, points[1:])) for points, _ in contour.segments]
-        words += ["Z"] if contour.closed else []
-    return " ".join(words)
-
-
-def _pair(point: complex) -> str:
-    return f"{point.real!r},{point.imag!r}"
+def _check_atol(atol: float | None) -> None:
+    if atol is not None and not atol > 0:
+        raise ValueError(f"atol is {atol}; needs a positive number, or None.")

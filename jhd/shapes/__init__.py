@@ -6,6 +6,7 @@ from jhd.shapes.biarc import BiarcCurve, biarcs, least_tolerance
 from jhd.shapes.bspline import BSplineCurve
 from jhd.shapes.bspline_surface import BSplineSurface
 from jhd.shapes.curve import AbstractCurve, BezierSegments, circle, points, polyline
+from jhd.shapes.flattening import CurveApproximation
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import BezierPatch, BezierPatches, Partials, PatchMesh

@@ -18,6 +18,7 @@ from jaxtyping import Array, Float, Int
 from jhd.arrays import is_traced, real_array
 from jhd.shapes import convert
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
+from jhd.shapes.flattening import CurveApproximation, flattened, pieces_following
 from jhd.shapes.homogeneous import cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
 from jhd.shapes.joints import completed, joints, turned
 
@@ -60,6 +61,34 @@ class AbstractCurve(eqx.Module):
     def dim(self) -> int:
         """Number of coordinates."""
         return self.control_points.shape[-1]
+
+    def to_polyline(self, atol: Numbers, *, max_segments: int = 1_000_000) -> CurveApproximation:
+        """Straight segments through points of the curve, with a proven deviation of at most atol, both ways.
+
+        Each segment is halved until its parts are near enough; their number grows like 1 / sqrt(atol). Joints and
+        closed contours stay. Distances of two polylines are those of their curves to within the sum of the deviations.
+
+        >>> found = circle([0, 0], 1).to_polyline(0.05)
+        >>> found.curve.count, found.deviation < 0.05
+        (16, True)
+
+        Args:
+            atol: the most that the curve may be away from the polyline anywhere, and the polyline from the curve.
+            max_segments: the largest polyline to make.
+
+        Raises:
+            ValueError: atol is not positive, asks for too many segments or for less than rounding; or points.
+            TypeError: the curve is traced; the number of segments depends on it.
+        """
+        return _approximated(self, 1, atol, max_segments)
+
+    def to_cubics(self, atol: Numbers, *, max_segments: int = 1_000_000) -> CurveApproximation:
+        """Polynomial cubics with the ends and tangents of parts of the curve, with a proven deviation, both ways.
+
+        As `to_polyline`; the number of cubics grows like the fourth root of 1 / atol. Polynomial segments of degree 3
+        and less are raised to cubics without a deviation but for rounding, which is in it.
+        """
+        return _approximated(self, 3, atol, max_segments)
 
     @property
     def homogeneous(self) -> Float[Array, "*rows width"]:
@@ -273,6 +302,21 @@ def check_curve(name: str, value: object) -> None:
             f"{name} must be a curve (BezierCurve, BSplineCurve, BezierSegments; see also jhd.points, jhd.polyline); "
             f"got {type(value).__name__}."
         )
+
+
+def _approximated(curve: AbstractCurve, degree: int, atol: Numbers, most: int) -> CurveApproximation:
+    if is_traced(curve, atol):
+        raise TypeError("an approximation needs a concrete curve and atol: the number of segments depends on them.")
+    tolerance = real_array("atol", atol)
+    if tolerance.shape != () or not float(tolerance) > 0:
+        raise ValueError(f"atol is {tolerance}; needs one positive number.")
+    segments = curve.segments()
+    if segments.degree == 0:
+        raise ValueError("the curve is a set of points (degree 0), which nothing joins.")
+    points, weights = np.asarray(segments.control_points), segments.weights
+    found = flattened(points, None if weights is None else np.asarray(weights), degree, float(tolerance), most)
+    following = pieces_following(found.segment, np.asarray(segments.following))
+    return CurveApproximation(BezierSegments(found.control_points, None, following), found.deviation)
 
 
 def affine_image(points: Array, matrix: Numbers, offset: Numbers) -> Array:

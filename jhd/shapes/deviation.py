@@ -14,6 +14,7 @@ from jhd.arithmetic.rounding import gamma, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, unit_weights
 from jhd.arrays import taken
 from jhd.shapes.curve import BezierSegments
+from jhd.shapes.flattening import restricted
 
 # Sweeps up to 106 degrees: the weight of the rational quadratic stays at 0.6 and above, and the proof needs less than
 # half a turn.
@@ -141,18 +142,6 @@ def evaluated(rows: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return u * rows[0] + t * rows[1], degree * (rows[1] - rows[0])
 
 
-def _restricted(rows: np.ndarray, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
-    """Coefficients on [t0, t1], as `bernstein.restrict`, one interval for each of the polynomials."""
-    degree = len(rows) - 1
-    u = np.empty((degree + 1, 1, len(t0)))
-    u[:] = t0
-    table: np.ndarray = rows[None]
-    for level in range(1, degree + 1):
-        u[degree - level + 1 :] = t1
-        table = (1 - u) * table[:, :-1] + u * table[:, 1:]
-    return table[:, 0]
-
-
 class Pieces(NamedTuple):
     """Pieces of the curve, relative to where their arcs start, in local units."""
 
@@ -168,9 +157,9 @@ class Pieces(NamedTuple):
 
 def pieces_of(curve: HostCurve, arcs: HostArcs) -> Pieces:
     """The pieces that the arcs stand for."""
-    points, weights = _restricted(curve.rows[:, arcs.segment], arcs.t0, arcs.t1), None
+    points, weights = restricted(curve.rows[:, arcs.segment], arcs.t0, arcs.t1), None
     if curve.weights is not None:
-        weights = _restricted(curve.weights[:, arcs.segment], arcs.t0, arcs.t1)
+        weights = restricted(curve.weights[:, arcs.segment], arcs.t0, arcs.t1)
         points = points / weights
     start = curve.local(arcs.start)
     return Pieces(points - start, weights, curve.local(arcs.end) - start)

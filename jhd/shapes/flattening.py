@@ -1,0 +1,174 @@
+"""Straight lines and cubics for Bezier segments of any degree, rational or not, with a proven deviation.
+
+A piece of a segment N / w is compared with its line or cubic Q at equal parameters: the coefficients of N - w Q, in the
+sum of both degrees, divided by those of w in that degree bound |N / w - Q|, and so the distance both ways. Pieces that
+are farther off than asked are halved. Cubics have the ends and the tangents of the piece (Hermite), and halving divides
+their deviation by about 16, that of lines by 4.
+
+A line may be written with weights of its own, those of the ends of the piece: its points move along it, towards those
+of the piece at equal parameters.
+
+All of it is in coordinates of order one about a common centre, with the lines and cubics as they are stored. Rounding,
+for points of pieces and of Q of size at most r and segments of degree n: restricted coefficients of N and w pass 3 n
+roundings and two more, with shares that add up to the weight; the terms N_i - w_i Q_j, their shares, sums and the
+quotient pass fewer than 20 more. Each of N / w and Q enters with size r, so the bound is off by at most
+2 sqrt(dim) gamma(6 n + 30) r.
+
+Source: Farin, Curves and Surfaces for CAGD (2002), chapters 4, 5 and 13; the bound is the one of `tessellation`.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jhd.arithmetic.bernstein import product_weights
+from jhd.arithmetic.rounding import gamma
+from jhd.arithmetic.scaling import common_exponent, unit_weights
+
+# Halvings after which a piece has no length left that its ends could tell.
+_DEEPEST = 40
+
+
+class CurveApproximation(NamedTuple):
+    """Segments of another degree, and a proven bound of how far they and their curve are from each other, both ways."""
+
+    curve: Any  # BezierSegments
+    deviation: float
+
+
+class FlatPieces(NamedTuple):
+    """Control points (pieces, degree + 1, dim) in order, the segment of each, and how far they are off at most."""
+
+    control_points: np.ndarray
+    segment: np.ndarray
+    deviation: float
+
+
+def restricted(rows: np.ndarray, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
+    """Coefficients (degree + 1, pieces) on [t0, t1], as `bernstein.restrict`, one interval for each polynomial."""
+    degree = len(rows) - 1
+    u = np.empty((degree + 1, 1, len(t0)))
+    u[:] = t0
+    table: np.ndarray = rows[None]
+    for level in range(1, degree + 1):
+        u[degree - level + 1 :] = t1
+        table = (1 - u) * table[:, :-1] + u * table[:, 1:]
+    return table[:, 0]
+
+
+class _LocalCurve(NamedTuple):
+    """Segments about a centre, divided by powers of two, and the way back."""
+
+    net: np.ndarray  # (degree + 1, segments, dim + 1): points times weights, and weights
+    ends: np.ndarray  # (2, segments, dim): first and last control points as they are stored
+    centre: np.ndarray
+    first: int
+    second: int
+    size: float
+
+    def stored(self, local: np.ndarray) -> np.ndarray:
+        """Local points in the user's coordinates, rounded to their precision."""
+        return np.ldexp(np.ldexp(local, self.second) + self.centre, self.first).astype(self.ends.dtype)
+
+    def local(self, stored: np.ndarray) -> np.ndarray:
+        """Stored points in local coordinates; the subtraction is the only rounding."""
+        return np.ldexp(np.ldexp(stored.astype(np.float64), -self.first) - self.centre, -self.second)
+
+
+def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, atol: float, most: int) -> FlatPieces:
+    """Lines (degree 1) or cubics (degree 3) within atol of Bezier segments (segments, points, dim).
+
+    Raises:
+        ValueError: more than `most` pieces are needed, or atol is below what rounding allows.
+    """
+    curve = _local(points, weights)
+    count = len(points)
+    if points.shape[1] == 2 and degree == 1:
+        # A line is one whatever its weights are.
+        return FlatPieces(points, np.arange(count), 0.0)
+    unit = curve.first + curve.second
+    # Below that no number of pieces is enough, since their ends are rounded.
+    least = np.ldexp(_error(curve, np.float64(0.0)), unit) + 4 * float(np.spacing(np.abs(points).max()))
+    if not atol >= least:
+        raise ValueError(f"atol is {atol:g}, which is below what rounding allows; {2 * least:.1g} may do.")
+    segment, t0, t1 = np.arange(count), np.zeros(count), np.ones(count)
+    done: list[tuple[np.ndarray, ...]] = []
+    for _ in range(_DEEPEST):
+        pieces, bound = _pieces(curve, segment, t0, t1, degree)
+        with np.errstate(over="ignore"):
+            bound = np.nextafter(np.ldexp(bound, unit), np.inf)
+        # Written so that what is no number is halved, too.
+        good = bound <= atol
+        done.append((segment[good], t0[good], pieces[good], bound[good]))
+        segment, t0, t1 = segment[~good], t0[~good], t1[~good]
+        if not len(segment):
+            segment, t0, pieces, bound = (np.concatenate(x) for x in zip(*done, strict=True))
+            order = np.lexsort((t0, segment))
+            return FlatPieces(pieces[order], segment[order], float(bound.max()))
+        if sum(len(x[0]) for x in done) + 2 * len(segment) > most:
+            raise ValueError(f"atol is {atol:g}; more than {most} pieces would be needed.")
+        middle = 0.5 * (t0 + t1)
+        segment = np.concatenate([segment, segment])
+        t0, t1 = np.concatenate([t0, middle]), np.concatenate([middle, t1])
+    raise ValueError(f"atol is {atol:g}, which is below what rounding allows for coordinates of this size.")
+
+
+def _error(curve: _LocalCurve, size: np.ndarray | np.float64) -> np.ndarray:
+    """What rounding adds at most to the deviation of pieces whose coordinates have this size, in local units."""
+    n, dim = len(curve.net) - 1, curve.net.shape[2] - 1
+    return 2 * np.sqrt(dim) * gamma(6 * n + 30, np.float64) * np.maximum(size, curve.size)
+
+
+def _local(points: np.ndarray, weights: np.ndarray | None) -> _LocalCurve:
+    first = int(common_exponent(points))
+    scaled = np.ldexp(points.astype(np.float64), -first)
+    low, high = scaled.min(axis=(0, 1)), scaled.max(axis=(0, 1))
+    centre = low + 0.5 * (high - low)
+    about = scaled - centre
+    # Far from the origin the curve may be small beside its coordinates.
+    second = int(common_exponent(about))
+    about = np.ldexp(about, -second)
+    heavy = np.ones(points.shape[:2]) if weights is None else unit_weights(weights.astype(np.float64))
+    net = np.concatenate([about * heavy[..., None], heavy[..., None]], axis=-1)
+    ends = points[:, [0, -1]].swapaxes(0, 1)
+    return _LocalCurve(net.swapaxes(0, 1), ends, centre, first, second, float(np.abs(about).max()))
+
+
+def _pieces(
+    curve: _LocalCurve, segment: np.ndarray, t0: np.ndarray, t1: np.ndarray, degree: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The line or cubic (pieces, degree + 1, dim) of each piece as it is stored, and a bound of its deviation."""
+    rows = curve.net[:, segment]
+    n, count, width = len(rows) - 1, len(segment), rows.shape[2]
+    h = restricted(rows.reshape(n + 1, -1), np.repeat(t0, width), np.repeat(t1, width)).reshape(n + 1, count, width)
+    p, w = h[..., :-1] / h[..., -1:], h[..., -1:]
+    inside = np.stack([p[0], p[-1]])
+    if degree == 3:
+        before = p[0] + (n / 3) * (w[1] / w[0]) * (p[1] - p[0])
+        after = p[-1] - (n / 3) * (w[-2] / w[-1]) * (p[-1] - p[-2])
+        inside = np.stack([p[0], before, after, p[-1]])
+    stored = curve.stored(inside)
+    # The ends of segments are the control points themselves, so that joints stay joints.
+    stored[0] = np.where((t0 == 0)[:, None], curve.ends[0, segment], stored[0])
+    stored[-1] = np.where((t1 == 1)[:, None], curve.ends[1, segment], stored[-1])
+    q = curve.local(stored)
+    shares, own = product_weights(n, degree), np.ones((degree + 1, count, 1))
+    if degree == 1:
+        own = np.stack([w[0], w[-1]])
+    total, weight = np.zeros((n + degree + 1, count, width - 1)), np.zeros((n + degree + 1, count, 1))
+    for j in range(degree + 1):
+        share = shares[:, j, None, None] * own[j]
+        total[j : j + n + 1] += share * (h[..., :-1] - w * q[j])
+        weight[j : j + n + 1] += share * w
+    bound = np.sqrt(np.sum((total / weight) ** 2, axis=-1)).max(axis=0) + _error(curve, np.abs(q).max(axis=(0, 2)))
+    return stored.swapaxes(0, 1), bound * (1 + 1e-14)
+
+
+def pieces_following(segment: np.ndarray, following: np.ndarray) -> np.ndarray:
+    """For each piece the one that follows it: the next of its segment, or the first of the segment that follows."""
+    count = len(segment)
+    first = np.searchsorted(segment, np.arange(len(following)))
+    nxt = np.arange(1, count + 1)
+    last = np.append(segment[1:] != segment[:-1], True)
+    after = following[segment]
+    return np.where(last, np.where(after < 0, -1, first[np.maximum(after, 0)]), nxt)

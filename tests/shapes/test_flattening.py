@@ -1,0 +1,127 @@
+"""Polylines and cubics of curves: the proven deviation holds at equal parameters and both ways, and joints stay."""
+
+import numpy as np
+import pytest
+
+import jhd
+from jhd.shapes.flattening import flattened
+from jhd.shapes.homogeneous import elevate
+
+RANDOM = np.random.default_rng(41)
+CURVES = {
+    "cubic": jhd.BezierSegments(RANDOM.normal(size=(3, 4, 2))),
+    "rational": jhd.BezierSegments(RANDOM.normal(size=(2, 4, 3)), 10.0 ** RANDOM.uniform(-3, 3, (2, 4))),
+    "far away": jhd.BezierSegments(RANDOM.normal(size=(2, 4, 2)) + 1e6),
+    "small": jhd.BezierSegments(1e-200 * RANDOM.normal(size=(2, 4, 2)), RANDOM.uniform(0.1, 1, (2, 4))),
+    "large": jhd.BezierSegments(1e200 * RANDOM.normal(size=(2, 4, 2))),
+    "one point": jhd.BezierSegments(np.full((1, 4, 2), 3.0)),
+}
+
+
+def values(points, weights, t):
+    """Points of one segment at parameters, summed in extended precision."""
+    n = len(points) - 1
+    t = np.asarray(t, np.longdouble)[:, None]
+    table = np.repeat(np.asarray(points, np.longdouble)[None], len(t), 0)
+    heavy = (
+        np.ones((len(t), n + 1)) if weights is None else np.repeat(np.asarray(weights, np.longdouble)[None], len(t), 0)
+    )
+    h = np.concatenate([table * heavy[..., None], heavy[..., None]], axis=-1)
+    for _ in range(n):
+        h = (1 - t[..., None]) * h[:, :-1] + t[..., None] * h[:, 1:]
+    return h[:, 0, :-1] / h[:, 0, -1:]
+
+
+def distance_to_lines(x, lines):
+    """The distance of each point to the nearest of some straight segments, in extended precision."""
+    a, b = np.asarray(lines[:, 0], np.longdouble), np.asarray(lines[:, 1], np.longdouble)
+    along = b - a
+    length_sq = np.maximum(np.sum(along**2, axis=-1), np.finfo(np.longdouble).tiny)
+    t = np.clip(np.sum((x[:, None] - a) * along, axis=-1) / length_sq, 0, 1)
+    return np.sqrt(np.sum((x[:, None] - a - t[..., None] * along) ** 2, axis=-1)).min(axis=1)
+
+
+@pytest.mark.parametrize("share", [1e-1, 1e-3])
+@pytest.mark.parametrize("name", CURVES)
+def test_no_point_of_the_curve_is_farther_from_the_polyline_than_its_deviation(name, share):
+    curve = CURVES[name]
+    points = np.asarray(curve.control_points)
+    extent = float(np.ptp(points, axis=(0, 1)).max()) or 1.0
+    found = curve.to_polyline(share * extent)
+    lines = np.asarray(found.curve.control_points)
+    assert found.curve.degree == 1 and found.deviation <= share * extent
+    far = 0.0
+    for k in range(curve.count):
+        weights = None if curve.weights is None else np.asarray(curve.weights)[k]
+        far = max(far, distance_to_lines(values(points[k], weights, np.linspace(0, 1, 101)), lines).max())
+    assert far <= found.deviation
+    # The bound is at equal parameters, and not many times what it bounds.
+    assert name == "one point" or found.deviation <= 30 * far
+
+
+@pytest.mark.parametrize("degree", [1, 3])
+@pytest.mark.parametrize("name", CURVES)
+def test_pieces_are_near_at_equal_parameters_and_start_where_the_last_one_ends(name, degree):
+    points, weights = np.asarray(CURVES[name].control_points), CURVES[name].weights
+    weights = None if weights is None else np.asarray(weights)
+    extent = float(np.ptp(points, axis=(0, 1)).max()) or 1.0
+    found = flattened(points, weights, degree, 1e-3 * extent, 10_000)
+    assert found.control_points.shape[1] == degree + 1
+    for k in range(len(points)):
+        pieces = found.control_points[found.segment == k]
+        np.testing.assert_array_equal(pieces[1:, 0], pieces[:-1, -1])
+        np.testing.assert_array_equal([pieces[0, 0], pieces[-1, -1]], points[k, [0, -1]])
+    # From the pieces to the curve: dense points of it, the more the nearer to the ends, are near enough to tell.
+    dense_t = np.concatenate([[0], 1 / (1 + np.exp(-np.linspace(-18, 18, 2001))), [1]])
+    dense = [values(points[k], None if weights is None else weights[k], dense_t) for k in range(len(points))]
+    dense = np.concatenate([np.stack([x[:-1], x[1:]], axis=1) for x in dense])
+    t = np.linspace(0, 1, 7)
+    inner = np.concatenate(
+        [values(piece, None, t) for piece in found.control_points[:: max(1, len(found.segment) // 9)]]
+    )
+    assert distance_to_lines(inner, dense).max() <= found.deviation + 1e-4 * extent
+
+
+def test_polynomials_of_degree_three_and_less_are_their_own_cubics():
+    curve = CURVES["cubic"]
+    np.testing.assert_allclose(curve.to_cubics(1e-12).curve.control_points, curve.control_points, atol=1e-14)
+    parabola = jhd.BezierSegments([[[0.0, 0], [1, 2], [2, 0]]])
+    found = parabola.to_cubics(1e-13)
+    assert found.curve.count == 1 and 0 < found.deviation < 1e-13
+    np.testing.assert_allclose(found.curve.control_points[0], elevate(parabola.control_points[0], 3), atol=1e-15)
+
+
+def test_straight_segments_are_kept_whatever_their_weights_are():
+    rows = RANDOM.normal(size=(3, 2, 2))
+    found = jhd.BezierSegments(rows, RANDOM.uniform(0.1, 9, (3, 2)), [2, -1, 0]).to_polyline(1e-300)
+    assert found.deviation == 0
+    np.testing.assert_array_equal(found.curve.control_points, rows)
+    np.testing.assert_array_equal(found.curve.following, [2, -1, 0])
+
+
+def test_contours_stay_closed_and_apart():
+    rings = jhd.BezierSegments.join([jhd.circle([0, 0], 1), jhd.circle([9, 0], 1)])
+    found = rings.to_polyline(0.05).curve
+    assert found.count == 32
+    np.testing.assert_array_equal(found.following, [*range(1, 16), 0, *range(17, 32), 16])
+    smooth = jhd.BSplineCurve.uniform([[0, 0], [6, 0], [6, 6], [0, 6]], closed=True).to_cubics(1e-6)
+    np.testing.assert_array_equal(smooth.curve.following, [1, 2, 3, 0])
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: jhd.circle([0, 0], 1).to_polyline(0), ValueError, "atol is 0"),
+        (lambda: jhd.circle([0, 0], 1).to_polyline([1.0]), ValueError, "needs one positive number"),
+        (lambda: jhd.circle([0, 0], 1).to_polyline(1e-9, max_segments=100), ValueError, "more than 100 pieces"),
+        (
+            lambda: jhd.circle([1e9, 0], 1).to_cubics(1e-12, max_segments=10**9),
+            ValueError,
+            "below what rounding",
+        ),
+        (lambda: jhd.points([[0, 0]]).to_polyline(1), ValueError, "set of points"),
+    ],
+)
+def test_what_cannot_be_done_is_refused(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
