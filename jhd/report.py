@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from jhd import plot
-from jhd.distance.deviation import Bounds, Deviation
+from jhd.distance.deviation_solution import Bounds, Deviation
 from jhd.distance.search.points import is_points
 from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.octree import VoxelProgress

@@ -1,20 +1,16 @@
 """The distance to one shape along another, as a distribution: largest, mean, root mean square, quantiles, shares."""
 
-import json
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Float
 
 from jhd.arrays import check_scalar, check_whole, is_traced, real_array
-from jhd.distance.cells.weighted import Weights, quantile_bounds, share_bounds
+from jhd.distance.deviation_solution import Bounds, Deviation, DistanceSamples, check_share
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.hausdorff import directed_hausdorff
-from jhd.distance.project import project
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.distribution import COUNTS, Distribution, DistributionSearch
 from jhd.distance.search.measured import AbstractMeasured, MeasuredMesh, MeasuredNet, MeasuredPoints
@@ -30,10 +26,8 @@ from jhd.shapes.patch import AbstractPatch
 from jhd.solution import (
     RESULTS,
     HausdorffSolution,
-    Projection,
     name_of,
     throw_unless_successful,
-    to_plain,
 )
 
 # Where no tolerance is asked for, gaps up to this share of the diagonal stay.
@@ -44,169 +38,13 @@ _ROUNDINGS = 4096
 _MAX_STEPS = 4000
 
 
-class Bounds(NamedTuple):
-    """A number that is proven to lie between two others.
+class _Asked(NamedTuple):
+    """What is asked of the bounds: tolerances, the share of a quantile that they hold for too, and most cells."""
 
-    Args:
-        lower: the lower one.
-        upper: the upper one; inf where nothing is proven.
-    """
-
-    lower: float
-    upper: float
-
-    @property
-    def value(self) -> float:
-        """The middle, which is off by at most half of what they are apart."""
-        return 0.5 * self.lower + 0.5 * self.upper
-
-
-class DistanceSamples(NamedTuple):
-    """Parts of a that are all of it, for pictures and statistics.
-
-    Args:
-        place: the middle of each, about.
-        lower: proven lower bounds of the distance everywhere in the part.
-        upper: proven upper bounds.
-        share: bounds of the share of a that it is, as length, area or number, (parts, 2), up to one common factor.
-    """
-
-    place: Float[np.ndarray, "parts dim"]
-    lower: Float[np.ndarray, " parts"]
-    upper: Float[np.ndarray, " parts"]
-    share: Float[np.ndarray, "parts 2"]
-
-
-class Deviation(eqx.Module):
-    """The distance d(x, b) for x along a, as a distribution over the length or area of a, or the number of its points.
-
-    All bounds are proven: lower <= exact <= upper.
-
-    Args:
-        a: the shape along which the distance is looked at.
-        b: the shape that distances are taken to.
-        maximum: the largest distance, the directed Hausdorff distance; its value is differentiable as that is.
-        mean: the mean distance.
-        rms: the root of the mean of the squared distance.
-        measure: the length or area of a, or the number of its points, in the unit of the coordinates.
-        samples: parts of a with bounds, from which quantiles and shares are taken.
-        result: successful where maximum, mean and rms are known to the tolerance, else why they are not.
-        stats: counts.
-    """
-
-    a: Any = eqx.field(metadata={"stored": False})
-    b: Any = eqx.field(metadata={"stored": False})
-    maximum: HausdorffSolution
-    mean: Bounds
-    rms: Bounds
-    measure: Bounds
-    samples: DistanceSamples = eqx.field(metadata={"stored": False})
-    result: Any
-    stats: dict[str, int]
-
-    def quantile(self, q: float) -> Bounds:
-        """The least distance that a share q of a does not exceed; q = 0.5 is the median.
-
-        Args:
-            q: above 0 and at most 1.
-
-        Raises:
-            ValueError: another q.
-        """
-        if not 0 < q <= 1:
-            raise ValueError(f"q is {q}; needs a number above 0 and at most 1.")
-        lower, upper = quantile_bounds(self._weights(), self.samples.lower, self.samples.upper, float(q))
-        return Bounds(lower, min(upper, float(self.maximum.upper)))
-
-    def share_within(self, threshold: float) -> Bounds:
-        """The share of a whose distance to b is at most the threshold, between 0 and 1.
-
-        Args:
-            threshold: a length of at least 0, in the unit of the coordinates.
-
-        Raises:
-            ValueError: a threshold that is no length.
-        """
-        if not threshold >= 0:
-            raise ValueError(f"threshold is {threshold}; needs a length of at least 0.")
-        surely, maybe = self.samples.upper <= threshold, self.samples.lower <= threshold
-        return Bounds(*share_bounds(self._weights(), surely, maybe))
-
-    def at(self, places: Numbers | None = None) -> Projection:
-        """Distances to b, with bounds and feet, at places of a; differentiable as `project` is.
-
-        Args:
-            places: None for the points of a set or the vertices of a mesh; of a curve parameters (...,) as in a call of
-                it, of a parametric surface rows (..., 2) of its parameters.
-
-        Raises:
-            ValueError: no places on a curve or surface, places on points or a mesh, or rows of another length.
-        """
-        return project(_places(self.a, places), self.b, throw=False)
-
-    def to_json(self, **options: Any) -> str:
-        """The bounds as JSON text, and some quantiles; what is not proven is null.
-
-        Args:
-            options: handed to json.dumps, for example indent=2.
-        """
-        return json.dumps(self.to_plain(), **options)
-
-    def to_plain(self) -> dict[str, Any]:
-        """The bounds as JSON holds them."""
-        quantiles = {str(q): to_plain(list(self.quantile(q))) for q in (0.5, 0.9, 0.99)}
-        ends = {name: to_plain(list(getattr(self, name))) for name in ("mean", "rms", "measure")}
-        return {"maximum": to_plain(self.maximum), **ends, "quantiles": quantiles, "result": name_of(self.result)} | {
-            "stats": dict(self.stats)
-        }
-
-    def to_trimesh(self) -> Any:
-        """A trimesh.Trimesh of a mesh a, with the distances at its vertices as the attribute `distance`.
-
-        Raises:
-            TypeError: a is no mesh.
-            ImportError: trimesh is not installed.
-        """
-        import trimesh
-
-        mesh = self._mesh()
-        attributes: Any = {"distance": np.asarray(self.at().distance)}
-        return trimesh.Trimesh(
-            np.asarray(mesh.vertices), np.asarray(mesh.triangles), process=False, vertex_attributes=attributes
-        )
-
-    def to_pyvista(self) -> Any:
-        """A pyvista.PolyData of a mesh a, with the distances at its points as the array `distance`.
-
-        Raises:
-            TypeError: a is no mesh.
-            ImportError: PyVista is not installed.
-        """
-        import pyvista  # pyright: ignore[reportMissingImports]
-
-        mesh = self._mesh()
-        triangles = np.asarray(mesh.triangles)
-        faces = np.concatenate([np.full((len(triangles), 1), 3), triangles], axis=1)
-        data = pyvista.PolyData(np.asarray(mesh.vertices), faces.ravel())
-        data.point_data["distance"] = np.asarray(self.at().distance)
-        return data
-
-    def _mesh(self) -> TriangleMesh:
-        if not isinstance(self.a, TriangleMesh):
-            raise TypeError(f"a is {type(self.a).__name__}; needs a TriangleMesh: take a.to_mesh(atol).mesh for it.")
-        return self.a
-
-    def _weights(self) -> Weights:
-        return Weights(self.samples.share[:, 0], self.samples.share[:, 1])
-
-    def __float__(self) -> float:
-        return self.mean.value
-
-    def __repr__(self) -> str:
-        largest = Bounds(float(self.maximum.lower), float(self.maximum.upper))
-        rows = {"maximum": largest, "rms": self.rms, "mean": self.mean, "median": self.quantile(0.5)}
-        text = ", ".join(f"{name} in [{x.lower:.6g}, {x.upper:.6g}]" for name, x in rows.items())
-        return f"Deviation({text},\n  {len(self.samples.lower)} parts, {name_of(self.result)})"
+    atol: float
+    rtol: float
+    quantile: float | None
+    max_cells: int
 
 
 def deviation(
@@ -215,6 +53,8 @@ def deviation(
     *,
     atol: Numbers | None = None,
     rtol: Numbers = 1e-3,
+    quantile: float | None = None,
+    weights: Numbers | None = None,
     max_cells: int = 1 << 17,
     throw: bool = True,
     progress: Callable[[Progress], object] | None = None,
@@ -245,12 +85,15 @@ def deviation(
         atol: the gap that may stay between bounds, in the unit of the coordinates; by default 1e-6 of the diagonal of
             the box of both shapes.
         rtol: the same relative to the upper bound; the larger of both counts.
+        quantile: a share, above 0 and at most 1, whose quantile is to be known to the tolerance too.
+        weights: what the points of a count, (points,), at least 0; by default one each. The maximum is that of all.
         max_cells: most cells.
         throw: whether to raise where the tolerance was not reached.
         progress: called with a Progress now and then, with the bounds of the mean after those of the maximum.
 
     Raises:
-        TypeError: what is no shape, traced shapes, or a an ImplicitSurface, whose area is not proven.
+        TypeError: what is no shape, traced shapes, a an ImplicitSurface, whose area is not proven, or weights of what
+            is no set of points.
         ValueError: shapes of different dimensions, a surface b without points in its box, a without length or area, or
             a negative tolerance.
         NotProvenError: the tolerance was not reached, or the search was interrupted, and throw is True; it carries the
@@ -260,7 +103,11 @@ def deviation(
     absolute, relative = _checked(a, b, atol, rtol, max_cells)
     tolerance = BranchAndBound(atol=absolute, rtol=relative)
     maximum = directed_hausdorff(a, b, tolerance, throw=False, progress=progress)
-    found, pair, dimension = _distributed(a, b, (absolute, relative), max_cells, maximum, progress)
+    counts = checked_weights(a, weights)
+    if quantile is not None:
+        check_share("quantile", quantile)
+    asked = _Asked(absolute, relative, quantile, max_cells)
+    found, pair, dimension = _distributed(a, b, asked, counts, maximum, progress)
     deviation = _in_units(a, b, maximum, found, pair, dimension)
     if throw:
         throw_unless_successful(deviation)
@@ -290,6 +137,18 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
     return float(given), float(relative)
 
 
+def checked_weights(a: Any, weights: Any) -> np.ndarray | None:
+    """The weights of the points of a, (points,), finite, none negative and some positive; None where there are none."""
+    if weights is None:
+        return None
+    if not is_points(a):
+        raise TypeError(f"weights are for points; a is {type(a).__name__}.")
+    rows, count = np.asarray(real_array("weights", weights), np.float64), a.segments().count
+    if rows.shape != (count,) or not np.all(np.isfinite(rows) & (rows >= 0)) or not np.any(rows > 0):
+        raise ValueError(f"weights has shape {rows.shape}; needs ({count},), finite, none negative and some positive.")
+    return rows
+
+
 def _working(shape: Any) -> Any:
     """A shape as searches take it, nothing of it traced; of the plane at height zero."""
     shape = jax.lax.stop_gradient(shape)
@@ -306,23 +165,28 @@ def _working(shape: Any) -> Any:
 
 
 def _distributed(
-    a: Any, b: Any, tolerances: tuple[float, float], max_cells: int, maximum: HausdorffSolution, progress: Any
+    a: Any,
+    b: Any,
+    asked: _Asked,
+    counts: np.ndarray | None,
+    maximum: HausdorffSolution,
+    progress: Any,
 ) -> tuple[Distribution, Together, int]:
     a, b = _working(a), _working(b)
     pair = together(a, b)
     frame, moved = pair.frame, pair.moved
-    source = _measured(a, pair.a, moved)
+    source = _measured(a, pair.a, moved, counts)
     target, size = target_in(b, pair.b)
     dtype = dtype_of(a)
     # Less than this cannot be told: bounds err by some hundred roundings to both sides.
     floor = 8 * moved + _ROUNDINGS * float(np.finfo(dtype).eps) * (1 + size)
-    atol = max(float(frame.common(np.asarray(tolerances[0]))), floor)
+    atol = max(float(frame.common(np.asarray(asked.atol))), floor)
 
     def allowed(upper: float) -> float:
-        return max(atol, tolerances[1] * upper)
+        return max(atol, asked.rtol * upper)
 
     most = float(frame.common(np.asarray(maximum.upper, np.float64), np.inf)) + moved
-    search = DistributionSearch(source, target, dtype, most, allowed, max_cells, _MAX_STEPS)
+    search = DistributionSearch(source, target, dtype, most, allowed, asked.max_cells, _MAX_STEPS, asked.quantile)
     listener = Listener(progress, frame)
     # Who interrupted the search for the maximum waits for no other.
     listener.interrupted = name_of(maximum.result) == "interrupted"
@@ -332,9 +196,9 @@ def _distributed(
     return found, pair, source.dimension
 
 
-def _measured(shape: Any, moved: Any, off: float) -> AbstractMeasured:
+def _measured(shape: Any, moved: Any, off: float, counts: np.ndarray | None) -> AbstractMeasured:
     if is_points(shape):
-        return MeasuredPoints(moved, off)
+        return MeasuredPoints(moved, off, counts)
     if isinstance(shape, TriangleMesh):
         return MeasuredMesh(moved[np.asarray(shape.triangles)], off)
     return MeasuredNet(moved, off)
@@ -365,25 +229,10 @@ def _lengths(frame: Frame, moved: float, lower: Any, upper: Any) -> tuple[np.nda
 
 def _measure(frame: Frame, dimension: int, lower: float, upper: float, count: int) -> Bounds:
     """The measure of all cells, whose sum rounds once a cell."""
-    if dimension == 0:
-        return Bounds(float(count), float(count))
+    if dimension == 0 and lower == count:
+        return Bounds(lower, upper)
     room = (count + 16) * np.finfo(np.float64).eps
     power = dimension * int(frame.first + frame.second)
     with np.errstate(over="ignore", under="ignore"):
         low, high = (np.ldexp(x, power) for x in (lower * (1 - room), upper * (1 + room)))
     return Bounds(float(min(low, np.finfo(np.float64).max)), float(np.nextafter(high, np.inf)))
-
-
-def _places(shape: Any, places: Any) -> Array:
-    if isinstance(shape, TriangleMesh) or is_points(shape):
-        if places is not None:
-            raise ValueError("places is for curves and surfaces; those of a mesh are its vertices, of points all.")
-        return shape.vertices if isinstance(shape, TriangleMesh) else shape.segments().control_points[:, 0]
-    if places is None:
-        raise ValueError("places is missing: the parameters on the curve or surface at which distances are wanted.")
-    rows = real_array("places", places)
-    if isinstance(shape, AbstractCurve):
-        return shape(rows)
-    if rows.ndim == 0 or rows.shape[-1] != 2:
-        raise ValueError(f"places has shape {rows.shape}; needs (..., 2), the two parameters of a surface.")
-    return shape(rows[..., 0], rows[..., 1])

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd.distance.deviation import Deviation
+from jhd.distance.deviation_solution import Deviation
 from jhd.distance.project import project
 from jhd.plot.axes import BLUE, COLUMN_INCHES, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
 from jhd.plot.coloured import DrawnPieces, pieces_of, section

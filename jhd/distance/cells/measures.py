@@ -298,7 +298,7 @@ def flat_triangles(corners: np.ndarray, off: float) -> FlatCells:
     return FlatCells(corners, nothing + math.sqrt(3) * off, 0.5 * lower, 0.5 * upper, nothing)
 
 
-def single_points(points: np.ndarray, off: float) -> FlatCells:
-    """Points, of measure one each."""
+def single_points(points: np.ndarray, counts: np.ndarray, off: float) -> FlatCells:
+    """Points, each of which counts so much."""
     nothing = np.zeros(len(points))
-    return FlatCells(points[:, None], nothing + math.sqrt(3) * off, nothing + 1, nothing + 1, nothing)
+    return FlatCells(points[:, None], nothing + math.sqrt(3) * off, counts, counts, nothing)

@@ -14,7 +14,7 @@ import numpy as np
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.distance.cells.averages import NEAR, OverCells, distances_over
 from jhd.distance.cells.measures import FlatCells
-from jhd.distance.cells.weighted import Weights, mean_bounds
+from jhd.distance.cells.weighted import Weights, mean_bounds, quantile_bounds
 from jhd.distance.nearest.target import AbstractTarget
 from jhd.distance.search.measured import AbstractMeasured
 from jhd.distance.search.search import AbstractSearch, Standing
@@ -99,6 +99,7 @@ class DistributionSearch(AbstractSearch):
         allowed: the gap that may stay at an upper bound.
         max_cells: most cells.
         max_steps: most steps.
+        share: one whose quantile is to be known to the tolerance too, or None.
     """
 
     first_steps = _FIRST_STEPS
@@ -112,9 +113,10 @@ class DistributionSearch(AbstractSearch):
         allowed: Callable[[float], float],
         max_cells: int,
         max_steps: int,
+        share: float | None = None,
     ):
         self._source, self._target, self._dtype, self._most = source, target, np.dtype(dtype), most
-        self._allowed, self._max_cells, self.max_steps = allowed, max_cells, max_steps
+        self._allowed, self._max_cells, self.max_steps, self._share = allowed, max_cells, max_steps, share
 
     def begin(self) -> _DistributionState:
         """See AbstractSearch."""
@@ -175,21 +177,30 @@ class DistributionSearch(AbstractSearch):
             goal = self._allowed(ends[1])
             if not self._closed(ends):
                 scores += _left_open(weights, values, bounds) / (unit * goal)
+        level = (0.0, 0.0)
+        if self._share is not None:
+            level = quantile_bounds(weights, over.lower, over.upper, self._share)
+            level = level[0], min(level[1], self._most)
+            if not self._closed(level):
+                # What may lie on either side of the level.
+                across = np.minimum(over.upper, level[1]) - np.maximum(over.lower, level[0])
+                scores += np.maximum(across, 0.0) * weights.upper / (self._allowed(level[1]) * np.sum(weights.upper))
         width = np.max(np.abs(table.cells.high - table.cells.low), axis=1, initial=0.0)
         scores = np.where(width > _THIN, np.nan_to_num(scores, nan=0.0, posinf=_UNKNOWN), 0.0)
         full = len(scores) >= self._max_cells
         result = RESULTS.capacity_reached if full else RESULTS.gap_not_closed
-        if self._closed(mean) and self._closed(rms):
+        if self._closed(mean) and self._closed(rms) and self._closed(level):
             result = RESULTS.successful
         elif not np.isfinite(mean[1]):
             result = RESULTS.unverified
-        return Distribution(*mean, rms, result, table, state.steps), scores
+        found = Distribution(*mean, rms, result, table, state.steps)
+        return found, np.zeros_like(scores) if result == RESULTS.successful else scores
 
     def _closed(self, ends: tuple[float, float]) -> bool:
         return bool(np.isfinite(ends[1]) and ends[1] - ends[0] <= self._allowed(ends[1]))
 
     def _goes_on(self, state: _DistributionState, found: Distribution, scores: np.ndarray) -> bool:
-        closed = self._closed((found.lower, found.upper)) and self._closed(found.rms)
+        closed = found.result == RESULTS.successful
         return not closed and self._source.dimension > 0 and len(scores) < self._max_cells and bool(np.any(scores))
 
     def _step(self, state: _DistributionState, scores: np.ndarray) -> _DistributionState:

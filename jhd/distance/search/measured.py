@@ -48,17 +48,19 @@ class AbstractMeasured(ABC):
 
 
 class MeasuredPoints(AbstractMeasured):
-    """A set of points, which count one each.
+    """A set of points, each of which counts one, or what is said.
 
     Args:
         points: (points, 3).
         off: bound of the errors of their coordinates.
+        counts: what each counts, (points,), or None.
     """
 
     dimension = 0
 
-    def __init__(self, points: np.ndarray, off: float):
+    def __init__(self, points: np.ndarray, off: float, counts: np.ndarray | None = None):
         self._points, self._off = points, off
+        self._counts = np.ones(len(points)) if counts is None else counts
 
     def cover(self) -> CellRows:
         """See AbstractMeasured."""
@@ -71,7 +73,8 @@ class MeasuredPoints(AbstractMeasured):
 
     def flat(self, cells: CellRows) -> FlatCells:
         """See AbstractMeasured."""
-        return single_points(self._points[cells.piece].astype(np.float64), self._off)
+        points = self._points[cells.piece].astype(np.float64)
+        return single_points(points, self._counts[cells.piece], self._off)
 
 
 class MeasuredNet(AbstractMeasured):

@@ -1,0 +1,290 @@
+"""What of the distances between two shapes counts as their distance: the largest, a quantile, the mean, or the rms.
+
+Each has proven bounds, from the cells of jhd.distance.deviation, and a value with a derivative. On points the value is
+that of the distances of all points. Along curves, surfaces and meshes it is an integral over places with fixed
+parameters (jhd.distance.quadrature), and so is its derivative.
+
+Source: the partial Hausdorff distance by a quantile is that of Huttenlocher, Klanderman & Rucklidge, Comparing Images
+Using the Hausdorff Distance (1993); the larger of both means is the modified Hausdorff distance of Dubuisson & Jain
+(1994).
+"""
+
+from abc import abstractmethod
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jhd.arithmetic.scaling import common_exponent, scale_of
+from jhd.arrays import is_traced
+from jhd.distance.deviation import checked_weights, deviation
+from jhd.distance.deviation_solution import Bounds, Deviation, check_share
+from jhd.distance.frame.attach import carrying
+from jhd.distance.frame.net_jets import Net
+from jhd.distance.hausdorff import directed_hausdorff
+from jhd.distance.levels import quantile_along, quantile_beside, quantile_of
+from jhd.distance.project import project
+from jhd.distance.quadrature import ParameterCells, along, net_of, nodes_of, resolved
+from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.points import is_points
+from jhd.shapes.as_shape import taken_as
+from jhd.shapes.checks import Numbers
+from jhd.shapes.curve import AbstractCurve
+from jhd.solution import DIRECTIONS, name_of, throw_unless_successful
+
+
+class MeasureSolution(eqx.Module):
+    """A measure of the distances from one shape to another, or the larger one of both directions.
+
+    Args:
+        value: the measure, between the bounds; differentiable in both shapes.
+        lower: a proven lower bound.
+        upper: a proven upper bound.
+        direction: the member of DIRECTIONS that it is of.
+        result: successful, or why the bounds are wider than was asked for.
+    """
+
+    value: Float[Array, ""]
+    lower: Float[Array, ""]
+    upper: Float[Array, ""]
+    direction: Any
+    result: Any
+
+    def __float__(self) -> float:
+        return float(self.value)
+
+    def __repr__(self) -> str:
+        bounds = f"[{float(self.lower):.9g}, {float(self.upper):.9g}]"
+        value = "traced" if is_traced(self.value) else f"{float(self.value):.9g}"
+        return f"MeasureSolution({value} in {bounds}, {name_of(self.direction)}, {name_of(self.result)})"
+
+
+class Along(NamedTuple):
+    """Distances to b at places along a.
+
+    Args:
+        distance: differentiable.
+        weight: what each place counts, likewise.
+    """
+
+    distance: Array
+    weight: Array
+
+
+class AbstractMeasure(eqx.Module):
+    """A measure of the distances between two shapes: `measure(a, b)`.
+
+    Args:
+        directed: whether the distances from a to b alone count; else it is the larger one of both directions.
+    """
+
+    directed: eqx.AbstractVar[bool]
+
+    def __call__(
+        self,
+        a: Any,
+        b: Any,
+        *,
+        weights: Numbers | None = None,
+        atol: Numbers | None = None,
+        rtol: Numbers = 1e-3,
+        throw: bool = True,
+    ) -> MeasureSolution:
+        """The measure with proven bounds, its value differentiable in both shapes.
+
+        Args:
+            a: points, a curve, a parametric surface or a mesh; for Hausdorff() a polynomial surface too, and for
+                directed measures b may be one.
+            b: the other one.
+            weights: of the points of a, (points,), at least 0; by default each counts one.
+            atol: the gap that may stay between the bounds; by default that of `deviation`, or of `hausdorff`.
+            rtol: the same relative to the upper bound; not for Hausdorff(), whose bounds are closed.
+            throw: whether to raise where the bounds were not closed.
+
+        Raises:
+            TypeError: what is no shape, traced shapes (under jit; derivatives are fine), a surface whose area is not
+                proven, or weights of what is no set of points.
+            ValueError: shapes of different dimensions, or what `deviation` refuses.
+            NotProvenError: the tolerance was not reached, and throw is True.
+        """
+        a, b = _shapes(a, b)
+        found = self._one_way(a, b, checked_weights(a, weights), atol, rtol)
+        if not self.directed:
+            back = self._one_way(b, a, None, atol, rtol)
+            back = eqx.tree_at(lambda x: x.direction, back, DIRECTIONS.b_to_a)
+            found = _larger(found, back)
+        if throw:
+            throw_unless_successful(found)
+        return found
+
+    def estimate(self, a: Any, b: Any, weights: Numbers | None = None, places: int | None = None) -> Array:
+        """The value alone, without bounds: for losses that are evaluated often.
+
+        Args:
+            a: as in a call.
+            b: likewise.
+            weights: likewise.
+            places: along a curve or surface at most; by default as many as the integrals need.
+        """
+        a, b = _shapes(a, b)
+        value = self._value(a, b, checked_weights(a, weights), places)
+        return value if self.directed else jnp.maximum(value, self._value(b, a, None, places))
+
+    def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> MeasureSolution:
+        """The directed measure."""
+        known = jax.lax.stop_gradient((a, b))
+        found = deviation(*known, atol=atol, rtol=rtol, quantile=getattr(self, "q", None), weights=weights, throw=False)
+        bounds = self._bounds(found)
+        value = self._value(a, b, weights, None)
+        middle = np.clip(np.asarray(jax.lax.stop_gradient(value)), bounds.lower, bounds.upper)
+        lower, upper = (jnp.asarray(end) for end in bounds)
+        return MeasureSolution(carrying(jnp.asarray(middle), value), lower, upper, DIRECTIONS.a_to_b, found.result)
+
+    @abstractmethod
+    def _bounds(self, found: Deviation) -> Bounds:
+        """Its bounds."""
+
+    @abstractmethod
+    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Array:
+        """The value, differentiable in both shapes."""
+
+
+class Hausdorff(AbstractMeasure):
+    """The largest distance: `hausdorff`, or `directed_hausdorff`."""
+
+    directed: bool = eqx.field(default=False, static=True)
+
+    def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> MeasureSolution:
+        if weights is not None:
+            raise ValueError("weights do not matter to the largest distance; leave out points that do not count.")
+        found = directed_hausdorff(a, b, BranchAndBound(atol=atol), throw=False)
+        return MeasureSolution(found.value, found.lower, found.upper, DIRECTIONS.a_to_b, found.result)
+
+    def _bounds(self, found: Deviation) -> Bounds:
+        return Bounds(float(found.maximum.lower), float(found.maximum.upper))
+
+    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Array:
+        return directed_hausdorff(a, b, throw=False).value
+
+
+class Mean(AbstractMeasure):
+    """The mean distance over the length or area of a, or its points."""
+
+    directed: bool = eqx.field(default=False, static=True)
+
+    def _bounds(self, found: Deviation) -> Bounds:
+        return found.mean
+
+    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Array:
+        scale, at = _distances(a, b, weights, places)
+        return jnp.sum(at.weight * at.distance) / jnp.sum(at.weight) / scale
+
+
+class RootMeanSquare(AbstractMeasure):
+    """The root of the mean squared distance over the length or area of a, or its points."""
+
+    directed: bool = eqx.field(default=False, static=True)
+
+    def _bounds(self, found: Deviation) -> Bounds:
+        return found.rms
+
+    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Array:
+        scale, at = _distances(a, b, weights, places)
+        square = jnp.sum(at.weight * at.distance**2) / jnp.sum(at.weight)
+        some = square > 0
+        return jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0) / scale
+
+
+class Quantile(AbstractMeasure):
+    """The partial Hausdorff distance: the least distance that a share q of a does not exceed.
+
+    Args:
+        q: above 0 and at most 1; 0.5 is the median, 1 the largest distance.
+        directed: see AbstractMeasure.
+    """
+
+    q: float = eqx.field(static=True)
+    directed: bool = eqx.field(static=True)
+
+    def __init__(self, q: float, directed: bool = False):
+        check_share("q", q)
+        self.q, self.directed = float(q), directed
+
+    def _bounds(self, found: Deviation) -> Bounds:
+        return found.quantile(self.q)
+
+    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Array:
+        if self.q == 1 and weights is None:
+            return directed_hausdorff(a, b, throw=False).value
+        if isinstance(a, AbstractCurve) and not is_points(a):
+            scale, (net, cells, _) = _scale(a, b), _resolved(a, b, places)
+            found = quantile_along(net, cells, partial(_to, b, scale), partial(_feet, b, scale), self.q)
+            if found is not None:
+                return found / scale
+        scale, at = _distances(a, b, weights, places)
+        if is_points(a):
+            return at.distance[quantile_of(at.distance, at.weight, self.q)[0]] / scale
+        return quantile_beside(at.distance, at.weight, self.q) / scale
+
+
+def _shapes(a: Any, b: Any) -> tuple[Any, Any]:
+    a, b = taken_as("a", a), taken_as("b", b)
+    if is_traced(*jax.tree_util.tree_leaves(jax.lax.stop_gradient((a, b)))):
+        raise TypeError(
+            "measures need known shapes: the places of their integrals depend on them. They have derivatives, but not "
+            "under jit or vmap; take directed_hausdorff or soft_hausdorff there, or the mean of project's distances."
+        )
+    return a, b
+
+
+def _larger(there: MeasureSolution, back: MeasureSolution) -> MeasureSolution:
+    """The larger of both directions: its value and direction, with the larger of both bounds."""
+    first, second = (float(jax.lax.stop_gradient(x.value)) for x in (there, back))
+    found = there if first >= second else back
+    first, second = there.result, back.result
+    result = first if name_of(first) != "successful" else second
+    lower, upper = (jnp.maximum(x, y) for x, y in ((there.lower, back.lower), (there.upper, back.upper)))
+    return MeasureSolution(found.value, lower, upper, found.direction, result)
+
+
+def _distances(a: Any, b: Any, weights: Any, places: int | None) -> tuple[float, Along]:
+    """Distances at places along a times a power of two, so that squares are numbers, and that power."""
+    scale = _scale(a, b)
+    if is_points(a):
+        points = a.segments().control_points[:, 0]
+        counts = jnp.ones(len(points)) if weights is None else jnp.asarray(weights / np.max(weights))
+        return scale, Along(_to(b, 1.0, points) * scale, counts)
+    net, cells, count = _resolved(a, b, places)
+    nodes = nodes_of(cells, count)
+    points, density = along(net, nodes)
+    return scale, Along(_to(b, scale, points), jnp.asarray(nodes.factor) * density)
+
+
+def _resolved(a: Any, b: Any, places: int | None) -> tuple[Net, ParameterCells, int]:
+    """The pieces of a times the power of two, differentiable, and cells over which distances are integrated."""
+    scale = _scale(a, b)
+    net = net_of(a)
+    net = Net(net.points * scale, net.weights)
+    known, other = jax.lax.stop_gradient((net, b))
+    cells, count = resolved(known, lambda x: _to(other, scale, x), places)
+    return net, cells, count
+
+
+def _scale(a: Any, b: Any) -> float:
+    """The power of two by which the coordinates of both shapes are of about one."""
+    boxes = [np.asarray(end) for shape in jax.lax.stop_gradient((a, b)) for end in shape.box()]
+    return float(scale_of(common_exponent(*boxes), boxes[0].dtype))
+
+
+def _to(b: Any, scale: float, points: Any) -> Array:
+    """Distances to b of points times the scale, times the scale."""
+    return project(points / scale, b, throw=False).distance * scale
+
+
+def _feet(b: Any, scale: float, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    found = project(points / scale, jax.lax.stop_gradient(b), throw=False)
+    return np.asarray(found.distance) * scale, np.asarray(found.foot) * scale

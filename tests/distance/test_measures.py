@@ -1,0 +1,142 @@
+"""Means and quantiles of distances as losses: closed forms, proven bounds, and derivatives beside differences."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jhd
+from jhd.solution import name_of
+
+ORIGIN = jhd.points([(0.0, 0.0)])
+# Of the distance x from the origin along a segment from there, as shares of its length.
+SHARES = [(jhd.Mean(True), 1 / 2), (jhd.RootMeanSquare(True), 3**-0.5), (jhd.Quantile(0.9, True), 0.9)]
+SCATTERED = np.random.default_rng(3).normal(size=(40, 2))
+WEIGHTS = np.random.default_rng(4).uniform(0, 2, size=40)
+STEP, CENTRAL = 1e-4, {1: 2 / 3, 2: -1 / 12}
+
+
+def segment(length):
+    return jhd.polyline(jnp.stack([jnp.zeros(2), jnp.stack([length, 0.0])]))
+
+
+def difference(function):
+    """The derivative of a function of a step at zero, to fourth order."""
+    return sum(share * float(function(k * STEP) - function(-k * STEP)) for k, share in CENTRAL.items()) / STEP
+
+
+@pytest.mark.parametrize(("measure", "share"), SHARES, ids=["mean", "rms", "quantile"])
+def test_measures_of_a_segment_from_a_point_are_those_of_its_length_and_so_are_derivatives(measure, share):
+    value, slope = jax.value_and_grad(lambda x: measure(segment(x), ORIGIN).value)(2.0)
+    found = measure(segment(2.0), ORIGIN)
+    assert float(found.lower) <= 2 * share <= float(found.upper) <= float(found.lower) + 2e-2
+    assert float(found.lower) <= float(found.value) <= float(found.upper)
+    assert float(value) == pytest.approx(2 * share, rel=1e-12)
+    assert float(slope) == pytest.approx(share, rel=1e-9)
+
+
+def test_weights_count_and_the_larger_direction_is_taken_and_differentiated():
+    points, far = jhd.points(SCATTERED), jhd.points([(9.0, 0.0), (0.0, 0.5)])
+    d = np.min(np.linalg.norm(SCATTERED[:, None] - np.array([(9.0, 0.0), (0.0, 0.5)]), axis=-1), axis=1)
+    for measure, exact in (
+        (jhd.Mean(True), np.average(d, weights=WEIGHTS)),
+        (jhd.RootMeanSquare(True), np.average(d**2, weights=WEIGHTS) ** 0.5),
+    ):
+        found = measure(points, far, weights=WEIGHTS)
+        assert float(found.value) == pytest.approx(exact, rel=1e-14)
+        assert found.lower <= exact * (1 + 1e-15) and exact * (1 - 1e-15) <= found.upper <= found.lower * (1 + 1e-12)
+    order = np.argsort(d)
+    k = order[np.searchsorted(np.cumsum(WEIGHTS[order]), 0.8 * np.sum(WEIGHTS))]
+    assert float(jhd.Quantile(0.8, True)(points, far, weights=WEIGHTS)) == pytest.approx(d[k], rel=1e-14)
+    # From the two points the nearest is far for one: the mean of that direction is larger.
+    found = jhd.Mean()(points, far)
+    assert name_of(found.direction) == "b_to_a"
+
+    def moved(x):
+        return jhd.Mean()(points, jhd.points(jnp.array([[9.0, 0.0], [0.0, 0.5]]) + x * jnp.array([1.0, 0.0]))).value
+
+    assert float(jax.grad(moved)(0.0)) == pytest.approx(difference(moved), abs=1e-9)
+
+
+def test_what_is_no_measure_is_refused():
+    points = jhd.points(SCATTERED)
+    with pytest.raises(ValueError, match="above 0"):
+        jhd.Quantile(0.0)
+    with pytest.raises(ValueError, match=r"needs \(40,\)"):
+        jhd.Mean()(points, ORIGIN, weights=[1.0])
+    with pytest.raises(ValueError, match="none negative"):
+        jhd.Mean()(points, ORIGIN, weights=-WEIGHTS)
+    with pytest.raises(TypeError, match="weights are for points"):
+        jhd.Mean()(segment(1.0), ORIGIN, weights=[1.0])
+    with pytest.raises(TypeError, match="known shapes"):
+        jax.jit(lambda x: jhd.Mean()(segment(x), ORIGIN).value)(1.0)
+
+
+CURVES = [np.random.default_rng(k).normal(size=(k + 2, 4, 2)) for k in (0, 1)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measure", [jhd.Hausdorff(), jhd.Mean(), jhd.RootMeanSquare(), jhd.Quantile(0.5)], ids=str)
+def test_derivatives_in_control_points_are_those_of_differences_and_bounds_hold_dense_sums(measure):
+    a, b = CURVES
+    directions = [np.random.default_rng(7 + k).normal(size=x.shape) for k, x in enumerate(CURVES)]
+
+    def value(x):
+        return measure.estimate(*(jhd.BezierSegments(p + x * d) for p, d in zip(CURVES, directions, strict=True)))
+
+    assert float(jax.grad(value)(0.0)) == pytest.approx(difference(value), abs=1e-6)
+    found = measure(jhd.BezierSegments(a), jhd.BezierSegments(b))
+    assert found.lower <= found.value <= found.upper
+    first, second = jhd.BezierSegments(a), jhd.BezierSegments(b)
+    dense = [_dense(measure, first, second), _dense(measure, second, first)]
+    assert float(found.lower) - 1e-4 <= max(dense) <= float(found.upper) + 1e-4
+
+
+def _dense(measure, a, b, count=4000):
+    """The measure of the middles of many parts of each cubic."""
+    t = ((np.arange(count) + 0.5) / count)[:, None, None]
+    rows = np.asarray(a.control_points)
+    powers = [math.comb(3, k) * t**k * (1 - t) ** (3 - k) for k in range(4)]
+    points = np.sum([power * rows[:, k] for k, power in enumerate(powers)], axis=0).reshape(-1, 2)
+    slopes = [math.comb(2, k) * t**k * (1 - t) ** (2 - k) for k in range(3)]
+    tangents = np.sum([x * (rows[:, k + 1] - rows[:, k]) for k, x in enumerate(slopes)], axis=0).reshape(-1, 2)
+    d, speed = np.asarray(jhd.project(points, b).distance), np.linalg.norm(tangents, axis=1)
+    order = np.argsort(d)
+    share = np.cumsum(speed[order]) / np.sum(speed)
+    return {
+        "Hausdorff": np.max(d),
+        "Mean": np.average(d, weights=speed),
+        "RootMeanSquare": np.average(d**2, weights=speed) ** 0.5,
+        "Quantile": d[order][np.searchsorted(share[:-1], getattr(measure, "q", 1.0))],
+    }[type(measure).__name__]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measure", [jhd.Mean(True), jhd.RootMeanSquare(True), jhd.Quantile(0.7, True)], ids=str)
+def test_parallel_squares_are_everywhere_as_far_as_their_planes(measure):
+    grid = np.stack([*np.meshgrid([0.0, 1.0], [0.0, 1.0], indexing="ij"), np.zeros((2, 2))], axis=-1)
+    wide = jhd.BezierPatch(np.array([5.0, 5.0, 1.0]) * (grid - [0.5, 0.5, 0.0]))
+
+    def from_patch(height):
+        return measure(jhd.BezierPatch(jnp.asarray(grid) + height * jnp.array([0, 0, 1.0])), wide).value
+
+    def from_mesh(height):
+        rows = jnp.asarray(grid.reshape(-1, 3)) + height * jnp.array([0, 0, 1.0])
+        return measure(jhd.TriangleMesh(rows, np.array([[0, 1, 3], [0, 3, 2]])), wide).value
+
+    for function in (from_patch, from_mesh):
+        value, slope = jax.value_and_grad(function)(0.25)
+        assert float(value) == pytest.approx(0.25, rel=1e-11)
+        assert float(slope) == pytest.approx(1.0, rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scale", [2.0**-500, 2.0**500])
+def test_measures_scale_with_the_shapes(scale):
+    for measure in (jhd.Mean(), jhd.RootMeanSquare(), jhd.Quantile(0.5)):
+        a, b = (jhd.BezierSegments(x) for x in CURVES)
+        there = measure(*(jhd.BezierSegments(x * scale) for x in CURVES))
+        assert float(there.value) / scale == pytest.approx(float(measure(a, b).value), rel=1e-9)
+        assert there.lower <= there.value <= there.upper
