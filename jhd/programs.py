@@ -207,7 +207,7 @@ def _surroundings() -> tuple[str, ...]:
         _source(),
         " ".join(f"{package.__name__} {package.__version__}" for package in packages),
         f"{sys.version} {platform.machine()} {sys.byteorder}",
-        _processor(),
+        processor(),
         # As many parts as the work may be cut into.
         str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()),
         f"{device.platform} {device.device_kind} {device.client.platform_version}",
@@ -221,17 +221,27 @@ def _source() -> str:
     Raises:
         NotKeptError: it is not there to be read, or not what this process runs.
     """
-    total, files = hashlib.sha256(), sorted(Path(__file__).parent.rglob("*.py"))
+    files = _files()
     if not files or any(file.stat().st_mtime > _STARTED for file in files):
         raise NotKeptError("source")
-    for file in files:
+    return source_sum()
+
+
+def source_sum() -> str:
+    """A sum of the source of this package as it lies there now."""
+    total = hashlib.sha256()
+    for file in _files():
         content = file.read_bytes()
         total.update(f"{file.relative_to(Path(__file__).parent)} {len(content)}\n".encode())
         total.update(content)
     return total.hexdigest()
 
 
-def _processor() -> str:
+def _files() -> list[Path]:
+    return sorted(Path(__file__).parent.rglob("*.py"))
+
+
+def processor() -> str:
     """What tells processors with other instructions apart; where the system does not say, this machine's name."""
     try:
         lines = sorted(set(_PROCESSOR.findall(Path("/proc/cpuinfo").read_text())))

@@ -328,7 +328,7 @@ def test_versions_processor_and_flags_are_part_of_a_name(folder, monkeypatch):
     before = programs._surroundings()
     for change in (
         lambda: monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", "") + " --xla_cpu_enable_fast_math=false"),
-        lambda: monkeypatch.setattr(programs, "_processor", lambda: "another one"),
+        lambda: monkeypatch.setattr(programs, "processor", lambda: "another one"),
         lambda: monkeypatch.setattr(jax, "__version__", "another one"),
     ):
         change()

@@ -27,7 +27,7 @@ PARAMETERS = {
     "BezierSegments.split": ["self", "t"],
     "BezierSegments.transform": ["self", "matrix", "offset"],
     "stack_curves": ["curves"],
-    "pairwise": ["shapes", "others", "method", "executor", "progress"],
+    "pairwise": ["shapes", "others", "method", "executor", "store", "progress"],
     "nearest_shapes": ["queries", "shapes", "k", "method", "executor", "progress"],
     "pairs_within": ["shapes", "threshold", "others", "method", "executor", "progress"],
     "signatures": ["shapes", "points", "executor", "progress"],
@@ -77,7 +77,7 @@ PARAMETERS = {
     "NotProvenError": ["message", "solution"],
 }
 KEYWORD_ONLY = {
-    "pairwise": ["executor", "progress"],
+    "pairwise": ["executor", "store", "progress"],
     "nearest_shapes": ["executor", "progress"],
     "pairs_within": ["executor", "progress"],
     "certify": ["max_cells", "progress"],

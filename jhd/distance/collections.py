@@ -5,8 +5,9 @@ segments, are measured in blocks by a few compiled programs; shapes of other kin
 threads, or to any executor.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -20,6 +21,8 @@ from jhd.distance.many.near_duplicates import candidates
 from jhd.distance.many.neighbours import nearest_of, standings_of, together
 from jhd.distance.many.shapes import Collection, both_collections
 from jhd.distance.many.signatures import PointLattice, SignatureBounds, Signatures, lattice_over, reaches, signatures_of
+from jhd.distance.many.store import Store, fingerprint_of
+from jhd.distance.many.table import DistanceTable
 from jhd.distance.many.tasks import CollectionProgress, measured, pairs_between, workers
 from jhd.distance.pairs import METHODS
 from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
@@ -118,6 +121,7 @@ def pairwise(
     method: AbstractHausdorffMethod | None = None,
     *,
     executor: Executor | None = None,
+    store: str | Path | None = None,
     progress: Report = None,
 ) -> Pairwise:
     """All Hausdorff distances of two collections, or of one among itself, each with proven bounds.
@@ -135,37 +139,27 @@ def pairwise(
         others: likewise; None for the pairs of `shapes` among themselves, each of which is measured once.
         method: as for jhd.hausdorff; by default BranchAndBound().
         executor: any concurrent.futures.Executor; by default threads, as many as there are processors.
+        store: a folder that keeps what is done, part by part, safe against kills and loss of power: a second call with
+            the same shapes, options, versions and processor goes on, with the same bits in the end. One call at a time.
         progress: called with a CollectionProgress now and then.
 
     Raises:
         TypeError: something that is no shape, traced shapes, or a method that does not serve them.
-        ValueError: an empty collection, shapes of the plane and of space, a surface proven empty in its box.
+        ValueError: an empty collection, shapes of the plane and of space, a surface proven empty in its box; a store
+            that was made for something else, or a folder that is none.
     """
     method = default_method() if method is None else method
     a, b = both_collections("shapes", shapes, "others", others)
     if a is not b or len(a) > 1:
         _check_method(method, a, b)
-    shape = len(a), len(b)
-    value, lower, upper = np.full(shape, np.nan), np.zeros(shape), np.full(shape, np.inf)
-    result, computed = np.full(shape, int(RESULTS.interrupted._value)), 0
-    if a is b:
-        for table, known in ((value, 0.0), (lower, 0.0), (upper, 0.0), (result, int(RESULTS.successful._value))):
-            np.fill_diagonal(table, known)
-    total = len(a) * (len(a) - 1) // 2 if a is b else len(a) * len(b)
+    table = DistanceTable(a, b, _PAIRS)
+    kept = None if store is None else Store(store, fingerprint_of((a.shapes, b.shapes), method, _PAIRS))
     try:
         with workers(executor) as pool:
-            for rows, columns in _all_pairs(a, b):
-                for index, found in measured(pool, a, b, pairs_between(rows, columns), method):
-                    at = rows[index], columns[index]
-                    for table, numbers in zip((value, lower, upper, result), found, strict=False):
-                        table[at] = numbers
-                        if a is b:
-                            table[at[::-1]] = numbers
-                    computed += len(index)
-                    _tell(progress, "distances", computed, total)
+            table.fill(pool, method, kept, lambda done, total: _tell(progress, "distances", done, total))
     except KeyboardInterrupt:
         pass
-    return Pairwise(value, lower, upper, _results(result), computed)
+    return Pairwise(table.value, table.lower, table.upper, _results(table.result), table.computed)
 
 
 def nearest_shapes(
@@ -308,15 +302,6 @@ def _check_method(
     for x in kinds[0]:
         for y in kinds[1]:
             check_serves(method, x, y, METHODS if known is None else known)
-
-
-def _all_pairs(a: Collection, b: Collection) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Rows and columns of the pairs to measure, some rows of the table at a time."""
-    step = max(1, _PAIRS // len(b))
-    for start in range(0, len(a), step):
-        rows = np.arange(start, min(start + step, len(a)))
-        row, column = np.repeat(rows, len(b)), np.tile(np.arange(len(b)), len(rows))
-        yield (row[column > row], column[column > row]) if a is b else (row, column)
 
 
 def _both_signatures(pool: Executor, a: Collection, b: Collection, progress: Report) -> tuple[Signatures, Signatures]:
