@@ -484,3 +484,19 @@ def _zoomed(pair, candidate, radius):
 def hausdorff(a, b, accuracy=1e-12, budget=3000):
     """The larger of both directed distances."""
     return max(directed_hausdorff(a, b, accuracy, budget).value, directed_hausdorff(b, a, accuracy, budget).value)
+
+
+def distances_to_triangles(point, corners):
+    """Distances of one point to triangles with area (triangles, 3, 3).
+
+    By the plane where the foot is inside, else by the edges.
+    """
+    a, b, c = np.moveaxis(corners, 1, 0)
+    ends = [(a, b), (b, c), (c, a)]
+    shares = [np.clip(((point - x) * (y - x)).sum(1) / ((y - x) ** 2).sum(1), 0, 1) for x, y in ends]
+    feet = [x + t[:, None] * (y - x) for (x, y), t in zip(ends, shares, strict=True)]
+    found = np.min([np.linalg.norm(point - x, axis=1) for x in feet], axis=0)
+    normal = np.cross(b - a, c - a)
+    inside = np.all([(np.cross(y - x, point - x) * normal).sum(1) >= 0 for x, y in ends], axis=0)
+    height = np.abs(((point - a) * normal).sum(1)) / np.linalg.norm(normal, axis=1)
+    return np.where(inside, height, found)

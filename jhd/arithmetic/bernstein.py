@@ -40,6 +40,26 @@ def basis(degree: int, t: ArrayLike) -> np.ndarray:
     return binomials(degree) * x**k * (1 - x) ** (degree - k)
 
 
+def blossoms(t0: np.ndarray, t1: np.ndarray, degree: int) -> np.ndarray:
+    """The matrices (count, degree + 1, degree + 1) that take coefficients to those on [t0, t1], in NumPy.
+
+    Row j holds the weights of the blossom with degree - j arguments t0 and j arguments t1: three roundings a degree.
+
+    >>> blossoms(np.array([0.0]), np.array([0.5]), 2)[0].tolist()
+    [[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.25, 0.5, 0.25]]
+    """
+    rows = np.zeros((len(t0), degree + 1, degree + 1))
+    for j in range(degree + 1):
+        row = rows[:, j]
+        row[:, 0] = 1.0
+        for k in range(degree):
+            t = (t0 if k < degree - j else t1)[:, None]
+            before = row[:, : k + 1].copy()
+            row[:, : k + 1] *= 1 - t
+            row[:, 1 : k + 2] += t * before
+    return rows
+
+
 @cache
 def product_weights(n: int, m: int) -> np.ndarray:
     """The (n + 1, m + 1) table C(n,i) C(m,j) / C(n+m,i+j) of the product rule, each entry rounded once."""

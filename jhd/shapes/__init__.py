@@ -7,6 +7,7 @@ from jhd.shapes.bspline import BSplineCurve
 from jhd.shapes.bspline_surface import BSplineSurface
 from jhd.shapes.curve import AbstractCurve, BezierSegments, circle, points, polyline
 from jhd.shapes.flattening import CurveApproximation
-from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.implicit import ImplicitMesh, ImplicitSurface
+from jhd.shapes.implicit_mesh import NotRegularError
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import BezierPatch, BezierPatches, Partials, PatchMesh

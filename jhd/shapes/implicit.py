@@ -1,7 +1,7 @@
 """Implicit surfaces: the zeros of a polynomial in three variables inside a box."""
 
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,6 +15,15 @@ from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
 from jhd.shapes import polynomial_text
 from jhd.shapes.checks import Numbers
+from jhd.shapes.implicit_mesh import triangulate
+from jhd.shapes.mesh import TriangleMesh
+
+
+class ImplicitMesh(NamedTuple):
+    """A mesh and a proven bound of how far it and its surface are from each other, both ways."""
+
+    mesh: TriangleMesh
+    deviation: float
 
 
 class ImplicitSurface(eqx.Module):
@@ -149,6 +158,39 @@ class ImplicitSurface(eqx.Module):
         mixed = ((True,) * 3,) * 3 if is_traced(matrix) else _pattern(np.asarray(matrix))
         image = _image(self.coefficients, self.lower, self.upper, matrix, offset, mixed, self.degree)
         return ImplicitSurface(*image, reduced=self.reduced)
+
+    def to_mesh(self, atol: Numbers, *, max_triangles: int = 2_000_000) -> "ImplicitMesh":
+        """A triangle mesh with a proven deviation of at most atol, both ways, where the surface is regular.
+
+        Every point of the mesh has a zero of the polynomial in the box within the deviation, and every zero in the box
+        has a point of the mesh within it. Regular means, up to a fine grid: the gradient vanishes nowhere on the
+        surface, the surface is tangent to no face of the box (and lies in none), and it meets edges and corners of the
+        box only where it also enters the box. Elsewhere nothing is proven and NotRegularError says where. Triangles are
+        counter-clockwise seen from where the polynomial is positive; a surface that stays off the faces of its box
+        gives a closed mesh. All cells have one size, so the sharpest bend and the flattest slope decide their number.
+
+        >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
+        >>> mesh, deviation = sphere.to_mesh(0.1)
+        >>> mesh.is_closed, deviation <= 0.1
+        (True, True)
+
+        Args:
+            atol: the most that the surface may be away from the mesh anywhere, and the mesh from the surface.
+            max_triangles: the largest mesh to make; their number grows like 1 / atol.
+
+        Raises:
+            NotRegularError: a ValueError; see above.
+            ValueError: atol is not positive, or asks for too many triangles; the surface is empty.
+            TypeError: the surface is traced; the number of triangles depends on it.
+        """
+        if is_traced(self, atol):
+            raise TypeError("to_mesh needs a concrete surface and atol: the number of triangles depends on them.")
+        tolerance = real_array("atol", atol)
+        if tolerance.shape != () or not float(tolerance) > 0:
+            raise ValueError(f"atol is {tolerance}; needs one positive number.")
+        coefficients, lower, upper = (np.asarray(x) for x in (self.coefficients, self.lower, self.upper))
+        found = triangulate(coefficients, lower, upper, float(tolerance), max_triangles)
+        return ImplicitMesh(TriangleMesh(found.vertices, found.triangles), found.deviation)
 
 
 def check_surface(name: str, value: object) -> None:

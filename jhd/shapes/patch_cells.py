@@ -35,7 +35,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jhd.arithmetic.bernstein import basis, product_weights
+from jhd.arithmetic.bernstein import basis, blossoms, product_weights
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import common_exponent, unit_weights
 from jhd.arrays import taken
@@ -223,22 +223,8 @@ def _against_corners(net: np.ndarray, corners: list[np.ndarray]) -> np.ndarray:
 def _restricted(patches: HostPatches, cells: PatchCells) -> np.ndarray:
     """Local control points times weights, and these, on each rectangle."""
     (p, q), net = patches.degrees, patches.net[cells.patch]
-    along_u = np.matmul(_blossoms(cells.u0, cells.u1, p), net.reshape(len(net), p + 1, -1)).reshape(net.shape)
-    return np.matmul(_blossoms(cells.v0, cells.v1, q)[:, None], along_u)
-
-
-def _blossoms(t0: np.ndarray, t1: np.ndarray, degree: int) -> np.ndarray:
-    """The matrices whose row j holds the weights of the blossom with degree - j arguments t0 and j arguments t1."""
-    rows = np.zeros((len(t0), degree + 1, degree + 1))
-    for j in range(degree + 1):
-        row = rows[:, j]
-        row[:, 0] = 1.0
-        for k in range(degree):
-            t = (t0 if k < degree - j else t1)[:, None]
-            before = row[:, : k + 1].copy()
-            row[:, : k + 1] *= 1 - t
-            row[:, 1 : k + 2] += t * before
-    return rows
+    along_u = np.matmul(blossoms(cells.u0, cells.u1, p), net.reshape(len(net), p + 1, -1)).reshape(net.shape)
+    return np.matmul(blossoms(cells.v0, cells.v1, q)[:, None], along_u)
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:

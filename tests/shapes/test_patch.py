@@ -11,6 +11,7 @@ import pytest
 from jhd.shapes.bspline_surface import BSplineSurface
 from jhd.shapes.mesh import edges_of
 from jhd.shapes.patch import BezierPatch, BezierPatches
+from tests.reference import distances_to_triangles
 
 RANDOM = np.random.default_rng(0)
 POINTS = RANDOM.normal(size=(4, 3, 3))
@@ -240,19 +241,6 @@ def test_points_of_a_patch_with_weights_from_1e_minus_6_to_1e6_are_within_the_de
         u, v = (Fraction(float(x)) for x in random.beta(0.3, 0.3, size=2))
         point = np.array([float(x) for x in tensor_point(points, weights, u, v)])
         assert distances_to_triangles(point, corners).min() <= made.deviation + ROUNDING
-
-
-def distances_to_triangles(point, corners):
-    """Distances of one point to triangles, by the plane where its foot is inside, else by the edges."""
-    a, b, c = np.moveaxis(corners, 1, 0)
-    ends = [(a, b), (b, c), (c, a)]
-    shares = [np.clip(((point - x) * (y - x)).sum(1) / ((y - x) ** 2).sum(1), 0, 1) for x, y in ends]
-    feet = [x + t[:, None] * (y - x) for (x, y), t in zip(ends, shares, strict=True)]
-    found = np.min([np.linalg.norm(point - x, axis=1) for x in feet], axis=0)
-    normal = np.cross(b - a, c - a)
-    inside = np.all([(np.cross(y - x, point - x) * normal).sum(1) >= 0 for x, y in ends], axis=0)
-    height = np.abs(((point - a) * normal).sum(1)) / np.linalg.norm(normal, axis=1)
-    return np.where(inside, height, found)
 
 
 def test_meshes_are_refused_where_they_cannot_be():
