@@ -88,7 +88,7 @@ def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, atol:
         return FlatPieces(points, np.arange(count), 0.0)
     unit = curve.first + curve.second
     # Below that no number of pieces is enough, since their ends are rounded.
-    least = np.ldexp(_error(curve, np.float64(0.0)), unit) + 4 * float(np.spacing(np.abs(points).max()))
+    least = np.ldexp(_error(curve, 0.0), unit) + 4 * float(np.spacing(np.abs(points).max()))
     if not atol >= least:
         raise ValueError(f"atol is {atol:g}, which is below what rounding allows; {2 * least:.1g} may do.")
     segment, t0, t1 = np.arange(count), np.zeros(count), np.ones(count)
@@ -113,7 +113,7 @@ def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, atol:
     raise ValueError(f"atol is {atol:g}, which is below what rounding allows for coordinates of this size.")
 
 
-def _error(curve: _LocalCurve, size: np.ndarray | np.float64) -> np.ndarray:
+def _error(curve: _LocalCurve, size: Any) -> Any:
     """What rounding adds at most to the deviation of pieces whose coordinates have this size, in local units."""
     n, dim = len(curve.net) - 1, curve.net.shape[2] - 1
     return 2 * np.sqrt(dim) * gamma(6 * n + 30, np.float64) * np.maximum(size, curve.size)
