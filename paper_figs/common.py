@@ -152,12 +152,28 @@ def bezier(control_points: Any) -> jhd.BezierSegments:
     return jhd.BezierSegments(np.asarray(control_points, dtype=float))
 
 
+def shape(stored: dict[str, Any]) -> Any:
+    """A shape from its numbers: a mesh, a polynomial surface, patches or segments."""
+    if "triangles" in stored:
+        return jhd.TriangleMesh(stored["vertices"], stored["triangles"])
+    if "coefficients" in stored:
+        return jhd.ImplicitSurface(stored["coefficients"], stored["lower"], stored["upper"])
+    net = np.asarray(stored["control_points"], dtype=float)
+    return (jhd.BezierSegments if net.ndim == 3 else jhd.BezierPatches)(net, stored["weights"])
+
+
+def _numbers(value: Any) -> Any:
+    """Numbers as they were before they were stored, where there is null for what is not finite."""
+    found = np.asarray(value)
+    return found.astype(float) if found.dtype == object else found
+
+
 def solution(stored: dict[str, Any]) -> jhd.HausdorffSolution:
     """A solution from its stored numbers, for the parts of jhd.plot that take one."""
     witness = dict(stored["witness"])
     kinds = {"event": jhd.EVENTS, "direction": jhd.DIRECTIONS}
     members = {key: getattr(kind, witness.pop(key)) for key, kind in kinds.items()}
-    arrays = {key: jnp.asarray(value) for key, value in witness.items()}
+    arrays = {key: jnp.asarray(_numbers(value)) for key, value in witness.items()}
     bounds = (jnp.asarray(jnp.inf if stored[key] is None else stored[key]) for key in ("value", "lower", "upper"))
     result = getattr(jhd.RESULTS, stored["result"])
     stats = {key: jnp.asarray(value) for key, value in stored["stats"].items()}

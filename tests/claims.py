@@ -365,4 +365,29 @@ def check_biarc_convergence(numbers):
             assert row["result"] == "successful" and row["arcs"] >= 0.9 * row["theory"], name
 
 
+def check_surface_distances(numbers):
+    for pair in numbers["pairs"]:
+        found, gap = pair["solution"], pair["share"] * pair["diagonal"]
+        assert found["result"] == "successful" and 0 <= found["upper"] - found["lower"] <= gap, pair["name"]
+        assert pair["share"] > 1e-6 or pair["samples"]["off"] > 10 * (found["upper"] - found["lower"]), pair["name"]
+        if pair["name"] == "torus, wider torus":
+            assert found["lower"] <= 0.05 <= found["upper"]
+
+
+def both_ways(mesh, shares):
+    """Bounds of both directions as close as was asked for."""
+    for way, share in shares.items():
+        found = mesh[way]
+        assert found["result"] == "successful" and 0 < found["lower"] <= found["upper"], way
+        assert found["upper"] - found["lower"] <= share * found["upper"], way
+
+
+def check_marching_cubes_check(numbers):
+    meshes = numbers["meshes"]
+    for mesh in meshes:
+        both_ways(mesh, dict.fromkeys(("to_surface", "to_mesh"), numbers["share"]))
+    assert meshes[-1]["upper"] < meshes[0]["upper"] and numbers["power"] > 1
+    assert meshes[-1]["to_mesh"]["lower"] <= 1.1 * meshes[-1]["to_surface"]["upper"]
+
+
 CLAIMS = {name.removeprefix("check_"): f for name, f in list(globals().items()) if name.startswith("check_")}

@@ -1,0 +1,48 @@
+"""A mesh of marching cubes in the colours of its distance to the surface, and the distance against the cells' width.
+
+Numbers by marching_cubes_check's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, MM, ORANGE, Picture, letter, style
+from common_checks import both_ways, coloured_shape
+from matplotlib.figure import Figure
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    chosen = numbers["meshes"][numbers["shown"]]
+    with style():
+        figure = Figure(figsize=(175 * MM, 76 * MM))
+        title = f"$\\bf{{(a)}}$ {chosen['cells']} cells along an axis, {chosen['count']} triangles"
+        coloured_shape(figure, numbers["mesh"], numbers["target"], chosen["to_surface"]["solution"], title)
+        _distances(figure.add_axes((0.58, 0.16, 0.4, 0.74)), numbers["meshes"])
+    return figure
+
+
+def _distances(ax: Any, meshes: list[dict[str, Any]]) -> None:
+    width = np.array([mesh["width"] for mesh in meshes])
+    both_ways(ax, width, meshes)
+    middles = [mesh["middles"] for mesh in meshes]
+    ax.plot(width, middles, color=ORANGE, marker="^", markersize=4, linestyle="none", label="at middles, first order")
+    guide = 0.6 * meshes[0]["upper"] * (width / width[0]) ** 2
+    ax.plot(width, guide, color=BLACK, linewidth=0.6, label="square of the width")
+    ticks = width[:: 2 if len(width) > 3 else 1]
+    ax.set_xticks(ticks, [f"{x:.3g}" for x in ticks])
+    ax.minorticks_off()
+    # Room for the key.
+    ax.set_ylim(0.6 * guide.min(), 25 * meshes[0]["upper"])
+    ax.set_xlabel("width of a cell (units of the surface)")
+    ax.legend(loc="upper left", handlelength=1.8, labelspacing=0.25)
+    letter(ax, "b", "bounds to 5 % of the distance")
+
+
+if __name__ == "__main__":
+    main()
