@@ -69,7 +69,8 @@ from jhd.fields import (  # noqa: E402
     signed_distance_transform,
     voxelise,
 )
-from jhd.fit import fit_curve, fit_outline, minimise_hausdorff, soft_hausdorff  # noqa: E402
+from jhd.fit import fit_curve, fit_outline, minimise_hausdorff  # noqa: E402
+from jhd.fitting.soft import soft_hausdorff  # noqa: E402
 from jhd.shapes import (  # noqa: E402
     BezierCurve,
     BezierPatch,

@@ -5,9 +5,8 @@ part in each step (jhd.fitting.minimax). A stationary point is a local minimum a
 """
 
 from collections.abc import Callable
-from functools import partial
 from itertools import groupby
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,25 +17,26 @@ from jaxtyping import Array
 
 from jhd.arrays import real_array
 from jhd.distance.frame.method import AbstractHausdorffMethod
-from jhd.distance.hausdorff import hausdorff
-from jhd.distance.witness.critical import critical_pairs
-from jhd.fitting.bundle import Bundled, minimise_by_cuts, motions
+from jhd.distance.measures import AbstractMeasure, Hausdorff
+from jhd.fitting.bundle import minimise_by_cuts, motions
 from jhd.fitting.chain import Chain, Layout, divided, least_squares, longest_pieces, turns
-from jhd.fitting.minimax import Ended, FitProgress, Problem, minimise
+from jhd.fitting.clock import Clock
+from jhd.fitting.measured import fit_by_measure, measured_solution
+from jhd.fitting.minimax import FitProgress, Problem, minimise
+from jhd.fitting.solutions import bundled_solution, minimax_solution
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import DIRECTIONS, RESULTS, CriticalPairs, FitSolution
+from jhd.shapes.patch import AbstractPatch
+from jhd.solution import FitSolution
 
 # Shapes that are fitted, and fitted to.
 Fitted = AbstractCurve | ImplicitSurface | TriangleMesh
 # Pairs kept for a number of parameters: an error curve with p + 1 equal maxima has some more below.
 _CAPACITIES = ((14, 32), (40, 64))
 _LARGEST_CAPACITY = 128
-# A maximum was missed where the proven distance is larger by this share, or this share of the size.
-_MISSED = 1e-9
 # Pieces of least squares within this many tolerances are tried first, for minimax fits are nearer by such a factor at
 # best; then each time within this share of the last, so many times at most.
 _GAIN, _CLOSER, _TRIES = 4.0, 0.75, 40
@@ -49,30 +49,36 @@ def minimise_hausdorff(
     parameters: Any,
     target: Any,
     *,
+    measure: AbstractMeasure | None = None,
     starts: Any = 1,
     seed: int = 0,
     max_steps: int = 60,
+    max_seconds: float | None = None,
     atol: float = 0.0,
     capacity: int | None = None,
     method: AbstractHausdorffMethod | None = None,
     progress: Callable[[FitProgress], object] | None = None,
 ) -> FitSolution:
-    """The parameters for which build(parameters) is nearest to the target, in the Hausdorff distance.
+    """The parameters for which build(parameters) is nearest to the target, in the Hausdorff distance or a measure.
 
     A local minimum near the start. What is to stay fixed (ends, tangents, closedness) is what `build` does not vary.
     Curves are fitted by all maxima of their distance and their curvature; surfaces and meshes, of which one maximum of
     each direction is known, by a bundle of their gradients, which ends where a convex combination of those nearby is
-    below a twentieth of their length.
+    below a twentieth of their length. By another measure any shapes are fitted, points among the targets: a quantile or
+    a mean of the distances from a scan, `Quantile(0.9, directed=True)`, leaves its outliers out.
 
     Args:
         build: from the parameters to a shape of the target's kind; traced, so written in jax.numpy. A module-level
             function or a Module is compiled once, a lambda at each call.
         parameters: the start: an array or a pytree of arrays.
-        target: the curve, implicit surface or mesh to be near to.
+        target: the curve, implicit surface or mesh to be near to; for other measures any shape that they take.
+        measure: Hausdorff(), which is the default, Mean(), RootMeanSquare() or Quantile(q), of (target, shape).
         starts: how many starts, the first at `parameters` and the others about it; or their parameters, stacked along
             a new leading axis. The best end is returned.
         seed: of the random starts.
         max_steps: most steps from each start.
+        max_seconds: wall time after which the best so far is returned, with the result fit_out_of_time; the evaluation
+            that has begun is ended, and the error is proven, after it. None for no limit.
         atol: a distance at which the fit is good enough; zero goes on to a stationary point.
         capacity: of curves, how many maxima take part; by default enough for the number of parameters.
         method: how the error is proven; by default BranchAndBound().
@@ -82,15 +88,13 @@ def minimise_hausdorff(
         TypeError: a target that is no curve, surface or mesh, or shapes of another kind than the target.
         ValueError: no parameter, or starts of another shape.
     """
-    target = taken_as("target", target)
-    bundled = isinstance(target, ImplicitSurface | TriangleMesh)
-    if not bundled:
-        check_curve("target", target)
+    target, clock = taken_as("target", target), Clock(max_seconds)
     flat, unravel = ravel_pytree(jax.tree_util.tree_map(lambda x: jnp.asarray(x, dtype=float), parameters))
     if flat.size == 0:
         raise ValueError("parameters holds no number; needs at least one.")
-    capacity = _capacity(flat.size) if capacity is None else capacity
     built = _Flat(build, unravel)
+    limits = _Limits(max_steps, atol, _capacity(flat.size) if capacity is None else capacity, clock)
+    way = _way(built, target, measure, limits)
     ends = []
     for number, start in enumerate(_starts(built, np.asarray(flat), starts, seed, target)):
 
@@ -98,24 +102,66 @@ def minimise_hausdorff(
             if progress is not None:
                 progress(FitProgress(number, step, value, optimality))
 
-        if bundled:
-            ends.append(minimise_by_cuts(built, target, start, max_steps, atol, report))
-        else:
-            ends.append(minimise(Problem(built, target.segments(), capacity), start, max_steps, atol, report))
-    if bundled:
-        return _bundled_solution(min(ends, key=lambda ended: ended.point.value), unravel, target, method)
-    return _solution(min(ends, key=lambda ended: ended.point.top), unravel, target, method)
+        if ends and clock.is_over():
+            break
+        ends.append(way.iterate(start, report))
+    return way.solution(min(ends, key=way.value), unravel, method)
+
+
+class _Limits(NamedTuple):
+    """What ends an iteration, and how many maxima take part."""
+
+    max_steps: int
+    atol: float
+    capacity: int
+    clock: Clock
+
+
+class _Way(NamedTuple):
+    """A way to fit: from a start and a listener to an end, the value of an end, and the solution that it is."""
+
+    iterate: Callable[[Any, Callable[[int, float, float], object]], Any]
+    value: Callable[[Any], float]
+    solution: Callable[[Any, Callable, Any], FitSolution]
+
+
+def _way(built: Any, target: Any, measure: AbstractMeasure | None, limits: _Limits) -> _Way:
+    steps, atol, capacity, clock = limits
+    if measure is not None and measure != Hausdorff():
+        scales = _scales(built, target)
+        return _Way(
+            lambda start, report: fit_by_measure(
+                built, measure, target, start, scales(start), steps, atol, clock, report
+            ),
+            lambda ended: ended.point.value,
+            lambda ended, unravel, method: measured_solution(built, unravel, measure, target, ended, method),
+        )
+    if isinstance(target, ImplicitSurface | TriangleMesh):
+        return _Way(
+            lambda start, report: minimise_by_cuts(built, target, start, steps, atol, report, clock),
+            lambda ended: ended.point.value,
+            lambda ended, unravel, method: bundled_solution(ended, unravel, target, method),
+        )
+    check_curve("target", target)
+    return _Way(
+        lambda start, report: minimise(Problem(built, target.segments(), capacity, clock), start, steps, atol, report),
+        lambda ended: ended.point.top,
+        lambda ended, unravel, method: minimax_solution(ended, unravel, target, method),
+    )
 
 
 def fit_curve(
     target: Any,
     *,
     degree: int,
-    segments: int = 1,
+    segments: int | None = None,
+    tolerance: Numbers | None = None,
+    measure: AbstractMeasure | None = None,
     ends: Literal["fixed", "free"] = "fixed",
     closed: bool | None = None,
     smooth: bool = False,
     max_steps: int = 60,
+    max_seconds: float | None = None,
     atol: float = 0.0,
     method: AbstractHausdorffMethod | None = None,
     progress: Callable[[FitProgress], object] | None = None,
@@ -133,18 +179,22 @@ def fit_curve(
     Args:
         target: one contour, its segments in order.
         degree: of the segments; at least 3 with `smooth`, and 2 for one segment with fixed ends.
-        segments: how many; the target is divided at its corners, and evenly between them.
+        segments: how many, one by default; the target is divided at its corners, and evenly between them.
+        tolerance: in place of `segments`, the largest proven distance: few segments that come below it, as by
+            `fit_outline`, up to 64; with ends as the target has them.
+        measure: what is made least; by default Hausdorff(), see `minimise_hausdorff`.
         ends: "fixed" at those of the target, or "free".
         closed: whether the last segment leads to the first; by default as the target is.
         smooth: whether the tangent is continuous at the joints; without it they may be corners.
         max_steps: most steps from each start.
+        max_seconds: wall time after which the best so far is returned; see `minimise_hausdorff`.
         atol: a distance at which the fit is good enough; zero goes on to a stationary point.
         method: how the error is proven; by default BranchAndBound().
         progress: called with a FitProgress after each step.
 
     Raises:
         TypeError: a target that is no curve.
-        ValueError: a target of several contours, or sizes that are too small.
+        ValueError: a target of several contours, sizes that are too small, or a tolerance beside what it decides.
     """
     target = taken_as("target", target)
     check_curve("target", target)
@@ -152,6 +202,11 @@ def fit_curve(
     following = np.asarray(curve.following)
     if np.any(following[:-1] != np.arange(1, curve.count)):
         raise ValueError("target has several contours; needs one, with its segments in order.")
+    if tolerance is not None:
+        others = {"segments": segments, "measure": measure, "max_seconds": max_seconds, "method": method}
+        _refuse_beside_tolerance({**others, "closed": closed, "ends": None if ends == "fixed" else ends})
+        return fit_outline(curve, tolerance, degree=degree, smooth=smooth, max_steps=max_steps, progress=progress)[0]
+    segments = 1 if segments is None else segments
     closed = bool(following[-1] == 0) if closed is None else closed
     least = 3 if smooth else 2 if ends == "fixed" and segments == 1 and not closed else 1
     if not degree >= least:
@@ -162,7 +217,8 @@ def fit_curve(
         raise ValueError(f"ends is {ends!r}; needs 'fixed' or 'free'.")
     joints = divided(curve, segments)
     layout = Layout(degree, segments, closed, ends == "fixed", smooth)
-    options = {"max_steps": max_steps, "atol": atol, "method": method, "progress": progress}
+    options = {"max_steps": max_steps, "atol": atol, "method": method, "progress": progress, "measure": measure}
+    options["max_seconds"] = max_seconds
     build, start = least_squares(layout, curve, joints)
     if ends == "fixed" or closed:
         return minimise_hausdorff(build, start, curve, **options)
@@ -172,6 +228,12 @@ def fit_curve(
         others = _points_of(build, np.asarray(held(first).control_points))
         return minimise_hausdorff(build, start, curve, starts=np.stack([others, start]), **options)
     return minimise_hausdorff(build, start, curve, **options)
+
+
+def _refuse_beside_tolerance(others: dict[str, Any]) -> None:
+    for name, given in others.items():
+        if given is not None:
+            raise ValueError(f"{name} is given with a tolerance, which decides it; give one of both.")
 
 
 def fit_outline(
@@ -297,75 +359,28 @@ def _starts(build: Callable, first: np.ndarray, starts: Any, seed: int, target: 
         raise ValueError(f"starts is {starts}; needs at least 1.")
     if starts == 1:
         return first[None]
-    scales = (
-        Problem(build, target.segments(), 1).scales if isinstance(target, AbstractCurve) else partial(motions, build)
-    )
     low, high = target.box()
-    spread = _SPREAD * float(jnp.max(high - low)) * scales(first)
+    spread = _SPREAD * float(jnp.max(high - low)) * _scales(build, target)(first)
     noise = np.random.default_rng(seed).normal(size=(starts - 1, first.size))
     return np.concatenate([first[None], first + spread * noise])
+
+
+def _scales(build: Callable, target: Any) -> Callable[[np.ndarray], np.ndarray]:
+    """Of parameters, the change of each that moves the shape by about one unit of length."""
+
+    def scales(parameters: np.ndarray) -> np.ndarray:
+        shape = build(jnp.asarray(parameters))
+        if isinstance(shape, AbstractCurve) and isinstance(target, AbstractCurve):
+            return Problem(build, target.segments(), 1).scales(parameters)
+        if isinstance(shape, AbstractPatch):
+            slopes = jax.jacfwd(lambda p: build(p).patches().control_points)(jnp.asarray(parameters))
+            moved = np.max(np.abs(np.asarray(slopes).reshape(-1, len(parameters))), axis=0)
+            return 1 / np.where(moved > 0, moved, 1.0)
+        return motions(build, parameters)
+
+    return scales
 
 
 def _rows(starts: Any) -> list[Any]:
     count = jax.tree_util.tree_leaves(starts)[0].shape[0]
     return [jax.tree_util.tree_map(lambda x, k=k: jnp.asarray(x, dtype=float)[k], starts) for k in range(count)]
-
-
-def _solution(
-    ended: Ended, unravel: Callable, target: AbstractCurve, method: AbstractHausdorffMethod | None
-) -> FitSolution:
-    point, pairs = ended.point, ended.point.pairs
-    mu = np.zeros(pairs.value.shape)
-    mu[: len(ended.multipliers)] = ended.multipliers
-    error = hausdorff(target, point.shape, method, throw=False)
-    missed = float(error.lower) > point.top * (1 + _MISSED) + _MISSED * point.size
-    return FitSolution(
-        parameters=unravel(jnp.asarray(point.parameters)),
-        shape=point.shape,
-        error=error,
-        optimality=jnp.asarray(ended.optimality),
-        multipliers=jnp.asarray(mu),
-        pairs=pairs,
-        result=RESULTS.fit_missed_a_maximum if missed else ended.result,
-        stats={name: jnp.asarray(count) for name, count in ended.counts.items()},
-        history=jnp.asarray(ended.history),
-    )
-
-
-def _bundled_solution(
-    ended: Bundled, unravel: Callable, target: Fitted, method: AbstractHausdorffMethod | None
-) -> FitSolution:
-    point = ended.point
-    there, back = point.solutions
-    back = eqx.tree_at(lambda s: s.witness.direction, back, DIRECTIONS.b_to_a)
-    order = (0, 1) if there.value >= back.value else (1, 0)
-    values, witness = jax.tree_util.tree_map(
-        lambda *x: jnp.stack([x[k] for k in order]), *((s.value, s.witness) for s in (there, back))
-    )
-    return FitSolution(
-        parameters=unravel(jnp.asarray(point.parameters)),
-        shape=point.shape,
-        error=hausdorff(target, point.shape, method, throw=False),
-        optimality=jnp.asarray(ended.optimality),
-        multipliers=jnp.asarray(ended.multipliers[list(order)]),
-        pairs=CriticalPairs(values, witness, jnp.ones(2, bool), RESULTS.successful),
-        result=ended.result,
-        stats={name: jnp.asarray(count) for name, count in ended.counts.items()},
-        history=jnp.asarray(ended.history),
-    )
-
-
-def soft_hausdorff(a: AbstractCurve, b: AbstractCurve, temperature: Numbers, *, capacity: int = 16) -> Array:
-    """A smooth stand-in for the Hausdorff distance: temperature log sum exp(h_j / temperature) of the critical pairs.
-
-    It lies above the largest h_j by at most temperature log capacity and falls to it with the temperature; where one
-    maximum is born or dies far below the top it hardly jumps. For optimisers that want one smooth loss.
-
-    Args:
-        a: a curve.
-        b: a curve of the same dimension.
-        temperature: a positive length.
-        capacity: how many maxima take part.
-    """
-    pairs, heat = critical_pairs(a, b, capacity), real_array("temperature", temperature)
-    return heat * jax.nn.logsumexp(pairs.value / heat, b=pairs.valid)

@@ -18,6 +18,7 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     )
     interrupted = "The search was interrupted: the bounds are those it had reached."
     fit_steps_exhausted = "The fit was still improving when its steps were used up: raise max_steps."
+    fit_out_of_time = "The time ran out: this is the best so far. Raise max_seconds, or begin with its parameters."
     fit_in_a_valley = (
         "The fit creeps along a valley, by less than a thousandth a step: fix what slides (a parametrisation, a "
         "weight), start elsewhere, or raise max_steps."

@@ -312,10 +312,12 @@ class FitSolution(eqx.Module):
         optimality: length of sum mu_j g_j, with the gradients g_j of the largest maxima in the parameters and the best
             multipliers mu_j >= 0 of sum one; zero at a stationary point.
         multipliers: the mu_j of the critical pairs, largest distance first.
-        pairs: the critical pairs of (target, shape); of surfaces and meshes the maximum of each direction.
+        pairs: the critical pairs of (target, shape); of surfaces and meshes the maximum of each direction, of fits by
+            another measure the largest distance alone.
         result: successful, or why the fit stopped where it is not stationary.
         stats: counts of steps, of Newton steps among them, and of evaluations.
-        history: the distance at the start and after each step.
+        history: the distance, or the measure that was fitted by, at the start and after each step.
+        measured: that measure of (target, shape) with its bounds; None where it is the largest distance.
     """
 
     parameters: Any
@@ -327,13 +329,15 @@ class FitSolution(eqx.Module):
     result: Any
     stats: dict[str, Array]
     history: Float[Array, " samples"]
+    measured: Any = None
 
     def __float__(self) -> float:
-        return float(self.error.value)
+        return float((self.error if self.measured is None else self.measured).value)
 
     def __repr__(self) -> str:
+        measured = "" if self.measured is None else f"{self.measured!r},\n  "
         return (
-            f"FitSolution(error={float(self.error.value):.9g} in [{float(self.error.lower):.9g}, "
+            f"FitSolution({measured}error={float(self.error.value):.9g} in [{float(self.error.lower):.9g}, "
             f"{float(self.error.upper):.9g}],\n  optimality={float(self.optimality):.1e}, "
             f"steps={int(self.stats['steps'])}, {name_of(self.result)})"
         )

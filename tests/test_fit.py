@@ -196,3 +196,47 @@ def test_free_ends_are_never_farther(seed):
     curve = random_curve(seed)
     fixed, free = (jhd.fit_curve(curve, degree=3, ends=ends) for ends in ("fixed", "free"))
     assert float(free.error.value) <= float(fixed.error.value) * (1 + 1e-9)
+
+
+# A circle of radius 2 about (3, 1), some noise, and one point of twelve far away.
+NOISE = np.random.default_rng(0)
+ANGLES = np.linspace(0, 2 * np.pi, 120, endpoint=False)
+POINTS = np.stack([3 + 2 * np.cos(ANGLES), 1 + 2 * np.sin(ANGLES)], axis=1) + 0.01 * NOISE.normal(size=(120, 2))
+POINTS[::12] += 1.5 * NOISE.normal(size=(10, 2))
+
+
+def about(parameters):
+    return jhd.circle(parameters[:2], parameters[2])
+
+
+@pytest.mark.parametrize(
+    "measure",
+    [pytest.param(jhd.Mean(directed=True), marks=pytest.mark.slow), jhd.Quantile(0.9, directed=True)],
+    ids=["mean", "quantile"],
+)
+def test_a_circle_is_found_among_outliers_by_a_mean_and_by_a_quantile(measure):
+    fit = jhd.minimise_hausdorff(about, np.array([2.5, 1.3, 1.5]), jhd.points(POINTS), measure=measure, max_steps=40)
+    np.testing.assert_allclose(fit.parameters, [3, 1, 2], atol=0.02)
+    assert float(fit.measured.lower) <= float(fit) <= float(fit.measured.upper)
+    assert fit.history[-1] == pytest.approx(float(fit), rel=1e-9) and np.all(np.diff(fit.history) <= 0)
+    # The farthest outlier stays where it is.
+    assert float(fit.error.lower) > 1
+
+
+def test_a_fit_that_runs_out_of_time_hands_back_the_best_so_far(monkeypatch):
+    monkeypatch.setattr("jhd.fitting.clock.time.monotonic", iter(range(10**6)).__next__)
+    target, start = jhd.circle([3, 1], 2.0), np.array([2.5, 1.3, 1.5])
+    fit = jhd.minimise_hausdorff(about, start, target, max_seconds=2.5)
+    assert name_of(fit.result) == "fit_out_of_time"
+    assert float(fit.error.value) <= float(jhd.hausdorff(about(start), target).value) * (1 + 1e-12)
+    with pytest.raises(ValueError, match="max_seconds is 0"):
+        jhd.minimise_hausdorff(about, start, target, max_seconds=0)
+
+
+@pytest.mark.slow
+def test_segments_are_as_many_as_a_tolerance_needs():
+    target = jhd.circle([0, 0], 1.0)
+    fit = jhd.fit_curve(target, degree=3, tolerance=1e-3)
+    assert float(fit.error.upper) <= 1e-3 < float(jhd.fit_curve(target, degree=3, segments=2).error.lower)
+    with pytest.raises(ValueError, match="segments is given with a tolerance"):
+        jhd.fit_curve(target, degree=3, tolerance=1e-3, segments=2)

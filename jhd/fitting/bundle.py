@@ -17,6 +17,7 @@ import numpy as np
 from jhd.distance.hausdorff import directed_hausdorff
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.fields.octree import voxelise
+from jhd.fitting.clock import Clock, OutOfTimeError
 from jhd.fitting.subproblem import model_step, multipliers
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -88,6 +89,7 @@ def minimise_by_cuts(
     max_steps: int,
     atol: float,
     report: Callable[[int, float, float], object],
+    clock: Clock,
 ) -> Bundled:
     """Steps from the parameters until no cut promises a gain, the distance is below atol, or the radius vanishes.
 
@@ -98,12 +100,13 @@ def minimise_by_cuts(
         max_steps: most evaluations after the first one.
         atol: a distance that is good enough.
         report: called with step, distance and optimality.
+        clock: ends it.
     """
     low, high = target.box()
     size = float(np.max(np.asarray(high) - np.asarray(low)))
     point = evaluated(build, target, parameters)
     scale = motions(build, parameters)
-    cuts, history, steps = list(point.cuts), [point.value], 0
+    cuts, history, steps, late = list(point.cuts), [point.value], 0, False
     radius = largest = min(_RADIUS * size, _DISTANCES * point.value)
     result, optimality, mu = RESULTS.fit_steps_exhausted, *_stationarity(point, cuts, scale, radius)
     report(0, point.value, optimality)
@@ -118,6 +121,11 @@ def minimise_by_cuts(
         if promised <= _NO_GAIN * point.value:
             radius = 0.25 * radius
             continue
+        try:
+            clock.check()
+        except OutOfTimeError:
+            late = True
+            break
         tried = evaluated(build, target, point.parameters + scale * move)
         cuts, steps = [*cuts, *tried.cuts][-_CUTS:], steps + 1
         if point.value - tried.value >= _TAKEN * promised:
@@ -131,6 +139,8 @@ def minimise_by_cuts(
         radius = np.inf
     if point.value <= atol or optimality <= STATIONARY * _longest(point.cuts):
         result = RESULTS.successful
+    elif late:
+        result = RESULTS.fit_out_of_time
     elif radius < np.inf:
         result = RESULTS.fit_at_a_kink
     counts = {"steps": int(np.sum(np.diff(history) < 0)), "evaluations": steps + 1}

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd.distance.witness.critical import critical_pairs
+from jhd.fitting.clock import Clock, OutOfTimeError
 from jhd.fitting.expansion import Expansion, FloatArray, Moving, expand
 from jhd.fitting.subproblem import model_step, multipliers
 from jhd.shapes.curve import AbstractCurve, BezierSegments
@@ -114,15 +115,19 @@ class Problem:
         build: from a vector of parameters to a curve.
         target: the curve to fit.
         capacity: length of the list of pairs.
+        clock: asked before each evaluation after the first.
     """
 
     build: Callable
     target: BezierSegments
     capacity: int
+    clock: Clock = field(default_factory=Clock)
     counts: dict[str, int] = field(default_factory=lambda: {"steps": 0, "newton_steps": 0, "evaluations": 0})
 
     def at(self, parameters: FloatArray) -> Point:
         """The critical pairs at the parameters, expanded."""
+        if self.counts["evaluations"]:
+            self.clock.check()
         self.counts["evaluations"] += 1
         shape, points, tangent, following = _moving(self.build, jnp.asarray(parameters))
         rational = points.shape[-1] > self.target.dim
@@ -186,20 +191,13 @@ def minimise(
         if point.top <= max(atol, _ROUNDING * point.size) or residual <= _CONVERGED or step == max_steps:
             break
         last = history[-2] - point.top if len(history) > 1 else point.top
-        near = last < _NEAR * point.top
-        moved = _newton(problem, point, scale) if near else None
-        if moved is not None:
-            radius = np.maximum(radius, 4 * _length((moved.parameters - point.parameters) / scale))
-            problem.counts["newton_steps"] += 1
-        else:
-            moved, radius, result = _trusted_step(problem, point, scale, radius, last)
+        try:
+            moved, radius, stride, result = _step(problem, point, scale, radius, stride, last)
+        except OutOfTimeError:
+            result = RESULTS.fit_out_of_time
+            break
         if moved is None:
             break
-        if point.top - moved.top < _CREEPING * point.top:
-            # Along a valley the next steps would be alike: as far again as this one and the last led.
-            further = _further(problem, moved, stride + moved.parameters - point.parameters, scale, radius)
-            stride = further.parameters - point.parameters if further is not moved else np.zeros_like(scale)
-            moved = further
         gain, point = point.top - moved.top, moved
         before, (mu, residual) = residual, stationarity(point)
         history.append(point.top)
@@ -212,6 +210,24 @@ def minimise(
     if residual <= STATIONARY or point.top <= max(atol, _ROUNDING * point.size):
         result = RESULTS.successful
     return Ended(point, mu, residual, result, problem.counts, history)
+
+
+def _step(
+    problem: Problem, point: Point, scale: FloatArray, radius: FloatArray, stride: FloatArray, last: float
+) -> tuple[Point | None, FloatArray, FloatArray, Any]:
+    """The next point, radii and stride, and why there is none."""
+    moved, result = _newton(problem, point, scale) if last < _NEAR * point.top else None, RESULTS.successful
+    if moved is not None:
+        radius = np.maximum(radius, 4 * _length((moved.parameters - point.parameters) / scale))
+        problem.counts["newton_steps"] += 1
+    else:
+        moved, radius, result = _trusted_step(problem, point, scale, radius, last)
+    if moved is not None and point.top - moved.top < _CREEPING * point.top:
+        # Along a valley the next steps would be alike: as far again as this one and the last led.
+        further = _further(problem, moved, stride + moved.parameters - point.parameters, scale, radius)
+        stride = further.parameters - point.parameters if further is not moved else np.zeros_like(scale)
+        moved = further
+    return moved, radius, stride, result
 
 
 def _convex(hessian: FloatArray) -> FloatArray:
