@@ -25,6 +25,7 @@ _SHAPE_HELP = (
     "NPY or PLY file"
 )
 _OR_POLYNOMIAL = "; with --box a polynomial in x, y, z"
+_MANY_HELP = "a shape; or a folder or a pattern of files (scans/*.ply), or all letters of a font: font:NAME:*"
 _BOX_HELP = "polynomials: the box they are cut off at, its two ends for all axes, or three lower and three upper ones"
 _ATOL_HELP = "tolerance on upper - lower, in input units or as a share of the diagonal"
 _THRESHOLD_HELP = "answer only whether the distance is at most this: exit status 0 yes, 3 no, 1 undecided"
@@ -43,6 +44,9 @@ examples:
   jhd minimum bunny.ply "x**2 + y**2 + z**2 - 1" --box -2 2
   jhd deviation scan.ply model.obj --within 0.1 --plot deviation.png
   jhd project a.svg 10 -2.5
+  jhd nearest "font:DejaVu Serif:a" "font:DejaVu Sans:*" --count 3
+  jhd duplicates icons/ --within 0.5
+  jhd pairwise "scans/*.ply" --store distances
   jhd field bunny.ply --atol 0.001 --out bunny.npz
   jhd warm plane rational --degree 3
   jhd doctor
@@ -135,6 +139,7 @@ def _parser() -> argparse.ArgumentParser:
     minimum.set_defaults(command="minimum")
 
     _add_deviation(commands)
+    _add_collections(commands)
 
     fit = commands.add_parser("fit", help="fewer or lower-degree segments within a proven distance")
     fit.add_argument("target", metavar="TARGET", help=_CURVE_HELP)
@@ -193,6 +198,24 @@ def _add_deviation(commands: Any) -> None:
     parser.add_argument("--within", type=lengths.length, metavar="LENGTH", help="also the share of A that is this near")
     parser.add_argument("--plot", metavar="FILE", help="draw A in the colours of its distance, with a histogram")
     parser.set_defaults(command="deviation")
+
+
+def _add_collections(commands: Any) -> None:
+    pairwise = commands.add_parser("pairwise", help="the Hausdorff distances of all pairs of many shapes")
+    pairwise.add_argument("shapes", metavar="SHAPE", nargs="+", help=_MANY_HELP)
+    pairwise.add_argument("--store", metavar="FOLDER", help="keep what is done there; another call goes on with it")
+    pairwise.set_defaults(command="pairwise")
+
+    nearest = commands.add_parser("nearest", help="the nearest of many shapes, proven")
+    nearest.add_argument("query", metavar="QUERY", help="the shape, or shapes, whose neighbours are wanted, likewise")
+    nearest.add_argument("shapes", metavar="SHAPE", nargs="+", help=_MANY_HELP)
+    nearest.add_argument("--count", dest="k", type=int, default=1, metavar="N", help="how many (default: 1)")
+    nearest.set_defaults(command="nearest")
+
+    duplicates = commands.add_parser("duplicates", help="the pairs of many shapes that are within a distance")
+    duplicates.add_argument("shapes", metavar="SHAPE", nargs="+", help=_MANY_HELP)
+    duplicates.add_argument("--within", type=float, required=True, metavar="X", help="the distance, in input units")
+    duplicates.set_defaults(command="duplicates")
 
 
 def _switch_cache_on() -> None:

@@ -17,6 +17,9 @@ import jax
 
 import jhd
 from jhd import storage
+from jhd.collected import duplicates as duplicates
+from jhd.collected import nearest as nearest
+from jhd.collected import pairwise as pairwise
 from jhd.comparisons import deviation as deviation
 from jhd.comparisons import directions_of
 from jhd.comparisons import distance as distance

@@ -23,9 +23,9 @@ ORDER = """
     distance.frame distance.nearest distance.cells distance.witness distance.search distance.published.events
         distance.published distance.certificate distance
     fitting fit | plot | io
-    lengths report options warming console comparisons commands __main__
+    lengths report options warming console comparisons collected commands __main__
 """
-COMMAND_LINE = ("console", "comparisons", "commands", "__main__")
+COMMAND_LINE = ("console", "comparisons", "collected", "commands", "__main__")
 # Their import takes a tenth of a second and more, so they may be imported where they are used.
 HEAVY = {"matplotlib", "mpl_toolkits", "fontTools", "scipy", "shapely", "trimesh", "pyvista", "skimage"} | {
     "svgelements",

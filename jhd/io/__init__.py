@@ -13,6 +13,7 @@ from jhd.io.load import load_shape as load_shape
 from jhd.io.meshes import load_mesh as load_mesh
 from jhd.io.meshes import save_mesh as save_mesh
 from jhd.io.outlines import outline as outline
+from jhd.io.outlines import outlines as outlines
 from jhd.io.outlines import parse_font_spec as parse_font_spec
 from jhd.io.outward import to_geomdl as to_geomdl
 from jhd.io.outward import to_path as to_path

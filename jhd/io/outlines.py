@@ -7,6 +7,7 @@ quadratics (in CFF fonts lines raised to cubics round by an ulp). No hinting, ke
 Source: Apple, TrueType Reference Manual, chapter "Digitizing letterform designs".
 """
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -46,21 +47,50 @@ def outline(font: str | Path, text: str, *, size: float | int | None = None) -> 
     """
     if not text:
         raise ValueError("text is empty; needs at least one letter.")
+    curve = _outlines(font, lambda _: [text], size)[0]
+    if curve is None:
+        raise ValueError(f"{text!r} has no outline in {font}.")
+    return curve
+
+
+def outlines(font: str | Path, *, size: float | int | None = None) -> dict[str, BezierSegments]:
+    """The outlines of all letters of a font that have one, by letter, in the order of their code points.
+
+    Args:
+        font: see `outline`.
+        size: length of the em, in the unit wanted; None keeps font units.
+
+    Raises:
+        FileNotFoundError: a path to no file.
+        ParseError: a file that is no font.
+        ValueError: an unknown font, a size that is not positive.
+    """
+    letters: list[str] = []
+
+    def all_of(opened: TTFont) -> list[str]:
+        letters.extend(map(chr, sorted(opened.getBestCmap() or {})))
+        return letters
+
+    curves = _outlines(font, all_of, size)
+    return {letter: curve for letter, curve in zip(letters, curves, strict=True) if curve is not None}
+
+
+def _outlines(
+    font: str | Path, texts_of: Callable[[TTFont], list[str]], size: float | int | None
+) -> list[BezierSegments | None]:
+    """The outlines of some texts, None where there is no ink, from a font that is opened once."""
     if size is not None and not size > 0:
         raise ValueError(f"size is {size}; needs a positive length.")
     file = _font_file(str(font))
     try:
         with TTFont(file, fontNumber=0) as opened:
-            contours, units = _draw(opened, str(font), text)
+            drawn = [_draw(opened, str(font), text) for text in texts_of(opened)]
     except TTLibError as error:
         raise ParseError(f"is no font that can be read ({error}).", file) from error
-    if size is not None:
-        scale = np.diag([size / units, size / units, 0.0])[:2]
-        contours = [contour.transformed(scale) for contour in contours]
-    curve = assemble(contours)
-    if curve is None:
-        raise ValueError(f"{text!r} has no outline in {font}.")
-    return curve
+    if size is None:
+        return [assemble(contours) for contours, _ in drawn]
+    scaled = [(contours, np.diag([size / units, size / units, 0.0])[:2]) for contours, units in drawn]
+    return [assemble([contour.transformed(scale) for contour in contours]) for contours, scale in scaled]
 
 
 def parse_font_spec(spec: str) -> tuple[str, str]:

@@ -119,7 +119,7 @@ from jhd.distance import collections
 if __name__ == "__main__":
     collections._PAIRS = 40
     random = np.random.default_rng(3)
-    shapes = [jhd.points(random.standard_normal((1000, 2))) for _ in range(40)]
+    shapes = [jhd.points(random.standard_normal((200, 2))) for _ in range(40)]
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         found = jhd.pairwise(shapes, executor=pool, store=sys.argv[1])
     print(found.computed)

@@ -1,0 +1,112 @@
+"""What the commands of the command line do that take many shapes: files, folders, patterns and fonts."""
+
+import glob
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import jhd
+from jhd.console import busy, print_json
+from jhd.distance.many.tasks import CollectionProgress
+from jhd.io import load_shape, outlines
+from jhd.io.load import SHAPE_SUFFIXES
+from jhd.report import bar
+from jhd.solution import names_of, to_plain
+
+_ALL = ":*"
+
+
+def pairwise(options: Namespace) -> int:
+    """The distances of all pairs."""
+    names, shapes = collected(options.shapes)
+    with busy("computing; a first run compiles") as show:
+        found = jhd.pairwise(shapes, store=options.store, progress=lambda x: show(_told(x)))
+    results = np.reshape(names_of(found.result), found.value.shape)
+    if options.json:
+        print_json(found, {**_lists(found, "value", "lower", "upper"), "result": results.tolist()}, names=names)
+    else:
+        for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
+            numbers = (found.value[i, j], found.lower[i, j], found.upper[i, j])
+            print(_line(*numbers), names[i], names[j], *_unless_successful(results[i, j]), sep="\t")
+    return 0 if np.all(results == "successful") else 1
+
+
+def nearest(options: Namespace) -> int:
+    """The nearest shapes of each query."""
+    queries, wanted = collected([options.query])
+    names, shapes = collected(options.shapes)
+    with busy("computing; a first run compiles") as show:
+        found = jhd.nearest_shapes(wanted, shapes, options.k, progress=lambda x: show(_told(x)))
+    results = names_of(found.result)
+    ties = [[names[k] for k in tie] for tie in found.ties]
+    if options.json:
+        numbers = _lists(found, "index", "value", "lower", "upper")
+        print_json(found, {**numbers, "ties": ties, "result": results, "computed": found.computed}, names=names)
+    else:
+        for row, query in enumerate(queries):
+            for k, index in enumerate(found.index[row]):
+                line = _line(found.value[row, k], found.lower[row, k], found.upper[row, k])
+                print(line, query, names[index], *_unless_successful(results[row]), sep="\t")
+            if ties[row]:
+                print(f"as near as the last, as far as is proven: {', '.join(ties[row])}")
+    return 0 if all(result == "successful" for result in results) else 1
+
+
+def duplicates(options: Namespace) -> int:
+    """The pairs within a distance."""
+    names, shapes = collected(options.shapes)
+    with busy("computing; a first run compiles") as show:
+        found = jhd.pairs_within(shapes, options.within, progress=lambda x: show(_told(x)))
+    if options.json:
+        numbers = _lists(found, "index", "lower", "upper", "undecided")
+        context = {"names": names, "within": options.within}
+        print_json(found, {**numbers, "result": names_of(found.result), "computed": found.computed}, **context)
+    else:
+        for (i, j), lower, upper in zip(found.index, found.lower, found.upper, strict=True):
+            print(f"[{lower:.9g}, {upper:.9g}]", names[i], names[j], sep="\t")
+        for i, j in found.undecided:
+            print("undecided", names[i], names[j], sep="\t")
+    return 0 if len(found.undecided) == 0 else 1
+
+
+def collected(words: list[str]) -> tuple[list[str], list[Any]]:
+    """Names and shapes that the words stand for: a folder or a pattern for files, `font:NAME:*` for all letters.
+
+    Raises:
+        ValueError: a folder or pattern without files of shapes, or what is no shape.
+    """
+    pairs = [pair for word in words for pair in _pairs_of(word)]
+    return [name for name, _ in pairs], [shape for _, shape in pairs]
+
+
+def _pairs_of(word: str) -> list[tuple[str, Any]]:
+    if word.startswith("font:") and word.endswith(_ALL):
+        font = word.removeprefix("font:").removesuffix(_ALL)
+        return [(f"font:{font}:{letter}", curve) for letter, curve in outlines(font).items()]
+    if Path(word).is_dir():
+        files = sorted(str(path) for path in Path(word).iterdir() if path.suffix.lower() in SHAPE_SUFFIXES)
+    elif any(sign in word for sign in "*?[") and not word.startswith("font:"):
+        files = sorted(glob.glob(word, recursive=True))
+    else:
+        files = [word]
+    if not files:
+        raise ValueError(f"{word}: no file of a shape there.")
+    return [(file, load_shape(file)) for file in files]
+
+
+def _told(progress: CollectionProgress) -> str:
+    return f"{progress.stage} {bar(progress.done, max(progress.total, 1))}"
+
+
+def _line(value: float, lower: float, upper: float) -> str:
+    return f"{value:.9g} [{lower:.9g}, {upper:.9g}]"
+
+
+def _unless_successful(result: str) -> list[str]:
+    return [] if result == "successful" else [result]
+
+
+def _lists(found: Any, *names: str) -> dict[str, Any]:
+    return {name: to_plain(getattr(found, name)) for name in names}
