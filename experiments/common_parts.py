@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 import jhd
 from jhd.plot.nets import quadrilaterals
@@ -79,13 +79,13 @@ def _of_mesh(mesh: jhd.TriangleMesh, count: int) -> np.ndarray:
 
 def sampled_directed(a: Any, b: Any, count: int) -> float:
     """The largest distance of samples of a to those of b: neither bound of the distance from a to b."""
-    return float(np.max(cKDTree(samples(b, count)).query(samples(a, count))[0]))
+    return float(np.max(KDTree(samples(b, count)).query(samples(a, count))[0]))
 
 
 def sampled(a: Any, b: Any, count: int) -> float:
     """The same both ways."""
     p, q = samples(a, count), samples(b, count)
-    return float(max(np.max(cKDTree(y).query(x)[0]) for x, y in ((p, q), (q, p))))
+    return float(max(np.max(KDTree(y).query(x)[0]) for x, y in ((p, q), (q, p))))
 
 
 def cpu(action: Callable[[], Any]) -> tuple[Any, float]:

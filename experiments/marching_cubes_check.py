@@ -21,7 +21,7 @@ import numpy as np
 from common import Run, markdown
 from common_parts import beside, cpu, sampled_directed, stored
 from common_surfaces import surface
-from numpy.polynomial.polynomial import polyder, polygrid3d, polyval3d
+from numpy.polynomial.polynomial import polygrid3d
 from skimage.measure import marching_cubes
 
 import jhd
@@ -91,10 +91,9 @@ def _directed(a: Any, b: Any) -> dict[str, Any]:
 
 def _at_middles(target: jhd.ImplicitSurface, mesh: jhd.TriangleMesh) -> float:
     """The largest |f| / |grad f| at the middles of the triangles, the distance to first order."""
-    coefficients = np.asarray(target.coefficients)
-    place = np.asarray(mesh.corners).mean(axis=1).T
-    slope = [polyval3d(*place, polyder(coefficients, axis=axis)) for axis in range(3)]
-    return float(np.max(np.abs(polyval3d(*place, coefficients)) / np.linalg.norm(slope, axis=0)))
+    place = np.asarray(mesh.corners).mean(axis=1)
+    steep = np.linalg.norm(np.asarray(target.gradient(place)), axis=-1)
+    return float(np.max(np.abs(np.asarray(target(place))) / steep))
 
 
 if __name__ == "__main__":
