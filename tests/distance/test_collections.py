@@ -30,7 +30,12 @@ def some_curves(seed, count=9, scale=1.0):
 
 
 CURVES = some_curves(1)
-ALL = jhd.pairwise(CURVES)
+
+
+@pytest.fixture(scope="module")
+def every():
+    """The distances of all pairs of the curves."""
+    return jhd.pairwise(CURVES)
 
 
 def clouds(seed, count):
@@ -96,13 +101,13 @@ def test_other_processes_find_the_same_bits():
 
 
 @pytest.mark.slow
-def test_bounds_of_a_pair_are_those_of_the_single_call():
+def test_bounds_of_a_pair_are_those_of_the_single_call(every):
     for i, j in ((0, 2), (1, 5), (3, 7)):
         alone = jhd.hausdorff(CURVES[i], CURVES[j])
-        assert ALL.lower[i, j] <= alone.upper and alone.lower <= ALL.upper[i, j]
+        assert every.lower[i, j] <= alone.upper and alone.lower <= every.upper[i, j]
 
 
-def test_what_a_pair_gets_depends_on_nothing_else():
+def test_what_a_pair_gets_depends_on_nothing_else(every):
     order = [4, 0, 9, 3, 1, 2]
     pool = InPlace()
     found = jhd.pairwise([CURVES[k] for k in order], [CURVES[k] for k in (2, 7)], executor=pool)
@@ -110,32 +115,32 @@ def test_what_a_pair_gets_depends_on_nothing_else():
     for (i, k), (j, m) in itertools.product(enumerate(order), enumerate((2, 7))):
         if k < m:
             assert [x[i, j] for x in (found.value, found.lower, found.upper)] == [
-                x[k, m] for x in (ALL.value, ALL.lower, ALL.upper)
+                x[k, m] for x in (every.value, every.lower, every.upper)
             ]
 
 
-def test_the_table_of_one_collection_is_symmetric_and_zero_for_a_shape_and_itself():
-    np.testing.assert_array_equal(ALL.value, ALL.value.T)
-    np.testing.assert_array_equal(np.diag(ALL.upper), 0.0)
-    assert ALL.computed == 45 and ALL.value[1, 9] == 0.0
+def test_the_table_of_one_collection_is_symmetric_and_zero_for_a_shape_and_itself(every):
+    np.testing.assert_array_equal(every.value, every.value.T)
+    np.testing.assert_array_equal(np.diag(every.upper), 0.0)
+    assert every.computed == 45 and every.value[1, 9] == 0.0
 
 
 @pytest.mark.parametrize("exponent", [0, -480, 480])
-def test_signatures_bound_every_pair_at_every_scale(exponent):
+def test_signatures_bound_every_pair_at_every_scale(exponent, every):
     # Powers of two change no digit of a distance.
     shapes = some_curves(1, scale=2.0**exponent)
     signs = jhd.signatures(shapes)
     assert np.all(signs.lower <= signs.upper)
     most = np.max(np.maximum(signs.lower[:, None] - signs.upper, signs.lower - signs.upper[:, None]), axis=-1)
-    assert np.all(np.ldexp(most, -exponent) <= ALL.upper)
+    assert np.all(np.ldexp(most, -exponent) <= every.upper)
     # Chords of quadratics and cubics deviate, so the bounds are no better than that.
     assert np.all(signs.upper - signs.lower <= 2.0**exponent)
     near = jhd.nearest_shapes(shapes, shapes, 3)
-    inside = np.take_along_axis(ALL.value, near.index, axis=1)
+    inside = np.take_along_axis(every.value, near.index, axis=1)
     np.testing.assert_array_equal(np.ldexp(near.value, -exponent), inside)
 
 
-def test_bounds_of_all_pairs_hold_and_the_reach_covers_the_shapes():
+def test_bounds_of_all_pairs_hold_and_the_reach_covers_the_shapes(every):
     from jhd.distance.many.shapes import Collection
     from jhd.distance.many.signatures import SignatureBounds, lattice_over, reaches
 
@@ -143,7 +148,7 @@ def test_bounds_of_all_pairs_hold_and_the_reach_covers_the_shapes():
         moved = [jhd.BezierSegments(np.asarray(shape.control_points) + offset) for shape in CURVES]
         signs = jhd.signatures(moved)
         lower, upper = SignatureBounds(signs, signs).between(np.arange(len(moved)), np.arange(len(moved)))
-        exact = ALL if offset == 0.0 else jhd.pairwise(moved)
+        exact = every if offset == 0.0 else jhd.pairwise(moved)
         assert np.all(lower <= exact.upper) and np.all(exact.lower <= upper)
         assert np.median(lower[exact.value > 0] / exact.value[exact.value > 0]) > 0.8
         collection = Collection("shapes", moved)
@@ -157,12 +162,12 @@ def test_bounds_of_all_pairs_hold_and_the_reach_covers_the_shapes():
 @pytest.mark.parametrize("k", [1, 3])
 def test_the_nearest_shapes_are_those_of_all_distances(k):
     queries = some_curves(2)
-    every = jhd.pairwise(queries, CURVES)
+    table = jhd.pairwise(queries, CURVES)
     found = jhd.nearest_shapes(queries, CURVES, k)
-    best = np.sort(every.value, axis=1)[:, :k]
+    best = np.sort(table.value, axis=1)[:, :k]
     np.testing.assert_array_equal(np.sort(found.value, axis=1), best)
-    assert set(names_of(found.result)) == {"successful"} and found.computed < every.computed
-    for row, index, ties in zip(every.lower, found.index, found.ties, strict=True):
+    assert set(names_of(found.result)) == {"successful"} and found.computed < table.computed
+    for row, index, ties in zip(table.lower, found.index, found.ties, strict=True):
         near = set(np.flatnonzero(row <= np.sort(row)[k - 1]))
         assert near <= {*index, *ties} and not {*index} & {*ties}
 
@@ -174,11 +179,11 @@ def test_ties_are_named():
 
 
 @pytest.mark.parametrize("threshold", [1e-9, 1.0, 2.5])
-def test_pairs_within_a_threshold_are_those_of_all_distances(threshold):
+def test_pairs_within_a_threshold_are_those_of_all_distances(threshold, every):
     found = jhd.pairs_within(CURVES, threshold)
-    near = [(i, j) for i, j in itertools.combinations(range(len(CURVES)), 2) if ALL.value[i, j] <= threshold]
+    near = [(i, j) for i, j in itertools.combinations(range(len(CURVES)), 2) if every.value[i, j] <= threshold]
     assert [tuple(pair) for pair in found.index] == near and len(near) > 0
-    assert np.all(found.upper <= threshold) and len(found.undecided) == 0 and found.computed < ALL.computed
+    assert np.all(found.upper <= threshold) and len(found.undecided) == 0 and found.computed < every.computed
     assert repr(found) == f"PairsWithin({len(near)} pairs, 0 undecided, {found.computed} computed)"
     between = jhd.pairs_within(CURVES[:4], threshold, CURVES[4:])
     assert [(i, j + 4) for i, j in between.index] == [(i, j) for i, j in near if i < 4 <= j]
@@ -229,7 +234,7 @@ def test_an_interrupted_call_keeps_what_is_done_and_says_so():
         assert names_of(within.result) == "interrupted" and len(within.undecided) > 0
 
 
-def test_what_is_no_collection_is_refused():
+def test_what_is_no_collection_is_refused(as_a_user):
     space = jhd.polyline([(0, 0, 0), (1, 1, 1)])
     with pytest.raises(ValueError, match="shapes is empty"):
         jhd.pairwise([])
