@@ -27,6 +27,7 @@ from jhd.fields.adaptive_error import LeafBoxes, largest_error, meeting
 from jhd.fields.adaptive_evaluate import LeafCells, values_at
 from jhd.fields.adaptive_extract import Leaves, extracted
 from jhd.fields.adaptive_samples import SIGNS, Surface, is_inner, surface_of
+from jhd.fields.adaptive_surfaces import MESH_SHARE, meshed
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh, check_mesh
@@ -88,13 +89,15 @@ class AdaptiveDistanceField(eqx.Module):
         max_cells: int = 1_500_000,
         progress: Callable[[FieldProgress], object] | None = None,
     ) -> "AdaptiveDistanceField":
-        """The field of a mesh, refined until the interpolation is within the tolerance at 19 points of each cell.
+        """The field of a surface, refined until the interpolation is within the tolerance at 19 points of each cell.
 
         That is no bound of the error elsewhere: see `sampled_error` and `proven_error`. Gaps and sheets that are
-        thinner than the tolerance can be lost, as an error of that size may close them.
+        thinner than the tolerance can be lost, as an error of that size may close them. Parametric and polynomial
+        surfaces are measured from their `to_mesh` at a quarter of the tolerance, which is proven, turned outward where
+        it is closed; the side of a point is that of this mesh.
 
         Args:
-            mesh: the surface, or what jhd.as_shape takes for it.
+            mesh: the surface: a mesh, a parametric or polynomial surface, or what jhd.as_shape takes for one.
             atol: the tolerance, positive, in the unit of the mesh.
             mode: "band" refines only cells that may meet the surface; "full" all of them, as published.
             sign: as for jhd.signed_distance: "winding", for all meshes (where one is not closed the field jumps across
@@ -105,18 +108,19 @@ class AdaptiveDistanceField(eqx.Module):
             progress: called with a FieldProgress after each level.
 
         Raises:
-            TypeError: no TriangleMesh, one that is traced, or numbers of another kind.
+            TypeError: no surface, one that is traced, or numbers of another kind.
             ValueError: a tolerance that is not positive and finite, an unknown mode or sign, a depth or number out of
-                range, or pseudonormals of a mesh that is not closed and consistently oriented.
+                range, pseudonormals of a mesh that is not closed and consistently oriented, or a surface of which
+                `to_mesh` makes no mesh.
         """
-        mesh = taken_as("mesh", mesh)
+        shape, tolerance = taken_as("mesh", mesh), _positive("atol", atol)
+        mesh = meshed(shape, tolerance)[0]
         surface, power = _surface("mesh", mesh, _one_of("sign", sign, SIGNS))
-        tolerance = _positive("atol", atol)
         depth = _whole("max_depth", max_depth, 0, DEEPEST)
         most = _whole("max_cells", max_cells, 1, 1 << 27)
         grid = first_grid(mesh, tolerance)
         # What is beyond floats there asks for all cells, or for none.
-        asked = _scaled(tolerance, -power)
+        asked = _scaled(tolerance if mesh is shape else (1 - MESH_SHARE) * tolerance, -power)
         unit_grid = grid._replace(side=float(np.ldexp(grid.side, -power)))
         tree = build_octree(Task(surface, unit_grid, asked, _one_of("mode", mode, MODES), depth, most, progress))
         numbers = (grid.start * grid.side, np.ldexp(grid.side, -tree.depth), _scaled(tree.values, power), tolerance)
@@ -188,21 +192,22 @@ class AdaptiveDistanceField(eqx.Module):
         found = extracted(leaves, low, high, count, known._numbers)
         return TriangleMesh(np.ldexp(np.asarray(found.vertices), power), found.triangles)
 
-    def sampled_error(self, mesh: TriangleMesh, samples: int = 100_000, seed: int = 0) -> float:
+    def sampled_error(self, mesh: Any, samples: int = 100_000, seed: int = 0) -> float:
         """The largest |field - signed distance| at random points: of the band in mode "band", of the box in "full".
 
-        The band is the leaves that may meet the surface; points are uniform in it.
+        The band is the leaves that may meet the surface; points are uniform in it. For a parametric or polynomial
+        surface the signed distance is that of the mesh that `build` made of it.
 
         Args:
-            mesh: the mesh that the field was built from.
+            mesh: the surface that the field was built from.
             samples: number of points.
             seed: of the random numbers.
 
         Raises:
-            TypeError: no TriangleMesh, numbers that are not whole, or what is traced.
+            TypeError: no surface, numbers that are not whole, or what is traced.
             ValueError: numbers out of range, or no leaf that meets the mesh.
         """
-        surface, power = _surface("mesh", mesh)
+        surface, power = _surface("mesh", meshed(mesh, float(self._known().atol))[0])
         count = _whole("samples", samples, 1, 1 << 31)
         random, known = np.random.default_rng(_whole("seed", seed, 0, 1 << 63)), self._known()._times(-power)
         boxes = known._boxes(surface)
@@ -214,31 +219,35 @@ class AdaptiveDistanceField(eqx.Module):
         exact = np.where(is_inner(surface, points, found, boxes.width[chosen]), -found.distance, found.distance)
         return float(_scaled(np.max(np.abs(known._numbers(points) - exact)), power))
 
-    def proven_error(self, mesh: TriangleMesh, *, rtol: float = 0.25, max_boxes: int = 400_000) -> float:
+    def proven_error(self, mesh: Any, *, rtol: float = 0.25, max_boxes: int = 400_000) -> float:
         """A proven upper bound of |field - signed distance|: in the band in mode "band", in the box in "full".
 
         The signed distance is that by the winding number, the mesh and the values are taken as they are stored, and
         the field as their exact interpolation in each leaf, its faces included; see jhd.fields.adaptive_error. Leaves
         are split for the proof until the bound is near the largest error seen, or there are too many boxes; then it is
-        true, and larger than it might be. Some seconds for a hundred thousand boxes.
+        true, and larger than it might be. Some seconds for a hundred thousand boxes. Of a parametric or polynomial
+        surface the bound holds for its distance with the side that its mesh gives, which is off by the mesh's deviation
+        at most; where the point is farther than that from the surface, the side is the surface's own.
 
         Args:
-            mesh: the mesh that the field was built from, or any other.
+            mesh: the surface that the field was built from, or any other.
             rtol: how far above the largest error seen the bound may stay, relative to that error.
             max_boxes: boxes beyond which none is split; the leaves themselves are looked at in any case.
 
         Raises:
-            TypeError: no TriangleMesh, numbers of another kind, or what is traced.
+            TypeError: no surface, numbers of another kind, or what is traced.
             ValueError: a mesh that is not closed and consistently oriented, whose signed distance jumps; numbers out of
                 range; or no leaf that meets the mesh.
         """
+        mesh, deviation = meshed(mesh, float(self._known().atol))
         surface, power = _surface("mesh", mesh)
         if not surface.linked:
             needed = "every edge of the mesh run along as often one way as the other"
             raise ValueError(f"proven_error needs {needed}: else the signed distance jumps across the holes.")
         ratio, most = _positive("rtol", rtol), _whole("max_boxes", max_boxes, 1, 1 << 31)
         error = largest_error(surface, self._known()._times(-power)._boxes(surface), ratio, most)
-        return float(np.nextafter(_scaled(error, power), np.inf))
+        bound = np.nextafter(_scaled(error, power), np.inf)
+        return float(np.nextafter(bound + deviation, np.inf) if deviation else bound)
 
     def save(self, path: str | Path) -> None:
         """Writes the field as an .npz file of arrays, with exactly this name."""

@@ -31,7 +31,7 @@ Source: Filip, Magedson & Markot, Surface algorithms using bounds on derivatives
 Surfaces for CAGD (2002), chapter 14, for the nets. The bound for rational patches and for any triangle is ours.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -125,7 +125,7 @@ class HostPatches(NamedTuple):
         zero, one = np.zeros(len(patch)), np.ones(len(patch))
         return PatchCells.of(patch, zero, one, zero, one)
 
-    def in_user_units(self, lengths: np.ndarray | float) -> np.ndarray:
+    def in_user_units(self, lengths: Any) -> Any:
         """Local lengths in the user's unit, rounded up."""
         with np.errstate(over="ignore"):
             return np.nextafter(np.ldexp(lengths * (1 + 1e-15), self.power + self.second), np.inf)

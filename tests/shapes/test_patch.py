@@ -192,6 +192,12 @@ def test_neighbours_of_different_curvature_share_their_edge_in_either_direction(
     assert np.sum(on_edge < 0.5) > 3 * np.sum(on_edge > 2.5)
 
 
+def test_vertices_that_are_rounded_more_than_cells_bend_are_counted():
+    # So far away the last digit of a coordinate is 2e-6, which no number of cells makes smaller.
+    deviation = BezierPatch(POINTS + 1e10).to_mesh(3e-3).deviation
+    assert 2e-3 < deviation <= 3e-3
+
+
 def test_a_cylinder_is_cut_along_its_axis_alone():
     arc = np.array([[1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
     net = arc[:, None] + np.linspace(0, 100, 3)[None, :, None] * [0, 0, 1.0]

@@ -1,0 +1,43 @@
+"""Meshes that stand for parametric and polynomial surfaces where adaptive distance fields are built and checked.
+
+A mesh within d of a surface, both ways, has distances within d of those to the surface. The side of a point is that of
+the mesh; where the point is farther than d from the surface, this is the surface's own.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from jhd.arithmetic.scaling import common_exponent
+from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.patch import AbstractPatch
+
+# The part of the tolerance of a field that its mesh may take: the triangles are then about as many as the cells.
+MESH_SHARE = 0.25
+
+
+def meshed(shape: Any, atol: float) -> tuple[Any, float]:
+    """The mesh of a curved surface and its deviation, at most MESH_SHARE of atol; any other shape as it is, and 0.
+
+    Closed meshes are turned so that they face outward: a polynomial may be negative or positive inside.
+
+    Raises:
+        ValueError: as `to_mesh` of the surface.
+        TypeError: the surface is traced.
+    """
+    if not isinstance(shape, AbstractPatch | ImplicitSurface):
+        return shape, 0.0
+    mesh, deviation = shape.to_mesh(MESH_SHARE * atol)
+    if mesh.is_closed and _signed_volume(mesh) < 0:
+        mesh = TriangleMesh(mesh.vertices, np.asarray(mesh.triangles)[:, [0, 2, 1]])
+    return mesh, deviation
+
+
+def _signed_volume(mesh: TriangleMesh) -> float:
+    """A positive multiple of the enclosed volume, on the host."""
+    vertices = np.asarray(mesh.vertices, np.float64)
+    near = np.ldexp(vertices, -int(common_exponent(vertices)))
+    low = near.min(axis=0)
+    a, b, c = np.moveaxis((near - low)[np.asarray(mesh.triangles)], 1, 0)
+    return float(np.sum(a * np.cross(b, c)))
