@@ -24,6 +24,7 @@ def coloured_shape(figure: Figure, a: Any, b: Any, found: Any, title: str, left:
     ends = (0.0, 1.0, 0.0, float(found.value))
     bar.imshow(np.linspace(0, 1, 256)[:, None], cmap="viridis", origin="lower", extent=ends, aspect="auto")
     bar.set_xticks([])
+    bar.locator_params(axis="y", nbins=4)
     bar.yaxis.tick_right()
     bar.yaxis.set_label_position("right")
     bar.set_ylabel("distance to the surface")

@@ -390,4 +390,11 @@ def check_marching_cubes_check(numbers):
     assert meshes[-1]["to_mesh"]["lower"] <= 1.1 * meshes[-1]["to_surface"]["upper"]
 
 
+def check_tessellation_check(numbers):
+    for mesh in numbers["meshes"]:
+        both_ways(mesh, numbers["shares"])
+        for way in numbers["shares"]:
+            assert mesh[way]["lower"] <= mesh["promised"] <= mesh["asked"]
+
+
 CLAIMS = {name.removeprefix("check_"): f for name, f in list(globals().items()) if name.startswith("check_")}

@@ -1,0 +1,46 @@
+"""A triangulation in the colours of its distance to the surface, and the distance against the number of triangles.
+
+Numbers by tessellation_check's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, MM, Picture, letter, style
+from common_checks import both_ways, coloured_shape
+from matplotlib.figure import Figure
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    chosen = numbers["meshes"][numbers["shown"]]
+    with style():
+        figure = Figure(figsize=(175 * MM, 76 * MM))
+        title = f"$\\bf{{(a)}}$ {numbers['patches']} patches, {chosen['count']} triangles"
+        ax = coloured_shape(figure, numbers["mesh"], numbers["surface"], chosen["to_surface"]["solution"], title)
+        ax.view_init(35, -60)
+        _distances(figure.add_axes((0.6, 0.16, 0.38, 0.74)), numbers["meshes"])
+    return figure
+
+
+def _distances(ax: Any, meshes: list[dict[str, Any]]) -> None:
+    count = np.array([mesh["count"] for mesh in meshes])
+    both_ways(ax, count, meshes)
+    promised = [mesh["promised"] for mesh in meshes]
+    ax.plot(count, promised, color=BLACK, marker="_", linestyle="-", linewidth=0.6, label="promised by the mesher")
+    ax.set_xticks(count, [str(x) for x in count])
+    ax.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
+    ax.set_xlabel("triangles")
+    # Room for the key.
+    ax.set_ylim(bottom=meshes[-1]["to_mesh"]["lower"] / 20)
+    ax.legend(loc="lower left", handlelength=1.8, labelspacing=0.25)
+    letter(ax, "b", "bounds to 2 and 5 % of the distance")
+
+
+if __name__ == "__main__":
+    main()
