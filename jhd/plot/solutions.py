@@ -10,7 +10,6 @@ from jhd.plot.axes import GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw,
 from jhd.plot.curves import check_pair, curve
 from jhd.plot.implicit import surfaces
 from jhd.plot.meshes import meshes
-from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.solution import HausdorffSolution
@@ -53,8 +52,8 @@ def witness(solution: HausdorffSolution, ax: Any = None, *, distance: bool = Tru
 
 
 def solution(
-    a: AbstractCurve | ImplicitSurface | TriangleMesh,
-    b: AbstractCurve | ImplicitSurface | TriangleMesh,
+    a: Any,
+    b: Any,
     solution: HausdorffSolution,
     ax: Any = None,
     *,
@@ -65,7 +64,7 @@ def solution(
     """Axes with both shapes, the witness, its feet and the distance between them.
 
     Args:
-        a: the first shape, blue; a curve is solid, a surface or mesh in one colour, so that one sees through.
+        a: the first shape, blue; a curve is solid, a polynomial surface or mesh in one colour, so that one sees through.
         b: the second shape, orange, a curve dashed; of the same kind, where points count as curves, so that they are
             not drawn beside a surface or mesh.
         solution: their distance.
