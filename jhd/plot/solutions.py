@@ -64,7 +64,7 @@ def solution(
     """Axes with both shapes, the witness, its feet and the distance between them.
 
     Args:
-        a: the first shape, blue; a curve is solid, a polynomial surface or mesh in one colour, so that one sees through.
+        a: the first shape, blue; a curve is solid, a polynomial surface or mesh in one colour, to see through.
         b: the second shape, orange, a curve dashed; of the same kind, where points count as curves, so that they are
             not drawn beside a surface or mesh.
         solution: their distance.
