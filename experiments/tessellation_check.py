@@ -61,8 +61,8 @@ def _measured(sheet: jhd.BSplineSurface, atol: float) -> dict[str, Any]:
 
 
 def _both_ways(sheet: jhd.BSplineSurface, mesh: jhd.TriangleMesh) -> dict[str, Any]:
-    ways = {"to_surface": (mesh, sheet), "to_mesh": (sheet, mesh)}
-    return {name: _directed(*pair, _SHARES[name]) for name, pair in ways.items()}
+    there, back = _directed(mesh, sheet, _SHARES["to_surface"]), _directed(sheet, mesh, _SHARES["to_mesh"])
+    return {"to_surface": there, "to_mesh": back}
 
 
 def _directed(a: Any, b: Any, share: float) -> dict[str, Any]:
