@@ -27,6 +27,7 @@ def difference(function):
     return sum(share * float(function(k * STEP) - function(-k * STEP)) for k, share in CENTRAL.items()) / STEP
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("measure", "share"), SHARES, ids=["mean", "rms", "quantile"])
 def test_measures_of_a_segment_from_a_point_are_those_of_its_length_and_so_are_derivatives(measure, share):
     value, slope = jax.value_and_grad(lambda x: measure(segment(x), ORIGIN).value)(2.0)

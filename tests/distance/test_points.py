@@ -209,6 +209,7 @@ def test_the_smallest_distance_of_many_mingled_points_looks_at_few_pairs():
     assert int(found.stats["exact"]) <= 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height", [1e-170, 1e-160, 1e-100])
 def test_a_point_nearly_on_a_plane_has_a_true_upper_bound_where_squares_vanish(height):
     plane = jhd.ImplicitSurface.parse("x", [-1.0] * 3, [1.0] * 3)

@@ -57,6 +57,7 @@ def net_of_samples(net, low, high, count):
     return np.asarray(at(jnp.asarray(places.reshape(-1, 2)))).reshape(count, count, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 1e-3])
 def test_no_distance_in_a_cell_is_above_its_bound(scale):
     flat = np.stack(np.broadcast_arrays(np.linspace(-1, 1, 3)[:, None], np.linspace(-1, 1, 2), 0.0), axis=-1)

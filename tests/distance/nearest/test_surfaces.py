@@ -39,6 +39,7 @@ def test_distances_from_a_torus_hold_at_all_places():
     assert np.all(found.closed[:16])
 
 
+@pytest.mark.slow
 def test_feet_are_bounds_and_mostly_nearest():
     points = places(40)
     upper, exact = SurfaceTarget(TORUS).feet(points), to_torus(points)

@@ -169,6 +169,7 @@ def test_max_steps_holds_across_the_stretches():
     assert name_of(solution.result) == "gap_not_closed"
 
 
+@pytest.mark.slow
 def test_other_methods_report_once():
     seen = []
     a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
