@@ -81,7 +81,7 @@ class Deviation(eqx.Module):
         """The least distance that a share q of a does not exceed; q = 0.5 is the median.
 
         Args:
-            q: above 0 and at most 1.
+            q: above 0 and at most 1; it counts as reached within its rounding, 2^-50 of it.
 
         Raises:
             ValueError: another q.

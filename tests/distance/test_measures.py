@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.measures import _rounded_outward
 from jhd.solution import name_of
 
 ORIGIN = jhd.points([(0.0, 0.0)])
@@ -59,6 +60,20 @@ def test_weights_count_and_the_larger_direction_is_taken_and_differentiated():
         return jhd.Mean()(points, jhd.points(jnp.array([[9.0, 0.0], [0.0, 0.5]]) + x * jnp.array([1.0, 0.0]))).value
 
     assert float(jax.grad(moved)(0.0)) == pytest.approx(difference(moved), abs=1e-9)
+
+
+def test_bounds_round_outward_in_the_precision_of_the_shapes():
+    for end in (0.1, 1 / 3, 7e30):
+        lower, upper = _rounded_outward(jhd.Bounds(end, end), np.dtype(np.float32))
+        assert lower.dtype == upper.dtype == np.float32
+        assert float(lower) <= end <= float(upper) < float(lower) * (1 + 1e-6)
+
+
+def test_nine_of_ten_points_are_a_share_of_nine_tenths():
+    d = np.arange(1.0, 11.0)
+    found = jhd.Quantile(0.9, directed=True)(jhd.points(np.stack([d, 0 * d], axis=1)), ORIGIN)
+    assert float(found.lower) <= 9 <= float(found.upper) < 9 + 1e-12
+    assert float(found) == 9 and name_of(found.result) == "successful"
 
 
 def test_what_is_no_measure_is_refused():
