@@ -204,7 +204,8 @@ def fit_curve(
         raise ValueError("target has several contours; needs one, with its segments in order.")
     if tolerance is not None:
         others = {"segments": segments, "measure": measure, "max_seconds": max_seconds, "method": method}
-        _refuse_beside_tolerance({**others, "closed": closed, "ends": None if ends == "fixed" else ends})
+        others |= {"closed": closed, "ends": None if ends == "fixed" else ends, "atol": atol or None}
+        _refuse_beside_tolerance(others)
         return fit_outline(curve, tolerance, degree=degree, smooth=smooth, max_steps=max_steps, progress=progress)[0]
     segments = 1 if segments is None else segments
     closed = bool(following[-1] == 0) if closed is None else closed
