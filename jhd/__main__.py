@@ -1,8 +1,9 @@
 """The command line: `jhd` or `python -m jhd`; without a command it is the demonstration.
 
 Exit status: 0 done and what was asked for holds; 1 the bounds are true but wider than asked for (or the self-check of
-`jhd doctor` fails, or `jhd verify` refuses a certificate); 2 bad input, with one line on stderr; 130 interrupted; 141
-the reader of the output went away. With --threshold: 0 proven yes, 3 proven no, 1 undecided.
+`jhd doctor` fails, or `jhd verify` refuses a certificate); 2 bad input, with one line on stderr; 70 anything that was
+not foreseen (JHD_TRACEBACK=1 shows where); 130 interrupted; 141 the reader of the output went away. With --threshold: 0
+proven yes, 3 proven no, 1 undecided.
 """
 
 import argparse
@@ -79,6 +80,13 @@ def main(argv: list[str] | None = None) -> int:
         return _bad_input(f"{error.filename}: {error.strerror}." if known else str(error))
     except (ValueError, TypeError, ImportError) as error:
         return _bad_input(str(error))
+    except Exception as error:
+        if os.environ.get("JHD_TRACEBACK"):
+            raise
+        # Nothing of this is foreseen: neither the input nor the bounds are said to be wrong.
+        kind, hint = type(error).__name__, "JHD_TRACEBACK=1 in the environment shows where"
+        print("jhd: failed:", *f"{kind}: {error}".split(), f"({hint})", file=sys.stderr)
+        return 70
 
 
 def _run(argv: list[str]) -> int:

@@ -26,6 +26,7 @@ from jhd.comparisons import distance as distance
 from jhd.comparisons import minimum as minimum
 from jhd.comparisons import project as project
 from jhd.console import busy, device, exit_status, precision, print_json, timed
+from jhd.distance.certificate.verification import sentence
 from jhd.io import load_certificate, save_curve, save_mesh, write_svg
 from jhd.io.meshes import MESH_SUFFIXES
 from jhd.options import check_writable, curve_of, mesh_of
@@ -113,10 +114,7 @@ def verify(options: Namespace) -> int:
     if options.json:
         print(json.dumps({"proven": proven._asdict(), "seconds": seconds}, indent=2))
         return 0
-    name = "h(A, B)" if certificate.directed else "H(A, B)"
-    upper = "" if proven.upper is None else f" <= {proven.upper!r}"
-    plural = "" if proven.cells == 1 else "s"
-    print(f"proven: {proven.lower!r} <= {name}{upper}, {proven.cells} cell{plural}, checked exactly in {seconds:.3f} s")
+    print(f"proven: {sentence(proven)}, checked exactly in {seconds:.3f} s")
     return 0
 
 

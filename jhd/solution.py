@@ -5,6 +5,7 @@ leaves have leading axes.
 """
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any
@@ -112,6 +113,8 @@ class AbstractDistance(eqx.Module):
     value: eqx.AbstractVar[Array]
 
     def __float__(self) -> float:
+        if is_traced(self.value):
+            raise TypeError("the distance is traced: it has no number before the program runs; take its `value` here.")
         return float(self.value)
 
     def to_json(self, **options: Any) -> str:
@@ -359,8 +362,20 @@ def throw_unless_successful(solution: Any) -> None:
     # A method that proves nothing promises no more.
     failed = (found != int(RESULTS.successful._value)) & (found != int(RESULTS.unproven._value))
     if failed.any():
-        index = int(found[np.argmax(failed)])
-        raise NotProvenError(RESULTS._index_to_message[index], solution)
+        first = int(np.argmax(failed))
+        raise NotProvenError(f"{RESULTS._index_to_message[int(found[first])]}{_reached(solution, first)}", solution)
+
+
+def _reached(solution: Any, lane: int) -> str:
+    """The bounds that a solution holds in one of its lanes, as a sentence; nothing where it has none."""
+    ends = [getattr(solution, name, None) for name in ("lower", "upper")]
+    if any(not isinstance(end, jax.Array | np.ndarray | float) for end in ends):
+        return ""
+    low, high = (float(np.ravel(np.asarray(end))[lane]) for end in ends)
+    if math.isnan(low) or math.isnan(high):
+        return ""
+    of = f" of number {lane} of {np.size(solution.lower)}" if np.size(solution.lower) > 1 else ""
+    return f" The bounds reached{of} are {low!r} and {high!r}."
 
 
 def to_plain(value: Any) -> Any:

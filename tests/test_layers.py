@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parent.parent / "jhd"
 # above its own, or in its own line before it; those of one line that are parted by a bar know nothing of each other.
 # Inside a folder the order is free, as long as there is no cycle.
 ORDER = """
-    arrays storage programs compiled outcomes solution
+    arrays display slips storage programs compiled outcomes solution
     arithmetic
     shapes
     triangles
@@ -25,7 +25,8 @@ ORDER = """
     fitting fit | plot | io
     lengths report options warming console comparisons collected commands __main__
 """
-COMMAND_LINE = ("console", "comparisons", "collected", "commands", "__main__")
+# The checker of certificates runs by itself, and is its own command line.
+COMMAND_LINE = ("distance.certificate.verification", "console", "comparisons", "collected", "commands", "__main__")
 # Their import takes a tenth of a second and more, so they may be imported where they are used.
 HEAVY = {"matplotlib", "mpl_toolkits", "fontTools", "scipy", "shapely", "trimesh", "pyvista", "skimage"} | {
     "svgelements",

@@ -454,3 +454,17 @@ def test_beside_a_polynomial_any_file_is_a_shape(run, monkeypatch):
     assert missing[0] == 2 and "bunny.ply" in missing[2] and "column" not in missing[2]
     neither = run("distance", "line.json", "line.json", "--box", -2, 2)
     assert neither[0] == 2 and "--box is for polynomials" in neither[2]
+
+
+def test_what_nobody_foresaw_is_one_line_and_a_status_of_its_own(run, monkeypatch):
+    def broken(options):
+        raise OverflowError("too\nlarge")
+
+    monkeypatch.setattr(commands, "verify", broken)
+    monkeypatch.delenv("JHD_TRACEBACK", raising=False)
+    status, out, error = run("verify", "proof.json")
+    assert (status, out, error.count("\n")) == (70, "", 1)
+    assert error.startswith("jhd: failed: OverflowError: too large (JHD_TRACEBACK=1")
+    monkeypatch.setenv("JHD_TRACEBACK", "1")
+    with pytest.raises(OverflowError):
+        run("verify", "proof.json")

@@ -171,3 +171,9 @@ def test_importing_switches_float64_on(value):
 def test_the_environment_keeps_float32(value):
     code = "import jhd; print(jhd.points([[0, 1]]).control_points.dtype)"
     assert in_process(code, JAX_ENABLE_X64=value) == "float32"
+
+
+def test_every_public_name_is_listed():
+    modules = {name for name, value in vars(jhd).items() if inspect.ismodule(value)} - {"plot"}
+    public = {name for name in vars(jhd) if not name.startswith("_")} - modules
+    assert sorted(jhd.__all__) == sorted(public)

@@ -180,7 +180,7 @@ def test_an_error_says_the_sentence_and_carries_the_solution(name):
     with pytest.raises(jhd.NotProvenError) as caught:
         throw_unless_successful(solution)
     assert caught.value.solution is solution
-    assert str(caught.value) == sentence_of(name)
+    assert str(caught.value) == f"{sentence_of(name)} The bounds reached are 1.5 and 2.5."
     assert isinstance(caught.value, RuntimeError)
 
 

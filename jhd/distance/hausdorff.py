@@ -14,6 +14,7 @@ from jhd.distance.pairs import pair_of
 from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
 from jhd.distance.search.search import Progress
 from jhd.shapes.checks import Numbers
+from jhd.slips import belongs
 from jhd.solution import (
     ANSWERS,
     RESULTS,
@@ -24,7 +25,13 @@ from jhd.solution import (
     throw_unless_successful,
 )
 
+# What belongs to a method is easily handed to the call.
+_OF_THE_METHOD = {
+    name: f"write method=jhd.BranchAndBound({name}=...)" for name in ("atol", "rtol", "max_steps", "capacity")
+}
 
+
+@belongs(**_OF_THE_METHOD)
 def directed_hausdorff(
     a: Any,
     b: Any,
@@ -70,6 +77,7 @@ def directed_hausdorff(
     return _finish(pair.finished(pair.measured()), throw)
 
 
+@belongs(**_OF_THE_METHOD)
 def hausdorff(
     a: Any,
     b: Any,
@@ -104,6 +112,7 @@ def hausdorff(
     return _finish(pair.larger(pair.reported(there), pair.reported(back)), throw)
 
 
+@belongs(**_OF_THE_METHOD)
 def hausdorff_at_most(
     a: Any,
     b: Any,

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd.arrays import check_whole
+from jhd.display import count_text, described, is_known, opaque
 from jhd.distance.project import project
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import check_curve
@@ -30,6 +31,13 @@ class Profile(NamedTuple):
     lower: Float[Array, " places"]
     upper: Float[Array, " places"]
     foot: Float[Array, "places dim"]
+
+    def __repr__(self) -> str:
+        if text := opaque(self):
+            return text
+        places = count_text(self.distance.shape[-1], "place")
+        most = f"distances up to {np.max(self.upper):.6g}" if is_known(self.upper) and self.upper.size else ""
+        return described(self, places, most)
 
 
 def profile(a: Any, b: Any, samples: int = 64) -> Profile:

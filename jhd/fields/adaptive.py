@@ -22,6 +22,7 @@ from jaxtyping import Array, Float, Int
 
 from jhd.arithmetic.scaling import common_exponent
 from jhd.arrays import is_traced, real_array
+from jhd.display import count_text, described, opaque, value_text
 from jhd.fields.adaptive_build import DEEPEST, MODES, FieldProgress, Task, build_octree, first_grid
 from jhd.fields.adaptive_error import LeafBoxes, largest_error, meeting
 from jhd.fields.adaptive_evaluate import LeafCells, values_at
@@ -76,6 +77,14 @@ class AdaptiveDistanceField(eqx.Module):
     mode: str = eqx.field(static=True)
     sign: str = eqx.field(static=True)
     unresolved: int = eqx.field(static=True)
+
+    def __repr__(self) -> str:
+        if text := opaque(self):
+            return text
+        leaves = count_text(self.widths.shape[-1], "leaf", "leaves")
+        beyond = f"{self.unresolved} beyond the tolerance" if self.unresolved else ""
+        ways = (f"mode={self.mode!r}", f"sign={self.sign!r}", beyond)
+        return described(self, leaves, f"depth {self.depth}", f"atol={value_text(self.atol)}", *ways)
 
     @classmethod
     def build(

@@ -27,6 +27,7 @@ from jaxtyping import Array, Float, Int
 from jhd.arithmetic.rounding import power_of_two
 from jhd.arrays import is_traced, real_array, varying
 from jhd.compiled import compiled
+from jhd.display import described, is_known, opaque, size_text
 from jhd.shapes.checks import Numbers
 
 METHODS = ("exact", "vector_propagation")
@@ -49,6 +50,12 @@ class DistanceTransform(eqx.Module):
 
     distance: Float[Array, "..."]
     nearest: Int[Array, "... axes"]
+
+    def __repr__(self) -> str:
+        if text := opaque(self):
+            return text
+        most = f"distances up to {np.max(self.distance):.6g}" if is_known(self.distance) and self.distance.size else ""
+        return described(self, f"{size_text(self.distance.shape)} voxels", most)
 
 
 def distance_transform(features: Any, spacing: Numbers = 1.0, *, method: str = "exact") -> DistanceTransform:

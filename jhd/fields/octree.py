@@ -26,6 +26,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jhd.arithmetic import exact_polynomials, trivariate
 from jhd.arrays import is_traced
 from jhd.compiled import compiled
+from jhd.display import count_text, described, is_known, opaque, value_text
 from jhd.fields.boxes import CORNERS, children
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 
@@ -57,6 +58,13 @@ class Voxels(eqx.Module):
     lower: Float[Array, "3"]
     spacing: Float[Array, "3"]
     proven: Bool[Array, " cells"]
+
+    def __repr__(self) -> str:
+        if text := opaque(self):
+            return text
+        proven = f"{np.count_nonzero(self.proven)} proven to hold a point" if is_known(self.proven) else ""
+        sides = (f"lower={value_text(self.lower)}", f"spacing={value_text(self.spacing)}")
+        return described(self, count_text(self.count, "cell"), proven, *sides)
 
     @property
     def count(self) -> int:

@@ -2,10 +2,9 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 from jhd.distance.certificate.certificate import Certificate
-from jhd.distance.certificate.verification import CertificateError
+from jhd.distance.certificate.verification import CertificateError, parsed
 from jhd.io.errors import ParseError, read_text
 
 
@@ -22,7 +21,7 @@ def load_certificate(file: str | Path) -> Certificate:
     """
     text = read_text(file)
     try:
-        content = json.loads(text, parse_constant=_refused, object_pairs_hook=_unique)
+        content = parsed(text)
     except json.JSONDecodeError as error:
         raise ParseError(f"JSON: {error.msg}.", file, error.lineno, error.colno) from error
     except RecursionError as error:
@@ -32,16 +31,3 @@ def load_certificate(file: str | Path) -> Certificate:
     except ValueError as error:  # of whole numbers with thousands of digits too
         raise ParseError(f"JSON: {error}", file) from error
     return Certificate(content)
-
-
-def _refused(token: str) -> float:
-    raise ValueError(f"{token} is no number of JSON.")
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise CertificateError(f"the key {twice!r} occurs twice in one object.")
-    return content

@@ -62,6 +62,11 @@ def taken_as(name: str | None, value: Any) -> Any:
 
 
 def _converted(value: Any) -> Any:
+    if isinstance(value, tuple | list) and any(isinstance(entry, Shape) for entry in value):
+        raise TypeError(
+            f"a {type(value).__name__} of {len(value)} shapes is not one shape; jhd.pairwise, nearest_shapes and "
+            "pairs_within take lists, jhd.stack_curves makes a batch of curves for vmap."
+        )
     if _is_pair(value):
         return TriangleMesh(*value)
     if _is_rows(value):

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd.arrays import is_traced, real_array
+from jhd.display import batch_text
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
 from jhd.shapes.homogeneous import cartesian, elevate, evaluate, hodograph, restrict, split
@@ -39,6 +40,10 @@ class BezierCurve(AbstractCurve):
         self.control_points = real_array("control_points", control_points)
         self.weights = None if weights is None else real_array("weights", weights)
         check_control_points(self.control_points, self.weights, ("points", "dim"))
+
+    def _summary(self) -> str:
+        batch = batch_text(self.control_points, 2)
+        return f"{batch}, degree {self.degree}" if batch else f"degree {self.degree}"
 
     @property
     def degree(self) -> int:

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jhd.arrays import is_traced, real_array
+from jhd.display import box_text, count_text, described, is_known, opaque
 from jhd.shapes.biarc_fit import fitted
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
@@ -45,6 +46,13 @@ class BiarcCurve(eqx.Module):
     t1: Float[Array, " arcs"]
     deviation: Float[Array, " arcs"]
     following: Int[Array, " arcs"]
+
+    def __repr__(self) -> str:
+        if text := opaque(self):
+            return text
+        deviation = self.deviation
+        most = f"deviation at most {np.max(deviation):.4g}" if is_known(deviation) and np.size(deviation) else ""
+        return described(self, count_text(self.count, "arc"), most, box_text(self.start, "ends in"))
 
     @property
     def count(self) -> int:

@@ -16,11 +16,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd.arrays import is_traced, real_array
+from jhd.display import batch_text, count_text
 from jhd.shapes.checks import Numbers, check_control_points, checked_between
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
 from jhd.shapes.homogeneous import cartesian, elevate, hodograph, homogeneous, in_unit, out_of_unit
 from jhd.shapes.joints import completed
 from jhd.shapes.knots import bezier_pieces, evaluate, insert, parted, ratio, unrolled
+from jhd.slips import belongs
 
 # Knots of a periodic spline repeat to this many ulp of the largest knot: one subtraction and one addition each way.
 _KNOT_ULPS = 8
@@ -57,6 +59,10 @@ class BSplineCurve(AbstractCurve):
     weights: Float[Array, " points"] | None
     periodic: bool = eqx.field(static=True)
 
+    @belongs(
+        degree="it follows from the knots; write BSplineCurve.clamped(control_points, degree) or .uniform(...)",
+        closed="write BSplineCurve.uniform(control_points, degree, closed=True)",
+    )
     def __init__(self, control_points: Numbers, knots: Numbers, weights: Numbers | None = None, periodic: bool = False):
         self.control_points = real_array("control_points", control_points)
         self.knots = real_array("knots", knots)
@@ -132,6 +138,12 @@ class BSplineCurve(AbstractCurve):
             raise ValueError(f"spline.c has shape {points.shape}; needs (points, 2) or (points, 3).")
         curve = cls(points, knots)
         return curve.closed_up() if getattr(spline, "extrapolate", None) == "periodic" else curve
+
+    def _summary(self) -> str:
+        points = count_text(self.control_points.shape[-2], "control point")
+        shown = f"degree {self.degree}, {points}, {'periodic' if self.periodic else 'open'}"
+        batch = batch_text(self.control_points, 2)
+        return f"{batch}, {shown}" if batch else shown
 
     @property
     def degree(self) -> int:

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
+from jhd.display import batch_text, size_text
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import affine_image
 from jhd.shapes.homogeneous import cartesian, in_unit, out_of_unit
@@ -79,6 +80,10 @@ class BSplineSurface(AbstractPatch):
                 raise ValueError(f"degrees holds {degree}; {count} {name} allow 0 to {count - 1}.")
             knots.append(np.clip(np.arange(count + degree + 1.0) - degree, 0, max(count - degree, 0)))
         return cls(points, knots[0], knots[1], weights)
+
+    def _summary(self) -> str:
+        batch, net = batch_text(self.control_points, 3), f"{size_text(self.control_points.shape[-3:-1])} control points"
+        return f"{batch}, {net}" if batch else net
 
     @property
     def degrees(self) -> tuple[int, int]:

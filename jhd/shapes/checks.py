@@ -22,7 +22,8 @@ def check_control_points(control_points: Array, weights: Array | None, axes: tup
     if 0 in shape:
         raise ValueError(f"control_points is empty: its shape is {shape}.")
     if shape[-1] not in (2, 3):
-        raise ValueError(f"control_points has {shape[-1]} coordinates a point; needs 2 or 3.")
+        turned = f" Its shape is {shape}; points are rows: hand in its transpose?" if shape[-2] in (2, 3) else ""
+        raise ValueError(f"control_points has {shape[-1]} coordinates a point; needs 2 or 3.{turned}")
     if weights is None:
         return
     if weights.shape != shape[:-1]:

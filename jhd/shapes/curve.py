@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jhd.arrays import is_traced, real_array
+from jhd.display import batch_text, count_text, described, is_known, net_text, opaque
 from jhd.shapes import convert
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
 from jhd.shapes.flattening import CurveApproximation, flattened, pieces_following
@@ -56,6 +57,13 @@ class AbstractCurve(eqx.Module):
     @abstractmethod
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "AbstractCurve":
         """The image under x -> matrix x + offset; differentiable in both."""
+
+    @abstractmethod
+    def _summary(self) -> str:
+        """Degree and counts, for the curve as it is printed."""
+
+    def __repr__(self) -> str:
+        return opaque(self) or described(self, self._summary(), net_text(self.control_points, self.weights))
 
     @property
     def dim(self) -> int:
@@ -138,6 +146,21 @@ class BezierSegments(AbstractCurve):
         if len(bad):
             raise ValueError(f"following[{bad[0]}] is {known[bad[0]]}; needs -1 or a segment below {self.count}.")
         return jnp.asarray(known.astype(int))
+
+    def _summary(self) -> str:
+        batch = batch_text(self.control_points, 3)
+        lead = f"{batch}, " if batch else ""
+        if self.degree == 0:
+            return lead + count_text(self.count, "point")
+        return f"{lead}{count_text(self.count, 'segment')} of degree {self.degree}{self._ends_text()}"
+
+    def _ends_text(self) -> str:
+        if not is_known(self.following) or self.following.ndim != 1:
+            return ""
+        ends = int(np.sum(np.asarray(self.following) < 0))
+        if ends == 0:
+            return ", closed"
+        return ", open" if ends == 1 else f", {ends} open ends"
 
     @property
     def count(self) -> int:
@@ -366,7 +389,8 @@ def polyline(points: Any, closed: bool = False) -> BezierSegments:
 def _rows(name: str, value: object, least: int) -> Array:
     rows = real_array(name, value)
     if rows.ndim != 2 or rows.shape[-1] not in (2, 3):
-        raise ValueError(f"{name} has shape {rows.shape}; needs (points, 2) or (points, 3).")
+        turned = " Points are rows: hand in its transpose?" if rows.ndim == 2 and rows.shape[0] in (2, 3) else ""
+        raise ValueError(f"{name} has shape {rows.shape}; needs (points, 2) or (points, 3).{turned}")
     if rows.shape[0] < least:
         raise ValueError(f"{name} has {rows.shape[0]} points; needs at least {least}.")
     return rows

@@ -13,10 +13,14 @@ from jhd.arithmetic import exact_polynomials
 from jhd.arithmetic.polynomials import horner, jets
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
+from jhd.display import batch_text, between_text, described, is_known, opaque, value_text
 from jhd.shapes import polynomial_text
 from jhd.shapes.checks import Numbers
 from jhd.shapes.implicit_mesh import triangulate
 from jhd.shapes.mesh import TriangleMesh
+
+# Longer polynomials are printed as their degree and number of terms.
+_MOST_TERMS_SHOWN = 12
 
 
 class ImplicitMesh(NamedTuple):
@@ -104,6 +108,23 @@ class ImplicitSurface(eqx.Module):
         rounded = exact_polynomials.floats(part, scaled=False) if reduced else _rounded(given)
         _check_not_constant(rounded)
         return cls(rounded, lower, upper, reduced=reduced)
+
+    def _equation(self) -> str:
+        if not is_known(self.coefficients) or self.coefficients.ndim != 3:
+            return f"coefficients={value_text(self.coefficients)}"
+        known = np.asarray(self.coefficients)
+        if np.count_nonzero(known) > _MOST_TERMS_SHOWN:
+            return f"polynomial of degree {self.degree} with {np.count_nonzero(known)} terms"
+        return f"{polynomial_text.written(known)} = 0"
+
+    def __repr__(self) -> str:
+        return opaque(self) or described(
+            self,
+            batch_text(self.coefficients, 3),
+            self._equation(),
+            between_text(self.lower, self.upper),
+            "repeated factors taken out" if self.reduced else "",
+        )
 
     @property
     def dim(self) -> int:

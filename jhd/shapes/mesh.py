@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jhd.arrays import is_traced, real_array
+from jhd.display import batch_text, box_text, count_text, described, opaque
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import affine_image
 
@@ -61,6 +62,12 @@ class TriangleMesh(eqx.Module):
             needed = "a TriangleMesh, or an object with vertices and faces (trimesh)"
             raise TypeError(f"mesh must be {needed}; got {type(mesh).__name__}.")
         return cls(np.asarray(vertices), np.asarray(faces))
+
+    def __repr__(self) -> str:
+        if text := opaque(self):
+            return text
+        counts = count_text(self.vertices.shape[-2], "vertex", "vertices"), count_text(self.count, "triangle")
+        return described(self, batch_text(self.vertices, 2), *counts, box_text(self.vertices))
 
     @property
     def count(self) -> int:

@@ -20,6 +20,7 @@ from jaxtyping import Array, Float, Int
 from jhd.arithmetic import bernstein
 from jhd.arrays import array_of, is_traced, real_array
 from jhd.compiled import compiled
+from jhd.display import batch_text, count_text, described, fields_shown, net_text, opaque, size_text
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
 from jhd.shapes.curve import affine_image
 from jhd.shapes.homogeneous import cartesian, homogeneous
@@ -36,6 +37,9 @@ class Partials(NamedTuple):
     uu: Array
     uv: Array
     vv: Array
+
+    def __repr__(self) -> str:
+        return fields_shown(self, *self._fields)
 
 
 class PatchMesh(eqx.Module):
@@ -54,6 +58,9 @@ class PatchMesh(eqx.Module):
     patch: Int[Array, " vertices"]
     u: Float[Array, " vertices"]
     v: Float[Array, " vertices"]
+
+    def __repr__(self) -> str:
+        return fields_shown(self, "mesh", "deviation")
 
     def __iter__(self) -> Iterator[Any]:
         return iter((self.mesh, self.deviation))
@@ -90,6 +97,20 @@ class AbstractPatch(eqx.Module):
     @abstractmethod
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "AbstractPatch":
         """The image under x -> matrix x + offset; differentiable in both."""
+
+    @property
+    @abstractmethod
+    def degrees(self) -> tuple[int, int]:
+        """Degrees in u and in v."""
+
+    def _summary(self) -> str:
+        return batch_text(self.control_points, 3)
+
+    def __repr__(self) -> str:
+        if text := opaque(self):
+            return text
+        degrees = f"degrees {size_text(self.degrees)}"
+        return described(self, self._summary(), degrees, net_text(self.control_points, self.weights))
 
     @property
     def dim(self) -> int:
@@ -246,6 +267,10 @@ class BezierPatches(AbstractPatch):
 
     def __init__(self, control_points: Numbers, weights: Numbers | None = None):
         self.control_points, self.weights = checked_net(control_points, weights, ("patches", "rows", "columns", "3"))
+
+    def _summary(self) -> str:
+        batch, patches = batch_text(self.control_points, 4), count_text(self.count, "patch", "patches")
+        return f"{batch}, {patches}" if batch else patches
 
     @property
     def count(self) -> int:

@@ -14,6 +14,8 @@ import re
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
+
 # Terms by their exponents.
 Terms = dict[tuple[int, int, int], Fraction]
 
@@ -72,6 +74,22 @@ def from_sympy(polynomial: Any) -> Terms:
         power = dict(zip(names, powers, strict=True))
         result[(*(int(power.get(name, 0)) for name in _VARIABLES),)] = _number(number)  # pyright: ignore
     return {index: x for index, x in result.items() if x != 0}
+
+
+def written(coefficients: np.ndarray) -> str:
+    """A polynomial as text that `read` takes, highest powers first, with six digits of each coefficient.
+
+    >>> written(np.array([[[-1.0, 0.0, 2.0]], [[0.0, 1.0, 0.0]]]))
+    'x*z + 2*z**2 - 1'
+    """
+    text = ""
+    for index in sorted(zip(*np.nonzero(coefficients), strict=True), key=lambda i: (-sum(i), tuple(-n for n in i))):
+        x = float(coefficients[index])
+        powers = [f"{name}**{n}" if n > 1 else name for name, n in zip("xyz", index, strict=True) if n]
+        factors = [f"{abs(x):.6g}"] if abs(x) != 1 or not powers else []
+        sign = (" - " if x < 0 else " + ") if text else ("-" if x < 0 else "")
+        text += sign + "*".join(factors + powers)
+    return text
 
 
 def _number(number: Any) -> Fraction:

@@ -15,12 +15,16 @@ A polynomial is proven to be non-negative on [0, 1] when its Bernstein coefficie
 Polynomials are lists of integers, their Bernstein coefficients times binomials: their products are plain convolutions,
 and a common positive factor of all that is compared does not matter.
 
-Nothing of the search, and nothing of this package, is used: this file can be read, copied and run by itself.
+Nothing of the search, and nothing of this package, is used: this file can be read, copied and run by itself,
+`python verification.py FILE...`: a line for each certificate that is proven, exit status 1 where one is refused, 2
+where one cannot be read.
 
 Source: the hull property is in Farouki & Rajan, CAGD 5 (1988).
 """
 
+import json
 import math
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from reprlib import repr  # of limited length and depth, whatever a file holds
@@ -89,6 +93,59 @@ def verify(content: Any) -> Proven:
         _check_witness(content["witness"], curves, claim["lower"])
     upper = None if claim["upper"] is None else float(claim["upper"])
     return Proven(claim["kind"], float(claim["lower"]), upper, count)
+
+
+def parsed(text: str) -> Any:
+    """The content of a certificate's JSON, where NaN, Infinity and a key that occurs twice are refused.
+
+    Raises:
+        json.JSONDecodeError: text that is no JSON.
+        CertificateError: an object with a key that occurs twice.
+        ValueError: a number that is none of JSON, or with more digits than Python reads.
+        RecursionError: lists in lists beyond what Python reads.
+    """
+    return json.loads(text, parse_constant=_refused, object_pairs_hook=_unique)
+
+
+def sentence(proven: Proven) -> str:
+    """What is proven, in a line."""
+    name = "h(A, B)" if proven.kind == "directed" else "H(A, B)"
+    upper = "" if proven.upper is None else f" <= {proven.upper!r}"
+    return f"{proven.lower!r} <= {name}{upper}, {proven.cells} cell{'' if proven.cells == 1 else 's'}"
+
+
+def main(files: Sequence[str]) -> int:
+    """Checks certificates in files and prints what each proves; the exit status."""
+    if not files:
+        print("usage: python verification.py FILE...", file=sys.stderr)
+        return 2
+    status = 0
+    for name in files:
+        try:
+            with open(name, encoding="utf-8") as file:
+                proven = verify(parsed(file.read()))
+        except CertificateError as error:
+            print(f"refused: {name}: {error}", file=sys.stderr)
+            status = max(status, 1)
+        except (OSError, ValueError, RecursionError) as error:
+            print(f"not read: {name}: {error}", file=sys.stderr)
+            status = 2
+        else:
+            print(f"proven: {name}: {sentence(proven)}")
+    return status
+
+
+def _refused(token: str) -> float:
+    raise ValueError(f"{token} is no number of JSON.")
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in content:
+            raise CertificateError(f"the key {repr(key)} occurs twice in one object.")
+        content[key] = value
+    return content
 
 
 # ---- what is proven ------------------------------------------------------------------------------
@@ -415,3 +472,7 @@ def _check_witness_keys(witness: Any, directions: Sequence[str], counts: Mapping
         _check_parameters(place, _check_list(place, cuts, 2))
         if cuts[0] != 0 or cuts[-1] != 1 or any(x > y for x, y in zip(cuts[:-1], cuts[1:], strict=True)):
             raise CertificateError(f"{place} is {repr(cuts)}; needs cuts in order from 0 to 1.")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,10 +1,12 @@
 """What a method is: fields are its options, and it says which shapes it serves."""
 
 from abc import abstractmethod
+from dataclasses import fields
 from typing import Any
 
 import equinox as eqx
 
+from jhd.display import fields_shown
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame
 from jhd.shapes.curve import AbstractCurve, BezierSegments
@@ -22,6 +24,9 @@ class AbstractMethod(eqx.Module):
 
 class AbstractHausdorffMethod(AbstractMethod):
     """Options of a method for Hausdorff distances."""
+
+    def __repr__(self) -> str:
+        return fields_shown(self, *(field.name for field in fields(self)))
 
 
 class AbstractCurveMethod(AbstractHausdorffMethod):

@@ -34,6 +34,7 @@ from jaxtyping import Array, Float
 from jhd.arithmetic.rounding import gamma, round_down, round_up, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent
 from jhd.compiled import compiled
+from jhd.display import count_text, described, opaque
 from jhd.distance.frame.coordinates import Frame, common_points, frame_of
 from jhd.distance.frame.curves import preparation_error
 from jhd.distance.many.blocks import SIZES
@@ -77,6 +78,12 @@ class Signatures(NamedTuple):
     lower: Float[np.ndarray, "shapes points"]
     upper: Float[np.ndarray, "shapes points"]
     reach: Float[np.ndarray, " shapes"]
+
+    def __repr__(self) -> str:
+        if text := opaque(self):
+            return text
+        shapes, points = self.lower.shape[-2:]
+        return described(self, f"{count_text(shapes, 'shape')} from {count_text(points, 'point')}")
 
 
 def lattice_over(*collections: Collection) -> PointLattice:

@@ -291,7 +291,7 @@ def test_the_checker_imports_nothing_but_the_standard_library():
     nodes = list(ast.walk(ast.parse(FILE.read_text(encoding="utf-8"))))
     names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
-    assert {str(name).split(".")[0] for name in names} <= {"math", "collections", "functools", "reprlib", "typing"}
+    assert {str(name).split(".")[0] for name in names} <= set(sys.stdlib_module_names)
 
 
 def test_the_checker_runs_by_itself(tmp_path):
@@ -304,3 +304,29 @@ def test_the_checker_runs_by_itself(tmp_path):
         [sys.executable, "-I", "-S", "-c", code], input=json.dumps(arch()), capture_output=True, text=True, check=False
     )
     assert (done.stdout.split(), done.stderr) == (["3", "False"], "")
+
+
+def test_the_checker_is_a_program(tmp_path):
+    broken = changed(arch(), ("claim", "upper"), arch()["claim"]["upper"] * 0.99)
+    files = {
+        "good": json.dumps(arch()),
+        "bad": json.dumps(broken),
+        "torn": json.dumps(arch())[:-9],
+        "deep": "[" * 10**5,
+    }
+    files["twice"] = '{"claim": 1, "claim": 1}'
+    for name, text in files.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+
+    def run(*names):
+        arguments = [sys.executable, "-I", "-S", str(FILE), *names]
+        return subprocess.run(arguments, capture_output=True, text=True, check=False, cwd=tmp_path)
+
+    done = run("good")
+    assert done.returncode == 0 and done.stderr == ""
+    assert done.stdout.startswith("proven: good: ") and done.stdout.endswith("3 cells\n")
+    done = run("good", "bad", "twice")
+    assert done.returncode == 1 and done.stderr.count("refused: ") == 2 and done.stdout.count("proven") == 1
+    done = run("torn", "deep", "missing", "good")
+    assert done.returncode == 2 and done.stderr.count("not read: ") == 3 and done.stdout.count("proven") == 1
+    assert run().returncode == 2

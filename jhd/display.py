@@ -1,0 +1,100 @@
+"""What objects print: kinds, counts and numbers, in one line where that is enough, and never an error.
+
+Objects pass through JAX with leaves that are no numbers (tracers, shapes, markers of JAX's own). They are printed too,
+without what is not known of them.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+import jax
+import numpy as np
+
+from jhd.arrays import is_traced
+
+# Arrays of so many entries are shown in full.
+_FEW = 6
+_SPACES = {2: "in the plane", 3: "in space"}
+
+
+def described(thing: Any, *parts: str) -> str:
+    """The name of a class with what is to be said of an object of it; empty parts are left out."""
+    return f"{type(thing).__name__}({', '.join(part for part in parts if part)})"
+
+
+def opaque(thing: Any) -> str | None:
+    """How an object prints whose leaves are not all numbers or arrays with a shape; None of one where they are."""
+    leaves = jax.tree_util.tree_leaves(thing)
+    known = all(hasattr(leaf, "shape") or isinstance(leaf, bool | int | float | str) for leaf in leaves)
+    return None if known else described(thing, "...")
+
+
+def fields_shown(thing: Any, *names: str) -> str:
+    """The object with the named fields of it that are not None."""
+    pairs = ((name, getattr(thing, name)) for name in names)
+    shown = (f"{name}={value_text(value)}" for name, value in pairs if value is not None)
+    return opaque(thing) or described(thing, *shown)
+
+
+def value_text(value: Any) -> str:
+    """A value in a few characters: numbers, the sizes of long arrays, whatever prints itself."""
+    if not hasattr(value, "shape"):
+        return f"{value:.6g}" if isinstance(value, float) else repr(value)
+    if is_traced(value):
+        return f"traced {size_text(value.shape)}".rstrip()
+    if not is_known(value) or np.size(value) > _FEW or 0 in value.shape:
+        return f"{size_text(value.shape)} array"
+    entries = np.asarray(value)
+    return _number(entries) if entries.ndim == 0 else f"[{', '.join(map(_number, entries.ravel()))}]"
+
+
+def size_text(shape: Iterable[int]) -> str:
+    """The lengths of axes: `4 x 3`."""
+    return " x ".join(map(str, shape))
+
+
+def count_text(count: int, name: str, plural: str | None = None) -> str:
+    """A number of things: `1 segment`, `2 segments`."""
+    return f"{count} {name if count == 1 else plural or name + 's'}"
+
+
+def batch_text(values: Any, axes: int) -> str:
+    """How many of a batch there are, where an array has more axes than one object has."""
+    lead = values.shape[: len(values.shape) - axes]
+    return f"batch of {size_text(lead)}" if lead else ""
+
+
+def net_text(values: Any, weights: Any) -> str:
+    """Where control points are and whether they have weights: `rational, in the plane, control points in ...`."""
+    kind = "" if weights is None else "rational"
+    parts = (kind, _SPACES.get(values.shape[-1], ""), box_text(values))
+    return ", ".join(part for part in parts if part)
+
+
+def box_text(points: Any, name: str = "box") -> str:
+    """The box of an array of points, whose last axis holds coordinates; nothing of unknown ones."""
+    if is_traced(points):
+        return "traced"
+    if not is_known(points) or 0 in points.shape:
+        return ""
+    rows = np.asarray(points).reshape(-1, points.shape[-1])
+    return between_text(rows.min(axis=0), rows.max(axis=0), name)
+
+
+def between_text(lower: Any, upper: Any, name: str = "box") -> str:
+    """A box by two of its corners; nothing of unknown ones and of batches."""
+    if not (is_known(lower) and is_known(upper)) or np.ndim(lower) != 1:
+        return ""
+    low, high = (", ".join(map(_number, np.asarray(end))) for end in (lower, upper))
+    return f"{name} ({low}) to ({high})"
+
+
+def is_known(value: Any) -> bool:
+    """Whether the entries of an array can be looked at here."""
+    if is_traced(value) or not isinstance(value, np.ndarray | np.generic | jax.Array):
+        return False
+    return getattr(value, "is_fully_addressable", True) and not getattr(value, "is_deleted", lambda: False)()
+
+
+def _number(value: Any) -> str:
+    return f"{value:.4g}" if np.issubdtype(np.asarray(value).dtype, np.floating) else str(value)

@@ -1,0 +1,128 @@
+"""What objects print: a person sees kinds, counts and numbers, and printing never fails."""
+
+import re
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+import jhd
+from jhd import display
+from jhd.distance.many.signatures import Signatures
+from jhd.shapes.polynomial_text import read, written
+
+NET = np.arange(27.0).reshape(3, 3, 3)
+KNOTS = [0.0, 0, 0, 1, 1, 1]
+SHOWN = {
+    "BezierCurve(degree 2, in the plane, box (0, 0) to (2, 1))": lambda: jhd.BezierCurve([(0, 0), (1, 1), (2, 0)]),
+    "BezierCurve(degree 1, rational, in space, box (0, 0, 0) to (1, 2, 3))": lambda: jhd.BezierCurve(
+        [(0, 0, 0), (1, 2, 3)], [1, 2]
+    ),
+    "BSplineCurve(degree 2, 3 control points, open, in the plane, box (0, 0) to (2, 1))": lambda: jhd.BSplineCurve(
+        [(0, 0), (1, 1), (2, 0)], KNOTS
+    ),
+    "BezierSegments(3 segments of degree 1, closed, in the plane, box (0, 0) to (1, 1))": lambda: jhd.polyline(
+        [(0, 0), (1, 0), (1, 1)], closed=True
+    ),
+    "BezierSegments(2 segments of degree 1, open, in the plane, box (0, 0) to (1, 1))": lambda: jhd.polyline(
+        [(0, 0), (1, 0), (1, 1)]
+    ),
+    "BezierSegments(2 segments of degree 1, 2 open ends, in the plane, box (0, 0) to (3, 0))": lambda: (
+        jhd.BezierSegments([[(0, 0), (1, 0)], [(2, 0), (3, 0)]])
+    ),
+    "BezierSegments(1 point, in the plane, box (0.5, 2) to (0.5, 2))": lambda: jhd.points([(0.5, 2)]),
+    "BezierPatch(degrees 2 x 2, in space, box (0, 1, 2) to (24, 25, 26))": lambda: jhd.BezierPatch(NET),
+    "BezierPatches(1 patch, degrees 2 x 2, in space, box (0, 1, 2) to (24, 25, 26))": lambda: jhd.BezierPatches(
+        NET[None]
+    ),
+    "BSplineSurface(3 x 3 control points, degrees 2 x 2, in space, box (0, 1, 2) to (24, 25, 26))": lambda: (
+        jhd.BSplineSurface(NET, KNOTS, KNOTS)
+    ),
+    "TriangleMesh(3 vertices, 1 triangle, box (0, 0, 0) to (1, 1, 1))": lambda: jhd.TriangleMesh(
+        np.eye(3), [[0, 1, 2]]
+    ),
+    "ImplicitSurface(x**2 + y**2 - 2*z - 0.5 = 0, box (-1, -1, -1) to (1, 1, 1))": lambda: jhd.ImplicitSurface.parse(
+        "x^2 + y^2 - 2 z - 1/2".replace(" z", "*z"), [-1] * 3, [1] * 3
+    ),
+    "ImplicitSurface(polynomial of degree 4 with 15 terms, box (0, 0, 0) to (1, 1, 1))": lambda: (
+        jhd.ImplicitSurface.parse("(x + y + z/3)**4 - 1/7*(x + y)**4 + 0*x", [0] * 3, [1] * 3)
+    ),
+    "BranchAndBound(atol=0.001, rtol=0, max_steps=4000, capacity=512)": lambda: jhd.BranchAndBound(atol=1e-3),
+    "Signatures(2 shapes from 4 points)": lambda: Signatures(
+        np.zeros((4, 2)), np.zeros((2, 4)), np.zeros((2, 4)), np.zeros(2)
+    ),
+}
+
+
+@pytest.mark.parametrize("text", SHOWN)
+def test_objects_print_what_they_are(text):
+    assert repr(SHOWN[text]()) == text
+
+
+@pytest.mark.parametrize("make", SHOWN.values())
+def test_objects_print_with_whatever_jax_puts_into_them(make):
+    thing = make()
+    arrays, static = eqx.partition(thing, eqx.is_array)
+    seen = []
+
+    def look(x):
+        seen.append(repr(eqx.combine(x, static)))
+        return x
+
+    jax.eval_shape(look, arrays)
+    jax.eval_shape(jax.vmap(look), jax.tree_util.tree_map(lambda x: np.stack([x, x]), arrays))
+    seen.append(repr(jax.tree_util.tree_map(lambda x: object(), thing)))
+    seen.append(repr(jax.tree_util.tree_map(lambda x: jax.ShapeDtypeStruct(np.shape(x), float), thing)))
+    seen.append(repr(jax.tree_util.tree_map(lambda x: np.stack([x, x]), thing)))
+    for text in seen:
+        assert text.startswith(type(thing).__name__ + "(") and len(text) < 400
+        assert not re.search(r"[fi]64\[|object at 0x|Traced<", text)
+
+
+def test_what_a_batch_prints_says_how_many_there_are():
+    curve = jhd.BezierCurve([(0, 0), (1, 1), (2, 0)])
+    batch = jax.tree_util.tree_map(lambda x: np.stack([x, x + 1]), curve)
+    assert repr(batch) == "BezierCurve(batch of 2, degree 2, in the plane, box (0, 0) to (3, 2))"
+
+
+def test_a_polynomial_is_written_as_it_is_read():
+    coefficients = np.zeros((2, 3, 2))
+    coefficients[1, 2, 0], coefficients[0, 0, 1], coefficients[1, 0, 0], coefficients[0, 0, 0] = 1, -1, 0.25, -3
+    text = written(coefficients)
+    assert text == "x*y**2 + 0.25*x - z - 3"
+    assert {index: float(x) for index, x in read(text).items()} == {
+        tuple(int(i) for i in index): coefficients[tuple(index)] for index in np.argwhere(coefficients)
+    }
+
+
+def test_values_print_in_few_characters():
+    assert display.value_text(np.float64(0.1) + 0.2) == "0.3"
+    assert display.value_text(np.arange(3)) == "[0, 1, 2]"
+    assert display.value_text(np.zeros((4, 3))) == "4 x 3 array"
+    assert display.value_text(None) == "None"
+    assert display.count_text(2, "patch", "patches") == "2 patches"
+
+
+@pytest.mark.parametrize("name", ["atol", "rtol", "max_steps", "capacity"])
+def test_an_option_of_the_method_says_where_it_belongs(name):
+    line = jhd.polyline([(0, 0), (1, 0)])
+    call: Any = jhd.hausdorff
+    with pytest.raises(TypeError, match=rf"hausdorff\(\) takes no {name}: write method=jhd.BranchAndBound\({name}"):
+        call(line, line, **{name: 1})
+
+
+def test_a_degree_handed_to_a_spline_of_knots_says_what_takes_it():
+    with pytest.raises(TypeError, match=r"BSplineCurve\(\) takes no degree: .*BSplineCurve.clamped"):
+        jhd.BSplineCurve([(0, 0), (1, 1), (2, 0)], degree=2)  # pyright: ignore[reportCallIssue]
+
+
+def test_lists_of_shapes_and_transposed_points_are_told_what_to_do():
+    line = jhd.polyline([(0, 0), (1, 0)])
+    with pytest.raises(TypeError, match=r"a: a list of 2 shapes is not one shape; jhd.pairwise.* jhd.stack_curves"):
+        jhd.hausdorff([line, line], line)
+    with pytest.raises(ValueError, match=r"shape is \(2, 4\); points are rows"):
+        jhd.BezierCurve(np.zeros((2, 4)))
+    with pytest.raises(ValueError, match=r"\(3, 9\).*Points are rows"):
+        jhd.points(np.zeros((3, 9)))
