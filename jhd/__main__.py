@@ -45,7 +45,7 @@ examples:
   jhd minimum bunny.ply "x**2 + y**2 + z**2 - 1" --box -2 2
   jhd deviation scan.ply model.obj --within 0.1 --plot deviation.png
   jhd project a.svg 10 -2.5
-  jhd nearest "font:DejaVu Serif:a" "font:DejaVu Sans:*" --count 3
+  jhd nearest "font:DejaVu Serif:a" "font:DejaVu Sans:*" --count 3 --plot nearest.png
   jhd duplicates icons/ --within 0.5
   jhd pairwise "scans/*.ply" --store distances
   jhd field bunny.ply --atol 0.001 --out bunny.npz
@@ -218,6 +218,7 @@ def _add_collections(commands: Any) -> None:
     nearest.add_argument("query", metavar="QUERY", help="the shape, or shapes, whose neighbours are wanted, likewise")
     nearest.add_argument("shapes", metavar="SHAPE", nargs="+", help=_MANY_HELP)
     nearest.add_argument("--count", dest="k", type=int, default=1, metavar="N", help="how many (default: 1)")
+    nearest.add_argument("--plot", metavar="FILE", help="draw the first queries with their nearest shapes")
     nearest.set_defaults(command="nearest")
 
     duplicates = commands.add_parser("duplicates", help="the pairs of many shapes that are within a distance")

@@ -12,7 +12,8 @@ from jhd.console import busy, print_json
 from jhd.distance.many.tasks import CollectionProgress
 from jhd.io import load_shape, outlines
 from jhd.io.load import SHAPE_SUFFIXES
-from jhd.report import bar
+from jhd.io.outlines import parse_font_spec
+from jhd.report import bar, check_picture_file, neighbours_picture
 from jhd.solution import names_of, to_plain
 
 _ALL = ":*"
@@ -35,10 +36,16 @@ def pairwise(options: Namespace) -> int:
 
 def nearest(options: Namespace) -> int:
     """The nearest shapes of each query."""
+    if options.plot:
+        check_picture_file(options.plot)
     queries, wanted = collected([options.query])
     names, shapes = collected(options.shapes)
     with busy("computing; a first run compiles") as show:
         found = jhd.nearest_shapes(wanted, shapes, options.k, progress=lambda x: show(_told(x)))
+    if options.plot:
+        short = [short_name(name) for name in queries], [short_name(name) for name in names]
+        with busy("drawing"):
+            neighbours_picture(options.plot, wanted, shapes, found, short)
     results = names_of(found.result)
     ties = [[names[k] for k in tie] for tie in found.ties]
     if options.json:
@@ -51,6 +58,8 @@ def nearest(options: Namespace) -> int:
                 print(line, query, names[index], *_unless_successful(results[row]), sep="\t")
             if ties[row]:
                 print(f"as near as the last, as far as is proven: {', '.join(ties[row])}")
+        if options.plot:
+            print(f"picture    {Path(options.plot).resolve()}")
     return 0 if all(result == "successful" for result in results) else 1
 
 
@@ -94,6 +103,14 @@ def _pairs_of(word: str) -> list[tuple[str, Any]]:
     if not files:
         raise ValueError(f"{word}: no file of a shape there.")
     return [(file, load_shape(file)) for file in files]
+
+
+def short_name(name: str) -> str:
+    """What a picture calls a shape: its file without folders, or its letter, by its number where it may not print."""
+    if name.startswith("font:"):
+        letter = parse_font_spec(name)[1]
+        return letter if letter.isascii() else " ".join(f"U+{ord(sign):04X}" for sign in letter)
+    return Path(name).name
 
 
 def _told(progress: CollectionProgress) -> str:

@@ -250,6 +250,12 @@ def deviation_picture(file: str, found: Any) -> None:
     _save_and_close(file, plot.deviation(found).figure)
 
 
+def neighbours_picture(file: str, queries: Any, shapes: Any, found: Any, names: tuple[list[str], list[str]]) -> None:
+    """Writes the first queries with their nearest shapes; names are those of queries and shapes."""
+    axes = plot.neighbours(queries, shapes, found, query_names=names[0], names=names[1])
+    _save_and_close(file, axes[0, 0].figure)
+
+
 def _save_and_close(file: str, figure: Any) -> None:
     import matplotlib.pyplot as plt
 

@@ -4,10 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 import jhd.io
 from jhd.__main__ import main
-from jhd.collected import collected
+from jhd.collected import collected, short_name
 
 # Sets of points, which take no program of curves: their distances along the first axis.
 PLACES = {"a": 0.0, "b": 0.25, "c": 4.0}
@@ -49,6 +50,19 @@ def test_the_nearest_shapes_are_printed(run):
     assert status == 0 and out.startswith("0.25 [0.25, 0.25]\tsets/b.npy\tsets/a.npy")
     stored = json.loads(run("nearest", "sets/b.npy", "sets", "--count", 2, "--json")[1])
     assert stored["solution"]["index"] == [[1, 0]] and stored["solution"]["ties"] == [[]]
+
+
+def test_the_nearest_shapes_are_drawn(run, tmp_path):
+    status, out, _ = run("nearest", "sets/b.npy", "sets", "--count", 2, "--plot", "near.png")
+    assert status == 0 and out.endswith(f"picture    {tmp_path / 'near.png'}\n")
+    height, width, channels = imread(tmp_path / "near.png").shape
+    assert width > height > 100 and channels == 4
+    assert run("nearest", "sets/b.npy", "sets", "--plot", "near.none")[0] == 2
+
+
+def test_a_picture_names_files_without_folders_and_letters_that_may_not_print_by_number():
+    names = ("a/b.npy", "font:X:a", "font:X:\u03c9", "font:X::")
+    assert [short_name(name) for name in names] == ["b.npy", "a", "U+03C9", ":"]
 
 
 def test_near_duplicates_are_printed(run):

@@ -104,7 +104,11 @@ def _distinct(feet: np.ndarray) -> np.ndarray:
 
 def distance_text(solution: HausdorffSolution) -> str:
     """The distance to four digits; as the inequality that is proven where the bounds do not agree in them."""
-    lower, upper = float(solution.lower), float(solution.upper)
+    return bounds_text(float(solution.lower), float(solution.upper))
+
+
+def bounds_text(lower: float, upper: float) -> str:
+    """The same of a distance of which there are bounds alone."""
     if f"{lower:.4g}" == f"{upper:.4g}":
         return f"$d$ = {lower:.4g}"
     below = f"{Context(prec=4, rounding=ROUND_FLOOR).create_decimal_from_float(lower):g}"
