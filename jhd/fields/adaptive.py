@@ -10,8 +10,7 @@ Rockwood, Jones, Adaptively sampled distance fields (2000).
 
 import math
 import operator
-import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jhd.archives import read_arrays
 from jhd.arithmetic.scaling import common_exponent
 from jhd.arrays import is_traced, real_array
 from jhd.display import count_text, described, opaque, value_text
@@ -274,13 +274,11 @@ class AdaptiveDistanceField(eqx.Module):
             ValueError: the file is no field, or is damaged; the message begins with its name.
         """
         try:
-            # Opened here, since np.load leaves a damaged file open.
-            with Path(path).open("rb") as file:
-                return cls(**_checked(_content(np.load(file, allow_pickle=False))))
+            return cls(**_checked(_content(path)))
         except FileNotFoundError:
             raise FileNotFoundError(f"{path}: no such file.") from None
-        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{path}: {error}") from error
+        except (ValueError, TypeError, OverflowError) as error:
+            raise ValueError(f"{path}: {str(error)[:200]}") from error
 
     def _times(self, power: int) -> "AdaptiveDistanceField":
         """The field of everything 2^power times as large.
@@ -322,14 +320,14 @@ _ARRAYS = (*LeafCells._fields, "atol")
 _OTHERS = ("depth", "mode", "sign", "unresolved")
 
 
-def _content(stored: Any) -> dict[str, Any]:
+def _content(path: str | Path) -> Mapping[str, np.ndarray]:
     """The arrays of an archive."""
-    if isinstance(stored, np.ndarray) or "format" not in stored or str(stored["format"]) != _FORMAT:
+    if str(read_arrays(path, ["format"])["format"]) != _FORMAT:
         raise ValueError(f"it holds no field, or one of another version; needs {_FORMAT!r}.")
-    return {name: stored[name] for name in (*_ARRAYS, *_OTHERS)}
+    return read_arrays(path, (*_ARRAYS, *_OTHERS))
 
 
-def _checked(content: dict[str, Any]) -> dict[str, Any]:
+def _checked(content: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """The fields of a file, of the right kinds, with all indices in range."""
     known: dict[str, Any] = {"depth": int(content["depth"]), "unresolved": int(content["unresolved"])}
     known |= {
@@ -339,7 +337,7 @@ def _checked(content: dict[str, Any]) -> dict[str, Any]:
     for name in ("lower", "spacing", "values", "atol"):
         known[name] = real_array(name, content[name])
     for name in ("roots", "nodes", "places", "widths", "corners"):
-        known[name] = jnp.asarray(np.asarray(content[name]).astype(np.int32, casting="same_kind"))
+        known[name] = _indices(name, content[name])
     leaves, nodes = known["widths"].size, known["nodes"].shape[0]
     shapes = {"lower": (3,), "spacing": (), "atol": (), "nodes": (nodes, 8), "places": (leaves, 3)}
     shapes |= {"widths": (leaves,), "corners": (leaves, 8), "values": (known["values"].size,)}
@@ -354,7 +352,24 @@ def _checked(content: dict[str, Any]) -> dict[str, Any]:
             raise ValueError(f"{name} has numbers out of range; needs {first} to {end - 1}.")
     if known["roots"].ndim != 3 or not known["roots"].size or not 0 <= known["depth"] <= DEEPEST:
         raise ValueError(f"roots has shape {known['roots'].shape} and depth is {known['depth']}; that is no octree.")
+    _check_leaves(known)
     return known
+
+
+def _indices(name: str, given: np.ndarray) -> Array:
+    if given.dtype.kind not in "iu" or (given.size and max(abs(int(given.min())), int(given.max())) >= 1 << 31):
+        raise ValueError(f"{name} holds {given.dtype} up to {given.max(initial=0)}; needs integers of 32 bits.")
+    return jnp.asarray(given.astype(np.int32))
+
+
+def _check_leaves(known: dict[str, Any]) -> None:
+    """Raises ValueError where leaves are out of the box, or lengths not positive."""
+    places, widths = np.asarray(known["places"], np.int64), np.asarray(known["widths"], np.int64)
+    cells = np.array(known["roots"].shape, np.int64) << known["depth"]
+    if widths.size and (places.min() < 0 or np.any(places + widths[:, None] > cells)):
+        raise ValueError(f"places has leaves out of the box, which is {cells.tolist()} finest cells.")
+    if not (known["spacing"] > 0 and known["atol"] > 0):
+        raise ValueError(f"spacing is {known['spacing']:g} and atol {known['atol']:g}; needs positive lengths.")
 
 
 def _surface(name: str, mesh: Any, sign: str = "winding") -> tuple[Surface, int]:

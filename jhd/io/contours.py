@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd.arithmetic import bernstein
+from jhd.io.errors import ParseError
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.joints import completed
 
@@ -51,7 +52,8 @@ class Contour:
         if self.end == self.start:
             return
         size = max(max(abs(p.real), abs(p.imag)) for points, _ in self.segments for p in points)
-        if abs(self.end - self.start) <= _CLOSING_GAP * size:
+        gap = self.end - self.start
+        if math.hypot(gap.real, gap.imag) <= _CLOSING_GAP * size:
             points, weights = self.segments.pop()
             self.segments.append(Segment((*points[:-1], self.start), weights))
         else:
@@ -69,7 +71,7 @@ class Contour:
 
 def affine(point: complex, matrix: np.ndarray) -> complex:
     """The image of x + iy under x -> matrix[:, :2] x + matrix[:, 2]."""
-    x, y = (float(row[0] * point.real + row[1] * point.imag + row[2]) for row in matrix)
+    x, y = (row[0] * point.real + row[1] * point.imag + row[2] for row in matrix.tolist())
     return complex(x, y)
 
 
@@ -86,7 +88,10 @@ def assemble(contours: Iterable[Contour]) -> BezierSegments | None:
     segments = [segment for run, _ in runs for segment in run]
     degree = max(len(points) for points, _ in segments) - 1
     raised = [_raised(segment, degree) for segment in segments]
-    control_points = jnp.asarray(np.array([points for points, _ in raised]))
+    points = np.array([points for points, _ in raised])
+    if not np.isfinite(points).all():
+        raise ParseError("draws points beyond the range of doubles.")
+    control_points = jnp.asarray(points)
     weights = np.array([own for _, own in raised])
     rational = any(segment.weights is not None for segment in segments)
     following, first = np.arange(1, len(segments) + 1), 0

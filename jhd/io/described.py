@@ -73,6 +73,8 @@ def _check_keys(name: str, kind: DescribedKind, given: Mapping[str, Any]) -> Non
             raise ValueError(f"{name} has an unknown key {shown(key)}; known are {', '.join(known)}.")
         if key in _FLAGS and not isinstance(value, bool):
             raise ValueError(f"{key} is {shown(value)}; needs true or false.")
+        if key not in _FLAGS and _holds_boolean(value):
+            raise ValueError(f"{key} holds true or false; needs numbers.")
 
 
 def save_described(file: str | Path, content: Mapping[str, Any]) -> None:
@@ -90,7 +92,7 @@ def load_described(what: str, file: str | Path, kinds: Kinds) -> Any:
     """
     text = read_text(file)
     try:
-        content = json.loads(text)
+        content = json.loads(text, object_pairs_hook=_unique)
     except json.JSONDecodeError as error:
         raise ParseError(f"JSON: {error.msg}.", file, error.lineno, error.colno) from error
     except (ValueError, RecursionError) as error:
@@ -98,5 +100,27 @@ def load_described(what: str, file: str | Path, kinds: Kinds) -> Any:
         raise ParseError(f"JSON: {shown(str(error), 100)}.", file) from None
     try:
         return built(what, content, kinds)
-    except (TypeError, ValueError, RecursionError) as error:
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
         raise ParseError(str(error), file) from error
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The object of these keys; ValueError where one occurs twice."""
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        seen: set[str] = set()
+        twice = next(key for key, _ in pairs if key in seen or seen.add(key))
+        raise ValueError(f"the key {shown(twice)} occurs twice in one object")
+    return content
+
+
+def _holds_boolean(value: Any) -> bool:
+    """Whether a list holds true or false, at any depth."""
+    waiting = [value]
+    while waiting:
+        entry = waiting.pop()
+        if isinstance(entry, bool):
+            return True
+        if isinstance(entry, list | tuple):
+            waiting.extend(entry)
+    return False

@@ -27,20 +27,21 @@ _ACCEPTED = (
 )
 
 
-def load_shape(text: str) -> AbstractCurve | AbstractPatch | TriangleMesh:
+def load_shape(text: str | Path) -> AbstractCurve | AbstractPatch | TriangleMesh:
     """The shape that the text names: a file, a letter of a font, or SVG path data itself.
 
     Args:
         text: `NAME.json` (a curve or a parametric surface, see `load_curve` and `load_surface`), `NAME.svg` (all that
             it draws), `NAME.igs` or `.iges` (all its B-spline curves, or all its surfaces, see `load_iges`), a mesh
             file (see `load_mesh`), points (see `load_points`; a .ply file without faces too), `font:NAME:LETTER`, or
-            path data. A text that ends as a file name is one.
+            path data. A text that ends as a file name is one, and so is a Path.
 
     Raises:
         FileNotFoundError: a file that does not exist.
         ParseError: a file or path data that cannot be read, with its place.
         ValueError: another suffix, or nothing of these.
     """
+    text = str(text)
     if text.startswith("font:"):
         return outline(*parse_font_spec(text))
     suffix = Path(text).suffix.lower()

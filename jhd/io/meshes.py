@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jhd.io.errors import ParseError, read_bytes
+from jhd.io.errors import ParseError, read_bytes, shown
 from jhd.io.files import replace_file
 from jhd.io.ply import read_ply, write_ply
 from jhd.io.polygons import Polygons, coordinates_in, indices_in, merged, mesh_of
@@ -89,19 +89,15 @@ def _read_obj(file: object, content: bytes) -> Polygons:
 
 def _joined(content: bytes) -> bytes:
     """Continued lines as one, with empty lines behind them, so that the numbers of lines stay."""
-    lines, joined, empty = content.splitlines(), [], 0
-    for line in lines:
-        if empty and joined:
-            joined[-1] += b" " + line.rstrip()
-        else:
-            joined.append(line.rstrip())
-        empty += 1
-        if joined[-1].endswith(b"\\"):
-            joined[-1] = joined[-1][:-1]
-        else:
-            joined += [b""] * (empty - 1)
-            empty = 0
-    return b"\n".join(joined)
+    joined, parts = [], []
+    for line in content.splitlines():
+        parts.append(line.rstrip())
+        if parts[-1].endswith(b"\\"):
+            parts[-1] = parts[-1][:-1]
+            continue
+        joined += [b" ".join(parts), *[b""] * (len(parts) - 1)]
+        parts = []
+    return b"\n".join([*joined, b" ".join(parts)])
 
 
 def _counted(file: object, named: list[int], count: int, line: int) -> list[int]:
@@ -140,6 +136,9 @@ def _read_off(file: object, content: bytes) -> Polygons:
             corners.extend(indices_in(file, words[1 : size + 1], number))
             sizes.append(size)
             polygon_lines.append(number)
+        else:
+            message = f"a row is left behind {counts[0]} vertices and {counts[1]} faces: {shown(' '.join(words[:9]))}."
+            raise ParseError(message, file, number)
     for name, found, wanted in (("vertices", vertices, counts[0]), ("faces", sizes, counts[1])):
         if len(found) < wanted:
             raise ParseError(f"ends after {len(found)} of {wanted} {name}.", file, number)
@@ -175,7 +174,7 @@ def _stl_rows(content: bytes, start: int, count: int) -> Polygons:
 
 
 def _stl_text(file: object, content: bytes) -> Polygons:
-    corners, lines, facets = [], [], []
+    corners, lines, facets, keyword, number = [], [], [], "", 1
     for number, words in _lines(content):
         keyword = words[0].lower()
         if keyword == "vertex":
@@ -185,6 +184,8 @@ def _stl_text(file: object, content: bytes) -> Polygons:
             facets.append((number, len(corners)))
         elif keyword not in ("solid", "outer", "endloop", "endfacet", "endsolid") and facets:
             raise ParseError(f"needs facet, outer, vertex or their ends; found {words[0]!r}.", file, number)
+    if facets and keyword != "endsolid":
+        raise ParseError("ends without 'endsolid'.", file, number)
     sizes = np.diff([start for _, start in facets] + [len(corners)])
     if facets and facets[0][1]:
         raise ParseError("a vertex stands before the first facet.", file, lines[0])

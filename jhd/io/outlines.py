@@ -27,6 +27,10 @@ _NORMAL_WEIGHT = 400
 Point = tuple[float | int, float | int]
 
 
+class _MissingGlyphError(Exception):
+    """A font without the letter that is wanted."""
+
+
 def outline(font: str | Path, text: str, *, size: float | int | None = None) -> BezierSegments:
     """The outline of a letter, or of a text set without kerning: every contour of it as one curve, y up.
 
@@ -85,8 +89,14 @@ def _outlines(
     try:
         with TTFont(file, fontNumber=0) as opened:
             drawn = [_draw(opened, str(font), text) for text in texts_of(opened)]
+    except _MissingGlyphError as error:
+        raise ValueError(str(error)) from None
     except TTLibError as error:
         raise ParseError(f"is no font that can be read ({error}).", file) from error
+    except Exception as error:
+        # Damaged tables surface as nearly every kind of error that Python has.
+        reason = f"{type(error).__name__}: {str(error)[:100]}"
+        raise ParseError(f"is no font that can be read ({reason}).", file) from error
     if size is None:
         return [assemble(contours) for contours, _ in drawn]
     scaled = [(contours, np.diag([size / units, size / units, 0.0])[:2]) for contours, units in drawn]
@@ -149,7 +159,7 @@ def _draw(font: TTFont, name: str, text: str) -> tuple[list[Contour], float]:
     advance = 0.0
     for letter in text:
         if ord(letter) not in named:
-            raise ValueError(f"{name} has no glyph for {letter!r} (U+{ord(letter):04X}).")
+            raise _MissingGlyphError(f"{name} has no glyph for {letter!r} (U+{ord(letter):04X}).")
         glyph = glyphs[named[ord(letter)]]
         pen = _ContourPen(glyphs, advance)
         glyph.draw(pen)

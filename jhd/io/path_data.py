@@ -68,7 +68,7 @@ class Scanner:
             raise self.error(f"needs a number; found {self.found()}.")
         value = float(match.group())
         if not math.isfinite(value):
-            raise self.error(f"the number {match.group()} is too large.")
+            raise self.error(f"the number {match.group()[:40]} is too large.")
         self.at = match.end()
         return value
 
@@ -169,7 +169,7 @@ def parse_path(d: str) -> list[Contour]:
     scanner, drawing = Scanner(d, "path data"), _Drawing()
     while not scanner.at_end():
         command = d[scanner.at]
-        if command.upper() not in _ARGUMENTS:
+        if not command.isascii() or command.upper() not in _ARGUMENTS:
             raise scanner.error(f"needs a command, one of {' '.join(_ARGUMENTS)} or lower case; found {command!r}.")
         if not drawing.contours and command not in "Mm":
             raise scanner.error(f"must begin with M or m; found {command!r}.")

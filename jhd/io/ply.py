@@ -52,10 +52,11 @@ def read_ply(file: object, content: bytes) -> Polygons:
         ParseError: a header or rows that cannot be read, with line or byte.
     """
     order, elements, lines, start = _header(file, content)
-    rows = _binary(file, content, start, order) if order else _text(file, content, start, lines)
+    rows, end = _binary(file, content, start, order) if order else _text(file, content, start, lines)
     found = {}
     for element in elements:
         found[element.name] = rows(element)
+    end()
     if "vertex" not in found:
         raise ParseError("has no element 'vertex'.", file)
     none = np.zeros(0, np.int64)
@@ -109,8 +110,8 @@ def _header(file: object, content: bytes) -> tuple[str, list[_PlyElement], int, 
             raise ParseError(f"cannot read {shown(line)} in the header.", file, number)
     if order is None:
         raise ParseError("has no line 'format'.", file, 1)
-    for element in elements:
-        _check_properties(file, element)
+    for k, element in enumerate(elements):
+        _check_properties(file, element, {other.name for other in elements[:k]})
     return order, elements, len(lines) + 1, end.end()
 
 
@@ -123,8 +124,15 @@ def _property(file: object, words: list[str], line: int) -> _Property:
     return _Property(words[-1], codes[-1], codes[0] if listed else "")
 
 
-def _check_properties(file: object, element: _PlyElement) -> None:
-    """Raises ParseError where a vertex has no coordinates or a face no corners."""
+def _check_properties(file: object, element: _PlyElement, before: set[str]) -> None:
+    """Raises ParseError where a vertex has no coordinates, a face no corners, or rows consist of nothing."""
+    if element.name in before:
+        raise ParseError(f"has two elements {shown(element.name)}.", file)
+    if element.count and not element.properties:
+        raise ParseError(f"the element {shown(element.name)} has {element.count} rows of no property.", file)
+    for p in element.properties:
+        if p.length and "f" in p.length:
+            raise ParseError(f"the list {shown(p.name)} has a length that is no whole number.", file)
     if element.name == "vertex":
         for axis in "xyz":
             if element.place(axis) < 0 or element.properties[element.place(axis)].length:
@@ -143,7 +151,11 @@ def _corners_of(element: _PlyElement) -> int:
 _Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def _text(file: object, content: bytes, start: int, header_lines: int) -> Callable[[_PlyElement], _Rows]:
+# Reads the rows of the next element; and raises ParseError where something is left behind the last one.
+_Reader = tuple[Callable[[_PlyElement], _Rows], Callable[[], None]]
+
+
+def _text(file: object, content: bytes, start: int, header_lines: int) -> _Reader:
     """A reader of the elements in their order from lines."""
     lines = enumerate(content[start:].decode("latin-1").splitlines(), header_lines + 1)
     filled = ((number, words) for number, line in lines if (words := line.split()))
@@ -160,7 +172,7 @@ def _text(file: object, content: bytes, start: int, header_lines: int) -> Callab
             if element.name not in ("vertex", "face"):
                 continue
             fields = [[word] for word in words] if plain else _fields(file, words, element, number)
-            if len(fields) < len(element.properties):
+            if len(fields) != len(element.properties):
                 message = f"has {len(fields)} numbers; {element.name!r} has {len(element.properties)} properties."
                 raise ParseError(message, file, number)
             chosen = [word for place in wanted for word in fields[place]]
@@ -171,7 +183,12 @@ def _text(file: object, content: bytes, start: int, header_lines: int) -> Callab
             return coordinates_in(file, values, places), np.array(sizes), np.array(places)
         return np.array(values, np.int64), np.array(sizes, np.int64), np.array(places)
 
-    return rows
+    def end() -> None:
+        number, words = next(filled, (0, []))
+        if words:
+            raise ParseError(f"a row is left behind the last element: {shown(' '.join(words[:9]))}.", file, number)
+
+    return rows, end
 
 
 def _fields(file: object, words: list[str], element: _PlyElement, line: int) -> list[list[str]]:
@@ -186,10 +203,11 @@ def _fields(file: object, words: list[str], element: _PlyElement, line: int) -> 
             raise ParseError(f"ends within {p.name!r}, which has {size} numbers.", file, line)
         fields.append(words[at : at + size])
         at += size
-    return fields
+    # What is left is counted as one more.
+    return [*fields, words[at:]] if at < len(words) else fields
 
 
-def _binary(file: object, content: bytes, start: int, order: str) -> Callable[[_PlyElement], _Rows]:
+def _binary(file: object, content: bytes, start: int, order: str) -> _Reader:
     """A reader of the elements in their order from bytes."""
     at = start
 
@@ -203,7 +221,11 @@ def _binary(file: object, content: bytes, start: int, order: str) -> Callable[[_
         parts, at = _uneven(file, content, at, order, element)
         return parts
 
-    return rows
+    def end() -> None:
+        if content[at:].strip():
+            raise ParseError(f"byte {at}: {len(content) - at} bytes are left behind the last element.", file)
+
+    return rows, end
 
 
 def _even(content: bytes, at: int, order: str, element: _PlyElement) -> np.ndarray | None:

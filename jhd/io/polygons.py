@@ -8,6 +8,9 @@ import numpy as np
 from jhd.io.errors import ParseError, shown
 from jhd.shapes.mesh import TriangleMesh, places_of
 
+# Of indices and counts; less than 64 bits hold.
+_MOST = 1 << 62
+
 
 class Polygons(NamedTuple):
     """What a file holds.
@@ -83,7 +86,7 @@ def coordinates_in(file: object, rows: Sequence[Sequence[str]], lines: Sequence[
         numbers = [float(word) for row in rows for word in row[:3]]
     except ValueError:
         numbers = []
-    if len(numbers) < 3 * len(rows):
+    if len(numbers) < 3 * len(rows) or any(_has_underscore(row[:3]) for row in rows):
         # Where something is wrong it is looked for, which takes longer than reading.
         for row, line in zip(rows, lines, strict=True):
             if len(row) < 3:
@@ -99,10 +102,13 @@ def indices_in(file: object, words: Sequence[str], line: int) -> list[int]:
         ParseError: a word that is no integer.
     """
     try:
-        return [int(word) for word in words]
+        numbers = [int(word) for word in words]
     except ValueError:
+        numbers = None
+    if numbers is None or _has_underscore(words) or max(map(abs, numbers), default=0) >= _MOST:
         _check_words(file, int, words, line)
-        raise
+        raise ParseError(f"a whole number is too large: {shown(' '.join(words))}.", file, line)
+    return numbers
 
 
 def _check_words(file: object, kind: type, words: Sequence[str], line: int) -> None:
@@ -112,12 +118,17 @@ def _check_words(file: object, kind: type, words: Sequence[str], line: int) -> N
             raise ParseError(f"needs a {needed}; found {shown(word)}.", file, line)
 
 
+def _has_underscore(words: Sequence[str]) -> bool:
+    """Whether there is one, which Python takes between digits and files do not."""
+    return "_" in "".join(words)
+
+
 def _is(kind: type, word: str) -> bool:
     try:
         kind(word)
     except ValueError:
         return False
-    return True
+    return "_" not in word
 
 
 def _refusal(file: object, message: str, place: Any, by_line: bool) -> ParseError:

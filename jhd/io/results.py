@@ -7,7 +7,6 @@ Enumerations are stored by the names of their members, fields without a value ar
 
 import io
 import json
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,8 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from jhd.io.errors import ParseError, read_bytes, read_text
+from jhd.archives import read_arrays
+from jhd.io.errors import ParseError, read_text, shown
 from jhd.io.files import replace_file
 from jhd.solution import to_plain
 
@@ -127,23 +127,37 @@ def _load_json(file: str | Path) -> dict[str, Any]:
         content = json.loads(read_text(file))
     except json.JSONDecodeError as error:
         raise ParseError(f"JSON: {error.msg}.", file, error.lineno, error.colno) from error
+    except (ValueError, RecursionError) as error:
+        raise ParseError(f"JSON: {shown(str(error), 100)}.", file) from None
     if not isinstance(content, dict):
         raise ParseError("is no saved result: it is no JSON object.", file)
     return content
 
 
 def _load_npz(file: str | Path) -> dict[str, Any]:
-    if not zipfile.is_zipfile(io.BytesIO(read_bytes(file))):
-        raise ParseError("is no npz file.", file)
+    try:
+        content = _nested(read_arrays(file))
+        for key, read in (("type", str), ("context", lambda text: json.loads(str(text)))):
+            if key in content:
+                content[key] = read(content[key])
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{file}: no such file.") from None
+    except (ValueError, RecursionError) as error:
+        raise ParseError(f"is no npz file of a result: {shown(str(error), 200)}", file) from error
+    return content
+
+
+def _nested(arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """The arrays in nested dictionaries, by the parts of their names."""
     content: dict[str, Any] = {}
-    with np.load(file, allow_pickle=False) as stored:
-        for joined in stored.files:
-            *parents, last = joined.split(_JOIN)
-            place = content
-            for parent in parents:
-                place = place.setdefault(parent, {})
-            place[last] = stored[joined]
-    for key, read in (("type", str), ("context", lambda text: json.loads(str(text)))):
-        if key in content:
-            content[key] = read(content[key])
+    for joined, array in arrays.items():
+        *parents, last = joined.split(_JOIN)
+        place = content
+        for parent in parents:
+            place = place.setdefault(parent, {})
+            if not isinstance(place, dict):
+                raise ValueError(f"{joined!r} is inside of what is an array itself.")
+        if last in place:
+            raise ValueError(f"{joined!r} is an array and holds others.")
+        place[last] = array
     return content

@@ -12,9 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from jhd.io.contours import Contour
+from jhd.io.errors import shown
 from jhd.io.svg_elements import Element, Viewport, compose, translation
 from jhd.io.svg_shapes import SHAPES, contours_of_shape
 
+# Elements that are drawn, where `use` repeats them: so many times as there are in the file, and so many in any case.
+_TIMES_DRAWN, _ALWAYS_DRAWN = 10, 100_000
+# Uses inside of what is used.
+_MOST_USES = 8
 _CONTAINERS = frozenset(("svg", "g", "a", "switch"))
 
 
@@ -32,6 +37,8 @@ class _DrawnPlace(NamedTuple):
     viewport: Viewport
     ids: frozenset[str]
     uses: tuple[str, ...]
+    # How many elements may still be drawn in all, counted down.
+    left: list[int]
 
 
 def drawn_shapes(root: Element) -> Iterator[Drawn]:
@@ -44,23 +51,26 @@ def drawn_shapes(root: Element) -> Iterator[Drawn]:
         ParseError: whatever cannot be placed exactly, with the line and column of its element.
     """
     named: dict[str, Element] = {}
-    _collect_ids(root, named)
+    left = [_ALWAYS_DRAWN + _TIMES_DRAWN * _collect_ids(root, named)]
     box = _view_box(root)
     viewport = (box[2], box[3]) if box else None
     if box is None and {"width", "height"} <= root.attributes.keys():
         width, height = root.attributes["width"], root.attributes["height"]
         if "%" not in width + height:
             viewport = (root.length("width", None), root.length("height", None))
-    place = _enter(root, _DrawnPlace(translation(0.0, 0.0), viewport, frozenset(), ()))
+    place = _enter(root, _DrawnPlace(translation(0.0, 0.0), viewport, frozenset(), (), left))
     for child in root.children:
         yield from _draw(child, place, named)
 
 
-def _collect_ids(element: Element, named: dict[str, Element]) -> None:
+def _collect_ids(element: Element, named: dict[str, Element]) -> int:
+    """Finds what is inside of an element by its id, and counts it."""
+    count = len(element.children)
     for child in element.children:
         if "id" in child.attributes:
             named.setdefault(child.attributes["id"], child)
-        _collect_ids(child, named)
+        count += _collect_ids(child, named)
+    return count
 
 
 def _enter(element: Element, place: _DrawnPlace) -> _DrawnPlace:
@@ -73,6 +83,11 @@ def _enter(element: Element, place: _DrawnPlace) -> _DrawnPlace:
 def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> Iterator[Drawn]:
     if element.tag not in _CONTAINERS and element.tag not in SHAPES and element.tag != "use" or _is_off(element):
         return
+    place.left[0] -= 1
+    if place.left[0] < 0:
+        raise element.error("is drawn after too many others: by <use>, elements are drawn again far beyond the file.")
+    if len(place.uses) > _MOST_USES:
+        raise element.error(f"is inside {_MOST_USES} uses of uses; deeper ones are not read.")
     place = _enter(element, place)
     if element.tag in SHAPES:
         contours = contours_of_shape(element, place.viewport)
@@ -89,8 +104,9 @@ def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> It
 
 
 def _is_off(element: Element) -> bool:
-    style = re.search(r"(?:^|;)\s*display\s*:\s*([a-z-]+)", element.attributes.get("style", ""))
-    return (style.group(1) if style else element.attributes.get("display")) == "none"
+    # As CSS has it, names and values are the same in capitals.
+    style = re.search(r"(?:^|;)\s*display\s*:\s*([a-z-]+)", element.attributes.get("style", "").lower())
+    return (style.group(1) if style else element.attributes.get("display", "").strip().lower()) == "none"
 
 
 def _used(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> tuple[Element, _DrawnPlace]:
@@ -98,11 +114,11 @@ def _used(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> tu
     href = element.attributes.get("href") or element.attributes.get("http://www.w3.org/1999/xlink href", "")
     name = href[1:]
     if not href.startswith("#"):
-        raise element.error(f"refers to {href!r}; only elements of the same file, #id, can be used.")
+        raise element.error(f"refers to {shown(href)}; only elements of the same file, #id, can be used.")
     if name not in named:
-        raise element.error(f"refers to {href!r}; the file has no element of that id.")
+        raise element.error(f"refers to {shown(href)}; the file has no element of that id.")
     if name in place.uses:
-        raise element.error(f"refers to {href!r}, which uses itself.")
+        raise element.error(f"refers to {shown(href)}, which uses itself.")
     shift = translation(element.length("x", place.viewport), element.length("y", place.viewport))
     place = place._replace(matrix=compose(place.matrix, shift), uses=(*place.uses, name))
     target = named[name]
@@ -134,7 +150,7 @@ def _view_box(element: Element) -> list[float] | None:
     box = element.numbers("viewBox")
     if len(box) != 4 or min(box[2:]) <= 0:
         text = element.attributes["viewBox"]
-        raise element.error(f"has viewBox {text!r}; needs x, y and a positive width and height.")
+        raise element.error(f"has viewBox {shown(text)}; needs x, y and a positive width and height.")
     return box
 
 
@@ -143,7 +159,7 @@ def _view_box_matrix(element: Element, box: list[float], width: float, height: f
     aspect = element.attributes.get("preserveAspectRatio", "xMidYMid")
     match = re.fullmatch(r"\s*(?:none|x(Min|Mid|Max)Y(Min|Mid|Max))(\s+meet|\s+slice)?\s*", aspect)
     if match is None:
-        raise element.error(f"has preserveAspectRatio {aspect!r}; needs for example 'xMidYMid meet' or 'none'.")
+        raise element.error(f"has preserveAspectRatio {shown(aspect)}; needs for example 'xMidYMid meet' or 'none'.")
     scales = [width / box[2], height / box[3]]
     if match.group(1) is not None:
         scales = [max(scales) if "slice" in aspect else min(scales)] * 2

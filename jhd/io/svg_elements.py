@@ -11,7 +11,7 @@ import xml.parsers.expat
 import numpy as np
 
 from jhd.io.contours import unit_direction
-from jhd.io.errors import ParseError
+from jhd.io.errors import ParseError, shown
 from jhd.io.path_data import Scanner
 
 # User units (CSS pixels, 96 an inch) in each absolute unit.
@@ -20,6 +20,9 @@ _LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(%|[a-zA-Z]
 _FUNCTION = re.compile(r"[\s,]*([A-Za-z]+)\s*\(([^()]*)\)[\s,]*")
 _NUMBERS_OF = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3), "skewX": (1,), "skewY": (1,)}
 _NAMESPACE = "http://www.w3.org/2000/svg "
+
+# Elements in elements.
+_DEEPEST = 200
 
 # Width and height of the surrounding viewport in user units; None where the file does not say.
 Viewport = tuple[float, float] | None
@@ -49,7 +52,7 @@ class Element:
         try:
             return Scanner(text, name).rest()
         except ParseError as error:
-            raise self.error(f"{error.reason} (column {error.column} of {text!r})") from error
+            raise self.error(f"{error.reason} (column {error.column} of {shown(text)})") from error
 
     def length(self, name: str, viewport: Viewport, default: str = "0") -> float:
         """The attribute in user units; percentages refer to the viewport, those of other names to its mean diagonal.
@@ -61,12 +64,14 @@ class Element:
         match = _LENGTH.fullmatch(text)
         if match is None or match.group(2) not in (*_UNITS, "%"):
             units = ", ".join(unit for unit in _UNITS if unit)
-            raise self.error(f"has {name} {text!r}; needs a number, perhaps with {units} or %.")
+            raise self.error(f"has {name} {shown(text)}; needs a number, perhaps with {units} or %.")
         amount, unit = float(match.group(1)), match.group(2)
         if unit != "%":
             return amount * _UNITS[unit]
         if viewport is None:
-            raise self.error(f"has {name} {text!r}; percentages need a viewBox, or a width and height, of the root.")
+            raise self.error(
+                f"has {name} {shown(text)}; percentages need a viewBox, or a width and height, of the root."
+            )
         width, height = viewport
         if name in ("x", "x1", "x2", "cx", "width", "rx"):
             return amount / 100 * width
@@ -86,12 +91,14 @@ class Element:
             match = _FUNCTION.match(text, at)
             if match is None:
                 found = text[at : at + 12]
-                raise self.error(f"has transform {text!r}; needs functions such as rotate(30); found {found!r}.")
+                raise self.error(
+                    f"has transform {shown(text)}; needs functions such as rotate(30); found {shown(found)}."
+                )
             name = match.group(1)
             values = self.numbers("transform", match.group(2))
             if len(values) not in _NUMBERS_OF.get(name, ()):
                 known = ", ".join(f"{key} of {' or '.join(map(str, n))}" for key, n in _NUMBERS_OF.items())
-                raise self.error(f"has transform {match.group().strip()!r}; known are {known} numbers.")
+                raise self.error(f"has transform {shown(match.group().strip())}; known are {known} numbers.")
             matrix = compose(matrix, _function_matrix(name, values))
             at = match.end()
         return matrix
@@ -113,6 +120,8 @@ def parse_document(content: bytes) -> Element:
     def start(name: str, attributes: dict[str, str]) -> None:
         place = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
         element = Element(name.removeprefix(_NAMESPACE), attributes, *place)
+        if len(stack) > _DEEPEST:
+            raise element.error(f"is inside {_DEEPEST} other elements; deeper ones are not read.")
         stack[-1].children.append(element)
         stack.append(element)
 
@@ -125,6 +134,10 @@ def parse_document(content: bytes) -> Element:
     except xml.parsers.expat.ExpatError as error:
         reason = xml.parsers.expat.ErrorString(error.code)
         raise ParseError(f"XML: {reason}.", line=error.lineno, column=error.offset + 1) from error
+    except ParseError:
+        raise
+    except (LookupError, ValueError) as error:  # of encodings that Python does not know, or not one byte at a time
+        raise ParseError(f"XML: {shown(str(error), 100)}.", line=1) from error
     root = top.children[0]
     if root.tag != "svg":
         raise root.error("is the root; an SVG file has <svg> there.")
@@ -138,8 +151,10 @@ def translation(x: float, y: float) -> np.ndarray:
 
 def compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
     """The matrix (2, 3) of x -> outer(inner(x))."""
-    product = outer[:, :2] @ inner
-    product[:, 2] += outer[:, 2]
+    # What leaves the range of doubles is refused where points are drawn by it.
+    with np.errstate(over="ignore", invalid="ignore"):
+        product = outer[:, :2] @ inner
+        product[:, 2] += outer[:, 2]
     return product
 
 

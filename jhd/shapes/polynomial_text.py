@@ -210,7 +210,7 @@ class _Reader:
 
 def _decimal(token: str, place: int) -> Fraction:
     exponent = re.split("[eE]", token)[1:]
-    if exponent and abs(int(exponent[0][:9])) > _LARGEST_EXPONENT:
+    if exponent and (len(exponent[0]) > 9 or abs(int(exponent[0])) > _LARGEST_EXPONENT):
         raise PolynomialError(f"{token[:40]} is outside the range of doubles.", place + 1)
     if len(token) > 10 * _LARGEST_EXPONENT:
         raise PolynomialError(f"a number of {len(token)} characters is outside the range of doubles.", place + 1)

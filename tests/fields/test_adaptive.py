@@ -316,7 +316,7 @@ def changed(field, path, **arrays):
         ({"values": np.array([np.nan])}, "values"),
         ({"mode": "none"}, "mode is 'none'"),
         ({"depth": 99}, "depth is 99"),
-        ({"nodes": np.array([object()])}, "allow_pickle"),
+        ({"nodes": np.array([object()])}, "objects of Python"),
     ],
 )
 def test_files_that_hold_no_field_are_refused_with_their_name(full, tmp_path, arrays, message):

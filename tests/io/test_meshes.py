@@ -148,7 +148,7 @@ NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
         ("a.ply", HEADER.format("ascii") + FACES + "0 0 0\n" * 4 + "3 0 1 4", r"a\.ply:15: a face names vertex 4"),
         (
             "a.ply",
-            (HEADER.format("binary_big_endian") + FACES).encode() + bytes(50),
+            (HEADER.format("binary_big_endian") + FACES).encode() + bytes(49),
             r"a\.ply: byte \d+: a face has 0 corners; needs at least 3",
         ),
         ("a.ply", (HEADER.format("binary_little_endian") + FACES).encode() + bytes(30), "ends after 2 of 4 rows"),

@@ -113,8 +113,9 @@ def extremes(x: Any) -> tuple[Any, Any]:
 def diagonal(corners: Sequence[tuple[Any, Any]]) -> Any:
     """The length of the diagonal of the box of all shapes with these lower and upper corners."""
     low, high = _box_of(corners)
-    # Half of it does not overflow.
-    return 2 * length(0.5 * high - 0.5 * low)
+    # Half of it does not overflow; the whole of it may, and is infinite then.
+    with np.errstate(over="ignore"):
+        return 2 * length(0.5 * high - 0.5 * low)
 
 
 def _box_of(corners: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:

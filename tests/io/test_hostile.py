@@ -1,0 +1,236 @@
+"""Files made to be misread, to take for ever or all memory: one line of refusal at once, or the right shape."""
+
+import io
+import json
+import resource
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+
+import jhd
+import jhd.io
+from jhd.archives import read_arrays
+
+CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+OFF = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n"
+PLY = (
+    "ply\nformat {} 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 1\nproperty list {} int vertex_indices\nend_header\n"
+)
+ROWS = "0 0 0\n1 0 0\n0 1 0\n"
+TEXT_PLY = PLY.format("ascii", "uchar") + ROWS
+CLOUD = "ply\nformat binary_little_endian 1.0\n{}element vertex {}\n" + "".join(f"property float {x}\n" for x in "xyz")
+HUGE = "1" + "0" * 20
+
+
+def svg(content, start=""):
+    names = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    return f"{start}<svg {names}>{content}</svg>"
+
+
+def doubled(times):
+    """Two uses of two uses of ...: 2^times drawings of one path."""
+    groups = "".join(f'<g id="a{k + 1}"><use xlink:href="#a{k}"/><use xlink:href="#a{k}"/></g>' for k in range(times))
+    return svg(f'<defs><g id="a0"><path d="M0 0L1 1"/></g>{groups}</defs><use xlink:href="#a{times}"/>')
+
+
+def crowd(uses, paths):
+    drawn = '<path d="M0 0L1 1"/>' * paths
+    return svg(f'<defs><g id="a">{drawn}</g></defs>' + '<use xlink:href="#a"/>' * uses)
+
+
+REFUSED = {
+    "a.obj": (CORNERS + f"f 1 2 {HUGE}\n", "a.obj:4: a whole number is too large"),
+    "b.obj": (CORNERS.replace("1", "1_0") + "f 1 2 3\n", "b.obj:2: needs a number; found '1_0'"),
+    "c.obj": (CORNERS + "f 1 2 0_3\n", "c.obj:4: needs a whole number; found '0_3'"),
+    "a.off": (OFF + f"3 0 1 {HUGE}\n", "a.off:6: a whole number is too large"),
+    "b.off": (OFF + "3 0 1 2\n3 0 1 2\n", "b.off:7: a row is left behind 3 vertices and 1 faces"),
+    "c.off": (OFF.replace("3 1", "3000000000 1", 1), "ends after 3 of 3000000000 vertices"),
+    "a.ply": (TEXT_PLY + f"3 0 1 {HUGE}\n", "a.ply:13: a whole number is too large"),
+    "b.ply": (TEXT_PLY + "3 0 1 2\n3 0 1 2\n", "b.ply:14: a row is left behind the last element"),
+    "c.ply": (TEXT_PLY + "3 0 1 2 9\n", "c.ply:13: has 2 numbers; 'face' has 1 properties"),
+    "d.ply": (PLY.format("ascii", "float") + ROWS + "3e300 0 1 2\n", "has a length that is no whole number"),
+    "e.ply": (CLOUD.format("element none 2000000000\n", 1) + "end_header\n" + "\0" * 12, "000 rows of no property"),
+    "f.ply": (CLOUD.format("", 2_000_000_000) + "end_header\n" + "\0" * 12, "ends after 1 of 2000000000 rows"),
+    "g.ply": (CLOUD.format("", 1) + "element vertex 1\nproperty float x\nend_header\n", "g.ply: .*'vertex'"),
+    "h.ply": (CLOUD.format("", 1) + "end_header\n" + "a" * 24, "12 bytes are left behind the last element"),
+    "a.stl": ("solid a\nfacet\n" + CORNERS.replace("v ", "vertex ") + "endfacet\n", "a.stl:6: ends without 'endsolid'"),
+    "a.json": (
+        json.dumps({"type": "BezierSegments", "control_points": [[[0, 0], [1, 1]]], "following": [10**20]}),
+        "a.json: .*too large",
+    ),
+    "b.json": ('{"type": "BezierCurve", "type": 1, "control_points": [[0, 0], [1, 1]]}', "'type' occurs twice"),
+    "c.json": ('{"type": "BezierCurve", "control_points": [[true, 0], [1, 1]]}', "control_points holds true or false"),
+    "d.json": ('{"type": "BezierCurve", "control_points": ' + "[" * 100_000, "d.json: JSON: .*recursion"),
+    "e.json": ('{"type": "BezierCurve", "control_points": [[' + "9" * 5_000 + ", 0], [1, 1]]}", "JSON: .*digits"),
+    "a.svg": (svg("<g>" * 1_000 + "</g>" * 1_000), "a.svg:1:.*inside 200 other elements"),
+    "b.svg": (svg("<g>" * 100_000 + "</g>" * 100_000), "b.svg:1:.*inside 200 other elements"),
+    "c.svg": (svg('<path d="M0 0L1 1"/>', '<?xml version="1.0" encoding="none-8"?>'), "unknown encoding: none-8"),
+    "d.svg": (doubled(30), "is inside 8 uses of uses"),
+    "f.svg": (svg('<rect width="' + "1" * 60_000 + 'x" height="1"/>'), r"^.{10,300}$"),
+    "g.svg": (svg('<path transform="' + "scale(2)" * 2_000 + '" d="M0 0L1 1"/>'), "beyond the range of doubles"),
+    "h.svg": (svg('<path d="M0 0A1e308 1e-20 0 0 1 1 1"/>'), "beyond the range of doubles"),
+    "i.svg": (svg('<path transform="matrix(1e308 1e308 1e308 1e308 0 0)" d="M0 0L1 1e5"/>'), "beyond the range"),
+    "j.svg": (svg('<rect width="1e200%" height="1"/>'), "percentages need a viewBox"),
+    "k.svg": (
+        svg('<desc>&i;</desc><path d="M0 0L1 1"/>', '<!DOCTYPE svg [<!ENTITY a "aaaaaaaaaa">' + "".join(
+            f'<!ENTITY {chr(98 + k)} "{("&" + chr(97 + k) + ";") * 10}">' for k in range(8)
+        ) + "]>"),
+        "amplification",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_made_to_be_misread_is_refused_in_one_line_at_once(name, tmp_path):
+    content, message = REFUSED[name]
+    file = tmp_path / name
+    file.write_bytes(content.encode("latin-1"))
+    start = time.process_time()
+    with pytest.raises(jhd.io.ParseError, match=message) as caught:
+        jhd.io.load_shape(file)
+    assert time.process_time() - start < 2
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 400 + len(str(file))
+
+
+def test_lines_that_go_on_are_joined_in_linear_time(tmp_path):
+    file = tmp_path / "a.obj"
+    file.write_bytes((CORNERS + "f 1 2 " + "\\\n" * 200_000 + "3\nf 3 2 1\n").encode())
+    start = time.process_time()
+    assert jhd.io.load_mesh(file).triangles.tolist() == [[0, 1, 2], [2, 1, 0]]
+    assert time.process_time() - start < 2
+
+
+def test_display_none_is_heeded_in_capitals(tmp_path):
+    file = tmp_path / "a.svg"
+    hidden = '<path style="DISPLAY : NONE" d="M0 0L1 1"/><path display="None" d="M0 0L3 1"/>'
+    file.write_text(svg(hidden + '<path d="M0 0L2 2"/>'))
+    assert jhd.io.read_svg(file).count == 1
+
+
+def test_a_small_symbol_may_be_used_often(tmp_path):
+    file = tmp_path / "a.svg"
+    file.write_text(crowd(300, 3))
+    assert jhd.io.read_svg(file).count == 900
+
+
+def test_what_is_drawn_far_beyond_the_file_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("jhd.io.svg_document._ALWAYS_DRAWN", 100)
+    file = tmp_path / "a.svg"
+    file.write_text(crowd(20, 20))
+    assert jhd.io.read_svg(file).count == 400
+    file.write_text(crowd(40, 40))
+    with pytest.raises(jhd.io.ParseError, match="is drawn after too many others"):
+        jhd.io.load_shape(file)
+
+
+def test_numbers_at_the_end_of_the_range_are_drawn():
+    assert jhd.io.path("M0 0L1.7e308 1.7e308Z").count == 2
+    with pytest.raises(jhd.io.ParseError, match="needs a command"):
+        jhd.io.path("M0 0 \u017f 1 1 1 1")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x**1e000000000999999999", "outside the range"),
+        ("x**" + "0" * 100_000 + "2", "outside the range"),
+        ("x*1e-000000000999999999", "outside the range"),
+        ("*".join(["(x + y + z + 1)"] * 40), "the degree is 33"),
+        ("(" * 5_000 + "x" + ")" * 5_000, "nested deeper"),
+        ("((((2**32)**32)**32)**32)*x", "bits"),
+    ],
+)
+def test_polynomials_that_would_take_for_ever_are_refused(text, message):
+    start = time.process_time()
+    with pytest.raises(ValueError, match=message) as caught:
+        jhd.ImplicitSurface.parse(text, [-1] * 3, [1] * 3)
+    assert time.process_time() - start < 2 and len(str(caught.value)) < 300
+
+
+def member(shape, dtype="<f8", size=0):
+    """An array in a file that says more of itself than it is."""
+    header = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117).encode() + b"\n"
+    return b"\x93NUMPY\x01\x00v\x00" + header + bytes(size)
+
+
+def archive(**members):
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, content in members.items():
+            file.writestr(name + ".npy", content)
+    return stream.getvalue()
+
+
+FIELD = member("()", "<U25", 100)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"", b"PK\x03\x04 and nothing more", b"none", archive(format=FIELD)[:-20], archive(format=FIELD)[40:],
+        archive(format=b"none"), archive(other=FIELD), archive(format=member("(99999999999999,)")),
+        archive(format=member("(-1,)")), archive(format=member("()", "|O", 8)), archive(format=member("(2,)", size=24)),
+        archive(format=member("(99999, 99999, 99999, 99999, 99999)")), archive(format=member("()", "<U25", 96)),
+    ],
+)  # fmt: skip
+def test_archives_that_are_none_are_refused(content, tmp_path):
+    file = tmp_path / "a.npz"
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match=r"a\.npz: ") as caught:
+        jhd.AdaptiveDistanceField.load(file)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(jhd.io.ParseError, match=r"a\.npz: "):
+        jhd.io.load_result(file)
+
+
+def test_an_archive_that_would_fill_the_memory_is_refused_before_it_is_read(tmp_path):
+    file = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as stream:
+        with stream.open("a.npy", "w", force_zip64=True) as part:
+            part.write(member("(25165824,)"))
+            for _ in range(24):
+                part.write(bytes(1 << 23))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ValueError, match="would take 201326720 bytes in memory, from a file of"):
+        read_arrays(file)
+    unit = 1 if sys.platform == "darwin" else 1024
+    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * unit < 1 << 26
+
+
+def test_archives_are_read_as_numpy_reads_them(tmp_path):
+    arrays = {
+        "a": np.arange(6.0).reshape(2, 3),
+        "b": np.array("text"),
+        "c": np.asfortranarray(np.eye(3, 4)),
+        "d": np.array([]),
+    }
+    for write in (np.savez, np.savez_compressed):
+        write(tmp_path / "a.npz", **arrays)
+        found = read_arrays(tmp_path / "a.npz")
+        assert list(found) == list(arrays)
+        for name, array in arrays.items():
+            assert found[name].dtype == array.dtype
+            np.testing.assert_array_equal(found[name], array)
+    assert list(read_arrays(tmp_path / "a.npz", ["c"])) == ["c"]
+    with pytest.raises(ValueError, match="has no 'e'"):
+        read_arrays(tmp_path / "a.npz", ["a", "e"])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_damaged_fonts_are_refused_or_drawn(seed, tmp_path):
+    random = np.random.default_rng(seed)
+    content = bytearray(Path(matplotlib.get_data_path(), "fonts", "ttf", "cmtt10.ttf").read_bytes())
+    for at in random.integers(0, 3_000, 40):
+        content[at] = random.integers(256)
+    file = tmp_path / "a.ttf"
+    file.write_bytes(content if seed % 2 else content[: random.integers(len(content))])
+    try:
+        assert jhd.io.outline(file, "a").count > 0
+    except (jhd.io.ParseError, ValueError) as error:
+        assert "\n" not in str(error)
