@@ -378,13 +378,17 @@ def _reached(solution: Any, lane: int) -> str:
     return f" The bounds reached{of} are {low!r} and {high!r}."
 
 
+def stored_fields(value: eqx.Module) -> list[str]:
+    """The names of the fields of a result that files and JSON hold."""
+    return [field.name for field in fields(value) if field.metadata.get("stored", True)]
+
+
 def to_plain(value: Any) -> Any:
     """Nested dictionaries, lists, numbers and names of a result, as JSON can hold them; non-finite numbers are None."""
     if hasattr(value, "_enumeration"):  # a member of an enumeration is a Module too
         return names_of(value)
     if isinstance(value, eqx.Module):
-        stored = (field.name for field in fields(value) if field.metadata.get("stored", True))
-        return {name: to_plain(getattr(value, name)) for name in stored}
+        return {name: to_plain(getattr(value, name)) for name in stored_fields(value)}
     if isinstance(value, dict):
         return {name: to_plain(item) for name, item in value.items()}
     if isinstance(value, jax.Array | np.ndarray):

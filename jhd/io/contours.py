@@ -87,7 +87,9 @@ def assemble(contours: Iterable[Contour]) -> BezierSegments | None:
         return None
     segments = [segment for run, _ in runs for segment in run]
     degree = max(len(points) for points, _ in segments) - 1
-    raised = [_raised(segment, degree) for segment in segments]
+    # What leaves the range of doubles is refused below.
+    with np.errstate(over="ignore", invalid="ignore"):
+        raised = [_raised(segment, degree) for segment in segments]
     points = np.array([points for points, _ in raised])
     if not np.isfinite(points).all():
         raise ParseError("draws points beyond the range of doubles.")

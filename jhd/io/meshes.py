@@ -183,7 +183,7 @@ def _stl_text(file: object, content: bytes) -> Polygons:
         elif keyword == "facet":
             facets.append((number, len(corners)))
         elif keyword not in ("solid", "outer", "endloop", "endfacet", "endsolid") and facets:
-            raise ParseError(f"needs facet, outer, vertex or their ends; found {words[0]!r}.", file, number)
+            raise ParseError(f"needs facet, outer, vertex or their ends; found {shown(words[0])}.", file, number)
     if facets and keyword != "endsolid":
         raise ParseError("ends without 'endsolid'.", file, number)
     sizes = np.diff([start for _, start in facets] + [len(corners)])

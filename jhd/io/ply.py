@@ -168,12 +168,12 @@ def _text(file: object, content: bytes, start: int, header_lines: int) -> _Reade
         for k in range(element.count):
             number, words = next(filled, (0, []))
             if not words:
-                raise ParseError(f"ends after {k} of {element.count} rows of {element.name!r}.", file)
+                raise ParseError(f"ends after {k} of {element.count} rows of {shown(element.name)}.", file)
             if element.name not in ("vertex", "face"):
                 continue
             fields = [[word] for word in words] if plain else _fields(file, words, element, number)
             if len(fields) != len(element.properties):
-                message = f"has {len(fields)} numbers; {element.name!r} has {len(element.properties)} properties."
+                message = f"has {len(fields)} numbers; {shown(element.name)} has {len(element.properties)} properties."
                 raise ParseError(message, file, number)
             chosen = [word for place in wanted for word in fields[place]]
             values.extend([chosen] if vertex else indices_in(file, chosen, number))
@@ -200,7 +200,7 @@ def _fields(file: object, words: list[str], element: _PlyElement, line: int) -> 
             size = indices_in(file, words[at : at + 1], line)[0] if at < len(words) else 0
             at += 1
         if size < 0 or at + size > len(words):
-            raise ParseError(f"ends within {p.name!r}, which has {size} numbers.", file, line)
+            raise ParseError(f"ends within {shown(p.name)}, which has {size} numbers.", file, line)
         fields.append(words[at : at + size])
         at += size
     # What is left is counted as one more.
@@ -274,7 +274,7 @@ def _uneven(file: object, content: bytes, at: int, order: str, element: _PlyElem
         fields = []
         for array, end in _read(content, at, order, element):
             if array is None:
-                raise ParseError(f"byte {at}: ends after {k} of {element.count} rows of {element.name!r}.", file)
+                raise ParseError(f"byte {at}: ends after {k} of {element.count} rows of {shown(element.name)}.", file)
             fields.append(array)
             at = end
         if element.name in ("vertex", "face"):

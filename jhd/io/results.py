@@ -17,7 +17,7 @@ import numpy as np
 from jhd.archives import read_arrays
 from jhd.io.errors import ParseError, read_text, shown
 from jhd.io.files import replace_file
-from jhd.solution import to_plain
+from jhd.solution import stored_fields, to_plain
 
 # Keys of nested fields are joined by it in npz files.
 _JOIN = "."
@@ -80,7 +80,7 @@ def _plain(name: str, value: Any) -> Any:
     if _is_member(value):
         return _names(value).tolist()
     if isinstance(value, eqx.Module):
-        return {field: _plain(f"{name}.{field}", getattr(value, field)) for field in value.__dataclass_fields__}
+        return {field: _plain(f"{name}.{field}", getattr(value, field)) for field in stored_fields(value)}
     if isinstance(value, Mapping):
         return {str(key): _plain(f"{name}[{key!r}]", item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -100,7 +100,11 @@ def _flatten(name: str, value: Any) -> dict[str, np.ndarray]:
     if _is_member(value):
         return {name: _names(value)}
     if isinstance(value, eqx.Module):
-        value = {field: getattr(value, field) for field in value.__dataclass_fields__}
+        value = {field: getattr(value, field) for field in stored_fields(value)}
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        value = value._asdict()  # pyright: ignore[reportAttributeAccessIssue]
+    elif isinstance(value, tuple | list) and any(isinstance(entry, tuple | list | eqx.Module) for entry in value):
+        value = dict(enumerate(value))
     if isinstance(value, Mapping):
         parts = [_flatten(f"{name}{_JOIN}{key}", item) for key, item in value.items()]
         return {key: array for part in parts for key, array in part.items()}

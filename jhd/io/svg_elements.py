@@ -40,7 +40,7 @@ class Element:
 
     def error(self, message: str) -> ParseError:
         """The error that the message describes, at this element."""
-        return ParseError(f"<{self.tag}> {message}", line=self.line, column=self.column)
+        return ParseError(f"<{self.tag[:60]}> {message}", line=self.line, column=self.column)
 
     def numbers(self, name: str, text: str | None = None) -> list[float]:
         """The list of numbers in the attribute, or in a part of its text.

@@ -123,7 +123,7 @@ class _Reader:
             raise self.error("a number, x, y, z, an operator or a parenthesis")
 
     def error(self, needed: str) -> PolynomialError:
-        found = repr(self.token) if self.token else "the end"
+        found = repr(self.token[:40]) if self.token else "the end"
         return PolynomialError(f"found {found}; needs {needed}.", self.start + 1)
 
     def take(self, *tokens: str) -> str:
