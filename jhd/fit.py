@@ -19,11 +19,13 @@ from jhd.arrays import real_array
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.measures import AbstractMeasure, Hausdorff
 from jhd.fitting.bundle import minimise_by_cuts, motions
-from jhd.fitting.chain import Chain, Layout, divided, least_squares, longest_pieces, turns
+from jhd.fitting.chain import Layout, contours, divided, from_a_corner, least_squares, longest_pieces, points_of
 from jhd.fitting.clock import Clock
 from jhd.fitting.measured import fit_by_measure, measured_solution
-from jhd.fitting.minimax import FitProgress, Problem, minimise
-from jhd.fitting.solutions import bundled_solution, minimax_solution
+from jhd.fitting.minimax import FitProgress
+from jhd.fitting.problem import Problem
+from jhd.fitting.sampled import lengths_of
+from jhd.fitting.solutions import bundled_solution, minimax_solution, minimise_and_prove
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
@@ -40,6 +42,8 @@ _LARGEST_CAPACITY = 128
 # Pieces of least squares within this many tolerances are tried first, for minimax fits are nearer by such a factor at
 # best; then each time within this share of the last, so many times at most.
 _GAIN, _CLOSER, _TRIES = 4.0, 0.75, 40
+# Corners are looked for at a scale of so many tolerances.
+_CORNERS = 8.0
 # Other starts differ from the first by this share of the target's size.
 _SPREAD = 0.1
 
@@ -88,12 +92,33 @@ def minimise_hausdorff(
         TypeError: a target that is no curve, surface or mesh, or shapes of another kind than the target.
         ValueError: no parameter, or starts of another shape.
     """
-    target, clock = taken_as("target", target), Clock(max_seconds)
+    options = {"measure": measure, "starts": starts, "seed": seed, "max_steps": max_steps, "atol": atol}
+    options |= {"capacity": capacity, "method": method, "progress": progress}
+    return _minimised(build, parameters, target, Clock(max_seconds), **options)
+
+
+def _minimised(
+    build: Callable[[Any], Fitted],
+    parameters: Any,
+    target: Any,
+    clock: Clock,
+    *,
+    max_steps: int,
+    measure: AbstractMeasure | None = None,
+    starts: Any = 1,
+    seed: int = 0,
+    atol: float = 0.0,
+    capacity: int | None = None,
+    method: AbstractHausdorffMethod | None = None,
+    progress: Callable[[FitProgress], object] | None = None,
+) -> FitSolution:
+    """See minimise_hausdorff; within the time of a clock."""
+    target = taken_as("target", target)
     flat, unravel = ravel_pytree(jax.tree_util.tree_map(lambda x: jnp.asarray(x, dtype=float), parameters))
     if flat.size == 0:
         raise ValueError("parameters holds no number; needs at least one.")
     built = _Flat(build, unravel)
-    limits = _Limits(max_steps, atol, _capacity(flat.size) if capacity is None else capacity, clock)
+    limits = _Limits(max_steps, atol, _capacity(flat.size) if capacity is None else capacity, clock, method)
     way = _way(built, target, measure, limits)
     ends = []
     for number, start in enumerate(_starts(built, np.asarray(flat), starts, seed, target)):
@@ -105,16 +130,17 @@ def minimise_hausdorff(
         if ends and clock.is_over():
             break
         ends.append(way.iterate(start, report))
-    return way.solution(min(ends, key=way.value), unravel, method)
+    return way.solution(min(ends, key=way.value), unravel)
 
 
 class _Limits(NamedTuple):
-    """What ends an iteration, and how many maxima take part."""
+    """What ends an iteration, how many maxima take part, and how the end is proven."""
 
     max_steps: int
     atol: float
     capacity: int
     clock: Clock
+    method: AbstractHausdorffMethod | None
 
 
 class _Way(NamedTuple):
@@ -122,11 +148,11 @@ class _Way(NamedTuple):
 
     iterate: Callable[[Any, Callable[[int, float, float], object]], Any]
     value: Callable[[Any], float]
-    solution: Callable[[Any, Callable, Any], FitSolution]
+    solution: Callable[[Any, Callable], FitSolution]
 
 
 def _way(built: Any, target: Any, measure: AbstractMeasure | None, limits: _Limits) -> _Way:
-    steps, atol, capacity, clock = limits
+    steps, atol, capacity, clock, method = limits
     if measure is not None and measure != Hausdorff():
         scales = _scales(built, target)
         return _Way(
@@ -134,19 +160,21 @@ def _way(built: Any, target: Any, measure: AbstractMeasure | None, limits: _Limi
                 built, measure, target, start, scales(start), steps, atol, clock, report
             ),
             lambda ended: ended.point.value,
-            lambda ended, unravel, method: measured_solution(built, unravel, measure, target, ended, method),
+            lambda ended, unravel: measured_solution(built, unravel, measure, target, ended, method),
         )
     if isinstance(target, ImplicitSurface | TriangleMesh):
         return _Way(
             lambda start, report: minimise_by_cuts(built, target, start, steps, atol, report, clock),
             lambda ended: ended.point.value,
-            lambda ended, unravel, method: bundled_solution(ended, unravel, target, method),
+            lambda ended, unravel: bundled_solution(ended, unravel, target, method, clock),
         )
     check_curve("target", target)
     return _Way(
-        lambda start, report: minimise(Problem(built, target.segments(), capacity, clock), start, steps, atol, report),
-        lambda ended: ended.point.top,
-        lambda ended, unravel, method: minimax_solution(ended, unravel, target, method),
+        lambda start, report: minimise_and_prove(
+            Problem(built, target.segments(), capacity, clock), start, steps, atol, method, report
+        ),
+        lambda found: found.ended.point.top,
+        lambda found, unravel: minimax_solution(found, unravel),
     )
 
 
@@ -196,7 +224,7 @@ def fit_curve(
         TypeError: a target that is no curve.
         ValueError: a target of several contours, sizes that are too small, or a tolerance beside what it decides.
     """
-    target = taken_as("target", target)
+    target, clock = taken_as("target", target), Clock(max_seconds)
     check_curve("target", target)
     curve = target.segments()
     following = np.asarray(curve.following)
@@ -219,16 +247,15 @@ def fit_curve(
     joints = divided(curve, segments)
     layout = Layout(degree, segments, closed, ends == "fixed", smooth)
     options = {"max_steps": max_steps, "atol": atol, "method": method, "progress": progress, "measure": measure}
-    options["max_seconds"] = max_seconds
     build, start = least_squares(layout, curve, joints)
     if ends == "fixed" or closed:
-        return minimise_hausdorff(build, start, curve, **options)
+        return _minimised(build, start, curve, clock, **options)
     held, free = least_squares(layout._replace(fixed_ends=True), curve, joints)
     if free.size:
-        first = minimise_hausdorff(held, free, curve, **options).parameters
-        others = _points_of(build, np.asarray(held(first).control_points))
-        return minimise_hausdorff(build, start, curve, starts=np.stack([others, start]), **options)
-    return minimise_hausdorff(build, start, curve, **options)
+        first = _minimised(held, free, curve, clock, **options).parameters
+        others = points_of(build, np.asarray(held(first).control_points))
+        return _minimised(build, start, curve, clock, starts=np.stack([others, start]), **options)
+    return _minimised(build, start, curve, clock, **options)
 
 
 def _refuse_beside_tolerance(others: dict[str, Any]) -> None:
@@ -273,8 +300,9 @@ def fit_outline(
     if limit.shape != () or not float(limit) > 0:
         raise ValueError(f"tolerance is {limit}; needs one positive number.")
     found = []
-    for contour in _contours(target.segments()):
-        found.append(_within(_from_a_corner(contour), float(limit), degree, smooth, max_segments, max_steps, progress))
+    for contour in contours(target.segments()):
+        start = from_a_corner(contour, _reach(contour, float(limit)))
+        found.append(_within(start, float(limit), degree, smooth, max_segments, max_steps, progress))
     return found
 
 
@@ -291,7 +319,8 @@ def _within(
     closed = bool(np.asarray(contour.following)[-1] == 0)
     least = 2 if closed else 1
     fit: Any = None
-    laid = (longest_pieces(contour, degree, _GAIN * limit * _CLOSER**k) for k in range(_TRIES))
+    reach = _reach(contour, limit)
+    laid = (longest_pieces(contour, degree, _GAIN * limit * _CLOSER**k, reach) for k in range(_TRIES))
     # Of those with as many pieces the last ones are the most even.
     for count, alike in groupby(laid, key=lambda found: min(max(len(found[1]), least), most)):
         joints, pieces = list(alike)[-1]
@@ -299,40 +328,17 @@ def _within(
         layout = Layout(degree, count, closed, not closed, smooth)
         build, start = least_squares(layout, contour, joints if own else divided(contour, count))
         if own and not smooth:
-            start = _points_of(build, pieces)
+            start = points_of(build, pieces)
         fit = minimise_hausdorff(build, start, contour, max_steps=max_steps, atol=0.99 * limit, progress=progress)
         if float(fit.error.upper) <= limit or count == most:
             break
     return fit
 
 
-def _from_a_corner(contour: BezierSegments) -> BezierSegments:
-    """A closed contour beginning at its first corner; any other as it is."""
-    corners = np.flatnonzero(turns(contour))
-    if np.asarray(contour.following)[-1] != 0 or len(corners) == 0:
-        return contour
-    shift = -(int(corners[0]) + 1)
-    weights = None if contour.weights is None else jnp.roll(contour.weights, shift, axis=0)
-    return BezierSegments(jnp.roll(contour.control_points, shift, axis=0), weights, contour.following)
-
-
-def _contours(curve: BezierSegments) -> list[BezierSegments]:
-    """The runs of segments that follow each other."""
-    following = np.asarray(curve.following)
-    starts = np.flatnonzero(np.append(True, following[:-1] != np.arange(1, curve.count)))
-    contours = []
-    for first, last in zip(starts, np.append(starts[1:], curve.count), strict=True):
-        index = np.arange(1, last - first + 1)
-        index[-1] = 0 if following[last - 1] == first else -1
-        weights = None if curve.weights is None else curve.weights[first:last]
-        contours.append(BezierSegments(curve.control_points[first:last], weights, index))
-    return contours
-
-
-def _points_of(build: Chain, control_points: np.ndarray) -> np.ndarray:
-    """The free points that give these control points."""
-    matrix = np.asarray(build.matrix).reshape(-1, build.matrix.shape[-1])
-    return np.linalg.lstsq(matrix, control_points.reshape(len(matrix), -1), rcond=None)[0]
+def _reach(contour: BezierSegments, limit: float) -> float:
+    """The share of the length at which corners are to be seen that matter to a tolerance."""
+    length = float(np.sum(lengths_of(np.asarray(contour.homogeneous), contour.weights is not None)))
+    return min(_CORNERS * limit / length, 0.1) if length > 0 else 0.0
 
 
 class _Flat(eqx.Module):

@@ -123,10 +123,10 @@ def minimise_by_cuts(
             continue
         try:
             clock.check()
+            tried = evaluated(build, target, point.parameters + scale * move, clock)
         except OutOfTimeError:
             late = True
             break
-        tried = evaluated(build, target, point.parameters + scale * move)
         cuts, steps = [*cuts, *tried.cuts][-_CUTS:], steps + 1
         if point.value - tried.value >= _TAKEN * promised:
             point, radius = tried, min(largest, _GROWTH * radius)
@@ -147,14 +147,14 @@ def minimise_by_cuts(
     return Bundled(point, optimality, mu, result, counts, history)
 
 
-def evaluated(build: Callable[[Any], Target], target: Target, parameters: Any) -> Evaluated:
-    """Both directed distances at the parameters, with their gradients."""
-    method = BranchAndBound(rtol=_ACCURACY)
+def evaluated(build: Callable[[Any], Target], target: Target, parameters: Any, clock: Clock | None = None) -> Evaluated:
+    """Both directed distances at the parameters, with their gradients; a clock ends the search when the time is up."""
+    method, heard = BranchAndBound(rtol=_ACCURACY), None if clock is None else clock.heard
 
     def distances(p: Any) -> tuple[Any, Any]:
         shape = build(p)
         pairs = (target, shape), (shape, target)
-        found = tuple(directed_hausdorff(*pair, method, throw=False) for pair in pairs)
+        found = tuple(directed_hausdorff(*pair, method, throw=False, progress=heard) for pair in pairs)
         return tuple(solution.value for solution in found), found
 
     values, back, found = jax.vjp(distances, jnp.asarray(parameters), has_aux=True)

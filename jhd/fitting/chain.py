@@ -4,6 +4,7 @@ Source: least squares with repeated projection of the samples is in Hoschek & La
 Geometric Design (1993), chapter 4.
 """
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,13 +15,16 @@ from jaxtyping import Array, Float
 from jhd.arithmetic.bernstein import basis
 from jhd.distance.frame.jets import polynomial_jet
 from jhd.distance.nearest.feet import equation_of
-from jhd.distance.project import project
+from jhd.fitting.sampled import CurvePlaces, SampledCurve, lengths_of
 from jhd.shapes.curve import BezierSegments
 
-# Samples of each segment of the target, and rounds of least squares with new feet.
-_SAMPLES, _ROUNDS = 64, 4
-# Joints of the target that turn by more than this angle (radians) are corners.
-_CORNER = 0.2
+# Samples of each segment of the target at most, and of all of it about so many unless it has more segments.
+_SAMPLES, _ALL = 64, 1 << 13
+# Rounds of least squares with new feet, and samples of the chain, for each segment, that they are looked for among.
+_ROUNDS, _SEEDS = 4, 64
+# Joints of the target that turn by more than this angle (radians) are corners; where corners are nearer to each other
+# than matters those that turn by more than this second one at the scale that does.
+_CORNER, _BLUNT = 0.2, 0.8
 
 FloatArray = Any
 
@@ -83,28 +87,49 @@ def chain(layout: Layout, ends: FloatArray, ratios: FloatArray) -> Chain:
 
 def samples(target: BezierSegments) -> tuple[FloatArray, FloatArray]:
     """Points of a connected target, evenly spaced, and how far along it each is, from 0 to 1."""
-    t, along = _lengths(target)
-    even = np.linspace(0.0, 1.0, len(t))
-    return np.asarray(target(np.interp(even, along, t))), even
+    t, along, _ = _lengths(target)
+    even = np.linspace(0.0, 1.0, min(len(t), _ALL + 1))
+    return _points_at(target, np.interp(even, along, t)), even
 
 
-def _lengths(target: BezierSegments) -> tuple[FloatArray, FloatArray]:
-    """Parameters of samples, and the share of the length before each."""
-    t = np.linspace(0.0, target.count, _SAMPLES * target.count + 1)
-    steps = np.sqrt(np.sum(np.diff(np.asarray(target(t)), axis=0) ** 2, axis=1))
+def _points_at(target: BezierSegments, t: FloatArray) -> FloatArray:
+    """Points (samples, dim) at parameters of all of the target, whose whole numbers are the joints."""
+    segment = np.minimum(t.astype(int), target.count - 1)
+    return _sampled(target, np.inf).jets(CurvePlaces(segment, t - segment)).point
+
+
+def _sampled(target: BezierSegments, spacing: float) -> SampledCurve:
+    points = np.asarray(target.homogeneous)
+    return SampledCurve(points, np.asarray(target.following), target.weights is not None, spacing)
+
+
+def _each(target: BezierSegments) -> int:
+    """Samples of each segment."""
+    return min(_SAMPLES, max(1, -(-_ALL // target.count)))
+
+
+def _lengths(target: BezierSegments) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Parameters of samples, the share of the length before each, and the points."""
+    t = np.linspace(0.0, target.count, _each(target) * target.count + 1)
+    points = _points_at(target, t)
+    steps = np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))
     along = np.append(0.0, np.cumsum(steps))
-    return t, along / along[-1]
+    return t, along / along[-1], points
 
 
 def divided(target: BezierSegments, segments: int) -> FloatArray:
     """Where `segments` pieces begin and end along a connected target: at its corners, and evenly between them.
 
-    Where there are more corners than pieces the pieces have equal lengths.
+    Where there are more corners than pieces those count that show at the scale of half a piece; where these are too
+    many as well the pieces have equal lengths.
     """
+    along = _lengths(target)[1]
     corners = 1 + np.flatnonzero(turns(target)[:-1])
     if len(corners) >= segments:
+        corners = 1 + np.flatnonzero(turns(target, 0.5 / segments)[:-1])
+    if len(corners) >= segments:
         return np.linspace(0.0, 1.0, segments + 1)
-    breaks = np.concatenate([[0.0], _lengths(target)[1][corners * _SAMPLES], [1.0]])
+    breaks = np.concatenate([[0.0], along[corners * _each(target)], [1.0]])
     pieces = np.ones(len(breaks) - 1, int)
     while np.sum(pieces) < segments:
         pieces[np.argmax(np.diff(breaks) / pieces)] += 1
@@ -112,24 +137,74 @@ def divided(target: BezierSegments, segments: int) -> FloatArray:
     return np.append(np.concatenate(inner), 1.0)
 
 
-def turns(target: BezierSegments) -> FloatArray:
-    """Whether there is a corner where each segment of a connected target goes on to the next, the last to the first."""
+def turns(target: BezierSegments, reach: float = 0.0) -> FloatArray:
+    """Whether there is a corner where each segment of a connected target goes on to the next, the last to the first.
+
+    Corners that are nearer to each other than the reach, a share of the length, on average are noise: then those are
+    corners that turn between the parts within the reach before and after, the sharpest ones there.
+    """
     ends = np.asarray(target.control_points)
     following = np.roll(ends, -1, axis=0)
+    if target.degree == 0:
+        return np.ones(len(ends), bool)
     out, into = ends[:, -1] - ends[:, -2], following[:, 1] - following[:, 0]
-    sizes = np.sqrt(np.sum(out**2, axis=1) * np.sum(into**2, axis=1))
-    return np.sum(out * into, axis=1) < np.cos(_CORNER) * sizes
+    sharp = _cosine(out, into) < np.cos(_CORNER)
+    if np.sum(sharp) * reach <= 1:
+        return sharp
+    cosine = _turned_within(target, reach)
+    at = _lengths(target)[1][_each(target) :: _each(target)]
+    corners = np.zeros(len(sharp), bool)
+    for k in np.argsort(cosine):
+        if cosine[k] >= np.cos(_BLUNT):
+            break
+        apart = np.abs(at[corners] - at[k])
+        corners[k] = not np.any(np.minimum(apart, 1 - apart) < reach)
+    return corners
 
 
-def longest_pieces(target: BezierSegments, degree: int, tolerance: float) -> tuple[FloatArray, FloatArray]:
+def _cosine(x: FloatArray, y: FloatArray) -> FloatArray:
+    sizes = np.sqrt(np.sum(x**2, axis=1) * np.sum(y**2, axis=1))
+    return np.where(sizes > 0, np.sum(x * y, axis=1) / np.where(sizes > 0, sizes, 1.0), 1.0)
+
+
+def _turned_within(target: BezierSegments, reach: float) -> FloatArray:
+    """At each joint the cosine of the angle between the parts of some reach before and after it.
+
+    The direction of a part leads from the centre of its first half to that of its second one. At the ends of an open
+    target it is one.
+    """
+    _, along, points = _lengths(target)
+    middles = 0.5 * (points[1:] + points[:-1]) * np.diff(along)[:, None]
+    sums = np.concatenate([np.zeros((1, points.shape[1])), np.cumsum(middles, axis=0)])
+    at = along[_each(target) :: _each(target)]
+    closed = bool(np.asarray(target.following)[-1] >= 0)
+
+    def summed(s: FloatArray) -> FloatArray:
+        turns, rest = np.divmod(s, 1.0) if closed else (np.zeros_like(s), np.clip(s, 0.0, 1.0))
+        return np.stack([np.interp(rest, along, column) for column in sums.T], axis=1) + turns[:, None] * sums[-1]
+
+    sides = [summed(at + k * 0.5 * reach) for k in range(-2, 3)]
+    halves = [late - early for early, late in pairwise(sides)]
+    cosine = _cosine(halves[1] - halves[0], halves[3] - halves[2])
+    return cosine if closed else np.where((at < reach) | (at > 1 - reach), 1.0, cosine)
+
+
+def longest_pieces(
+    target: BezierSegments, degree: int, tolerance: float, reach: float
+) -> tuple[FloatArray, FloatArray]:
     """Joints along a connected target, in [0, 1], and segments (pieces, points, dim) between them by least squares.
 
     Each piece has the ends of its part of the target and is as long as it can be, found by halving, where samples of
     the part are within the tolerance of their feet; corners are joints.
+
+    Args:
+        target: the target.
+        degree: of the pieces.
+        tolerance: for the samples.
+        reach: corners nearer to each other than this share of the length are noise, see turns.
     """
-    t, along = _lengths(target)
-    points = np.asarray(target(t))
-    stops = np.append(np.flatnonzero(turns(target)[:-1]) + 1, target.count) * _SAMPLES
+    _, along, points = _lengths(target)
+    stops = np.append(np.flatnonzero(turns(target, reach)[:-1]) + 1, target.count) * _each(target)
     joints, pieces, first = [0], [], 0
     for stop in stops.tolist():
         while first < stop:
@@ -184,6 +259,36 @@ def least_squares(layout: Layout, target: BezierSegments, joints: FloatArray) ->
         right = points - np.einsum("kp,kpd->kd", values, base[segment])
         free = np.linalg.lstsq(rows, right, rcond=None)[0]
         if again < _ROUNDS - 1:
-            feet = project(points, built(jnp.asarray(free)), throw=False)
-            segment, t = np.asarray(feet.segment), np.asarray(feet.t)
+            fit = base + np.einsum("spf,fd->spd", matrix, free)
+            spacing = float(np.sum(lengths_of(fit, False))) / (_SEEDS * layout.segments)
+            segment, t = SampledCurve(fit, np.asarray(built.following), False, spacing or 1.0).feet(points).at
     return built, free
+
+
+def points_of(build: Chain, control_points: FloatArray) -> FloatArray:
+    """The free points that give these control points."""
+    matrix = np.asarray(build.matrix).reshape(-1, build.matrix.shape[-1])
+    return np.linalg.lstsq(matrix, control_points.reshape(len(matrix), -1), rcond=None)[0]
+
+
+def from_a_corner(contour: BezierSegments, reach: float) -> BezierSegments:
+    """A closed contour beginning at its first corner; any other as it is."""
+    corners = np.flatnonzero(turns(contour, reach))
+    if np.asarray(contour.following)[-1] != 0 or len(corners) == 0:
+        return contour
+    shift = -(int(corners[0]) + 1)
+    weights = None if contour.weights is None else jnp.roll(contour.weights, shift, axis=0)
+    return BezierSegments(jnp.roll(contour.control_points, shift, axis=0), weights, contour.following)
+
+
+def contours(curve: BezierSegments) -> list[BezierSegments]:
+    """The runs of segments that follow each other."""
+    following = np.asarray(curve.following)
+    starts = np.flatnonzero(np.append(True, following[:-1] != np.arange(1, curve.count)))
+    found = []
+    for first, last in zip(starts, np.append(starts[1:], curve.count), strict=True):
+        index = np.arange(1, last - first + 1)
+        index[-1] = 0 if following[last - 1] == first else -1
+        weights = None if curve.weights is None else curve.weights[first:last]
+        found.append(BezierSegments(curve.control_points[first:last], weights, index))
+    return found

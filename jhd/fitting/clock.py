@@ -8,8 +8,12 @@ class OutOfTimeError(Exception):
     """The time is up; whoever iterates keeps the best so far."""
 
 
+# What the proof at the end may take beyond the time, as a share of it.
+_FOR_PROOF = 0.1
+
+
 class Clock:
-    """Asked before each evaluation.
+    """Asked before each evaluation, and in long ones.
 
     Args:
         seconds: of wall time from now on; None for no limit.
@@ -21,13 +25,30 @@ class Clock:
     def __init__(self, seconds: float | None = None):
         if seconds is not None and not seconds > 0:
             raise ValueError(f"max_seconds is {seconds}; needs a positive number.")
-        self._end = math.inf if seconds is None else time.monotonic() + seconds
+        limit = math.inf if seconds is None else seconds
+        now = time.monotonic() if math.isfinite(limit) else 0.0
+        self._end, self._last = now + limit, now + (1 + _FOR_PROOF) * limit
 
     def is_over(self) -> bool:
         """Whether the end has come."""
-        return time.monotonic() > self._end
+        return self._end < math.inf and time.monotonic() > self._end
 
     def check(self) -> None:
         """Raises OutOfTimeError after the end."""
         if self.is_over():
             raise OutOfTimeError
+
+    def heard(self, progress: object) -> None:
+        """A listener of searches that ends those of an evaluation when the time is up; see check."""
+        del progress
+        self.check()
+
+    def closing(self, progress: object) -> None:
+        """A listener of the search for the proof at the end: after some time more it is ended with its bounds so far.
+
+        Raises:
+            KeyboardInterrupt: which is how a search is ended with the bounds reached.
+        """
+        del progress
+        if self._last < math.inf and time.monotonic() > self._last:
+            raise KeyboardInterrupt

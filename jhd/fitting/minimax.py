@@ -9,20 +9,15 @@ Source: trust regions for minimax problems are in Conn, Gould & Toint, Trust-Reg
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jhd.distance.witness.critical import critical_pairs
-from jhd.fitting.clock import Clock, OutOfTimeError
-from jhd.fitting.expansion import Expansion, FloatArray, Moving, expand
+from jhd.fitting.clock import OutOfTimeError
+from jhd.fitting.expansion import FloatArray
+from jhd.fitting.problem import Point, Problem
 from jhd.fitting.subproblem import model_step, multipliers
-from jhd.shapes.curve import AbstractCurve, BezierSegments
-from jhd.solution import RESULTS, CriticalPairs
+from jhd.solution import RESULTS
 
 # Pairs are active within this share of the largest, or what rounding leaves of the size.
 _ACTIVE, _ROUNDING = 1e-8, 4e-16
@@ -36,6 +31,8 @@ _TAKEN = 0.02
 _GROWTH, _SHRINKAGE = 2.5, 0.3
 # Share of the last gain that keeping parameters where they are is worth; scaled slopes below this one are none.
 _LAZY, _TOUCHED = 0.1, 1e-6
+# Models are solved to this share of the last gain, and to this share of the distance at least.
+_SHARE, _ROUGH = 1e-4, 1e-6
 # Attempts at a step with smaller radii before the fit gives up.
 _ATTEMPTS = 12
 # Newton's method is tried where the last step gained less than this share; it may move by this share of the size.
@@ -46,8 +43,8 @@ _CANCELLED = 0.1
 _CREEPING, _ASTRAY = 0.05, 1.5
 # A valley: so many steps in a row, each gaining less than this share.
 _VALLEY_STEPS, _VALLEY = 10, 1e-3
-# Pairs below this share of the largest take no part in a step.
-_LEAST = 1e-3
+# A fit of curves of many segments ends where so many steps together gain less than that share.
+_SETTLED = 4
 
 
 class FitProgress(NamedTuple):
@@ -66,17 +63,6 @@ class FitProgress(NamedTuple):
     optimality: float
 
 
-class Point(NamedTuple):
-    """Parameters with the critical pairs there."""
-
-    parameters: FloatArray
-    shape: AbstractCurve
-    pairs: CriticalPairs
-    expansion: Expansion
-    top: float
-    size: float
-
-
 class Ended(NamedTuple):
     """The end of an iteration."""
 
@@ -86,75 +72,6 @@ class Ended(NamedTuple):
     result: Any
     counts: dict[str, int]
     history: list[float]
-
-
-@eqx.filter_jit
-def _moving(build: Callable, parameters: Any) -> tuple[AbstractCurve, Any, Any, Any]:
-    """The shape, its segments' homogeneous control points, their derivatives, and what follows what."""
-
-    def segments(p: Any) -> Any:
-        curve = build(p).segments()
-        return curve.homogeneous, (build(p), curve.following)
-
-    points, (shape, following) = segments(parameters)
-    tangent = jax.jacfwd(lambda p: segments(p)[0])(parameters)
-    return shape, points, tangent, following
-
-
-@eqx.filter_jit
-def _bending(build: Callable, parameters: Any, cotangent: Any) -> Any:
-    """Second derivatives of the control points, contracted."""
-    return jax.hessian(lambda p: jnp.sum(build(p).segments().homogeneous * cotangent))(parameters)
-
-
-@dataclass
-class Problem:
-    """A target and a family of curves, with counts of the work.
-
-    Args:
-        build: from a vector of parameters to a curve.
-        target: the curve to fit.
-        capacity: length of the list of pairs.
-        clock: asked before each evaluation after the first.
-    """
-
-    build: Callable
-    target: BezierSegments
-    capacity: int
-    clock: Clock = field(default_factory=Clock)
-    counts: dict[str, int] = field(default_factory=lambda: {"steps": 0, "newton_steps": 0, "evaluations": 0})
-
-    def at(self, parameters: FloatArray) -> Point:
-        """The critical pairs at the parameters, expanded."""
-        if self.counts["evaluations"]:
-            self.clock.check()
-        self.counts["evaluations"] += 1
-        shape, points, tangent, following = _moving(self.build, jnp.asarray(parameters))
-        rational = points.shape[-1] > self.target.dim
-        pairs = critical_pairs(self.target, _curve(np.asarray(points), rational, following), self.capacity)
-        top = float(pairs.value[0])
-        fixed = Moving(np.asarray(self.target.homogeneous), None, self.target.weights is not None)
-        moving = Moving(np.asarray(points), np.asarray(tangent), rational)
-        size = float(np.max(np.ptp(np.asarray(self.target.control_points).reshape(-1, self.target.dim), axis=0)))
-        return Point(parameters, shape, pairs, expand(pairs, fixed, moving, _LEAST * top), top, size)
-
-    def scales(self, parameters: FloatArray) -> FloatArray:
-        """The change of each parameter that moves the control points by about one unit of length."""
-        tangent = np.asarray(_moving(self.build, jnp.asarray(parameters))[2])
-        moved = np.max(np.abs(tangent.reshape(-1, tangent.shape[-1])), axis=0)
-        return 1 / np.where(moved > 0, moved, 1.0)
-
-    def bending(self, point: Point, mu: FloatArray) -> FloatArray:
-        """What the second derivatives of the control points add to the Hessian of sum mu_j h_j."""
-        cotangent = np.tensordot(mu, point.expansion.cotangent, axes=1)
-        return np.asarray(_bending(self.build, jnp.asarray(point.parameters), cotangent))
-
-
-def _curve(homogeneous: FloatArray, rational: bool, following: Any) -> BezierSegments:
-    if not rational:
-        return BezierSegments(homogeneous, None, following)
-    weights = homogeneous[..., -1]
-    return BezierSegments(homogeneous[..., :-1] / weights[..., None], weights, following)
 
 
 def slack(point: Point) -> float:
@@ -207,6 +124,9 @@ def minimise(
         result = RESULTS.fit_in_a_valley if creeping >= _VALLEY_STEPS else RESULTS.fit_steps_exhausted
         if gain <= _ROUNDING * point.size and residual <= STATIONARY and residual >= 0.1 * before:
             break
+        if point.many and len(history) > _SETTLED and history[-1 - _SETTLED] - point.top < _VALLEY * point.top:
+            result = RESULTS.fit_in_a_valley
+            break
     if residual <= STATIONARY or point.top <= max(atol, _ROUNDING * point.size):
         result = RESULTS.successful
     return Ended(point, mu, residual, result, problem.counts, history)
@@ -231,8 +151,14 @@ def _step(
 
 
 def _convex(hessian: FloatArray) -> FloatArray:
-    values, vectors = np.linalg.eigh(hessian)
-    return (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    """The convex parts of matrices (..., parameters, parameters), each by the parameters that it depends on."""
+    flat = hessian.reshape(-1, *hessian.shape[-2:])
+    convex = np.zeros_like(flat)
+    for found, matrix in zip(convex, flat, strict=True):
+        some = np.flatnonzero(np.any(matrix != 0, axis=0))
+        values, vectors = np.linalg.eigh(matrix[np.ix_(some, some)])
+        found[np.ix_(some, some)] = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return convex.reshape(hessian.shape)
 
 
 def _priced(point: Point, scale: FloatArray) -> FloatArray:
@@ -254,14 +180,16 @@ def _trusted_step(
     models = [_convex(hessian)]
     if last < _NEAR * point.top:
         # The curvature that the pairs have together: in a valley that of each alone is too large.
-        models.append(np.broadcast_to(_convex(np.tensordot(mu, hessian, axes=1)), hessian.shape))
+        models.append(_convex(np.tensordot(mu, hessian, axes=1)[None]))
     # Parameters that do not matter stay where they are.
     lazy = min(_LAZY, _LAZY * last / point.top) / len(scale) * point.top
-    floor = _ROUNDING * point.size
+    floor, accuracy = _ROUNDING * point.size, min(_ROUGH, _SHARE * last / point.top)
     for _ in range(_ATTEMPTS):
         tried = []
         for model in models:
-            d = model_step(h, g, model + lazy * np.diag(1 / radius**2), radius)
+            near = _reachable(h, g, model, radius)
+            own = model if len(model) == 1 else model[near]
+            d = model_step(h[near], g[near], own + lazy * np.diag(1 / radius**2), radius, accuracy)
             predicted = point.top - float(np.max(h + g @ d + 0.5 * (model @ d) @ d))
             if predicted > floor:
                 tried.append((problem.at(point.parameters + scale * d), predicted, d))
@@ -279,6 +207,13 @@ def _trusted_step(
         touched = touched if np.any(touched) else np.ones_like(touched)
         radius = np.where(touched, _SHRINKAGE * np.minimum(radius, _length(d)), radius)
     return None, radius, RESULTS.fit_at_a_kink
+
+
+def _reachable(h: FloatArray, g: FloatArray, hessian: FloatArray, radius: FloatArray) -> FloatArray:
+    """Which pairs can be the largest of the model anywhere within the radii."""
+    slope = np.abs(g) @ radius
+    rise = slope + 0.5 * np.abs(hessian) @ radius @ radius
+    return h + rise >= np.max(h - slope)
 
 
 def _further(problem: Problem, point: Point, stride: FloatArray, scale: FloatArray, radius: FloatArray) -> Point:

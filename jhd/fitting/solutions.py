@@ -1,7 +1,7 @@
 """What fits by the Hausdorff distance hand back: where they ended, with the proven distance."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,23 +11,62 @@ import numpy as np
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.hausdorff import hausdorff
 from jhd.fitting.bundle import Bundled
-from jhd.fitting.minimax import Ended
-from jhd.shapes.curve import AbstractCurve
-from jhd.solution import DIRECTIONS, RESULTS, CriticalPairs, FitSolution
+from jhd.fitting.clock import Clock
+from jhd.fitting.minimax import Ended, minimise
+from jhd.fitting.problem import Problem
+from jhd.solution import DIRECTIONS, RESULTS, CriticalPairs, FitSolution, HausdorffSolution
 
 # A maximum was missed where the proven distance is larger by this share, or this share of the size.
 _MISSED = 1e-9
+# How often samples are doubled after a maximum was missed.
+_DENSER = 3
 
 
-def minimax_solution(
-    ended: Ended, unravel: Callable, target: AbstractCurve, method: AbstractHausdorffMethod | None
-) -> FitSolution:
-    """The end of a fit by all maxima of the distance, with the proven distance."""
+class ProvenEnd(NamedTuple):
+    """The end of a fit by all maxima, with the proven distance."""
+
+    ended: Ended
+    error: HausdorffSolution
+    missed: bool
+
+
+def minimise_and_prove(
+    problem: Problem,
+    start: Any,
+    max_steps: int,
+    atol: float,
+    method: AbstractHausdorffMethod | None,
+    report: Callable[[int, float, float], object],
+) -> ProvenEnd:
+    """A fit by all maxima, taken up again with more samples where curves of many segments had hidden a maximum."""
+    found = _proven(problem, minimise(problem, start, max_steps, atol, report), method)
+    for _ in range(_DENSER):
+        before, steps = found.ended, problem.counts["steps"]
+        if not (found.missed and before.point.many) or steps >= max_steps or problem.clock.is_over():
+            break
+        problem.density *= 2
+
+        def later(step: int, value: float, optimality: float, steps: int = steps) -> None:
+            if step:
+                report(steps + step, value, optimality)
+
+        ended = minimise(problem, before.point.parameters, max_steps - steps, atol, later)
+        found = _proven(problem, ended._replace(history=before.history + ended.history[1:]), method)
+    return found
+
+
+def _proven(problem: Problem, ended: Ended, method: AbstractHausdorffMethod | None) -> ProvenEnd:
+    point = ended.point
+    error = hausdorff(problem.target, point.shape, method, throw=False, progress=problem.clock.closing)
+    return ProvenEnd(ended, error, float(error.lower) > point.top * (1 + _MISSED) + _MISSED * point.size)
+
+
+def minimax_solution(proven: ProvenEnd, unravel: Callable) -> FitSolution:
+    """The solution of a fit by all maxima."""
+    ended, error, missed = proven
     point, pairs = ended.point, ended.point.pairs
     mu = np.zeros(pairs.value.shape)
     mu[: len(ended.multipliers)] = ended.multipliers
-    error = hausdorff(target, point.shape, method, throw=False)
-    missed = float(error.lower) > point.top * (1 + _MISSED) + _MISSED * point.size
     return FitSolution(
         parameters=unravel(jnp.asarray(point.parameters)),
         shape=point.shape,
@@ -42,7 +81,7 @@ def minimax_solution(
 
 
 def bundled_solution(
-    ended: Bundled, unravel: Callable, target: Any, method: AbstractHausdorffMethod | None
+    ended: Bundled, unravel: Callable, target: Any, method: AbstractHausdorffMethod | None, clock: Clock
 ) -> FitSolution:
     """The end of a fit by cuts, likewise."""
     point = ended.point
@@ -55,7 +94,7 @@ def bundled_solution(
     return FitSolution(
         parameters=unravel(jnp.asarray(point.parameters)),
         shape=point.shape,
-        error=hausdorff(target, point.shape, method, throw=False),
+        error=hausdorff(target, point.shape, method, throw=False, progress=clock.closing),
         optimality=jnp.asarray(ended.optimality),
         multipliers=jnp.asarray(ended.multipliers[list(order)]),
         pairs=CriticalPairs(values, witness, jnp.ones(2, bool), RESULTS.successful),

@@ -10,7 +10,7 @@ import numpy as np
 
 from jhd.arithmetic.least_squares import non_negative
 
-# Steps of the interior point method, of which 8 to 20 are needed; its tolerance in units of order one.
+# Steps of the interior point method, of which 8 to 20 are needed; its least tolerance in units of order one.
 _STEPS, _TOLERANCE = 60, 1e-13
 # Share of the way to the boundary that a step takes.
 _SHARE = 0.995
@@ -18,16 +18,19 @@ _SHARE = 0.995
 FloatArray = Any
 
 
-def model_step(value: FloatArray, gradient: FloatArray, hessian: FloatArray, radius: FloatArray) -> FloatArray:
+def model_step(
+    value: FloatArray, gradient: FloatArray, hessian: FloatArray, radius: FloatArray, accuracy: float = 0.0
+) -> FloatArray:
     """The d with |d_m| <= radius_m for which the largest of value_i + gradient_i d + d hessian_i d / 2 is least.
 
     Args:
         value: (pairs,) of which the largest is positive.
         gradient: (pairs, parameters).
-        hessian: (pairs, parameters, parameters), positive semidefinite.
+        hessian: (pairs, parameters, parameters), positive semidefinite; or (1, parameters, parameters), that of all.
         radius: (parameters,) positive.
+        accuracy: how exact the least value is to be, as a share of the largest; what rounding leaves where it is less.
     """
-    scale = np.max(value)
+    scale, tolerance = np.max(value), max(_TOLERANCE, accuracy)
     # In units of the radius and of the largest value: x = (d / radius, (level - scale) / scale).
     g, h, e = gradient * radius / scale, hessian * radius[:, None] * radius / scale, value / scale - 1
     count = len(radius)
@@ -37,14 +40,14 @@ def model_step(value: FloatArray, gradient: FloatArray, hessian: FloatArray, rad
     y /= len(y)
     objective = np.append(np.zeros(count), 1.0)
     for _ in range(_STEPS):
-        curved = h @ x[:-1]
+        curved = (h.reshape(-1, count) @ x[:-1]).reshape(-1, count)
         rows = np.vstack([np.hstack([g + curved, -np.ones((k, 1))]), box])
         excess = np.append(e + g @ x[:-1] + 0.5 * curved @ x[:-1] - x[-1], box @ x - 1) + slack
         dual, gap = objective + rows.T @ y, slack @ y / len(y)
-        if max(np.max(np.abs(dual)), np.max(np.abs(excess)), gap) < _TOLERANCE:
+        if max(np.max(np.abs(dual)), np.max(np.abs(excess)), gap) < tolerance:
             break
         matrix = rows.T * (y / slack) @ rows
-        matrix[:-1, :-1] += np.tensordot(y[:k], h, axes=1)
+        matrix[:-1, :-1] += np.tensordot(y[:k] if len(h) == k else np.sum(y[:k], keepdims=True), h, axes=1)
         matrix[np.diag_indices(count + 1)] += 1e-15 * np.trace(matrix) / (count + 1)
         direction = _Direction(matrix, rows, slack, y, excess, dual)
         predicted = direction.towards(slack * y)

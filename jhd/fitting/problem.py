@@ -1,0 +1,146 @@
+"""A target and a family of curves: the critical pairs at parameters, with derivatives, and counts of the work.
+
+Curves of few segments are searched by `critical_pairs`, all of whose maxima take part. Its work grows with the product
+of both numbers of segments, so beyond some of it the maxima near the top are looked for with trees (near_top), in a
+time that grows with the sum of both numbers.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jhd.distance.witness.critical import critical_pairs
+from jhd.fitting.clock import Clock
+from jhd.fitting.expansion import Expansion, FloatArray, Moving, expand
+from jhd.fitting.near_top import pairs_near_top
+from jhd.fitting.sampled import SampledCurve, lengths_of
+from jhd.shapes.curve import AbstractCurve, BezierSegments
+from jhd.solution import CriticalPairs
+
+# Pairs below this share of the largest take no part in a step; of curves of many segments these.
+_LEAST, _LEAST_OF_MANY = 1e-3, 0.3
+# Curves are of many segments where the product of both numbers exceeds this one.
+_MANY = 1 << 10
+# Samples of each curve are at least so many, and at least so many for each segment of the other one.
+_SAMPLES, _SAMPLES_EACH = 1 << 11, 4
+
+
+@dataclass
+class Point:
+    """Parameters with the critical pairs there."""
+
+    parameters: FloatArray
+    shape: AbstractCurve
+    pairs: CriticalPairs
+    fixed: Moving
+    moving: Moving
+    many: bool
+    top: float
+    size: float
+
+    @cached_property
+    def expansion(self) -> Expansion:
+        """The pairs that take part, with their derivatives; a point that is turned down needs none."""
+        least = _LEAST_OF_MANY if self.many else _LEAST
+        return expand(self.pairs, self.fixed, self.moving, least * self.top)
+
+
+@eqx.filter_jit
+def _moving(build: Callable, parameters: Any) -> tuple[AbstractCurve, Any, Any, Any]:
+    """The shape, its segments' homogeneous control points, their derivatives, and what follows what."""
+
+    def segments(p: Any) -> Any:
+        curve = build(p).segments()
+        return curve.homogeneous, (build(p), curve.following)
+
+    points, (shape, following) = segments(parameters)
+    tangent = jax.jacfwd(lambda p: segments(p)[0])(parameters)
+    return shape, points, tangent, following
+
+
+@eqx.filter_jit
+def _bending(build: Callable, parameters: Any, cotangent: Any) -> Any:
+    """Second derivatives of the control points, contracted."""
+    return jax.hessian(lambda p: jnp.sum(build(p).segments().homogeneous * cotangent))(parameters)
+
+
+@dataclass
+class Problem:
+    """A target and a family of curves, with counts of the work.
+
+    Args:
+        build: from a vector of parameters to a curve.
+        target: the curve to fit.
+        capacity: length of the list of pairs.
+        clock: asked before each evaluation after the first.
+        density: how many times the usual number of samples curves of many segments have.
+    """
+
+    build: Callable
+    target: BezierSegments
+    capacity: int
+    clock: Clock = field(default_factory=Clock)
+    density: float = 1.0
+    counts: dict[str, int] = field(default_factory=lambda: {"steps": 0, "newton_steps": 0, "evaluations": 0})
+
+    def __post_init__(self):
+        points = np.asarray(self.target.homogeneous)
+        self._fixed = Moving(points, None, self.target.weights is not None)
+        self._size = float(np.max(np.ptp(np.asarray(self.target.control_points).reshape(-1, self.target.dim), axis=0)))
+        self._length = float(np.sum(lengths_of(points, self._fixed.rational)))
+        self._sampled: dict[tuple[int, float], SampledCurve] = {}
+
+    def at(self, parameters: FloatArray) -> Point:
+        """The critical pairs at the parameters."""
+        # The first one is needed, whatever the time.
+        clock = self.clock if self.counts["evaluations"] else Clock()
+        clock.check()
+        self.counts["evaluations"] += 1
+        shape, points, tangent, following = _moving(self.build, jnp.asarray(parameters))
+        rational = points.shape[-1] > self.target.dim
+        moving = Moving(np.asarray(points), np.asarray(tangent), rational)
+        many = self.has_many(len(points))
+        if many:
+            pairs = self._near_top(moving, np.asarray(following), clock)
+        else:
+            pairs = critical_pairs(self.target, _curve(moving, following), self.capacity)
+        return Point(parameters, shape, pairs, self._fixed, moving, many, float(pairs.value[0]), self._size)
+
+    def has_many(self, count: int) -> bool:
+        """Whether maxima near the top alone take part, for so many segments of the shape."""
+        return count * self.target.count > _MANY
+
+    def _near_top(self, moving: Moving, following: FloatArray, clock: Clock) -> CriticalPairs:
+        samples = self.density * max(_SAMPLES, _SAMPLES_EACH * max(self.target.count, len(moving.points)))
+        spacing = self._length / samples
+        target = self._sampled.get((len(moving.points), self.density))
+        if target is None:
+            target = SampledCurve(self._fixed.points, np.asarray(self.target.following), self._fixed.rational, spacing)
+            self._sampled[len(moving.points), self.density] = target
+        clock.check()
+        shape = SampledCurve(moving.points, following, moving.rational, spacing)
+        return pairs_near_top(target, shape, _LEAST_OF_MANY, self.capacity, clock)
+
+    def scales(self, parameters: FloatArray) -> FloatArray:
+        """The change of each parameter that moves the control points by about one unit of length."""
+        tangent = np.asarray(_moving(self.build, jnp.asarray(parameters))[2])
+        moved = np.max(np.abs(tangent.reshape(-1, tangent.shape[-1])), axis=0)
+        return 1 / np.where(moved > 0, moved, 1.0)
+
+    def bending(self, point: Point, mu: FloatArray) -> FloatArray:
+        """What the second derivatives of the control points add to the Hessian of sum mu_j h_j."""
+        cotangent = np.tensordot(mu, point.expansion.cotangent, axes=1)
+        return np.asarray(_bending(self.build, jnp.asarray(point.parameters), cotangent))
+
+
+def _curve(moving: Moving, following: Any) -> BezierSegments:
+    if not moving.rational:
+        return BezierSegments(moving.points, None, following)
+    weights = moving.points[..., -1]
+    return BezierSegments(moving.points[..., :-1] / weights[..., None], weights, following)
