@@ -47,6 +47,7 @@ from jhd.distance import (  # noqa: E402
     directed_hausdorff,
     hausdorff,
     hausdorff_at_most,
+    minimum_at_most,
     minimum_distance,
     nearest_shapes,
     pairs_within,

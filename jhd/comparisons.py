@@ -5,6 +5,7 @@ Lengths may be given as shares of the diagonal of the box of both shapes, and ar
 
 import sys
 from argparse import Namespace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ from jhd.report import (
     space_picture,
 )
 from jhd.shapes.curve import AbstractCurve
-from jhd.solution import ANSWERS, Decision, HausdorffSolution, name_of, to_plain
+from jhd.solution import Decision, HausdorffSolution, name_of, to_plain
 
 # A directed distance whose bounds are this close, as a share, is drawn as it is.
 _CLOSED = 1e-6
@@ -108,12 +109,9 @@ def _distance_at_most(options: Namespace, a: Any, b: Any, method: Any) -> int:
         name = next(name for name, value in given.items() if value)
         raise ValueError(f"{name}: with --threshold the search ends before the farthest place is known; leave it out.")
     limit = _limit(options, a, b)
+    asked = partial(jhd.hausdorff_at_most, a, b, limit, method, directed=options.directed)
     with busy("computing; a first run compiles") as show:
-        if options.directed:
-            found, seconds = timed(lambda: jhd.directed_hausdorff(a, b, method, throw=False, progress=show))
-            found = _decided(found, limit)
-        else:
-            found, seconds = timed(lambda: jhd.hausdorff_at_most(a, b, limit, method, progress=show))
+        found, seconds = timed(lambda: asked(progress=show))
     asked = {"directed": options.directed, "method": method_name(method)}
     return _print_decision(options, a, b, _title(options), found, seconds, asked)
 
@@ -123,16 +121,6 @@ def _limit(options: Namespace, a: Any, b: Any) -> float:
     if not limit >= 0:
         raise ValueError(f"--threshold is {options.threshold.text}; needs a length of at least 0.")
     return limit
-
-
-def _decided(found: Any, limit: float) -> Decision:
-    """What proven bounds say about a threshold."""
-    answer = ANSWERS.undecided
-    if float(found.upper) <= limit:
-        answer = ANSWERS.yes
-    elif float(found.lower) > limit:
-        answer = ANSWERS.no
-    return Decision(answer, found.lower, found.upper, found.result, found.stats)
 
 
 def _print_decision(
@@ -156,13 +144,14 @@ def minimum(options: Namespace) -> int:
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
     atol = None if options.atol is None else options.atol.of(a, b)
+    method = jhd.BranchAndBound(atol=atol)
     if options.threshold is not None:
-        _limit(options, a, b)
-    with busy("computing; a first run compiles") as show:
-        found, seconds = timed(lambda: jhd.minimum_distance(a, b, atol=atol, throw=False, progress=show))
-    if options.threshold is not None:
-        decided = _decided(found, _limit(options, a, b))
+        limit = _limit(options, a, b)
+        with busy("computing; a first run compiles") as show:
+            decided, seconds = timed(lambda: jhd.minimum_at_most(a, b, limit, method, progress=show))
         return _print_decision(options, a, b, "minimum distance", decided, seconds, {})
+    with busy("computing; a first run compiles") as show:
+        found, seconds = timed(lambda: jhd.minimum_distance(a, b, method, throw=False, progress=show))
     if options.json:
         print_json(found, a=options.a, b=options.b, **box_of(a, b), diagonal=size, seconds=seconds)
         return exit_status(found)

@@ -8,7 +8,7 @@ from matplotlib.image import imread
 
 import jhd
 from jhd.__main__ import main
-from jhd.comparisons import _decided
+from jhd.distance.decisions import decided
 from jhd.io import save_mesh, save_surface
 from jhd.lengths import length, rounded_diagonal, share_text
 from jhd.options import kind_of
@@ -86,9 +86,9 @@ def test_thresholds_of_one_direction_and_of_the_minimum_are_told_from_their_boun
 def test_bounds_on_both_sides_of_a_threshold_decide_nothing():
     solution = jhd.hausdorff(*PAIR)
     lower, upper = float(solution.lower), float(solution.upper)
-    assert name_of(_decided(solution, upper).answer) == "yes"
-    assert name_of(_decided(solution, np.nextafter(lower, 0)).answer) == "no"
-    assert lower == upper or name_of(_decided(solution, lower).answer) == "undecided"
+    assert name_of(decided(solution, upper).answer) == "yes"
+    assert name_of(decided(solution, np.nextafter(lower, 0)).answer) == "no"
+    assert lower == upper or name_of(decided(solution, lower).answer) == "undecided"
 
 
 def test_meshes_are_drawn_in_the_colours_of_their_distance_beside_any_shape(run):

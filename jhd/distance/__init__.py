@@ -28,7 +28,7 @@ from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_m
 from jhd.distance.many.signatures import Signatures
 from jhd.distance.many.tasks import CollectionProgress
 from jhd.distance.measures import Hausdorff, Mean, MeasureSolution, Quantile, RootMeanSquare
-from jhd.distance.minimum import minimum_distance
+from jhd.distance.minimum import minimum_at_most, minimum_distance
 from jhd.distance.profile import Profile, profile
 from jhd.distance.project import project, stationary_points
 from jhd.distance.project_methods import (

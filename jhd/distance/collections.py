@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jhd.arrays import check_whole, real_array
+from jhd.distance.decisions import checked_limit
 from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
-from jhd.distance.hausdorff import checked_limit
 from jhd.distance.many.near_duplicates import candidates
 from jhd.distance.many.neighbours import nearest_of, standings_of, together
 from jhd.distance.many.shapes import Collection, both_collections

@@ -4,11 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from jaxtyping import Array
-
-from jhd.arithmetic.rounding import ordered
-from jhd.arrays import is_traced, real_array
-from jhd.compiled import compiled
+from jhd.distance.decisions import checked_limit, decided
 from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
 from jhd.distance.pairs import pair_of
 from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
@@ -16,12 +12,9 @@ from jhd.distance.search.search import Progress
 from jhd.shapes.checks import Numbers
 from jhd.slips import belongs
 from jhd.solution import (
-    ANSWERS,
-    RESULTS,
     Decision,
     HausdorffSolution,
     on_device,
-    result_where,
     throw_unless_successful,
 )
 
@@ -119,6 +112,7 @@ def hausdorff_at_most(
     threshold: Numbers,
     method: AbstractHausdorffMethod | None = None,
     *,
+    directed: bool = False,
     progress: Callable[[Progress], object] | None = None,
 ) -> Decision:
     """Whether the Hausdorff distance is at most the threshold: proven yes, proven no, or undecided at the tolerance.
@@ -132,6 +126,7 @@ def hausdorff_at_most(
         b: another of these, of the same dimension.
         threshold: a length of at least 0, in the unit of the coordinates.
         method: options of the search; its tolerance says when it gives up.
+        directed: whether the directed distance from a to b is meant.
         progress: as for `directed_hausdorff`.
 
     Returns:
@@ -147,26 +142,10 @@ def hausdorff_at_most(
     pair, limit = pair_of(a, b, method, progress), checked_limit(threshold)
     # Inward, so that bounds cut off at the level are not above the threshold, nor at the ceiling below it.
     level, ceiling = pair.length(limit, 0.0), pair.length(limit, math.inf)
+    if directed:
+        return decided(pair.reported(pair.measured(level=level, ceiling=ceiling)), limit)
     there, back = pair.both(level, ceiling)
-    return _decided(pair.larger(pair.reported(there), pair.reported(back)), limit)
-
-
-def checked_limit(threshold: Numbers) -> Array:
-    """The threshold as one number of at least 0; ValueError for anything else."""
-    limit = real_array("threshold", threshold)
-    if limit.shape != () or (not is_traced(limit) and float(limit) < 0):
-        raise ValueError(f"threshold is {limit}; needs one number of at least 0.")
-    return limit
-
-
-@compiled
-def _decided(solution: HausdorffSolution, limit: Array) -> Decision:
-    lower, upper, most = (ordered(x) for x in (solution.lower, solution.upper, limit))
-    below, above = upper <= most, lower > most
-    answer = ANSWERS.where(below, ANSWERS.yes, ANSWERS.where(above, ANSWERS.no, ANSWERS.undecided))
-    ended = result_where(solution.result == RESULTS.successful, RESULTS.gap_not_closed, solution.result)
-    result = result_where(below | above, RESULTS.successful, ended)
-    return Decision(answer, solution.lower, solution.upper, result, solution.stats)
+    return decided(pair.larger(pair.reported(there), pair.reported(back)), limit)
 
 
 def _finish(solution: HausdorffSolution, throw: bool) -> HausdorffSolution:

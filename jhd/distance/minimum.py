@@ -7,7 +7,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from jhd.arrays import is_tracing
+from jhd.arrays import is_traced, is_tracing
+from jhd.distance.decisions import checked_limit, decided
 from jhd.distance.frame.method import check_serves
 from jhd.distance.frame.nets import net_of
 from jhd.distance.project import project
@@ -17,14 +18,14 @@ from jhd.distance.search.closest_triangles import as_mesh, of_meshes
 from jhd.distance.search.mixed import with_surface
 from jhd.distance.search.nets import of_nets
 from jhd.distance.search.points import is_points, nearest_points, point_mesh
-from jhd.distance.search.search import Progress
+from jhd.distance.search.search import Progress, Threshold
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
-from jhd.solution import MinimumSolution, throw_unless_successful
+from jhd.solution import Decision, MinimumSolution, throw_unless_successful
 
 _KINDS = (
     "a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface or a TriangleMesh"
@@ -111,6 +112,43 @@ def minimum_distance(
     if throw:
         throw_unless_successful(solution)
     return solution
+
+
+def minimum_at_most(
+    a: Any,
+    b: Any,
+    threshold: Numbers,
+    method: BranchAndBound | None = None,
+    *,
+    progress: Callable[[Progress], object] | None = None,
+) -> Decision:
+    """Whether the minimum distance is at most the threshold: proven yes, proven no, or undecided at the tolerance.
+
+    The search of `minimum_distance`, ended between two of its stretches when the bounds are on one side of the
+    threshold. Under jit it runs to its end.
+
+    >>> from jhd.shapes.curve import circle
+    >>> bool(minimum_at_most(circle([0, 0], 3.0), circle([0, 7], 2.0), 1.5))
+    False
+
+    Args:
+        a: as for `minimum_distance`.
+        b: likewise.
+        threshold: a length of at least 0, in the unit of the coordinates.
+        method: options of the search; its tolerance says when it gives up.
+        progress: as for `minimum_distance`.
+
+    Returns:
+        The answer with the bounds of the distance that were reached; `result` says why where it is undecided.
+
+    Raises:
+        TypeError: a shape of another kind, or another method than BranchAndBound.
+        ValueError: shapes of different dimensions, a surface proven empty in its box, or a threshold that is no length.
+    """
+    limit, method = checked_limit(threshold), default_method() if method is None else method
+    check_serves(method, a, b, (BranchAndBound,))
+    hears = progress if is_traced(limit) else Threshold(float(limit), progress)
+    return decided(minimum_distance(a, b, method, throw=False, progress=hears), limit)
 
 
 def _method(method: BranchAndBound | VoxelPairs | None, options: dict[str, Any]) -> BranchAndBound | VoxelPairs:

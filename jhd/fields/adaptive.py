@@ -1,4 +1,4 @@
-"""Adaptively sampled distance fields: signed distances of a mesh on an octree, interpolated between its corners.
+"""Adaptively sampled distance fields: distances of a mesh on an octree, signed or not, interpolated between corners.
 
 Such a field answers millions of queries a second, has a derivative almost everywhere, and can be turned into a mesh
 again. It is an approximation: the tolerance of its construction is checked at 19 points of each cell. How far it is off
@@ -8,8 +8,7 @@ Sources: "3-D signed Euclidean distance transform and its applications" (Lin03, 
 Rockwood, Jones, Adaptively sampled distance fields (2000).
 """
 
-import math
-import operator
+import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -29,6 +28,8 @@ from jhd.fields.adaptive_evaluate import LeafCells, values_at
 from jhd.fields.adaptive_extract import Leaves, extracted
 from jhd.fields.adaptive_samples import SIGNS, Surface, is_inner, surface_of
 from jhd.fields.adaptive_surfaces import MESH_SHARE, meshed
+from jhd.fields.checks import one_of, positive, whole
+from jhd.files import replace_file
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh, check_mesh
@@ -39,7 +40,7 @@ _FORMAT = "jhd.AdaptiveDistanceField 1"
 
 
 class AdaptiveDistanceField(eqx.Module):
-    """Signed distances to a mesh, negative inside, stored at the corners of the leaves of an octree.
+    """Distances to a mesh, negative inside or without a sign, stored at the corners of the leaves of an octree.
 
     Within a leaf the field is the trilinear interpolation of the values at its corners. Between leaves of one size it
     is continuous; between others it may jump by up to the tolerance. Made by `build`.
@@ -59,7 +60,7 @@ class AdaptiveDistanceField(eqx.Module):
         atol: the tolerance of the construction.
         depth: how often a cell of the coarsest grid is halved to give a finest one.
         mode: "band" or "full".
-        sign: "winding" or "pseudonormal".
+        sign: "winding", "pseudonormal" or "none".
         unresolved: leaves that are off by more than the tolerance at one of their 19 points, because the largest depth
             or number of cells was reached.
     """
@@ -110,7 +111,8 @@ class AdaptiveDistanceField(eqx.Module):
             atol: the tolerance, positive, in the unit of the mesh.
             mode: "band" refines only cells that may meet the surface; "full" all of them, as published.
             sign: as for jhd.signed_distance: "winding", for all meshes (where one is not closed the field jumps across
-                its holes), or "pseudonormal", for closed ones without self-intersections.
+                its holes), or "pseudonormal", for closed ones without self-intersections; or "none": distances are at
+                least 0, for open surfaces. These bend at the surface, so cells there are about as wide as twice atol.
             max_depth: most halvings of the cells of the first grid, 9 to 16 of which are as long as the box.
             max_cells: cells beyond which none is split; a million take 1.3 gigabytes while the field is
                 built.
@@ -119,23 +121,23 @@ class AdaptiveDistanceField(eqx.Module):
         Raises:
             TypeError: no surface, one that is traced, or numbers of another kind.
             ValueError: a tolerance that is not positive and finite, an unknown mode or sign, a depth or number out of
-                range, pseudonormals of a mesh that is not closed and consistently oriented, or a surface of which
-                `to_mesh` makes no mesh.
+                range, pseudonormals of a mesh that is not closed and consistently oriented, a parametric or polynomial
+                surface that is open where a sign is asked for, or one of which `to_mesh` makes no mesh.
         """
-        shape, tolerance = taken_as("mesh", mesh), _positive("atol", atol)
-        mesh = meshed(shape, tolerance)[0]
-        surface, power = _surface("mesh", mesh, _one_of("sign", sign, SIGNS))
-        depth = _whole("max_depth", max_depth, 0, DEEPEST)
-        most = _whole("max_cells", max_cells, 1, 1 << 27)
+        shape, tolerance = taken_as("mesh", mesh), positive("atol", atol)
+        mesh = meshed(shape, tolerance, one_of("sign", sign, SIGNS))[0]
+        surface, power = _surface("mesh", mesh, sign)
+        depth = whole("max_depth", max_depth, 0, DEEPEST)
+        most = whole("max_cells", max_cells, 1, 1 << 27)
         grid = first_grid(mesh, tolerance)
         # What is beyond floats there asks for all cells, or for none.
         asked = _scaled(tolerance if mesh is shape else (1 - MESH_SHARE) * tolerance, -power)
         unit_grid = grid._replace(side=float(np.ldexp(grid.side, -power)))
-        tree = build_octree(Task(surface, unit_grid, asked, _one_of("mode", mode, MODES), depth, most, progress))
+        tree = build_octree(Task(surface, unit_grid, asked, one_of("mode", mode, MODES), depth, most, progress))
         numbers = (grid.start * grid.side, np.ldexp(grid.side, -tree.depth), _scaled(tree.values, power), tolerance)
         lower, spacing, values, atol_ = (jnp.asarray(x, surface.dtype) for x in numbers)
         names = ("roots", "nodes", "places", "widths", "corners")
-        whole = {name: jnp.asarray(getattr(tree, name), jnp.int32) for name in names}
+        integers = {name: jnp.asarray(getattr(tree, name), jnp.int32) for name in names}
         return cls(
             lower=lower,
             spacing=spacing,
@@ -145,7 +147,7 @@ class AdaptiveDistanceField(eqx.Module):
             mode=mode,
             sign=sign,
             unresolved=tree.unresolved,
-            **whole,
+            **integers,
         )
 
     @property
@@ -188,9 +190,11 @@ class AdaptiveDistanceField(eqx.Module):
         Raises:
             ImportError: scikit-image is not installed.
             TypeError: a resolution that is no whole number, or a field that is traced.
-            ValueError: a resolution out of range, or no zero on the grid.
+            ValueError: a resolution out of range, no zero on the grid, or a field without signs.
         """
-        count, known = _whole("resolution", resolution, 2, 4096), self._known()
+        if self.sign == "none":
+            raise ValueError("the field has no signs, so its zero set is no surface; needs a field with signs.")
+        count, known = whole("resolution", resolution, 2, 4096), self._known()
         power = int(common_exponent(np.asarray(known.lower), np.asarray(known.upper)))
         known = known._times(-power)
         at_corners = np.asarray(known.values)[np.asarray(known.corners)]
@@ -202,7 +206,7 @@ class AdaptiveDistanceField(eqx.Module):
         return TriangleMesh(np.ldexp(np.asarray(found.vertices), power), found.triangles)
 
     def sampled_error(self, mesh: Any, samples: int = 100_000, seed: int = 0) -> float:
-        """The largest |field - signed distance| at random points: of the band in mode "band", of the box in "full".
+        """The largest |field - distance| at random points: of the band in mode "band", of the box in "full".
 
         The band is the leaves that may meet the surface; points are uniform in it. For a parametric or polynomial
         surface the signed distance is that of the mesh that `build` made of it.
@@ -216,9 +220,9 @@ class AdaptiveDistanceField(eqx.Module):
             TypeError: no surface, numbers that are not whole, or what is traced.
             ValueError: numbers out of range, or no leaf that meets the mesh.
         """
-        surface, power = _surface("mesh", meshed(mesh, float(self._known().atol))[0])
-        count = _whole("samples", samples, 1, 1 << 31)
-        random, known = np.random.default_rng(_whole("seed", seed, 0, 1 << 63)), self._known()._times(-power)
+        surface, power = _surface("mesh", meshed(mesh, float(self._known().atol), self.sign)[0], self._kind)
+        count = whole("samples", samples, 1, 1 << 31)
+        random, known = np.random.default_rng(whole("seed", seed, 0, 1 << 63)), self._known()._times(-power)
         boxes = known._boxes(surface)
         volume = boxes.width**3
         chosen = random.choice(len(volume), count, p=volume / volume.sum())
@@ -231,12 +235,13 @@ class AdaptiveDistanceField(eqx.Module):
     def proven_error(self, mesh: Any, *, rtol: float = 0.25, max_boxes: int = 400_000) -> float:
         """A proven upper bound of |field - signed distance|: in the band in mode "band", in the box in "full".
 
-        The signed distance is that by the winding number, the mesh and the values are taken as they are stored, and
-        the field as their exact interpolation in each leaf, its faces included; see jhd.fields.adaptive_error. Leaves
-        are split for the proof until the bound is near the largest error seen, or there are too many boxes; then it is
-        true, and larger than it might be. Some seconds for a hundred thousand boxes. Of a parametric or polynomial
-        surface the bound holds for its distance with the side that its mesh gives, which is off by the mesh's deviation
-        at most; where the point is farther than that from the surface, the side is the surface's own.
+        The signed distance is that by the winding number (without a sign where the field has none), the mesh and the
+        values are taken as they are stored, and the field as their exact interpolation in each leaf, its faces
+        included; see jhd.fields.adaptive_error. Leaves are split for the proof until the bound is near the largest
+        error seen, or there are too many boxes; then it is true, and larger than it might be. Some seconds for a
+        hundred thousand boxes. Of a parametric or polynomial surface the bound holds for its distance with the side
+        that its mesh gives, which is off by the mesh's deviation at most; where the point is farther than that from the
+        surface, the side is the surface's own.
 
         Args:
             mesh: the surface that the field was built from, or any other.
@@ -248,22 +253,23 @@ class AdaptiveDistanceField(eqx.Module):
             ValueError: a mesh that is not closed and consistently oriented, whose signed distance jumps; numbers out of
                 range; or no leaf that meets the mesh.
         """
-        mesh, deviation = meshed(mesh, float(self._known().atol))
-        surface, power = _surface("mesh", mesh)
+        mesh, deviation = meshed(mesh, float(self._known().atol), self.sign)
+        surface, power = _surface("mesh", mesh, self._kind)
         if not surface.linked:
             needed = "every edge of the mesh run along as often one way as the other"
             raise ValueError(f"proven_error needs {needed}: else the signed distance jumps across the holes.")
-        ratio, most = _positive("rtol", rtol), _whole("max_boxes", max_boxes, 1, 1 << 31)
+        ratio, most = positive("rtol", rtol), whole("max_boxes", max_boxes, 1, 1 << 31)
         error = largest_error(surface, self._known()._times(-power)._boxes(surface), ratio, most)
         bound = np.nextafter(_scaled(error, power), np.inf)
         return float(np.nextafter(bound + deviation, np.inf) if deviation else bound)
 
     def save(self, path: str | Path) -> None:
-        """Writes the field as an .npz file of arrays, with exactly this name."""
+        """Writes the field as an .npz file of arrays, with exactly this name, as a whole or not at all."""
         known = self._known()
         arrays = {name: np.asarray(getattr(known, name)) for name in _ARRAYS}
-        with Path(path).open("wb") as file:
-            np.savez_compressed(file, format=_FORMAT, **arrays, **{name: getattr(known, name) for name in _OTHERS})
+        stream = io.BytesIO()
+        np.savez_compressed(stream, format=_FORMAT, **arrays, **{name: getattr(known, name) for name in _OTHERS})
+        replace_file(path, stream.getvalue())
 
     @classmethod
     def load(cls, path: str | Path) -> "AdaptiveDistanceField":
@@ -291,6 +297,11 @@ class AdaptiveDistanceField(eqx.Module):
         if not all(np.isfinite(x).all() for x in scaled[:3]):
             raise ValueError("the field is too large beside the mesh; needs the mesh that it was built from.")
         return eqx.tree_at(lengths, self, tuple(jnp.asarray(x) for x in scaled))
+
+    @property
+    def _kind(self) -> str:
+        """The sign by which errors are told: pseudonormals give that of winding numbers where they are of use."""
+        return "none" if self.sign == "none" else "winding"
 
     def _cells(self) -> LeafCells:
         return LeafCells(*(getattr(self, name) for name in LeafCells._fields))
@@ -331,8 +342,8 @@ def _checked(content: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """The fields of a file, of the right kinds, with all indices in range."""
     known: dict[str, Any] = {"depth": int(content["depth"]), "unresolved": int(content["unresolved"])}
     known |= {
-        "mode": _one_of("mode", str(content["mode"]), MODES),
-        "sign": _one_of("sign", str(content["sign"]), SIGNS),
+        "mode": one_of("mode", str(content["mode"]), MODES),
+        "sign": one_of("sign", str(content["sign"]), SIGNS),
     }
     for name in ("lower", "spacing", "values", "atol"):
         known[name] = real_array(name, content[name])
@@ -385,28 +396,3 @@ def _scaled(x: Any, power: int) -> Any:
     """The product x 2^power, infinite where that is beyond all floats."""
     with np.errstate(over="ignore"):
         return np.ldexp(x, power)
-
-
-def _one_of(name: str, value: object, names: tuple[str, ...]) -> Any:
-    if value not in names:
-        raise ValueError(f"{name} is {value!r}; needs one of {', '.join(map(repr, names))}.")
-    return value
-
-
-def _positive(name: str, value: object) -> float:
-    number = np.asarray(real_array(name, value))
-    if number.ndim:
-        raise ValueError(f"{name} has shape {number.shape}; needs a scalar.")
-    if not 0 < float(number) < math.inf:
-        raise ValueError(f"{name} is {float(number):g}; needs a positive number.")
-    return float(number)
-
-
-def _whole(name: str, value: object, least: int, most: int) -> int:
-    try:
-        number = operator.index(value)  # pyright: ignore[reportArgumentType]
-    except TypeError:
-        raise TypeError(f"{name} must be a whole number; got {type(value).__name__}.") from None
-    if not least <= number <= most:
-        raise ValueError(f"{name} is {number}; needs {least} to {most}.")
-    return number

@@ -26,7 +26,7 @@ from jhd.triangles.closest_point import (
 from jhd.triangles.pseudonormal import is_behind, pseudonormals
 from jhd.triangles.winding import is_inside
 
-SIGNS = ("winding", "pseudonormal")
+SIGNS = ("winding", "pseudonormal", "none")
 # Times that a point is moved away from the mesh, which doubles the room about it at best.
 _LIFTS = 5
 
@@ -71,7 +71,8 @@ class Surface(NamedTuple):
         mesh: the mesh, its numbers known.
         tree: its tree.
         sign: one of SIGNS.
-        linked: whether the winding number is constant off the mesh, so that signed distances by it have no jumps.
+        linked: whether the distances have no jumps: those by the winding number where it is constant off the mesh, and
+            those without a sign.
     """
 
     mesh: TriangleMesh
@@ -95,13 +96,14 @@ def surface_of(mesh: TriangleMesh, sign: str = "winding") -> Surface:
         raise ValueError(f"sign is {sign!r}; needs one of {', '.join(map(repr, SIGNS))}.")
     if sign == "pseudonormal":
         pseudonormals(mesh)
-    return Surface(mesh, triangle_tree(mesh), sign, bool(np.all(edges_of(mesh).balance == 0)))
+    linked = sign == "none" or bool(np.all(edges_of(mesh).balance == 0))
+    return Surface(mesh, triangle_tree(mesh), sign, linked)
 
 
 def unsigned(
     surface: Surface, points: Float[np.ndarray, "points 3"], near: Int[np.ndarray, " points"] | None = None
 ) -> Samples:
-    """Distances; sides only where they are those of pseudonormals.
+    """Distances; sides only where they are those of pseudonormals, or all are outside.
 
     Args:
         surface: the mesh.
@@ -112,7 +114,7 @@ def unsigned(
     found = nearest_triangles(tree, scaled, near)
     distance = np.sqrt(found.square)
     lower = distance.astype(np.float64) - tree.error(distance)
-    side = np.zeros(len(points), np.int8)
+    side = np.full(len(points), 1 if surface.sign == "none" else 0, np.int8)
     if surface.sign == "pseudonormal":
         side = np.where(_is_behind(surface.mesh, tree, scaled, found.triangle), -1, 1).astype(np.int8)
     clearance = outward(lower, tree.exponent, points.dtype, -1)
@@ -195,6 +197,8 @@ def is_inner(
 ) -> Bool[np.ndarray, " points"]:
     """Whether points are inside by the winding number; as jhd.triangles.winding.is_inside, and faster near the mesh.
 
+    Without a sign all are outside.
+
     Points close to the mesh are asked for where they have been moved away from it, where they are proven to stay on
     their side: balls with more room meet more often, so fewer winding numbers are evaluated.
 
@@ -204,6 +208,8 @@ def is_inner(
         found: their nearest points.
         reach: how far each may be moved.
     """
+    if surface.sign == "none":
+        return np.zeros(len(points), bool)
     near = np.flatnonzero((found.lower < 0.5 * reach) & (found.lower > 0))
     if not (surface.linked and len(near)):
         return is_inside(surface.mesh, points, found)

@@ -17,18 +17,20 @@ from jhd.shapes.patch import AbstractPatch
 MESH_SHARE = 0.25
 
 
-def meshed(shape: Any, atol: float) -> tuple[Any, float]:
+def meshed(shape: Any, atol: float, sign: str = "none") -> tuple[Any, float]:
     """The mesh of a curved surface and its deviation, at most MESH_SHARE of atol; any other shape as it is, and 0.
 
     Closed meshes are turned so that they face outward: a polynomial may be negative or positive inside.
 
     Raises:
-        ValueError: as `to_mesh` of the surface.
+        ValueError: as `to_mesh` of the surface, or a sign is asked for and the surface is open.
         TypeError: the surface is traced.
     """
     if not isinstance(shape, AbstractPatch | ImplicitSurface):
         return shape, 0.0
     mesh, deviation = shape.to_mesh(MESH_SHARE * atol)
+    if sign != "none" and not mesh.is_closed:
+        raise ValueError("the surface is open, so it has no inside; take sign='none' for distances without a sign.")
     if mesh.is_closed and _signed_volume(mesh) < 0:
         mesh = TriangleMesh(mesh.vertices, np.asarray(mesh.triangles)[:, [0, 2, 1]])
     return mesh, deviation

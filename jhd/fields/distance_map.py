@@ -28,7 +28,6 @@ from jhd.compiled import compiled
 from jhd.display import count_text, described, opaque, size_text, value_text
 from jhd.shapes.biarc import BiarcCurve, biarcs, least_tolerance
 from jhd.shapes.checks import Numbers
-from jhd.shapes.curve import AbstractCurve
 
 # Pixels on the side of a tile: of 16, 32, 64 the fastest on a CPU, whose cache holds what a tile needs.
 _TILE = 32
@@ -121,7 +120,7 @@ def _enclosed(field: DistanceMap, x: Array) -> Interval:
 
 
 def distance_map(
-    curve: AbstractCurve | BiarcCurve,
+    curve: Any,
     lower: Numbers,
     upper: Numbers,
     resolution: int | tuple[int, int],
@@ -132,7 +131,7 @@ def distance_map(
     """Distances to a plane curve on a grid of pixels, with the nearest arc of each.
 
     Args:
-        curve: a curve, which is replaced by biarcs first, or the arcs.
+        curve: a curve, or what jhd.as_shape takes for one, which is replaced by biarcs first; or the arcs.
         lower: the lower corner (x, y) of the box that the pixels fill.
         upper: its upper corner.
         resolution: the number of pixels along x and along y, or one number for both.
@@ -191,7 +190,7 @@ def _checked_box(lower: Numbers, upper: Numbers) -> tuple[np.ndarray, np.ndarray
     return low, high
 
 
-def _checked_arcs(curve: AbstractCurve | BiarcCurve, atol: Numbers | None, pixel: float) -> BiarcCurve:
+def _checked_arcs(curve: Any, atol: Numbers | None, pixel: float) -> BiarcCurve:
     if isinstance(curve, BiarcCurve):
         if is_traced(curve):
             raise TypeError("distance_map needs known arcs, not traced ones.")

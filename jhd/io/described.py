@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd.files import replace_file
 from jhd.io.errors import ParseError, read_text, shown
-from jhd.io.files import replace_file
 
 _FLAGS = ("closed", "periodic")
 

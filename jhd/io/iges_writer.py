@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd.io.files import replace_file
+from jhd.files import replace_file
 from jhd.io.iges import COMPOSITE, CURVE, SURFACE
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.bspline import BSplineCurve

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from jhd.files import replace_file
 from jhd.io.errors import ParseError, read_bytes, shown
-from jhd.io.files import replace_file
 from jhd.io.ply import read_ply, write_ply
 from jhd.io.polygons import Polygons, coordinates_in, indices_in, merged, mesh_of
 from jhd.shapes.mesh import TriangleMesh, check_mesh

@@ -15,8 +15,8 @@ import equinox as eqx
 import numpy as np
 
 from jhd.archives import read_arrays
+from jhd.files import replace_file
 from jhd.io.errors import ParseError, read_text, shown
-from jhd.io.files import replace_file
 from jhd.solution import stored_fields, to_plain
 
 # Keys of nested fields are joined by it in npz files.

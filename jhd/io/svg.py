@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from jhd.files import replace_file
 from jhd.io.contours import Contour, assemble, contours_of
 from jhd.io.errors import ParseError, read_bytes
-from jhd.io.files import replace_file
 from jhd.io.path_data import parse_path
 from jhd.io.svg_document import Drawn, drawn_shapes
 from jhd.io.svg_elements import parse_document

@@ -8,6 +8,7 @@ import numpy as np
 from jhd.arithmetic.bernstein import basis
 from jhd.distance.project import project
 from jhd.plot.axes import BLUE, GREY, TEXT_POINTS, VERMILLION, axes_for, draw, finish
+from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.solution import HausdorffSolution
 
@@ -16,7 +17,7 @@ _LEVEL = 1e-9  # share of the largest distance below which a rise is rounding, n
 
 
 def curve(
-    shape: AbstractCurve,
+    shape: Any,
     ax: Any = None,
     *,
     colour: str = BLUE,
@@ -28,7 +29,7 @@ def curve(
     """Axes with a plane or space curve: a point set as dots, contours that are not joined left apart.
 
     Args:
-        shape: the curve.
+        shape: the curve, or what jhd.as_shape takes for one, as in all of these.
         ax: axes to draw on, three-dimensional ones for a space curve; None makes a figure.
         colour: of the curve and, faint, of its control polygon.
         linestyle: of the curve, as matplotlib takes it.
@@ -39,6 +40,7 @@ def curve(
     Raises:
         ValueError: a space curve on plane axes.
     """
+    shape = taken_as("shape", shape)
     check_curve("shape", shape)
     pieces = shape.segments()
     ax = axes_for(ax, pieces.dim)
@@ -57,8 +59,8 @@ def curve(
 
 
 def profile(
-    a: AbstractCurve,
-    b: AbstractCurve,
+    a: Any,
+    b: Any,
     ax: Any = None,
     solution: HausdorffSolution | None = None,
     *,
@@ -85,6 +87,7 @@ def profile(
     Raises:
         ValueError: curves of different dimensions, samples below one, or a batch of solutions.
     """
+    a, b = taken_as("a", a), taken_as("b", b)
     check_pair(a, b)
     pieces = a.segments()
     steps = int(np.clip(_PROFILE_SAMPLES // pieces.count, 8, 256)) if samples is None else samples

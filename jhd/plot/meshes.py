@@ -7,7 +7,8 @@ import numpy as np
 
 from jhd.plot.axes import BLUE, ORANGE, axes_for
 from jhd.plot.faces import frame, shaded_shapes
-from jhd.shapes.mesh import TriangleMesh, check_mesh, places_of
+from jhd.shapes.as_shape import taken_as
+from jhd.shapes.mesh import check_mesh, places_of
 
 # More triangles of all meshes together take many seconds to draw, and are smaller than a printed dot.
 _MOST = 20_000
@@ -15,13 +16,11 @@ _MOST = 20_000
 _CELLS, _COARSER = 256, 0.75
 
 
-def mesh(
-    shape: TriangleMesh, ax: Any = None, *, colour: str = BLUE, label: str | None = None, alpha: float = 1.0
-) -> Any:
+def mesh(shape: Any, ax: Any = None, *, colour: str = BLUE, label: str | None = None, alpha: float = 1.0) -> Any:
     """Space axes with a triangle mesh; of one with very many triangles a coarser image.
 
     Args:
-        shape: the mesh.
+        shape: the mesh, or what jhd.as_shape takes for one.
         ax: three-dimensional axes to draw on; None makes a figure.
         colour: of its triangles.
         label: name in a legend.
@@ -35,7 +34,7 @@ def mesh(
 
 
 def meshes(
-    shapes: Sequence[TriangleMesh],
+    shapes: Sequence[Any],
     ax: Any = None,
     *,
     colours: Sequence[str] = (BLUE, ORANGE),
@@ -45,7 +44,8 @@ def meshes(
     """Space axes with several meshes, drawn as one, so that those in front hide what is behind.
 
     Args:
-        shapes: the meshes; of very many triangles a coarser image is drawn, its vertices gathered in cells.
+        shapes: the meshes, or what jhd.as_shape takes for some; of very many triangles a coarser image is drawn, its
+            vertices gathered in cells.
         ax: three-dimensional axes to draw on; None makes a figure.
         colours: one for each.
         labels: their names in a legend.
@@ -55,6 +55,7 @@ def meshes(
         TypeError: another kind of shape.
         ValueError: plane axes.
     """
+    shapes = [taken_as(f"shapes[{number}]", shape) for number, shape in enumerate(shapes)]
     for number, shape in enumerate(shapes):
         check_mesh(f"shapes[{number}]", shape)
     ax = axes_for(ax, 3)

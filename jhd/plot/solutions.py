@@ -10,6 +10,7 @@ from jhd.plot.axes import GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw,
 from jhd.plot.curves import check_pair, curve
 from jhd.plot.implicit import surfaces
 from jhd.plot.meshes import meshes
+from jhd.shapes.as_shape import taken_as
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.solution import HausdorffSolution
@@ -78,14 +79,14 @@ def solution(
         TypeError: shapes of two kinds, or something else.
         ValueError: curves of different dimensions, a batch of solutions, or shapes in space on plane axes.
     """
-    pair: Any = (a, b)
+    pair: Any = (taken_as("a", a), taken_as("b", b))
     if any(isinstance(shape, ImplicitSurface) for shape in pair):
-        check_surface("a", a)
-        check_surface("b", b)
+        check_surface("a", pair[0])
+        check_surface("b", pair[1])
         ax = surfaces(pair, ax, labels=labels)
     elif any(isinstance(shape, TriangleMesh) for shape in pair):
-        check_mesh("a", a)
-        check_mesh("b", b)
+        check_mesh("a", pair[0])
+        check_mesh("b", pair[1])
         ax = meshes(pair, ax, labels=labels)
     else:
         check_pair(*pair)

@@ -17,9 +17,10 @@ from jaxtyping import Array, Float, Int
 
 from jhd.arrays import is_traced, real_array
 from jhd.display import box_text, count_text, described, is_known, opaque
+from jhd.shapes.as_shape import taken_as
 from jhd.shapes.biarc_fit import fitted
 from jhd.shapes.checks import Numbers
-from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
+from jhd.shapes.curve import BezierSegments, check_curve
 from jhd.shapes.deviation import HostArcs, HostCurve, complex_points
 from jhd.solution import NotProvenError
 
@@ -118,7 +119,7 @@ def _left(xp: Any, x: Any) -> Any:
     return xp.stack([-x[..., 1], x[..., 0]], axis=-1)
 
 
-def biarcs(curve: AbstractCurve, atol: Numbers) -> BiarcCurve:
+def biarcs(curve: Any, atol: Numbers) -> BiarcCurve:
     """Arcs that approximate a plane curve, each within `atol` of its piece of the curve, proven in both directions.
 
     So the Hausdorff distance of the curve and all arcs together is at most the largest deviation. Where the curve is
@@ -132,7 +133,8 @@ def biarcs(curve: AbstractCurve, atol: Numbers) -> BiarcCurve:
     (8, True)
 
     Args:
-        curve: polynomial or rational, in the plane; its control points must be known, not traced.
+        curve: polynomial or rational, in the plane, or what jhd.as_shape takes for one; its control points must be
+            known, not traced.
         atol: largest deviation allowed, a length in the unit of the coordinates.
 
     Returns:
@@ -164,7 +166,7 @@ def biarcs(curve: AbstractCurve, atol: Numbers) -> BiarcCurve:
     return found
 
 
-def least_tolerance(curve: AbstractCurve) -> float:
+def least_tolerance(curve: Any) -> float:
     """The smallest tolerance that `biarcs` accepts: four times what rounding adds to a deviation; 0 for polylines.
 
     Raises:
@@ -175,7 +177,8 @@ def least_tolerance(curve: AbstractCurve) -> float:
     return 0.0 if segments.degree <= 1 else HostCurve.of(segments).least
 
 
-def _checked(curve: AbstractCurve) -> BezierSegments:
+def _checked(curve: Any) -> BezierSegments:
+    curve = taken_as("curve", curve)
     check_curve("curve", curve)
     segments = curve.segments()
     if is_traced(segments):

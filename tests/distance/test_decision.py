@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.search.search import Listener, Progress, Threshold
 from jhd.solution import name_of
 from tests.distance import pairs
 
@@ -103,3 +104,45 @@ def test_bad_thresholds_and_methods_are_refused():
         jhd.hausdorff_at_most(a, b, float("nan"))
     with pytest.raises(TypeError, match=r"method must be BranchAndBound\(\)"):
         jhd.hausdorff_at_most(a, b, 1.0, jhd.TwoStep())
+
+
+def test_one_direction_may_be_asked_for():
+    # From the base to the diagonal it is 2.4, both ways 3.
+    base, diagonal = jhd.polyline([(0, 0), (4, 0)]), jhd.polyline([(0, 0), (4, 3)])
+    assert jhd.hausdorff_at_most(base, diagonal, 2.5, directed=True)
+    assert not jhd.hausdorff_at_most(base, diagonal, 2.5)
+    assert not jhd.hausdorff_at_most(base, diagonal, 2.3, directed=True)
+    far = jhd.hausdorff_at_most(base, diagonal, 1e3, directed=True)
+    assert int(far.stats["steps"]) < int(jhd.directed_hausdorff(base, diagonal).stats["steps"])
+
+
+def test_a_minimum_distance_is_decided_by_fewer_steps():
+    # Many pairs of triangles of two crumpled sheets are nearly equally far.
+    random = np.random.default_rng(0)
+    x, y = np.meshgrid(*[np.arange(12.0)] * 2, indexing="ij")
+    corner = (12 * np.arange(11)[:, None] + np.arange(11)).ravel()
+    triangles = np.concatenate([corner[:, None] + [0, 12, 13], corner[:, None] + [0, 13, 1]])
+    a, b = (
+        jhd.TriangleMesh(np.stack([x, y, z + 0.01 * random.normal(size=x.shape)], axis=-1).reshape(-1, 3), triangles)
+        for z in (0.0, 9.0)
+    )
+    method = jhd.BranchAndBound(atol=1e-13)
+    full = jhd.minimum_distance(a, b, method)
+    for factor, answer in ((0.5, "no"), (2.0, "yes")):
+        found = jhd.minimum_at_most(a, b, factor * float(full.value), method)
+        assert name_of(found.answer) == answer and name_of(found.result) == "successful"
+        assert found.lower <= full.upper and full.lower <= found.upper
+        assert int(found.stats["steps"]) < int(full.stats["steps"])
+    with pytest.raises(ValueError, match="needs one number of at least 0"):
+        jhd.minimum_at_most(a, b, -1.0)
+    with pytest.raises(TypeError, match=r"method must be BranchAndBound\(\)"):
+        jhd.minimum_at_most(a, b, 1.0, jhd.VoxelPairs(8))
+
+
+def test_a_threshold_ends_a_search_when_it_is_passed():
+    heard = []
+    ends = Threshold(1.0, heard.append)
+    for lower, upper, passed in ((0.0, 2.0, False), (0.0, 1.0, True), (1.0, 2.0, False), (1.5, 2.0, True)):
+        ends(Progress(None, 0, 0, lower, upper))
+        assert ends.passed == passed and Listener(ends).satisfied == passed
+    assert len(heard) == 4 and not Listener(heard.append).satisfied

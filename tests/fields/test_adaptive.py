@@ -1,6 +1,7 @@
 """Adaptively sampled fields: exact samples, tested tolerances, true bounds, derivatives, meshes and files."""
 
 import sys
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -298,6 +299,19 @@ def test_a_field_is_written_and_read_without_loss(full, tmp_path):
     assert jax.tree_util.tree_structure(read) == jax.tree_util.tree_structure(full)
     for one, other in zip(*map(jax.tree_util.tree_leaves, (read, full)), strict=True):
         assert one.dtype == other.dtype and np.array_equal(one, other)
+
+
+def test_an_interruption_leaves_the_stored_field_alone(full, tmp_path, monkeypatch):
+    path = tmp_path / "field.npz"
+    path.write_bytes(b"old")
+
+    def interrupted(self, target):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        full.save(path)
+    assert path.read_bytes() == b"old" and [file.name for file in tmp_path.iterdir()] == ["field.npz"]
 
 
 def changed(field, path, **arrays):

@@ -45,6 +45,19 @@ def test_what_is_saved_is_loaded_bit_for_bit(made, file):
     assert loaded.matches(jhd.BezierSegments(A), jhd.BezierSegments(B))
 
 
+def test_an_interruption_leaves_the_stored_certificate_alone(made, tmp_path, monkeypatch):
+    path = tmp_path / "proof.json"
+    path.write_text("old", encoding="utf-8")
+
+    def interrupted(self, target):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        made.save(path)
+    assert path.read_text(encoding="utf-8") == "old" and len(list(tmp_path.iterdir())) == 1
+
+
 @pytest.mark.parametrize(
     ("new", "reason"),
     [

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+from matplotlib.figure import Figure
 from scipy.interpolate import BSpline, NdBSpline
 
 import jhd
+from jhd import plot
 from jhd.shapes.as_shape import as_shape
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -135,6 +137,17 @@ def test_entries_take_what_becomes_a_shape(as_a_user):
     found = jhd.project([0.25, 0.25, -2.0], MESHES["arrays"])
     assert found.lower <= 2.0 <= found.upper <= 2.0 + 1e-12
     assert abs(float(jhd.signed_distance([0.25, 0.25, -2.0], MESHES["pyvista"])) - 2.0) <= 1e-12
+
+
+def test_pictures_and_arcs_take_what_becomes_a_shape():
+    path = matplotlib.path.Path(ROWS)
+    arcs = jhd.shapes.biarcs(path, 1e-3)
+    assert arcs.count == 3 and jhd.shapes.least_tolerance(path) == 0.0
+    assert plot.curve(path, Figure().add_subplot()).lines[0].get_gid() == "curve"
+    space = Figure().add_subplot(projection="3d")
+    assert plot.mesh(MESHES["pyvista"], space) is space
+    with pytest.raises(TypeError, match="shape"):
+        plot.curve("bunny.ply", Figure().add_subplot())
 
 
 def test_traced_arrays_are_points_and_vertices_with_derivatives():

@@ -21,6 +21,7 @@ from jhd.distance.certificate.host import host, jets, local_feet
 from jhd.distance.certificate.verification import FORMAT, KINDS, VERSION, Proven
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import prepare
+from jhd.files import replace_file
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.solution import HausdorffSolution, NotProvenError, name_of
@@ -96,8 +97,8 @@ class Certificate:
         return "{\n" + ",\n".join(entries) + "\n}\n"
 
     def save(self, file: str | Path) -> None:
-        """Writes the certificate as JSON."""
-        Path(file).write_text(self.to_json(), encoding="utf-8")
+        """Writes the certificate as JSON, as a whole or not at all."""
+        replace_file(file, self.to_json())
 
 
 def certify(

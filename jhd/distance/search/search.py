@@ -87,6 +87,24 @@ class AbstractSearch(ABC):
         """The same state with more room."""
 
 
+class Threshold:
+    """A progress that ends a search where the bounds are on one side of a length.
+
+    Args:
+        limit: the length, in the unit of the coordinates.
+        progress: who else hears of the progress, or None.
+    """
+
+    def __init__(self, limit: float, progress: Callable[[Progress], object] | None = None):
+        self._limit, self._progress, self.passed = limit, progress, False
+
+    def __call__(self, progress: Progress) -> None:
+        """Takes note of the bounds."""
+        self.passed = progress.upper <= self._limit or progress.lower > self._limit
+        if self._progress is not None:
+            self._progress(progress)
+
+
 class Listener:
     """Who hears of the searches of one call of an entry: of their progress, and whether they were interrupted.
 
@@ -97,6 +115,11 @@ class Listener:
 
     def __init__(self, progress: Callable[[Progress], object] | None = None, frame: Frame | None = None):
         self._progress, self._frame, self.interrupted = progress, frame, False
+
+    @property
+    def satisfied(self) -> bool:
+        """Whether closer bounds are of no use."""
+        return isinstance(self._progress, Threshold) and self._progress.passed
 
     def report(self, direction: Any, standing: Standing) -> None:
         """Tells how a search stands; the direction is a member of DIRECTIONS, or None."""
@@ -134,7 +157,8 @@ def drive(search: AbstractSearch, listener: Listener, direction: Any = None) -> 
             if standing is None:
                 raise
             listener.interrupted = True
-        if listener.interrupted or not standing.going_on or standing.steps >= search.max_steps:
+        over = listener.satisfied or not standing.going_on or standing.steps >= search.max_steps
+        if listener.interrupted or over:
             return _ended(standing, listener)
         # The first stretch may have been compiled in it.
         if not fresh:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jhd.io.files import replace_file
+from jhd.files import replace_file
 
 
 def test_a_file_is_replaced_with_its_mode_and_nothing_else_is_left(tmp_path):

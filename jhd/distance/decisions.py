@@ -1,0 +1,28 @@
+"""Whether a distance is at most a threshold: what its bounds say."""
+
+from jaxtyping import Array
+
+from jhd.arithmetic.rounding import ordered
+from jhd.arrays import is_traced, real_array
+from jhd.compiled import compiled
+from jhd.shapes.checks import Numbers
+from jhd.solution import ANSWERS, RESULTS, Decision, HausdorffSolution, MinimumSolution, result_where
+
+
+def checked_limit(threshold: Numbers) -> Array:
+    """The threshold as one number of at least 0; ValueError for anything else."""
+    limit = real_array("threshold", threshold)
+    if limit.shape != () or (not is_traced(limit) and float(limit) < 0):
+        raise ValueError(f"threshold is {limit}; needs one number of at least 0.")
+    return limit
+
+
+@compiled
+def decided(solution: HausdorffSolution | MinimumSolution, limit: Array) -> Decision:
+    """What the bounds of a distance say about a threshold."""
+    lower, upper, most = (ordered(x) for x in (solution.lower, solution.upper, limit))
+    below, above = upper <= most, lower > most
+    answer = ANSWERS.where(below, ANSWERS.yes, ANSWERS.where(above, ANSWERS.no, ANSWERS.undecided))
+    ended = result_where(solution.result == RESULTS.successful, RESULTS.gap_not_closed, solution.result)
+    result = result_where(below | above, RESULTS.successful, ended)
+    return Decision(answer, solution.lower, solution.upper, result, solution.stats)
