@@ -109,9 +109,9 @@ def _distance_at_most(options: Namespace, a: Any, b: Any, method: Any) -> int:
         name = next(name for name, value in given.items() if value)
         raise ValueError(f"{name}: with --threshold the search ends before the farthest place is known; leave it out.")
     limit = _limit(options, a, b)
-    asked = partial(jhd.hausdorff_at_most, a, b, limit, method, directed=options.directed)
+    decide = partial(jhd.hausdorff_at_most, a, b, limit, method, directed=options.directed)
     with busy("computing; a first run compiles") as show:
-        found, seconds = timed(lambda: asked(progress=show))
+        found, seconds = timed(lambda: decide(progress=show))
     asked = {"directed": options.directed, "method": method_name(method)}
     return _print_decision(options, a, b, _title(options), found, seconds, asked)
 
@@ -144,14 +144,13 @@ def minimum(options: Namespace) -> int:
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
     atol = None if options.atol is None else options.atol.of(a, b)
-    method = jhd.BranchAndBound(atol=atol)
     if options.threshold is not None:
-        limit = _limit(options, a, b)
+        limit, method = _limit(options, a, b), jhd.BranchAndBound(atol=atol)
         with busy("computing; a first run compiles") as show:
             decided, seconds = timed(lambda: jhd.minimum_at_most(a, b, limit, method, progress=show))
         return _print_decision(options, a, b, "minimum distance", decided, seconds, {})
     with busy("computing; a first run compiles") as show:
-        found, seconds = timed(lambda: jhd.minimum_distance(a, b, method, throw=False, progress=show))
+        found, seconds = timed(lambda: jhd.minimum_distance(a, b, atol=atol, throw=False, progress=show))
     if options.json:
         print_json(found, a=options.a, b=options.b, **box_of(a, b), diagonal=size, seconds=seconds)
         return exit_status(found)

@@ -1,8 +1,9 @@
-"""B-spline curves and surfaces of IGES files: entities 126 and 128, rational or not, and composite curves, 102.
+"""Curves and surfaces of IGES files: B-splines, rational or not, lines, circular arcs, and composite curves.
 
-What is read, after IGES 5.3 (US PRO/IPO-100, 1996): 126 in section 4.23, 128 in 4.24, 102 in 4.4, each placed by its
-transformation matrix, 124 in section 4.21. Form numbers say what a spline looks like and are not needed. Coordinates
-are those of the model in the unit of the file; nothing is scaled.
+What is read, after IGES 5.3 (US PRO/IPO-100, 1996): splines, 126, in section 4.23 and 128 in 4.24, lines, 110, in 4.13,
+arcs, 100, in 4.3, composite curves, 102, in 4.4, each placed by its transformation matrix, 124 in section 4.21. Form
+numbers say what a spline looks like and are not needed. Coordinates are those of the model in the unit of the file;
+nothing is scaled.
 
 Left out is what is no shape of its own: hidden entities, annotation, definitions, curves in the parameters of a
 surface, parts of other entities, and what holds no geometry (colours, properties, groups, views). All other entities
@@ -26,14 +27,16 @@ from jhd.shapes.patch import BezierPatch, BezierPatches
 IgesShape = BSplineCurve | BezierSegments | BSplineSurface
 
 IGES_SUFFIXES = (".igs", ".iges")
-COMPOSITE, MATRIX, CURVE, SURFACE = 102, 124, 126, 128
+ARC, COMPOSITE, LINE, MATRIX, CURVE, SURFACE = 100, 102, 110, 124, 126, 128
 # Nothing to measure: null, directions, matrices, fonts, colours, units, groups, drawings, properties, views; and
 # annotation, which has the types from 202 to 230.
 _SILENT = frozenset((0, 123, MATRIX, 302, 304, 308, 310, 312, 314, 316, 320, 322, 402, 404, 406, 410, *range(202, 231)))
 # Entity use flags of geometry, other and construction geometry; the rest is annotation, definitions, 2-D parameters.
 _USES = (0, 3, 6)
+# By how much the distances of the ends of an arc from its centre may differ, as a share: files of few digits are read.
+_OUT_OF_ROUND = 1e-4
 _NAMES = {
-    100: "circular arc", 104: "conic arc", 106: "copious data", 108: "plane", 110: "line",
+    104: "conic arc", 106: "copious data", 108: "plane",
     112: "parametric spline curve", 114: "parametric spline surface", 116: "point", 118: "ruled surface",
     120: "surface of revolution", 122: "tabulated cylinder", 130: "offset curve", 140: "offset surface",
     141: "boundary", 142: "curve on a parametric surface", 143: "bounded surface", 144: "trimmed surface",
@@ -46,10 +49,12 @@ _NAMES = {
 
 
 def load_iges(file: str | Path) -> list[IgesShape]:
-    """The B-spline curves and surfaces of an IGES file in the order of its directory; composite curves as segments.
+    """The curves and surfaces of an IGES file in the order of its directory; all but single splines as segments.
 
-    Curves are curves in space, also those that lie in a plane. A curve that is marked as periodic and whose points and
-    knots repeat is a periodic one. Surfaces and curves are cut to the parameters that the entity names.
+    Curves are curves in space, also those that lie in a plane. Circular arcs are rational quadratics of a quarter turn
+    at most, up to rounding; they end where the file says, and where both ends are the same they are circles. A curve
+    that is marked as periodic and whose points and knots repeat is a periodic one. Surfaces and curves are cut to the
+    parameters that the entity names.
 
     Args:
         file: a file in the fixed format of IGES 5.3 or before, of lines of 80 columns.
@@ -63,7 +68,7 @@ def load_iges(file: str | Path) -> list[IgesShape]:
     reader = _IgesReader(found)
     shapes = [reader.shape(entry) for entry in found.entries.values() if _is_shape(entry) and not entry.dependent]
     if not shapes:
-        raise ParseError("holds no B-spline curve or surface (entities 126 and 128) that stands by itself.", file)
+        raise ParseError("holds no curve or surface (entities 100, 102, 110, 126 and 128) that stands by itself.", file)
     return shapes
 
 
@@ -105,13 +110,16 @@ class _IgesReader:
         """The shape that an entity stands for."""
         if entry.type == COMPOSITE:
             return self._composite(entry)
-        if entry.type not in (CURVE, SURFACE):
+        if entry.type not in _READ:
             known = _NAMES.get(entry.type, "an entity of another kind")
-            message = f"entity {entry.type} (D{entry.sequence}), {known}, is not read; needs untrimmed B-spline curves "
-            raise ParseError(message + "(126) and surfaces (128).", self.found.name, entry.line)
+            message = (
+                f"entity {entry.type} (D{entry.sequence}), {known}, is not read; needs lines (110), circular arcs "
+            )
+            message += "(100), and untrimmed B-spline curves (126) and surfaces (128)."
+            raise ParseError(message, self.found.name, entry.line)
         record = self.found.record(entry)
         try:
-            return (_curve if entry.type == CURVE else _surface)(record, self._matrix(entry))
+            return _READ[entry.type](record, self._matrix(entry))
         except ParseError:
             raise
         except ValueError as error:
@@ -127,9 +135,12 @@ class _IgesReader:
         for k in range(count):
             pointer = record.integer(2 + k)
             part = self.found.entries.get(pointer)
-            if part is None or part.type != CURVE:
+            if part is None or part.type not in _PARTS:
                 what = "which is not there" if part is None else f"entity {part.type}"
-                raise record.error(f"names D{pointer}, {what}; its parts must be B-spline curves (126).")
+                raise record.error(
+                    f"names D{pointer}, {what}; its parts must be lines (110), circular arcs "
+                    "(100) or B-spline curves (126)."
+                )
             if pointer in self.parts:
                 raise record.error(f"names D{pointer}, which is part of a composite curve already.")
             self.parts.add(pointer)
@@ -251,3 +262,45 @@ def _surface(record: IgesRecord, matrix: np.ndarray | None) -> BSplineSurface:
     v = _ends(record, record.reals(at + 2, 2), in_v, q)
     whole = u == (in_u[p], in_u[rows]) and v == (in_v[q], in_v[columns])
     return surface if whole else surface.restrict(*u, *v)
+
+
+def _line(record: IgesRecord, matrix: np.ndarray | None) -> BezierSegments:
+    """Entity 110: the coordinates of both ends; forms 1 and 2 have no second end, or none."""
+    if record.entry.form != 0:
+        raise record.error(f"is of form {record.entry.form}, a line without an end; needs form 0.")
+    record.needs(6)
+    points = np.array(record.reals(1, 6)).reshape(1, 2, 3)
+    return BezierSegments(points if matrix is None else _placed(points, matrix))
+
+
+def _arc(record: IgesRecord, matrix: np.ndarray | None) -> BezierSegments:
+    """Entity 100: the height of its plane, then x and y of the centre and both ends; counter-clockwise from above."""
+    record.needs(7)
+    height, *numbers = record.reals(1, 7)
+    centre, start, end = np.array(numbers).reshape(3, 2)
+    with np.errstate(over="ignore", invalid="ignore"):
+        first, last = start - centre, end - centre
+        radii = np.hypot(*first), np.hypot(*last)
+        if not (min(radii) > 0 and abs(radii[0] - radii[1]) <= _OUT_OF_ROUND * radii[0]):
+            raise record.error(f"ends {radii[0]:g} and {radii[1]:g} from its centre; an arc has one radius, above 0.")
+    turn = float(np.arctan2(first[0] * last[1] - first[1] * last[0], first @ last)) % (2 * np.pi)
+    if np.array_equal(start, end):
+        turn = 2 * np.pi
+    count = max(1, int(np.ceil(turn / (0.5 * np.pi) * (1 - 1e-12))))
+    angles = turn / count * np.arange(count + 1)
+    legs = np.stack([first, [-first[1], first[0]]])
+    around = np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ legs
+    around[-1] = last
+    cosine = np.cos(0.5 * turn / count)
+    middle = 0.5 * (around[:-1] + around[1:]) / cosine**2
+    points = np.stack([around[:-1], middle, around[1:]], axis=1) + centre
+    # The ends themselves, so that joints stay joints.
+    points[0, 0], points[-1, 2] = start, end
+    points = np.concatenate([points, np.full((count, 3, 1), height)], axis=-1)
+    weights = np.tile([1.0, cosine, 1.0], (count, 1))
+    return BezierSegments(points if matrix is None else _placed(points, matrix), weights)
+
+
+# What stands by itself, and what composite curves are made of.
+_READ = {ARC: _arc, LINE: _line, CURVE: _curve, SURFACE: _surface}
+_PARTS = (ARC, LINE, CURVE)

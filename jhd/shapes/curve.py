@@ -93,8 +93,13 @@ class AbstractCurve(eqx.Module):
     def to_cubics(self, atol: Numbers, *, max_segments: int = 1_000_000) -> CurveApproximation:
         """Polynomial cubics with the ends and tangents of parts of the curve, with a proven deviation, both ways.
 
-        As `to_polyline`; the number of cubics grows like the fourth root of 1 / atol. Polynomial segments of degree 3
-        and less are raised to cubics without a deviation but for rounding, which is in it.
+        As `to_polyline`; the number of cubics grows like the fourth root of 1 / atol, of arcs of circles and ellipses
+        like the sixth. Polynomial segments of degree 3 and less are raised to cubics without a deviation but for
+        rounding, which is in it.
+
+        >>> found = circle([0, 0], 1).to_cubics(1e-4)
+        >>> found.curve.count, found.deviation < 5e-6
+        (8, True)
         """
         return _approximated(self, 3, atol, max_segments)
 

@@ -136,7 +136,7 @@ def test_a_minimum_distance_is_decided_by_fewer_steps():
     with pytest.raises(ValueError, match="needs one number of at least 0"):
         jhd.minimum_at_most(a, b, -1.0)
     with pytest.raises(TypeError, match=r"method must be BranchAndBound\(\)"):
-        jhd.minimum_at_most(a, b, 1.0, jhd.VoxelPairs(8))
+        jhd.minimum_at_most(a, b, 1.0, jhd.VoxelPairs(8))  # pyright: ignore[reportArgumentType]
 
 
 def test_a_threshold_ends_a_search_when_it_is_passed():

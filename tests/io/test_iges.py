@@ -132,6 +132,43 @@ def test_composite_curves_are_joined_and_their_parts_are_no_shapes_of_their_own(
     assert np.asarray(joined.following).tolist() == [1, -1]
 
 
+def test_lines_and_circular_arcs_are_curves(tmp_path):
+    straight, arc, ring = shapes(
+        tmp_path,
+        ("110,0.,0.,0.,1.,2.,3.;", {"matrix": 7}),
+        "100,5.,1.,2.,3.,2.,1.,0.;",
+        "100,5.,1.,2.,3.,2.,3.,2.;",
+        TURN,
+    )
+    np.testing.assert_array_equal(straight.control_points, [[[10, 0, 1], [8, 1, 4]]])
+    t = np.linspace(0, 1, 33)
+    for curve, count in ((arc, 3), (ring, 4)):
+        points = np.asarray(curve.point(np.arange(count)[:, None], t))
+        assert curve.count == count and np.all(curve.control_points[..., 2] == 5)
+        np.testing.assert_allclose(np.hypot(points[..., 0] - 1, points[..., 1] - 2), 2, rtol=1e-15)
+        # Counter-clockwise: angles grow.
+        angles = np.unwrap(np.arctan2(points[..., 1] - 2, points[..., 0] - 1).ravel())
+        assert np.all(np.diff(angles) > -1e-15) and abs(np.ptp(angles) - count * np.pi / 2) < 1e-14
+    np.testing.assert_array_equal(arc.control_points[-1, -1], [1, 0, 5])
+    np.testing.assert_array_equal(ring.following, [1, 2, 3, 0])
+
+
+def test_lines_and_arcs_are_joined_with_splines(tmp_path):
+    part = {"status": "00010000"}
+    entities = [
+        "110,0.,0.,0.,2.,0.,0.;",
+        "100,0.,2.,1.,2.,0.,2.,2.;",
+        LINE.replace("0.,0.,0.,1.,2.,3.", "2.,2.,0.,0.,2.,0."),
+    ]
+    (joined,) = shapes(tmp_path, *((text, part) for text in entities), "102,3,1,3,5;")
+    assert joined.degree == 2 and np.asarray(joined.following).tolist() == [1, 2, 3, -1]
+    np.testing.assert_allclose(
+        joined.point([0, 1, 2, 3], 0.5),
+        [[1, 0, 0], [2 + 0.5**0.5, 1 - 0.5**0.5, 0], [2 + 0.5**0.5, 1 + 0.5**0.5, 0], [1, 2, 0]],
+        atol=1e-15,
+    )
+
+
 def test_what_is_no_shape_of_its_own_is_left_out(tmp_path):
     silent = ["314,1.,2.,3.;", "406,1,5Ha,b;c;", "212,1,4,1.,1.,1,1.57,0.,0,0,0.,0.,0.,4Htext;"]
     hidden, uv, note = ({"status": status} for status in ("01000000", "00000500", "00000100"))
@@ -157,9 +194,15 @@ ENTITIES = {
     "trimmed": (["144,1,0,0;"], r"a\.igs:3: entity 144 \(D1\), trimmed surface, is not read"),
     "bounded": (["143,0,1,0;"], "bounded surface"),
     "on a surface": (["142,0,1,0,3,1;"], "curve on a parametric surface"),
-    "line": ([LINE, "110,0.,0.,0.,1.,1.,1.;"], r"a\.igs:5: entity 110 \(D3\), line"),
+    "plane": (
+        [LINE, "108,0.,0.,1.,1.;"],
+        r"a\.igs:5: entity 108 \(D3\), plane, is not read; needs lines \(110\), circ",
+    ),
+    "line without an end": ([("110,0.,0.,0.,1.,1.,1.;", {"form": 1})], "is of form 1, a line without an end"),
+    "arc out of round": (["100,0.,0.,0.,1.,0.,0.,1.01;"], "ends 1 and 1.01 from its centre"),
+    "arc of no radius": (["100,0.,1.,1.,1.,1.,1.,1.;"], "ends 0 and 0 from its centre"),
     "unknown": (["5001,1;"], "entity 5001 .*another kind"),
-    "nothing": (["314,1.,2.,3.;"], "holds no B-spline curve or surface"),
+    "nothing": (["314,1.,2.,3.;"], "holds no curve or surface"),
     "another type": ([("128" + LINE[3:], {}), LINE], r"entity 128 \(D1\) has degree 0 and 2 points"),
     "huge count": ([LINE.replace("126,1,1", "126,999999999,1")], r"has 23 parameters; needs 5000000010"),
     "huger count": ([LINE.replace("126,1,1", "126,99999999999999,1")], "parameter 1 '99999999999999'; needs an int"),
@@ -193,7 +236,7 @@ ENTITIES = {
         "not finite",
     ),
     "short matrix": ([(LINE, {"matrix": 3}), "124,1.,0.;"], "has 2 parameters; needs 12"),
-    "composite of lines": (["102,1,3;", "110,0.;"], "names D3, entity 110; its parts must be B-spline curves"),
+    "composite of planes": (["102,1,3;", "108,0.;"], r"names D3, entity 108; its parts must be lines \(110\), circ"),
     "composite of nothing": (["102,1,9;"], "names D9, which is not there"),
     "empty composite": (["102,0;"], "has 0 parts"),
     "short composite": (["102,999999999,1;"], "has 2 parameters; needs 1000000000"),

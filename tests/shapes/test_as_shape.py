@@ -14,6 +14,7 @@ from scipy.interpolate import BSpline, NdBSpline
 
 import jhd
 from jhd import plot
+from jhd.shapes import biarcs, least_tolerance
 from jhd.shapes.as_shape import as_shape
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -141,8 +142,8 @@ def test_entries_take_what_becomes_a_shape(as_a_user):
 
 def test_pictures_and_arcs_take_what_becomes_a_shape():
     path = matplotlib.path.Path(ROWS)
-    arcs = jhd.shapes.biarcs(path, 1e-3)
-    assert arcs.count == 3 and jhd.shapes.least_tolerance(path) == 0.0
+    arcs = biarcs(path, 1e-3)
+    assert arcs.count == 3 and least_tolerance(path) == 0.0
     assert plot.curve(path, Figure().add_subplot()).lines[0].get_gid() == "curve"
     space = Figure().add_subplot(projection="3d")
     assert plot.mesh(MESHES["pyvista"], space) is space

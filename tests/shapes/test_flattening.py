@@ -108,6 +108,44 @@ def test_contours_stay_closed_and_apart():
     np.testing.assert_array_equal(smooth.curve.following, [1, 2, 3, 0])
 
 
+def distance_of_arcs(cubics, radius, centre):
+    """How far dense points of cubics are from a circle, least and most, in extended precision."""
+    t = np.linspace(0, 1, 1001)
+    dense = np.concatenate([values(row, None, t) for row in np.asarray(cubics)])
+    off = np.sqrt(np.sum((dense - np.asarray(centre, np.longdouble)) ** 2, axis=-1)) - radius
+    return float(off.min()), float(off.max())
+
+
+@pytest.mark.parametrize(("atol", "count"), [(1e-3, 4), (1e-4, 8), (1e-9, 48)])
+def test_cubics_of_a_circle_are_few_and_as_near_as_is_proven(atol, count):
+    radius, centre = 3.0, [1.0, -2.0]
+    found = jhd.circle(centre, radius).to_cubics(radius * atol)
+    low, high = distance_of_arcs(found.curve.control_points, radius, centre)
+    assert found.curve.count == count and found.deviation <= radius * atol
+    assert -1e-14 < low and 0.99 * found.deviation < high <= found.deviation
+    np.testing.assert_array_equal(found.curve.following, [*range(1, count), 0])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_cubics_of_arcs_of_ellipses_are_near_both_ways(seed):
+    # Rational quadratics in space, small and large arcs, with outer weights that differ.
+    random = np.random.default_rng(seed)
+    points, middle = random.normal(size=(1, 3, 3)), random.choice([0.05, 0.3, 0.9, 0.9999, 1 - 1e-10, 1.0, 2.0])
+    ends = 10.0 ** random.uniform(-2, 2, 2)
+    arc = jhd.BezierSegments(points, [[ends[0], middle * np.sqrt(ends[0] * ends[1]), ends[1]]])
+    for atol in (1e-2, 1e-5):
+        found = arc.to_cubics(atol)
+        dense_t = 1 / (1 + np.exp(-np.linspace(-18, 18, 3001)))
+        there = values(points[0], np.asarray(arc.weights)[0], dense_t)
+        back = np.concatenate([values(row, None, np.linspace(0, 1, 301)) for row in found.curve.control_points])
+        chains = [np.stack([x[:-1], x[1:]], axis=1) for x in (there, back)]
+        # The chords of the dense points are off by less than this.
+        room = max(float(np.linalg.norm(np.diff(x, 2, axis=0), axis=1).max()) for x in (there, back))
+        assert distance_to_lines(back[::7], chains[0]).max() <= found.deviation + room
+        assert distance_to_lines(there[::31], chains[1]).max() <= found.deviation + room
+        assert found.deviation <= atol
+
+
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
