@@ -184,7 +184,7 @@ def _pieces(
     return stored.swapaxes(0, 1), bound * (1 + 1e-14)
 
 
-class _Arcs(NamedTuple):
+class _EllipseArcs(NamedTuple):
     """For rational quadratics: whether they are arcs of ellipses, their cubics, and how far these are off."""
 
     round: np.ndarray  # (pieces, 1)
@@ -192,7 +192,7 @@ class _Arcs(NamedTuple):
     deviation: np.ndarray  # (pieces,)
 
 
-def _arcs(p: np.ndarray, w: np.ndarray) -> _Arcs:
+def _arcs(p: np.ndarray, w: np.ndarray) -> _EllipseArcs:
     """See above; control points (3, pieces, dim) and weights (3, pieces, 1)."""
     weight = w[1] / np.sqrt(w[0] * w[2])
     bent = weight < 1 - _BENT
@@ -204,7 +204,7 @@ def _arcs(p: np.ndarray, w: np.ndarray) -> _Arcs:
     aa, bb, ab = (np.sum(x * y, axis=-1) for x, y in ((up, up), (across, across), (up, across)))
     norm = np.sqrt(0.5 * (aa + bb) + np.hypot(0.5 * (aa - bb), ab))
     radial = (1 - cosine[:, 0]) ** 3 / (54 * (1 + cosine[:, 0]))
-    return _Arcs(bent, cubic, norm * radial * (1 + _ROOM))
+    return _EllipseArcs(bent, cubic, norm * radial * (1 + _ROOM))
 
 
 def pieces_following(segment: np.ndarray, following: np.ndarray) -> np.ndarray:
