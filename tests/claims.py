@@ -6,6 +6,12 @@ counts and orders. What is claimed of all inputs is asserted of those that a sma
 
 import numpy as np
 
+from tests.claims_collections import check_collection_search as check_collection_search
+from tests.claims_collections import check_duplicates as check_duplicates
+from tests.claims_collections import check_throughput as check_throughput
+from tests.claims_collections import check_to_a_million as check_to_a_million
+from tests.claims_collections import check_workers as check_workers
+
 # What TwoStep and the proven projections promise, in units of the coordinates (some hundred, and some).
 ERROR = 1e-10
 
@@ -237,13 +243,6 @@ def check_fonts(numbers):
             # What the search calls nearest, the matrix proves: no letter but those tied can be nearer.
             assert np.all(high[best] < low[others]), (name, letter)
     assert all(entry["largest_error"] > entry["spacing"] / 10 for entry in numbers["samples"])
-
-
-def check_throughput(numbers):
-    for found in numbers["kinds"].values():
-        assert found["gap"] <= 1e-10 and found["difference"] < 1e-13
-        assert found["error"]["largest"] > 1e-8 and 1 <= found["steps"]["mean"] <= found["steps"]["most"] < 50
-        assert all(entry["seconds"] > 0 for entry in (*found["batches"], *found["loops"].values()))
 
 
 def check_first_call(numbers):

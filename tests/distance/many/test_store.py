@@ -1,5 +1,6 @@
 """What a call has done is kept whole, is found again with the same bits, and serves nothing else."""
 
+import json
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 
 import jhd
 from jhd.distance import collections
+from jhd.distance.many import store
 from jhd.solution import names_of
 
 
@@ -75,6 +77,22 @@ def test_a_store_of_something_else_is_refused_and_both_fingerprints_are_named(tm
     with pytest.raises(ValueError, match=r"other inputs \(method\)"):
         jhd.pairwise(SHAPES[:3], method=jhd.BranchAndBound(atol=1e-3), store=tmp_path)
     assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "other", "told"),
+    [
+        ("processor", lambda: "flags: fewer", "processor"),
+        ("source_sum", lambda: "another jhd", "source"),
+        ("_version", lambda name: f"{name} 99", "versions"),
+    ],
+)
+def test_a_store_of_another_processor_or_version_is_refused(tmp_path, monkeypatch, name, other, told):
+    jhd.pairwise(SHAPES[:3], store=tmp_path)
+    mine = json.loads((tmp_path / "manifest.json").read_text())["fingerprint"]
+    monkeypatch.setattr(store, name, other)
+    with pytest.raises(ValueError, match=rf"other inputs \({told}\): its fingerprint is {mine}, that of .* \w{{64}}"):
+        jhd.pairwise(SHAPES[:3], store=tmp_path)
 
 
 def test_a_folder_that_is_no_store_is_refused(tmp_path):

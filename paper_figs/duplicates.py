@@ -1,0 +1,91 @@
+"""How many pairs are left at each stage, their distances, and some of them; numbers by duplicates."""
+
+from typing import Any
+
+import numpy as np
+from common import BLUE, GREEN, GREY, MM, ORANGE, Picture, bezier, letter, style
+from matplotlib.figure import Figure
+
+from jhd import plot
+
+_DASHED = (0, (4, 1.2))
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    with style():
+        figure = Figure(figsize=(175 * MM, 88 * MM), layout="constrained")
+        parts: Any = figure.subfigures(2, 1, height_ratios=(1.0, 0.8))
+        left, middle, right = parts[0].subplots(1, 3)
+        _draw_pairs(left, numbers)
+        _draw_time(middle, numbers)
+        _draw_distances(right, numbers)
+        _draw_shown(parts[1], numbers)
+    return figure
+
+
+def _bars(ax: Any, names: list[str], values: list[float], colours: list[str], form: str) -> None:
+    """Bars of lengths over many powers of ten, each with its number."""
+    ax.barh(names, values, color=colours, height=0.62)
+    ax.set_xscale("log")
+    ax.set_xlim(min(values) / 8, 60 * max(values))
+    ax.invert_yaxis()
+    for k, value in enumerate(values):
+        ax.annotate(format(value, form).replace(",", " "), (value, k), (3, 0), textcoords="offset points", va="center")
+    ax.tick_params(axis="y", length=0)
+    ax.minorticks_off()
+
+
+def _draw_pairs(ax: Any, numbers: dict[str, Any]) -> None:
+    names = ["all pairs", "searched", f"within {numbers['within']:g} em"]
+    _bars(ax, names, [numbers["pairs"], numbers["computed"], numbers["found"]], [GREY, ORANGE, BLUE], ",")
+    ax.set_xlabel("pairs")
+    letter(ax, "a", f"{numbers['shapes']:,} letters".replace(",", " "))
+
+
+def _draw_time(ax: Any, numbers: dict[str, Any]) -> None:
+    spent = numbers["spent"]
+    values = [numbers["cpu_a_pair"] * numbers["pairs"], spent["signatures"], spent["rest"]]
+    names = ["all distances\n(estimated)", "signatures", "search"]
+    _bars(ax, names, values, [GREY, GREEN, ORANGE], ",.3g" if max(values) < 1e3 else ",.0f")
+    ax.set_xlabel("CPU seconds")
+    letter(ax, "b", "time, once compiled")
+
+
+def _draw_distances(ax: Any, numbers: dict[str, Any]) -> None:
+    distance = np.sort(np.array(numbers["grouped"]["distance"], dtype=float))
+    count = np.arange(1, len(distance) + 1)
+    ax.step([0.0, *distance, numbers["within"]], [0, *count, len(distance)], where="post", color=BLUE)
+    ax.set(xlabel="distance (em)", ylabel="pairs that are as near", xlim=(0, numbers["within"]), ylim=(0, None))
+    letter(ax, "c", "distances found")
+
+
+def _draw_shown(part: Any, numbers: dict[str, Any]) -> None:
+    axes = np.atleast_1d(part.subplots(1, len(numbers["shown"])))
+    for ax, pair in zip(axes, numbers["shown"], strict=True):
+        first, second = (bezier(points) for points in pair["curves"])
+        plot.curve(first, ax, control_polygon=False)
+        plot.curve(second, ax, colour=ORANGE, linestyle=_DASHED, control_polygon=False)
+        _square(ax, first, second)
+        ax.set_axis_off()
+        codes = [f"U+{ord(sign):04X}" for sign in pair["letters"]]
+        ax.set_title(f"{codes[0]}\n{codes[1]}\n$d$ = {pair['distance']:.2g} em", fontsize=8)
+    part.suptitle("$\\bf{(d)}$ pairs of letters, one solid and one dashed", x=0.01, ha="left", fontsize=8)
+
+
+def _square(ax: Any, *curves: Any) -> None:
+    """Limits of one length along both axes, so that all panels are alike."""
+    points = np.concatenate([np.asarray(curve.control_points).reshape(-1, 2) for curve in curves])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, half = (low + high) / 2, 0.54 * np.max(high - low)
+    ax.set_xlim(middle[0] - half, middle[0] + half)
+    ax.set_ylim(middle[1] - half, middle[1] + half)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""What calls on pairs of shards take, and what follows for a million shapes; numbers by to_a_million."""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, BLUE, GREY, MM, VERMILLION, Picture, letter, style
+from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
+
+_CALLS: dict[str, dict[str, Any]] = {
+    "nearest": {"color": BLUE, "marker": "o", "label": "nearest of each"},
+    "within": {"color": VERMILLION, "marker": "s", "linestyle": (0, (4, 1.2)), "label": "near-duplicates"},
+}
+_MARK: dict[str, Any] = {"markersize": 4.0, "markeredgecolor": BLACK, "markeredgewidth": 0.4}
+_ROWS = {
+    "all pairs": ("all pairs", GREY),
+    "nearest": ("nearest\nof each", BLUE),
+    "within": ("near-\nduplicates", VERMILLION),
+}
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    with style():
+        figure = Figure(figsize=(175 * MM, 70 * MM), layout="constrained")
+        left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.2))
+        _draw_calls(left, numbers)
+        _draw_plan(right, numbers)
+    return figure
+
+
+def _draw_calls(ax: Any, numbers: dict[str, Any]) -> None:
+    shards = numbers["shards"]
+    size = np.array([shard["size"] for shard in shards])
+    for name, looks in _CALLS.items():
+        ax.loglog(size, [shard[name]["cpu"] for shard in shards], **looks, **_MARK)
+    every = numbers["cpu_a_pair"] * size**2
+    ax.loglog(size, every, color=GREY, linestyle=(0, (1, 1)), linewidth=1.4, label="all pairs (estimated)")
+    ax.set_xticks(size, [f"{x}" for x in size])
+    ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.minorticks_off()
+    ax.set(xlabel="letters in each of two shards", ylabel="CPU seconds of a call")
+    ax.legend(handlelength=2.6)
+    letter(ax, "a", "measured: one task")
+
+
+def _draw_plan(ax: Any, numbers: dict[str, Any]) -> None:
+    plan, assumed = numbers["plan"], numbers["assumed"]
+    values = [plan[name]["hours"] for name in _ROWS]
+    ax.barh([name for name, _ in _ROWS.values()], values, color=[colour for _, colour in _ROWS.values()], height=0.6)
+    ax.set_xscale("log")
+    ax.set_xlim(min(values) / 4, 900 * max(values))
+    ax.invert_yaxis()
+    for k, name in enumerate(_ROWS):
+        text = f"{_lasts(values[k])}, {_kept(plan[name]['bytes'])} kept"
+        ax.annotate(text, (values[k], k), (3, 0), textcoords="offset points", va="center")
+    ax.minorticks_off()
+    ax.tick_params(axis="y", length=0)
+    ax.set_xlabel(f"hours on {assumed['cores']} cores, busy {assumed['busy']:.0%} of the time")
+    letter(ax, "b", f"planned: {assumed['shapes']:,} shapes".replace(",", " "))
+
+
+def _lasts(hours: float) -> str:
+    return f"{hours / 24:.2g} days" if hours > 48 else f"{hours:.2g} h" if hours > 1 else f"{60 * hours:.2g} min"
+
+
+def _kept(count: float) -> str:
+    unit = next((unit for unit in ((1e12, "TB"), (1e9, "GB"), (1e6, "MB")) if count >= unit[0]), (1.0, "B"))
+    return f"{count / unit[0]:.3g} {unit[1]}"
+
+
+if __name__ == "__main__":
+    main()

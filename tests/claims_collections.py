@@ -1,0 +1,58 @@
+"""What the experiments on many shapes and pairs claim; see tests.claims."""
+
+
+def full(numbers):
+    """Whether these are the numbers of a full run, whose counts and CPU seconds are claimed too."""
+    return not numbers["context"]["smoke"]
+
+
+def check_throughput(numbers):
+    for found in numbers["kinds"].values():
+        assert found["gap"] <= 1e-10 and found["difference"] < 1e-13
+        assert found["error"]["largest"] > 1e-8 and 1 <= found["steps"]["mean"] <= found["steps"]["most"] < 50
+        assert all(entry["seconds"] > 0 for entry in (*found["batches"], *found["loops"].values()))
+
+
+def check_collection_search(numbers):
+    for search in numbers["searches"]:
+        assert search["agrees"] and search["difference"] < 1e-9 and search["gap"] < 1e-9
+        assert search["computed"] < numbers["queries"] * search["shapes"]
+    shares = {(search["k"], search["shapes"]): search["share"] for search in numbers["searches"]}
+    sizes = sorted({size for _, size in shares})
+    for k in (1, 5):
+        assert shares[k, sizes[0]] > shares[k, sizes[-1]]
+    if full(numbers):
+        spent = {search["k"]: search["spent"]["cpu"] for search in numbers["searches"] if search["shapes"] == 2000}
+        assert shares[1, 2000] <= 0.003 and spent[1] < 10 and shares[5, 2000] < 0.01
+
+
+def check_duplicates(numbers):
+    assert numbers["undecided"] == 0 and numbers["grouped"]["agrees"] and numbers["sample"]["agrees"]
+    assert 0 < numbers["found"] <= numbers["pairs"] and numbers["computed"] < numbers["pairs"] / 100
+    assert max(numbers["grouped"]["distance"]) <= numbers["within"] and max(numbers["upper"]) <= numbers["within"]
+    assert numbers["sample"]["near"] > 0
+    if full(numbers):
+        assert numbers["shapes"] == 11_683 and numbers["spent"]["cpu"] < 60 and numbers["computed"] < 3000
+
+
+def check_workers(numbers):
+    assert len({entry["bits"] for entry in numbers["entries"] if "bits" in entry}) == 1
+    (plain,) = (entry for entry in numbers["entries"] if entry["kind"] == "plain loop")
+    others = [entry for entry in numbers["entries"] if entry is not plain]
+    assert all(entry["rate"] > 0 for entry in others)
+    if full(numbers):
+        assert {entry["kind"] for entry in others} >= {"threads", "processes", "devices"}
+        assert plain["cpu_a_pair"] > 2 * min(entry["cpu_a_pair"] for entry in others)
+
+
+def check_to_a_million(numbers):
+    assert numbers["merged"]["agrees"]
+    shards, plan = numbers["shards"], numbers["plan"]
+    assert all(shard["within"]["undecided"] == 0 for shard in shards)
+    assert shards[0]["nearest"]["share"] > shards[-1]["nearest"]["share"]
+    for row in plan.values():
+        hours = row["cpu_hours"] / numbers["assumed"]["cores"] / numbers["assumed"]["busy"]
+        assert row["tasks"] > 1 and abs(row["hours"] - hours) <= 1e-9 * hours
+    assert plan["within"]["hours"] < plan["nearest"]["hours"] < plan["all pairs"]["hours"]
+    if full(numbers):
+        assert shards[-1]["size"] == 4000 and shards[-1]["nearest"]["share"] < 0.01
