@@ -16,6 +16,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jhd.arrays import is_traced
+from jhd.batches import AbstractSolution, shown_many
+from jhd.batches import on_device as on_device
 from jhd.outcomes import ANSWERS as ANSWERS
 from jhd.outcomes import DIRECTIONS as DIRECTIONS
 from jhd.outcomes import EVENTS as EVENTS
@@ -46,17 +48,6 @@ def with_answers(solution: Any, answers: Sequence[tuple[Any, Any, Any, Any, Any]
     for begin, answer in zip((0, len(leaves) - 2 * size, len(leaves) - size), answers, strict=False):
         leaves[begin], (leaves[begin + 4], leaves[begin + 5], leaves[begin + 6]) = answer[0], answer[1:4]
         leaves[begin + 8] = answer[4]
-    return jax.tree_util.tree_unflatten(structure, leaves)
-
-
-def on_device(solution: Any) -> Any:
-    """The same with arrays of JAX's in place of NumPy's; all together, since one transfer takes as long as many."""
-    leaves, structure = jax.tree_util.tree_flatten(solution)
-    places = [k for k, leaf in enumerate(leaves) if isinstance(leaf, np.ndarray | np.generic)]
-    if not places:
-        return solution
-    for k, leaf in zip(places, jax.device_put([leaves[k] for k in places]), strict=True):
-        leaves[k] = leaf
     return jax.tree_util.tree_unflatten(structure, leaves)
 
 
@@ -107,10 +98,11 @@ class Witness(eqx.Module):
         return f"Witness({shown}, {ends}, direction={name_of(self.direction)})"
 
 
-class AbstractDistance(eqx.Module):
+class AbstractDistance(AbstractSolution):
     """A distance with what is proven of it."""
 
     value: eqx.AbstractVar[Array]
+    result: eqx.AbstractVar[Any]
 
     def __float__(self) -> float:
         if is_traced(self.value):
@@ -158,8 +150,9 @@ class HausdorffSolution(AbstractDistance):
         return self.witness.direction
 
     def __repr__(self) -> str:
-        if is_traced(self.value) or np.ndim(self.value) > 0:
-            return f"HausdorffSolution(value={eqx.tree_pformat(self.value)},\n  a batch or traced; index or vmap it)"
+        many = shown_many(self, "value")
+        if many is not None:
+            return many
         place = ", ".join(f"{x:.6g}" for x in np.asarray(self.witness.point))
         return (
             f"HausdorffSolution(value={float(self.value)!r}, lower={float(self.lower)!r}, "
@@ -193,8 +186,9 @@ class MinimumSolution(AbstractDistance):
     stats: dict[str, Array]
 
     def __repr__(self) -> str:
-        if is_traced(self.value) or np.ndim(self.value) > 0:
-            return f"MinimumSolution(value={eqx.tree_pformat(self.value)},\n  a batch or traced; index or vmap it)"
+        many = shown_many(self, "value")
+        if many is not None:
+            return many
         places = [", ".join(f"{x:.6g}" for x in np.asarray(point)) for point in (self.point_a, self.point_b)]
         return (
             f"MinimumSolution(value={float(self.value)!r}, lower={float(self.lower)!r}, "
@@ -202,7 +196,7 @@ class MinimumSolution(AbstractDistance):
         )
 
 
-class Projection(eqx.Module):
+class Projection(AbstractSolution):
     """Nearest points of a shape: distances with bounds, feet and their places; the shape of the queries is kept.
 
     Args:
@@ -225,8 +219,16 @@ class Projection(eqx.Module):
     t: Float[Array, "*batch"] | Float[Array, "*batch corners"]
     result: Any
 
+    def __repr__(self) -> str:
+        many = shown_many(self, "distance")
+        if many is not None:
+            return many
+        foot = ", ".join(f"{x:.6g}" for x in np.asarray(self.foot))
+        bounds = f"lower={float(self.lower)!r}, upper={float(self.upper)!r}"
+        return f"Projection(distance={float(self.distance)!r}, {bounds},\n  foot ({foot}), {name_of(self.result)})"
 
-class StationaryPoints(eqx.Module):
+
+class StationaryPoints(AbstractSolution):
     """All stationary parameters of the distance from a point to a curve, in order along the curve, padded and masked.
 
     Where the distance is constant along a stretch (the centre of a circle), the stretch comes as one interval.
@@ -249,8 +251,15 @@ class StationaryPoints(eqx.Module):
     valid: Bool[Array, "*batch capacity"]
     result: Any
 
+    def __repr__(self) -> str:
+        many = shown_many(self, "distance")
+        if many is not None:
+            return many
+        numbers = np.asarray(self.distance)[np.asarray(self.valid)].tolist()
+        return f"StationaryPoints(distance={numbers}, {name_of(self.result)})"
 
-class CriticalPairs(eqx.Module):
+
+class CriticalPairs(AbstractSolution):
     """Local maxima of the distance between two curves, in both directions, largest first, padded and masked.
 
     Args:
@@ -265,8 +274,15 @@ class CriticalPairs(eqx.Module):
     valid: Bool[Array, "*batch capacity"]
     result: Any
 
+    def __repr__(self) -> str:
+        many = shown_many(self, "value")
+        if many is not None:
+            return many
+        numbers = np.asarray(self.value)[np.asarray(self.valid)].tolist()
+        return f"CriticalPairs(value={numbers}, {name_of(self.result)})"
 
-class Decision(eqx.Module):
+
+class Decision(AbstractSolution):
     """The answer to whether a distance is at most a threshold, with the bounds that were reached.
 
     `if` takes it for what it answers; where it is undecided that raises ValueError.
@@ -299,13 +315,14 @@ class Decision(eqx.Module):
         return bool(self.answer == ANSWERS.yes)
 
     def __repr__(self) -> str:
-        if is_traced(self.lower) or np.ndim(self.lower) > 0:
-            return f"Decision(lower={eqx.tree_pformat(self.lower)},\n  a batch or traced; index or vmap it)"
+        many = shown_many(self, "lower")
+        if many is not None:
+            return many
         ends = f"lower={float(self.lower)!r}, upper={float(self.upper)!r}"
         return f"Decision({name_of(self.answer)}, {ends}, {name_of(self.result)})"
 
 
-class FitSolution(eqx.Module):
+class FitSolution(AbstractSolution):
     """A shape fitted by its Hausdorff distance, with the proven distance.
 
     Args:

@@ -97,8 +97,54 @@ def test_a_batch_of_solutions_is_a_solution_with_leading_axes():
     np.testing.assert_array_equal(batch.value, [0.0, 1.0, 2.0])
     assert batch.witness.point.shape == (3, 2)
     assert repr(batch).count("\n") == 1 and "batch" in repr(batch)
-    second = jax.tree_util.tree_map(lambda x: x[1], batch)
+    second = batch[1]
     assert float(second) == 1.0 and repr(second).startswith("HausdorffSolution(value=1.0,")
+    assert float(batch[-1]) == 2.0 and batch[1:].value.tolist() == [1.0, 2.0]
+    assert batch[np.array([True, False, True])].witness.point.shape == (2, 2)
+    assert [float(each) for each in batch] == [0.0, 1.0, 2.0]
+    assert float(jax.jit(lambda s, k: s[k].value)(batch, 2)) == 2.0
+
+
+def test_only_a_batch_has_an_index_and_only_within():
+    with pytest.raises(TypeError, match="this HausdorffSolution is a single one"):
+        a_solution()[0]
+    batch = jax.tree_util.tree_map(lambda x: jnp.stack([x, x]), a_solution())
+    for index in (2, (0, 1)):
+        with pytest.raises(IndexError):
+            batch[index]
+        with pytest.raises(IndexError):
+            jax.jit(lambda s, index=index: s[index].value)(batch)
+
+
+def test_a_batch_counts_what_did_not_succeed():
+    names = ("successful", "gap_not_closed", "successful", "gap_not_closed", "capacity_reached")
+    each = [a_solution(getattr(jhd.RESULTS, name)) for name in names]
+    batch = jax.tree_util.tree_map(lambda *x: jnp.stack(x), *each)
+    assert batch.ok.tolist() == [True, False, True, False, False]
+    assert repr(batch).split("\n") == [
+        "HausdorffSolution(batch of 5, value from 2 to 2,",
+        "  3 of 5 not successful: 2 gap_not_closed, 1 capacity_reached; index it)",
+    ]
+    assert repr(batch[::2][:2]).endswith("\n  all successful; index it)") and bool(batch[0].ok)
+
+
+def test_every_kind_of_solution_is_a_batch_in_the_same_way():
+    def spread(member, *shape):
+        return jax.tree_util.tree_map(lambda x: jnp.broadcast_to(x, (*shape, *jnp.shape(x))), member)
+
+    numbers, places, success = jnp.arange(2.0), jnp.zeros((2, 3)), spread(jhd.RESULTS.successful, 2)
+    witness, whole, valid = spread(a_solution().witness, 2, 3), jnp.zeros(2, int), places == 0
+    batches = [
+        jhd.MinimumSolution(numbers, numbers, numbers, places, places, success, {}),
+        jhd.Projection(numbers, numbers, numbers, places, whole, numbers, success),
+        jhd.StationaryPoints(valid.astype(int), places, places, places, places, valid, success),
+        jhd.CriticalPairs(places, witness, valid, success),
+        jhd.Decision(spread(jhd.ANSWERS.yes, 2), numbers, numbers, success, {}),
+    ]
+    for batch in batches:
+        assert batch.ok.tolist() == [True, True] and batch[1].ok.shape == ()
+        assert repr(batch).startswith(f"{type(batch).__name__}(batch of 2, ") and "all successful" in repr(batch)
+        assert "successful" in repr(batch[1]) and "f64" not in repr(batch[1])
 
 
 def test_a_batch_holds_results_of_several_kinds():

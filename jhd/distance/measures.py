@@ -21,6 +21,7 @@ from jaxtyping import Array, Float
 
 from jhd.arithmetic.scaling import common_exponent, scale_of
 from jhd.arrays import is_traced
+from jhd.batches import AbstractSolution
 from jhd.distance.deviation import checked_weights, deviation
 from jhd.distance.deviation_solution import Bounds, Deviation, check_share
 from jhd.distance.frame.attach import carrying
@@ -38,7 +39,7 @@ from jhd.solution import DIRECTIONS, name_of, throw_unless_successful
 from jhd.triangles.closest_point import outward
 
 
-class MeasureSolution(eqx.Module):
+class MeasureSolution(AbstractSolution):
     """A measure of the distances from one shape to another, or the larger one of both directions.
 
     Args:
