@@ -4,7 +4,7 @@ They are indexed, tell which of them succeeded, and count the others where they 
 """
 
 from collections import Counter
-from typing import Any, Self
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -18,21 +18,21 @@ from jhd.outcomes import RESULTS, names_of
 class AbstractSolution(eqx.Module):
     """What an entry returns, single or as a batch; the axes of `result` are those of the batch."""
 
-    result: eqx.AbstractVar[Any]
+    # The field `result` is left to each class: checkers of types would take it for the first argument of all.
 
     @property
     def ok(self) -> Array:
         """Whether everything that was asked for holds: of a batch an array."""
-        return self.result == RESULTS.successful
+        return _result(self) == RESULTS.successful
 
-    def __getitem__(self, index: Any) -> Self:
+    def __getitem__(self, index: Any) -> Any:
         """Some of a batch, by an index as NumPy takes it, along its axes.
 
         Raises:
             TypeError: a single solution.
             IndexError: outside the batch.
         """
-        shape = np.shape(self.result._value)
+        shape = np.shape(_result(self)._value)
         if not shape:
             raise TypeError(
                 f"this {type(self).__name__} is a single one; only a batch, as vmap makes it, has an index."
@@ -44,6 +44,10 @@ class AbstractSolution(eqx.Module):
             return jax.tree_util.tree_map(lambda x: x[index], self)
         # On the host, where nothing is compiled.
         return on_device(jax.tree_util.tree_map(lambda x: np.asarray(x)[index], self))
+
+
+def _result(solution: Any) -> Any:
+    return solution.result
 
 
 def on_device(solution: Any) -> Any:

@@ -7,7 +7,7 @@ leaves have leading axes.
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -23,8 +23,10 @@ from jhd.outcomes import DIRECTIONS as DIRECTIONS
 from jhd.outcomes import EVENTS as EVENTS
 from jhd.outcomes import RESULTS as RESULTS
 from jhd.outcomes import name_of as name_of
-from jhd.outcomes import names_of
+from jhd.outcomes import names_of as names_of
 from jhd.outcomes import result_where as result_where
+from jhd.plain import stored_fields as stored_fields
+from jhd.plain import to_plain as to_plain
 
 
 def with_result(solution: Any, result: Any) -> Any:
@@ -102,7 +104,6 @@ class AbstractDistance(AbstractSolution):
     """A distance with what is proven of it."""
 
     value: eqx.AbstractVar[Array]
-    result: eqx.AbstractVar[Any]
 
     def __float__(self) -> float:
         if is_traced(self.value):
@@ -393,25 +394,3 @@ def _reached(solution: Any, lane: int) -> str:
         return ""
     of = f" of number {lane} of {np.size(solution.lower)}" if np.size(solution.lower) > 1 else ""
     return f" The bounds reached{of} are {low!r} and {high!r}."
-
-
-def stored_fields(value: eqx.Module) -> list[str]:
-    """The names of the fields of a result that files and JSON hold."""
-    return [field.name for field in fields(value) if field.metadata.get("stored", True)]
-
-
-def to_plain(value: Any) -> Any:
-    """Nested dictionaries, lists, numbers and names of a result, as JSON can hold them; non-finite numbers are None."""
-    if hasattr(value, "_enumeration"):  # a member of an enumeration is a Module too
-        return names_of(value)
-    if isinstance(value, eqx.Module):
-        return {name: to_plain(getattr(value, name)) for name in stored_fields(value)}
-    if isinstance(value, dict):
-        return {name: to_plain(item) for name, item in value.items()}
-    if isinstance(value, jax.Array | np.ndarray):
-        return to_plain(np.asarray(value).tolist())
-    if isinstance(value, list):
-        return [to_plain(item) for item in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value

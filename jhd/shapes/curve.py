@@ -21,7 +21,7 @@ from jhd.shapes import convert
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
 from jhd.shapes.flattening import CurveApproximation, flattened, pieces_following
 from jhd.shapes.homogeneous import cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
-from jhd.shapes.joints import completed, joints, turned
+from jhd.shapes.joints import checked, completed, followed, joints, linked, turned
 
 
 class AbstractCurve(eqx.Module):
@@ -121,7 +121,8 @@ class BezierSegments(AbstractCurve):
         control_points: coordinates, in any unit of length; distances come in the same unit.
         weights: positive weights, or None for polynomial segments.
         following: for each segment the index of the one that starts where it ends, -1 at a free end. By default ends
-            that agree within 8 ulp of the largest coordinate are joined; the next segment is preferred.
+            that agree within 8 ulp of the largest coordinate are joined; the next segment is preferred. Kept as floats
+            whose derivative is zero, so that jax.grad and optimisers take curves as they are.
 
     Raises:
         ValueError: wrong number of axes, no point, other than two or three coordinates, NaN or infinity, weights that
@@ -131,26 +132,19 @@ class BezierSegments(AbstractCurve):
 
     control_points: Float[Array, "segments points dim"]
     weights: Float[Array, "segments points"] | None
-    following: Int[Array, " segments"]
+    # Whole numbers where a program of this package works on it: jhd.distance.frame.curves.trusted.
+    links: Float[Array, "segments 2"] | Int[Array, " segments"] = eqx.field(metadata={"name": "following"})
 
     def __init__(self, control_points: Numbers, weights: Numbers | None = None, following: Numbers | None = None):
         self.control_points = real_array("control_points", control_points)
         self.weights = None if weights is None else real_array("weights", weights)
         check_control_points(self.control_points, self.weights, ("segments", "points", "dim"))
-        self.following = joints(self.control_points) if following is None else self._checked(jnp.asarray(following))
+        self.links = linked(joints(self.control_points) if following is None else checked(following, self.count))
 
-    def _checked(self, following: Array) -> Array:
-        if following.shape != (self.count,) or not jnp.issubdtype(following.dtype, jnp.integer):
-            raise ValueError(
-                f"following has shape {following.shape} and dtype {following.dtype}; needs ({self.count},) integers."
-            )
-        if is_traced(following):
-            return following.astype(int)
-        known = np.asarray(following)
-        bad = np.flatnonzero((known < -1) | (known >= self.count))
-        if len(bad):
-            raise ValueError(f"following[{bad[0]}] is {known[bad[0]]}; needs -1 or a segment below {self.count}.")
-        return jnp.asarray(known.astype(int))
+    @property
+    def following(self) -> Int[Array, "*batch segments"]:
+        """For each segment the index of the one that starts where it ends, -1 at a free end."""
+        return followed(self.links)
 
     def _summary(self) -> str:
         batch = batch_text(self.control_points, 3)
@@ -160,9 +154,10 @@ class BezierSegments(AbstractCurve):
         return f"{lead}{count_text(self.count, 'segment')} of degree {self.degree}{self._ends_text()}"
 
     def _ends_text(self) -> str:
-        if not is_known(self.following) or self.following.ndim != 1:
+        following = followed(self.links) if is_known(self.links) else None
+        if following is None or following.ndim != 1:
             return ""
-        ends = int(np.sum(np.asarray(self.following) < 0))
+        ends = int(np.sum(np.asarray(following) < 0))
         if ends == 0:
             return ", closed"
         return ", open" if ends == 1 else f", {ends} open ends"

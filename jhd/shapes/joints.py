@@ -1,11 +1,14 @@
-"""Which segment of a curve starts where another one ends, so that a seam is not taken for a free end."""
+"""Which segment of a curve starts where another one ends, so that a seam is not taken for a free end.
+
+A user's curve keeps it as floats, since a curve is something to differentiate by; programs take whole numbers.
+"""
 
 from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from jhd.arrays import array_of, is_traced
 
@@ -73,6 +76,46 @@ def _found(rows: np.ndarray, ends: np.ndarray, starts: np.ndarray, single: np.nd
         meets &= ~single[start] | (start == rows[row] + 1)
         np.minimum.at(best, row[meets], (start[meets] - rows[row[meets]] - 1) % count)
     return np.where(best < count, (best + rows + 1) % count, -1)
+
+
+def checked(following: Any, count: int) -> Int[Array, " segments"]:
+    """`following` as it is given for so many segments; ValueError for anything that it cannot be."""
+    following = jnp.asarray(following)
+    if following.shape != (count,) or not jnp.issubdtype(following.dtype, jnp.integer):
+        raise ValueError(
+            f"following has shape {following.shape} and dtype {following.dtype}; needs ({count},) integers."
+        )
+    if is_traced(following):
+        return following.astype(int)
+    known = np.asarray(following)
+    bad = np.flatnonzero((known < -1) | (known >= count))
+    if len(bad):
+        raise ValueError(f"following[{bad[0]}] is {known[bad[0]]}; needs -1 or a segment below {count}.")
+    return array_of(known.astype(int))
+
+
+def linked(following: Any) -> Float[Array, "*batch segments 2"]:
+    """`following` as floats: each number and one, beside a one.
+
+    jax.grad takes no whole numbers among what it differentiates. The derivative of these floats is zero, so optimisers
+    leave them where they are; and what scales all that it finds, as weight decay does, changes no quotient.
+    """
+    xp = jnp if is_traced(following) else np
+    whole = xp.asarray(following)
+    return array_of(xp.stack([whole + 1, xp.ones_like(whole)], axis=-1), float)
+
+
+def followed(links: Any) -> Int[Array, "*batch segments"]:
+    """`following` from what `linked` made of it; whole numbers are it already. Of zeros, as of a derivative, -1."""
+    if jnp.issubdtype(links.dtype, jnp.integer):
+        return links
+    # Where only a derivative is being taken the numbers are known.
+    links = lax.stop_gradient(links) if is_traced(links) else links
+    xp = jnp if is_traced(links) else np
+    pairs: Any = xp.asarray(links)
+    some = pairs[..., 1] != 0
+    quotient = xp.where(some, pairs[..., 0], 0.0) / xp.where(some, pairs[..., 1], 1.0)
+    return array_of(xp.rint(quotient).astype(int) - 1)
 
 
 def completed(following: Any, control_points: Array) -> Int[Array, " segments"]:

@@ -46,7 +46,7 @@ def raised_degree(degree: int) -> int:
 
 
 def trusted(control_points: Any, weights: Any, following: Any) -> BezierSegments:
-    """Segments from arrays that need no check; NumPy arrays and tracers are stored as they are."""
+    """Segments from arrays that need no check; NumPy arrays and tracers are stored as they are, `following` too."""
     leaves = [control_points, following] if weights is None else [control_points, weights, following]
     return jax.tree_util.tree_unflatten(_structure(weights is not None), leaves)
 

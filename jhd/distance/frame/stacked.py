@@ -12,6 +12,7 @@ from jhd.arrays import is_traced
 from jhd.distance.frame.curves import elevation_matrix, padded_count, trusted
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import BezierSegments, check_curve
+from jhd.shapes.joints import linked
 
 
 def stack_curves(curves: Sequence[Any]) -> BezierSegments:
@@ -66,7 +67,7 @@ def _alike(curve: BezierSegments, degree: int, count: int, rational: bool, xp: A
     if degree > curve.degree:
         points, weights = _raised(points, weights, degree, xp)
     index = np.minimum(np.arange(count), curve.count - 1)
-    return trusted(points[index], None if weights is None else weights[index], xp.asarray(curve.following)[index])
+    return trusted(points[index], None if weights is None else weights[index], linked(curve.following[index]))
 
 
 def _raised(points: Any, weights: Any, degree: int, xp: Any) -> tuple[Any, Any]:
