@@ -1,6 +1,5 @@
 """Fits: known best curves are reached, errors are proven, maxima are equal, stops are named, input is checked."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -160,18 +159,6 @@ def test_smooth_joints_have_one_tangent():
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     np.testing.assert_allclose(cross, 0, atol=1e-12)
     assert float(solution.optimality) <= STATIONARY
-
-
-@pytest.mark.slow
-def test_the_smooth_stand_in_lies_above_and_falls_with_the_temperature():
-    curve, exact = symmetric(0.5), float(jhd.hausdorff(quarter(), symmetric(0.5)).value)
-    soft = [float(jhd.soft_hausdorff(quarter(), curve, heat)) for heat in (1e-2, 1e-3, 1e-5)]
-    assert soft[0] >= soft[1] >= soft[2] >= exact * (1 - 1e-12)
-    assert soft[2] == pytest.approx(exact, rel=1e-3)
-    rate = jax.jvp(lambda c: jhd.soft_hausdorff(quarter(), symmetric(c), 1e-3), (0.5,), (1.0,))[1]
-    step = 1e-6
-    ahead, behind = (jhd.soft_hausdorff(quarter(), symmetric(0.5 + x), 1e-3) for x in (step, -step))
-    assert float(rate) == pytest.approx(float(ahead - behind) / (2 * step), rel=1e-6)
 
 
 @pytest.mark.slow

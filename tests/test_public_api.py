@@ -51,7 +51,7 @@ PARAMETERS = {
     "minimise_hausdorff": ["build", "parameters", "target", "starts", "max_steps", "atol", "method", "progress"],
     "fit_outline": ["target", "tolerance", "degree", "smooth", "max_segments", "max_steps", "progress"],
     "fit_curve": ["target", "degree", "segments", "ends", "closed", "smooth", "max_steps", "atol", "method"],
-    "soft_hausdorff": ["a", "b", "temperature", "capacity"],
+    "soft_hausdorff": ["a", "b", "temperature", "method"],
     "BranchAndBound": ["atol", "rtol", "max_steps", "capacity"],
     "TwoStep": ["samples", "spacing", "max_rounds"],
     "AlgebraicEvents": ["atol", "capacity", "max_boxes"],

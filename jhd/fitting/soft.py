@@ -1,25 +1,150 @@
-"""A smooth stand-in for the Hausdorff distance of two curves."""
+"""A smooth upper bound of the Hausdorff distance of two curves, with a gradient in all of their control points.
+
+S = H + tau log(1 + K M), where H is the proven upper bound of the distance, tau the temperature, and M the mean over
+samples of both curves, each curve half of it, of exp((min(d, H) - H) / tau) with their distances d to the other curve.
+Each term of M lies in [0, 1], so
+
+    H <= S <= H + tau log(1 + K)
+
+however the samples lie and whatever their feet are: the proof is that of the hard distance alone. The gradient of S
+is a mean of that of H and those of all d, with weights that fall by e for each tau that d is below H. As tau goes to
+zero it is that of H; from the spacing of the samples on upwards it is smooth where the farthest place jumps. First
+derivatives are exact; second ones leave out how feet move.
+
+Samples lie at fixed parameters and count by the length of the curve there, so a change of the parametrisation alone
+changes little; their feet are those that Newton's method reaches from near the nearest samples of the other curve.
+"""
+
+import math
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arrays import real_array
-from jhd.distance.witness.critical import critical_pairs
+from jhd.arithmetic.scaling import length
+from jhd.arrays import check_scalar, real_array
+from jhd.compiled import compiled
+from jhd.distance.frame.attach import carrying
+from jhd.distance.frame.coordinates import Frame, extremes, frame_of
+from jhd.distance.frame.curves import padded_count, replaced, trusted, usable
+from jhd.distance.frame.jets import jet
+from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
+from jhd.distance.frame.pieces import CurvePlace, piece_of, preceding
+from jhd.distance.hausdorff import hausdorff
+from jhd.distance.nearest.blocks import is_long
+from jhd.distance.nearest.curves import repeated
+from jhd.distance.nearest.feet import follow_foot
+from jhd.distance.nearest.near_curve import near_curve
+from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
+from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
-from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.curve import BezierSegments, check_curve
+
+# What all samples together count beside the farthest place: more makes kinks of the maximum milder and S larger.
+WEIGHT = 63
+# Samples of one curve, shared among its segments: at least one of each, and not more than so many.
+SAMPLES, MOST = 1024, 256
+# Newton steps that lead from a sample to a foot, one of them lost at each joint that is crossed.
+_FOLLOW = 12
+# A temperature below this share of the size softens nothing that floats could tell.
+_COLD = 1e-15
 
 
-def soft_hausdorff(a: AbstractCurve, b: AbstractCurve, temperature: Numbers, *, capacity: int = 16) -> Array:
-    """A smooth stand-in for the Hausdorff distance: temperature log sum exp(h_j / temperature) of the critical pairs.
+class SoftSamples(NamedTuple):
+    """Points of a curve at fixed parameters, and what they count, with sum one."""
 
-    It lies above the largest h_j by at most temperature log capacity and falls to it with the temperature; where one
-    maximum is born or dies far below the top it hardly jumps. For optimisers that want one smooth loss.
+    points: Array
+    weight: Array
+
+
+def soft_hausdorff(a: Any, b: Any, temperature: Numbers, method: AbstractHausdorffMethod | None = None) -> Array:
+    """A smooth upper bound S of the Hausdorff distance H of two curves, a loss with dense gradients.
+
+    H <= S <= H + temperature log 64, both proven: S is the largest distance softened over it and the distances of a
+    thousand samples of each curve, so its gradient moves all control points that are within some temperatures of the
+    maximum, where that of `hausdorff` moves those at one place. It costs one `hausdorff` and feet of the samples. Begin
+    with a temperature of a third of the distance and lower it, and S falls to H. Works under jit, vmap and grad, for
+    first derivatives.
+
+    >>> from jhd.shapes.curve import polyline
+    >>> a, b = polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)])
+    >>> [round(float(soft_hausdorff(a, b, temperature)), 4) for temperature in (0.1, 0.01)]
+    [1.4159, 1.0416]
 
     Args:
-        a: a curve.
+        a: a curve, or what jhd.as_shape takes for one.
         b: a curve of the same dimension.
-        temperature: a positive length.
-        capacity: how many maxima take part.
+        temperature: a positive length, in the unit of the coordinates.
+        method: options of the search for the largest distance; with a wider tolerance the bound is as much wider.
+
+    Raises:
+        TypeError: what is no curve, or another method than BranchAndBound.
+        ValueError: curves of different dimensions, or a temperature that is no positive length.
+        NotProvenError: the search did not reach its tolerance.
     """
-    pairs, heat = critical_pairs(a, b, capacity), real_array("temperature", temperature)
-    return heat * jax.nn.logsumexp(pairs.value / heat, b=pairs.valid)
+    a, b = taken_as("a", a), taken_as("b", b)
+    check_curve("a", a)
+    check_curve("b", b)
+    heat = real_array("temperature", temperature)
+    check_scalar("temperature", heat, positive=True)
+    method = default_method() if method is None else method
+    check_serves(method, a, b, (BranchAndBound,))
+    p, q = a.segments(), b.segments()
+    found = hausdorff(p, q, method)
+    hard = carrying(found.upper, found.value)
+    known = jax.lax.stop_gradient((p, q))
+    good = usable(known[0]) & usable(known[1])
+    frame = frame_of([extremes(replaced(curve, good).control_points) for curve in known], good)
+    pair = (replaced(curve.pad(padded_count(curve.count, small=True)), good) for curve in (p, q))
+    return _softened(*pair, hard, heat, frame)
+
+
+@compiled
+def _softened(a: BezierSegments, b: BezierSegments, hard: Array, heat: Array, frame: Frame) -> Array:
+    """S, from the bound and the temperature in the user's unit."""
+    scale = frame.scale(hard.dtype)
+    known = jnp.isfinite(hard)
+    top = jnp.where(known, hard, 0.0)
+    a, b = (trusted(frame.moved(curve.control_points), curve.weights, curve.following) for curve in (a, b))
+    long = is_long(a) or is_long(b)
+    means = [_mean(sampled(x), y, long, top * scale, heat * scale) for x, y in ((a, b), (b, a))]
+    # Sums of weights round, and no mean of numbers up to one is more.
+    share = jnp.minimum(0.5 * (means[0] + means[1]), 1.0)
+    return jnp.where(known, top + heat * jnp.log1p(WEIGHT * share), hard)
+
+
+def _mean(of: SoftSamples, b: BezierSegments, long: bool, top: Array, heat: Array) -> Array:
+    """The mean of exp((d - top) / heat) over samples, where d is at most top; in common coordinates."""
+    distance = jnp.minimum(_distances(of, b, long), top)
+    return jnp.sum(of.weight * jnp.exp((distance - top) / jnp.maximum(heat, _COLD)))
+
+
+def sampled(curve: BezierSegments) -> SoftSamples:
+    """Samples in the middles of equal steps of each segment's parameter, that count by the length there."""
+    steps = min(math.ceil(SAMPLES / curve.count), MOST)
+    t = (jnp.arange(steps, dtype=curve.control_points.dtype) + 0.5) / steps
+    each = jax.vmap(lambda k: jax.vmap(lambda u: jet(*piece_of(curve, k), u))(t))(jnp.arange(curve.count))
+    # Points have no length: of them each counts as much.
+    speed = length(each.first) if curve.degree else jnp.ones(each.point.shape[:-1], t.dtype)
+    own = ~repeated(curve.control_points, curve.weights)[:, None]
+    speed = jnp.where(own, speed, 0.0)
+    total = jnp.sum(speed)
+    # A curve that is one point.
+    weight = jnp.where(total > 0, speed / jnp.where(total > 0, total, 1.0), own / (steps * jnp.sum(own)))
+    return SoftSamples(each.point.reshape(-1, curve.dim), weight.ravel())
+
+
+def _distances(of: SoftSamples, b: BezierSegments, long: bool) -> Array:
+    """Distances to the feet on b, which are constants: the distance is stationary in their parameters, or they stay."""
+    points, known = jax.lax.stop_gradient((of.points, b))
+    before, starts = preceding(known.following), near_curve(known, long).starts(points)
+
+    def foot(point: Array, start: CurvePlace) -> CurvePlace:
+        found = follow_foot(point, known, before, *start, _FOLLOW)
+        first = jet(*piece_of(known, start.segment), start.t).point
+        better = jnp.sum((found.point - point) ** 2) <= jnp.sum((first - point) ** 2)
+        return CurvePlace(jnp.where(better, found.segment, start.segment), jnp.where(better, found.s, start.t))
+
+    feet = jax.vmap(foot)(points, starts)
+    return length(of.points - jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point)(*feet))
