@@ -18,6 +18,7 @@ from jaxtyping import Array
 from jhd.arrays import real_array
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.measures import AbstractMeasure, Hausdorff
+from jhd.fitting.annealing import annealing
 from jhd.fitting.bundle import minimise_by_cuts, motions
 from jhd.fitting.chain import Layout, contours, divided, from_a_corner, least_squares, longest_pieces, points_of
 from jhd.fitting.clock import Clock
@@ -54,6 +55,7 @@ def minimise_hausdorff(
     target: Any,
     *,
     measure: AbstractMeasure | None = None,
+    temperature: Numbers | None = None,
     starts: Any = 1,
     seed: int = 0,
     max_steps: int = 60,
@@ -77,6 +79,8 @@ def minimise_hausdorff(
         parameters: the start: an array or a pytree of arrays.
         target: the curve, implicit surface or mesh to be near to; for other measures any shape that they take.
         measure: Hausdorff(), which is the default, Mean(), RootMeanSquare() or Quantile(q), of (target, shape).
+        temperature: of curves, where the start is far: a length, about a third of the distance there. Steps on
+            `soft_hausdorff` with it and less and less, down to a fiftieth, come first and are not reported.
         starts: how many starts, the first at `parameters` and the others about it; or their parameters, stacked along
             a new leading axis. The best end is returned.
         seed: of the random starts.
@@ -90,10 +94,10 @@ def minimise_hausdorff(
 
     Raises:
         TypeError: a target that is no curve, surface or mesh, or shapes of another kind than the target.
-        ValueError: no parameter, or starts of another shape.
+        ValueError: no parameter, starts of another shape, or a temperature that is no length or beside a measure.
     """
     options = {"measure": measure, "starts": starts, "seed": seed, "max_steps": max_steps, "atol": atol}
-    options |= {"capacity": capacity, "method": method, "progress": progress}
+    options |= {"capacity": capacity, "method": method, "progress": progress, "temperature": temperature}
     return _minimised(build, parameters, target, Clock(max_seconds), **options)
 
 
@@ -105,6 +109,7 @@ def _minimised(
     *,
     max_steps: int,
     measure: AbstractMeasure | None = None,
+    temperature: Numbers | None = None,
     starts: Any = 1,
     seed: int = 0,
     atol: float = 0.0,
@@ -120,6 +125,7 @@ def _minimised(
     built = _Flat(build, unravel)
     limits = _Limits(max_steps, atol, _capacity(flat.size) if capacity is None else capacity, clock, method)
     way = _way(built, target, measure, limits)
+    begin = annealing(temperature, measure, built, target, _scales(built, target), clock)
     ends = []
     for number, start in enumerate(_starts(built, np.asarray(flat), starts, seed, target)):
 
@@ -129,7 +135,7 @@ def _minimised(
 
         if ends and clock.is_over():
             break
-        ends.append(way.iterate(start, report))
+        ends.append(way.iterate(begin(start), report))
     return way.solution(min(ends, key=way.value), unravel)
 
 

@@ -396,4 +396,20 @@ def check_tessellation_check(numbers):
             assert mesh[way]["lower"] <= mesh["promised"] <= mesh["asked"]
 
 
+def check_latent_shapes(numbers):
+    ways = numbers["ways"]
+    paths = {name: [np.array(x["distances"]) for x in way["path"]] for name, way in ways.items()}
+    start = paths["Chamfer"][0]
+    assert start.shape == (numbers["batch"],) and np.all(start > 0)
+    for path in paths.values():
+        np.testing.assert_array_equal(path[0], start)
+        assert path[-1].mean() < start.mean()
+    soft, hard, samples = (
+        np.mean(ways[name]["moved"]) for name in ("soft, then hard", "the distance itself", "Chamfer")
+    )
+    assert hard < 0.6 * numbers["drawn"] < samples == numbers["drawn"]
+    assert soft > 1.5 * hard
+    assert all(seconds > 0 for seconds in numbers["seconds_of_a_step"].values())
+
+
 CLAIMS = {name.removeprefix("check_"): f for name, f in list(globals().items()) if name.startswith("check_")}

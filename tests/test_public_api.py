@@ -87,7 +87,7 @@ KEYWORD_ONLY = {
     "stationary_points": ["capacity", "throw"],
     "directed_hausdorff": ["throw"],
     "hausdorff": ["throw"],
-    "minimise_hausdorff": ["starts", "seed", "max_steps", "atol", "method", "progress"],
+    "minimise_hausdorff": ["temperature", "starts", "seed", "max_steps", "atol", "method", "progress"],
     "fit_curve": ["degree", "segments", "ends", "max_steps", "atol", "method"],
 }
 MODULES = [jhd, jhd.shapes, jhd.distance, jhd.io]
