@@ -194,6 +194,7 @@ __all__ = [
     "hausdorff",
     "hausdorff_at_most",
     "minimise_hausdorff",
+    "minimum_at_most",
     "minimum_distance",
     "nearest_shapes",
     "pairs_within",
