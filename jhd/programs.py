@@ -183,6 +183,8 @@ def _plain(value: Any) -> str:
     kind = type(value)
     if kind.__name__ == "_Missing" or kind.__name__ == "AxisEnv" and value is kind():
         return _class(kind)
+    if isinstance(value, types.FunctionType) and is_ours(value):
+        return f"function:{value.__module__}.{value.__qualname__}:{_constants(value.__module__)}"
     raise NotKeptError(f"{type(value).__name__} {value!r}")
 
 

@@ -21,6 +21,7 @@ from jhd import compiled as compiled_module
 from jhd import programs
 from jhd.compiled import compiled
 from jhd.distance.frame import directions
+from jhd.distance.witness import meshes, places
 from jhd.programs import NotKeptError, is_ours, name_of_program
 
 
@@ -212,6 +213,18 @@ def test_known_numbers_in_the_rule_of_a_derivative_have_the_program_of_any_other
     for known, expected in ((np.asarray(3.0), 9.0), (np.arange(3.0), [0, 1, 4])):
         assert jax.grad(lambda x, known=known: scaled(x, known).sum())(jnp.ones(known.shape)).tolist() == expected
     assert len(files(folder)) == 2
+
+
+def test_functions_as_constants_are_told_by_their_names_and_the_constants_of_their_modules(monkeypatch):
+    def name(function):
+        return name_of_program(directions.larger.__wrapped__, jax.tree_util.tree_structure(0), [], (), function)
+
+    assert name(places._from_place) != name(places._from_point)
+    before = name(meshes._moving)
+    monkeypatch.setattr(meshes, "_ON_EDGE", 0.5)
+    assert name(meshes._moving) != before
+    with pytest.raises(NotKeptError):
+        name(lambda rows: rows)
 
 
 def test_static_arguments_are_told_apart_by_type_too(folder, sample):

@@ -6,7 +6,6 @@ coordinates of its search; bounds handed from one direction to the other stay in
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ from jhd.compiled import compiled
 from jhd.distance.frame.aim import Aim, aim_at
 from jhd.distance.frame.coordinates import Frame, reported
 from jhd.distance.frame.curves import prepare
-from jhd.distance.frame.directions import alike, in_turn, larger
+from jhd.distance.frame.directions import in_turn, larger, larger_of_forms
 from jhd.distance.frame.method import AbstractCurveMethod, AbstractHausdorffMethod, AbstractHostMethod, check_serves
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.published.algebraic import AlgebraicEvents
@@ -274,7 +273,7 @@ class MixedPair(AbstractPair):
 
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
-        return replace(larger(*alike(there, back)), directions=(there, back))
+        return larger_of_forms(there, back)
 
 
 class CubePair(AbstractPair):

@@ -63,7 +63,13 @@ def larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSoluti
     )
 
 
-def alike(there: HausdorffSolution, back: HausdorffSolution) -> tuple[HausdorffSolution, HausdorffSolution]:
+@compiled
+def larger_of_forms(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
+    """The same of two in forms of their own, which its directions keep."""
+    return replace(larger(*_alike(there, back)), directions=(there, back))
+
+
+def _alike(there: HausdorffSolution, back: HausdorffSolution) -> tuple[HausdorffSolution, HausdorffSolution]:
     """Both in one form: of parameters each has as many as the richer one, and counts that one lacks are zeros.
 
     A single number is repeated, and rows are filled up with zeros.

@@ -8,6 +8,7 @@ point and a plane, or two lines. So it is right to any order wherever the points
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from typing import Any, NamedTuple
@@ -21,10 +22,9 @@ from jhd.arithmetic.rationals import float_above, float_below, float_near, root_
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import common_exponent, length, scale_of
 from jhd.arrays import is_traced, is_tracing
-from jhd.compiled import compiled
 from jhd.distance.frame.aim import default_tolerance
-from jhd.distance.frame.attach import attached
 from jhd.distance.frame.coordinates import diagonal, extremes
+from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.from_program import from_program
 from jhd.distance.search.search import AbstractSearch, Listener, Progress, Standing, drive
@@ -64,9 +64,9 @@ def of_meshes(
     solution, (triangles, weights) = found
     if not is_traced(a, b):
         return solution
-    corners = [mesh.vertices[mesh.triangles[k]] for mesh, k in zip((a, b), triangles, strict=True)]
-    value, point_a, point_b = _moving(jnp.stack(corners), weights > 0)
-    return attached(solution, solution.value > 0, value=value, point_a=point_a, point_b=point_b)
+    parts = [TouchedRows(mesh.vertices, k, mesh.triangles) for mesh, k in zip((a, b), triangles, strict=True)]
+    numbers = {"value": solution.value, "point_a": solution.point_a, "point_b": solution.point_b}
+    return replace(solution, **following(_moving, numbers, parts, (solution.value, weights)))
 
 
 def _searched(
@@ -196,12 +196,13 @@ def _places(corners: np.ndarray, weights: tuple[Fraction, ...], dtype: np.dtype)
     return np.array([float_near(x, dtype) for x in place])
 
 
-@compiled
-def _moving(corners: Array, active: Array) -> tuple[Array, Array, Array]:
-    """Distance and nearest points of the features that the active corners (2, 3) span, as functions of the corners.
+def _moving(rows: list[Array], constants: tuple[Array, Array]) -> MovingNumbers:
+    """Distance and nearest points of the features that the corners of positive weight span, as functions of these.
 
     At most two directions are free: of p + x d - (q + y e) the part that they cannot change is the distance.
     """
+    value, weights = constants
+    corners, active = jnp.stack(rows), weights > 0
     fixed = lax.stop_gradient(corners)
     origin = fixed[0, 0]
     scale = scale_of(common_exponent(fixed - origin), corners.dtype)
@@ -216,7 +217,9 @@ def _moving(corners: Array, active: Array) -> tuple[Array, Array, Array]:
     distance, shares = _apart(e, directions, free[order])
     steps = jnp.zeros(6, corners.dtype).at[order].set(shares).reshape(2, 3, 1)
     points = base + jnp.sum(steps * (corners - base[:, None]), axis=1)
-    return distance / scale, points[0] / scale + origin, points[1] / scale + origin
+    point_a, point_b = points / scale + origin
+    moving = {"value": distance / scale, "point_a": point_a, "point_b": point_b}
+    return MovingNumbers(moving, dict.fromkeys(moving, value > 0))
 
 
 def _apart(e: Array, directions: Array, free: Array) -> tuple[Array, Array]:

@@ -6,6 +6,7 @@ about them, and signs in integers prove the surface to be within an ulp or two, 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -21,8 +22,8 @@ from jhd.compiled import compiled
 from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
 from jhd.distance.cells.pairs import BestPair, Cell
-from jhd.distance.frame.attach import attached
 from jhd.distance.frame.coordinates import Frame, extremes
+from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.frame.nets import net_of, repeated
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
@@ -49,7 +50,7 @@ from jhd.distance.search.near_pairs import Crossing, NearPairs, around, crossing
 from jhd.distance.search.queued import PART, QueuedSearch
 from jhd.distance.search.search import AbstractSearch, Listener, Progress, drive
 from jhd.distance.search.targets import usable
-from jhd.distance.witness.surface_projection import moving_point
+from jhd.distance.witness.places import NetRows, moving_place, parts_of
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import RESULTS, MinimumSolution
@@ -84,8 +85,10 @@ def with_surface(
         found = _in_program(still, method)
     if not is_traced(shapes):
         return found.solution
-    moving = _moving(shapes, *jax.lax.stop_gradient(found))
-    return attached(found.solution, found.solution.value > 0, value=moving)
+    outcome, solution = jax.lax.stop_gradient(found)
+    parts = _parts(shapes[0], outcome.best.piece_a), _parts(shapes[1], outcome.best.piece_b)
+    moved = following(_moving, {"value": solution.value}, parts, (outcome, solution))
+    return replace(found.solution, **moved)
 
 
 class _FoundBoth(NamedTuple):
@@ -343,23 +346,24 @@ def _nearer(problem: WithSurface, best: BestPair, x: Array, radii: Array) -> Bes
     return BestPair(*(jnp.where(upper < best.upper, y, z) for y, z in zip(new, best, strict=True)))
 
 
-@compiled
-def _moving(shapes: tuple[Any, Any], found: Outcome, solution: MinimumSolution) -> Array:
+def _parts(shape: Net | ImplicitSurface, piece: Array) -> Any:
+    if isinstance(shape, ImplicitSurface):
+        return parts_of(shape, piece)
+    return NetRows(
+        TouchedRows(shape.points, piece), None if shape.weights is None else TouchedRows(shape.weights, piece)
+    )
+
+
+def _moving(rows: tuple[Any, Any], constants: tuple[Outcome, MinimumSolution]) -> MovingNumbers:
     """A function of both shapes with the first derivatives of the distance, from the outcome in both coordinates.
 
     With u = (p - q) / |p - q| it is that of u.(p - q) at fixed parameters, a point of a polynomial surface moving along
     its normal. At distance zero, and where nothing was found, all derivatives are zero.
     """
-    n = shapes[0].parameters if isinstance(shapes[0], Net) else 3
+    found, solution = constants
+    n = Net(*rows[0]).parameters if isinstance(rows[0], NetRows) else 3
     usable = (solution.value > 0) & jnp.isfinite(solution.value)
     e = jnp.where(usable, found.point_a - found.point_b, 1.0)
-    unit = e / length(e)
-    total = jnp.zeros_like(solution.value)
-    for shape, point, sign, k, x in (
-        (shapes[0], solution.point_a, 1.0, found.best.piece_a, found.best.x[:n]),
-        (shapes[1], solution.point_b, -1.0, found.best.piece_b, found.best.x[n:]),
-    ):
-        known = isinstance(shape, Net)
-        at = jet(shape.piece(k), x).point if known else moving_point(shape.coefficients, jnp.stack(shape.box()), point)
-        total += sign * jnp.sum(unit * at)
-    return total
+    first = moving_place(rows[0], found.best.x[:n], solution.point_a)
+    second = moving_place(rows[1], found.best.x[n:], solution.point_b)
+    return MovingNumbers({"value": jnp.sum(e / length(e) * (first - second))}, {"value": usable})

@@ -17,9 +17,8 @@ from jaxtyping import Array
 from jhd.arithmetic.rounding import smallest_normal
 from jhd.arithmetic.scaling import unit
 from jhd.arrays import array_of, is_traced
-from jhd.compiled import compiled
 from jhd.distance.cells.triangles import MeshSide
-from jhd.distance.frame.attach import attached
+from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
 from jhd.distance.witness.mesh_feet import foot_on
 from jhd.distance.witness.multipliers import balanced
 from jhd.shapes.mesh import TriangleMesh
@@ -144,20 +143,21 @@ def with_mesh_derivatives(solution: HausdorffSolution, a: TriangleMesh, b: Trian
     if not is_traced(a, b):
         return solution
     w = solution.witness
+    parts = [[TouchedRows(mesh.vertices, k, mesh.triangles) for mesh in (a, b)] for k in (w.segment, w.foot_segments)]
+    found = {"value": solution.value, "point": w.point, "feet": w.feet}
+    moved = following(_moving, found, parts, (solution.value, w))
+    return replace(solution, value=moved["value"], witness=replace(w, point=moved["point"], feet=moved["feet"]))
+
+
+def _moving(corners: list[list[Array]], constants: tuple[Array, Witness]) -> MovingNumbers:
+    """Value, point and feet, from the corners on both meshes that a witness on either of them may lie on."""
+    found, w = constants
     turned = w.direction == DIRECTIONS.b_to_a
-    first = [mesh.vertices[mesh.triangles[jnp.minimum(w.segment, mesh.count - 1)]] for mesh in (a, b)]
-    second = [mesh.vertices[mesh.triangles[jnp.minimum(w.foot_segments, mesh.count - 1)]] for mesh in (a, b)]
-    carrier, target = jnp.where(turned, first[1], first[0]), jnp.where(turned, second[0], second[1])
-    value, point, feet = _moving(carrier, target, w.t, w.foot_params, w.multipliers)
-    solution = replace(solution, witness=attached(w, point=point, feet=feet))
-    return attached(solution, solution.value > 0, value=value)
-
-
-@compiled
-def _moving(carrier: Array, target: Array, t: Array, s: Array, multipliers: Array) -> tuple[Array, Array, Array]:
-    point = jnp.sum(t[:, None] * carrier, axis=0)
-    distance, feet, _ = jax.vmap(lambda corners, active: foot_on(point, corners, active))(target, s > 0)
-    return jnp.sum(multipliers * distance), point, feet
+    carrier, target = jnp.where(turned, *corners[0][::-1]), jnp.where(turned, *corners[1])
+    point = jnp.sum(w.t[:, None] * carrier, axis=0)
+    distance, feet, _ = jax.vmap(lambda row, active: foot_on(point, row, active))(target, w.foot_params > 0)
+    value = jnp.sum(w.multipliers * distance)
+    return MovingNumbers({"value": value, "point": point, "feet": feet}, {"value": found > 0})
 
 
 def witness_of(feet: MeshFeet, side: MeshSide, owner: int, weights: np.ndarray, distance: float) -> Witness:

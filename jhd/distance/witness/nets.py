@@ -1,5 +1,6 @@
 """The nearest pair of points of two parametric shapes: made sharp, and as a function of both."""
 
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -9,10 +10,9 @@ from jaxtyping import Array
 
 from jhd.arithmetic.scaling import length
 from jhd.arrays import is_traced
-from jhd.compiled import compiled
 from jhd.distance.cells.pairs import BestPair, derivatives, newton_step
-from jhd.distance.frame.attach import attached
 from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
 from jhd.distance.frame.net_jets import Net, NetJet, jet
 from jhd.distance.nearest.feet import presses
 from jhd.solution import MinimumSolution
@@ -58,24 +58,28 @@ def with_net_derivatives(solution: MinimumSolution, a: Net, b: Net, frame: Frame
     """
     if not is_traced(a, b):
         return solution
-    distance, point_a, point_b = _moving(a, b, frame, jax.lax.stop_gradient(best))
-    return attached(solution, solution.value > 0, value=distance, point_a=point_a, point_b=point_b)
+    numbers = {"value": solution.value, "point_a": solution.point_a, "point_b": solution.point_b}
+    parts = _piece(a, best.piece_a), _piece(b, best.piece_b)
+    return replace(solution, **following(_moving, numbers, parts, (solution.value, frame, best.x)))
 
 
-@compiled
-def _moving(a: Net, b: Net, frame: Frame, best: BestPair) -> tuple[Array, Array, Array]:
-    """Distance and nearest points as functions of both shapes."""
-    n = a.parameters
+def _piece(net: Net, k: Array) -> Net:
+    rows: tuple[Any, Any] = TouchedRows(net.points, k), None if net.weights is None else TouchedRows(net.weights, k)
+    return Net(*rows)
 
-    def piece(net: Net, k: Array) -> Net:
-        return Net(frame.moved(net.points[k]), None if net.weights is None else net.weights[k])
 
-    pieces = piece(a, best.piece_a), piece(b, best.piece_b)
-    x, held = jax.lax.stop_gradient((best.x, _held(*pieces, best.x)))
+def _moving(pieces: tuple[Net, Net], constants: tuple[Array, Frame, Array]) -> MovingNumbers:
+    """Distance and nearest points as functions of both pieces."""
+    value, frame, at = constants
+    n = pieces[0].parameters
+    a, b = (Net(frame.moved(piece.points), piece.weights) for piece in pieces)
+    pieces = a, b
+    x, held = jax.lax.stop_gradient((at, _held(*pieces, at)))
     for _ in range(2):
         _, slope, bent = derivatives(*_jets(*pieces, x))
         step = newton_step(slope, bent, held)
         x = x + jnp.where(jnp.all(jnp.isfinite(step)), step, 0.0)
     p, q = jet(pieces[0], x[:n]).point, jet(pieces[1], x[n:]).point
     scale = frame.scale(p.dtype)
-    return length(p - q) / scale, p / scale, q / scale
+    moving = {"value": length(p - q) / scale, "point_a": p / scale, "point_b": q / scale}
+    return MovingNumbers(moving, dict.fromkeys(moving, value > 0))

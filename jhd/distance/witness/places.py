@@ -7,7 +7,7 @@ the polynomial, and with the faces of the box that hold them.
 """
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,15 +15,41 @@ from jaxtyping import Array
 
 from jhd.arithmetic.scaling import length
 from jhd.arrays import is_traced
-from jhd.distance.frame.attach import attached
+from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.witness.mesh_feet import foot_on
-from jhd.distance.witness.surface_projection import moving_point, with_patch_derivatives, with_surface_derivatives
+from jhd.distance.witness.surface_projection import distance_from_surface, distances_from_patches, moving_point
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
-from jhd.shapes.patch import BezierPatches
-from jhd.solution import HausdorffSolution, Projection
+from jhd.solution import HausdorffSolution, Witness
+
+
+class NetRows(NamedTuple):
+    """Segments or patches, of which each has one set of control points, and of weights where there are any."""
+
+    points: Any
+    weights: Any
+
+
+class PointRows(NamedTuple):
+    """Points of a set."""
+
+    points: Any
+
+
+class CornerRows(NamedTuple):
+    """Corners of triangles."""
+
+    corners: Any
+
+
+class Polynomial(NamedTuple):
+    """A polynomial surface."""
+
+    coefficients: Any
+    lower: Any
+    upper: Any
 
 
 def with_place_derivatives(solution: HausdorffSolution, a: Any, b: Any) -> HausdorffSolution:
@@ -36,63 +62,82 @@ def with_place_derivatives(solution: HausdorffSolution, a: Any, b: Any) -> Hausd
     """
     if not is_traced(a, b):
         return solution
-    if isinstance(a, BezierSegments) and a.degree == 0 and not _is_curve(b):
-        return _from_points(solution, a.control_points[:, 0], b)
     w = solution.witness
+    from_points = _is_points(a) and not (isinstance(b, BezierSegments) and b.degree > 0)
+    parts = parts_of(a, w.segment), parts_of(b, w.foot_segments)
+    found = {"value": solution.value, "point": w.point, "feet": w.feet}
+    moved = following(_from_point if from_points else _from_place, found, parts, (solution.value, w))
+    return replace(solution, value=moved["value"], witness=replace(w, point=moved["point"], feet=moved["feet"]))
+
+
+def _is_points(shape: Any) -> bool:
+    return isinstance(shape, BezierSegments) and shape.degree == 0
+
+
+def parts_of(shape: Any, index: Array) -> Any:
+    """What a place, or several of them, hang on."""
+    if isinstance(shape, ImplicitSurface):
+        return Polynomial(TouchedRows(shape.coefficients), *map(TouchedRows, shape.box()))
+    if isinstance(shape, TriangleMesh):
+        return CornerRows(TouchedRows(shape.vertices, index, shape.triangles))
+    if _is_points(shape):
+        return PointRows(TouchedRows(shape.control_points, index))
+    return NetRows(
+        TouchedRows(shape.control_points, index), None if shape.weights is None else TouchedRows(shape.weights, index)
+    )
+
+
+def _from_place(rows: tuple[Any, Any], constants: tuple[Array, Witness]) -> MovingNumbers:
+    """Value, point and feet by the envelope theorem."""
+    (carrier, target), (found, w) = rows, constants
     # Where nothing is proven there is no place; its derivatives are not used, but they must be numbers.
     point, feet, t, params, multipliers = (
         jnp.where(jnp.isfinite(x), x, 0.0) for x in (w.point, w.feet, w.t, w.foot_params, w.multipliers)
     )
-    apart = jax.lax.stop_gradient(point - feet)
+    apart = point - feet
     distance = length(apart)[:, None]
     unit = apart / jnp.where(distance > 0, distance, 1.0)
-    place = _moving(a, w.segment, t, point)
-    moving = jax.vmap(lambda k, s, x: _moving(b, k, s, x))(w.foot_segments, params, feet)
-    value = jnp.sum(multipliers[:, None] * unit * (place - moving))
-    return _with(solution, value, place, moving)
-
-
-def _is_curve(shape: Any) -> bool:
-    return isinstance(shape, BezierSegments) and shape.degree > 0
-
-
-def _moving(shape: Any, segment: Array, t: Array, at: Array) -> Array:
-    """A point of a shape as a function of the shape."""
-    index = jnp.maximum(segment, 0)
-    if isinstance(shape, ImplicitSurface):
-        return moving_point(shape.coefficients, jnp.stack(shape.box()), at)
-    if isinstance(shape, TriangleMesh):
-        return jnp.sum(t[:, None] * shape.vertices[shape.triangles[index]], axis=0)
-    if isinstance(shape, BezierPatches):
-        return jet(Net(shape.control_points, shape.weights).piece(index), t).point
-    weights = None if shape.weights is None else shape.weights[:, :, None]
-    return jet(Net(shape.control_points[:, :, None], weights).piece(index), t[None]).point
-
-
-def _from_points(solution: HausdorffSolution, points: Array, b: Any) -> HausdorffSolution:
-    w = solution.witness
-    query = points[jnp.maximum(w.segment, 0)]
-    first = lambda x: x[:1]  # noqa: E731
-    result = jax.tree_util.tree_map(lambda x: jnp.asarray(x)[None], solution.result)
-    alone = solution.value[None]
-    found = Projection(alone, alone, alone, first(w.feet), first(w.foot_segments), first(w.foot_params), result)
-    if isinstance(b, TriangleMesh):
-        corners = b.vertices[b.triangles[w.foot_segments[0]]]
-        distance, foot, _ = foot_on(query, corners, w.foot_params[0] > 0)
-        found = replace(found, distance=distance[None], foot=foot[None])
-    elif isinstance(b, BezierPatches):
-        found = with_patch_derivatives(found, query[None], Net(b.control_points, b.weights))
-    elif isinstance(b, ImplicitSurface):
-        found = with_surface_derivatives(found, query[None], b)
+    place = moving_place(carrier, t, point)
+    if isinstance(target, Polynomial):
+        moving = jax.vmap(lambda x: moving_place(target, None, x))(feet)
     else:
-        foot = b.control_points[w.foot_segments[0], 0]
+        moving = jax.vmap(moving_place)(target, params, feet)
+    value = jnp.sum(multipliers[:, None] * unit * (place - moving))
+    return MovingNumbers({"value": value, "point": place, "feet": moving}, {"value": found > 0})
+
+
+def moving_place(rows: Any, t: Any, at: Array) -> Array:
+    """A point of a shape as a function of the rows that it hangs on."""
+    if isinstance(rows, Polynomial):
+        return moving_point(rows.coefficients, jnp.stack([rows.lower, rows.upper]), at)
+    if isinstance(rows, CornerRows):
+        return jnp.sum(t[:, None] * rows.corners, axis=0)
+    if isinstance(rows, PointRows):
+        return rows.points[0]
+    return jet(_net(rows), jnp.atleast_1d(t)).point
+
+
+def _net(rows: NetRows) -> Net:
+    """The piece, with one column where it is that of a curve."""
+    if rows.points.ndim == 3:
+        return Net(rows.points, rows.weights)
+    return Net(rows.points[:, None], None if rows.weights is None else rows.weights[:, None])
+
+
+def _from_point(rows: tuple[PointRows, Any], constants: tuple[Array, Witness]) -> MovingNumbers:
+    """The same from a point, whose distance and foot are those of its nearest point."""
+    (carrier, target), (found, w) = rows, constants
+    query = carrier.points[0]
+    if isinstance(target, CornerRows):
+        distance, foot, _ = foot_on(query, target.corners[0], w.foot_params[0] > 0)
+    elif isinstance(target, Polynomial):
+        box = jnp.stack([target.lower, target.upper])
+        distance, foot = (x[0] for x in distance_from_surface(query[None], w.feet[:1], target.coefficients, box))
+    elif isinstance(target, NetRows):
+        net, first = Net(target.points, target.weights), jnp.zeros(1, int)
+        distance, foot, _ = (x[0] for x in distances_from_patches(query[None], first, w.foot_params[:1], net))
+    else:
+        foot = target.points[0, 0]
         distance = length(query - foot)
-        found = replace(found, distance=distance[None], foot=foot[None])
-    feet = jnp.broadcast_to(found.foot, w.feet.shape)
-    return _with(solution, found.distance[0], query, feet)
-
-
-def _with(solution: HausdorffSolution, value: Array, point: Array, feet: Array) -> HausdorffSolution:
-    """The same numbers, with the derivatives of these."""
-    solution = replace(solution, witness=attached(solution.witness, point=point, feet=feet))
-    return attached(solution, solution.value > 0, value=value)
+    feet = jnp.broadcast_to(foot, w.feet.shape)
+    return MovingNumbers({"value": distance, "point": query, "feet": feet}, {"value": found > 0})

@@ -32,19 +32,20 @@ _SINGULAR = 1e-8
 
 def with_patch_derivatives(found: Projection, queries: Array, net: Net) -> Projection:
     """Nearest points (points, ...) of a net, differentiable in the queries and in the net."""
-    distance, foot, t = _on_patches(queries, found.segment, found.t, net)
+    distance, foot, t = distances_from_patches(queries, found.segment, found.t, net)
     return attached(attached(found, found.distance > 0, distance=distance), foot=foot, t=t)
 
 
 def with_surface_derivatives(found: Projection, queries: Array, surface: Any) -> Projection:
     """Nearest points (points, ...) of a polynomial surface, differentiable in queries, coefficients and box."""
     coefficients, box = surface.coefficients, jnp.stack(surface.box())
-    distance, foot = _on_surface(queries, found.foot, coefficients, box)
+    distance, foot = distance_from_surface(queries, found.foot, coefficients, box)
     return attached(attached(found, found.distance > 0, distance=distance), foot=foot)
 
 
 @compiled
-def _on_patches(queries: Array, segment: Array, t: Array, net: Net) -> tuple[Array, Array, Array]:
+def distances_from_patches(queries: Array, segment: Array, t: Array, net: Net) -> tuple[Array, Array, Array]:
+    """Distances, feet and parameters on pieces of a net, as functions of queries and net."""
     n = net.parameters
     # Where nothing is proven there is no place; its derivatives are not used, but they must be numbers.
     segment, t = jnp.maximum(segment, 0), jnp.where(jnp.isfinite(t), t, 0.0)
@@ -122,7 +123,8 @@ def moving_point(coefficients: Array, box: Array, point: Array) -> Array:
 
 
 @compiled
-def _on_surface(queries: Array, feet: Array, coefficients: Array, box: Array) -> tuple[Array, Array]:
+def distance_from_surface(queries: Array, feet: Array, coefficients: Array, box: Array) -> tuple[Array, Array]:
+    """Distances and feet on a polynomial surface, as functions of all but the feet."""
     scale = scale_of(common_exponent(jax.lax.stop_gradient(box)), box.dtype)
     c = _in_unit(coefficients, scale)
     box = box * scale
