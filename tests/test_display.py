@@ -2,6 +2,7 @@
 
 import re
 from typing import Any
+from xml.etree import ElementTree
 
 import equinox as eqx
 import jax
@@ -11,6 +12,7 @@ import pytest
 import jhd
 from jhd import display
 from jhd.distance.many.signatures import Signatures
+from jhd.shapes import sketches
 from jhd.shapes.polynomial_text import read, written
 
 NET = np.arange(27.0).reshape(3, 3, 3)
@@ -126,3 +128,38 @@ def test_lists_of_shapes_and_transposed_points_are_told_what_to_do():
         jhd.BezierCurve(np.zeros((2, 4)))
     with pytest.raises(ValueError, match=r"\(3, 9\).*Points are rows"):
         jhd.points(np.zeros((3, 9)))
+
+
+@pytest.mark.parametrize("text", SHOWN)
+def test_notebooks_see_a_picture_of_every_shape_that_has_lines(text):
+    picture = getattr(SHOWN[text](), "_repr_svg_", lambda: None)()
+    if not text.startswith(("Bezier", "BSpline", "TriangleMesh")):
+        assert picture is None
+        return
+    root = ElementTree.fromstring(str(picture))
+    assert root.tag.endswith("svg") and root[0].text == text
+    numbers = [float(x) for x in re.findall(r"-?\d+\.\d", " ".join(str(child.attrib) for child in root.iter()))]
+    width, height = float(root.attrib["width"]), float(root.attrib["height"])
+    assert min(numbers) >= 0 and max(numbers) <= max(width, height) + 1
+    assert round(max(width, height)) == (16 if "1 point" in text else 296)
+
+
+def test_the_picture_of_a_curve_passes_through_it():
+    quarter = jhd.BezierCurve([(1, 0), (1, 1), (0, 1)], [1, np.sqrt(0.5), 1])
+    places = sketches.along(np.asarray(quarter.control_points)[None], np.asarray(quarter.weights)[None])
+    assert np.allclose(np.linalg.norm(places, axis=-1), 1)
+    sheet = np.stack([np.asarray(quarter.segments().control_points)[0]] * 2)
+    sheet = np.concatenate([sheet, np.array([0.0, 1.0])[:, None, None] * np.ones((2, 3, 1))], axis=-1)[None]
+    lines = sketches.across(sheet, np.stack([np.asarray(quarter.weights)] * 2)[None])
+    assert lines.shape == (10, sketches.PLACES, 3)
+    assert np.allclose(np.linalg.norm(lines[..., :2], axis=-1), 1)
+
+
+def test_what_is_not_known_has_no_picture():
+    curve = jhd.BezierCurve([(0, 0), (1, 1), (2, 0)])
+    batch = jax.tree_util.tree_map(lambda x: np.stack([x, x + 1]), curve)
+    seen = []
+    jax.eval_shape(lambda x: seen.append(x._repr_svg_()), curve)
+    assert seen == [None] and batch._repr_svg_() is None
+    crowd = jhd.polyline(np.random.default_rng(0).random((20_000, 2)))
+    assert len(str(crowd._repr_svg_())) < 200_000

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from jhd.arrays import is_traced, real_array
 from jhd.display import batch_text, count_text, described, is_known, net_text, opaque
-from jhd.shapes import convert
+from jhd.shapes import convert, sketches
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
 from jhd.shapes.flattening import CurveApproximation, flattened, pieces_following
 from jhd.shapes.homogeneous import cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
@@ -64,6 +64,16 @@ class AbstractCurve(eqx.Module):
 
     def __repr__(self) -> str:
         return opaque(self) or described(self, self._summary(), net_text(self.control_points, self.weights))
+
+    def _repr_svg_(self) -> str | None:
+        """The curve as notebooks show it; None of a batch, or of what is not known."""
+        axes = 3 if isinstance(self, BezierSegments) else 2
+        if opaque(self) or not is_known(self.control_points) or self.control_points.ndim != axes:
+            return None
+        found = self.segments()
+        weights = None if found.weights is None else np.asarray(found.weights)
+        lines = sketches.along(np.asarray(found.control_points), weights)
+        return sketches.svg(lines, repr(self), dots=found.degree == 0)
 
     @property
     def dim(self) -> int:

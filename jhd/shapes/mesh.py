@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jhd.arrays import is_traced, real_array
-from jhd.display import batch_text, box_text, count_text, described, opaque
+from jhd.display import batch_text, box_text, count_text, described, is_known, opaque
+from jhd.shapes import sketches
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import affine_image
 
@@ -68,6 +69,13 @@ class TriangleMesh(eqx.Module):
             return text
         counts = count_text(self.vertices.shape[-2], "vertex", "vertices"), count_text(self.count, "triangle")
         return described(self, batch_text(self.vertices, 2), *counts, box_text(self.vertices))
+
+    def _repr_svg_(self) -> str | None:
+        """The edges, as notebooks show the mesh; None of a batch, or of what is not known."""
+        if opaque(self) or not is_known(self.vertices) or not is_known(self.triangles) or self.vertices.ndim != 2:
+            return None
+        corners = np.asarray(self.vertices)[np.asarray(self.triangles)]
+        return sketches.svg(corners[:, [0, 1, 2, 0]], repr(self))
 
     @property
     def count(self) -> int:

@@ -20,7 +20,8 @@ from jaxtyping import Array, Float, Int
 from jhd.arithmetic import bernstein
 from jhd.arrays import array_of, is_traced, real_array
 from jhd.compiled import compiled
-from jhd.display import batch_text, count_text, described, fields_shown, net_text, opaque, size_text
+from jhd.display import batch_text, count_text, described, fields_shown, is_known, net_text, opaque, size_text
+from jhd.shapes import sketches
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
 from jhd.shapes.curve import affine_image
 from jhd.shapes.homogeneous import cartesian, homogeneous
@@ -111,6 +112,15 @@ class AbstractPatch(eqx.Module):
             return text
         degrees = f"degrees {size_text(self.degrees)}"
         return described(self, self._summary(), degrees, net_text(self.control_points, self.weights))
+
+    def _repr_svg_(self) -> str | None:
+        """Lines of constant parameters, as notebooks show the surface; None of a batch, or of what is not known."""
+        axes = 4 if isinstance(self, BezierPatches) else 3
+        if opaque(self) or not is_known(self.control_points) or self.control_points.ndim != axes:
+            return None
+        found = self.patches()
+        weights = None if found.weights is None else np.asarray(found.weights)
+        return sketches.svg(sketches.across(np.asarray(found.control_points), weights), repr(self))
 
     @property
     def dim(self) -> int:
