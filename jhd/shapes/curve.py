@@ -152,8 +152,8 @@ class BezierSegments(AbstractCurve):
         self.links = linked(joints(self.control_points) if following is None else checked(following, self.count))
 
     @property
-    def following(self) -> Int[Array, "*batch segments"]:
-        """For each segment the index of the one that starts where it ends, -1 at a free end."""
+    def following(self) -> Any:
+        """For each segment the index of the one that starts where it ends, -1 at a free end: (*batch, segments)."""
         return followed(self.links)
 
     def _summary(self) -> str:

@@ -105,8 +105,8 @@ def linked(following: Any) -> Float[Array, "*batch segments 2"]:
     return array_of(xp.stack([whole + 1, xp.ones_like(whole)], axis=-1), float)
 
 
-def followed(links: Any) -> Int[Array, "*batch segments"]:
-    """`following` from what `linked` made of it; whole numbers are it already. Of zeros, as of a derivative, -1."""
+def followed(links: Any) -> Any:
+    """`following` from what `linked` made of it; whole numbers are it already. Of zeros, -1."""
     if jnp.issubdtype(links.dtype, jnp.integer):
         return links
     # Where only a derivative is being taken the numbers are known.
