@@ -18,7 +18,7 @@ def coloured_shape(figure: Figure, a: Any, b: Any, found: Any, title: str, left:
     jhd.plot.distances(shape(a), shape(b), found, ax, colour_bar=False)
     ax.set_axis_off()
     low, high = (np.array([getattr(ax, f"get_{x}lim")()[end] for x in "xyz"]) for end in (0, 1))
-    ax.set_box_aspect(high - low, zoom=1.15)
+    ax.set_box_aspect(high - low, zoom=1.05)
     figure.text(left + 0.012, top - 0.035, title, va="top")
     bar = figure.add_axes((left + 0.375, top - 0.8, 0.014, 0.56))
     ends = (0.0, 1.0, 0.0, float(found.value))

@@ -31,7 +31,7 @@ def _figure(pairs: list[dict[str, Any]]) -> Figure:
         for k, pair in enumerate(pairs):
             row, column = divmod(k, _COLUMNS)
             left, top, height = column / _COLUMNS, 1 - row / rows, 1 / rows
-            place = (left - 0.015, top - 0.88 * height, 0.265, 0.8 * height)
+            place = (left + 0.004, top - 0.88 * height, 0.24, 0.8 * height)
             ax: Any = figure.add_axes(place, projection="3d")
             bar = figure.add_axes((left + 0.245, top - 0.72 * height, 0.01, 0.52 * height))
             _draw(ax, bar, pair)
@@ -53,7 +53,7 @@ def _draw(ax: Any, bar: Any, pair: dict[str, Any]) -> None:
             line.set_markersize(4)
     if not isinstance(a, jhd.BezierSegments):
         low, high = (np.array([getattr(ax, f"get_{x}lim")()[end] for x in "xyz"]) for end in (0, 1))
-        ax.set_box_aspect(high - low, zoom=1.05)
+        ax.set_box_aspect(high - low, zoom=1.0)
     ax.set_axis_off()
     if pair["name"] in _VIEWS:
         ax.view_init(*_VIEWS[pair["name"]])

@@ -24,7 +24,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         title = f"$\\bf{{(a)}}$ {numbers['patches']} patches, {chosen['count']} triangles"
         ax = coloured_shape(figure, numbers["mesh"], numbers["surface"], chosen["to_surface"]["solution"], title)
         ax.view_init(35, -60)
-        _distances(figure.add_axes((0.6, 0.16, 0.38, 0.74)), numbers["meshes"])
+        _distances(figure.add_axes((0.6, 0.16, 0.365, 0.74)), numbers["meshes"])
     return figure
 
 
