@@ -113,9 +113,14 @@ def _monomials(shape: tuple[int, ...], variables: Truncated) -> Iterator[Truncat
         yield level
 
 
+def bernstein_form(terms: Array) -> Array:
+    """Bernstein coefficients on the square, (DEGREE + 1, DEGREE + 1, ...), of terms (terms, ...)."""
+    matrix = _TO_BERNSTEIN.astype(terms.dtype).reshape(*_TO_BERNSTEIN.shape, *[1] * (terms.ndim - 1))
+    return jnp.sum(matrix * terms, axis=1).reshape(DEGREE + 1, DEGREE + 1, *terms.shape[1:])
+
+
 def largest(x: Truncated) -> Array:
     """An upper bound of the values on the square, by Bernstein coefficients."""
     dtype = x.terms.dtype
-    matrix = _TO_BERNSTEIN.astype(dtype).reshape(*_TO_BERNSTEIN.shape, *[1] * (x.terms.ndim - 1))
-    values = jnp.sum(matrix * x.terms, axis=1)
-    return jnp.max(values, axis=0) + (x.rest * (1 + gamma(4, dtype)) + gamma(_ROUNDINGS, dtype) * x.size)
+    values = bernstein_form(x.terms)
+    return jnp.max(values, axis=(0, 1)) + (x.rest * (1 + gamma(4, dtype)) + gamma(_ROUNDINGS, dtype) * x.size)

@@ -15,12 +15,13 @@ degree two close to e, whatever it is, and r = e - l,
 and w^2 >= min (s (2 w - s))_i likewise, and quotients of coefficients bound the quotient. On large cells
 max |e_i| / w_i is less.
 
-Rounding, for coordinates of at most one. With K the roundings of composing and multiplying (jhd.arithmetic.simplices),
-e_i is off by at most 2 sqrt(3) gamma(K) w_i, as all of its terms have the signs and sizes of those of w_i, and w_i by
-gamma(K) w_i. So |e| / w is off by 2 sqrt(3) gamma(K) and a factor 1 + gamma(2 K). With m the largest |e_i| or |l_i| the
-coefficients of l.(2 e - l) are at most 3 m^2 in size and off by less than gamma(64) 4 m^2, and |r_i|^2, of which l is
-raised by six terms, by gamma(64) m^2; those of w likewise. Weights that are so small that squares of them might be
-flushed are refused; digits of e that are flushed count as the root of nu.
+Rounding, for coordinates of at most one; larger ones make all of it larger in proportion. With K the roundings of
+composing and multiplying (jhd.arithmetic.simplices), e_i is off by at most 2 sqrt(3) gamma(K) w_i, as all of its terms
+have the signs and sizes of those of w_i, and w_i by gamma(K) w_i. So |e| / w is off by 2 sqrt(3) gamma(K) and a factor
+1 + gamma(2 K). With m the largest |e_i| or |l_i| the coefficients of l.(2 e - l) are at most 3 m^2 in size and off by
+less than gamma(64) 4 m^2, and |r_i|^2, of which l is raised by six terms, by gamma(64) m^2; those of w likewise.
+Weights that are so small that squares of them might be flushed are refused; digits of e that are flushed count as the
+root of nu.
 
 All functions take many cells at once, along the last axis. Feet and maps are those of jhd.distance.cells.foot_maps.
 """
@@ -92,15 +93,23 @@ def _part_of_nets(k: int, degree: int, net: Net, inner: Array, complement: Array
     return Simplex(rows[(*at, slice(3))], rows[(*at, 3)])
 
 
-def bound_between(k: int, part: Simplex, other: Simplex, levels: int) -> Array:
-    """The bounds (cells,) of the distances of two parts, each composed in some levels, at the same places of cells."""
+def bound_between(k: int, part: Simplex, other: Simplex, levels: int, size: Array | float = 1.0) -> Array:
+    """The bounds (cells,) of the distances of two parts at the same places of cells.
+
+    Args:
+        k: dimension of the cells.
+        part: the one.
+        other: the other one.
+        levels: in how many both are composed together.
+        size: one, or the largest coordinate where that is more.
+    """
     e, w = _difference(k, part, other)
     e, w = _of_degree_two(k, e), None if w is None else _of_degree_two(k, w)
     n = e.shape[0] - 1
     e = coefficients_of(k, e)
     dtype = e.dtype
     roundings = LEVEL * levels + 2 * len(e) + 16
-    off = 2 * math.sqrt(3) * gamma(roundings, dtype)
+    off = 2 * math.sqrt(3) * gamma(roundings, dtype) * size
     # Of the root of this a distance may be off by what is flushed.
     flushed = 1e3 * math.sqrt(smallest_normal(dtype))
     sizes = jnp.sum(e * e, axis=1)
@@ -132,7 +141,7 @@ def _of_degree_two(k: int, x: Array) -> Array:
     return x if x.shape[0] > 2 else multiply(k, x, constant(k, 3 - x.shape[0], x))
 
 
-def _length(square: Array, off: float, relative: float) -> Array:
+def _length(square: Array, off: Array | float, relative: float) -> Array:
     length = jnp.sqrt(square) * (1 + relative) * (1 + gamma(8, square.dtype)) + off
     return round_up(jnp.where(jnp.isnan(length), jnp.inf, length))
 

@@ -7,6 +7,7 @@ to be farthest in the cells with the largest bounds, whose feet are then better 
 their bound is within the tolerance of the lower one.
 """
 
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
@@ -15,12 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd.arithmetic.rounding import unit_roundoff
-from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.nearest.target import AbstractTarget, FootRows, ProvenFeet
 from jhd.distance.search.active_feet import active_feet
+from jhd.distance.search.cell_feet import put, spread
 from jhd.distance.search.followed_cells import FollowedFeet
+from jhd.distance.search.followed_graphs import FollowedGraphs
 from jhd.distance.search.polished_place import SharpenedPlace, polished
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells
@@ -32,14 +34,12 @@ _BATCH, _WAITING = 1 << 13, 1 << 20
 COUNTS = "steps", "cells", "waiting"
 # A place counts as farther where only this share of the distance is missing.
 _AS_FAR = 1e-14
-# Steps of the first stretch.
-_FIRST_STEPS = 24
+# Steps of the first stretch, and the seconds after which any of them ends with the step that it is in.
+_FIRST_STEPS, _SECONDS = 24, 0.2
 # Places that are measured in a step: of the cells with the largest bounds, and of those that seem farthest.
 _PROVEN = 8
 # The share of the tolerance that the bounds of a measured place may take.
 _MEASURED = 0.05
-# Feet count together where their distances agree to this many diameters of a cell.
-_TOGETHER = 2.0
 
 
 class PlaceFound(NamedTuple):
@@ -78,6 +78,7 @@ class _FarthestState(NamedTuple):
     settled: float
     steps: int
     bounded: int
+    asked: float  # the largest distance of a place that was measured by itself
 
 
 class FarthestSearch(AbstractSearch):
@@ -92,6 +93,7 @@ class FarthestSearch(AbstractSearch):
         aim: what of the distance matters.
         max_steps: most steps.
         followed: bounds that cost more and are closer, or None.
+        graphs: the same of polynomial surfaces, or None.
     """
 
     first_steps = _FIRST_STEPS
@@ -106,8 +108,9 @@ class FarthestSearch(AbstractSearch):
         aim: Aim,
         max_steps: int,
         followed: FollowedFeet | None = None,
+        graphs: FollowedGraphs | None = None,
     ):
-        self._followed = followed
+        self._followed, self._graphs = followed, graphs
         self._source, self._target, self._frame, self._moved, self._allowed = source, target, frame, moved, allowed
         level, ceiling = (np.asarray(x, float) for x in aim)
         # Bounds here are off by as much as the coordinates are.
@@ -119,12 +122,15 @@ class FarthestSearch(AbstractSearch):
         """See AbstractSearch."""
         cells = self._source.cover()
         upper = np.full(len(cells.piece), np.inf)
-        return self._entered(_FarthestState(None, None, -np.inf, 0, 0), cells, upper, None)
+        return self._entered(_FarthestState(None, None, -np.inf, 0, 0, -np.inf), cells, upper, None)
 
     def advance(self, state: _FarthestState, limit: int, growing: bool) -> tuple[_FarthestState, Standing]:
         """See AbstractSearch."""
+        began = time.perf_counter()
         while self._going(state) and state.steps < limit:
             state = self._step(state)
+            if time.perf_counter() - began > _SECONDS:
+                break
         going = self._going(state)
         if not going and state.best is not None and self._followed is not None:
             state = state._replace(best=self._polished(state, state.best, self._followed))
@@ -176,19 +182,31 @@ class FarthestSearch(AbstractSearch):
         candidates = (
             rows if feet is None else FootRows(*(np.concatenate(x, axis=1) for x in zip(rows, feet, strict=True)))
         )
-        chosen = _spread(candidates, places.points)
+        chosen = spread(candidates, places.points)
         upper = self._bounded(best, cells, upper, places.points[:, 0], candidates, chosen)
         if not self._target.sharp:
             high = found.upper.reshape(places.radius.shape)
             who = self._promising(best, np.where(np.isfinite(places.radius), high, -np.inf), upper)
             if len(who):
-                enough = self._level if best is None else max(best.lower, self._level)
-                proven = self._target.nearest(flat[who], enough, self._close(best))
+                proven = self._measured(best, flat[who])
                 best = self._raised(best, self._better(best, cells, places, who, proven))
                 # The feet serve the parts of these cells.
-                _put(chosen, who // places.radius.shape[1], self._target.rows_of(proven))
+                in_cell = who // places.radius.shape[1]
+                put(chosen, in_cell, self._target.rows_of(proven))
+                open_ = np.where(proven.closed, -np.inf, np.minimum(proven.upper, upper[in_cell]))
+                k = [int(np.argmax(open_))]
+                if open_[k[0]] > max(self._goal(best), state.asked + self._close(best)):
+                    # Where many points of the target are nearest that takes longer, which one place by itself may.
+                    alone = self._measured(best, flat[who[k]])
+                    best = self._raised(best, self._better(best, cells, places, who[k], alone))
+                    state = state._replace(asked=float(open_[k[0]]))
         state = state._replace(best=best, bounded=state.bounded + len(cells.piece))
         return self._kept(state, _Waiting(cells, upper, chosen))
+
+    def _measured(self, best: PlaceFound | None, points: np.ndarray) -> ProvenFeet:
+        """Distances of places, as close as is needed where they may be farther than the best one."""
+        enough = self._level if best is None else max(best.lower, self._level)
+        return self._target.nearest(points, enough, self._close(best))
 
     def _bounded(
         self,
@@ -209,6 +227,10 @@ class FarthestSearch(AbstractSearch):
         if len(rows):
             bound = self._source.over(cells.take(rows), self._target, feet.map(lambda x: x[rows]))
             upper[rows] = np.fmin(upper[rows], bound.astype(np.float64))
+            rows = rows[upper[rows] > goal]
+        if self._graphs is not None and len(rows):
+            bound = self._graphs.over(cells.take(rows), feet.map(lambda x: x[rows]), goal)
+            upper[rows] = np.fmin(upper[rows], bound)
         return upper
 
     def _in_cells(self, rows: FootRows, places: PlacesOfCells) -> FootRows:
@@ -352,29 +374,3 @@ class FarthestSearch(AbstractSearch):
             event=event if distance > 0 else EVENTS.coincident,
             direction=DIRECTIONS.a_to_b,
         )
-
-
-def _put(feet: FootRows, cells: np.ndarray, rows: FootRows) -> None:
-    """One foot more for each of some cells, in place of the last one."""
-    for held, new in zip(feet, rows, strict=True):
-        held[cells, -1] = new
-
-
-def _spread(feet: FootRows, places: np.ndarray) -> FootRows:
-    """Some feet of each cell: the nearest to the middle, and of those about as near the farthest from each other."""
-    there = np.where(feet.error[..., None] < np.inf, feet.point, np.nan).astype(np.float64)
-    middle = places[:, :1].astype(np.float64)
-    size = np.sqrt(np.max(np.sum((places - middle) ** 2, axis=2), axis=1))
-    far = np.sqrt(np.sum((there - middle) ** 2, axis=2))
-    far = np.where(np.isnan(far), np.inf, far)
-    first = np.argmin(far, axis=1)
-    index = np.arange(len(first))
-    reach = far[index, first] + _TOGETHER * size
-    chosen = [first]
-    apart = np.sum((there - there[index, first][:, None]) ** 2, axis=2)
-    for _ in range(FEET - 1):
-        after = np.argmax(np.where(far <= reach[:, None], apart, -1.0), axis=1)
-        chosen.append(after)
-        apart = np.fmin(apart, np.sum((there - there[index, after][:, None]) ** 2, axis=2))
-    rows = np.stack(chosen, axis=1)
-    return feet.map(lambda x: x[index[:, None], rows])

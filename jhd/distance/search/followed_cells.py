@@ -11,6 +11,7 @@ are sums of products of those, all non-negative, so each is off by a factor of g
 roundings of what is composed with them (jhd.arithmetic.simplices).
 """
 
+from copy import copy
 from typing import Any, NamedTuple
 
 import jax
@@ -106,21 +107,27 @@ class FollowedFeet:
         self._target, self.shapes = target, (_padded(a), _padded(b))
         self._long, self._most_cuts = _LONG[type(b)], _CUTS[type(b)]
 
-    def over(self, cells: CellRows, feet: FootRows, goal: float) -> np.ndarray:
+    def instead(self, a: Net) -> "FollowedFeet":
+        """The same for cells of other pieces, which are as many as programs are compiled for."""
+        found = copy(self)
+        found.shapes = (a, self.shapes[1])
+        return found
+
+    def over(self, cells: CellRows, feet: FootRows, goal: float | np.ndarray) -> np.ndarray:
         """Proven upper bounds of the distances of all points in cells, from their feet.
 
         Args:
             cells: of a.
             feet: of each, on pieces of b, in the order in which they are tried.
-            goal: what is below it need not be any better.
+            goal: what is below it need not be any better; of all cells, or of each.
         """
         corners = self._corners(cells)
         many, count = corners.shape[1:3]
         whole = np.broadcast_to(np.eye(count, dtype=corners.dtype), (len(corners) * many, count, count))
         parts = _Simplices(np.repeat(cells.piece, many), corners.reshape(-1, *corners.shape[2:]), whole)
-        bound = self._bounded(
-            parts, _FeetOfParts(feet.segment, feet.t).take(np.repeat(np.arange(len(corners)), many)), goal
-        )
+        goals = np.repeat(np.broadcast_to(goal, len(corners)), many)
+        every = _FeetOfParts(feet.segment, feet.t).take(np.repeat(np.arange(len(corners)), many))
+        bound = self._bounded(parts, every, goals)
         return np.max(bound.reshape(-1, many), axis=1)
 
     def moved(self, place: Any, feet: FootRows) -> FootRows:
@@ -132,27 +139,27 @@ class FollowedFeet:
             held[known] = rows
         return feet
 
-    def _bounded(self, parts: _Simplices, feet: _FeetOfParts, goal: float, cuts: int = 0) -> np.ndarray:
+    def _bounded(self, parts: _Simplices, feet: _FeetOfParts, goal: np.ndarray, cuts: int = 0) -> np.ndarray:
         """Bounds of parts, which are cut so often already."""
         tried = _worth_trying(feet, isinstance(self.shapes[1], Triangles))
         bound = self._by_any(parts, feet, self._hopeful(parts, feet, tried, goal), goal)
         rows = np.flatnonzero(bound > goal)
         if len(rows) and cuts < self._most_cuts:
-            by_cuts = self._by_cuts(parts.take(rows), feet.take(rows), tried[rows], goal, cuts)
+            by_cuts = self._by_cuts(parts.take(rows), feet.take(rows), tried[rows], goal[rows], cuts)
             bound[rows] = np.fmin(bound[rows], by_cuts)
         return bound
 
-    def _hopeful(self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray, goal: float) -> np.ndarray:
+    def _hopeful(self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Which feet are tried: of triangles not those that are too far from a corner of the part."""
-        if not isinstance(self.shapes[1], Triangles) or not goal > 0:
+        if not isinstance(self.shapes[1], Triangles) or not np.all(goal > 0):
             return tried
         rows, k = np.nonzero(tried)
         far = in_blocks(_farthest_corner, self.shapes, parts.piece[rows], parts.places[rows], feet.segment[rows, k])
         hopeful = np.zeros_like(tried)
-        hopeful[rows, k] = far <= _HOPELESS * goal
+        hopeful[rows, k] = far <= _HOPELESS * goal[rows]
         return hopeful
 
-    def _by_any(self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray, goal: float) -> np.ndarray:
+    def _by_any(self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Bounds by one foot after the other."""
         bound = np.full(len(parts.piece), np.inf)
         for k in range(tried.shape[1]):
@@ -181,7 +188,9 @@ class FollowedFeet:
         start = self._start(t, parts.corners)
         return in_blocks(_bounds_of, self.shapes, *parts, segment, start).astype(np.float64)
 
-    def _by_cuts(self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray, goal: float, cuts: int) -> np.ndarray:
+    def _by_cuts(
+        self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray, goal: np.ndarray, cuts: int
+    ) -> np.ndarray:
         """Bounds of cells that are cut where the foot leaves a piece; infinite where none are."""
         bound = np.full(len(parts.piece), np.inf)
         cut = self._cuts(parts, feet, tried)
@@ -192,7 +201,8 @@ class FollowedFeet:
             new = self._target.rows_of(self._target.near(self._middles(smaller)))
             both = zip((new.segment[:, None], new.t[:, None]), feet.take(np.repeat(rows, many)), strict=True)
             every = _FeetOfParts(*(np.concatenate(x, axis=1) for x in both))
-            bound[rows] = np.max(self._bounded(smaller, every, goal, cuts + 1).reshape(-1, many), axis=1)
+            goals = np.repeat(goal[rows], many)
+            bound[rows] = np.max(self._bounded(smaller, every, goals, cuts + 1).reshape(-1, many), axis=1)
         return bound
 
     def _middles(self, parts: _Simplices) -> np.ndarray:
@@ -295,6 +305,8 @@ def _bounds_of(
     shapes: Any, count: Array, piece: Array, corners: Array, shares: Array, segment: Array, start: Array
 ) -> Array:
     a, b = shapes
+    # Graphs of surfaces may leave the box of these a little.
+    size = jnp.maximum(jnp.max(jnp.abs(a.points)), 1.0) if isinstance(a, Net) else 1.0
 
     def one(k: Array, corners: Array, segment: Array, start: Array) -> Array:
         at = weighted(jnp.asarray(inner_lattice(corners.shape[0] - 1, 2, INSET), corners.dtype), corners)
@@ -308,7 +320,7 @@ def _bounds_of(
         k = corners.shape[1] - 1
         part = part_over(k, a.piece(piece), inner, complement)
         other = part_over(k, b.piece(segment), sigma, 1 - sigma)
-        return bound_between(k, part, other, levels_of(a) + levels_of(b))
+        return bound_between(k, part, other, levels_of(a) + levels_of(b), size)
 
     return in_groups(group, count, (piece, corners, shares, segment, start), _LANES_OF_PARTS)
 

@@ -22,6 +22,7 @@ from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest_triangles import as_mesh
 from jhd.distance.search.farthest_place import FarthestSearch
 from jhd.distance.search.followed_cells import FollowedFeet
+from jhd.distance.search.followed_graphs import FollowedGraphs
 from jhd.distance.search.from_points import PointSearch
 from jhd.distance.search.from_program import AnswerForm, from_program
 from jhd.distance.search.mesh_source import MeshSource
@@ -135,13 +136,20 @@ def _farthest(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> FarthestSearc
     def allowed(lower: float) -> float:
         return max(atol, float(method.rtol) * lower, floor + target.rounding(lower))
 
-    return FarthestSearch(source, target, frame, moved, allowed, aim, method.max_steps, _followed(a, b, pair, target))
+    followed = _followed(a, b, pair, target)
+    return FarthestSearch(source, target, frame, moved, allowed, aim, method.max_steps, *followed)
 
 
-def _followed(a: Any, b: Any, pair: Together, target: AbstractTarget) -> FollowedFeet | None:
-    """Bounds by feet that are followed, where both shapes are parametric or triangles."""
+def _followed(
+    a: Any, b: Any, pair: Together, target: AbstractTarget
+) -> tuple[FollowedFeet | None, FollowedGraphs | None]:
+    """Bounds by feet that are followed on pieces of b, over those of a or over graphs, as both shapes allow it."""
     first, second = _pieces(a, pair.a), _pieces(b, pair.b)
-    return None if first is None or second is None else FollowedFeet(first, second, target)
+    if second is None:
+        return None, None
+    if isinstance(pair.a, Side):
+        return None, FollowedGraphs(pair.a, second, target)
+    return (None if first is None else FollowedFeet(first, second, target)), None
 
 
 def _pieces(shape: Any, moved: Any) -> Net | Triangles | None:

@@ -24,7 +24,7 @@ from jhd.distance.cells.pairs import Cell, bound, derivatives, nearest_in, newto
 from jhd.distance.frame.curves import padded_count
 from jhd.distance.frame.net_jets import Net, jet, point_error
 from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
-from jhd.distance.search.patch_samples import samples_beside, samples_of
+from jhd.distance.search.patch_samples import samples_of, starts_among
 from jhd.distance.search.rows import BLOCK, each, in_blocks
 from jhd.triangles.closest_point import TriangleTree, in_unit_of, nearest_triangles, outward, point_tree
 
@@ -36,8 +36,8 @@ _LANES = 8
 _MENDED = 1e-6
 # Pairs of queries and boxes of pieces that are formed at once.
 _PAIRS = 1 << 20
-# A query that needs more cells than this keeps the bounds it has.
-_MOST = 4096
+# A query that needs more cells than this keeps the bounds it has; where there are few, those of all together.
+_MOST, _MOST_OF_ALL = 4096, 1 << 17
 # A query may be so many powers of two farther away than the surface is large before its coordinates would overflow.
 _FAR = {8: 900, 4: 90}
 # The gap at which a query is done, in units of roundoff of its distance and the size of the surface.
@@ -87,8 +87,9 @@ class NetTarget(AbstractTarget):
         places = np.linspace(0.0, 1.0, _SAMPLES).astype(points.dtype)
         samples = samples_of(self.net, places)
         self._places = places
-        self._tree: TriangleTree = point_tree(samples.reshape(-1, 3))
-        self._beside = samples_beside(samples.reshape(self.count, -1, 3))
+        found = starts_among(samples.reshape(self.count, *[_SAMPLES] * self.net.parameters, 3))
+        self._tree: TriangleTree = point_tree(samples.reshape(-1, 3)[found.rows])
+        self._rows, self._beside = found
         self._off = float(np.ldexp(point_error(self.net), self.exponent))
 
     def rounding(self, distance: float) -> float:
@@ -172,7 +173,7 @@ class NetTarget(AbstractTarget):
         """Feet near the nearest samples, and what is left of the distance after some steps from there."""
         # Where the queries are in a larger unit than the samples they only start elsewhere.
         tree, rows = in_unit_of(self._tree, points)
-        sample = tree.order[nearest_triangles(tree, rows).triangle]
+        sample = self._rows[tree.order[nearest_triangles(tree, rows).triangle]]
         n = self.net.parameters
         piece, place = np.divmod(sample, _SAMPLES**n)
         places = np.stack(np.unravel_index(place, (_SAMPLES,) * n), axis=1)
@@ -209,6 +210,7 @@ class NetTarget(AbstractTarget):
         feet, dtype = self._near(points, shift), points.dtype
         net, u = self._shrunk(shift), float(np.finfo(dtype).eps)
         settled, work = np.full(len(points), np.inf), np.zeros(len(points), int)
+        most = max(_MOST, _MOST_OF_ALL // len(points))
         feet = _Feet(*(np.array(x) for x in feet))
 
         def goal() -> np.ndarray:
@@ -221,7 +223,7 @@ class NetTarget(AbstractTarget):
         while stack:
             cells = stack.pop()
             stop = cells.lower >= goal()[cells.who]
-            stop |= work[cells.who] > _MOST
+            stop |= work[cells.who] > most
             np.minimum.at(settled, cells.who[stop], cells.lower[stop])
             cells = cells.take(~stop)
             if not len(cells.who):

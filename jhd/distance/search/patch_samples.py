@@ -1,5 +1,7 @@
 """Samples of parametric shapes, from which feet are looked for, and which are at one place; nothing is proven."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from jhd.arithmetic.bernstein import binomials
@@ -30,6 +32,48 @@ def samples_beside(samples: np.ndarray) -> np.ndarray:
         turned = start[group] + (own - start[group] + k + 1) % size[group]
         found[:, k] = np.where(k + 1 < size[group], first[turned], -1)
     return found
+
+
+class StartsOfFeet(NamedTuple):
+    """The numbers of samples that feet are looked for from, and for each of all samples others at its place, or -1."""
+
+    rows: np.ndarray
+    beside: np.ndarray
+
+
+def starts_among(samples: np.ndarray) -> StartsOfFeet:
+    """The samples that serve, and those at the same places; of pieces that are collapsed onto others there are none.
+
+    Args:
+        samples: of all pieces (pieces, places, 3) or (pieces, places, places, 3), with coordinates of at most one.
+    """
+    kept, flat = _apart_from_others(samples), samples.reshape(len(samples), -1, 3)
+    many = flat.shape[1]
+    rows = (kept[:, None] * many + np.arange(many)).ravel()
+    among = samples_beside(flat[kept])
+    beside = np.full((len(samples) * many, among.shape[1]), -1)
+    beside[rows] = np.where(among >= 0, rows[among], -1)
+    return StartsOfFeet(rows, beside)
+
+
+def _apart_from_others(samples: np.ndarray) -> np.ndarray:
+    """The numbers of the pieces but for those that are collapsed onto others, as those of empty knot spans are.
+
+    A foot would be moved along a collapsed piece alone, where its neighbours hold the same points.
+    """
+    count = len(samples)
+    along = range(1, samples.ndim - 1)
+    collapsed = np.any(
+        [np.all(np.abs(np.diff(samples, axis=k)) * _SAME <= 1, axis=tuple(range(1, samples.ndim))) for k in along],
+        axis=0,
+    )
+    if not np.any(collapsed) or np.all(collapsed):
+        return np.arange(count)
+    places = np.rint(samples.reshape(-1, 3).astype(np.float64) * _SAME)
+    _, place = np.unique(places, axis=0, return_inverse=True)
+    place = place.reshape(count, -1)
+    elsewhere = np.all(np.isin(place, place[~collapsed]), axis=1)
+    return np.flatnonzero(~(collapsed & elsewhere))
 
 
 def samples_of(net: Net, places: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.search import farthest_place
 from jhd.distance.search.closest import ClosestSearch
 from jhd.distance.search.closest_triangles import TriangleSearch
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
@@ -46,6 +47,16 @@ def test_a_long_search_reports_more_than_once():
 
 def interrupt(_):
     raise KeyboardInterrupt
+
+
+def test_stretches_of_steps_that_take_long_end_with_each_of_them(monkeypatch):
+    shapes = FARTHEST["to points"][1]
+    whole, seen = jhd.directed_hausdorff(*shapes), []
+    monkeypatch.setattr(farthest_place, "_SECONDS", 0.0)
+    slow = jhd.directed_hausdorff(*shapes, progress=seen.append)
+    assert [p.steps for p in seen] == list(range(1, int(whole.stats["steps"]) + 1))
+    assert len(seen) > 2
+    assert (float(slow.lower), float(slow.upper)) == (float(whole.lower), float(whole.upper))
 
 
 # A surface, and points whose nearest sample of it lies on another fold than their foot.

@@ -1,0 +1,79 @@
+"""Bounds over cells of polynomial surfaces by feet on pieces of the other shape that are followed over them.
+
+In a cell that it crosses in one sheet a polynomial surface is about a polynomial graph, proven to be so close to it
+(jhd.distance.cells.graphs). That is a piece of a parametric surface, and is bounded like one, cuts included.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.arithmetic.rounding import unit_roundoff
+from jhd.compiled import compiled
+from jhd.distance.cells.foot_maps import Triangles
+from jhd.distance.cells.graphs import beside_graph, control_points, graph_over, values_over
+from jhd.distance.frame.net_jets import Net
+from jhd.distance.frame.surfaces import Side
+from jhd.distance.nearest.forms import boxes, form
+from jhd.distance.nearest.target import AbstractTarget, FootRows
+from jhd.distance.search.followed_cells import FollowedFeet
+from jhd.distance.search.rows import BLOCK, in_blocks, in_groups
+from jhd.distance.search.sources import CellRows
+
+# Cells done side by side.
+_LANES = 64
+# A graph serves where it is this close, as a share of the size of the cell.
+_CLOSE = 1e-2
+
+
+class FollowedGraphs:
+    """Bounds between a polynomial surface and a shape of pieces, in common coordinates.
+
+    Args:
+        side: the surface whose cells are bounded.
+        b: the other shape: a net, or the corners of triangles.
+        target: its nearest points.
+    """
+
+    def __init__(self, side: Side, b: Net | Triangles, target: AbstractTarget):
+        self._side = side
+        dtype = np.asarray(side.lower).dtype
+        # It stands for the graphs of a block.
+        none: Any = Net(jnp.zeros((1, 1, 1, 3), dtype), None)
+        self._feet = FollowedFeet(none, b, target)
+
+    def over(self, cells: CellRows, feet: FootRows, goal: float) -> np.ndarray:
+        """Proven upper bounds of the distances of all points in cells, from their feet; see FollowedFeet.over.
+
+        They are infinite where the surface is not about a graph.
+        """
+        points, beside = in_blocks(_graphs, self._side, cells.low, cells.high)
+        size = np.max(cells.high - cells.low, axis=1)
+        bound = np.full(len(size), np.inf)
+        good = np.flatnonzero(beside <= _CLOSE * size)
+        for rows in (good[k : k + BLOCK] for k in range(0, len(good), BLOCK)):
+            count, away = len(rows), beside[rows].astype(np.float64)
+            net = Net(points[np.concatenate([rows, np.full(BLOCK - count, rows[-1])])], None)
+            ends = np.zeros((count, 2), points.dtype)
+            parts = CellRows(np.arange(count), ends, ends + 1)
+            found = self._feet.instead(net).over(parts, feet.map(lambda x, rows=rows: x[rows]), goal - away)
+            bound[rows] = (found + away) * (1 + 4 * unit_roundoff(np.float64))
+        return bound
+
+
+@compiled
+def _graphs(side: Side, count: Array, low: Array, high: Array) -> Any:
+    """Control points (cells, 6, 6, 3) of graphs, and how far the surface is from them at most."""
+
+    def group(low: Array, high: Array) -> tuple[Array, Array]:
+        cells = boxes(low.T, high.T)
+        over = graph_over(form(side, cells), side, cells)
+        points, off = control_points(over)
+        beside = (beside_graph(over.graph, over.on, values_over(over.on)) + off) * (1 + 8 * unit_roundoff(low.dtype))
+        points = jnp.moveaxis(points, -1, 0)
+        good = jnp.isfinite(beside) & jnp.all(jnp.isfinite(points), axis=(1, 2, 3))
+        return jnp.where(good[:, None, None, None], points, 0.0), jnp.where(good, beside, jnp.inf)
+
+    return in_groups(group, count, (low, high), _LANES)
