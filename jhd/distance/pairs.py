@@ -18,7 +18,7 @@ from jhd.compiled import compiled
 from jhd.distance.frame.aim import Aim, aim_at
 from jhd.distance.frame.coordinates import Frame, reported
 from jhd.distance.frame.curves import prepare
-from jhd.distance.frame.directions import in_turn, larger, larger_of_forms
+from jhd.distance.frame.directions import TracedSearch, in_turn, larger, larger_of_forms
 from jhd.distance.frame.method import AbstractCurveMethod, AbstractHausdorffMethod, AbstractHostMethod, check_serves
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.published.algebraic import AlgebraicEvents
@@ -67,12 +67,12 @@ class AbstractPair(ABC):
         """Both directions as they are measured; without a level only what exceeds the first matters of the second."""
         search = self.traced_search(level, ceiling)
         if search is not None:
-            return in_turn(*search, level, ceiling)
+            return in_turn(search, level, ceiling)
         there = self.measured(level=level, ceiling=ceiling)
         return there, self.measured(turned=True, level=there.lower if level is None else level, ceiling=ceiling)
 
     @abstractmethod
-    def traced_search(self, *numbers: Any) -> tuple[Callable[[Any, Aim], HausdorffSolution], Any, Any] | None:
+    def traced_search(self, *numbers: Any) -> TracedSearch | None:
         """Where shapes or numbers are traced: a search, and what of one form it takes for either direction.
 
         None where each direction is measured by itself.
@@ -144,13 +144,14 @@ class CurvePair(AbstractPair):
         self._listener.report(direction, Standing(solution, False, False, 0, 0))
         return solution
 
-    def traced_search(self, *numbers: Any) -> tuple[Callable[[Any, Aim], HausdorffSolution], Any, Any] | None:
+    def traced_search(self, *numbers: Any) -> TracedSearch | None:
         """See AbstractPair."""
         a, b, method, frame = self._a, self._b, self._method, self._frame
         alike = a.control_points.shape == b.control_points.shape
         if not (alike and is_tracing(a, b, method, numbers)):
             return None
-        return (lambda pair, aim: method.directed(*pair, frame, aim)), (a, b), (b, a)
+        run = lambda common, pair, aim: common[0].directed(*pair, common[1], aim)  # noqa: E731
+        return TracedSearch(run, (method, frame), (a, b), (b, a))
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""
@@ -186,12 +187,13 @@ class SurfacePair(AbstractPair):
         wanted, capacity = wanted_of(method, pair.a, self._frame, aim), length_of_table(method, pair.a)
         return drive(SurfaceSearch(pair, wanted, direction, capacity, method.max_steps), self._listener, direction)
 
-    def traced_search(self, *numbers: Any) -> tuple[Callable[[Any, Aim], HausdorffSolution], Any, Any] | None:
+    def traced_search(self, *numbers: Any) -> TracedSearch | None:
         """See AbstractPair."""
         there, back, method, frame = self._targets.pair(), self._targets.turned(), self._method, self._frame
         if not is_tracing(there, method, numbers):
             return None
-        return (lambda pair, aim: method.directed_surfaces(pair, frame, aim, _direction(False))), there, back
+        run = lambda common, pair, aim: common[0].directed_surfaces(pair, common[1], aim, _direction(False))  # noqa: E731
+        return TracedSearch(run, (method, frame), there, back)
 
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """See AbstractPair."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,30 +12,45 @@ from jhd.arithmetic.rounding import ordered
 from jhd.arrays import varying
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import Aim, aim_at
+from jhd.sharding import shared_by_devices
 from jhd.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction, result_where
 
 
-def in_turn(
-    search: Callable[[Any, Aim], HausdorffSolution], there: Any, back: Any, level: Any, ceiling: Any
-) -> tuple[HausdorffSolution, HausdorffSolution]:
+class TracedSearch(NamedTuple):
+    """A search that is traced, and what it takes.
+
+    Args:
+        run: of what both directions have in common, of what is given for one, and of an aim.
+        common: what they have in common.
+        there: for the direction from a to b.
+        back: for the other one, arrays of the same shapes.
+    """
+
+    run: Callable[[Any, Any, Aim], HausdorffSolution]
+    common: Any
+    there: Any
+    back: Any
+
+
+def in_turn(search: TracedSearch, level: Any, ceiling: Any) -> tuple[HausdorffSolution, HausdorffSolution]:
     """Both directions by one traced search, which is compiled once and run twice.
 
     Args:
-        search: of what is given for a direction, and an aim.
-        there: for the direction from a to b.
-        back: for the other one, arrays of the same shapes.
+        search: the search.
         level: nothing up to this length matters; None: nothing below the first lower bound, of the second direction.
         ceiling: nothing more matters above this length, or None.
     """
-    given = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), there, back)
+    given = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), search.there, search.back)
     dtype = jnp.result_type(*(x for x in jax.tree_util.tree_leaves(given) if jnp.issubdtype(x.dtype, jnp.floating)))
-    aim = varying(aim_at(level, ceiling, dtype), given)
 
-    def one(least: Any, pair: Any) -> tuple[Any, HausdorffSolution]:
-        solution = search(pair, Aim(least, aim.ceiling))
-        return solution.lower if level is None else least, solution
+    def both(common: Any, given: Any, aim: Aim) -> HausdorffSolution:
+        def one(least: Any, pair: Any) -> tuple[Any, HausdorffSolution]:
+            solution = search.run(common, pair, Aim(least, aim.ceiling))
+            return solution.lower if level is None else least, solution
 
-    _, found = jax.lax.scan(one, jnp.asarray(aim.level), given)
+        return jax.lax.scan(one, jnp.asarray(varying(aim.level, given)), given)[1]
+
+    found = shared_by_devices(both)(search.common, given, aim_at(level, ceiling, dtype))
     first, second = (jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(2))
     return in_direction(first, DIRECTIONS.a_to_b), in_direction(second, DIRECTIONS.b_to_a)
 

@@ -2,7 +2,8 @@
 
 Degrees are raised within the program, by matrices that are handed in, after the coordinates were centred: so the errors
 are those that jhd.distance.frame.curves accounts for, and one program serves curves of several degrees. What a pair
-gets depends on its two curves alone, to the last bit, and not on the block it comes in.
+gets depends on its two curves alone, to the last bit, and not on the block it comes in. Where a process has several
+devices each of them measures a share of a block.
 """
 
 from functools import lru_cache
@@ -11,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import PartitionSpec
 from jaxtyping import Array
 
 from jhd.arithmetic.scaling import unit_weights
@@ -124,9 +126,46 @@ def _stacked(rows: list[CurveRows], index: np.ndarray) -> CurveRows:
 
 
 def measure_block(block: Block) -> MeasuredPairs:
-    """The distances of a block's pairs."""
-    found = _measured(block._replace(count=np.asarray(block.count)))
-    return MeasuredPairs(*(np.asarray(x)[: block.count] for x in found))
+    """The distances of a block's pairs, each of which is measured by one of this process's devices."""
+    devices = _devices()
+    if len(devices) == 1:
+        found = _measured(block._replace(count=np.asarray(block.count)))
+        return MeasuredPairs(*(np.asarray(x)[: block.count] for x in found))
+    shares, place = _shares(block, len(devices))
+    return MeasuredPairs(*(np.asarray(x)[place] for x in _shared(devices)(shares)))
+
+
+def _devices() -> tuple[Any, ...]:
+    """The devices of this process; that one alone which the user has chosen, if any."""
+    chosen: Any = jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
+    return tuple(jax.local_devices()) if chosen is None else (chosen,)
+
+
+def _shares(block: Block, parts: int) -> tuple[Block, np.ndarray]:
+    """The block with its pairs dealt out like cards, and where each pair has come to lie.
+
+    Pairs that follow each other take about as long, and so do shares then.
+    """
+    length = -(-len(block.level) // parts)
+    pairs = np.minimum(np.arange(length) * parts + np.arange(parts)[:, None], len(block.level) - 1).ravel()
+    a, b, level, ceiling = jax.tree_util.tree_map(lambda x: x[pairs], (block.a, block.b, block.level, block.ceiling))
+    counts = (block.count - np.arange(parts) + parts - 1) // parts
+    pair = np.arange(block.count)
+    return Block(a, b, level, ceiling, counts, block.method), pair % parts * length + pair // parts
+
+
+@lru_cache(maxsize=4)
+def _shared(devices: tuple[Any, ...]) -> Any:
+    """`_measured` with a share of the pairs on each device, where none waits for another."""
+    shares: Any = PartitionSpec("pairs")
+    everywhere: Any = PartitionSpec()
+    places = Block(shares, shares, shares, shares, shares, everywhere)
+
+    def on_each(block: Block) -> MeasuredPairs:
+        return _measured(block._replace(count=block.count[0]))
+
+    mesh = jax.sharding.Mesh(np.array(devices), ("pairs",))
+    return compiled(jax.shard_map(on_each, mesh=mesh, in_specs=(places,), out_specs=shares))
 
 
 @compiled
@@ -145,7 +184,7 @@ def _in_turn(block: Block) -> MeasuredPairs:
 
     number = jnp.zeros_like(block.level)
     whole = jnp.zeros(number.shape, int)
-    empty = varying(MeasuredPairs(number, number, number, whole, whole), block)
+    empty = varying(MeasuredPairs(number, number, number, whole, whole), pairs)
     return jax.lax.fori_loop(0, block.count, one, empty)
 
 

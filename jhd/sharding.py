@@ -1,0 +1,57 @@
+"""Batches whose axis is explicitly sharded: each device computes its own share of them."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import jax
+from jax.custom_batching import custom_vmap
+from jax.sharding import AxisType, PartitionSpec
+
+_R = TypeVar("_R")
+
+
+def shared_by_devices(function: Callable[..., _R]) -> Callable[..., _R]:
+    """The function, which under vmap leaves to each device what lies there, if the batch is explicitly sharded.
+
+    Of such arrays JAX loops over no axis and looks nothing up without being told where results are to lie. Within
+    jax.shard_map each device has plain arrays. Other batches are computed as ever. What is explicitly sharded has no
+    derivative in reverse here.
+    """
+    single = custom_vmap(function)
+
+    @single.def_vmap
+    def batch(_: int, batched: list[Any], *args: Any) -> tuple[_R, Any]:
+        leaves, tree = jax.tree_util.tree_flatten(args)
+        axes = [0 if is_batched else None for is_batched in jax.tree_util.tree_leaves(batched)]
+        # A batch around this one may be sharded as well.
+        members = shared_by_devices(
+            jax.vmap(lambda *leaves: function(*jax.tree_util.tree_unflatten(tree, leaves)), in_axes=tuple(axes))
+        )
+        found = _on_own_devices(members, leaves, axes)(*leaves)
+        return found, jax.tree_util.tree_map(lambda _: True, found)
+
+    return lambda *args: single(*args) if _may_be_shared(args) else function(*args)
+
+
+def _may_be_shared(values: Any) -> bool:
+    """Whether arrays are on explicit axes of a mesh; those of a batch are not told from those of its members."""
+    meshes = [jax.typeof(x).sharding.mesh for x in jax.tree_util.tree_leaves(values)]
+    return any(AxisType.Explicit in mesh.axis_types for mesh in meshes)
+
+
+def _on_own_devices(function: Callable[..., _R], leaves: list[Any], axes: list[int | None]) -> Callable[..., _R]:
+    """The function of these arrays, of which those with an axis of the batch are computed where they lie."""
+    shardings = [jax.typeof(x).sharding for x, axis in zip(leaves, axes, strict=True) if axis is not None]
+    sharding = next((x for x in shardings if x.spec and x.spec[0] is not None), None)
+    if sharding is None:
+        return function
+    names = sharding.spec[0]
+    place, everywhere = PartitionSpec(names), PartitionSpec()
+    shared = jax.shard_map(
+        function,
+        mesh=sharding.mesh,
+        in_specs=tuple(everywhere if axis is None else place for axis in axes),
+        out_specs=place,
+        axis_names={names} if isinstance(names, str) else set(names),
+    )
+    return jax.jit(shared)

@@ -1,0 +1,46 @@
+"""Batches whose axis is explicitly sharded give what they give elsewhere."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.sharding import NamedSharding, PartitionSpec
+
+import jhd
+from jhd.arrays import varying
+from jhd.sharding import shared_by_devices
+
+MESH = jax.make_mesh((1, 1), ("i", "j"))
+
+
+def sharded(x, *axes):
+    return jax.device_put(x, NamedSharding(MESH, PartitionSpec(*axes)))
+
+
+def looked_up(table, k):
+    """What JAX does for no explicitly sharded batch: it looks up in a loop."""
+    start = varying(jnp.zeros(()), k)
+    return jax.lax.scan(lambda total, i: (total + table[(k + i) % 3], k * table[i]), start, jnp.arange(3))
+
+
+@pytest.mark.parametrize("axes", [("i",), (("i", "j"),), ("i", "j"), (None, "j"), ()])
+@pytest.mark.parametrize("run", [jax.jit, lambda f: f])
+def test_a_batch_is_computed_wherever_it_lies(run, axes):
+    table, k = jnp.array([1.0, 2.0, 4.0]), jnp.arange(4).reshape(2, 2)
+    double = run(jax.vmap(jax.vmap(shared_by_devices(looked_up), in_axes=(None, 0)), in_axes=(None, 0)))
+    found = double(sharded(table), sharded(k, *axes))
+    assert jax.typeof(found[0]).sharding.spec == PartitionSpec(*(*axes, None, None)[:2])
+    for x, y in zip(found, double(table, k), strict=True):
+        np.testing.assert_array_equal(x, y)
+    assert found[0].tolist() == [[7.0, 7.0], [7.0, 7.0]]
+
+
+@pytest.mark.slow
+def test_distances_of_an_explicitly_sharded_batch():
+    rows = jnp.asarray(np.random.default_rng(6).normal(size=(4, 2, 4, 2)))
+    batch = jax.jit(jax.vmap(lambda x: jhd.hausdorff(jhd.BezierCurve(x[0]), jhd.BezierCurve(x[1]))))
+    found, known = batch(sharded(rows, "i")), batch(rows)
+    assert jax.typeof(found.value).sharding.spec == PartitionSpec("i")
+    for name in ("value", "lower", "upper"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(known, name))
+    np.testing.assert_array_equal(found.witness.feet, known.witness.feet)
