@@ -109,6 +109,13 @@ def room_for_programs():
     gc.freeze()
 
 
+@pytest.fixture(autouse=True)
+def programs_as_they_are_set(request):
+    """Tests that set something keep no programs and read none, unless they name a folder; see JHD_CACHE above."""
+    if "monkeypatch" in request.fixturenames:
+        request.getfixturevalue("monkeypatch").setenv("JHD_CACHE", "0")
+
+
 @pytest.fixture
 def as_a_user():
     """The package without checked annotations: what it refuses then, it refuses by itself."""
