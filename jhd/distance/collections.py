@@ -31,8 +31,11 @@ from jhd.shapes.checks import Numbers
 
 Report = Callable[[CollectionProgress], object] | None
 
-# Pairs that are sent out before their results are put away, and pairs whose bounds are held at once.
-_PAIRS, _BOUNDS = 1 << 14, 10**7
+# Pairs that are sent out before their results are put away.
+_PAIRS = 1 << 14
+# Pairs whose bounds are held at once: a hundred bytes each while they are looked at, and ten thousand shapes with as
+# many queries stay far below a gigabyte.
+_BOUNDS = 2 * 10**6
 
 
 class Pairwise(eqx.Module):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.many import blocks
 from jhd.solution import names_of
 
 
@@ -117,6 +118,19 @@ def test_what_a_pair_gets_depends_on_nothing_else(every):
             assert [x[i, j] for x in (found.value, found.lower, found.upper)] == [
                 x[k, m] for x in (every.value, every.lower, every.upper)
             ]
+
+
+def test_padded_curves_are_kept_as_far_as_there_is_room(monkeypatch, every):
+    from jhd.distance.many import shapes
+
+    collection, kind = shapes.Collection("shapes", CURVES), blocks.PairKind(16, 3, 2, False)
+    size = sum(x.nbytes for x in collection.row(0, kind) if x is not None)
+    assert collection.row(0, kind) is collection.row(0, kind)
+    monkeypatch.setattr(shapes, "_KEPT", 3 * size)
+    for k in range(10):
+        row = collection.row(k, kind)
+        assert collection.row(k, kind) is row and len(collection._rows) <= 3
+    np.testing.assert_array_equal(jhd.pairwise(CURVES).value, every.value)
 
 
 def test_the_table_of_one_collection_is_symmetric_and_zero_for_a_shape_and_itself(every):

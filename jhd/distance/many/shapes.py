@@ -11,6 +11,9 @@ from jhd.distance.many.blocks import CurveRows, PairKind, row_of
 from jhd.shapes.as_shape import as_shape
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 
+# Bytes of padded curves that a collection keeps: of ten thousand outlines those of one size, and not of all sizes.
+_KEPT = 1 << 27
+
 
 class Collection:
     """Shapes of one dimension, in the order given.
@@ -38,6 +41,7 @@ class Collection:
                 )
         self.corners = [_corners(shape) for shape in self.shapes]
         self._rows: dict[tuple[int, PairKind], CurveRows] = {}
+        self._bytes = 0
 
     def __len__(self) -> int:
         return len(self.shapes)
@@ -46,7 +50,13 @@ class Collection:
         """A curve as a program takes it."""
         found = self._rows.get((k, kind))
         if found is None:
-            found = self._rows[k, kind] = row_of(self.shapes[k], kind)
+            found = row_of(self.shapes[k], kind)
+            size = sum(x.nbytes for x in found if x is not None)
+            if self._bytes + size > _KEPT:
+                self._rows.clear()
+                self._bytes = 0
+            self._rows[k, kind] = found
+            self._bytes += size
         return found
 
 
