@@ -6,7 +6,7 @@ part in each step (jhd.fitting.minimax). A stationary point is a local minimum a
 
 from collections.abc import Callable
 from itertools import groupby
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -17,22 +17,18 @@ from jaxtyping import Array
 
 from jhd.arrays import real_array
 from jhd.distance.frame.method import AbstractHausdorffMethod
-from jhd.distance.measures import AbstractMeasure, Hausdorff
+from jhd.distance.measures import AbstractMeasure
 from jhd.fitting.annealing import annealing
-from jhd.fitting.bundle import minimise_by_cuts, motions
 from jhd.fitting.chain import Layout, contours, divided, from_a_corner, least_squares, longest_pieces, points_of
 from jhd.fitting.clock import Clock
-from jhd.fitting.measured import fit_by_measure, measured_solution
 from jhd.fitting.minimax import FitProgress
-from jhd.fitting.problem import Problem
 from jhd.fitting.sampled import lengths_of
-from jhd.fitting.solutions import bundled_solution, minimax_solution, minimise_and_prove
+from jhd.fitting.ways import Limits, scales_of, way_of
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
-from jhd.shapes.patch import AbstractPatch
 from jhd.solution import FitSolution
 
 # Shapes that are fitted, and fitted to.
@@ -70,7 +66,14 @@ def minimise_hausdorff(
     A local minimum near the start. What is to stay fixed (ends, tangents, closedness) is what `build` does not vary.
     Curves are fitted by all maxima of their distance and their curvature; surfaces and meshes, of which one maximum of
     each direction is known, by a bundle of their gradients, which ends where a convex combination of those nearby is
-    below a twentieth of their length. By another measure any shapes are fitted, points among the targets: a quantile or
+    below a twentieth of their length.
+
+    Where the product of both curves' numbers of segments is above 1024 the maxima near the top alone take part, found
+    with trees of samples: the search of a step grows like the sum of both numbers, its model at most like the cube of
+    the number of parameters. Such a fit ends where four steps together gain less than a thousandth, named
+    fit_in_a_valley. Where the proven distance shows that a maximum was missed the samples are doubled and it goes on.
+
+    By another measure any shapes are fitted, points among the targets: a quantile or
     a mean of the distances from a scan, `Quantile(0.9, directed=True)`, leaves its outliers out.
 
     Args:
@@ -85,8 +88,9 @@ def minimise_hausdorff(
             a new leading axis. The best end is returned.
         seed: of the random starts.
         max_steps: most steps from each start.
-        max_seconds: wall time after which the best so far is returned, with the result fit_out_of_time; the evaluation
-            that has begun is ended, and the error is proven, after it. None for no limit.
+        max_seconds: wall time after which the best so far is returned, with the result fit_out_of_time; what has begun
+            is given up, but for the first evaluation and for compiling, and the proof of the error is ended a tenth of
+            the time later with the bounds it has. None for no limit.
         atol: a distance at which the fit is good enough; zero goes on to a stationary point.
         capacity: of curves, how many maxima take part; by default enough for the number of parameters.
         method: how the error is proven; by default BranchAndBound().
@@ -123,9 +127,9 @@ def _minimised(
     if flat.size == 0:
         raise ValueError("parameters holds no number; needs at least one.")
     built = _Flat(build, unravel)
-    limits = _Limits(max_steps, atol, _capacity(flat.size) if capacity is None else capacity, clock, method)
-    way = _way(built, target, measure, limits)
-    begin = annealing(temperature, measure, built, target, _scales(built, target), clock)
+    limits = Limits(max_steps, atol, _capacity(flat.size) if capacity is None else capacity, clock, method)
+    way = way_of(built, target, measure, limits)
+    begin = annealing(temperature, measure, built, target, scales_of(built, target), clock)
     ends = []
     for number, start in enumerate(_starts(built, np.asarray(flat), starts, seed, target)):
 
@@ -137,51 +141,6 @@ def _minimised(
             break
         ends.append(way.iterate(begin(start), report))
     return way.solution(min(ends, key=way.value), unravel)
-
-
-class _Limits(NamedTuple):
-    """What ends an iteration, how many maxima take part, and how the end is proven."""
-
-    max_steps: int
-    atol: float
-    capacity: int
-    clock: Clock
-    method: AbstractHausdorffMethod | None
-
-
-class _Way(NamedTuple):
-    """A way to fit: from a start and a listener to an end, the value of an end, and the solution that it is."""
-
-    iterate: Callable[[Any, Callable[[int, float, float], object]], Any]
-    value: Callable[[Any], float]
-    solution: Callable[[Any, Callable], FitSolution]
-
-
-def _way(built: Any, target: Any, measure: AbstractMeasure | None, limits: _Limits) -> _Way:
-    steps, atol, capacity, clock, method = limits
-    if measure is not None and measure != Hausdorff():
-        scales = _scales(built, target)
-        return _Way(
-            lambda start, report: fit_by_measure(
-                built, measure, target, start, scales(start), steps, atol, clock, report
-            ),
-            lambda ended: ended.point.value,
-            lambda ended, unravel: measured_solution(built, unravel, measure, target, ended, method),
-        )
-    if isinstance(target, ImplicitSurface | TriangleMesh):
-        return _Way(
-            lambda start, report: minimise_by_cuts(built, target, start, steps, atol, report, clock),
-            lambda ended: ended.point.value,
-            lambda ended, unravel: bundled_solution(ended, unravel, target, method, clock),
-        )
-    check_curve("target", target)
-    return _Way(
-        lambda start, report: minimise_and_prove(
-            Problem(built, target.segments(), capacity, clock), start, steps, atol, method, report
-        ),
-        lambda found: found.ended.point.top,
-        lambda found, unravel: minimax_solution(found, unravel),
-    )
 
 
 def fit_curve(
@@ -237,10 +196,18 @@ def fit_curve(
     if np.any(following[:-1] != np.arange(1, curve.count)):
         raise ValueError("target has several contours; needs one, with its segments in order.")
     if tolerance is not None:
-        others = {"segments": segments, "measure": measure, "max_seconds": max_seconds, "method": method}
+        others = {"segments": segments, "measure": measure, "method": method}
         others |= {"closed": closed, "ends": None if ends == "fixed" else ends, "atol": atol or None}
         _refuse_beside_tolerance(others)
-        return fit_outline(curve, tolerance, degree=degree, smooth=smooth, max_steps=max_steps, progress=progress)[0]
+        return fit_outline(
+            curve,
+            tolerance,
+            degree=degree,
+            smooth=smooth,
+            max_steps=max_steps,
+            max_seconds=max_seconds,
+            progress=progress,
+        )[0]
     segments = 1 if segments is None else segments
     closed = bool(following[-1] == 0) if closed is None else closed
     least = 3 if smooth else 2 if ends == "fixed" and segments == 1 and not closed else 1
@@ -278,6 +245,7 @@ def fit_outline(
     smooth: bool = False,
     max_segments: int = 64,
     max_steps: int = 40,
+    max_seconds: float | None = None,
     progress: Callable[[FitProgress], object] | None = None,
 ) -> list[FitSolution]:
     """Each contour of the target within the tolerance, by few segments; one fit for each contour, in their order.
@@ -294,13 +262,15 @@ def fit_outline(
         smooth: whether inner joints have one tangent.
         max_segments: most segments of one contour.
         max_steps: most steps of one fit; a fit within the tolerance takes no more.
+        max_seconds: wall time for all contours, see `minimise_hausdorff`; then the fits in hand are returned, which may
+            be above the tolerance.
         progress: called with a FitProgress after each step.
 
     Raises:
         TypeError: a target that is no curve.
         ValueError: a tolerance that is not positive.
     """
-    target = taken_as("target", target)
+    target, clock = taken_as("target", target), Clock(max_seconds)
     check_curve("target", target)
     limit = real_array("tolerance", tolerance)
     if limit.shape != () or not float(limit) > 0:
@@ -308,13 +278,14 @@ def fit_outline(
     found = []
     for contour in contours(target.segments()):
         start = from_a_corner(contour, _reach(contour, float(limit)))
-        found.append(_within(start, float(limit), degree, smooth, max_segments, max_steps, progress))
+        found.append(_within(start, float(limit), clock, degree, smooth, max_segments, max_steps, progress))
     return found
 
 
 def _within(
     contour: BezierSegments,
     limit: float,
+    clock: Clock,
     degree: int,
     smooth: bool,
     most: int,
@@ -335,8 +306,8 @@ def _within(
         build, start = least_squares(layout, contour, joints if own else divided(contour, count))
         if own and not smooth:
             start = points_of(build, pieces)
-        fit = minimise_hausdorff(build, start, contour, max_steps=max_steps, atol=0.99 * limit, progress=progress)
-        if float(fit.error.upper) <= limit or count == most:
+        fit = _minimised(build, start, contour, clock, max_steps=max_steps, atol=0.99 * limit, progress=progress)
+        if float(fit.error.upper) <= limit or count == most or clock.is_over():
             break
     return fit
 
@@ -373,25 +344,9 @@ def _starts(build: Callable, first: np.ndarray, starts: Any, seed: int, target: 
     if starts == 1:
         return first[None]
     low, high = target.box()
-    spread = _SPREAD * float(jnp.max(high - low)) * _scales(build, target)(first)
+    spread = _SPREAD * float(jnp.max(high - low)) * scales_of(build, target)(first)
     noise = np.random.default_rng(seed).normal(size=(starts - 1, first.size))
     return np.concatenate([first[None], first + spread * noise])
-
-
-def _scales(build: Callable, target: Any) -> Callable[[np.ndarray], np.ndarray]:
-    """Of parameters, the change of each that moves the shape by about one unit of length."""
-
-    def scales(parameters: np.ndarray) -> np.ndarray:
-        shape = build(jnp.asarray(parameters))
-        if isinstance(shape, AbstractCurve) and isinstance(target, AbstractCurve):
-            return Problem(build, target.segments(), 1).scales(parameters)
-        if isinstance(shape, AbstractPatch):
-            slopes = jax.jacfwd(lambda p: build(p).patches().control_points)(jnp.asarray(parameters))
-            moved = np.max(np.abs(np.asarray(slopes).reshape(-1, len(parameters))), axis=0)
-            return 1 / np.where(moved > 0, moved, 1.0)
-        return motions(build, parameters)
-
-    return scales
 
 
 def _rows(starts: Any) -> list[Any]:

@@ -316,6 +316,21 @@ def check_outline_fit(numbers):
             assert np.all(np.diff(run["value"]) <= 0)
 
 
+def check_noisy_outline(numbers):
+    for case in numbers["cases"]:
+        fit = case["methods"]["minimax fit"]
+        assert all(entry["lower"] <= entry["upper"] for entry in case["methods"].values())
+        assert all(entry["lower"] > fit["upper"] for name, entry in case["methods"].items() if name != "minimax fit")
+        assert np.all(np.diff([value for _, value in case["history"]]) < 0)
+
+
+def check_scaling_of_fits(numbers):
+    for case in numbers["by_vertices"] + numbers["by_segments"]:
+        # What is proven is what the fit worked with.
+        assert case["lower"] <= case["last"] * (1 + 1e-9) <= case["upper"] * (1 + 2e-9)
+        assert case["upper"] < case["first"]
+
+
 def check_kim10_table(numbers):
     for entry in numbers["entries"]:
         proven = entry["values"]["BranchAndBound"]

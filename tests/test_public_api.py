@@ -49,7 +49,7 @@ PARAMETERS = {
     "minimum_at_most": ["a", "b", "threshold", "method", "progress"],
     "critical_pairs": ["a", "b", "capacity"],
     "minimise_hausdorff": ["build", "parameters", "target", "starts", "max_steps", "atol", "method", "progress"],
-    "fit_outline": ["target", "tolerance", "degree", "smooth", "max_segments", "max_steps", "progress"],
+    "fit_outline": ["target", "tolerance", "degree", "smooth", "max_segments", "max_steps", "max_seconds", "progress"],
     "fit_curve": ["target", "degree", "segments", "ends", "closed", "smooth", "max_steps", "atol", "method"],
     "soft_hausdorff": ["a", "b", "temperature", "method"],
     "BranchAndBound": ["atol", "rtol", "max_steps", "capacity"],

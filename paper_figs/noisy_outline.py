@@ -1,0 +1,78 @@
+"""A noisy outline with its fit by cubics, the distances that all methods reach, and the distance in time.
+
+Numbers by noisy_outline's experiment.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+_METHODS = {
+    "least squares": (GREY, "s", (0, (1, 1))),
+    "Adam, Chamfer": (ORANGE, "^", (0, (4, 1.2))),
+    "Adam, soft Hausdorff": (PURPLE, "D", (0, (4, 1.2, 1, 1.2))),
+    "Adam, hard Hausdorff": (VERMILLION, "v", (0, (2, 1))),
+    "smoothing spline": (GREEN, "P", (0, (6, 2))),
+    "minimax fit": (BLUE, "o", "-"),
+}
+_MARKS: dict[str, Any] = {"markersize": 3.6, "markeredgecolor": BLACK, "markeredgewidth": 0.5}
+_MILLI = 1e3
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    cases = numbers["cases"]
+    with style():
+        figure = Figure(figsize=(175 * MM, 84 * MM), layout="constrained")
+        shape, distance, seconds = figure.subplots(1, 3, width_ratios=(1.15, 1, 1))
+        shown = next(case for case in reversed(cases) if case["points"] is not None and case["vertices"] <= 400)
+        _draw_shape(shape, shown)
+        letter(shape, "a", f"{shown['vertices']} vertices, {numbers['segments']} cubics")
+        for name, look in _METHODS.items():
+            found = [case["methods"][name] for case in cases]
+            _draw(distance, cases, [_MILLI * entry["upper"] for entry in found], name, look)
+            if name != "least squares":
+                _draw(seconds, cases, [entry["seconds"] for entry in found], name, look)
+        distance.set_ylabel("proven Hausdorff distance (1/1000)")
+        letter(distance, "b", "how near")
+        seconds.set_ylabel("seconds of the processor")
+        letter(seconds, "c", "how soon")
+        handles, labels = distance.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3, columnspacing=1.6, handlelength=2.6)
+    return figure
+
+
+def _draw_shape(ax: Axes, case: dict[str, Any]) -> None:
+    points = np.array(case["points"])
+    ax.plot(*np.vstack([points, points[:1]]).T, color=GREY, linewidth=0.5)
+    curve = bezier(case["shape"])
+    t = np.linspace(0, curve.count, 40 * curve.count + 1)
+    ax.plot(*np.asarray(curve(t)).T, color=BLUE, linewidth=1.4)
+    joints = np.array(case["shape"])[:, 0]
+    ax.plot(*joints.T, color=BLUE, marker="o", linestyle="none", **_MARKS)
+    ax.set_aspect("equal")
+    ax.axis("off")
+
+
+def _draw(ax: Axes, cases: list[dict[str, Any]], values: list[float], name: str, look: Any) -> None:
+    colour, marker, line = look
+    ax.loglog([c["vertices"] for c in cases], values, color=colour, marker=marker, linestyle=line, label=name, **_MARKS)
+    ax.set_xlabel("vertices of the outline")
+    # A label at every second number of vertices, and numbers in place of powers of ten on the other axis.
+    ax.set_xticks([case["vertices"] for case in cases[::2]], [f"{case['vertices']:,}" for case in cases[::2]])
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+    ax.yaxis.set_minor_formatter(FuncFormatter(lambda y, _: f"{y:g}" if f"{y:e}"[0] in "235" else ""))
+
+
+if __name__ == "__main__":
+    main()
