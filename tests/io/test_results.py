@@ -1,14 +1,13 @@
 """Saved results: what is read back is what was saved, in JSON and in npz."""
 
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.distance.deviation_solution import Bounds, Deviation
+from jhd.distance.deviation_solution import Bounds, Deviation, DistanceSamples
 from jhd.io.errors import ParseError
 from jhd.io.results import load_result, save_result
 from jhd.shapes.curve import circle, polyline
@@ -164,18 +163,9 @@ def test_every_result_of_the_entries_is_kept(suffix, tmp_path):
     assert load_result(tmp_path / f"a{suffix}")["solution"].keys() == {
         "value", "lower", "upper", "witness", "result", "stats", "directed"
     }  # fmt: skip
-    nothing: Any = None
-    found = Deviation(
-        None,
-        None,
-        both,
-        Bounds(1.0, 2.0),
-        Bounds(3.0, 4.0),
-        Bounds(5.0, 6.0),
-        nothing,
-        RESULTS.successful,
-        {"parts": 3},
-    )
+    nothing = DistanceSamples(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros((0, 2)))
+    bounds = Bounds(1.0, 2.0), Bounds(3.0, 4.0), Bounds(5.0, 6.0)
+    found = Deviation(None, None, both, *bounds, nothing, RESULTS.successful, {"parts": 3})
     save_result(tmp_path / f"b{suffix}", found)
     mean = load_result(tmp_path / f"b{suffix}")["solution"]["mean"]
     assert [float(x) for x in (mean.values() if suffix == ".npz" else mean)] == [1.0, 2.0]
