@@ -137,14 +137,17 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
     return float(given), float(relative)
 
 
-def checked_weights(a: Any, weights: Any) -> np.ndarray | None:
+def checked_weights(a: Any, weights: Any) -> Any:
     """The weights of the points of a, (points,), finite, none negative and some positive; None where there are none."""
     if weights is None:
         return None
     if not is_points(a):
         raise TypeError(f"weights are for points; a is {type(a).__name__}.")
-    rows, count = np.asarray(real_array("weights", weights), np.float64), a.segments().count
-    if rows.shape != (count,) or not np.all(np.isfinite(rows) & (rows >= 0)) or not np.any(rows > 0):
+    rows, count = real_array("weights", weights), a.segments().count
+    hidden = is_traced(rows)
+    rows = rows if hidden else np.asarray(rows, np.float64)
+    usable = rows.shape == (count,) and (hidden or bool(np.all(np.isfinite(rows) & (rows >= 0)) and np.any(rows > 0)))
+    if not usable:
         raise ValueError(f"weights has shape {rows.shape}; needs ({count},), finite, none negative and some positive.")
     return rows
 

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd.arithmetic.scaling import common_exponent, scale_of
-from jhd.arrays import is_traced
+from jhd.arrays import is_traced, is_tracing, real_array
 from jhd.batches import AbstractSolution
 from jhd.distance.deviation import checked_weights, deviation
 from jhd.distance.deviation_solution import Bounds, Deviation, check_share
@@ -28,14 +28,16 @@ from jhd.distance.frame.attach import carrying
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.hausdorff import directed_hausdorff
 from jhd.distance.levels import quantile_along, quantile_beside, quantile_of
+from jhd.distance.measures_in_programs import answer_in_program
 from jhd.distance.project import project
 from jhd.distance.quadrature import ParameterCells, along, net_of, nodes_of, resolved
 from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.mixes import dtype_of
 from jhd.distance.search.points import is_points
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve
-from jhd.solution import DIRECTIONS, name_of, throw_unless_successful
+from jhd.solution import DIRECTIONS, RESULTS, name_of, result_where, throw_unless_successful
 from jhd.triangles.closest_point import outward
 
 
@@ -65,6 +67,10 @@ class MeasureSolution(AbstractSolution):
         return f"MeasureSolution({value} in {bounds}, {name_of(self.direction)}, {name_of(self.result)})"
 
 
+def _weights(given: Any) -> Array | None:
+    return None if given is None else real_array("weights", given)
+
+
 class Along(NamedTuple):
     """Distances to b at places along a.
 
@@ -82,9 +88,12 @@ class AbstractMeasure(eqx.Module):
 
     Args:
         directed: whether the distances from a to b alone count; else it is the larger one of both directions.
+        weights: of the points of a, (points,), at least 0, wherever a call gives none: so they count in fits too, of
+            which the target is a. By default each counts one.
     """
 
     directed: eqx.AbstractVar[bool]
+    weights: eqx.AbstractVar[Array | None]
 
     def __call__(
         self,
@@ -98,28 +107,35 @@ class AbstractMeasure(eqx.Module):
     ) -> MeasureSolution:
         """The measure with proven bounds, its value differentiable in both shapes.
 
+        Works under jit and vmap, where it is called on the host, one after the other, with first derivatives; checks of
+        values are left out and `throw` is ignored there: read `result`.
+
         Args:
             a: points, a curve, a parametric surface or a mesh; for Hausdorff() a polynomial surface too, and for
                 directed measures b may be one.
             b: the other one.
-            weights: of the points of a, (points,), at least 0; by default each counts one.
+            weights: of the points of a, (points,), at least 0; by default those of the measure.
             atol: the gap that may stay between the bounds; by default that of `deviation`, or of `hausdorff`.
             rtol: the same relative to the upper bound; not for Hausdorff(), whose bounds are closed.
             throw: whether to raise where the bounds were not closed.
 
         Raises:
-            TypeError: what is no shape, traced shapes (under jit; derivatives are fine), a surface whose area is not
-                proven, or weights of what is no set of points.
+            TypeError: what is no shape, a surface whose area is not proven, or weights of what is no set of points.
             ValueError: shapes of different dimensions, or what `deviation` refuses.
             NotProvenError: the tolerance was not reached, and throw is True.
         """
-        a, b = _shapes(a, b)
-        found = self._one_way(a, b, checked_weights(a, weights), atol, rtol)
+        a, b = taken_as("a", a), taken_as("b", b)
+        counts = checked_weights(a, self.weights if weights is None else weights)
+        if _is_hidden(a, b, counts, atol, rtol) and not isinstance(self, Hausdorff):
+            options = {"weights": counts, "atol": atol, "rtol": rtol}
+            known = partial(_known, self)
+            return answer_in_program(known, partial(_refused, dtype_of(a)), (a, b), options)
+        found = self._one_way(a, b, counts, atol, rtol)
         if not self.directed:
             back = self._one_way(b, a, None, atol, rtol)
             back = eqx.tree_at(lambda x: x.direction, back, DIRECTIONS.b_to_a)
             found = _larger(found, back)
-        if throw:
+        if throw and not is_traced(found.result):
             throw_unless_successful(found)
         return found
 
@@ -132,8 +148,12 @@ class AbstractMeasure(eqx.Module):
             weights: likewise.
             places: along a curve or surface at most; by default as many as the integrals need.
         """
-        a, b = _shapes(a, b)
-        value = self._value(a, b, checked_weights(a, weights), places)
+        a, b = taken_as("a", a), taken_as("b", b)
+        counts = checked_weights(a, self.weights if weights is None else weights)
+        if _is_hidden(a, b, counts) and not isinstance(self, Hausdorff):
+            known = partial(_known_value, self, places)
+            return answer_in_program(known, partial(_no_value, dtype_of(a)), (a, b), {"weights": counts})
+        value = self._value(a, b, counts, places)
         return value if self.directed else jnp.maximum(value, self._value(b, a, None, places))
 
     def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> MeasureSolution:
@@ -156,9 +176,10 @@ class AbstractMeasure(eqx.Module):
 
 
 class Hausdorff(AbstractMeasure):
-    """The largest distance: `hausdorff`, or `directed_hausdorff`."""
+    """The largest distance: `hausdorff`, or `directed_hausdorff`; weights do not matter to it."""
 
     directed: bool = eqx.field(default=False, static=True)
+    weights: Array | None = eqx.field(default=None, init=False)
 
     def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> MeasureSolution:
         if weights is not None:
@@ -177,6 +198,7 @@ class Mean(AbstractMeasure):
     """The mean distance over the length or area of a, or its points."""
 
     directed: bool = eqx.field(default=False, static=True)
+    weights: Array | None = eqx.field(default=None, converter=_weights)
 
     def _bounds(self, found: Deviation) -> Bounds:
         return found.mean
@@ -190,6 +212,7 @@ class RootMeanSquare(AbstractMeasure):
     """The root of the mean squared distance over the length or area of a, or its points."""
 
     directed: bool = eqx.field(default=False, static=True)
+    weights: Array | None = eqx.field(default=None, converter=_weights)
 
     def _bounds(self, found: Deviation) -> Bounds:
         return found.rms
@@ -209,14 +232,16 @@ class Quantile(AbstractMeasure):
             1 the largest distance. On surfaces the derivative is that of a level smoothed over the nearest fiftieth of
             the places, good to some thousandths.
         directed: see AbstractMeasure.
+        weights: likewise.
     """
 
     q: float = eqx.field(static=True)
     directed: bool = eqx.field(static=True)
+    weights: Array | None
 
-    def __init__(self, q: float, directed: bool = False):
+    def __init__(self, q: float, directed: bool = False, weights: Numbers | None = None):
         check_share("q", q)
-        self.q, self.directed = float(q), directed
+        self.q, self.directed, self.weights = float(q), directed, _weights(weights)
 
     def _bounds(self, found: Deviation) -> Bounds:
         return found.quantile(self.q)
@@ -242,24 +267,37 @@ def _rounded_outward(bounds: Bounds, dtype: np.dtype) -> tuple[Array, Array]:
     )
 
 
-def _shapes(a: Any, b: Any) -> tuple[Any, Any]:
-    a, b = taken_as("a", a), taken_as("b", b)
-    if is_traced(*jax.tree_util.tree_leaves(jax.lax.stop_gradient((a, b)))):
-        raise TypeError(
-            "measures need known shapes: the places of their integrals depend on them. They have derivatives, but not "
-            "under jit or vmap; take directed_hausdorff or soft_hausdorff there, or the mean of project's distances."
-        )
-    return a, b
+def _is_hidden(*values: Any) -> bool:
+    """Whether numbers are known only when a program runs; what is differentiated outside of one is known."""
+    return is_tracing(jax.lax.stop_gradient([x for x in jax.tree_util.tree_leaves(values) if eqx.is_array(x)]))
+
+
+def _known(measure: AbstractMeasure, shapes: Any, **options: Any) -> MeasureSolution:
+    return measure(*shapes, **options, throw=False)
+
+
+def _known_value(measure: AbstractMeasure, places: int | None, shapes: Any, weights: Any) -> Array:
+    a, b = shapes
+    return measure.estimate(a, b, weights, places)
+
+
+def _refused(dtype: Any) -> MeasureSolution:
+    """What is said of shapes that are none."""
+    unknown, nothing = jnp.asarray(jnp.inf, dtype), jnp.asarray(0.0, dtype)
+    return MeasureSolution(unknown, nothing, unknown, DIRECTIONS.a_to_b, RESULTS.nonfinite_value)
+
+
+def _no_value(dtype: Any) -> Array:
+    return jnp.asarray(jnp.inf, dtype)
 
 
 def _larger(there: MeasureSolution, back: MeasureSolution) -> MeasureSolution:
     """The larger of both directions: its value and direction, with the larger of both bounds."""
-    first, second = (float(jax.lax.stop_gradient(x.value)) for x in (there, back))
-    found = there if first >= second else back
-    first, second = there.result, back.result
-    result = first if name_of(first) != "successful" else second
+    first = there.value >= back.value
+    result = result_where(there.result == RESULTS.successful, back.result, there.result)
     lower, upper = (jnp.maximum(x, y) for x, y in ((there.lower, back.lower), (there.upper, back.upper)))
-    return MeasureSolution(found.value, lower, upper, found.direction, result)
+    value = jnp.where(first, there.value, back.value)
+    return MeasureSolution(value, lower, upper, DIRECTIONS.where(first, there.direction, back.direction), result)
 
 
 def _distances(a: Any, b: Any, weights: Any, places: int | None) -> tuple[float, Along]:

@@ -86,8 +86,58 @@ def test_what_is_no_measure_is_refused():
         jhd.Mean()(points, ORIGIN, weights=-WEIGHTS)
     with pytest.raises(TypeError, match="weights are for points"):
         jhd.Mean()(segment(1.0), ORIGIN, weights=[1.0])
-    with pytest.raises(TypeError, match="known shapes"):
-        jax.jit(lambda x: jhd.Mean()(segment(x), ORIGIN).value)(1.0)
+    with pytest.raises(ValueError, match=r"needs \(40,\)"):
+        jhd.Mean(weights=[1.0])(points, ORIGIN)
+
+
+@pytest.mark.parametrize(
+    "measure",
+    [jhd.Mean(True, WEIGHTS), pytest.param(jhd.Quantile(0.7, weights=WEIGHTS), marks=pytest.mark.slow)],
+    ids=["mean", "quantile"],
+)
+def test_in_programs_and_batches_measures_and_their_gradients_are_those_outside(measure):
+    far = jnp.array([(9.0, 0.0), (0.0, 0.5)])
+
+    def found(x):
+        return measure(jhd.points(x), jhd.points(far))
+
+    def value(x):
+        return found(x).value
+
+    def loss(x):
+        return measure.estimate(jhd.points(x), jhd.points(far))
+
+    outside, inside = found(SCATTERED), jax.jit(found)(SCATTERED)
+    for name in ("value", "lower", "upper"):
+        assert float(getattr(inside, name)) == float(getattr(outside, name))
+    assert (name_of(inside.direction), name_of(inside.result)) == (name_of(outside.direction), "successful")
+    gradient = jax.grad(value)(jnp.asarray(SCATTERED))
+    assert np.count_nonzero(gradient) >= 2
+    for function in (value, loss):
+        assert np.array_equal(jax.jit(jax.grad(function))(SCATTERED), gradient)
+    batch = jnp.stack([SCATTERED, 2 * SCATTERED])
+    values, gradients = jax.vmap(jax.value_and_grad(value))(batch)
+    for k in (0, 1):
+        assert float(values[k]) == float(value(batch[k]))
+        assert np.array_equal(gradients[k], jax.grad(value)(batch[k]))
+
+
+def test_in_programs_what_a_plain_call_refuses_the_result_says():
+    found = jax.jit(lambda x: jhd.Mean(True)(jhd.points(x), ORIGIN))(np.full((3, 2), np.nan))
+    assert name_of(found.result) == "nonfinite_value"
+    assert (float(found.lower), float(found.upper)) == (0.0, math.inf)
+
+
+def test_weights_of_a_measure_count_in_fits():
+    scan, target = np.array([[-1.0, 0.0], [1.0, 0.0], [9.0, 0.0]]), np.array([1.0, 1.0, 0.0])
+    fit = jhd.minimise_hausdorff(
+        lambda x: jhd.points(x[None]),
+        np.array([0.5, 0.6]),
+        jhd.points(scan),
+        measure=jhd.RootMeanSquare(directed=True, weights=target),
+    )
+    # The middle of the two that count.
+    assert np.allclose(fit.parameters, 0.0, atol=1e-6) and float(fit.measured) == pytest.approx(1.0)
 
 
 CURVES = [np.random.default_rng(k).normal(size=(k + 2, 4, 2)) for k in (0, 1)]
