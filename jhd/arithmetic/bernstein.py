@@ -18,10 +18,13 @@ CAGD 6 (1989).
 import math
 from functools import cache
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
+
+from jhd.arrays import varying
 
 
 @cache
@@ -109,16 +112,16 @@ def multiply(f: Float[Array, "..."], g: Float[Array, "..."]) -> Array:
     """
     n, m = degree(f), degree(g)
     weights = product_weights(n, m).astype(jnp.result_type(f, g))
-    lead = [(0, 0)] * (max(f.ndim, g.ndim) - 1)
-    terms = (
-        jnp.pad(weights[i] * jnp.broadcast_to(f[..., i : i + 1] * g, _product_shape(f, g)), [*lead, (i, n - i)])
-        for i in range(n + 1)
-    )
-    return sum(terms, start=jnp.zeros((), weights.dtype))
+    return shifted_sum(weights * (f[..., :, None] * g[..., None, :]))
 
 
-def _product_shape(f: Array, g: Array) -> tuple[int, ...]:
-    return (*jnp.broadcast_shapes(f.shape[:-1], g.shape[:-1]), g.shape[-1])
+def shifted_sum(rows: Float[Array, "... rows columns"]) -> Array:
+    """The sum of rows of which each is one place farther to the right than the one before."""
+    *lead, count, length = rows.shape
+    # Laid out in a row with one more place for each row, they are read with one less.
+    wide = jnp.pad(rows, [(0, 0)] * (rows.ndim - 1) + [(0, count)]).reshape(*lead, -1)
+    places = length + count - 1
+    return jnp.sum(wide[..., : count * places].reshape(*lead, count, places), axis=-2)
 
 
 def dot(f: Float[Array, "..."], g: Float[Array, "..."]) -> Array:
@@ -164,11 +167,18 @@ def restrict(coefficients: Float[Array, "..."], t0: ArrayLike, t1: ArrayLike, ax
 
 
 def split(coefficients: Float[Array, "..."], t: ArrayLike, axis: int = -1) -> tuple[Array, Array]:
-    """Coefficients of the parts on [0, t] and [t, 1], by one pass of de Casteljau's algorithm."""
+    """Coefficients of the parts on [0, t] and [t, 1], by one pass of de Casteljau's algorithm.
+
+    In place, and the right part as the left one of the reversed form: a loop is a small program for every degree.
+    """
     c = jnp.moveaxis(coefficients, axis, 0)
-    left, right = [c[0]], [c[-1]]
-    while c.shape[0] > 1:
-        c = (1 - t) * c[:-1] + t * c[1:]
-        left.append(c[0])
-        right.append(c[-1])
-    return jnp.moveaxis(jnp.stack(left), 0, axis), jnp.moveaxis(jnp.stack(right[::-1]), 0, axis)
+    number = jnp.arange(c.shape[0]).reshape(-1, *[1] * (c.ndim - 1))
+    weights = jnp.stack([jnp.asarray(t), 1 - jnp.asarray(t)]).astype(c.dtype).reshape(2, *[1] * c.ndim)
+
+    def level(k: int, both: Array) -> Array:
+        before = jnp.concatenate([both[:, :1], both[:, :-1]], axis=1)
+        return jnp.where(number > k, weights[::-1] * before + weights * both, both)
+
+    start = varying(jnp.stack([c, c[::-1]]), weights)
+    left, right = jax.lax.fori_loop(0, c.shape[0] - 1, level, start)
+    return jnp.moveaxis(left, 0, axis), jnp.moveaxis(right[::-1], 0, axis)

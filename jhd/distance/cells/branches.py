@@ -190,14 +190,11 @@ def _composed(c: Array, sigma: Array, complement: Array) -> Array:
     """
     q, g = c.shape[0] - 1, sigma.shape[0] - 1
     s, o = bernstein.binomials(g).astype(sigma.dtype) * sigma, bernstein.binomials(g).astype(sigma.dtype) * complement
-    rows = c[:, None]
+    rows = c[..., None]
     for _ in range(q):
-        low, high = rows[:-1], rows[1:]
-        edges = [(0, 0)] * (rows.ndim - 2)
-        shifted = [jnp.pad(o[j] * low + s[j] * high, [(0, 0), (j, g - j), *edges]) for j in range(g + 1)]
-        rows = sum(shifted[1:], start=shifted[0])
+        rows = bernstein.shifted_sum(o[:, None] * rows[:-1, ..., None, :] + s[:, None] * rows[1:, ..., None, :])
     scale = bernstein.binomials(g * q).astype(sigma.dtype)
-    return rows[0] / scale.reshape(-1, *[1] * (c.ndim - 1))
+    return jnp.moveaxis(rows[0] / scale, -1, 0)
 
 
 def _difference(part: Piece, foot: Piece, sigma: Array, complement: Array) -> tuple[Array, Array | None]:

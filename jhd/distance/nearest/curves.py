@@ -67,11 +67,14 @@ class NearestOnCurve(eqx.Module):
 
 
 class _SegmentCell(eqx.Module):
-    lower: Array
+    """Parts of segments: one array of numbers for each, or for all of them, is quicker to compile than one of each."""
+
     segment: Array
-    s0: Array
-    s1: Array
-    start: Array
+    numbers: Array  # (..., 4): lower bound, the ends of the part, and where to start the search of a foot
+
+    @property
+    def lower(self) -> Array:
+        return self.numbers[..., 0]
 
 
 class _CurveQuery(eqx.Module):
@@ -124,15 +127,14 @@ def nearest(
         is_whole, slot = index < count, index - count
         taken = jax.tree_util.tree_map(lambda x: x[jnp.maximum(slot, 0)], state.cells)
         segment = jnp.where(is_whole, index, taken.segment)
-        fresh = _SegmentCell(
-            bounds[index], segment, jnp.zeros_like(tolerance), jnp.ones_like(tolerance), start[segment]
-        )
+        ends = jnp.zeros_like(tolerance), jnp.ones_like(tolerance)
+        fresh = _SegmentCell(segment, jnp.stack([bounds[index], *ends, start[segment]]))
         cell = jax.tree_util.tree_map(lambda x, y: jnp.where(is_whole, x, y), fresh, taken)
         whole = jnp.where(jnp.arange(count) == index, jnp.inf, state.whole)
-        freed = jnp.where(jnp.arange(_CAPACITY) == slot, jnp.inf, state.cells.lower)
+        numbers = jnp.where((jnp.arange(_CAPACITY) == slot)[:, None], jnp.inf, state.cells.numbers)
         state = _CurveQuery(
             whole,
-            eqx.tree_at(lambda c: c.lower, state.cells, freed),
+            _SegmentCell(state.cells.segment, numbers),
             state.best,
             state.settled,
             state.overflowed,
@@ -242,14 +244,14 @@ def best_end(offsets: Array) -> NearestOnCurve:
 
 
 def _empty_cells(dtype: DTypeLike) -> _SegmentCell:
-    zeros = jnp.zeros((_CAPACITY,), dtype)
-    return _SegmentCell(jnp.full((_CAPACITY,), jnp.inf, dtype), jnp.zeros((_CAPACITY,), int), zeros, zeros, zeros)
+    return _SegmentCell(jnp.zeros((_CAPACITY,), int), jnp.full((_CAPACITY, 4), jnp.inf, dtype))
 
 
 def _cut(state: _CurveQuery, cell: _SegmentCell, e: Array, w: Array | None, tolerance: Array) -> _CurveQuery:
     """Improves the foot inside the cell, cuts there, and keeps the halves that may still hold a nearer point."""
     degree, radius = e.shape[0] - 1, jnp.max(jnp.abs(e))
-    foot = foot_in(0.0, Piece(e, w), cell.start, _NEWTON_STEPS, cell.s0, cell.s1)
+    least, low, high, start = cell.numbers
+    foot = foot_in(0.0, Piece(e, w), start, _NEWTON_STEPS, low, high)
     distance, upper = length_bound(jet(e, w, foot).point, degree, radius)
     best = state.best
     nearer = upper < best.upper
@@ -262,27 +264,29 @@ def _cut(state: _CurveQuery, cell: _SegmentCell, e: Array, w: Array | None, tole
         closed=best.closed,
         steps=best.steps,
     )
-    width = cell.s1 - cell.s0
-    at_left, at_right = foot - cell.s0 <= _NEAR_END * width, cell.s1 - foot <= _NEAR_END * width
-    cut = jnp.where(at_left, cell.s0 + _ZOOM * width, jnp.where(at_right, cell.s1 - _ZOOM * width, foot))
-    ends = jnp.stack([cell.s0, cut, cell.s1])
+    width = high - low
+    at_left, at_right = foot - low <= _NEAR_END * width, high - foot <= _NEAR_END * width
+    cut = jnp.where(at_left, low + _ZOOM * width, jnp.where(at_right, high - _ZOOM * width, foot))
+    ends = jnp.stack([low, cut, high])
     n, w = _homogeneous(e, w)
 
-    def half(s0: Array, s1: Array) -> _SegmentCell:
+    def half(s0: Array, s1: Array) -> Array:
         part = bernstein.restrict(n, s0, s1, axis=0)
         lower, start = cell_bound(part, None if w is None else bernstein.restrict(w, s0, s1), radius)
-        return _SegmentCell(jnp.maximum(lower, cell.lower), cell.segment, s0, s1, s0 + start * (s1 - s0))
+        return jnp.stack([jnp.maximum(lower, least), s0, s1, s0 + start * (s1 - s0)])
 
     halves = jax.vmap(half)(ends[:-1], ends[1:])
+    lower = halves[:, 0]
     # A cell of a few ulp cannot be cut again.
-    keep = (halves.lower < best.upper - _CLOSE * tolerance) & (halves.s1 - halves.s0 > 8 * jnp.finfo(e.dtype).eps)
-    cells, settled = state.cells, jnp.minimum(state.settled, jnp.min(jnp.where(keep, jnp.inf, halves.lower)))
-    overflowed = state.overflowed
-    for k in range(2):
-        new = jax.tree_util.tree_map(lambda x, k=k: x[k], halves)
-        free = jnp.isinf(cells.lower)
-        here = (jnp.arange(_CAPACITY) == jnp.argmax(free)) & free & keep[k]
-        cells = jax.tree_util.tree_map(lambda old, x, here=here: jnp.where(here, x, old), cells, new)
-        lost = keep[k] & ~jnp.any(free)
-        settled, overflowed = jnp.where(lost, jnp.minimum(settled, new.lower), settled), overflowed | lost
-    return _CurveQuery(state.whole, cells, best, settled, overflowed, state.steps)
+    keep = (lower < best.upper - _CLOSE * tolerance) & (ends[1:] - ends[:-1] > 8 * jnp.finfo(e.dtype).eps)
+    # The first free slot is the first half's, or the second one's where that is not kept.
+    rows, free = jnp.arange(_CAPACITY), jnp.isinf(state.cells.lower)
+    first = jnp.argmax(free)
+    second = jnp.where(keep[0], jnp.argmax(free & (rows != first)), first)
+    room = jnp.stack([jnp.any(free), jnp.sum(free) > keep[0]])
+    here = (rows == jnp.stack([first, second])[:, None]) & (keep & room)[:, None]
+    segments = jnp.where(here[0] | here[1], cell.segment, state.cells.segment)
+    numbers = jnp.where(here[1][:, None], halves[1], jnp.where(here[0][:, None], halves[0], state.cells.numbers))
+    settled = jnp.minimum(state.settled, jnp.min(jnp.where(keep & room, jnp.inf, lower)))
+    overflowed = state.overflowed | jnp.any(keep & ~room)
+    return _CurveQuery(state.whole, _SegmentCell(segments, numbers), best, settled, overflowed, state.steps)

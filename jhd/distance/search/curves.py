@@ -72,10 +72,27 @@ def _tolerances(a: BezierSegments, b: BezierSegments, wanted: Wanted) -> _Tolera
 
 
 class CurveTable(NamedTuple):
-    """Cells that wait to be cut."""
+    """Cells that wait to be cut, in rows: fewer and longer arrays are quicker to compile and to write to."""
 
-    cell: CurveCell
+    whole: Array  # (cells, 3): segment, k0, k1
+    real: Array  # (cells, 4): t0, t1, s0, s1
     upper: Array  # -inf where free
+
+    def cells(self, rows: Array) -> CurveCell:
+        """Some of the cells."""
+        whole, real = self.whole[rows], self.real[rows]
+        return CurveCell(whole[:, 0], real[:, 0], real[:, 1], whole[:, 1], real[:, 2], whole[:, 2], real[:, 3])
+
+    def longer(self, more: int) -> "CurveTable":
+        """The table with more room."""
+        rows = (jnp.pad(x, ((0, more), (0, 0))) for x in self[:2])
+        return CurveTable(*rows, jnp.pad(self.upper, (0, more), constant_values=-jnp.inf))
+
+
+def _rows(cell: CurveCell, upper: Array) -> CurveTable:
+    """A table of these cells."""
+    whole, real = (cell.segment, cell.k0, cell.k1), (cell.t0, cell.t1, cell.s0, cell.s1)
+    return CurveTable(jnp.stack(whole, axis=1), jnp.stack(real, axis=1), upper)
 
 
 class CurveState(NamedTuple):
@@ -209,10 +226,7 @@ def begin(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> 
     cell = CurveCell(jnp.arange(count), zeros, zeros + 1, k[:, 0], s[:, 0], k[:, 1], s[:, 1])
     upper = jax.vmap(lambda c: first_upper_bound(a, b, c))(cell) + error
     upper = jnp.where(repeated(a.control_points, a.weights), -jnp.inf, upper)
-    table = CurveTable(
-        CurveCell(*(jnp.pad(x, (0, capacity - count)) for x in cell)),
-        jnp.pad(upper, (0, capacity - count), constant_values=-jnp.inf),
-    )
+    table = _rows(cell, upper).longer(capacity - count)
     at = jnp.argmax(distance)
     pending = CurvePlace(at // 2, (at % 2).astype(dtype))
     none = jnp.array(-jnp.inf, dtype)
@@ -256,11 +270,7 @@ def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: in
     _, kept = jax.lax.top_k(waiting.astype(jnp.float32), min(capacity, a.count))
     lost = jnp.max(waiting.at[kept].set(-jnp.inf))
     closed = jnp.maximum(jnp.max(jnp.where(live | skip, -jnp.inf, upper)), lost)
-    room = capacity - kept.size
-    table = CurveTable(
-        CurveCell(*(jnp.pad(x[kept], (0, room)) for x in cell)),
-        jnp.pad(waiting[kept], (0, room), constant_values=-jnp.inf),
-    )
+    table = _rows(CurveCell(*(x[kept] for x in cell)), waiting[kept]).longer(capacity - kept.size)
     foot = CurvePlace(measured.segment, measured.t)
     return CurveState(table, lower, measured.distance, at, foot, closed, lost > goal, at, jnp.array(0))
 
@@ -269,8 +279,7 @@ def _largest(table: CurveTable) -> tuple[CurveCell, Array, CurveTable]:
     """The cells with the largest upper bounds, and the table without them."""
     # In single precision, which is thirty times faster on CPU; the order need not be exact.
     _, index = jax.lax.top_k(table.upper.astype(jnp.float32), LANES)
-    upper = table.upper[index]
-    return CurveCell(*(x[index] for x in table.cell)), upper, table._replace(upper=table.upper.at[index].set(-jnp.inf))
+    return table.cells(index), table.upper[index], table._replace(upper=table.upper.at[index].set(-jnp.inf))
 
 
 def _pushed(
@@ -329,16 +338,14 @@ def _pushed(
     # A cell of a few ulp cannot be cut again.
     open_ = (uppers > goal) & (jnp.tile(width, 2) > 8 * jnp.finfo(width.dtype).eps)
     closed = jnp.maximum(state.closed, jnp.max(jnp.where(open_, -jnp.inf, uppers)))
-    new = jnp.where(open_, uppers, -jnp.inf)
+    new = _rows(halves, jnp.where(open_, uppers, -jnp.inf))
     _, slots = jax.lax.top_k(-state.table.upper.astype(jnp.float32), 2 * LANES)
-    old = state.table.upper[slots]
+    whole, real, upper = state.table
+    old = CurveTable(whole[slots], real[slots], upper[slots])
     # Where the table is full the smaller bound of the two makes room: it is folded into the result.
-    stays = old >= new
-    lost = jnp.max(jnp.minimum(old, new))
-    table = CurveTable(
-        CurveCell(
-            *(x.at[slots].set(jnp.where(stays, x[slots], y)) for x, y in zip(state.table.cell, halves, strict=True))
-        ),
-        state.table.upper.at[slots].set(jnp.maximum(old, new)),
-    )
+    stays = old.upper >= new.upper
+    lost = jnp.max(jnp.minimum(old.upper, new.upper))
+    rows = (jnp.where(stays[:, None], x, y) for x, y in zip(old[:2], new[:2], strict=True))
+    whole, real = (x.at[slots].set(y) for x, y in zip((whole, real), rows, strict=True))
+    table = CurveTable(whole, real, upper.at[slots].set(jnp.maximum(old.upper, new.upper)))
     return state._replace(table=table, closed=jnp.maximum(closed, lost), dropped=state.dropped | (lost > goal))

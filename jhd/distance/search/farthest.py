@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.compiled import compiled
-from jhd.distance.cells.branches import CurveCell
 from jhd.distance.frame.aim import Wanted
 from jhd.distance.frame.pieces import CurvePlace
 from jhd.distance.nearest.blocks import is_long
@@ -62,11 +61,10 @@ class CurveSearch(AbstractSearch):
 
     def longer(self, state: tuple[CurveState, bool]) -> tuple[CurveState, bool]:
         """See AbstractSearch."""
-        table, more = state[0].table, (_GROWTH - 1) * state[0].table.upper.size
-        cell = CurveCell(*(jnp.pad(x, (0, more)) for x in table.cell))
-        upper = jnp.pad(table.upper, (0, more), constant_values=-jnp.inf)
+        table = state[0].table
         # Where no step was taken, cells were left out for want of room: it begins anew.
-        return state[0]._replace(table=CurveTable(cell, upper)), int(state[0].steps) == 0
+        longer = table.longer((_GROWTH - 1) * table.upper.size)
+        return state[0]._replace(table=longer), int(state[0].steps) == 0
 
 
 class SurfaceSearch(AbstractSearch):
@@ -127,11 +125,10 @@ def _stretch(
 def _blank(capacity: int, dtype: str) -> CurveState:
     """A state of the right shapes, to begin in."""
     zeros: Any = np.zeros
-    numbers, index = zeros(capacity, dtype), zeros(capacity, int)
-    cell = CurveCell(index, numbers, numbers, index, numbers, index, numbers)
+    table = CurveTable(zeros((capacity, 3), int), zeros((capacity, 4), dtype), zeros(capacity, dtype))
     number, count = zeros((), dtype), zeros((), int)
     place, none = CurvePlace(count, number), zeros((), bool)
-    return on_device(CurveState(CurveTable(cell, numbers), number, number, place, place, number, none, place, count))
+    return on_device(CurveState(table, number, number, place, place, number, none, place, count))
 
 
 @partial(compiled, static=(6,))

@@ -172,9 +172,9 @@ def direction(c: Array, velocity: Array, held: Array) -> Array:
 
 def units(y: Array, system: Active) -> Array:
     """The unit vectors from both feet to the witness, in rows."""
-    a, *feet = _jets(y, system.pieces)
-    pairs = zip(feet, system.held[1:], strict=True)
-    return jnp.stack([direction(a.point - foot.point, foot.first, held) for foot, held in pairs])
+    a, first, second = _jets(y, system.pieces)
+    feet, velocities = jnp.stack([first.point, second.point]), jnp.stack([first.first, second.first])
+    return jax.vmap(direction)(a.point - feet, velocities, system.held[1:])
 
 
 def distance(y: Array, system: Active) -> Array:

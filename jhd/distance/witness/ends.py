@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -38,8 +39,8 @@ def around(curve: BezierSegments, before: Array, at: CurvePlace) -> Around:
     segment, t = at
     first, last = t <= 0, t >= 1
     neighbour = jnp.where(last, curve.following[segment], jnp.where(first, before[segment], segment))
-    own = _tangent(curve, segment, t)
-    other = _tangent(curve, neighbour, jnp.where(last, 0.0, jnp.where(first, 1.0, t)))
+    beyond = jnp.where(last, 0.0, jnp.where(first, 1.0, t))
+    own, other = jax.vmap(lambda k, t: _tangent(curve, k, t))(jnp.stack([segment, neighbour]), jnp.stack([t, beyond]))
     border = first | last
     end = border & (neighbour < 0)
     # The angle between unit vectors is nearly the length of their difference.
