@@ -24,10 +24,13 @@ class PolynomialJet(NamedTuple):
 
 def jets(coefficients: Float[Array, "i j k"], points: Float[Array, "3 ..."]) -> PolynomialJet:
     """Values and first two derivatives, from the powers of the coordinates."""
-    x, y, z = (_powers(points[axis], coefficients.shape[axis]) for axis in range(3))
+    shape = coefficients.shape
+    # One program for the powers of all coordinates, and for the sums along z: in parts it is much longer.
+    powers = _powers(points, max(shape))
+    x, y, z = (powers[:, : shape[axis], axis] for axis in range(3))
     # Sums keep the batch axis of vmap in front, where a matrix product may move it; see jhd.distance.witness.active.
-    rows = coefficients.reshape(*coefficients.shape, *(1,) * (points.ndim - 1))
-    along_z = [jnp.sum(rows * z[c], axis=2) for c in range(3)]
+    rows = coefficients.reshape(*shape, *(1,) * (points.ndim - 1))
+    along_z = jnp.sum(rows * z[:, None, None], axis=3)
     plane = {(b, c): jnp.sum(along_z[c] * y[b], axis=1) for b, c in _upto(2)}
     found = {(a, b, c): jnp.sum(plane[b, c] * x[a], axis=0) for b, c in _upto(2) for a in range(3 - b - c)}
     gradient = jnp.stack([found[1, 0, 0], found[0, 1, 0], found[0, 0, 1]])

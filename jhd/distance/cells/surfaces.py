@@ -18,6 +18,7 @@ Source: the bounds are ours. Bernstein form: Farouki & Rajan, CAGD 5 (1988).
 
 from itertools import combinations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -76,12 +77,17 @@ def _trials(form_a: Form, cells: Boxes, feet: Array, free: Array) -> tuple[Array
     singles = jnp.eye(FEET, dtype=pulls.dtype)[..., None] * jnp.ones_like(pulls[0, 0])
     weights, factors = [singles, *[singles] * 3], [jnp.zeros_like(pulls[:, 0])]
     factors += [pulls[:, i] / jnp.where(slope[i] != 0, slope[i], jnp.inf) for i in range(3)]
-    for mask in (jnp.ones_like(free), free):
-        chosen = jnp.concatenate([singles, *_balanced(jnp.where(mask, pulls, 0.0), jnp.where(mask, slope, 0.0))])
-        pull = jnp.sum(chosen[:, :, None] * jnp.where(mask, pulls, 0.0), axis=1)
-        along = jnp.sum(pull * slope, axis=1) / positive(jnp.sum(jnp.where(mask, slope**2, 0.0), axis=0))
-        weights.append(chosen)
-        factors.append(along)
+
+    def within(mask: Array) -> tuple[Array, Array]:
+        seen = jnp.where(mask, pulls, 0.0)
+        chosen = jnp.concatenate([singles, *_balanced(seen, jnp.where(mask, slope, 0.0))])
+        pull = jnp.sum(chosen[:, :, None] * seen, axis=1)
+        return chosen, jnp.sum(pull * slope, axis=1) / positive(jnp.sum(jnp.where(mask, slope**2, 0.0), axis=0))
+
+    # In the whole space and within the faces, side by side: half of the program.
+    chosen, along = jax.vmap(within)(jnp.stack([jnp.ones_like(free), free]))
+    weights.append(chosen.reshape(-1, *chosen.shape[2:]))
+    factors.append(along.reshape(-1, along.shape[-1]))
     w, factor = jnp.concatenate(weights), finite_or_zero(jnp.concatenate(factors))
     squares = jnp.sum(apart**2, axis=1)
     pull = jnp.sum(w[:, :, None] * pulls, axis=1)
