@@ -112,7 +112,7 @@ def multiply(f: Float[Array, "..."], g: Float[Array, "..."]) -> Array:
     """
     n, m = degree(f), degree(g)
     weights = product_weights(n, m).astype(jnp.result_type(f, g))
-    return shifted_sum(weights * (f[..., :, None] * g[..., None, :]))
+    return shifted_sum((f[..., :, None] * g[..., None, :]) * weights)
 
 
 def shifted_sum(rows: Float[Array, "... rows columns"]) -> Array:

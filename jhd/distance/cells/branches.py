@@ -189,7 +189,7 @@ def _composed(c: Array, sigma: Array, complement: Array) -> Array:
     they are plain convolutions, and unscaled at the end.
     """
     q, g = c.shape[0] - 1, sigma.shape[0] - 1
-    s, o = bernstein.binomials(g).astype(sigma.dtype) * sigma, bernstein.binomials(g).astype(sigma.dtype) * complement
+    s, o = (polynomial * bernstein.binomials(g).astype(sigma.dtype) for polynomial in (sigma, complement))
     rows = c[..., None]
     for _ in range(q):
         rows = bernstein.shifted_sum(o[:, None] * rows[:-1, ..., None, :] + s[:, None] * rows[1:, ..., None, :])

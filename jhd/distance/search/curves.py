@@ -85,8 +85,8 @@ class CurveTable(NamedTuple):
 
     def longer(self, more: int) -> "CurveTable":
         """The table with more room."""
-        rows = (jnp.pad(x, ((0, more), (0, 0))) for x in self[:2])
-        return CurveTable(*rows, jnp.pad(self.upper, (0, more), constant_values=-jnp.inf))
+        whole, real = (jnp.pad(x, ((0, more), (0, 0))) for x in self[:2])
+        return CurveTable(whole, real, jnp.pad(self.upper, (0, more), constant_values=-jnp.inf))
 
 
 def _rows(cell: CurveCell, upper: Array) -> CurveTable:
