@@ -230,7 +230,7 @@ class Quantile(AbstractMeasure):
     Args:
         q: above 0 and at most 1, reached within its rounding: of ten points nine are a share of 0.9. 0.5 is the median,
             1 the largest distance. On surfaces the derivative is that of a level smoothed over the nearest fiftieth of
-            the places, good to some thousandths.
+            the places, good to some hundredths, and to a tenth where many feet jump.
         directed: see AbstractMeasure.
         weights: likewise.
     """
