@@ -265,7 +265,7 @@ def test_what_makes_no_map_is_refused(as_a_user):
     with pytest.raises(ValueError, match="needs at least"):
         distance_map(curve, *BOX, 8, atol=-1)
     with pytest.raises(TypeError, match="curve must be a curve"):
-        distance_map([[0, 0]], *BOX, 8)  # pyright: ignore[reportArgumentType]
+        distance_map(3.0, *BOX, 8)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="coordinates a point"):
         distance_map(points(np.zeros((2, 3))), *BOX, 8)
     with pytest.raises(TypeError, match="traced"):

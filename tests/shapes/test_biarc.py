@@ -344,7 +344,7 @@ def test_the_rational_segments_are_the_arcs():
 def test_what_cannot_be_approximated_is_refused(as_a_user):
     curve = CASES["cubic"]
     with pytest.raises(TypeError, match="curve must be a curve"):
-        biarcs([[0, 0], [1, 1]], 1e-3)  # pyright: ignore[reportArgumentType]
+        biarcs(3.0, 1e-3)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="curve has 3 coordinates a point; biarcs needs 2"):
         biarcs(BezierSegments(np.zeros((1, 3, 3))), 1e-3)
     for atol in (0.0, -1.0, 1e-18):
