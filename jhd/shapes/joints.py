@@ -101,8 +101,9 @@ def linked(following: Any) -> Float[Array, "*batch segments 2"]:
     leave them where they are; and what scales all that it finds, as weight decay does, changes no quotient.
     """
     xp = jnp if is_traced(following) else np
-    whole = xp.asarray(following)
-    return array_of(xp.stack([whole + 1, xp.ones_like(whole)], axis=-1), float)
+    # Not stacked: of explicitly sharded numbers JAX stacks none with constants.
+    number = (xp.asarray(following) + 1)[..., None]
+    return array_of(xp.where(np.array([True, False]), number, 1), float)
 
 
 def followed(links: Any) -> Any:

@@ -130,7 +130,7 @@ def test_the_command_line_shows_a_bar_and_ctrl_c_keeps_what_is_done(tmp_path):
 
     random = np.random.default_rng(1)
     for k in range(60):
-        np.save(tmp_path / f"{k:02d}.npy", random.standard_normal((400, 2)))
+        np.save(tmp_path / f"{k:02d}.npy", random.standard_normal((20_000, 2)))
     terminal, behind = pty.openpty()
     command = [sys.executable, "-m", "jhd", "pairwise", str(tmp_path)]
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=behind, text=True)
