@@ -29,10 +29,11 @@ from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.patch import AbstractPatch
 from jhd.solution import FitSolution
 
 # Shapes that are fitted, and fitted to.
-Fitted = AbstractCurve | ImplicitSurface | TriangleMesh
+Fitted = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
 # Pairs kept for a number of parameters: an error curve with p + 1 equal maxima has some more below.
 _CAPACITIES = ((14, 32), (40, 64))
 _LARGEST_CAPACITY = 128

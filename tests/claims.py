@@ -8,6 +8,7 @@ import numpy as np
 
 from tests.claims_collections import check_collection_search as check_collection_search
 from tests.claims_collections import check_duplicates as check_duplicates
+from tests.claims_collections import check_scan_to_model as check_scan_to_model
 from tests.claims_collections import check_throughput as check_throughput
 from tests.claims_collections import check_to_a_million as check_to_a_million
 from tests.claims_collections import check_workers as check_workers

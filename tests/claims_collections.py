@@ -1,4 +1,4 @@
-"""What the experiments on many shapes and pairs claim; see tests.claims."""
+"""What the experiments on many shapes, pairs and points claim; see tests.claims."""
 
 
 def full(numbers):
@@ -56,3 +56,15 @@ def check_to_a_million(numbers):
     assert plan["within"]["hours"] < plan["nearest"]["hours"] < plan["all pairs"]["hours"]
     if full(numbers):
         assert shards[-1]["size"] == 4000 and shards[-1]["nearest"]["share"] < 0.01
+
+
+def check_scan_to_model(numbers):
+    ends = numbers["ends"]
+    for found in ends.values():
+        assert found["result"] == "successful" and 0 <= found["upper"] - found["lower"] <= 1e-9
+        # From points to some places of the model it is farther than to the whole of it.
+        assert found["lower"] <= found["samples"]["value"] and found["rms"] <= found["upper"]
+    assert ends["after"]["rms"] < ends["before"]["rms"] and numbers["steps"][-1] < numbers["steps"][0]
+    if full(numbers):
+        assert ends["after"]["rms"] <= 1.05 * numbers["noise"] < 0.5 * ends["before"]["rms"]
+        assert ends["after"]["upper"] <= 1.05 * ends["the scanned sheet"]["upper"] < 0.6 * ends["before"]["upper"]
