@@ -160,6 +160,7 @@ def _parser() -> argparse.ArgumentParser:
 
     verify = commands.add_parser("verify", help="check a certificate in exact arithmetic")
     verify.add_argument("file", metavar="FILE", help="what jhd distance --certificate wrote")
+    verify.add_argument("--seconds", type=float, metavar="S", help="give up after so long (default: never)")
     verify.set_defaults(command="verify")
 
     project = commands.add_parser("project", help="the nearest point of a shape of any kind to points")

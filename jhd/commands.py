@@ -27,7 +27,8 @@ from jhd.comparisons import minimum as minimum
 from jhd.comparisons import project as project
 from jhd.console import busy, device, exit_status, precision, print_json, timed
 from jhd.distance.certificate.verification import sentence
-from jhd.io import load_certificate, save_curve, save_mesh, write_svg
+from jhd.io import save_curve, save_mesh, write_svg
+from jhd.io.certificates import verify_file
 from jhd.io.meshes import MESH_SUFFIXES
 from jhd.options import check_writable, curve_of, mesh_of
 from jhd.report import bar, check_picture_file, names_of, picture, shape_line, solution_text
@@ -105,8 +106,7 @@ def verify(options: Namespace) -> int:
     """Checks a certificate in exact arithmetic and prints what it proves."""
     start = time.perf_counter()
     try:
-        certificate = load_certificate(options.file)
-        proven = certificate.verify()
+        proven = verify_file(options.file, options.seconds)
     except jhd.CertificateError as error:
         print(f"jhd: refused: {options.file}: {error}", file=sys.stderr)
         return 1

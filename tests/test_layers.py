@@ -26,7 +26,8 @@ ORDER = """
     lengths report options warming console comparisons collected commands __main__
 """
 # The checker of certificates runs by itself, and is its own command line.
-COMMAND_LINE = ("distance.certificate.verification", "console", "comparisons", "collected", "commands", "__main__")
+CHECKER = "distance.certificate.verification.__main__"
+COMMAND_LINE = (CHECKER, "console", "comparisons", "collected", "commands", "__main__")
 # Their import takes a tenth of a second and more, so they may be imported where they are used.
 HEAVY = {"matplotlib", "mpl_toolkits", "fontTools", "scipy", "shapely", "trimesh", "pyvista", "skimage"} | {
     "svgelements",

@@ -1,33 +1,64 @@
-"""Certificates in files: strict JSON, read without any doubt about what it says."""
+"""Certificates in files: lines of strict JSON, read without any doubt about what they say."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from jhd.distance.certificate.certificate import Certificate
-from jhd.distance.certificate.verification import CertificateError, parsed
-from jhd.io.errors import ParseError, read_text
+from jhd.distance.certificate.verification import CertificateError, Proven, opened, verify
+from jhd.io.errors import ParseError
 
 
 def load_certificate(file: str | Path) -> Certificate:
-    """The certificate in a JSON file; `verify` checks what it claims.
+    """The certificate in a file, compressed or not; `verify` checks what it claims.
 
     Args:
-        file: what `Certificate.save` wrote.
+        file: what `Certificate.save` wrote, of version 1 too.
 
     Raises:
         FileNotFoundError: there is no such file.
         ParseError: text that is no JSON, with line and column; NaN and Infinity, which Python would read, are none.
         CertificateError: JSON of another structure, or with a key that occurs twice.
     """
-    text = read_text(file)
+    with _read(file) as content:
+        if isinstance(content, dict) and isinstance(content.get("cells"), dict):
+            content["cells"] = {name: list(cells) for name, cells in content["cells"].items()}
+        return Certificate(content)
+
+
+def verify_file(file: str | Path, seconds: float | None = None) -> Proven:
+    """What the certificate in a file proves, checked cell by cell as it is read.
+
+    Args:
+        file: as for `load_certificate`.
+        seconds: after how long to give up.
+
+    Raises:
+        FileNotFoundError: as for `load_certificate`.
+        ParseError: likewise.
+        CertificateError: likewise, or the claim is not proven.
+    """
+    with _read(file) as content:
+        return verify(content, seconds)
+
+
+@contextmanager
+def _read(file: str | Path) -> Iterator[Any]:
+    """The content of the file, with the errors of all readers."""
     try:
-        content = parsed(text)
+        with opened(file) as content:
+            yield content
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{file}: no such file.") from None
     except json.JSONDecodeError as error:
         raise ParseError(f"JSON: {error.msg}.", file, error.lineno, error.colno) from error
     except RecursionError as error:
         raise ParseError("JSON: nested too deeply.", file) from error
     except CertificateError:
         raise
-    except ValueError as error:  # of whole numbers with thousands of digits too
+    except UnicodeDecodeError as error:
+        raise ParseError("is not UTF-8 text.", file) from error
+    except ValueError as error:  # of whole numbers with thousands of digits, and of broken compression
         raise ParseError(f"JSON: {error}", file) from error
-    return Certificate(content)

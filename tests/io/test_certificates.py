@@ -63,19 +63,19 @@ def test_an_interruption_leaves_the_stored_certificate_alone(made, tmp_path, mon
     [
         ('"version": NaN', "NaN is no number of JSON"),
         ('"version": -Infinity', "-Infinity is no number of JSON"),
-        ('"version": ', ":3:12: JSON: "),
+        ('"version": ', ":1:42: JSON: "),
         ('"version": ' + "[" * 100_000, "JSON: nested too deeply"),
         ('"version": ' + "1" * 5000, "JSON: "),
     ],
 )
 def test_what_is_no_json_is_no_certificate(file, new, reason):
-    edited(file, '"version": 1', new)
+    edited(file, '"version": 2', new)
     with pytest.raises(ParseError, match=reason):
         load_certificate(file)
 
 
 def test_a_key_that_occurs_twice_is_refused(file):
-    edited(file, '"version": 1', '"version": 1, "version": 1')
+    edited(file, '"version": 2', '"version": 2, "version": 2')
     with pytest.raises(jhd.CertificateError, match="'version' occurs twice"):
         load_certificate(file)
 
@@ -94,7 +94,7 @@ def test_verify_refuses_a_false_claim_with_status_one(file, capsys):
     edited(file, '"lower": ', '"lower": 1')
     status, out, err = run(capsys, "verify", file)
     assert (status, out) == (1, "")
-    assert err.startswith(f"jhd: refused: {file}: witness: that the distance from the witness to segment 0 of ")
+    assert err.startswith(f"jhd: refused: {file}: witness: that the distance from the witness to piece 0 of ")
     assert err.count("\n") == 1
 
 

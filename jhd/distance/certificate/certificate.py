@@ -5,9 +5,9 @@ first (jhd.distance.certificate.covering), and the lower bound is proven at one 
 exactly while it was made; `Certificate.verify` checks all of it again, by jhd.distance.certificate.verification alone.
 """
 
-import json
+import gzip
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,24 +15,18 @@ from typing import Any
 import numpy as np
 
 from jhd.arrays import is_traced
-from jhd.distance.certificate import verification
 from jhd.distance.certificate.covering import Measure, UncoveredError, cover
-from jhd.distance.certificate.host import host, jets, local_feet
-from jhd.distance.certificate.verification import FORMAT, KINDS, VERSION, Proven
-from jhd.distance.frame.coordinates import Frame
+from jhd.distance.certificate.curve_witness import witness_of
+from jhd.distance.certificate.host import host, plain_shape
+from jhd.distance.certificate.verification.first_version import current
+from jhd.distance.certificate.verification.proofs import Proven, verify
+from jhd.distance.certificate.verification.reading import lines_of
+from jhd.distance.certificate.verification.structure import FORMAT, KINDS, VERSION, check_content
 from jhd.distance.frame.curves import prepare
 from jhd.files import replace_file
 from jhd.shapes.as_shape import taken_as
-from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
-from jhd.solution import HausdorffSolution, NotProvenError, name_of
-
-# Samples of a segment of the other curve among which the nearest points of the witness are looked for.
-_CUT_SAMPLES = 33
-# Where the witness of the solution does not prove its lower bound: places tried among those known, then samples of
-# each segment, of which the best are zoomed in on, each time by this factor, to the resolution of parameters.
-_TRIED, _SAMPLES, _ZOOM, _ZOOMS = 12, 33, 8.0, 16
-# A place this much below the lower bound, relative, is not worth an exact check.
-_CLEARLY = 1e-9
+from jhd.shapes.curve import AbstractCurve, check_curve
+from jhd.solution import HausdorffSolution, NotProvenError
 
 
 @dataclass(frozen=True, repr=False)
@@ -49,7 +43,8 @@ class Certificate:
     content: dict[str, Any]
 
     def __post_init__(self) -> None:
-        verification.check_structure(self.content)
+        object.__setattr__(self, "content", current(self.content))
+        check_content(self.content)
 
     @property
     def lower(self) -> float:
@@ -85,20 +80,20 @@ class Certificate:
         Raises:
             CertificateError: a part of the claim is not proven; it says which.
         """
-        return verification.verify(self.content)
+        return verify(self.content)
 
     def matches(self, a: AbstractCurve, b: AbstractCurve) -> bool:
         """Whether the claim is about these curves: the same control points and weights, to the last digit."""
-        return [self.content[name] for name in ("a", "b")] == [_plain_curve(curve.segments()) for curve in (a, b)]
+        return [self.content[name] for name in ("a", "b")] == [plain_shape(shape) for shape in (a, b)]
 
     def to_json(self) -> str:
-        """The certificate as JSON text, one cell a line; floats are written so that the same floats are read back."""
-        entries = [f"{json.dumps(key)}: {_lines(value)}" for key, value in self.content.items()]
-        return "{\n" + ",\n".join(entries) + "\n}\n"
+        """The certificate as lines of JSON, a line for each cell; the same floats are read back."""
+        return "".join(lines_of(self.content))
 
     def save(self, file: str | Path) -> None:
-        """Writes the certificate as JSON, as a whole or not at all."""
-        replace_file(file, self.to_json())
+        """Writes the certificate, as a whole or not at all; compressed where the name ends in .gz."""
+        text = self.to_json()
+        replace_file(file, gzip.compress(text.encode(), mtime=0) if str(file).endswith(".gz") else text)
 
 
 def certify(
@@ -145,9 +140,9 @@ def certify(
         cells = {**(cells or {}), direction: found}
     witness = None
     if lower > 0:
-        witness = _witness(solution, {name: measures[name] for name in KINDS[kind]}, frame)
+        witness = witness_of(solution, {name: measures[name] for name in KINDS[kind]}, frame)
     claim = {"kind": kind, "lower": lower, "upper": upper if math.isfinite(upper) else None}
-    curves = {"a": _plain_curve(x), "b": _plain_curve(y)}
+    curves = {"a": plain_shape(x), "b": plain_shape(y)}
     content = {"format": FORMAT, "version": VERSION, "claim": claim, **curves, "cells": cells, "witness": witness}
     return Certificate(content)
 
@@ -172,100 +167,3 @@ def _reporting(progress: Callable[[dict[str, Any]], None] | None, direction: str
             progress({"direction": direction, "cells": proven, "open": left})
 
     return report
-
-
-def _plain_curve(curve: BezierSegments) -> dict[str, Any]:
-    weights = None if curve.weights is None else np.asarray(curve.weights).tolist()
-    return {"control_points": np.asarray(curve.control_points).tolist(), "weights": weights}
-
-
-def _lines(value: Any) -> str:
-    """JSON with each cell, each segment and each list of cuts on a line of its own."""
-    if isinstance(value, dict) and any(isinstance(item, list) and len(item) > 0 for item in value.values()):
-        return "{" + ", ".join(f"{json.dumps(key)}: {_lines(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list) and len(value) > 0:
-        return "[\n" + ",\n".join(json.dumps(item, allow_nan=False) for item in value) + "\n]"
-    return json.dumps(value, allow_nan=False)
-
-
-# ---- the lower bound -----------------------------------------------------------------------------
-
-
-def _witness(solution: HausdorffSolution, measures: dict[str, Measure], frame: Frame) -> dict[str, Any]:
-    """A place that proves the lower bound, and the cuts that show it.
-
-    Raises:
-        NotProvenError: none of those tried does.
-    """
-    lower = float(solution.lower)
-    limit = math.ldexp(lower, -int(frame.first + frame.second)) * (1 - _CLEARLY)
-    for direction, segment, t in _candidates(solution, measures, limit):
-        cuts = _cuts(measures[direction], segment, t, lower)
-        if cuts is not None:
-            return {"direction": direction, "segment": segment, "t": t, "cuts": cuts}
-    raise NotProvenError(f"The lower bound {lower!r} is not proven: no place of these curves is that far.", solution)
-
-
-def _candidates(
-    solution: HausdorffSolution, measures: dict[str, Measure], limit: float
-) -> Iterator[tuple[str, int, float]]:
-    """The witness of the solution, the farthest places known, and the farthest found from a dense sample."""
-    witness, direction = solution.witness, name_of(solution.direction)
-    if direction in measures and 0 <= int(witness.segment) < len(measures[direction].a.rows):
-        yield direction, int(witness.segment), float(witness.t)
-    yield from _farthest(measures, limit, _TRIED)
-    for measure in measures.values():
-        count = len(measure.a.rows)
-        places = measure(np.repeat(np.arange(count), _SAMPLES), np.tile(np.linspace(0, 1, _SAMPLES), count))
-        for k in np.argsort(-places.distance)[:2]:
-            _zoom(measure, int(places.segment[k]), float(places.t[k]))
-    yield from _farthest(measures, limit, _TRIED)
-
-
-def _farthest(measures: dict[str, Measure], limit: float, count: int) -> list[tuple[str, int, float]]:
-    """The places measured so far that are farthest from the other curve, as far as they are above the limit."""
-    found: list[tuple[float, str, int, float]] = []
-    for direction, measure in measures.items():
-        for places in measure.known:
-            rows = zip(places.distance.tolist(), places.segment.tolist(), places.t.tolist(), strict=True)
-            found += [(distance, direction, segment, t) for distance, segment, t in rows if distance >= limit]
-    return [place[1:] for place in sorted(found, reverse=True)[:count]]
-
-
-def _zoom(measure: Measure, segment: int, t: float) -> None:
-    """Measures ever closer samples about the farthest one."""
-    reach = 1 / (_SAMPLES - 1)
-    for _ in range(_ZOOMS):
-        ts = np.linspace(max(t - reach, 0.0), min(t + reach, 1.0), _SAMPLES)
-        places = measure(np.full(_SAMPLES, segment), ts)
-        t, reach = float(ts[np.argmax(places.distance)]), reach / _ZOOM
-
-
-def _cuts(measure: Measure, segment: int, t: float, lower: float) -> list[list[float]] | None:
-    """For each segment of the other curve cuts that show it to be no nearer to the place than `lower`; None if not."""
-    point = verification.restricted(measure.a.exact[segment], [t])
-    place = np.asarray(jets(measure.a, np.array([segment]), np.array([t]))[0])
-
-    def failed(part: verification.Part) -> bool:
-        return verification.failure_at_least(*verification.distance_sq(point, part), lower) is not None
-
-    cuts = []
-    for index, other in enumerate(measure.b.exact):
-        tried = [0.0, 1.0]
-        if failed(other):
-            tried = _nearby(measure, index, place)
-            if any(failed(verification.restricted(other, pair)) for pair in zip(tried[:-1], tried[1:], strict=True)):
-                return None
-        cuts.append(tried)
-    return cuts
-
-
-def _nearby(measure: Measure, index: int, place: np.ndarray) -> list[float]:
-    """0, the parameters of the local minima of the distance to the place, and 1."""
-    s = np.linspace(0.0, 1.0, _CUT_SAMPLES)
-    segments = np.full(s.shape, index)
-    squares = np.sum((jets(measure.b, segments, s)[0] - place) ** 2, axis=-1)
-    padded = np.pad(squares, 1, constant_values=np.inf)
-    low = (squares <= padded[:-2]) & (squares <= padded[2:])
-    minima = local_feet(measure.b, segments[low], s[low], np.broadcast_to(place, (int(low.sum()), place.shape[-1])), 8)
-    return [0.0, *sorted({float(x) for x in minima} - {0.0, 1.0}), 1.0]

@@ -20,8 +20,9 @@ from jhd.arithmetic.bernstein import basis
 from jhd.arrays import taken
 from jhd.compiled import compiled
 from jhd.distance.cells.branches import hermite, moebius_weights
-from jhd.distance.certificate import verification
 from jhd.distance.certificate.host import SNAP, Host, jets, local_feet, speed_of_feet
+from jhd.distance.certificate.verification.pieces import Part, composed, difference, simplex_map
+from jhd.distance.certificate.verification.proofs import failure_at_most, squares_of
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.nearest.curves import NearestOnCurve, nearest, repeated
 from jhd.distance.nearest.feet import dot
@@ -136,11 +137,13 @@ def cover(
         accepted = _accepted(measure, cells, branches, upper, limit)
         proven += [cell for cell in accepted if cell is not None]
         rest = np.array([cell is None for cell in accepted])
+        if rest.any() and not measure.a.exact[0].corners:
+            raise UncoveredError(f"point {cells.first.segment[rest][0]} is not proven to be nearer than the bound.")
         report(len(proven), int(rest.sum()))
         if len(proven) + rest.sum() > max_cells:
             raise UncoveredError(f"more than {max_cells} cells are needed: raise max_cells.")
         cells = _halved(measure, _chosen(cells, rest), [_chosen(branch, rest) for branch in branches], limit)
-    return sorted(proven, key=lambda cell: (cell["segment"], cell["t"]))
+    return sorted(proven, key=lambda cell: (cell["piece"], cell["cell"] or []))
 
 
 def _check_places(places: Places, limit: float) -> None:
@@ -172,41 +175,53 @@ def _accepted(
             highest = np.sqrt(np.max(np.sum((points - feet) ** 2, axis=-1), axis=-1))
             for k in np.flatnonzero(highest <= limit + _SURELY):
                 if found[k] is None:
-                    cell = _cell(cells, branch, int(k), sigma[k], None if weights is None else weights[k])
-                    found[k] = _proven(measure, cell, upper)
+                    entry = _entry(measure, cells, branch, int(k), sigma[k], None if weights is None else weights[k])
+                    found[k] = _proven(measure, entry, upper)
     return found
 
 
-def _cell(
-    cells: _CoverCells, branch: _Branches, k: int, sigma: np.ndarray, weights: np.ndarray | None
+def _entry(
+    measure: Measure, cells: _CoverCells, branch: _Branches, k: int, sigma: np.ndarray, weights: np.ndarray | None
 ) -> dict[str, Any]:
+    """A cell with its foot as certificates have them: what is a point has no parameters, and takes one foot."""
+    is_point, to_points = (not curve.exact[0].corners for curve in (measure.a, measure.b))
+    if is_point or to_points:
+        place = float(sigma[0] if weights is None else sigma[0] / weights[0])
+        foot = {"piece": int(branch.foot[k]), "map": [[] if to_points else [place]], "weights": None}
+    else:
+        given = None if weights is None else weights.tolist()
+        foot = {"piece": int(branch.foot[k]), "map": [[s] for s in sigma.tolist()], "weights": given}
     return {
-        "segment": int(cells.first.segment[k]),
-        "t": [float(cells.first.t[k]), float(cells.last.t[k])],
-        "foot": int(branch.foot[k]),
-        "sigma": sigma.tolist(),
-        "sigma_weights": None if weights is None else weights.tolist(),
+        "piece": int(cells.first.segment[k]),
+        "cell": None if is_point else [float(cells.first.t[k]), float(cells.last.t[k])],
+        "feet": [foot],
+        "multipliers": None,
     }
 
 
-def _proven(measure: Measure, cell: dict[str, Any], upper: float) -> dict[str, Any] | None:
-    """The cell with its bound, the smaller one of `upper` and of what its coefficients show at once."""
-    part = verification.restricted(measure.a.exact[cell["segment"]], cell["t"])
-    foot = verification.restricted(measure.b.exact[cell["foot"]], cell["sigma"], cell["sigma_weights"])
-    squares, weight_sq = verification.distance_sq(part, foot)
-    for bound in (_root_above(squares, weight_sq), upper):
-        if bound <= upper and verification.failure_at_most(squares, weight_sq, bound) is None:
-            return {**cell, "bound": bound}
+def _proven(measure: Measure, entry: dict[str, Any], upper: float) -> dict[str, Any] | None:
+    """The entry with its bound, the smaller one of `upper` and of what its coefficients show at once."""
+    a, (foot,) = measure.a.exact[entry["piece"]], entry["feet"]
+    b, corners = measure.b.exact[foot["piece"]], 1 if entry["cell"] is None else 2
+    cell = simplex_map(a, corners, [[]] if entry["cell"] is None else [[t] for t in entry["cell"]])
+    apart = difference(composed(a, cell), composed(b, simplex_map(b, corners, foot["map"], foot["weights"])))
+    for bound in (root_above(apart), upper):
+        if bound <= upper and failure_at_most([apart], bound, None) is None:
+            return {**entry, "bound": bound}
     return None
 
 
-def _root_above(squares: list[int], weight_sq: list[int]) -> float:
-    """A float of at least the largest root of the quotients; inf where that is no float."""
-    most = max(x.bit_length() - y.bit_length() for x, y in zip(squares, weight_sq, strict=True))
+def root_above(apart: Part) -> float:
+    """A float of at least the length of a difference, from its squared coefficients; inf where that is no float."""
+    squares, weights, _ = squares_of(apart)
+    if not any(squares.values()):
+        return 0.0
+    pairs = [(squares.get(i, 0), w) for i, w in weights.items()]
+    most = max(x.bit_length() - w.bit_length() for x, w in pairs)
     bits = max(0, 60 - most // 2)
-    root = math.isqrt(max((x << 2 * bits) // y for x, y in zip(squares, weight_sq, strict=True)) + 1) + 1
+    root = math.isqrt(max((x << 2 * bits) // w for x, w in pairs) + 1) + 1
     try:
-        return math.nextafter(math.ldexp(root, -bits), math.inf) if squares != [0] * len(squares) else 0.0
+        return math.nextafter(math.ldexp(root, -bits), math.inf)
     except OverflowError:
         return math.inf
 

@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jhd.arithmetic.scaling import unit_weights
-from jhd.distance.certificate import verification
+from jhd.distance.certificate.verification.pieces import ExactPiece, pieces_of
 from jhd.distance.frame.coordinates import Frame, common_points
 from jhd.distance.frame.jets import CurveJet, polynomial_jet, quotient
 from jhd.distance.nearest.feet import equation_of, foot_speed, gauss_newton
-from jhd.shapes.curve import BezierSegments
+from jhd.shapes.curve import AbstractCurve, BezierSegments
+from jhd.shapes.mesh import TriangleMesh
 
 # Feet nearer than this to an end of their segment are put on it.
 SNAP = 1e-15
@@ -23,20 +24,33 @@ class Host(NamedTuple):
 
     rows: np.ndarray
     rational: bool
-    exact: list[verification.Part]
+    exact: list[ExactPiece]
 
 
 def host(curve: BezierSegments, frame: Frame) -> Host:
     """The stored curve for both kinds of work: floating point in common coordinates, integers in its own."""
     points = np.asarray(curve.control_points, np.float64)
     weights = None if curve.weights is None else np.asarray(curve.weights, np.float64)
-    plain = {"control_points": points.tolist(), "weights": None if weights is None else weights.tolist()}
+    plain = plain_shape(curve)
     points = np.asarray(common_points(frame, points))
     weights = np.ones(points.shape[:-1]) if weights is None else weights
     # Weights of one size, as in the common coordinates: their products must not overflow.
     weights = unit_weights(weights)[..., None]
     rows = np.concatenate([points * weights, weights], axis=-1)
-    return Host(rows, curve.weights is not None, verification.segments_of(plain))
+    return Host(rows, curve.weights is not None, pieces_of(plain))
+
+
+def plain_shape(shape: Any) -> dict[str, Any]:
+    """The arrays of a shape in the form in which certificates hold them."""
+    if isinstance(shape, TriangleMesh):
+        return {"kind": "mesh", "vertices": _rows(shape.vertices), "triangles": _rows(shape.triangles)}
+    kind, working = ("curve", shape.segments()) if isinstance(shape, AbstractCurve) else ("patches", shape.patches())
+    weights = None if working.weights is None else _rows(working.weights)
+    return {"kind": kind, "control_points": _rows(working.control_points), "weights": weights}
+
+
+def _rows(numbers: Any) -> list[Any]:
+    return np.asarray(numbers).tolist()
 
 
 def jets(curve: Host, segment: np.ndarray, t: np.ndarray) -> CurveJet:

@@ -2,8 +2,10 @@
 
 import ast
 import copy
+import gzip
 import json
 import math
+import shutil
 import subprocess
 import sys
 from fractions import Fraction
@@ -17,45 +19,73 @@ from hypothesis import strategies as st
 
 from jhd.distance.certificate import verification
 from jhd.distance.certificate.verification import CertificateError, Proven, verify
+from jhd.distance.certificate.verification.pieces import composed, difference, pieces_of, simplex_map
+from jhd.distance.certificate.verification.polynomials import failure, from_coefficients
+from jhd.distance.certificate.verification.proofs import squares_of
+from jhd.distance.certificate.verification.reading import lines_of
 from tests.distance import exact
 
-FILE = Path(verification.__file__)
+FOLDER = Path(verification.__file__).parent
 # What every number of a certificate is moved by in turn, and how well samples of the curves know their distance.
 MOVES = (0.0625, -0.0625, 3.0, -3.0)
 SAMPLING = 1e-4
 
 
+def cell(piece, where, foot, rows, weights=None, bound=1.0):
+    """A cell with one foot."""
+    feet = [{"piece": foot, "map": rows, "weights": weights}]
+    return {"piece": piece, "cell": where, "feet": feet, "multipliers": None, "bound": bound}
+
+
 def arch():
     """The arch over its chord, whose Hausdorff distance is its height 3/4, without any slack on either side."""
     halves = [([0.0, 0.5], [0.0, 0.125, 0.3125, 0.5]), ([0.5, 1.0], [0.5, 0.6875, 0.875, 1.0])]
-    there = [
-        {"segment": 0, "t": t, "foot": 0, "sigma": sigma, "sigma_weights": None, "bound": 0.75} for t, sigma in halves
-    ]
-    back = {"segment": 0, "t": [0, 1], "foot": 0, "sigma": [0, 1], "sigma_weights": None, "bound": 0.75}
+    there = [cell(0, t, 0, [[s] for s in sigma], bound=0.75) for t, sigma in halves]
+    back = cell(0, [0, 1], 0, [[0], [1]], bound=0.75)
+    curve = {"kind": "curve", "weights": None}
     return {
         "format": "jhd-certificate",
-        "version": 1,
+        "version": 2,
         "claim": {"kind": "two_sided", "lower": 0.75, "upper": 0.75},
-        "a": {"control_points": [[[-1.0, 0.0], [-0.5, 1.0], [0.5, 1.0], [1.0, 0.0]]], "weights": None},
-        "b": {"control_points": [[[-1.0, 0.0], [1.0, 0.0]]], "weights": None},
+        "a": {**curve, "control_points": [[[-1.0, 0.0], [-0.5, 1.0], [0.5, 1.0], [1.0, 0.0]]]},
+        "b": {**curve, "control_points": [[[-1.0, 0.0], [1.0, 0.0]]]},
         "cells": {"a_to_b": there, "b_to_a": [back]},
-        "witness": {"direction": "a_to_b", "segment": 0, "t": 0.5, "cuts": [[0.0, 0.5, 1.0]]},
+        "witness": {"direction": "a_to_b", "piece": 0, "at": [0.5], "cuts": [[0.0, 0.5, 1.0]]},
     }
+
+
+def first_version():
+    """The same as it was written in version 1."""
+
+    def old(row):
+        (foot,) = row["feet"]
+        sigma = [s for (s,) in foot["map"]]
+        return {
+            **{"segment": row["piece"], "t": row["cell"], "foot": foot["piece"], "sigma": sigma},
+            **{"sigma_weights": foot["weights"], "bound": row["bound"]},
+        }
+
+    content = arch()
+    for name in ("a", "b"):
+        del content[name]["kind"]
+    content["cells"] = {name: [old(row) for row in rows[::-1]] for name, rows in content["cells"].items()}
+    witness = {"direction": "a_to_b", "segment": 0, "t": 0.5, "cuts": [[0.0, 0.5, 1.0]]}
+    return {**content, "version": 1, "witness": witness}
 
 
 def circles():
     """Concentric circles in quarters of weights 1, 1, 2: the distance of any point of the inner one is exactly 1."""
     corners = np.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)], dtype=float)
     quarters = np.stack([corners[i : i + 3] for i in (0, 2, 4, 6)])
-    cells = [
-        {"segment": k, "t": [0, 1], "foot": k, "sigma": [0, 1], "sigma_weights": weights, "bound": 1.0}
-        for k, weights in enumerate([None, [1, 1], None, [1.0, 1.0]])
-    ]
-    a, b = ({"control_points": (r * quarters).tolist(), "weights": [[1.0, 1.0, 2.0]] * 4} for r in (1, 2))
+    rows = [None, [1, 1], None, [1.0, 1.0]]
+    cells = [cell(k, [0, 1], k, [[0], [1]], weights) for k, weights in enumerate(rows)]
+    a, b = (
+        {"kind": "curve", "control_points": (r * quarters).tolist(), "weights": [[1.0, 1.0, 2.0]] * 4} for r in (1, 2)
+    )
     return {
         **arch(),
         **{"a": a, "b": b, "claim": {"kind": "directed", "lower": 1.0, "upper": 1.0}, "cells": {"a_to_b": cells}},
-        "witness": {"direction": "a_to_b", "segment": 0, "t": 0.0, "cuts": [[0.0, 1.0]] * 4},
+        "witness": {"direction": "a_to_b", "piece": 0, "at": [0.0], "cuts": None},
     }
 
 
@@ -113,6 +143,15 @@ def test_a_rational_one_too():
     assert verify(circles()) == Proven("directed", 1.0, 1.0, 4)
 
 
+def test_version_1_is_still_checked():
+    assert verify(first_version()) == Proven("two_sided", 0.75, 0.75, 3)
+    false = changed(first_version(), ("cells", "a_to_b", 0, "sigma", 1), 0.0)
+    with pytest.raises(CertificateError, match=r"cells.a_to_b\[1\]: that the distance is at most 0.75 is false"):
+        verify(false)
+    with pytest.raises(CertificateError, match="has no 'sigma'"):
+        verify(changed(first_version(), ("cells", "a_to_b", 0, "sigma"), ...))
+
+
 def test_a_claim_of_one_bound_needs_nothing_for_the_other():
     upper_only = changed(changed(arch(), ("claim", "lower"), 0), ("witness",), None)
     assert verify(upper_only) == Proven("two_sided", 0.0, 0.75, 3)
@@ -152,9 +191,10 @@ def nested(depth):
 
 
 CELL = ("cells", "a_to_b", 0)
+FOOT = (*CELL, "feet", 0)
 REFUSED = [
     ((("format",), "other"), "no format"),
-    ((("version",), 2), "version is 2"),
+    ((("version",), 3), "version is 3"),
     ((("version",), True), "version is True"),
     ((("claim",), ...), "has no 'claim'"),
     ((("witness",), ...), "has no 'witness'"),
@@ -168,35 +208,44 @@ REFUSED = [
     ((("claim", "upper"), math.nan), "claim.upper holds nan"),
     ((("claim", "upper"), None), "cells must be null"),
     ((("claim", "upper"), 0.5), r"cells.a_to_b\[0\].bound is 0.75, above the upper bound 0.5"),
-    ((("claim", "lower"), 0.76), r"witness: .* segment 0 of b between 0.0 and 0.5 is at least 0.76 is false"),
+    ((("claim", "lower"), 0.76), r"witness: .* piece 0 of b between 0.0 and 0.5 is at least 0.76 is false"),
     ((("cells",), None), "cells is None; needs an object with a_to_b, b_to_a"),
     ((("cells", "b_to_a"), ...), "cells has no 'b_to_a'"),
-    ((("cells", "b_to_a"), []), r"cells.b_to_a is \[\]; needs a list of at least 1"),
-    ((CELL, ...), "cells.a_to_b leave segment 0 of a uncovered between 0.0 and 0.5"),
-    ((("cells", "a_to_b", 1), ...), "cells.a_to_b leave segment 0 of a uncovered between 0.5 and 1.0"),
-    (((*CELL, "t"), [0.0, 0.4375]), "uncovered between 0.4375 and 0.5"),
-    (((*CELL, "t"), [0.5, 0.0]), "wrong order"),
-    (((*CELL, "t"), [-0.5, 0.5]), r"cells.a_to_b\[0\].t holds -0.5"),
-    (((*CELL, "t"), [0.0]), r"needs a list of 2"),
-    (((*CELL, "segment"), 1), r"cells.a_to_b\[0\].segment is 1; needs a whole number from 0 to 0"),
-    (((*CELL, "segment"), 0.0), r"segment is 0.0"),
-    (((*CELL, "segment"), False), r"segment is False"),
-    (((*CELL, "foot"), -1), r"foot is -1"),
+    ((("cells", "b_to_a"), []), r"cells.b_to_a\[0\]: there is no further cell; piece 0 is not covered"),
+    ((("cells", "b_to_a"), 1), "cells.b_to_a is int; needs a list of cells"),
+    ((CELL, ...), r"cells.a_to_b\[0\] leaves piece 0 uncovered between 0.0 and 0.5"),
+    ((("cells", "a_to_b", 1), ...), r"cells.a_to_b\[1\]: there is no further cell; piece 0 is not covered"),
+    ((("cells", "a_to_b", 1, "cell"), [0.5625, 1.0]), r"\[1\] leaves piece 0 uncovered between 0.5 and 0.5625"),
+    (((*CELL, "cell"), [0.5, 0.0]), "wrong order"),
+    (((*CELL, "cell"), [-0.5, 0.5]), r"cells.a_to_b\[0\].cell holds -0.5"),
+    (((*CELL, "cell"), [0.0]), r"needs a list of 2"),
+    (((*CELL, "cell"), "a"), r"cell is 'a'; needs a list of 2"),
+    (((*CELL, "piece"), 1), r"cells.a_to_b\[0\].piece is 1; needs a whole number from 0 to 0"),
+    (((*CELL, "piece"), 0.0), r"piece is 0.0"),
+    (((*CELL, "piece"), False), r"piece is False"),
+    (((*FOOT, "piece"), -1), r"feet\[0\].piece is -1"),
     (((*CELL, "bound"), 0.7), r"cells.a_to_b\[0\]: that the distance is at most 0.7 is false"),
     (((*CELL, "bound"), None), r"bound holds None"),
-    (((*CELL, "sigma"), [0.0, 0.125, 0.3125, 1.5]), r"sigma holds 1.5"),
-    (((*CELL, "sigma"), [-0.25, 0.125, 0.3125, 0.5]), r"sigma holds -0.25"),
-    (((*CELL, "sigma"), [0.25]), r"cells.a_to_b\[0\]: that the distance is at most 0.75 is false"),
-    (((*CELL, "sigma"), []), "needs a list of 1 to"),
-    (((*CELL, "sigma"), [0.5] * 9), "needs a list of 1 to"),
-    (((*CELL, "sigma_weights"), [1.0] * 3), "needs a list of 4"),
-    (((*CELL, "sigma_weights"), [1.0, 1.0, 1.0, 0.0]), "holds 0.0; needs positive"),
-    (((*CELL, "sigma_weights"), [1.0, 1.0, 0.25, 1.0]), r"sigma holds 0.3125; needs finite numbers from 0.0 to 0.25"),
+    (((*CELL, "feet"), []), "feet is .*; needs a list of 1 to 4"),
+    (((*CELL, "multipliers"), []), r"multipliers is \[\]; needs a list of 1"),
+    (((*CELL, "multipliers"), [[0.0, 0.0]]), "multipliers are all zero"),
+    (((*CELL, "multipliers"), [[1.0, -1.0]]), r"multipliers\[0\] holds -1.0"),
+    (((*CELL, "multipliers"), [[1.0] * 3]), "needs a list of 1 to 2"),
+    (((*FOOT, "map", 3), [1.5]), r"map\[3\] holds 1.5"),
+    (((*FOOT, "map", 0), [-0.25]), r"map\[0\] holds -0.25"),
+    (((*FOOT, "map", 0), 0.25), r"map\[0\] is 0.25; needs a list of 1"),
+    (((*FOOT, "map"), [[0.25]]), r"cells.a_to_b\[0\]: that the distance is at most 0.75 is false"),
+    (((*FOOT, "map"), []), "needs a list of at least 1"),
+    (((*FOOT, "map"), [[0.5]] * 9), "map has 9 rows; needs one of 1, 2, 3, 4"),
+    (((*FOOT, "weights"), [1.0] * 3), "needs a list of 4"),
+    (((*FOOT, "weights"), [1.0, 1.0, 1.0, 0.0]), "holds 0.0; needs positive"),
+    (((*FOOT, "weights"), [1.0, 1.0, 0.25, 1.0]), r"map\[2\] holds 0.3125; needs finite numbers from 0.0 to 0.25"),
     ((("witness",), None), "claim.lower is 0.75 and there is no witness"),
     ((("witness", "direction"), "a"), "witness.direction is 'a'; needs a_to_b or b_to_a"),
     ((("witness", "direction"), ["a_to_b"]), "witness.direction is"),
-    ((("witness", "t"), 1.5), "witness.t holds 1.5"),
-    ((("witness", "t"), 0.25), "is at least 0.75 is false"),
+    ((("witness", "at"), [1.5]), "witness.at holds 1.5"),
+    ((("witness", "at"), []), r"witness.at is \[\]; needs a list of 1"),
+    ((("witness", "at"), [0.25]), "is at least 0.75 is false"),
     ((("witness", "cuts"), []), "needs a list of 1"),
     ((("witness", "cuts", 0), [0.0, 0.5]), r"witness.cuts\[0\] is \[0.0, 0.5\]; needs cuts in order from 0 to 1"),
     ((("witness", "cuts", 0), [0.0, 0.75, 0.5, 1.0]), "needs cuts in order"),
@@ -205,12 +254,14 @@ REFUSED = [
     ((("a", "control_points", 0, 1, 0), 2**60), r"above 2\^53"),
     ((("a", "control_points"), []), "needs a list of at least 1"),
     ((("a", "control_points", 0), [[0.0, 0.0]] * 99), "needs a list of 1 to 31"),
-    (((*CELL, "t"), [5e-324, 0.5]), r"cells.a_to_b\[0\].t holds 5e-324; needs multiples of 2\^-255"),
-    (((*CELL, "sigma_weights"), [1.0, 1.0, 1.0, 1e300]), "sigma_weights holds 1e.300; needs multiples of 2"),
-    (((*CELL, "foot"), nested(900)), r"foot is \[\[\[\[\[\[\[\.\.\.\]\]\]\]\]\]\]; needs a whole number"),
+    (((*CELL, "cell"), [5e-324, 0.5]), r"cells.a_to_b\[0\].cell holds 5e-324; needs multiples of 2\^-255"),
+    (((*FOOT, "weights"), [1.0, 1.0, 1.0, 1e300]), "weights holds 1e.300; needs multiples of 2"),
+    (((*FOOT, "piece"), nested(900)), r"piece is \[\[\[\[\[\[\[\.\.\.\]\]\]\]\]\]\]; needs a whole number"),
     ((("a", "weights"), [[1.0, 1.0, 1.0, -1.0]]), r"a.weights\[0\] holds -1.0; needs positive"),
     ((("a", "weights"), [[1.0, 1.0]]), r"a.weights\[0\] is \[1.0, 1.0\]; needs a list of 4"),
-    ((("b", "control_points"), [[[0.0, 0.0, 0.0]]]), "a has 2 coordinates a point and b has 3"),
+    ((("a", "kind"), "solid"), "a.kind is 'solid'; needs one of curve, patches, mesh"),
+    ((("a",), 1), "a.kind is None"),
+    ((("b", "control_points"), [[[0.0, 0.0, 0.0]] * 2]), "a has 2 coordinates a point and b has 3"),
 ]
 
 
@@ -228,10 +279,11 @@ def test_what_is_no_certificate_is_refused(content):
 
 def test_what_only_touches_is_given_up_after_a_limited_work():
     # The point (0, 0) is 1 away from the line through (-1, 1) and (2, 1), whose foot is at 1/3, between all halvings.
-    content = changed(circles(), ("a",), {"control_points": [[[0.0, 0.0]]], "weights": None})
-    content = changed(content, ("b",), {"control_points": [[[-1.0, 1.0], [2.0, 1.0]]], "weights": None})
+    content = changed(circles(), ("a",), {"kind": "curve", "control_points": [[[0.0, 0.0]]], "weights": None})
+    line = [[[-1.0, 1.0], [2.0, 1.0]]]
+    content = changed(content, ("b",), {"kind": "curve", "control_points": line, "weights": None})
     content |= {"cells": None, "claim": {"kind": "directed", "lower": 1.0, "upper": None}}
-    content = changed(content, ("witness", "cuts"), [[0.0, 1.0]])
+    content = changed(content, ("witness", "at"), [])
     with pytest.raises(CertificateError, match="is not proven in"):
         verify(content)
 
@@ -246,13 +298,23 @@ def segments(draw, rational):
     degree = draw(st.integers(0, 4))
     rows = draw(st.lists(st.tuples(grid, grid), min_size=degree + 1, max_size=degree + 1))
     weights = draw(st.lists(weight, min_size=degree + 1, max_size=degree + 1)) if rational else None
-    return {"control_points": [list(map(list, rows))], "weights": None if weights is None else [weights]}
+    weights = None if weights is None else [weights]
+    return {"kind": "curve", "control_points": [list(map(list, rows))], "weights": weights}
 
 
-def value(scaled, u):
-    """The value at u of a polynomial from its coefficients times binomials."""
-    n = len(scaled) - 1
-    return sum(c * u**i * (1 - u) ** (n - i) for i, c in enumerate(scaled))
+def value(terms, u):
+    """The value at the share u of the second corner of a polynomial on an interval."""
+    return sum(c * (1 - u) ** (i & 255) * u ** (i >> 8) for i, c in terms.items())
+
+
+def in_powers(coefficients):
+    """The polynomial on an interval of Bernstein coefficients."""
+    return from_coefficients(coefficients, (0, 1), len(coefficients) - 1)
+
+
+def rows_of(piece, parameters):
+    """The parameters in rows; a point has none."""
+    return [[x] for x in parameters] if piece.corners else [[]]
 
 
 @given(st.data(), st.booleans(), st.booleans(), st.booleans())
@@ -262,13 +324,13 @@ def test_the_squared_distance_is_that_of_fractions(data, rational_a, rational_b,
     weights = data.draw(st.lists(weight, min_size=3, max_size=3)) if moebius else None
     sigma = [data.draw(share) * w for w in (weights or [1.0] * 3)]
     t0, t1 = data.draw(share), data.draw(share)
-    parts = [verification.segments_of(curve)[0] for curve in (a, b)]
-    squares, weight_sq = verification.distance_sq(
-        verification.restricted(parts[0], [t0, t1]), verification.restricted(parts[1], sigma, weights)
-    )
+    pieces = [pieces_of(curve)[0] for curve in (a, b)]
+    maps = [simplex_map(pieces[0], 2, rows_of(pieces[0], [t0, t1]))]
+    maps.append(simplex_map(pieces[1], 2, rows_of(pieces[1], sigma), weights if pieces[1].corners else None))
+    squares, weight_sq, _ = squares_of(difference(*(composed(x, to) for x, to in zip(pieces, maps, strict=True))))
     u = Fraction(data.draw(st.integers(0, 7)), 7)
-    s = value([c * math.comb(2, i) * Fraction(x) for i, (c, x) in enumerate(zip([1] * 3, sigma, strict=True))], u)
-    s /= value([math.comb(2, i) * Fraction(x) for i, x in enumerate(weights or [1.0] * 3)], u)
+    s = value(in_powers([Fraction(x) for x in sigma]), u)
+    s /= value(in_powers([Fraction(x) for x in weights or [1.0] * 3]), u)
     points = [
         exact.point(curve["control_points"][0], None if curve["weights"] is None else curve["weights"][0], at)
         for curve, at in ((a, Fraction(t0) + u * (Fraction(t1) - Fraction(t0))), (b, s))
@@ -278,55 +340,57 @@ def test_the_squared_distance_is_that_of_fractions(data, rational_a, rational_b,
 
 @given(st.lists(st.integers(-3, 9), min_size=1, max_size=8))
 def test_a_polynomial_that_passes_is_nowhere_negative(coefficients):
-    scaled = [c * math.comb(len(coefficients) - 1, i) for i, c in enumerate(coefficients)]
-    squares, whole = scaled, [math.comb(len(coefficients) - 1, i) for i in range(len(coefficients))]
-    least = min(value(squares, Fraction(k, 32)) for k in range(33))
-    if verification.failure_at_least(squares, [0] * len(whole), 1.0) is None:
+    terms, domain = in_powers(coefficients), ((0, 1),)
+    least = min(value(terms, Fraction(k, 32)) for k in range(33))
+    if failure(terms, domain, (len(coefficients) - 1,)) is None:
         assert least >= 0
     if least < 0:
-        assert verification.failure_at_least(squares, [0] * len(whole), 1.0) is not None
+        assert failure(terms, domain, (len(coefficients) - 1,)) is not None
 
 
-def test_the_checker_imports_nothing_but_the_standard_library():
-    nodes = list(ast.walk(ast.parse(FILE.read_text(encoding="utf-8"))))
+def test_the_checker_imports_nothing_but_the_standard_library_and_itself():
+    nodes = [node for file in FOLDER.glob("*.py") for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))]
     names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
-    assert {str(name).split(".")[0] for name in names} <= set(sys.stdlib_module_names)
+    others = {str(name) for name in names if not str(name).startswith("jhd.distance.certificate.verification")}
+    assert {name.split(".")[0] for name in others} <= set(sys.stdlib_module_names)
 
 
-def test_the_checker_runs_by_itself(tmp_path):
-    (tmp_path / "verification.py").write_text(FILE.read_text(encoding="utf-8"), encoding="utf-8")
-    code = (
-        f"import json, sys; sys.path.insert(0, {str(tmp_path)!r}); import verification;"
-        "print(verification.verify(json.load(sys.stdin)).cells, any(x in sys.modules for x in ('jax', 'numpy', 'jhd')))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-I", "-S", "-c", code], input=json.dumps(arch()), capture_output=True, text=True, check=False
-    )
-    assert (done.stdout.split(), done.stderr) == (["3", "False"], "")
+def run(folder, *arguments):
+    """The checker in a copy of its folder that stands alone, without any other package."""
+    command = [sys.executable, "-I", "-S", str(folder / "checker"), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
 
 
-def test_the_checker_is_a_program(tmp_path):
+def test_the_checker_is_a_program_that_runs_by_itself(tmp_path):
+    shutil.copytree(FOLDER, tmp_path / "checker", ignore=shutil.ignore_patterns("__pycache__"))
     broken = changed(arch(), ("claim", "upper"), arch()["claim"]["upper"] * 0.99)
-    files = {
-        "good": json.dumps(arch()),
-        "bad": json.dumps(broken),
-        "torn": json.dumps(arch())[:-9],
-        "deep": "[" * 10**5,
-    }
-    files["twice"] = '{"claim": 1, "claim": 1}'
+    old, good = json.dumps(first_version(), indent=1), "".join(lines_of(arch()))
+    files = {"good": good, "old": old, "bad": "".join(lines_of(broken)), "torn": good[:-9], "deep": "[" * 10**5}
+    files |= {"short": good[: good[:-1].rfind("\n")], "long": good + "{}", "twice": '{"claim": 1, "claim": 1}'}
     for name, text in files.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
+    (tmp_path / "packed").write_bytes(gzip.compress(good.encode()))
+    (tmp_path / "cut").write_bytes(gzip.compress(good.encode())[:-20])
+    proven = run(tmp_path, "good", "old", "packed")
+    assert (proven.returncode, proven.stderr) == (0, "")
+    claim = "0.75 <= H(A, B) <= 0.75, 3 cells\n"
+    assert proven.stdout == "".join(f"proven: {name}: {claim}" for name in ("good", "old", "packed"))
+    refused = run(tmp_path, "good", "bad", "twice", "short", "long")
+    assert refused.returncode == 1 and refused.stderr.count("refused: ") == 4 and refused.stdout.count("proven") == 1
+    unread = run(tmp_path, "torn", "deep", "missing", "cut", "good")
+    assert unread.returncode == 2 and unread.stderr.count("not read: ") == 4 and unread.stdout.count("proven") == 1
+    late = run(tmp_path, "--seconds", "1e-9", "good")
+    assert late.returncode == 1 and "is not checked in 1e-09 seconds" in late.stderr
+    assert run(tmp_path).returncode == run(tmp_path, "--seconds", "x", "good").returncode == 2
 
-    def run(*names):
-        arguments = [sys.executable, "-I", "-S", str(FILE), *names]
-        return subprocess.run(arguments, capture_output=True, text=True, check=False, cwd=tmp_path)
 
-    done = run("good")
-    assert done.returncode == 0 and done.stderr == ""
-    assert done.stdout.startswith("proven: good: ") and done.stdout.endswith("3 cells\n")
-    done = run("good", "bad", "twice")
-    assert done.returncode == 1 and done.stderr.count("refused: ") == 2 and done.stdout.count("proven") == 1
-    done = run("torn", "deep", "missing", "good")
-    assert done.returncode == 2 and done.stderr.count("not read: ") == 3 and done.stdout.count("proven") == 1
-    assert run().returncode == 2
+def test_its_process_holds_nothing_of_the_package(tmp_path):
+    (tmp_path / "good").write_text("".join(lines_of(arch())), encoding="utf-8")
+    code = (
+        f"import runpy, sys; sys.argv = ['checker', {str(tmp_path / 'good')!r}]\n"
+        f"try: runpy.run_path({str(FOLDER)!r}, run_name='__main__')\n"
+        "except SystemExit as end: print(end.code, any(x in sys.modules for x in ('jax', 'numpy', 'jhd.arrays')))"
+    )
+    done = subprocess.run([sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=False)
+    assert (done.stdout.split()[-2:], done.stderr) == (["0", "False"], "")

@@ -1,0 +1,237 @@
+"""Pieces of shapes in integers, and their parts: what a piece is at the places that a map names.
+
+A piece is a polynomial over a weight in the Bernstein form of its domain, a product of simplices: a point has none, a
+curve an interval, a triangle itself, a patch two intervals. A part is the piece after a map of another simplex into its
+domain; with forms F_0, F_1, ... of the map, which add up to W, the Bernstein polynomial of the exponents i becomes
+multinomial(i) F_0^i_0 F_1^i_1 ..., W^n times what it was.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from jhd.distance.certificate.verification.polynomials import (
+    Degree,
+    Domain,
+    Polynomial,
+    combined,
+    elevated,
+    exponents,
+    from_coefficients,
+    multinomials,
+    powers,
+    product,
+    total,
+)
+
+
+class ExactPiece(NamedTuple):
+    """A piece: the corners of each simplex of its domain, the degree on each, and control points in integers.
+
+    `rows` holds the coordinates times the weight one after the other, `weight` the weights, or one number.
+    """
+
+    corners: tuple[int, ...]
+    degrees: Degree
+    rows: tuple[tuple[int, ...], ...]
+    weight: tuple[int, ...]
+
+    @property
+    def parameters(self) -> int:
+        """How many numbers name a place."""
+        return sum(self.corners) - len(self.corners)
+
+
+class Part(NamedTuple):
+    """Coordinates over the weight on a domain, each in its degree there."""
+
+    domain: Domain
+    coordinates: list[Polynomial]
+    degree: Degree
+    weight: Polynomial
+    weight_degree: Degree
+
+
+class Map(NamedTuple):
+    """A map into the domain of a piece: for each simplex of it the forms of its corners, and their sum.
+
+    `degrees` are those of these forms on the domain of the map, `scales` the sums where all of them are constants.
+    """
+
+    domain: Domain
+    forms: list[list[Polynomial]]
+    sums: list[Polynomial]
+    degrees: list[Degree]
+    scales: list[int] | None
+
+
+def pieces_of(shape: Mapping[str, Any]) -> list[ExactPiece]:
+    """The pieces of a shape as it stands in a certificate, after its structure has been checked."""
+    if shape["kind"] == "mesh":
+        vertices = shape["vertices"]
+        return [_piece((3,), (1,), [vertices[i] for i in triangle], None) for triangle in shape["triangles"]]
+    nets = shape["control_points"]
+    weights = shape["weights"] or [None] * len(nets)
+    if shape["kind"] == "curve":
+        degree = len(nets[0]) - 1
+        if degree == 0:
+            return [_piece((), (), points, w) for points, w in zip(nets, weights, strict=True)]
+        return [_piece((2,), (degree,), points, w) for points, w in zip(nets, weights, strict=True)]
+    degrees = (len(nets[0]) - 1, len(nets[0][0]) - 1)
+    rows = [[x for row in net for x in row] for net in nets]
+    flat = [None if w is None else [x for row in w for x in row] for w in weights]
+    return [_piece((2, 2), degrees, points, w) for points, w in zip(rows, flat, strict=True)]
+
+
+def integers(numbers: Iterable[float]) -> tuple[list[int], int]:
+    """The m_i and the k for which the numbers are m_i / 2^k."""
+    ratios = [float(x).as_integer_ratio() for x in numbers]
+    bits = max((whole.bit_length() for _, whole in ratios), default=1)
+    return [top << (bits - whole.bit_length()) for top, whole in ratios], bits - 1
+
+
+def _piece(
+    corners: tuple[int, ...],
+    degrees: Degree,
+    points: Sequence[Sequence[float]],
+    weights: Sequence[float] | None,
+) -> ExactPiece:
+    columns, bits = integers(x for column in zip(*points, strict=True) for x in column)
+    n = len(points)
+    rows = [columns[k : k + n] for k in range(0, len(columns), n)]
+    if weights is None:
+        return ExactPiece(corners, degrees, tuple(map(tuple, rows)), (1 << bits,))
+    factors, _ = integers(weights)
+    rows = [tuple(w * x for w, x in zip(factors, row, strict=True)) for row in rows]
+    return ExactPiece(corners, degrees, tuple(rows), tuple(w << bits for w in factors))
+
+
+def simplex(corners: int) -> Domain:
+    """The domain of maps of a simplex with so many corners."""
+    return (tuple(range(corners)),)
+
+
+def box_map(piece: ExactPiece, box: Sequence[Sequence[float]]) -> Map:
+    """The map of a product of intervals, or of a triangle, onto a part of the domain: the corners of each simplex.
+
+    Args:
+        piece: whose domain it is.
+        box: for each simplex of the domain the parameters of its corners one after the other.
+    """
+    domain, found, used = [], [], 0
+    for count, numbers in zip(piece.corners, box, strict=True):
+        variables = tuple(range(used, used + count))
+        domain.append(variables)
+        used += count
+        size = count - 1
+        rows = [numbers[k : k + size] for k in range(0, len(numbers), size)]
+        found.append(_forms((count,), rows, None, variables, 1))
+    degrees = [tuple(int(i == k) for i in range(len(domain))) for k in range(len(domain))]
+    sums = [each[0] for _, each in found]
+    return Map(tuple(domain), [forms[0] for forms, _ in found], sums, degrees, [_scale(f) for f in sums])
+
+
+def simplex_map(
+    piece: ExactPiece, corners: int, rows: Sequence[Sequence[float]], weights: Sequence[float] | None = None
+) -> Map:
+    """The map of a simplex into the domain of a piece, from Bernstein coefficients of its parameters.
+
+    Args:
+        piece: whose domain it is.
+        corners: of the simplex.
+        rows: parameters, times the weight where there are weights, in the order of `exponents`; one row is a constant,
+            as many as corners an affine map.
+        weights: of the rows.
+    """
+    domain = simplex(corners)
+    degree = next(m for m in range(len(rows) + 1) if len(exponents(corners, m)) == len(rows))
+    forms, sums = _forms(piece.corners, rows, weights, domain[0], degree)
+    scales = None if weights is not None else [_scale(f) for f in sums]
+    return Map(domain, forms, sums, [(degree,)] * len(piece.corners), scales)
+
+
+def _scale(f: Polynomial) -> int:
+    """The number that a constant is in any degree: its terms with one variable have no multinomial."""
+    return f[min(f)]
+
+
+def _forms(
+    corners: tuple[int, ...],
+    rows: Sequence[Sequence[float]],
+    weights: Sequence[float] | None,
+    variables: tuple[int, ...],
+    degree: int,
+) -> tuple[list[list[Polynomial]], list[Polynomial]]:
+    """For each simplex the forms of its corners and their sum: the first is what the others leave."""
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    numbers, _ = integers([x for column in columns for x in column] + list(weights or [1.0] * len(rows)))
+    size = len(rows)
+    scaled = [numbers[k : k + size] for k in range(0, len(numbers), size)]
+    *parameters, weight = [from_coefficients(row, variables, degree) for row in scaled]
+    forms, start = [], 0
+    for count in corners:
+        others = parameters[start : start + count - 1]
+        forms.append([combined(weight, 1, total(others), -1), *others])
+        start += count - 1
+    return forms, [weight] * len(corners)
+
+
+def composed(piece: ExactPiece, to: Map) -> Part:
+    """The piece after the map."""
+    bases = [_basis(forms, n) for forms, n in zip(to.forms, piece.degrees, strict=True)]
+    degree = _degree(piece.degrees, to)
+    coordinates = [_contracted(row, bases) for row in piece.rows]
+    if len(piece.weight) > 1:
+        return Part(to.domain, coordinates, degree, _contracted(piece.weight, bases), degree)
+    if to.scales is not None:
+        scale = math.prod(x**n for x, n in zip(to.scales, piece.degrees, strict=True))
+        return Part(to.domain, coordinates, degree, {0: piece.weight[0] * scale}, (0,) * len(degree))
+    weight: Polynomial = {0: piece.weight[0]}
+    for f, n in zip(to.sums, piece.degrees, strict=True):
+        weight = product(weight, powers(f, n)[n])
+    return Part(to.domain, coordinates, degree, weight, degree)
+
+
+def _degree(degrees: Degree, to: Map) -> Degree:
+    found = [0] * len(to.domain)
+    for n, form in zip(degrees, to.degrees, strict=True):
+        for k, m in enumerate(form):
+            found[k] += n * m
+    return tuple(found)
+
+
+def _basis(forms: list[Polynomial], degree: int) -> list[Polynomial]:
+    """The Bernstein polynomials of a simplex in these forms."""
+    rising = [powers(form, degree) for form in forms]
+    found = []
+    for term, number in zip(exponents(len(forms), degree), multinomials(len(forms), degree), strict=True):
+        f: Polynomial = {0: number}
+        for power, i in zip(rising, term, strict=True):
+            f = product(f, power[i])
+        found.append(f)
+    return found
+
+
+def _contracted(numbers: Sequence[int], bases: list[list[Polynomial]]) -> Polynomial:
+    """The sum of the numbers times the products of the Bernstein polynomials of the simplices."""
+    if not bases:
+        return {0: numbers[0]}
+    first, *rest = bases
+    size = len(numbers) // len(first)
+    parts = [_contracted(numbers[k * size : (k + 1) * size], rest) for k in range(len(first))]
+    return total([product(f, part) for f, part in zip(first, parts, strict=True)])
+
+
+def difference(x: Part, y: Part) -> Part:
+    """The difference x - y as one part of their common domain."""
+    degree = tuple(max(p) for p in zip(_sum(x.degree, y.weight_degree), _sum(y.degree, x.weight_degree), strict=True))
+    coordinates = []
+    for mine, other in zip(x.coordinates, y.coordinates, strict=True):
+        p = elevated(product(mine, y.weight), x.domain, _sum(x.degree, y.weight_degree), degree)
+        q = elevated(product(other, x.weight), x.domain, _sum(y.degree, x.weight_degree), degree)
+        coordinates.append(combined(p, 1, q, -1))
+    return Part(x.domain, coordinates, degree, product(x.weight, y.weight), _sum(x.weight_degree, y.weight_degree))
+
+
+def _sum(x: Degree, y: Degree) -> Degree:
+    return tuple(i + j for i, j in zip(x, y, strict=True))

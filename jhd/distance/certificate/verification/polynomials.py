@@ -1,0 +1,168 @@
+"""Polynomials of integers on products of simplices, and the proof that one is nowhere negative.
+
+A place of a simplex is a convex combination of its corners; the shares are the variables. A polynomial is homogeneous
+in the variables of each simplex, {exponents: coefficient}: the coefficients are its Bernstein coefficients times
+multinomial numbers, so that products are plain convolutions and signs are those of the Bernstein coefficients. All
+exponents of a term stand in one integer, a byte for each variable.
+"""
+
+import math
+from functools import cache
+from itertools import product as pairs_of
+
+Polynomial = dict[int, int]
+# The variables of each simplex of a domain.
+Domain = tuple[tuple[int, ...], ...]
+# The degree in the variables of each simplex.
+Degree = tuple[int, ...]
+
+# Bits of one exponent, and so the largest degree of all.
+BITS = 8
+# Halvings in a row that one polynomial may take, for each variable beyond the first.
+_MOST_HALVINGS = 48
+# Parts in all: next to a maximum they are some twenty, most polynomials take none.
+MOST_PARTS = 1500
+
+
+def variable(index: int) -> int:
+    """The exponents of a variable alone."""
+    return 1 << (BITS * index)
+
+
+def product(f: Polynomial, g: Polynomial) -> Polynomial:
+    """The product f g."""
+    result: Polynomial = {}
+    known = result.get
+    for i, x in f.items():
+        for j, y in g.items():
+            result[i + j] = known(i + j, 0) + x * y
+    return result
+
+
+def square(f: Polynomial) -> Polynomial:
+    """f^2, with half of the products."""
+    result: Polynomial = {}
+    known, terms = result.get, list(f.items())
+    for k, (i, x) in enumerate(terms):
+        result[2 * i] = known(2 * i, 0) + x * x
+        doubled = 2 * x
+        for j, y in terms[:k]:
+            result[i + j] = known(i + j, 0) + doubled * y
+    return result
+
+
+def powers(f: Polynomial, count: int) -> list[Polynomial]:
+    """1, f, f^2, ... f^count."""
+    found: list[Polynomial] = [{0: 1}]
+    for _ in range(count):
+        found.append(product(found[-1], f))
+    return found
+
+
+def combined(f: Polynomial, x: int, g: Polynomial, y: int) -> Polynomial:
+    """The sum x f + y g."""
+    result = {i: x * c for i, c in f.items()}
+    for i, c in g.items():
+        result[i] = result.get(i, 0) + y * c
+    return result
+
+
+def total(polynomials: list[Polynomial]) -> Polynomial:
+    """The sum."""
+    result: Polynomial = {}
+    for f in polynomials:
+        for i, c in f.items():
+            result[i] = result.get(i, 0) + c
+    return result
+
+
+@cache
+def one(domain: Domain, degree: Degree) -> Polynomial:
+    """The constant 1 in a degree: powers of the sums of the variables."""
+    result: Polynomial = {0: 1}
+    for variables, n in zip(domain, degree, strict=True):
+        result = product(result, powers({variable(i): 1 for i in variables}, n)[n])
+    return result
+
+
+def elevated(f: Polynomial, domain: Domain, degree: Degree, higher: Degree) -> Polynomial:
+    """The same polynomial in a higher degree."""
+    if degree == higher:
+        return f
+    return product(f, one(domain, tuple(n - m for n, m in zip(higher, degree, strict=True))))
+
+
+@cache
+def exponents(count: int, degree: int) -> list[tuple[int, ...]]:
+    """The exponents of the terms of a degree in so many variables, high powers of the first ones first."""
+    if count == 1:
+        return [(degree,)]
+    return [(first, *rest) for first in range(degree, -1, -1) for rest in exponents(count - 1, degree - first)]
+
+
+@cache
+def multinomials(count: int, degree: int) -> list[int]:
+    """The number that goes with each of these terms: degree! over the factorials of the exponents."""
+    return [math.factorial(degree) // math.prod(math.factorial(i) for i in term) for term in exponents(count, degree)]
+
+
+def from_coefficients(coefficients: list[int], variables: tuple[int, ...], degree: int) -> Polynomial:
+    """The polynomial of these Bernstein coefficients, in the order of `exponents`."""
+    count = len(variables)
+    numbers = zip(coefficients, exponents(count, degree), multinomials(count, degree), strict=True)
+    return {sum(i * variable(v) for i, v in zip(term, variables, strict=True)): c * m for c, term, m in numbers if c}
+
+
+def failure(f: Polynomial, domain: Domain, degree: Degree, most_parts: int = MOST_PARTS) -> str | None:
+    """Why it is not proven in so many parts that the polynomial is non-negative on its domain; None where it is."""
+    if min(f.values(), default=0) >= 0:
+        return None
+    most = _MOST_HALVINGS * sum(len(variables) - 1 for variables in domain)
+    parts = [(f, tuple(zip(domain, degree, strict=True)), 0)]
+    for _ in range(most_parts):
+        f, split, depth = parts.pop()
+        if min(f.values(), default=0) < 0:
+            if any(f.get(corner, 0) < 0 for corner in _corners(split)):
+                return "is false"
+            if depth == most:
+                return f"is not proven in {most} halvings"
+            parts += [(half, rest, depth + 1) for half, rest in _halves(f, split)]
+        if not parts:
+            return None
+    return f"is not proven in {most_parts} parts"
+
+
+def _corners(split: tuple[tuple[tuple[int, ...], int], ...]) -> list[int]:
+    """The exponents of the terms that are the values at the corners of the domain."""
+    return [sum(found) for found in pairs_of(*([n * variable(i) for i in variables] for variables, n in split))]
+
+
+def _halves(f: Polynomial, split: tuple[tuple[tuple[int, ...], int], ...]) -> list[tuple[Polynomial, tuple]]:
+    """Both halves, of a simplex cut between its first two corners, and the simplices to be cut next.
+
+    The middle takes the place of one of them, and stands last; the simplex that was cut stands behind the others. That
+    is bisection at the newest corner, which keeps triangles in shape. A single corner cannot be cut.
+    """
+    k = next(k for k, (variables, _) in enumerate(split) if len(variables) > 1)
+    (i, j, *others), n = split[k]
+    rest = (*split[:k], *split[k + 1 :])
+    return [(_half(f, kept, moved, n), (*rest, ((*others, kept, moved), n))) for kept, moved in ((i, j), (j, i))]
+
+
+def _half(f: Polynomial, kept: int, moved: int, n: int) -> Polynomial:
+    """2^n times the polynomial where the corner `moved` is the middle between itself and `kept`.
+
+    With shares x of the corner kept and y of the middle, those before were x + y/2 and y/2.
+    """
+    low, high, mask = BITS * kept, BITS * moved, (1 << BITS) - 1
+    step = variable(moved) - variable(kept)
+    result: Polynomial = {}
+    known = result.get
+    for code, c in f.items():
+        p, q = (code >> low) & mask, (code >> high) & mask
+        c <<= n - p - q
+        for k in range(p + 1):
+            # The term x^(p - k) y^(k + q) of (2 x + y)^p y^q.
+            place = code + k * step
+            result[place] = known(place, 0) + (c * math.comb(p, k) << (p - k))
+    return result

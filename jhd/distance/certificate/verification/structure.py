@@ -1,0 +1,268 @@
+"""What a certificate must look like: all keys, with values of the right kinds, in their ranges, and bounded in work.
+
+What is left to the proofs is whether the cells cover the shapes and whether the bounds hold.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from reprlib import repr  # of limited length and depth, whatever a file holds
+from typing import Any, NamedTuple
+
+FORMAT, VERSION = "jhd-certificate", 2
+KINDS = {"directed": ("a_to_b",), "two_sided": ("a_to_b", "b_to_a")}
+# The names of the arrays of each kind of shape.
+SHAPES = {
+    "curve": ("control_points", "weights"),
+    "patches": ("control_points", "weights"),
+    "mesh": ("vertices", "triangles"),
+}
+
+# Degrees that are read, of the maps of feet too, and feet of one cell; beyond them one cell could take hours.
+_LARGEST_CURVE, _LARGEST_PATCH, _LARGEST_MAP, _MOST_FEET = 30, 10, 3, 4
+# Bits of parameters behind the point.
+_MOST_BITS = 256
+# Degree of what is checked on a triangle: a few hundred milliseconds.
+_LARGEST_ON_TRIANGLES = 60
+
+
+class CertificateError(ValueError):
+    """A certificate that is refused: no such format, or a claim in it that is not proven by what it holds."""
+
+
+class ShapeSize(NamedTuple):
+    """A shape's coordinates a point, number of pieces, corners of the simplices of their domain, and total degree."""
+
+    dim: int
+    pieces: int
+    corners: tuple[int, ...]
+    degree: int
+
+    @property
+    def cell_corners(self) -> int:
+        """Corners of the simplices that cover a piece."""
+        return 1 if not self.corners else 2 if self.corners == (2,) else 3
+
+
+def check_content(content: Any) -> dict[str, ShapeSize]:
+    """The sizes of the shapes; CertificateError unless everything but the cells is as it must be."""
+    if not isinstance(content, Mapping) or content.get("format") != FORMAT:
+        raise CertificateError(f"is no certificate: it has no format {FORMAT!r}.")
+    if content.get("version") != VERSION or isinstance(content["version"], bool):
+        found = repr(content.get("version"))
+        raise CertificateError(f"version is {found}; this checker knows versions 1 and {VERSION}.")
+    check_keys("the certificate", content, ("format", "version", "claim", "a", "b", "cells", "witness"))
+    sizes = {name: _check_shape(name, content[name]) for name in ("a", "b")}
+    if sizes["a"].dim != sizes["b"].dim:
+        raise CertificateError(f"a has {sizes['a'].dim} coordinates a point and b has {sizes['b'].dim}.")
+    directions = check_claim(content["claim"])
+    if content["claim"]["upper"] is None:
+        if content["cells"] is not None:
+            raise CertificateError("claim.upper is null, so cells must be null.")
+    else:
+        check_keys("cells", content["cells"], directions)
+    if content["witness"] is not None:
+        _check_witness(content["witness"], directions, sizes)
+    elif content["claim"]["lower"] > 0:
+        raise CertificateError(f"claim.lower is {content['claim']['lower']!r} and there is no witness.")
+    return sizes
+
+
+def check_claim(claim: Any) -> tuple[str, ...]:
+    """The directions that a claim is about; CertificateError unless it is one."""
+    check_keys("claim", claim, ("kind", "lower", "upper"))
+    if not isinstance(claim["kind"], str) or claim["kind"] not in KINDS:
+        raise CertificateError(f"claim.kind is {repr(claim['kind'])}; needs one of {', '.join(KINDS)}.")
+    check_numbers("claim.lower", [claim["lower"]], 0.0)
+    if claim["upper"] is not None:
+        check_numbers("claim.upper", [claim["upper"]], 0.0)
+    return KINDS[claim["kind"]]
+
+
+def check_entry(place: str, entry: Any, source: ShapeSize, target: ShapeSize) -> None:
+    """CertificateError unless a cell has all that the proof reads, with feet inside the domains of their pieces."""
+    check_keys(place, entry, ("piece", "cell", "feet", "multipliers", "bound"))
+    check_index(f"{place}.piece", entry["piece"], source.pieces)
+    check_numbers(f"{place}.bound", [entry["bound"]], 0.0)
+    if source.corners == (2,):
+        cell = check_list(f"{place}.cell", entry["cell"], 2, 2)
+        _check_parameters(f"{place}.cell", cell)
+        if cell[0] > cell[1]:
+            raise CertificateError(f"{place}.cell is {cell}; its ends are in the wrong order.")
+    feet = check_list(f"{place}.feet", entry["feet"], 1, _MOST_FEET)
+    for k, foot in enumerate(feet):
+        _check_foot(f"{place}.feet[{k}]", foot, source, target)
+    if entry["multipliers"] is None:
+        if len(feet) > 1:
+            raise CertificateError(f"{place} has {len(feet)} feet and no multipliers.")
+        return
+    rows = check_list(f"{place}.multipliers", entry["multipliers"], len(feet), len(feet))
+    for k, row in enumerate(rows):
+        name = f"{place}.multipliers[{k}]"
+        if len(check_list(name, row, 1, source.cell_corners)) not in (1, source.cell_corners):
+            raise CertificateError(f"{name} is {repr(row)}; needs a list of 1 or {source.cell_corners}.")
+        _check_parameters(name, row, math.inf)
+    if not any(x > 0 for row in rows for x in row):
+        raise CertificateError(f"{place}.multipliers are all zero.")
+
+
+def _check_foot(place: str, foot: Any, source: ShapeSize, target: ShapeSize) -> None:
+    check_keys(place, foot, ("piece", "map", "weights"))
+    check_index(f"{place}.piece", foot["piece"], target.pieces)
+    rows = check_list(f"{place}.map", foot["map"])
+    if source.cell_corners == 3:
+        sizes = {(m + 1) * (m + 2) // 2: m for m in range(_LARGEST_MAP + 1)}
+    else:
+        sizes = {m * (source.cell_corners - 1) + 1: m for m in range(_LARGEST_MAP + 1)}
+    if len(rows) not in sizes:
+        raise CertificateError(f"{place}.map has {len(rows)} rows; needs one of {', '.join(map(str, sizes))}.")
+    degree = 2 * (source.degree + max(sizes[len(rows)], 1) * target.degree)
+    if source.cell_corners == 3 and degree > _LARGEST_ON_TRIANGLES:
+        raise CertificateError(f"{place}.map gives a degree of {degree}; at most {_LARGEST_ON_TRIANGLES} is read.")
+    weights = foot["weights"]
+    if weights is not None:
+        for w in check_list(f"{place}.weights", weights, len(rows), len(rows)):
+            check_positive(f"{place}.weights", [w])
+            _check_parameters(f"{place}.weights", [w], math.inf)
+    for k, row in enumerate(rows):
+        most = 1.0 if weights is None else float(weights[k])
+        check_place(f"{place}.map[{k}]", row, target, most)
+
+
+def check_place(place: str, row: Any, size: ShapeSize, most: float = 1.0) -> None:
+    """CertificateError unless a row of parameters, times `most`, lies in the domain of a piece."""
+    count = sum(size.corners) - len(size.corners)
+    row = check_list(place, row, count, count)
+    _check_parameters(place, row, most)
+    # Floats may round the sum down to one: the ratio does not.
+    if size.corners == (3,) and not _is_at_most(row, most):
+        raise CertificateError(f"{place} is {repr(row)}; needs a sum of at most {most!r}.")
+
+
+def _is_at_most(row: Sequence[float], most: float) -> bool:
+    ratios = [float(x).as_integer_ratio() for x in (*row, most)]
+    bits = max(whole for _, whole in ratios)
+    *found, limit = (top * (bits // whole) for top, whole in ratios)
+    return sum(found) <= limit
+
+
+def _check_witness(witness: Any, directions: Sequence[str], sizes: Mapping[str, ShapeSize]) -> None:
+    check_keys("witness", witness, ("direction", "piece", "at", "cuts"))
+    direction = witness["direction"]
+    if direction not in directions:
+        raise CertificateError(f"witness.direction is {repr(direction)}; needs {' or '.join(directions)}.")
+    source, target = sizes[direction[0]], sizes[direction[-1]]
+    check_index("witness.piece", witness["piece"], source.pieces)
+    check_place("witness.at", witness["at"], source)
+    if witness["cuts"] is None:
+        return
+    if target.corners != (2,):
+        raise CertificateError("witness.cuts must be null where the other shape is no curve.")
+    for k, cuts in enumerate(check_list("witness.cuts", witness["cuts"], target.pieces, target.pieces)):
+        place = f"witness.cuts[{k}]"
+        _check_parameters(place, check_list(place, cuts, 2))
+        if cuts[0] != 0 or cuts[-1] != 1 or any(x > y for x, y in zip(cuts[:-1], cuts[1:], strict=True)):
+            raise CertificateError(f"{place} is {repr(cuts)}; needs cuts in order from 0 to 1.")
+
+
+# ---- shapes --------------------------------------------------------------------------------------
+
+
+def _check_shape(name: str, shape: Any) -> ShapeSize:
+    """The size of a shape, after all of its numbers have been looked at."""
+    kind = shape.get("kind") if isinstance(shape, Mapping) else None
+    if not isinstance(kind, str) or kind not in SHAPES:
+        raise CertificateError(f"{name}.kind is {repr(kind)}; needs one of {', '.join(SHAPES)}.")
+    check_keys(name, shape, ("kind", *SHAPES[kind]))
+    if kind == "mesh":
+        return _check_mesh(name, shape)
+    nets = check_list(f"{name}.control_points", shape["control_points"])
+    lengths = (_LARGEST_CURVE + 1,) if kind == "curve" else (_LARGEST_PATCH + 1,) * 2
+    sizes: list[int] = []
+    inner: Any = nets
+    for most in (*lengths, 3):
+        inner = check_list(f"{name}.control_points", inner[0], 2 if len(sizes) == len(lengths) else 1, most)
+        sizes.append(len(inner))
+    *sizes, dim = sizes
+    if kind == "patches" and dim != 3:
+        raise CertificateError(f"{name}.control_points has {dim} coordinates a point; needs 3.")
+    for k, net in enumerate(nets):
+        _check_net(f"{name}.control_points[{k}]", net, [*sizes, dim])
+    if shape["weights"] is not None:
+        for k, net in enumerate(check_list(f"{name}.weights", shape["weights"], len(nets), len(nets))):
+            _check_net(f"{name}.weights[{k}]", net, sizes, positive=True)
+    corners = (2, 2) if kind == "patches" else (2,) if sizes[0] > 1 else ()
+    return ShapeSize(dim, len(nets), corners, sum(n - 1 for n in sizes))
+
+
+def _check_mesh(name: str, shape: Mapping[str, Any]) -> ShapeSize:
+    vertices = check_list(f"{name}.vertices", shape["vertices"])
+    for k, vertex in enumerate(vertices):
+        _check_net(f"{name}.vertices[{k}]", vertex, [3])
+    triangles = check_list(f"{name}.triangles", shape["triangles"])
+    for k, triangle in enumerate(triangles):
+        for index in check_list(f"{name}.triangles[{k}]", triangle, 3, 3):
+            check_index(f"{name}.triangles[{k}]", index, len(vertices))
+    return ShapeSize(3, len(triangles), (3,), 1)
+
+
+def _check_net(place: str, net: Any, sizes: Sequence[int], positive: bool = False) -> None:
+    rows = check_list(place, net, sizes[0], sizes[0])
+    if len(sizes) > 1:
+        for k, row in enumerate(rows):
+            _check_net(f"{place}[{k}]", row, sizes[1:], positive)
+    else:
+        (check_positive if positive else check_numbers)(place, rows)
+
+
+# ---- values --------------------------------------------------------------------------------------
+
+
+def check_keys(place: str, value: Any, keys: Sequence[str]) -> None:
+    """CertificateError unless it is an object of these keys."""
+    if not isinstance(value, Mapping):
+        raise CertificateError(f"{place} is {repr(value)}; needs an object with {', '.join(keys)}.")
+    for key in keys:
+        if key not in value:
+            raise CertificateError(f"{place} has no {key!r}.")
+    for key in value:
+        if key not in keys:
+            raise CertificateError(f"{place} has an unknown key {repr(key)}; known are {', '.join(keys)}.")
+
+
+def check_list(place: str, value: Any, least: int = 1, most: int | None = None) -> Sequence[Any]:
+    """The value; CertificateError unless it is a list of so many."""
+    if not isinstance(value, list) or len(value) < least or (most is not None and len(value) > most):
+        wanted = f"at least {least}" if most is None else f"{least}" if least == most else f"{least} to {most}"
+        raise CertificateError(f"{place} is {repr(value)}; needs a list of {wanted}.")
+    return value
+
+
+def check_numbers(place: str, values: Sequence[Any], least: float = -math.inf, most: float = math.inf) -> None:
+    """CertificateError unless all of them are floats in the range."""
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise CertificateError(f"{place} holds {repr(value)}; needs a number.")
+        if isinstance(value, int) and abs(value) > 2**53:
+            raise CertificateError(f"{place} holds a whole number above 2^53, which is no float.")
+        if not math.isfinite(value) or not least <= value <= most:
+            raise CertificateError(f"{place} holds {value!r}; needs finite numbers from {least} to {most}.")
+
+
+def check_positive(place: str, values: Sequence[Any]) -> None:
+    """CertificateError unless all of them are positive floats."""
+    check_numbers(place, values)
+    if min(values) <= 0:
+        raise CertificateError(f"{place} holds {min(values)!r}; needs positive numbers.")
+
+
+def check_index(place: str, value: Any, count: int) -> None:
+    """CertificateError unless it is a number of one of so many."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < count:
+        raise CertificateError(f"{place} is {repr(value)}; needs a whole number from 0 to {count - 1}.")
+
+
+def _check_parameters(place: str, values: Sequence[Any], most: float = 1.0) -> None:
+    check_numbers(place, values, 0.0, most)
+    for value in values:
+        if float(value).as_integer_ratio()[1].bit_length() > _MOST_BITS or value > 2.0**_MOST_BITS:
+            raise CertificateError(f"{place} holds {value!r}; needs multiples of 2^-{_MOST_BITS - 1}, and none huge.")
