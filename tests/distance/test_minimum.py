@@ -284,6 +284,22 @@ def test_surfaces_that_are_cut_that_meet_and_that_are_empty():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("axis", "xyz")
+def test_a_sphere_that_touches_faces_of_its_box_where_it_is_nearest(axis):
+    # The side of the box holds the place, so that its multiplier does not follow from what is free.
+    sphere = ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [-1] * 3, [1] * 3)
+    plane = ImplicitSurface.parse(f"{axis} - 2", [-3] * 3, [3] * 3)
+    assert holds(minimum_distance(sphere, plane), 1.0, 1e-8)
+
+
+@pytest.mark.slow
+def test_sheets_far_closer_to_each_other_than_to_a_sphere():
+    sheets = ImplicitSurface.parse("1048576 * z^2 - 1", [-1.6] * 3, [1.6] * 3)
+    sphere = ImplicitSurface.parse("x^2 + y^2 + (z - 1)^2 - 0.25", [-1.6] * 3, [1.6] * 3)
+    assert holds(minimum_distance(sheets, sphere), 0.5 - 2.0**-10, 1e-8)
+
+
+@pytest.mark.slow
 def test_the_derivative_of_a_distance_of_surfaces():
     def distance(x):
         coefficients = SPHERES[0].coefficients.at[0, 0, 0].set(-(x**2))

@@ -31,7 +31,16 @@ from jaxtyping import Array
 from jhd.arithmetic.balls import Ball, dot, minus, plus, semidefinite, times
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.scaling import length
-from jhd.distance.cells.implicit import At, Local, error_of, parameters, polynomial_at, shape_at, shape_over
+from jhd.distance.cells.implicit import (
+    At,
+    Local,
+    between,
+    error_of,
+    parameters,
+    polynomial_at,
+    shape_at,
+    shape_over,
+)
 from jhd.distance.cells.pairs import Cell, PairBound, bends, expand, joined, newton_step
 from jhd.distance.frame.net_jets import Net, jet, part_of, skew
 from jhd.distance.frame.surfaces import Side
@@ -42,6 +51,8 @@ _STEPS = 6
 # The share of the quadratic terms: in the steps, where it makes them keep to the surfaces, and in the bounds.
 _STIFF, _CONVEX = 1e5, 30.0
 _THINNEST = 16
+# A step leads to a surface where it leaves this share of what its polynomial changes by in the cell.
+_MET = 1e-3
 # Steps of Newton's method back onto a surface.
 _BACK = 3
 
@@ -133,7 +144,10 @@ def stationary(a: Net | Side, b: Net | Side, cell: Cell, start: Array, steps: in
         bent = bent + jnp.sum(stiff[:, None, None] * now.slopes[:, :, None] * now.slopes[:, None], axis=0)
         held = ((x <= 0) & (gradient > 0)) | ((x >= 1) & (gradient < 0))
         move = jnp.clip(x + newton_step(gradient, bent, held), 0.0, 1.0) - x
-        return x + move, multipliers - stiff * (now.values + now.slopes @ move)
+        left = now.values + now.slopes @ move
+        met = jnp.abs(left) <= _MET * jnp.sum(jnp.abs(now.slopes), axis=-1)
+        # Where the sides of the cell hold the place off the surface, what is left of the polynomial tells nothing.
+        return x + move, jnp.where(met, multipliers - stiff * left, _multipliers(now, x >= 0))
 
     first = _lagrange(*_there(a, b, parts, cell, start))
     z, multipliers = jax.lax.fori_loop(0, steps, step, (start, _multipliers(first, start > 0)))
@@ -300,8 +314,7 @@ def _second_order(
     for k in range(multipliers.shape[0]):
         pick = lambda ball, k=k: jax.tree_util.tree_map(lambda x: x[k], ball)  # noqa: E731
         h = plus(h, times(pick(over.bents), pick(factor)))
-        square = times(expand(pick(over.slopes), 1), expand(pick(over.slopes), 0))
-        h = plus(h, times(square, pick(heavy)))
+        h = plus(h, times(_outer_square(pick(over.slopes)), pick(heavy)))
     convex = semidefinite(h, jnp.zeros(z.shape, bool))
     reach = jnp.maximum(z, 1 - z) + at.shift
     off_diagonal = jnp.where(jnp.eye(z.size, dtype=bool), jnp.maximum(-h.lower, 0.0), h.size)
@@ -311,6 +324,15 @@ def _second_order(
     taken = jnp.sum(jnp.maximum(up, down)) * (1 + gamma(16, dtype)) + jnp.where(convex, 0.0, curved)
     found = value.lower - taken
     return found - gamma(6, dtype) * (jnp.abs(value.lower) + taken) - 64 * smallest_normal(dtype)
+
+
+def _outer_square(x: Ball) -> Ball:
+    """The products of the entries of a vector, of which the squares are not negative."""
+    far, near = jnp.abs(x.mid) + x.rad, jnp.maximum(jnp.abs(x.mid) - x.rad, 0.0)
+    room = gamma(8, far.dtype)
+    own = between(near**2 * (1 - room), far**2 * (1 + room))
+    every, diagonal = times(expand(x, 1), expand(x, 0)), jnp.eye(far.size, dtype=bool)
+    return Ball(*(jnp.where(diagonal, y, z) for y, z in zip(own, every, strict=True)))
 
 
 def _not_parallel(shape: Side, side: Local, apart: Ball, low: Array, high: Array) -> Array:
