@@ -10,11 +10,13 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import common_origin
 import jax
 import numpy as np
 
@@ -23,6 +25,18 @@ from jhd.storage import chosen_folder
 
 _HERE = Path(__file__).resolve().parent
 _PACKAGES = ("jhd", "jax", "equinox", "optimistix", "numpy", "scipy")
+# What some experiments compare with; those that are not installed are left out there.
+_PEERS = (
+    "shapely",
+    "trimesh",
+    "libigl",
+    "point-cloud-utils",
+    "open3d",
+    "scikit-image",
+    "fonttools",
+    "matplotlib",
+    "optax",
+)
 
 
 class Run:
@@ -46,13 +60,16 @@ class Run:
             )
         options = parser.parse_args()
         self.meshes: list[Path] = getattr(options, "meshes", [])
-        self.name = Path(file).stem
+        self.file = Path(file).resolve()
+        self.name = self.file.stem
         self.smoke: bool = options.smoke
         self.seed: int = options.seed
         # Numbers of a smoke run must never stand where the full ones are looked for.
         self.folder: Path = options.out or _HERE / "output" / ("smoke" if options.smoke else "")
         self.random = np.random.default_rng(options.seed)
         self.started = time.perf_counter()
+        # What is run, not what stands there when the run ends.
+        self.code = common_origin.code_of(self.file)
         _use_cache()
         self.cores = _keep_to_one_core() if one_core and not options.smoke else os.cpu_count()
 
@@ -70,12 +87,23 @@ class Run:
             "experiment": self.name,
             "smoke": self.smoke,
             "seed": self.seed,
-            "versions": {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}},
+            "versions": {"python": platform.python_version(), **_versions()},
+            "code": self.code,
             "device": f"{jax.devices()[0].device_kind} ({platform.machine()}, {self.cores} core(s) used)",
             "command": " ".join(["python", f"experiments/{self.name}.py", *sys.argv[1:]]),
+            **common_origin.machine(),
             "date": datetime.now(UTC).isoformat(timespec="seconds"),
             "seconds": time.perf_counter() - self.started,
         }
+
+
+def _versions() -> dict[str, str]:
+    """The versions of what is used, and of what is compared with where it is installed."""
+    found = {name: version(name) for name in _PACKAGES}
+    for name in _PEERS:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
 
 
 def _use_cache() -> None:

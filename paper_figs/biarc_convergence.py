@@ -1,6 +1,9 @@
 """Number of biarcs against tolerance beside theory, and how much of the proven deviation is used.
 
 Numbers by biarc_convergence's experiment.
+
+Caption: Number of biarcs against tolerance beside theory for five curves, and how much of the proven deviation is used.
+The count grows with the power -0.31 to -0.34 of the tolerance, and 84 to 96 % of what is proven is reached.
 """
 
 from typing import Any

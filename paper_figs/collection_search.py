@@ -1,6 +1,10 @@
 """The share of the distances that nearest letters take, the time, and some letters; numbers by collection_search.
 
 The dashed line is what all distances would take, as estimated from those of a few queries.
+
+Caption: The share of the distances that the nearest letters take, the time, and some letters with their nearest ones;
+the dashed line is what all distances would take. The nearest of 2 000 letters takes at most 0.3 per cent of the
+distances.
 """
 
 from typing import Any

@@ -7,6 +7,7 @@ context `style()`.
 
 import argparse
 import json
+import runpy
 import subprocess
 import sys
 from contextlib import AbstractContextManager
@@ -26,9 +27,14 @@ import jhd
 BLACK, BLUE, ORANGE, GREEN, VERMILLION = "#000000", "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PURPLE, GREY = "#CC79A7", "#707070"
 MM = 1 / 25.4
+# The name under which a picture holds what it hangs on.
+ORIGIN = "Origin"
 TEXT = 8
 
 _HERE = Path(__file__).resolve().parent
+EXPERIMENTS = _HERE.parent / "experiments"
+# Experiments have a `common` of their own, so what both share is taken by its path.
+_ORIGIN = runpy.run_path(str(EXPERIMENTS / "common_origin.py"))
 _STYLE: dict[Any, Any] = {
     "font.size": TEXT,
     "axes.titlesize": TEXT,
@@ -65,33 +71,55 @@ class Picture:
         parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
         parser.add_argument("--smoke", action="store_true", help="shrink everything: a test that it runs")
         parser.add_argument("--out", type=Path, help="folder of pictures and numbers (default: the output folders)")
+        parser.add_argument("--rerun", action="store_true", help="run the experiment again if its code has changed")
         options = parser.parse_args()
-        self.name = Path(file).stem
+        self.file = Path(file).resolve()
+        self.name = self.file.stem
         self.smoke: bool = options.smoke
         part = "smoke" if options.smoke else ""
         self.folder: Path = options.out or _HERE / "output" / part
         self.folder.mkdir(parents=True, exist_ok=True)
-        source = options.out or _HERE.parent / "experiments" / "output" / part
-        self.numbers = self._numbers(source / f"{self.name}.json")
+        source = options.out or EXPERIMENTS / "output" / part
+        self.results = source / f"{self.name}.json"
+        if not self.results.exists() or (options.rerun and outdated(self.results)):
+            self._run_experiment()
+        self.numbers: dict[str, Any] = json.loads(self.results.read_text(encoding="utf-8"))
+        self.outdated = outdated(self.results)
+        if self.outdated:
+            print(f"{self.name}: the numbers are old: {self.outdated}; --rerun takes new ones", file=sys.stderr)
 
-    def _numbers(self, file: Path) -> dict[str, Any]:
-        if not file.exists():
-            script = _HERE.parent / "experiments" / f"{self.name}.py"
-            flags = ["--smoke"] if self.smoke else []
-            subprocess.run([sys.executable, str(script), "--out", str(file.parent), *flags], check=True)
-        return json.loads(file.read_text(encoding="utf-8"))
+    def _run_experiment(self) -> None:
+        script = EXPERIMENTS / f"{self.name}.py"
+        flags = ["--smoke"] if self.smoke else []
+        subprocess.run([sys.executable, str(script), "--out", str(self.results.parent), *flags], check=True)
 
     def path(self, suffix: str) -> Path:
         """NAME with a suffix such as `.gif` or `_errors.png`, in the folder of the pictures."""
         return self.folder / f"{self.name}{suffix}"
 
     def save(self, figure: Figure, part: str = "") -> None:
-        """Writes the figure as .png and .pdf, and says where."""
+        """Writes the figure as .png and .pdf, and says where; one of old numbers says so in its corner."""
         with style():
-            figure.savefig(self.path(part + ".png"), dpi=300)
+            if self.outdated:
+                note = f"old numbers: {self.outdated}"
+                figure.text(1, 0, note, size=5, color=VERMILLION, ha="right", va="bottom", gid="outdated")
+            origin = origin_of(self.file, self.results)
+            figure.savefig(self.path(part + ".png"), dpi=300, metadata={ORIGIN: origin})
             # No date in the file: the same numbers give the same bytes.
             figure.savefig(self.path(part + ".pdf"), metadata={"CreationDate": None})
         print(self.path(part + ".png"))
+
+
+def outdated(results: Path) -> str:
+    """What has changed since results were written, in words; nothing where they are of the code that is here."""
+    context = json.loads(results.read_text(encoding="utf-8"))["context"]
+    return _ORIGIN["outdated"](context, EXPERIMENTS / f"{results.stem}.py")
+
+
+def origin_of(script: Path, results: Path) -> str:
+    """What a picture hangs on: the code that draws it, and its numbers."""
+    code = _ORIGIN["code_of"](script)
+    return " ".join([*code.values(), _ORIGIN["digest"]([results]), outdated(results)]).strip()
 
 
 def letter(ax: Axes, text: str, title: str = "") -> None:

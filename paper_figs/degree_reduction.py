@@ -1,6 +1,10 @@
 """Errors of five ways to reduce the degree of a curve, against the minimax fit, against time, and along one curve.
 
 Numbers by degree_reduction's experiment.
+
+Caption: Random curves of degree 7 by ones of degree 3, 4 and 5: errors of five ways over that of the minimax fit,
+against time, and along one curve. jhd's fit is proven nearer than every other in all 24 cases, by 1.0001 to 1.07 times
+for the soft Hausdorff loss and 1.09 times or more for the rest.
 """
 
 from typing import Any

@@ -1,4 +1,8 @@
-"""How many pairs are left at each stage, their distances, and some of them; numbers by duplicates."""
+"""How many pairs are left at each stage, their distances, and some of them; numbers by duplicates.
+
+Caption: How many pairs of 11 683 letters are left at each stage, the distances of those that are found, and some of
+them. Of 68 million pairs some thousand are searched, and none stays undecided, in under 60 CPU seconds.
+"""
 
 from typing import Any
 

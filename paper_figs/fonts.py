@@ -1,4 +1,9 @@
-"""Distances between all letters of two fonts, the nearest ones, and four pairs of outlines; numbers by fonts."""
+"""Distances between all letters of two fonts, the nearest ones, and four pairs of outlines; numbers by fonts.
+
+Caption: All 26 by 26 distances between the letters of DejaVu Sans and STIX General, with the proven nearest ones, and
+four pairs of outlines. Each distance is proven to 1e-9 x-heights, and the nearest letters are found with less than a
+tenth of the distances.
+"""
 
 from typing import Any
 

@@ -1,6 +1,11 @@
 """An arc that crosses from one foot to two feet to an end, its distance, and derivatives right and naive.
 
 Numbers by gradient_check's experiment.
+
+Caption: An arc passes from one foot to two feet to an end: its distance, and the derivative by jhd, by naive automatic
+differentiation and by differences; then the largest errors over all events and kinds of curve. The rule of jhd agrees
+with differences to 1e-6; naive differentiation is wrong wherever two feet are active, by up to 1.2 where the derivative
+is 2.1.
 """
 
 from typing import Any

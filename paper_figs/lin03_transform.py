@@ -3,6 +3,10 @@
 White dots in the slice mark the columns along the third axis in which the published method errs somewhere.
 
 Numbers by lin03_transform's experiment.
+
+Caption: Distance transforms: the one-dimensional example of Lin and Wang, a slice with the errors of vector propagation
+(white dots mark columns in which it errs), and times. It is wrong on less than 0.1 % of the voxels by less than 0.1
+voxel; the exact transform equals SciPy's and takes two thirds of its time or less at 128^3.
 """
 
 from typing import Any

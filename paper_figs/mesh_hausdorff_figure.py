@@ -1,6 +1,9 @@
 """Two meshes coloured by their distance to each other, a section through the farthest point, and the bounds closing.
 
 Numbers by mesh_hausdorff_figure's experiment.
+
+Caption: Two meshes of one surface coloured by their distance to each other, a section through the farthest point, and
+the bounds closing. Both directions are proven to 1e-9 of their size within 20 rounds.
 """
 
 from typing import Any

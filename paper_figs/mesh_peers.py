@@ -1,6 +1,10 @@
 """Nearest points and Hausdorff distances of meshes: queries a second of each library, and time against error.
 
 Numbers by mesh_peers's experiment.
+
+Caption: Nearest points a second beside libigl, point-cloud-utils, Open3D and trimesh, those of them that are installed,
+and Hausdorff distances: time against error. The proven distance comes in a fraction of the time of a million samples,
+which are off by 1 % and more.
 """
 
 from typing import Any

@@ -1,6 +1,10 @@
 """Outlines before and after fitting by few cubics, numbers stored, and the distance of a fit of 60 parameters in time.
 
 Numbers by outline_fit's experiment.
+
+Caption: Outlines of letters before and after fitting by few cubics, the segments stored, and a fit of 60 parameters in
+time. Every fit keeps its tolerance, proven, with 58 and 62 segments where the longest least-squares pieces take 66 and
+77.
 """
 
 from typing import Any

@@ -1,6 +1,10 @@
 """A point that slides past a cubic, its foot, and what local projections miss; numbers by point_bezier's experiment.
 
 Writes a strip of six frames (.png, .pdf), the animation (.gif), and the methods compared (_methods.png, .pdf).
+
+Caption: A point slides past a cubic and its foot jumps twice; the second picture counts wrong feet of five methods on
+10 000 random cubics. The proven methods are never wrong, interval halving and Newton's method on several in a hundred
+queries.
 """
 
 from typing import Any

@@ -1,6 +1,10 @@
 """Radial errors of the best Bezier quarter circles, with their equal maxima, and how the fits converge.
 
 Numbers by quarter_circle's experiment.
+
+Caption: Radial errors of the best Bézier quarter circles with their equal maxima, and how the fits converge. The
+one-parameter cubic is found to 1e-16 in 5 to 9 steps, with an error of 1.9608e-4; fixed ends, free ends and the quintic
+reach 6.844e-5, 5.508e-5 and 7.71e-10, each as far as its bounds prove.
 """
 
 from typing import Any

@@ -1,6 +1,9 @@
 """An outline laid on another by the Hausdorff distance and by ICP: overlays, and the end of every starting angle.
 
 Numbers by registration's experiment.
+
+Caption: The letter S of one font laid on that of another by the Hausdorff distance and by ICP: overlays, and where each
+starting angle ends. The best rigid motion is 8 % nearer than the best end of ICP, the best similarity 26 %.
 """
 
 from typing import Any

@@ -1,6 +1,9 @@
 """Seconds of a fit by cubics: against the vertices of its target, and against its own free points.
 
 Numbers by scaling_of_fits' experiment.
+
+Caption: Seconds of a fit by cubics against the vertices of its target, to 100 000, and against its own free points. A
+step grows more slowly than the number of vertices.
 """
 
 from typing import Any

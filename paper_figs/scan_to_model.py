@@ -1,6 +1,10 @@
 """How many points of a scan are how far from the model, before and after a fit to the root mean square.
 
 Numbers by scan_to_model's experiment.
+
+Caption: How many of 100 000 scanned points are how far from the model, before and after its 36 heights are fitted to
+the root mean square. That falls to the noise within a twentieth; the largest distance is proven to 1e-9 before and
+after.
 """
 
 from typing import Any

@@ -1,6 +1,10 @@
 """Cells that are kept but hold no point: where they lie, and what becomes of the published interval of the distance.
 
 Numbers by spurious_cells' experiment.
+
+Caption: Cells that are kept but hold no point: where they lie, and what becomes of the published interval. It misses
+the distance with every number of cells up to 256, below it by 0.95 of 2.5 and above it by 1.7 where it is 0.1; the safe
+rule and BranchAndBound always hold it.
 """
 
 from typing import Any

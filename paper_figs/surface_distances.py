@@ -1,6 +1,10 @@
 """Six pairs of shapes of different kinds: the one that holds the farthest place in the colours of its distance.
 
 Numbers by surface_distances's experiment.
+
+Caption: Six pairs of shapes of different kinds: patches, a curve, points, tori, a polynomial surface and a mesh; the
+one that holds the farthest place is coloured by its distance. Every pair closes to its tolerance in less than two
+seconds; in that time samples are off by a hundred times the gap and far more.
 """
 
 from typing import Any

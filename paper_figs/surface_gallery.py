@@ -1,6 +1,9 @@
 """Six pairs of algebraic surfaces, each with the point where they are farthest from each other, its feet and the proof.
 
 Numbers by surface_gallery's experiment.
+
+Caption: Six pairs of algebraic surfaces, each with the point where they are farthest from each other, its feet and the
+proof. All but the torus, which has a whole circle of feet and says so, close to 1e-6 within a second.
 """
 
 from typing import Any

@@ -1,6 +1,10 @@
 """A triangulation in the colours of its distance to the surface, and the distance against the number of triangles.
 
 Numbers by tessellation_check's experiment.
+
+Caption: A triangulation of 100 NURBS patches coloured by its distance to the surface, and the distance against the
+number of triangles. It is 73 to 96 % of what the mesher promises; samples say up to 127 times too much of the finest
+mesh.
 """
 
 from typing import Any

@@ -1,6 +1,10 @@
 """A pair that loses its maximum where both curves are trimmed, and how often that happens.
 
 Numbers by two_sided_trimming's experiment.
+
+Caption: A pair that loses its maximum where both curves are trimmed, as published, since its foot is trimmed away, and
+how often that happens. Of 150 pairs that differ in two bumps 111 are lost, by up to 99 % of the distance; with one
+curve trimmed none is.
 """
 
 from typing import Any

@@ -1,8 +1,12 @@
-"""Experiments and figures: each has its namesake, says what it is for, runs small, and what it claims holds."""
+"""Experiments and figures: each has its namesake, says what it is for, runs small, and what it claims holds.
+
+And the scripts of the tour, which check themselves what they say.
+"""
 
 import ast
 import json
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -12,15 +16,18 @@ import pytest
 from tests.claims import CLAIMS
 
 ROOT = Path(__file__).resolve().parent.parent
-# Modules that experiments or figures share.
-SHARED = "common"
+# Modules that experiments or figures share, and what draws all figures.
+SHARED = "common", "all"
 
 
 def scripts(folder):
     return sorted(p for p in (ROOT / folder).glob("*.py") if not p.stem.startswith(SHARED))
 
 
-EXPERIMENTS, FIGURES = scripts("experiments"), scripts("paper_figs")
+EXPERIMENTS, FIGURES, TOUR = scripts("experiments"), scripts("paper_figs"), scripts("experiments/tour")
+GALLERY = runpy.run_path(str(ROOT / "paper_figs" / "common_gallery.py"))
+# What is committed of small pictures, in bytes.
+SMALL = 3_000_000
 
 
 def names(paths):
@@ -53,8 +60,19 @@ def test_an_experiment_states_question_claim_what_it_feeds_and_the_minutes(scrip
 
 
 @pytest.mark.parametrize("script", FIGURES, ids=names(FIGURES))
-def test_a_figure_says_what_it_shows(script):
-    assert ast.get_docstring(ast.parse(script.read_text(encoding="utf-8")))
+def test_a_figure_has_a_caption_with_a_sentence_on_what_it_shows_and_one_on_what_matters(script):
+    assert len(re.findall(r"[a-z0-9%)][.;:] ", GALLERY["caption"](script.stem) + " ")) >= 2
+
+
+def test_the_gallery_page_holds_every_figure_as_captions_and_pictures_are_now():
+    assert sorted(GALLERY["names"]()) == names(FIGURES)
+    page = (ROOT / "paper_figs" / "gallery" / "README.md").read_text(encoding="utf-8")
+    assert page == GALLERY["page"](), "paper_figs/all.py --page writes it anew"
+    assert sum(file.stat().st_size for file in GALLERY["GALLERY"].iterdir()) < SMALL
+
+
+def test_the_readme_stays_short():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) < 200
 
 
 @pytest.mark.parametrize("script", [*EXPERIMENTS, *FIGURES], ids=lambda path: f"{path.parent.name}-{path.stem}")
@@ -95,7 +113,34 @@ def check_pictures(folder, name):
 
 
 @pytest.mark.slow
-def test_a_figure_runs_its_experiment_where_numbers_are_missing(tmp_path):
-    run(ROOT / "paper_figs" / "spurious_cells.py", tmp_path)
-    CLAIMS["spurious_cells"](json.loads((tmp_path / "spurious_cells.json").read_text(encoding="utf-8")))
+def test_one_command_draws_what_is_missing_once_and_says_what_is_drawn_of_old_numbers(tmp_path):
+    def draw(*flags):
+        command = [sys.executable, "paper_figs/all.py", "spurious_cells", "--smoke", "--out", str(tmp_path), *flags]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
+        assert done.returncode == 0, done.stderr[-2000:]
+        return done
+
+    # The figure runs its experiment where numbers are missing.
+    assert "spurious_cells: drawn" in draw().stdout
+    file = tmp_path / "spurious_cells.json"
+    numbers = json.loads(file.read_text(encoding="utf-8"))
+    CLAIMS["spurious_cells"](numbers)
     check_pictures(tmp_path, "spurious_cells")
+    done = draw()
+    assert "1 of 1 are up to date" in done.stdout and "drawn" not in done.stdout and done.stderr == ""
+    numbers["context"]["code"]["package"] = "another"
+    file.write_text(json.dumps(numbers), encoding="utf-8")
+    before = (tmp_path / "spurious_cells.png").read_bytes()
+    done = draw()
+    assert "spurious_cells: drawn" in done.stdout and "old numbers: the package changed since" in done.stderr
+    assert (tmp_path / "spurious_cells.png").read_bytes() != before
+    assert "old numbers" in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", TOUR, ids=names(TOUR))
+def test_a_script_of_the_tour_says_what_it_shows_and_what_it_says_holds(script, tmp_path):
+    assert len(TOUR) == 10 and ast.get_docstring(ast.parse(script.read_text(encoding="utf-8")))
+    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout

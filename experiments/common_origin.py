@@ -1,0 +1,79 @@
+"""What results and pictures hang on, as short texts: the code of a script with all that it imports here, and files.
+
+An experiment writes them beside its numbers, so that a figure can say that its numbers are older than the code. This
+module imports nothing but Python's own, so that figures, which have a `common` of their own, can run it by its path.
+"""
+
+import hashlib
+import os
+import platform
+import re
+import subprocess
+from collections.abc import Iterable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+_IMPORT = re.compile(r"^(?:import|from) (common\w*)", re.MULTILINE)
+_MODEL = re.compile(r"^model name\s*:\s*(.*)$", re.MULTILINE)
+# Enough of a sum to tell versions of one script apart.
+_DIGITS = 16
+
+
+def code_of(script: Path) -> dict[str, str]:
+    """Sums of the source of a script with the modules that it shares with others, and of the package."""
+    package = ROOT / "jhd"
+    return {"script": digest(_with_imports(script)), "package": digest(sorted(package.rglob("*.py")))}
+
+
+def digest(files: Iterable[Path]) -> str:
+    """A sum of what files are called and hold, in their order."""
+    found = hashlib.sha256()
+    for file in files:
+        content = file.read_bytes()
+        found.update(f"{file.name} {len(content)} ".encode())
+        found.update(content)
+    return found.hexdigest()[:_DIGITS]
+
+
+def outdated(context: dict, script: Path) -> str:
+    """What has changed since results with this context were written, in words; nothing where they are of this code."""
+    then, now = context.get("code"), code_of(script)
+    if then is None:
+        return "their code was not recorded"
+    changed = [name for name in now if then.get(name) != now[name]]
+    return f"the {' and the '.join(changed)} changed since" if changed else ""
+
+
+def machine() -> dict:
+    """The processor, how busy it is, and the commit that the code is of, as far as these can be told."""
+    return {"processor": _processor(), "load": _load(), "commit": _commit()}
+
+
+def _with_imports(script: Path) -> list[Path]:
+    """The script and the modules of its folder that it imports, each once, directly or not."""
+    found = [script]
+    for file in found:
+        for name in _IMPORT.findall(file.read_text(encoding="utf-8")):
+            other = script.parent / f"{name}.py"
+            if other.exists() and other not in found:
+                found.append(other)
+    return [script, *sorted(found[1:])]
+
+
+def _processor() -> str:
+    file = Path("/proc/cpuinfo")
+    model = _MODEL.search(file.read_text(encoding="utf-8")) if file.exists() else None
+    return model.group(1) if model else platform.processor()
+
+
+def _load() -> list[float] | None:
+    return list(os.getloadavg()) if hasattr(os, "getloadavg") else None
+
+
+def _commit() -> str | None:
+    """The commit of this folder, with a plus where files differ from it; None outside of a clone."""
+    try:
+        asked = ["git", "-C", str(ROOT), "describe", "--always", "--abbrev=12", "--exclude=*", "--dirty=+"]
+        return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return None

@@ -1,0 +1,130 @@
+"""All figures by one command, or those that are named, and a contact sheet with their captions.
+
+What is up to date is skipped: a picture that is of this code and of these numbers. Where numbers are missing the
+experiment runs first; where its code has changed since, the figure says so, and --rerun takes new numbers. With --smoke
+short runs, as many at a time as there are cores; full runs, which measure seconds, go one after the other.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import common_gallery
+from common import EXPERIMENTS, ORIGIN, origin_of, outdated
+from PIL import Image
+
+_HERE = Path(__file__).resolve().parent
+# Lines of what a script that failed has written which are shown.
+_LAST_LINES = 5
+
+
+def main() -> int:
+    """Draws what is not up to date; returns the exit status."""
+    options = _options()
+    if options.page:
+        return _write_page()
+    part = "smoke" if options.smoke else ""
+    pictures, results = (options.out or folder / "output" / part for folder in (_HERE, EXPERIMENTS))
+    pictures.mkdir(parents=True, exist_ok=True)
+    names = options.names or common_gallery.names()
+    todo = [name for name in names if not _is_current(name, pictures, results, options.rerun)]
+    print(f"{len(names) - len(todo)} of {len(names)} are up to date", flush=True)
+    flags = ["--smoke"] * options.smoke + ["--rerun"] * options.rerun
+    flags += ["--out", str(options.out)] if options.out else []
+    told = dict(_drawn(todo, flags, options.jobs or (os.cpu_count() or 1 if options.smoke else 1)))
+    old = {name: outdated(results / f"{name}.json") for name in names if name not in told}
+    told |= {name: f"old numbers: {why}" for name, why in old.items() if why}
+    _write_sheet(pictures, told)
+    if options.gallery:
+        _write_gallery(pictures, [name for name in names if name not in told])
+    for name, why in told.items():
+        print(f"{name}: {why}", file=sys.stderr)
+    return 1 if any(name not in old for name in told) else 0
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    known = common_gallery.names()
+    parser.add_argument("names", nargs="*", metavar="NAME", help="figures to draw (default: all)")
+    parser.add_argument("--smoke", action="store_true", help="shrink everything: a test that it runs")
+    parser.add_argument("--rerun", action="store_true", help="run experiments again whose code has changed")
+    parser.add_argument("--out", type=Path, help="folder of pictures and numbers (default: the output folders)")
+    parser.add_argument("--jobs", type=int, help="figures at a time (default: one; with --smoke one for each core)")
+    parser.add_argument("--gallery", action="store_true", help="then write the gallery page and its small pictures")
+    parser.add_argument("--page", action="store_true", help="write the gallery page alone, of the captions as they are")
+    options = parser.parse_args()
+    if unknown := [name for name in options.names if name not in known]:
+        parser.error(f"no figure is called {', '.join(unknown)}; there are {', '.join(known)}")
+    if options.gallery and options.smoke:
+        parser.error("--gallery shows full numbers, not those of --smoke")
+    return options
+
+
+def _is_current(name: str, pictures: Path, results: Path, rerun: bool) -> bool:
+    """Whether the picture is of this code and of these numbers, and these, where new ones are asked for, of it too."""
+    picture, numbers = pictures / f"{name}.png", results / f"{name}.json"
+    if not picture.exists() or not numbers.exists() or (rerun and outdated(numbers)):
+        return False
+    with Image.open(picture) as image:
+        return image.info.get(ORIGIN) == origin_of(_HERE / f"{name}.py", numbers)
+
+
+def _drawn(names: list[str], flags: list[str], jobs: int) -> Iterator[tuple[str, str]]:
+    """Runs the figures; gives those that failed, with the last lines of what they wrote."""
+    with ThreadPoolExecutor(jobs) as pool:
+        done = pool.map(lambda name: _run(name, flags), names)
+        for k, (name, (failure, seconds)) in enumerate(zip(names, done, strict=True), 1):
+            print(f"[{k}/{len(names)}] {name}: {'failed' if failure else 'drawn'} in {seconds:.1f} s", flush=True)
+            if failure:
+                yield name, failure
+
+
+def _run(name: str, flags: list[str]) -> tuple[str, float]:
+    start = time.perf_counter()
+    command = [sys.executable, str(_HERE / f"{name}.py"), *flags]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "MPLBACKEND": "Agg"})
+    failure = "\n".join(done.stderr.strip().splitlines()[-_LAST_LINES:]) or f"exit status {done.returncode}"
+    return failure if done.returncode else "", time.perf_counter() - start
+
+
+def _write_sheet(folder: Path, told: dict[str, str]) -> None:
+    """The contact sheet of all pictures that lie in the folder."""
+    shown: dict[str, list[str]] = {}
+    for name in common_gallery.names():
+        files = [folder / f"{name}.png", *sorted(folder.glob(f"{name}_*.png"))]
+        # A longer name of another figure may begin with this one.
+        files = [file for file in files if file.exists() and (file.stem == name or file.stem not in _KNOWN)]
+        if files or name in told:
+            shown[name] = [file.name for file in files]
+    sheet = folder / "index.html"
+    sheet.write_text(common_gallery.contact_sheet(shown, told), encoding="utf-8")
+    print(sheet)
+
+
+def _write_gallery(pictures: Path, names: list[str]) -> None:
+    """Small pictures of figures whose numbers are of this code, and the page."""
+    for name in names:
+        small = common_gallery.GALLERY / f"{name}.png"
+        with Image.open(pictures / f"{name}.png") as image:
+            height = round(image.height * common_gallery.SMALL_WIDTH / image.width)
+            drawn = image.convert("RGB").resize((common_gallery.SMALL_WIDTH, height), Image.Resampling.LANCZOS)
+            drawn.quantize(common_gallery.SMALL_COLOURS).save(small, optimize=True)
+    _write_page()
+
+
+def _write_page() -> int:
+    page = common_gallery.GALLERY / "README.md"
+    page.write_text(common_gallery.page(), encoding="utf-8")
+    print(page)
+    return 0
+
+
+_KNOWN = set(common_gallery.names())
+
+if __name__ == "__main__":
+    sys.exit(main())

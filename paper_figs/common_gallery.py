@@ -1,0 +1,167 @@
+"""Captions of the figures, the gallery page that is made of them, and the contact sheet.
+
+A figure's docstring ends in a paragraph `Caption: ...`, which says what the picture shows and the number that matters.
+The minutes are those of the experiment's docstring. This module draws nothing and imports nothing of the package.
+"""
+
+import ast
+import html
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+GALLERY = HERE / "gallery"
+EXPERIMENTS = HERE.parent / "experiments"
+# Pixels of a small picture's width, and its colours: all of them together stay below 3 MB.
+SMALL_WIDTH, SMALL_COLOURS = 800, 64
+
+# All figures, in the order of the page.
+GROUPS = {
+    "Distances of curves": [
+        "cao14_open_closed",
+        "cao14_closed_closed",
+        "convergence",
+        "sampling_versus_proof",
+        "scaling",
+        "throughput",
+        "first_call",
+        "point_bezier",
+        "gradient_check",
+    ],
+    "Letters, conversions and collections": [
+        "fonts",
+        "flattening_check",
+        "collection_search",
+        "duplicates",
+        "workers",
+        "to_a_million",
+    ],
+    "Fits": [
+        "quarter_circle",
+        "degree_reduction",
+        "outline_fit",
+        "noisy_outline",
+        "scaling_of_fits",
+        "active_set",
+        "registration",
+        "latent_shapes",
+        "fit_quadric",
+        "scan_to_model",
+    ],
+    "Events, biarcs and trimming": [
+        "kim10_table",
+        "kim10_figures",
+        "biarc_convergence",
+        "two_sided_trimming",
+    ],
+    "Surfaces": [
+        "algsurf_table",
+        "ranges",
+        "spurious_cells",
+        "surface_gallery",
+        "surface_distances",
+        "marching_cubes_check",
+        "tessellation_check",
+    ],
+    "Meshes, fields and voxels": [
+        "lin03_transform",
+        "lin03_field",
+        "lin03_spheres",
+        "local_search_error",
+        "mesh_peers",
+        "mesh_hausdorff_figure",
+    ],
+}
+_HEAD = """\
+# Figures and experiments
+
+`.venv/bin/python paper_figs/NAME.py` draws a figure and runs `experiments/NAME.py` where its numbers are missing;
+`--smoke` is a short run. `paper_figs/all.py` draws all of them, or those that are named, skips what is up to date, and
+writes a contact sheet; `--rerun` takes new numbers where the code has changed since, `--gallery` writes this page and
+its small pictures. Small pictures are there of those whose full numbers were taken by the code of their day; the others
+say so.
+"""
+
+
+def names() -> list[str]:
+    """All figures, in the order of the page."""
+    return [name for group in GROUPS.values() for name in group]
+
+
+def caption(name: str) -> str:
+    """What a figure shows and the number that matters, in one line."""
+    return _paragraph(HERE / f"{name}.py", "Caption: ")
+
+
+def takes(name: str) -> str:
+    """How long the full experiment takes."""
+    return _paragraph(EXPERIMENTS / f"{name}.py", "Takes: ")
+
+
+def question(name: str) -> str:
+    """What the experiment asks."""
+    return _docstring(EXPERIMENTS / f"{name}.py").split("\n")[0]
+
+
+def page() -> str:
+    """The gallery page."""
+    parts = [_HEAD]
+    for title, group in GROUPS.items():
+        parts.append(f"## {title}\n")
+        parts += [_entry(name) for name in group]
+    return "\n".join(parts)
+
+
+def _entry(name: str) -> str:
+    text = caption(name)
+    shown = f"![{question(name)}]({name}.png)" if (GALLERY / f"{name}.png").exists() else "Small picture not made."
+    command = f"`.venv/bin/python paper_figs/{name}.py` · {takes(name)}"
+    return f"### {name}\n\n{question(name)}\n\n{shown}\n\n{text}\n\n{command}\n"
+
+
+def contact_sheet(pictures: dict[str, list[str]], told: dict[str, str]) -> str:
+    """All pictures on one page of HTML, with captions.
+
+    Args:
+        pictures: of each figure the files of its pictures, beside the page.
+        told: what is to be said of a figure besides: that its numbers are old, or that it failed.
+    """
+    body = "\n".join(_figure(name, files, told.get(name, "")) for name, files in pictures.items())
+    return _SHEET.replace("BODY", body)
+
+
+def _figure(name: str, files: list[str], told: str) -> str:
+    drawn = "".join(f'<a href="{file}"><img src="{file}" alt="{name}" loading="lazy"></a>' for file in files)
+    note = f'<p class="told">{html.escape(told)}</p>' if told else ""
+    text = f"<b>{name}</b> {html.escape(caption(name))}"
+    return f'<figure id="{name}">{drawn}{note}<figcaption>{text}</figcaption></figure>'
+
+
+_SHEET = """\
+<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<title>jhd: figures</title>
+<style>
+body { font: 15px/1.4 sans-serif; margin: 2em; display: grid; gap: 2em;
+  grid-template-columns: repeat(auto-fill, minmax(28em, 1fr)); }
+figure { margin: 0; }
+img { max-width: 100%; }
+.told { color: #b03000; }
+</style>
+BODY
+</html>
+"""
+
+
+def _paragraph(file: Path, begin: str) -> str:
+    """The paragraph of a docstring that begins like this, without its beginning, in one line."""
+    for part in _docstring(file).split("\n\n"):
+        lines = part.split("\n")
+        for k, line in enumerate(lines):
+            if line.startswith(begin):
+                return " ".join(lines[k:]).removeprefix(begin)
+    raise ValueError(f"{file}: no paragraph in the docstring begins with {begin!r}.")
+
+
+def _docstring(file: Path) -> str:
+    return ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
