@@ -31,6 +31,7 @@ _BOX_HELP = "polynomials: the box they are cut off at, its two ends for all axes
 _ATOL_HELP = "tolerance on upper - lower, in input units or as a share of the diagonal"
 _THRESHOLD_HELP = "answer only whether the distance is at most this: exit status 0 yes, 3 no, 1 undecided"
 _METHOD_HELP = "the method, a class of jhd; an unknown name lists those there are"
+_PAGE_HELP = "write one page for a browser: to walk along plane curves, or turn shapes in space (extra jhd[web])"
 _EPILOG = """\
 examples:
   jhd                                                 the demonstration; writes jhd-demo.png here
@@ -137,6 +138,7 @@ def _parser() -> argparse.ArgumentParser:
     distance.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=_ATOL_HELP)
     distance.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
     distance.add_argument("--plot", metavar="FILE", help="draw both, the witness and, of curves, the distance profiles")
+    distance.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
     distance.add_argument("--certificate", metavar="FILE", help="write what proves the bounds, for jhd verify")
     distance.set_defaults(command="distance")
 
@@ -156,6 +158,7 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("--smooth", action="store_true", help="one tangent at the joints inside a contour")
     fit.add_argument("--out", metavar="FILE", help="write the fit: .svg or .json")
     fit.add_argument("--plot", metavar="FILE", help="draw both curves, the witness and the distance profiles")
+    fit.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
     fit.set_defaults(command="fit")
 
     verify = commands.add_parser("verify", help="check a certificate in exact arithmetic")
@@ -206,6 +209,7 @@ def _add_deviation(commands: Any) -> None:
     parser.add_argument("--rtol", type=float, default=1e-3, metavar="SHARE", help="the same as a share (default: 1e-3)")
     parser.add_argument("--within", type=lengths.length, metavar="LENGTH", help="also the share of A that is this near")
     parser.add_argument("--plot", metavar="FILE", help="draw A in the colours of its distance, with a histogram")
+    parser.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
     parser.set_defaults(command="deviation")
 
 

@@ -20,8 +20,8 @@ from jhd import storage
 from jhd.collected import duplicates as duplicates
 from jhd.collected import nearest as nearest
 from jhd.collected import pairwise as pairwise
+from jhd.comparisons import check_drawn, directions_of, print_files, write_page
 from jhd.comparisons import deviation as deviation
-from jhd.comparisons import directions_of
 from jhd.comparisons import distance as distance
 from jhd.comparisons import minimum as minimum
 from jhd.comparisons import project as project
@@ -31,7 +31,7 @@ from jhd.io import save_curve, save_mesh, write_svg
 from jhd.io.certificates import verify_file
 from jhd.io.meshes import MESH_SUFFIXES
 from jhd.options import check_writable, curve_of, mesh_of
-from jhd.report import bar, check_picture_file, names_of, picture, shape_line, solution_text
+from jhd.report import bar, names_of, picture, shape_line, solution_text
 from jhd.solution import HausdorffSolution
 from jhd.warming import KINDS, preparations
 
@@ -72,8 +72,7 @@ def fit(options: Namespace) -> int:
     if options.out and Path(options.out).suffix not in (".svg", ".json"):
         raise ValueError(f"{options.out}: the name must end in .svg or .json.")
     check_writable(options.out, options.plot)
-    if options.plot:
-        check_picture_file(options.plot)
+    check_drawn(options, target.dim)
     tolerance = options.tolerance.of(target)
     start = time.perf_counter()
     with busy("fitting; a first run compiles"):
@@ -88,6 +87,8 @@ def fit(options: Namespace) -> int:
     if options.plot:
         with busy("drawing"):
             picture(options.plot, target, shape, directions_of(error))
+    if options.html:
+        write_page(options.html, target, shape, error)
     if options.json:
         asked = {"target": options.target, "tolerance": tolerance, "degree": options.degree}
         print_json(error, **asked, within=near, segments=[c.shape.count for c in contours], seconds=seconds)
@@ -96,9 +97,7 @@ def fit(options: Namespace) -> int:
     print(solution_text("Hausdorff distance", error, *names_of(error)), end="\n\n")
     print(f"within     {tolerance:g}" if near else f"farther than {tolerance:g}")
     print(f"time       {seconds:.2f} s with compilation")
-    for name, file in (("fit", options.out), ("picture", options.plot)):
-        if file:
-            print(f"{name:<10} {Path(file).resolve()}")
+    print_files(fit=options.out, picture=options.plot, page=options.html)
     return 0 if near else 1
 
 

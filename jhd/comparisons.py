@@ -28,6 +28,7 @@ from jhd.options import (
 )
 from jhd.report import (
     PLACES,
+    check_page_file,
     check_picture_file,
     decision_text,
     deviation_picture,
@@ -56,8 +57,7 @@ def distance(options: Namespace) -> int:
     size = rounded_diagonal(a, b)
     atol = None if options.atol is None else options.atol.of(a, b)
     method = method_of(options.method, atol, AbstractHausdorffMethod)
-    if options.plot:
-        check_picture_file(options.plot)
+    check_drawn(options, a.dim)
     if options.certificate and not curves:
         raise ValueError("--certificate: certificates are for curves; leave it out.")
     check_writable(options.certificate)
@@ -72,6 +72,8 @@ def distance(options: Namespace) -> int:
     if options.plot:
         with busy("drawing"):
             _draw(options.plot, a, b, solution)
+    if options.html:
+        write_page(options.html, a, b, solution)
     written = bool(options.certificate) and _certified(options.certificate, a, b, solution)
     status = 1 if options.certificate and not written else exit_status(solution)
     if options.json:
@@ -84,8 +86,7 @@ def distance(options: Namespace) -> int:
         print(directions_text(*solution.directions), end="\n\n")
     print(f"method     {method_name(method)}")
     _print_run(seconds, size)
-    if options.plot:
-        print(f"picture    {Path(options.plot).resolve()}")
+    print_files(picture=options.plot, page=options.html)
     if written:
         print(f"proof      {Path(options.certificate).resolve()}")
     return status
@@ -104,7 +105,7 @@ def _print_run(seconds: float, size: float) -> None:
 
 def _distance_at_most(options: Namespace, a: Any, b: Any, method: Any) -> int:
     """Whether the distance is at most the threshold, by a search that ends as soon as it knows."""
-    given = {"--plot": options.plot, "--certificate": options.certificate}
+    given = {"--plot": options.plot, "--html": options.html, "--certificate": options.certificate}
     if any(given.values()):
         name = next(name for name, value in given.items() if value)
         raise ValueError(f"{name}: with --threshold the search ends before the farthest place is known; leave it out.")
@@ -164,8 +165,7 @@ def deviation(options: Namespace) -> int:
     """The distance to B along A as a distribution."""
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
-    if options.plot:
-        check_picture_file(options.plot)
+    check_drawn(options, a.dim)
     atol, threshold = (None if x is None else x.of(a, b) for x in (options.atol, options.within))
     with busy("computing; a first run compiles") as show:
         found, seconds = timed(lambda: jhd.deviation(a, b, atol=atol, rtol=options.rtol, throw=False, progress=show))
@@ -173,6 +173,8 @@ def deviation(options: Namespace) -> int:
     if options.plot:
         with busy("drawing"):
             deviation_picture(options.plot, found)
+    if options.html:
+        write_page(options.html, found)
     if options.json:
         asked = {"atol": atol, "rtol": options.rtol, "a": options.a, "b": options.b, "within": threshold}
         shares = {} if within is None else {"share_within": list(within)}
@@ -181,8 +183,7 @@ def deviation(options: Namespace) -> int:
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     print(deviation_text(found, threshold, size), end="\n\n")
     _print_run(seconds, size)
-    if options.plot:
-        print(f"picture    {Path(options.plot).resolve()}")
+    print_files(picture=options.plot, page=options.html)
     return exit_status(found)
 
 
@@ -217,6 +218,27 @@ def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
         picture(file, a, b, directions_of(solution))
     else:
         space_picture(file, a, b, solution)
+
+
+def check_drawn(options: Namespace, dim: int) -> None:
+    """Raises an error unless the picture and the page that are asked for can be written."""
+    if options.plot:
+        check_picture_file(options.plot)
+    if options.html:
+        check_page_file(options.html, dim)
+
+
+def write_page(file: str, *shown: Any) -> None:
+    """Writes the page of two shapes and their distance, or of a deviation."""
+    with busy("drawing"):
+        Path(file).write_text(jhd.plot.page(*shown), encoding="utf-8")
+
+
+def print_files(**files: str | None) -> None:
+    """Names the files that were written."""
+    for name, file in files.items():
+        if file:
+            print(f"{name:<10} {Path(file).resolve()}")
 
 
 def directions_of(solution: HausdorffSolution) -> list[HausdorffSolution | None]:

@@ -208,6 +208,16 @@ def check_picture_file(file: str) -> None:
         raise ValueError(f"{file}: no such folder.")
 
 
+def check_page_file(file: str, dim: int) -> None:
+    """Raises an error unless a page for shapes of so many coordinates can be written under this name."""
+    if Path(file).suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"{file}: the name must end in .html.")
+    if not Path(file).absolute().parent.is_dir():
+        raise ValueError(f"{file}: no such folder.")
+    if dim == 3:
+        plot.pages.check_pages_in_space()
+
+
 def picture(
     file: str,
     a: AbstractCurve,

@@ -31,6 +31,7 @@ COMMAND_LINE = (CHECKER, "console", "comparisons", "collected", "commands", "__m
 # Their import takes a tenth of a second and more, so they may be imported where they are used.
 HEAVY = {"matplotlib", "mpl_toolkits", "fontTools", "scipy", "shapely", "trimesh", "pyvista", "skimage"} | {
     "svgelements",
+    "plotly",
     "sympy",
 }
 

@@ -109,8 +109,9 @@ def test_a_picture_is_written_on_request(run, name, starts):
 def test_a_picture_of_two_directions_that_are_known_searches_no_more(run, monkeypatch):
     searched = []
     monkeypatch.setattr(jhd, "directed_hausdorff", lambda *pair, **options: searched.append(pair))
-    status, out, _ = run("distance", BASE, DIAGONAL, "--plot", "a.png")
+    status, out, _ = run("distance", BASE, DIAGONAL, "--plot", "a.png", "--html", "a.html")
     assert (status, searched) == (0, [])
+    assert Path("a.html").read_text().startswith("<!doctype html>") and str(Path("a.html").resolve()) in out
     bounds = [
         [float(x) for x in line.split()[3::2]] for line in out.splitlines() if line.startswith(("A to B", "B to"))
     ]
@@ -344,6 +345,7 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
             "TwoStep proves no bounds",
         ),
         (["distance", BASE, DIAGONAL, "--plot", "a.xyz"], "a.xyz: the suffix is '.xyz'; pictures are stored as "),
+        (["distance", BASE, DIAGONAL, "--html", "a.png"], "a.png: the name must end in .html."),
         (["distance", *SPHERES[:2]], "A is a polynomial; give the box of its surface: --box LOWER UPPER."),
         (["distance", *SPHERES, "3"], "--box has 3 numbers; needs 2, or 6"),
         (["distance", *SPHERES[:3], "2", "-2"], "A: lower[0] is 2 and upper[0] is -2; needs lower < upper."),

@@ -1,6 +1,7 @@
 """The command line on deviations: the table, JSON, the picture, and exit statuses."""
 
 import json
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -35,7 +36,8 @@ def numbers_of(out, name):
 
 
 def test_the_table_holds_proven_bounds_and_the_picture_is_written(run):
-    status, out, _ = run("deviation", "square.ply", "plane.obj", "--within", "1.118", "--plot", "picture.png")
+    files = "--plot", "picture.png", "--html", "page.html"
+    status, out, _ = run("deviation", "square.ply", "plane.obj", "--within", "1.118", *files)
     assert plt.get_fignums() == []
     cosine = 1 / np.sqrt(1.25)
     exact = {"mean": 1.25 * cosine, "rms": cosine * np.sqrt(1.25**2 + 1 / 48), "maximum": 1.5 * cosine}
@@ -44,6 +46,7 @@ def test_the_table_holds_proven_bounds_and_the_picture_is_written(run):
         lower, upper = numbers_of(out, name)
         assert lower <= value <= upper, name
     assert status == 0 and imread("picture.png").std() > 0.01
+    assert "mesh3d" in Path("page.html").read_text(encoding="utf-8")
 
 
 def test_json_holds_the_same_and_what_was_asked(run):

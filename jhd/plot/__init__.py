@@ -24,5 +24,6 @@ from jhd.plot.implicit import voxels as voxels
 from jhd.plot.meshes import mesh as mesh
 from jhd.plot.meshes import meshes as meshes
 from jhd.plot.neighbours import neighbours as neighbours
+from jhd.plot.pages import page as page
 from jhd.plot.solutions import solution as solution
 from jhd.plot.solutions import witness as witness

@@ -1,0 +1,251 @@
+"""A distance as one page of HTML that needs no network: to walk along plane curves, or to turn shapes in space.
+
+A page of plane curves is SVG with some lines of JavaScript of our own; one of shapes in space holds the script of
+plotly. Outlines and colours are drawn from samples; the bounds that are written are those that are proven.
+"""
+
+import html
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jhd.distance.deviation_solution import Deviation
+from jhd.distance.profile import profile
+from jhd.distance.project import project
+from jhd.plot import page_text
+from jhd.plot.axes import BLUE, ORANGE, VERMILLION
+from jhd.plot.coloured import DrawnPieces, pieces_of
+from jhd.shapes.as_shape import as_shape
+from jhd.shapes.curve import AbstractCurve
+from jhd.solution import HausdorffSolution, name_of
+
+# Pixels of the longer side of a picture in the plane, of the margin about it, and of a profile.
+_SIDE, _MARGIN = 640.0, 14.0
+_WIDE, _HIGH = 640.0, 150.0
+# Places of a walk along a curve, about, and those of one segment.
+_PLACES, _LEAST, _MOST = 1500, 4, 64
+# The room above the largest distance of a profile.
+_ABOVE = 1.06
+_OPACITY = 0.35
+
+
+def page(
+    a: Any,
+    b: Any = None,
+    solution: HausdorffSolution | None = None,
+    *,
+    labels: Sequence[str] = ("A", "B"),
+    unit: str = "input units",
+) -> str:
+    """A distance as the text of a page of HTML, self-contained, for a browser.
+
+    Of plane curves it shows both, and for each direction the profile of the distance, along which a marker is moved:
+    then the page says the distance there with its bounds, the foot, and at the farthest place the event. Shapes in
+    space can be turned; the one with the farthest place is coloured by its distance to the other.
+
+    >>> import jhd
+    >>> a, b = jhd.polyline([(0, 0), (1, 0)]), jhd.polyline([(0, 1), (1, 1)])
+    >>> text = jhd.plot.page(a, b, jhd.hausdorff(a, b))
+    >>> text.splitlines()[0]
+    '<!doctype html>'
+
+    Args:
+        a: the first shape; or what jhd.deviation found, which holds both shapes and the largest distance.
+        b: the second one, of the same dimension.
+        solution: their distance, one and not a batch.
+        labels: the names of both shapes.
+        unit: the unit of the coordinates.
+
+    Raises:
+        TypeError: no second shape or no solution, or what is no shape.
+        ValueError: a batch of solutions.
+        ImportError: shapes in space, without plotly, which the extra `web` brings.
+    """
+    told = solution
+    if isinstance(a, Deviation):
+        a, b, solution, told = a.a, a.b, a.maximum, a
+    if b is None or solution is None:
+        raise TypeError("page() needs two shapes and their distance, or what jhd.deviation found.")
+    if np.ndim(solution.value) > 0:
+        raise ValueError(f"solution is a batch of shape {np.shape(solution.value)}; show one at a time.")
+    a, b = as_shape(a), as_shape(b)
+    title = f"{labels[0]} and {labels[1]}: distance {float(solution.value):.6g} {unit}"
+    body = _in_plane(a, b, solution, labels, unit) if a.dim == 2 else _in_space(a, b, solution, labels, unit)
+    head = f"<h1>{html.escape(title)}</h1>\n<pre>{html.escape(repr(told))}</pre>"
+    return page_text.PAGE.format(title=html.escape(title), head=head, body=body)
+
+
+def check_pages_in_space() -> None:
+    """Raises ImportError where pages of shapes in space cannot be made."""
+    _plotly()
+
+
+def _plotly() -> str:
+    """The script of plotly."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError as error:
+        raise ImportError("pages of shapes in space need plotly: pip install jhd[web].") from error
+    return get_plotlyjs()
+
+
+def _in_plane(a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str], unit: str) -> str:
+    """Both curves, the marks, a profile for each direction, and the script that moves the marker."""
+    pair = [(a, b, labels[0], labels[1])]
+    ways = [solution] if solution.directions is None else list(solution.directions)
+    if solution.directions is not None or name_of(solution.direction) == "b_to_a":
+        pair.append((b, a, labels[1], labels[0]))
+    walks = [_walk(first, second, way) for (first, second, *_), way in zip(pair[-len(ways) :], ways, strict=True)]
+    lines = [pieces_of(shape) for shape in (a, b)]
+    everything = np.concatenate([lines[0].points, lines[1].points, np.asarray(solution.witness.feet)])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    scale = _SIDE / (float(np.max(high - low)) or 1.0)
+    left, top = low[0] - _MARGIN / scale, high[1] + _MARGIN / scale
+    width, height = scale * (high - low) + 2 * _MARGIN
+    frame = {"left": left, "top": top, "scale": scale}
+    paths = "\n".join(
+        page_text.OUTLINE.format(name=name, path=_path(drawn, frame), colour=colour, style=style)
+        for name, drawn, colour, style in zip("ab", lines, (BLUE, ORANGE), ("", 'stroke-dasharray="7 3"'), strict=True)
+    )
+    profiles = "\n".join(
+        _profile(k, walk, f"{names[2]} to {names[3]}", unit, ORANGE if names[0] is b else BLUE)
+        for k, (walk, names) in enumerate(zip(walks, pair[-len(ways) :], strict=True))
+    )
+    larger = max(range(len(walks)), key=lambda k: float(ways[k].value))
+    data = {**frame, "walks": walks, "wide": _WIDE, "high": _HIGH, "above": _ABOVE, "first": larger, "unit": unit}
+    return page_text.PLANE.format(
+        width=f"{width:.0f}",
+        height=f"{height:.0f}",
+        key=_key(labels),
+        paths=paths,
+        profiles=profiles,
+        data=_as_json(data),
+        script=page_text.SCRIPT,
+    )
+
+
+def _walk(a: AbstractCurve, b: Any, solution: HausdorffSolution) -> dict[str, Any]:
+    """Places along a curve with their distances, the farthest one that was found among them, and its event."""
+    count = a.segments().count
+    found = profile(a, b, samples=int(np.clip(_PLACES // count, _LEAST, _MOST)))
+    walk = {name: np.asarray(getattr(found, name)).tolist() for name in ("t", "point", "distance", "lower", "upper")}
+    walk["feet"] = np.asarray(found.foot)[:, None].tolist()
+    w = solution.witness
+    feet = np.unique(np.asarray(w.feet), axis=0)
+    place = float(w.segment) + float(w.t) if a.segments().degree > 0 else float(w.segment)
+    index = int(np.searchsorted(walk["t"], place))
+    farthest = (place, w.point, solution.value, solution.lower, solution.upper, feet)
+    for name, value in zip(("t", "point", "distance", "lower", "upper", "feet"), farthest, strict=True):
+        walk[name].insert(index, np.asarray(value).tolist())
+    return {**walk, "farthest": index, "event": name_of(solution.event).replace("_", " ")}
+
+
+def _profile(k: int, walk: dict[str, Any], way: str, unit: str, colour: str) -> str:
+    """The distances along a curve as a line, with a slider below it."""
+    t, distance = np.array(walk["t"]), np.array(walk["distance"])
+    x = _WIDE * (t - t[0]) / (t[-1] - t[0] or 1.0)
+    y = _HIGH * (1 - distance / (_ABOVE * float(np.max(distance)) or 1.0))
+    path = "M" + "L".join(f"{p:.2f} {q:.2f}" for p, q in zip(x, y, strict=True))
+    text = f"distance from {way} ({unit})"
+    return page_text.PROFILE.format(
+        k=k, wide=_WIDE, high=_HIGH, path=path, colour=colour, text=html.escape(text), last=len(t) - 1
+    )
+
+
+def _path(drawn: DrawnPieces, frame: dict[str, Any]) -> str:
+    """The pieces of a curve as the data of an SVG path; of points strokes without length."""
+    placed = (drawn.corners - [frame["left"], frame["top"]]) * [frame["scale"], -frame["scale"]]
+    parts, last = [], None
+    for piece, row in zip(placed, drawn.rows, strict=True):
+        begin, *others = [f"{x:.2f} {y:.2f}" for x, y in piece]
+        # A piece that begins where the one before it ended goes on.
+        parts.append("".join(f"L{p}" for p in others) if row[0] == last else f"M{begin}L{(others or [begin])[0]}")
+        last = row[-1] if others else None
+    return "".join(parts)
+
+
+def _key(labels: Sequence[str]) -> str:
+    pairs = zip(labels, (BLUE, ORANGE), strict=True)
+    return " ".join(f'<b style="color:{colour}">{html.escape(label)}</b>' for label, colour in pairs)
+
+
+def _in_space(a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str], unit: str) -> str:
+    """Both shapes as plotly draws them, the one with the farthest place in the colours of its distance."""
+    script = _plotly()
+    names = list(labels)
+    if name_of(solution.direction) == "b_to_a":
+        a, b, names = b, a, names[::-1]
+    drawn = pieces_of(a)
+    values = np.asarray(project(drawn.points, b, throw=False).distance)
+    traces = [
+        _trace(drawn, names[0], values, f"distance to {names[1]} ({unit})"),
+        _trace(pieces_of(b), names[1]),
+        *_marks(solution),
+    ]
+    layout = {
+        "scene": {"aspectmode": "data"},
+        "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
+        "legend": {"x": 0, "y": 1},
+        "showlegend": True,
+    }
+    event = html.escape(name_of(solution.event).replace("_", " "))
+    return page_text.SPACE.format(script=script, data=_as_json({"traces": traces, "layout": layout}), event=event)
+
+
+def _trace(drawn: DrawnPieces, name: str, values: np.ndarray | None = None, title: str = "") -> dict[str, Any]:
+    """A shape as plotly takes it, coloured by values or in one colour."""
+    size = drawn.rows.shape[1]
+    scale = {"colorscale": "Viridis", "cmin": 0, "showscale": True, "colorbar": {"title": {"text": title}}}
+    shown = {"name": name, "showlegend": True}
+    if size == 3:
+        corners = dict(zip("ijk", drawn.rows.T.tolist(), strict=True))
+        colours = {"color": ORANGE, "opacity": _OPACITY} if values is None else {"intensity": _short(values), **scale}
+        return {"type": "mesh3d", **_places(drawn.points), **corners, **shown, **colours, "flatshading": False}
+    rows = drawn.rows if size == 1 else np.concatenate([drawn.rows, drawn.rows[:, :1]], axis=1)
+    points = drawn.points[rows.ravel()]
+    if size == 2:
+        # Every third place is none, where the line is lifted.
+        points = np.where(np.arange(len(points))[:, None] % 3 == 2, np.nan, points)
+    colours = {"color": ORANGE} if values is None else {"color": _short(values[rows.ravel()]), **scale}
+    style = {"line": {"width": 6, **colours}} if size == 2 else {"marker": {"size": 3, **colours}}
+    return {"type": "scatter3d", "mode": ("markers", "lines")[size - 1], **_places(points), **shown, **style}
+
+
+def _marks(solution: HausdorffSolution) -> list[dict[str, Any]]:
+    """The farthest place, its feet, and the lines that join them."""
+    point, feet = np.asarray(solution.witness.point), np.unique(np.asarray(solution.witness.feet), axis=0)
+    spokes = np.concatenate([[point, foot, np.full(3, np.nan)] for foot in feet])
+    dot, square = {"size": 6, "color": VERMILLION}, {"size": 5, "color": "white", "symbol": "square"}
+    edge = {"line": {"color": "black", "width": 2}}
+    return [
+        {"type": "scatter3d", "mode": "lines", "name": "joining line", "line": {"color": "black", "width": 5}}
+        | _places(spokes),
+        {"type": "scatter3d", "mode": "markers", "name": "farthest place", "marker": dot | edge} | _places(point[None]),
+        {"type": "scatter3d", "mode": "markers", "name": "foot", "marker": square | edge} | _places(feet),
+    ]
+
+
+def _places(points: np.ndarray) -> dict[str, list[float | None]]:
+    return {axis: _short(column) for axis, column in zip("xyz", points.T, strict=True)}
+
+
+def _short(values: np.ndarray) -> list[float | None]:
+    """Numbers as far as a screen shows them; None of what is not finite."""
+    return [float(f"{x:.7g}") if np.isfinite(x) else None for x in values.tolist()]
+
+
+def _as_json(content: dict[str, Any]) -> str:
+    """JSON that can stand within a script: no NaN, and nothing that ends it."""
+    return json.dumps(_finite(content), allow_nan=False).replace("<", "\\u003c")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value
