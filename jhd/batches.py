@@ -4,6 +4,7 @@ They are indexed, tell which of them succeeded, and count the others where they 
 """
 
 from collections import Counter
+from html import escape
 from typing import Any
 
 import equinox as eqx
@@ -13,6 +14,12 @@ from jaxtyping import Array
 
 from jhd.arrays import is_traced
 from jhd.outcomes import RESULTS, names_of
+
+# What a notebook shows of a solution, as far as it has it.
+_SHOWN = (
+    *("answer", "value", "distance", "lower", "upper", "error", "measured", "optimality", "event", "direction"),
+    *("witness", "point_a", "point_b", "foot", "segment", "t", "result"),
+)
 
 
 class AbstractSolution(eqx.Module):
@@ -45,9 +52,34 @@ class AbstractSolution(eqx.Module):
         # On the host, where nothing is compiled.
         return on_device(jax.tree_util.tree_map(lambda x: np.asarray(x)[index], self))
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: of a single solution a table of its numbers, else what is printed."""
+        if is_traced(self) or np.shape(_result(self)._value):
+            return f"<pre>{escape(repr(self))}</pre>"
+        known = {name: getattr(self, name, None) for name in _SHOWN}
+        rows = {name: _cell(value) for name, value in known.items() if value is not None}
+        cells = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in rows.items() if text)
+        picture = getattr(getattr(self, "shape", None), "_repr_svg_", lambda: None)() or ""
+        return f"<table><caption>{type(self).__name__}</caption>{cells}</table>{picture}"
+
 
 def _result(solution: Any) -> Any:
     return solution.result
+
+
+def _cell(value: Any) -> str:
+    """A number in full, so that a bound is still one; the place of a witness; the name of how something ended."""
+    if hasattr(value, "_enumeration"):
+        return names_of(value)
+    if hasattr(value, "point"):
+        return f"at {_cell(value.point)}"
+    if isinstance(value, AbstractSolution):
+        bounds = getattr(value, "lower", None), getattr(value, "upper", None)
+        return " to ".join(_cell(bound) for bound in bounds if bound is not None)
+    numbers = np.asarray(value)
+    if numbers.ndim == 0:
+        return repr(numbers.item())
+    return f"({', '.join(f'{x:.9g}' for x in numbers.tolist())})" if numbers.ndim == 1 else ""
 
 
 def on_device(solution: Any) -> Any:

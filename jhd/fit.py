@@ -30,6 +30,7 @@ from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
+from jhd.slips import refuse_tracing, traceable
 from jhd.solution import FitSolution
 
 # Shapes that are fitted, and fitted to.
@@ -101,6 +102,7 @@ def minimise_hausdorff(
         TypeError: a target that is no curve, surface or mesh, or shapes of another kind than the target.
         ValueError: no parameter, starts of another shape, or a temperature that is no length or beside a measure.
     """
+    refuse_tracing("minimise_hausdorff", parameters, target)
     options = {"measure": measure, "starts": starts, "seed": seed, "max_steps": max_steps, "atol": atol}
     options |= {"capacity": capacity, "method": method, "progress": progress, "temperature": temperature}
     return _minimised(build, parameters, target, Clock(max_seconds), **options)
@@ -190,6 +192,7 @@ def fit_curve(
         TypeError: a target that is no curve.
         ValueError: a target of several contours, sizes that are too small, or a tolerance beside what it decides.
     """
+    refuse_tracing("fit_curve", target)
     target, clock = taken_as("target", target), Clock(max_seconds)
     check_curve("target", target)
     curve = target.segments()
@@ -271,6 +274,7 @@ def fit_outline(
         TypeError: a target that is no curve.
         ValueError: a tolerance that is not positive.
     """
+    refuse_tracing("fit_outline", target)
     target, clock = taken_as("target", target), Clock(max_seconds)
     check_curve("target", target)
     limit = real_array("tolerance", tolerance)
@@ -326,7 +330,7 @@ class _Flat(eqx.Module):
     unravel: Callable
 
     def __call__(self, parameters: Array) -> Any:
-        return self.build(self.unravel(parameters))
+        return traceable(self.build, self.unravel(parameters))
 
 
 def _capacity(count: int) -> int:

@@ -51,6 +51,10 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     )
 
 
+# It is inherited without a sentence; a second definition of a member would warn.
+RESULTS._index_to_message[int(RESULTS.successful._value)] = "Everything that was asked for holds."  # pyright: ignore
+
+
 class EVENTS(eqx.Enumeration):
     """How the maximum of the distance from a to b arises (Elber & Grandine 2008; Cao et al. 2014)."""
 

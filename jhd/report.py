@@ -15,6 +15,7 @@ from jhd.distance.search.points import is_points
 from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.octree import VoxelProgress
 from jhd.lengths import share_text
+from jhd.plot.pages import check_pages_in_space
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -215,7 +216,7 @@ def check_page_file(file: str, dim: int) -> None:
     if not Path(file).absolute().parent.is_dir():
         raise ValueError(f"{file}: no such folder.")
     if dim == 3:
-        plot.pages.check_pages_in_space()
+        check_pages_in_space()
 
 
 def picture(

@@ -4,6 +4,10 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar, cast
 
+import jax
+
+from jhd.arrays import is_tracing
+
 Called = TypeVar("Called", bound=Callable[..., Any])
 
 
@@ -30,3 +34,23 @@ def belongs(**places: str) -> Callable[[Called], Called]:
         return cast(Called, called)
 
     return decorated
+
+
+def refuse_tracing(name: str, *values: object) -> None:
+    """Raises TypeError inside a program that is being traced, for a call that works with known numbers alone."""
+    if is_tracing(*values):
+        raise TypeError(
+            f"{name}() is a search on the host, which cannot run inside jit, vmap or grad: call it outside; what is "
+            "differentiable is jhd.hausdorff or jhd.soft_hausdorff of the shape."
+        )
+
+
+def traceable(build: Callable[[Any], Any], parameters: Any) -> Any:
+    """build(parameters), whose derivatives are taken; an error that comes of what is not traceable says so."""
+    try:
+        return build(parameters)
+    except jax.errors.JAXTypeError as error:
+        raise TypeError(
+            "build is traced, and something in it needs a number that is not known yet: write it in jax.numpy, without "
+            f"NumPy, float() or `if` on the parameters. {str(error).splitlines()[0]}"
+        ) from error

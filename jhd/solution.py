@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from decimal import ROUND_CEILING, Context
 from typing import Any
 
 import equinox as eqx
@@ -372,6 +373,11 @@ class NotProvenError(RuntimeError):
         self.solution = solution
 
 
+# What ends a search whose bounds a wider tolerance would have taken, and how that is asked for.
+_TOO_WIDE = {int(x._value) for x in (RESULTS.gap_not_closed, RESULTS.capacity_reached, RESULTS.family_of_maxima)}
+_TOLERANCES = {"HausdorffSolution": "method=jhd.BranchAndBound(atol={:g})", "MinimumSolution": "atol={:g}"}
+
+
 def throw_unless_successful(solution: Any) -> None:
     """Raises NotProvenError carrying the solution unless it is what its method promises, every lane; tracers pass."""
     if is_traced(solution.result):
@@ -393,4 +399,11 @@ def _reached(solution: Any, lane: int) -> str:
     if math.isnan(low) or math.isnan(high):
         return ""
     of = f" of number {lane} of {np.size(solution.lower)}" if np.size(solution.lower) > 1 else ""
-    return f" The bounds reached{of} are {low!r} and {high!r}."
+    reached = f" The bounds reached{of} are {low!r} and {high!r}"
+    option = _TOLERANCES.get(type(solution).__name__)
+    ended = int(np.ravel(np.asarray(solution.result._value))[lane])
+    if option is None or not 0 < high - low < math.inf or ended not in _TOO_WIDE:
+        return f"{reached}."
+    # Rounded up, so that the bounds that are there would do.
+    enough = Context(prec=2, rounding=ROUND_CEILING).create_decimal_from_float(high - low)
+    return f"{reached}, which {option.format(enough.normalize())} would take."

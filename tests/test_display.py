@@ -1,6 +1,7 @@
 """What objects print: a person sees kinds, counts and numbers, and printing never fails."""
 
 import re
+from html import escape
 from typing import Any
 from xml.etree import ElementTree
 
@@ -14,6 +15,8 @@ from jhd import display
 from jhd.distance.many.signatures import Signatures
 from jhd.shapes import sketches
 from jhd.shapes.polynomial_text import read, written
+from jhd.solution import name_of
+from tests.test_solution import a_solution
 
 NET = np.arange(27.0).reshape(3, 3, 3)
 KNOTS = [0.0, 0, 0, 1, 1, 1]
@@ -163,3 +166,36 @@ def test_what_is_not_known_has_no_picture():
     assert seen == [None] and batch._repr_svg_() is None
     crowd = jhd.polyline(np.random.default_rng(0).random((20_000, 2)))
     assert len(str(crowd._repr_svg_())) < 200_000
+
+
+def test_how_something_ended_prints_a_sentence_also_where_all_went_well():
+    for kind in (jhd.RESULTS, jhd.EVENTS):
+        for member in kind._name_to_item.values():
+            assert re.fullmatch(rf".*{kind.__name__}<[A-Z(`].{{10,}}>", repr(member), re.DOTALL)
+
+
+def test_notebooks_see_a_table_of_a_solution_and_the_lines_of_a_batch():
+    solution = a_solution()
+    table = {row[0].text: row[1].text for row in ElementTree.fromstring(solution._repr_html_()) if len(row)}
+    assert table["value"] == repr(float(solution.value)) and table["upper"] == repr(float(solution.upper))
+    assert str(table["witness"]).startswith("at (") and table["event"] == name_of(solution.event)
+    assert table["result"] == "successful"
+    many = jax.tree_util.tree_map(lambda x: np.stack([x, x]), solution)
+    assert many._repr_html_() == f"<pre>{escape(repr(many))}</pre>"
+    one, half, first = np.float64(1), np.array([0.5, 0]), np.int32(0)
+    nearest = jhd.Projection(one, one, one, half, first, one / 2, jhd.RESULTS.successful)  # pyright: ignore
+    assert "<tr><th>foot</th><td>(0.5, 0)</td></tr>" in nearest._repr_html_()
+
+
+@pytest.mark.parametrize("entry", [jhd.fit_curve, jhd.fit_outline])
+def test_a_fit_inside_jit_says_that_it_cannot_be_there(entry):
+    more = {"degree": 1} if entry is jhd.fit_curve else {"tolerance": 0.1}
+    with pytest.raises(TypeError, match=rf"{entry.__name__}\(\) is a search on the host, which cannot run inside jit"):
+        jax.jit(lambda p: entry(jhd.BezierCurve(p), **more))(np.eye(2))
+
+
+def test_numpy_inside_build_is_named():
+    line = jhd.polyline([(0, 0), (1, 0)])
+    for build in (lambda p: jhd.polyline(np.array(p)), lambda p: jhd.polyline([(float(p[0, 0]), 0), (1, 0)])):
+        with pytest.raises(TypeError, match="build is traced, .* write it in jax.numpy, without NumPy, float"):
+            jhd.minimise_hausdorff(build, np.eye(2), line)

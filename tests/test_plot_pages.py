@@ -92,13 +92,14 @@ def test_a_page_of_plane_curves_holds_walks_with_bounds_feet_and_the_farthest_pl
 
 def test_a_directed_distance_has_one_walk_along_its_own_curve(lines):
     a, b, both = lines
-    data = Page(jhd.plot.page(a, b, both.directions[0])).data
+    data = Page(jhd.plot.page(a, b, both.directions[0], labels=("A", "B"))).data
     assert len(data["walks"]) == 1 and data["walks"][0]["point"][-1] == [2, 0]
 
 
 def test_what_is_not_proven_is_said_and_names_cannot_end_a_script(lines):
-    unproven = eqx.tree_at(lambda s: s.upper, lines[2].directions[0], jnp.inf)
-    data = Page(jhd.plot.page(*lines[:2], unproven, unit="</script>")).data
+    a, b, both = lines
+    unproven = eqx.tree_at(lambda s: s.upper, both.directions[0], jnp.inf)
+    data = Page(jhd.plot.page(a, b, unproven, unit="</script>")).data
     assert data["walks"][0]["upper"][data["walks"][0]["farthest"]] is None
     assert data["unit"] == "</script>"
 

@@ -226,7 +226,9 @@ def test_an_error_says_the_sentence_and_carries_the_solution(name):
     with pytest.raises(jhd.NotProvenError) as caught:
         throw_unless_successful(solution)
     assert caught.value.solution is solution
-    assert str(caught.value) == f"{sentence_of(name)} The bounds reached are 1.5 and 2.5."
+    wide = name in ("gap_not_closed", "capacity_reached", "family_of_maxima")
+    more = ", which method=jhd.BranchAndBound(atol=1) would take" if wide else ""
+    assert str(caught.value) == f"{sentence_of(name)} The bounds reached are 1.5 and 2.5{more}."
     assert isinstance(caught.value, RuntimeError)
 
 
