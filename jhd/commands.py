@@ -75,10 +75,11 @@ def fit(options: Namespace) -> int:
     check_drawn(options, target.dim)
     tolerance = options.tolerance.of(target)
     start = time.perf_counter()
-    with busy("fitting; a first run compiles"):
-        contours = jhd.fit_outline(target, tolerance, degree=options.degree, smooth=options.smooth)
+    with busy("fitting; a first run compiles") as show:
+        degree, smooth = options.degree, options.smooth
+        contours = jhd.fit_outline(target, tolerance, degree=degree, smooth=smooth, progress=show)
         shape = jhd.BezierSegments.join([contour.shape for contour in contours])
-        error = jhd.hausdorff(target, shape, throw=False)
+        error = jhd.hausdorff(target, shape, throw=False, progress=show)
     seconds = time.perf_counter() - start
     near = float(error.upper) <= tolerance
     if options.out:

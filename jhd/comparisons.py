@@ -252,8 +252,8 @@ def directions_of(solution: HausdorffSolution) -> list[HausdorffSolution | None]
 def _certified(file: str, a: AbstractCurve, b: AbstractCurve, solution: HausdorffSolution) -> bool:
     """Writes the certificate of the solution; False, after a line on stderr, where its bounds could not be proven."""
     try:
-        with busy("certifying"):
-            certificate = jhd.certify(a, b, solution)
+        with busy("certifying") as show:
+            certificate = jhd.certify(a, b, solution, progress=show)
     except jhd.NotProvenError as error:
         print(f"jhd: no certificate: {error}", file=sys.stderr)
         return False

@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from shutil import get_terminal_size
 from typing import Any
 
 import jax
@@ -41,8 +42,12 @@ def busy(message: str) -> Iterator[Callable[[Any], None]]:
         yield lambda _: None
         return
 
+    start = time.perf_counter()
+
     def show(text: str) -> None:
-        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+        told = text and f"{text}, {time.perf_counter() - start:.0f} s"
+        # A line that does not fit would be broken, and its first part stay.
+        print(f"\r\x1b[K{told[: get_terminal_size().columns - 1]}", end="", file=sys.stderr, flush=True)
 
     show(f"{message} ...")
     try:

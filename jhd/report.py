@@ -3,6 +3,7 @@
 Numbers are written in full, so that a bound that is read back is still the bound that was proven.
 """
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from jhd.distance.deviation_solution import Bounds, Deviation
 from jhd.distance.search.points import is_points
 from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.octree import VoxelProgress
+from jhd.fitting.minimax import FitProgress
 from jhd.lengths import share_text
 from jhd.plot.pages import check_pages_in_space
 from jhd.shapes.curve import AbstractCurve
@@ -35,6 +37,7 @@ _PICTURE_SIZE = 180 * _MILLIMETRES, 102 * _MILLIMETRES  # two columns of a journ
 PICTURE_DPI = 200
 _SPACE_SIZE = 120 * _MILLIMETRES, 115 * _MILLIMETRES
 _BAR = 24  # characters of a bar of progress
+_DIGITS = 10  # of a distance that a bar shows; by default a search ends at about so many
 _SPEC_WIDTH = 60  # path data can be pages long
 
 
@@ -192,9 +195,26 @@ def progress_text(progress: Any) -> str:
     if isinstance(progress, FieldProgress):
         p = progress
         return f"level {p.level}: {p.tested} cells tested, {p.split} split, {p.samples} distances"
+    if isinstance(progress, FitProgress):
+        p = progress
+        return f"start {p.start}, step {p.step}: distance {p.value:.9g}, optimality {p.optimality:.1e}"
+    if isinstance(progress, dict):
+        p = progress
+        return f"{p['direction']}: {bar(p['cells'], max(p['cells'] + p['open'], 1))} cells"
     p = progress
     name = "" if p.direction is None else f"{p.direction}: "
-    return f"{name}{p.lower:.9g} to {p.upper:.9g}, step {p.steps}, {p.waiting} cells wait"
+    digits = f"{bar(_digits(p.lower, p.upper), _DIGITS)} digits"
+    return f"{name}{digits}, {p.lower:.9g} to {p.upper:.9g}, step {p.steps}, {p.waiting} cells wait"
+
+
+def _digits(lower: float, upper: float) -> int:
+    """How many digits of a distance both bounds agree in, about; no more than are shown."""
+    if lower == upper:
+        return _DIGITS
+    if not math.isfinite(upper):
+        return 0
+    gap = max((upper - lower) / upper, 10.0**-_DIGITS)
+    return int(np.clip(-math.log10(gap), 0, _DIGITS))
 
 
 def check_picture_file(file: str) -> None:

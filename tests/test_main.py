@@ -20,7 +20,10 @@ import jhd.io
 from jhd import commands, comparisons, storage
 from jhd.__main__ import main
 from jhd.distance import pairs
+from jhd.distance.search.search import Progress
+from jhd.fitting.minimax import FitProgress
 from jhd.io import load_result
+from jhd.report import progress_text
 from jhd.warming import KINDS, Preparation, preparations
 
 # The base and the diagonal of a rectangle 4 by 3: the upper corner is 3 away from the base, the lower right corner
@@ -199,9 +202,19 @@ def test_progress_is_shown_on_a_terminal_and_wiped(run, monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     status, _, err = run("distance", BASE, DIAGONAL)
     assert status == 0
-    assert "a_to_b: " in err
-    assert "b_to_a: " in err
+    assert "a_to_b: [" in err and "/10 digits, " in err
+    assert "b_to_a: [" in err
     assert err.endswith("\r\x1b[K")
+
+
+def test_progress_of_every_kind_is_one_line_that_says_how_much_is_done():
+    search = Progress(None, 3, 5, 0.9991, 1.0)
+    assert progress_text(search) == f"[{7 * '#'}{17 * '.'}] 3/10 digits, 0.9991 to 1, step 3, 5 cells wait"
+    for lower, upper, digits in ((0, np.inf, 0), (0, 0, 10), (1, 1, 10), (1, 1 + 1e-14, 10)):
+        assert f" {digits}/10 digits" in progress_text(search._replace(lower=lower, upper=upper))
+    assert progress_text(FitProgress(1, 2, 0.5, 0.25)) == "start 1, step 2: distance 0.5, optimality 2.5e-01"
+    assert progress_text({"direction": "a_to_b", "cells": 0, "open": 0}).startswith("a_to_b: [....")
+    assert "] 6/8 cells" in progress_text({"direction": "a_to_b", "cells": 6, "open": 2})
 
 
 def test_an_interrupt_ends_with_one_line(run, monkeypatch):
