@@ -36,8 +36,9 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     )
     unproven = "The interval is that of a published rule which can miss the exact value: take rule='safe'."
     unverified = (
-        "No cell could be proven to hold a point of one of the surfaces, so a bound is missing: raise cells. Where a "
-        "polynomial does not change its sign nothing can be proven."
+        "No cell, or none of those that count, could be proven to hold a point of one of the surfaces, so a bound is "
+        "missing or wide: raise cells. Where a polynomial does not change its sign only single points that simple "
+        "fractions name can be proven."
     )
     family_of_maxima = (
         "The bounds are true but wider than asked for: a whole curve or region of points is about as far as the "

@@ -37,6 +37,11 @@ class ImplicitSurface(eqx.Module):
     its distances. Repeated factors are taken out, exactly, since they hide the change of sign that proves a point:
     (z - 1)^2 becomes z - 1, the same set. `reduced` says so; under tracing the coefficients stay as they are.
 
+    Distances are those of the stored coefficients, and a point counts where it can be proven: by a change of sign, or,
+    where the polynomial is zero at a single place that simple fractions name, exactly ((x - 1/2)^2 + y^2 + z^2 is a
+    point; with 0.3 for 1/2 the rounded coefficients are above zero everywhere). Curves without a change of sign, as
+    x^2 + y^2, cannot be proven, and end with RESULTS.unverified or bounds that are wider; so do, under jit, points.
+
     >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
     >>> float(sphere([1.0, 0.0, 2.0])), sphere.gradient([1.0, 0.0, 2.0]).tolist()
     (4.0, [2.0, 0.0, 4.0])

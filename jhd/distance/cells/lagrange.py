@@ -42,6 +42,7 @@ from jhd.distance.cells.implicit import (
     shape_over,
 )
 from jhd.distance.cells.pairs import Cell, PairBound, bends, expand, joined, newton_step
+from jhd.distance.frame.isolated import cleared
 from jhd.distance.frame.net_jets import Net, jet, part_of, skew
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.places import proven_radius, returned
@@ -209,7 +210,9 @@ def _excluded(
     for shape, side, span in ((a, local[0], slice(0, n)), (b, local[1], slice(n, None))):
         if isinstance(shape, Side):
             value: Any = side.value
-            out |= (value.lower > 0) | (value.upper < 0) | _not_parallel(shape, side, apart, low[span], high[span])
+            ends = low[span], high[span]
+            out |= (value.lower > 0) | (value.upper < 0) | _not_parallel(shape, side, apart, *ends)
+            out |= cleared(shape.isolated, *(x[:, None] for x in ends))[0]
         else:
             rising, falling = naive.lower[span] > 0, naive.upper[span] < 0
             out |= jnp.any((rising & (low[span] > 0)) | (falling & (high[span] < 1)))

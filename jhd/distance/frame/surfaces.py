@@ -20,14 +20,18 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic import exact_polynomials, scaling
+from jhd.arithmetic.isolated_zeros import isolated_zeros
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arrays import is_traced
 from jhd.distance.frame.coordinates import Frame, common_points, exact_middle, extremes, frame_of
+from jhd.distance.frame.isolated import IsolatedPoints, isolated_points, none_known
 from jhd.distance.frame.net_jets import Net, usable_net
 from jhd.shapes.implicit import ImplicitSurface
 
 # Degrees in each variable that programs are compiled for; beyond the last each is its own.
 _DEGREES = (2, 3, 4, 6, 8)
+# The largest denominator of coordinates that are tried for an isolated point.
+_SIMPLE = 1 << 12
 # Powers of two below this one, relative to the largest coefficient, are nothing.
 _LOWEST = -960
 
@@ -42,6 +46,7 @@ class Side(NamedTuple):
         upper: the upper corner.
         vanishing: entry [i, j, k], with 0 for the lower end of a coordinate, 2 for the upper and 1 for all of it, says
             whether the exact polynomial is known to be zero on the whole face, edge or corner.
+        isolated: points where it is zero without a change of sign.
     """
 
     coefficients: Any  # (n, n, n)
@@ -49,6 +54,7 @@ class Side(NamedTuple):
     lower: Any  # (3,)
     upper: Any  # (3,)
     vanishing: Any  # (3, 3, 3)
+    isolated: IsolatedPoints = none_known(np.float64)
 
 
 def prepare_surfaces(a: Any, b: Any) -> tuple[Any, Any, Frame]:
@@ -93,12 +99,12 @@ def padded(degree: int) -> int:
     return next((bucket for bucket in _DEGREES if bucket >= degree), degree)
 
 
-def _side(xp: Any, polynomial: tuple[Any, Any, Any], box: list[Any], size: int) -> Side:
-    coefficients, error, vanishing = polynomial
+def _side(xp: Any, polynomial: tuple[Any, ...], box: list[Any], size: int) -> Side:
+    coefficients, error, vanishing, isolated = polynomial
     room = [(0, size - n) for n in coefficients.shape]
     dtype = box[0].dtype
     a, e = (xp.pad(x, room).astype(dtype) for x in (coefficients, error))
-    return Side(a, e, box[0], box[1], vanishing)
+    return Side(a, e, box[0], box[1], vanishing, isolated)
 
 
 def _usable(surface: ImplicitSurface | Net) -> Any:
@@ -109,15 +115,29 @@ def _usable(surface: ImplicitSurface | Net) -> Any:
     return jnp.all(jnp.isfinite(numbers)) & some & jnp.all(surface.lower < surface.upper)
 
 
-def _exact(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Coefficients, their errors and the strata where they vanish, from exact arithmetic."""
+def _exact(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[Any, ...]:
+    """Coefficients, their errors, the strata where they vanish and isolated points, from exact arithmetic."""
     exact = exact_polynomial(surface, frame)
     dtype = np.asarray(surface.lower).dtype
     nu, u = smallest_normal(dtype), float(np.finfo(dtype).eps)
     floats = exact_polynomials.floats(exact)
     rounded = np.where(np.abs(floats) < nu, 0.0, floats).astype(dtype)
     error = np.where(exact == 0, 0.0, np.maximum(u * np.abs(floats), 2 * nu))
-    return rounded, error, _vanishing(exact, floats, box)
+    return rounded, error, _vanishing(exact, floats, box), _isolated(exact, floats, frame, box)
+
+
+def _isolated(exact: np.ndarray, floats: np.ndarray, frame: Frame, box: list[Any]) -> IsolatedPoints:
+    lower, upper = (np.asarray(end) for end in box)
+    unit = Fraction(2) ** int(frame.first + frame.second)
+    middle = [Fraction(float(x)) * Fraction(2) ** int(frame.first) for x in np.asarray(frame.centre)]
+
+    def simple(place: np.ndarray) -> list[Fraction]:
+        """A place close by with short fractions in the user's coordinates."""
+        there = [m + unit * Fraction(float(x)) for m, x in zip(middle, place, strict=True)]
+        return [(x.limit_denominator(_SIMPLE) - m) / unit for m, x in zip(middle, there, strict=True)]
+
+    ends = lower.astype(np.float64), upper.astype(np.float64)
+    return isolated_points(isolated_zeros(exact, floats, *ends, simple), lower, upper)
 
 
 def exact_polynomial(surface: ImplicitSurface, frame: Frame) -> np.ndarray:
@@ -160,7 +180,7 @@ def _restricted(polynomial: np.ndarray, axis: int, x: Fraction) -> np.ndarray:
     return np.asarray(total, dtype=object)
 
 
-def _rounded(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[Array, Array, Array]:
+def _rounded(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[Any, ...]:
     """The same in floating point.
 
     A coefficient of the shifted polynomial is a sum of terms a_i C(i, j) c^(i - j), each of at most four roundings for
@@ -189,7 +209,7 @@ def _rounded(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[Ar
         for end, at_zero in ((0, low), (2, high)):
             place[axis] = end
             faces = faces.at[tuple(place)].set(free & at_zero[axis])
-    return a, error, faces
+    return a, error, faces, none_known(a.dtype)
 
 
 def _scaled(a: Array, error: Array, exponents: Any) -> tuple[Array, Array]:

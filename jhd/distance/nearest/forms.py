@@ -28,6 +28,7 @@ from jhd.arithmetic.polynomials import horner
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.arithmetic.trivariate import bernstein_along, bernstein_conversion
 from jhd.arrays import varying
+from jhd.distance.frame.isolated import cleared
 from jhd.distance.frame.surfaces import Side
 
 
@@ -41,11 +42,15 @@ class Boxes(NamedTuple):
 
 
 class Form(NamedTuple):
-    """A polynomial on cells: its power form in e = (x - centre) / half, its Bernstein coefficients, and their error."""
+    """A polynomial on cells: its power form in e = (x - centre) / half, its Bernstein coefficients, and their error.
+
+    What is cleared is known to have no zero, whatever the coefficients say.
+    """
 
     local: Float[Array, "i j k cells"]
     terms: Float[Array, "terms cells"]
     error: Float[Array, " cells"]
+    cleared: Bool[Array, " cells"]
 
     @property
     def value(self) -> Array:
@@ -66,7 +71,8 @@ class Form(NamedTuple):
     @property
     def may_vanish(self) -> Array:
         """Whether the exact polynomial may be zero somewhere in the cell."""
-        return (jnp.min(self.terms, axis=0) <= self.error) & (jnp.max(self.terms, axis=0) >= -self.error)
+        some = (jnp.min(self.terms, axis=0) <= self.error) & (jnp.max(self.terms, axis=0) >= -self.error)
+        return some & ~self.cleared
 
 
 def boxes(lower: Float[Array, "3 cells"], upper: Float[Array, "3 cells"]) -> Boxes:
@@ -90,7 +96,8 @@ def form(side: Side, cells: Boxes) -> Form:
     terms = jax.lax.fori_loop(0, 3, lambda _, x: jnp.moveaxis(bernstein_along(x, 0), 0, 2), local)
     sizes = gamma(7 * _degrees(a) + 40, a.dtype) * jnp.abs(a) + side.error
     error = horner(sizes, jnp.abs(cells.centre) + cells.half) + underflow(a.dtype)
-    return Form(local, terms.reshape(-1, terms.shape[-1]), error)
+    known = cleared(side.isolated, cells.lower, cells.upper)
+    return Form(local, terms.reshape(-1, terms.shape[-1]), error, known)
 
 
 def signed_values(side: Side, points: Float[Array, "3 points"]) -> tuple[Array, Array]:

@@ -21,6 +21,7 @@ from jhd.arithmetic.polynomials import jets
 from jhd.arithmetic.rounding import like_double, round_up, smallest_normal, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.isolated import isolated_radius, snapped
 from jhd.distance.frame.surfaces import Side, exact_polynomial
 from jhd.distance.nearest.forms import positive, signed_values
 from jhd.shapes.implicit import ImplicitSurface
@@ -48,7 +49,8 @@ def projected(
         value, gradient, _ = jets(jnp.asarray(side.coefficients), x)
         return jnp.clip(x + _back(value, jnp.where(fixed, 0.0, gradient), x, lower, upper), lower, upper)
 
-    return jax.lax.fori_loop(0, steps, step, varying(points, side))
+    found = jax.lax.fori_loop(0, steps, step, varying(points, side))
+    return snapped(side.isolated, found, points)
 
 
 def _back(value: Array, gradient: Array, x: Array, lower: Array, upper: Array) -> Array:
@@ -92,7 +94,8 @@ def local_feet(
         slope = gradient + jnp.sum(hessian * move, axis=1)
         return jnp.clip(there + _back(value, jnp.where(held, 0.0, slope), there, lower, upper), lower, upper)
 
-    return returned(side, jax.lax.fori_loop(0, steps, step, varying(starts, side, points)), 2)
+    found = returned(side, jax.lax.fori_loop(0, steps, step, varying(starts, side, points)), 2)
+    return snapped(side.isolated, found, starts)
 
 
 def returned(side: Side, points: Float[Array, "3 points"], steps: int) -> Float[Array, "3 points"]:
@@ -103,7 +106,7 @@ def returned(side: Side, points: Float[Array, "3 points"], steps: int) -> Float[
         value, gradient, _ = jets(jnp.asarray(side.coefficients), q)
         return jnp.clip(q + _back(value, _within(q, gradient, lower, upper), q, lower, upper), lower, upper)
 
-    return jax.lax.fori_loop(0, steps, back, varying(points, side))
+    return snapped(side.isolated, jax.lax.fori_loop(0, steps, back, varying(points, side)), points)
 
 
 def _within(q: Array, gradient: Array, lower: Array, upper: Array) -> Array:
@@ -166,7 +169,9 @@ def proven_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, 
     far = [reach(end - points) for end in ends]
     inside = jnp.all((points >= lower) & (points <= upper), axis=0)
     radius = round_up(jnp.maximum(*far))
-    radius = jnp.where(proven & inside & (radius <= like_double(_FARTHEST, points.dtype)), radius, jnp.inf)
+    radius = jnp.where(proven & inside, radius, jnp.inf)
+    radius = jnp.minimum(radius, isolated_radius(side.isolated, points))
+    radius = jnp.where(radius <= like_double(_FARTHEST, points.dtype), radius, jnp.inf)
     return jnp.where(inside & _on_vanishing(side, points, lower, upper), 0.0, radius)
 
 

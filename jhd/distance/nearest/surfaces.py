@@ -71,11 +71,14 @@ def cover(side: Side) -> Cover:
 
 
 def cloud(side: Side) -> SurfaceCloud:
-    """Points of the surface inside the box, on its faces and on its edges."""
+    """Points of the surface inside the box, on its faces and on its edges, and isolated ones."""
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
     shares, fixed = _places()
     starts = jnp.where(shares == 0, lower, jnp.where(shares == 1, upper, lower + (upper - lower) * shares))
-    found = projected(side, starts, jnp.asarray(fixed), _CLOUD_STEPS)
+    known = jnp.asarray(side.isolated.centre).T
+    starts = jnp.concatenate([starts, known], axis=1)
+    fixed = jnp.concatenate([jnp.asarray(fixed), jnp.ones_like(known, bool)], axis=1)
+    found = projected(side, starts, fixed, _CLOUD_STEPS)
     return SurfaceCloud(found, proven_radius(side, found))
 
 

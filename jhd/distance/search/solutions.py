@@ -125,6 +125,8 @@ def solution_of(pair: CoveredPair, wanted: Wanted, state: SurfaceState, directio
     # points of b are about as near.
     wide = best.value - best.lower > _WIDE * tolerance(a.side, b.side, wanted, upper)
     result = result_where(state.full | wide, RESULTS.capacity_reached, result)
+    # What keeps the bounds apart may be a point that cannot be proven.
+    result = result_where(a.side.isolated.doubtful | b.side.isolated.doubtful, RESULTS.unverified, result)
     result = result_where(closed, RESULTS.successful, result)
     result = result_where(proven, result, RESULTS.unverified)
     result = result_where(empty, RESULTS.empty_surface, result)

@@ -28,6 +28,7 @@ from jhd.distance.cells.signs import sign_bounds
 from jhd.distance.cells.surfaces import FEET, upper_bounds
 from jhd.distance.frame.aim import Wanted, default_tolerance
 from jhd.distance.frame.coordinates import diagonal
+from jhd.distance.frame.isolated import on_isolated
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, box_distances, boxes, form
 from jhd.distance.nearest.places import local_feet, projected, thorough_radius
@@ -235,6 +236,7 @@ def _points(a: Side, cells: Boxes, free: Array) -> tuple[Array, Array, Array]:
     on = jnp.abs(value) <= like_double(_ON, found.dtype) * jnp.sqrt(
         jnp.sum(jnp.where(fixed, 0.0, gradient) ** 2, axis=0)
     )
+    on = on | on_isolated(a.isolated, found)
     half = jnp.tile(jnp.maximum(cells.half, 0.0), (1, 2))
     near = on & jnp.all(jnp.abs(found - jnp.tile(cells.centre, (1, 2))) <= 3 * jnp.max(half, axis=0), axis=0)
     points = jnp.stack(jnp.split(found, 2, axis=1))
@@ -254,6 +256,7 @@ def _feet(b: Target, state: SurfaceState, place: Array, parents: Array, cells: B
     found = local_feet(b.side, jnp.tile(place, (1, count)), flat, _STEPS_OF_FEET)
     value, gradient, _ = jets(b.side.coefficients, found)
     off = jnp.abs(value) / jnp.sqrt(jnp.sum(gradient**2, axis=0))
+    off = jnp.where(on_isolated(b.side.isolated, found), 0.0, off)
     found = found.reshape(3, count, lanes).transpose(1, 0, 2)
     distance = jnp.sqrt(jnp.sum((found - place) ** 2, axis=1))
     distance = jnp.where(off.reshape(count, lanes) < like_double(_ON, off.dtype), distance, jnp.inf)

@@ -77,14 +77,22 @@ def test_a_surface_proven_empty_is_refused_and_under_a_trace_has_a_code():
         jhd.directed_hausdorff(NOWHERE, SPHERE)
 
 
-def test_a_single_point_gets_no_number():
-    point = parsed("(x - 0.3)^2 + y^2 + z^2")
+def test_a_single_line_gets_no_number():
+    line = parsed("x^2 + y^2")
     with pytest.raises(jhd.NotProvenError, match="does not change its sign"):
-        jhd.directed_hausdorff(SPHERE, point)
-    for pair in ((SPHERE, point), (point, SPHERE)):
+        jhd.directed_hausdorff(SPHERE, line)
+    for pair in ((SPHERE, line), (line, SPHERE)):
         solution = jhd.directed_hausdorff(*pair, throw=False)
         assert name_of(solution.result) == "unverified" and np.isnan(solution.value)
         assert (float(solution.lower), float(solution.upper)) == (0.0, math.inf)
+
+
+def test_a_single_point_is_a_surface_where_the_stored_polynomial_has_it():
+    point = parsed("(x - 0.25)^2 + y^2 + z^2")
+    check(jhd.directed_hausdorff(point, SPHERE), 0.75, 1e-9)
+    with pytest.raises(ValueError, match="b: the surface is empty"):
+        # The stored coefficients are rounded, and their polynomial is above zero everywhere.
+        jhd.directed_hausdorff(SPHERE, parsed("(x - 0.3)^2 + y^2 + z^2"))
 
 
 def test_a_surface_on_itself_is_at_distance_zero():

@@ -1,0 +1,50 @@
+"""Polynomial surfaces with points at which the polynomial does not change its sign: exact arithmetic proves them."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+import jhd
+from jhd.solution import name_of
+
+BOX = [-1.6] * 3, [1.6] * 3
+SPHERE = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", *BOX)
+CLOSE = 1e-9
+
+
+def assert_is(found, exact):
+    assert found.lower <= exact <= found.upper and found.upper - found.lower < CLOSE, found
+
+
+@pytest.mark.slow
+def test_a_sphere_with_a_point_inside_is_as_far_as_the_point():
+    both = jhd.ImplicitSurface.parse("((x - 0.5)**2 + y**2 + z**2) * (x**2 + y**2 + z**2 - 1)", *BOX)
+    assert_is(jhd.directed_hausdorff(both, SPHERE), 0.5)
+    slope = eqx.filter_grad(lambda b: jhd.directed_hausdorff(both, b).value)(SPHERE)
+    # The sphere f = -c grows by the root of 1 + c.
+    assert abs(float(slope.coefficients[0, 0, 0]) + 0.5) < 1e-6
+
+
+@pytest.mark.slow
+def test_where_the_polynomial_is_just_above_zero_there_is_no_point():
+    text = "((x - 0.5)**2 + y**2 + z**2 + 1 / 1125899906842624) * (x**2 + y**2 + z**2 - 1)"
+    found = jhd.directed_hausdorff(jhd.ImplicitSurface.parse(text, *BOX), SPHERE, throw=False)
+    assert found.lower == 0 and found.upper < 1e-6
+
+
+@pytest.mark.slow
+def test_a_sphere_that_touches_its_box_from_outside_is_a_point():
+    point = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [1, -1, -1], [3, 1, 1])
+    other = jhd.ImplicitSurface.parse("(x - 3)**2 + y**2 + z**2 - 1", [0, -3, -3], [5, 3, 3])
+    assert_is(jhd.directed_hausdorff(point, other), 1.0)
+    assert_is(jhd.minimum_distance(point, other), 1.0)
+    assert_is(jhd.directed_hausdorff(jhd.points(np.array([[3.0, 0, 0]])), point), 2.0)
+
+
+@pytest.mark.slow
+def test_a_point_that_no_simple_fraction_names_stays_in_doubt():
+    # A fraction that is not simple: the exact polynomial is zero there, but no evaluation in floats shows it.
+    text = "((9973 * x - 4000)**2 + 99460729 * (y**2 + z**2)) * (x**2 + y**2 + z**2 - 1)"
+    found = jhd.directed_hausdorff(jhd.ImplicitSurface.parse(text, *BOX), SPHERE, throw=False)
+    assert found.lower <= 5973 / 9973 <= found.upper < 5973 / 9973 + CLOSE
+    assert name_of(found.result) == "unverified"
