@@ -53,13 +53,12 @@ _STATUS = {"yes": 0, "no": 3, "undecided": 1}
 def distance(options: Namespace) -> int:
     """The Hausdorff distance of two shapes of any kinds, or the directed one; or whether it is at most a threshold."""
     a, b = shapes_of(options)
-    curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
     size = rounded_diagonal(a, b)
     atol = None if options.atol is None else options.atol.of(a, b)
     method = method_of(options.method, atol, AbstractHausdorffMethod)
     check_drawn(options, a.dim)
-    if options.certificate and not curves:
-        raise ValueError("--certificate: certificates are for curves; leave it out.")
+    if options.certificate and any(isinstance(shape, jhd.ImplicitSurface) for shape in (a, b)):
+        raise ValueError("--certificate: polynomial surfaces have none; leave it out.")
     check_writable(options.certificate)
     if options.threshold is not None:
         return _distance_at_most(options, a, b, method)
@@ -249,7 +248,7 @@ def directions_of(solution: HausdorffSolution) -> list[HausdorffSolution | None]
     return [there, back if float(back.upper - back.lower) <= _CLOSED * float(back.upper) else None]
 
 
-def _certified(file: str, a: AbstractCurve, b: AbstractCurve, solution: HausdorffSolution) -> bool:
+def _certified(file: str, a: Any, b: Any, solution: HausdorffSolution) -> bool:
     """Writes the certificate of the solution; False, after a line on stderr, where its bounds could not be proven."""
     try:
         with busy("certifying") as show:

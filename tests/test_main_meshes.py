@@ -57,6 +57,15 @@ def test_points_are_projected_on_a_mesh(run):
     assert status == 0 and abs(distance - 1) <= ROUNDING and lower == 0 and upper >= 1
 
 
+def test_the_distance_of_meshes_has_a_certificate(run):
+    status, out, _ = run("distance", "a.ply", "b.obj", "--certificate", "c.json.gz")
+    assert status == 0 and "proof      " in out
+    status, out, _ = run("verify", "c.json.gz", "--seconds", "60")
+    assert status == 0 and out.startswith("proven: ")
+    status, _, err = run("verify", "c.json.gz", "--seconds", "1e-9")
+    assert status == 1 and "is not checked in 1e-09 seconds" in err
+
+
 def test_a_field_is_stored_and_turned_into_a_mesh(run):
     status, out, _ = run(
         "field", "a.ply", "--atol", "0.1", "--out", "f.npz", "--surface", "s.stl", "--resolution", "16", "--json"
@@ -72,7 +81,6 @@ def test_a_field_is_stored_and_turned_into_a_mesh(run):
     [
         (("distance", "a.ply", "M0 0 L1 1"), "a has 3 coordinates a point and b has 2"),
         (("distance", "a.ply", "b.obj", "--method", "two-step"), "for TriangleMesh and TriangleMesh; got TwoStep"),
-        (("distance", "a.ply", "b.obj", "--certificate", "c.json"), "certificates are for curves"),
         (("distance", "a.ply", "c.stl"), "c.stl"),
         (("fit", "a.ply", "--tolerance", "1"), "TARGET is a mesh; needs a curve"),
         (("project", "a.ply", "1", "2"), "the mesh has 3"),

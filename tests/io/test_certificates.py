@@ -118,7 +118,7 @@ def test_distance_writes_a_certificate(tmp_path, capsys, monkeypatch, directed):
 
 
 def test_distance_without_a_certificate_says_so_with_status_one(tmp_path, capsys, monkeypatch):
-    def refuse(*_):
+    def refuse(*_, **_options):
         raise jhd.NotProvenError("no place.", None)
 
     monkeypatch.setattr(jhd, "certify", refuse)

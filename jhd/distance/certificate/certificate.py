@@ -1,7 +1,8 @@
 """Certificates: bounds of a Hausdorff distance together with what proves them, to be checked by anyone later.
 
-`certify` makes one from the curves and a solution, on the host and in a way of its own: cells cover the curves breadth
-first (jhd.distance.certificate.covering), and the lower bound is proven at one place. What it returns has been checked
+`certify` makes one from the shapes and a solution, on the host and in a way of its own: cells cover the shapes breadth
+first (jhd.distance.certificate.covering for two curves, jhd.distance.certificate.subdivision for all other pairs), and
+the lower bound is proven at one place. What it returns has been checked
 exactly while it was made; `Certificate.verify` checks all of it again, by jhd.distance.certificate.verification alone.
 """
 
@@ -9,6 +10,7 @@ import gzip
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from jhd.arrays import is_traced
 from jhd.distance.certificate.covering import Measure, UncoveredError, cover
 from jhd.distance.certificate.curve_witness import witness_of
 from jhd.distance.certificate.host import host, plain_shape
+from jhd.distance.certificate.mixes import Report, default_atol, prove_mix
 from jhd.distance.certificate.verification.first_version import current
 from jhd.distance.certificate.verification.proofs import Proven, verify
 from jhd.distance.certificate.verification.reading import lines_of
@@ -25,13 +28,17 @@ from jhd.distance.certificate.verification.structure import FORMAT, KINDS, VERSI
 from jhd.distance.frame.curves import prepare
 from jhd.files import replace_file
 from jhd.shapes.as_shape import taken_as
-from jhd.shapes.curve import AbstractCurve, check_curve
+from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.patch import AbstractPatch
 from jhd.solution import HausdorffSolution, NotProvenError
+
+_KINDS = "points, a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface) or a TriangleMesh"
 
 
 @dataclass(frozen=True, repr=False)
 class Certificate:
-    """A claim lower <= distance <= upper about two curves, with what proves it.
+    """A claim lower <= distance <= upper about two shapes, with what proves it.
 
     Args:
         content: the JSON object: `format`, `version`, the arrays `a` and `b`, the `claim`, `cells` and the `witness`.
@@ -82,9 +89,10 @@ class Certificate:
         """
         return verify(self.content)
 
-    def matches(self, a: AbstractCurve, b: AbstractCurve) -> bool:
-        """Whether the claim is about these curves: the same control points and weights, to the last digit."""
-        return [self.content[name] for name in ("a", "b")] == [plain_shape(shape) for shape in (a, b)]
+    def matches(self, a: Any, b: Any) -> bool:
+        """Whether the claim is about these shapes: the same arrays, to the last digit."""
+        shapes = [plain_shape(taken_as(name, shape)) for name, shape in (("a", a), ("b", b))]
+        return [self.content[name] for name in ("a", "b")] == shapes
 
     def to_json(self) -> str:
         """The certificate as lines of JSON, a line for each cell; the same floats are read back."""
@@ -101,18 +109,23 @@ def certify(
     b: Any,
     solution: HausdorffSolution,
     *,
+    atol: float | None = None,
     max_cells: int = 100_000,
     progress: Callable[[dict[str, Any]], None] | None = None,
 ) -> Certificate:
     """A certificate of the bounds of a solution.
 
-    An upper bound of inf and a lower bound of 0, where a method proves none, are not claimed or need no proof.
+    An upper bound of inf and a lower bound of 0, where a method proves none, are not claimed or need no proof. Of two
+    curves exactly the bounds of the solution are claimed; of other shapes they are wider by `atol`, and the certificate
+    says which. Shapes that lie on each other but for rounding take very many cells: then a larger `atol` helps.
 
     Args:
-        a: the first curve of the distance, as it was handed in.
+        a: the first shape of the distance, as it was handed in: points, a curve, a parametric surface, a mesh.
         b: the second one.
         solution: what directed_hausdorff or hausdorff returned for them: one, not a batch.
-        max_cells: most cells in one direction. A smooth segment takes a handful, more where b is far from smooth.
+        atol: how much wider than those of the solution the bounds are, in the unit of the coordinates; by default
+            nothing for two curves, else a billionth of the diagonal of the box of both shapes.
+        max_cells: most cells in one direction. A smooth piece takes a handful, more where b is far from smooth.
         progress: called with a dictionary of `direction`, `cells` and `open` after each generation of cells.
 
     Returns:
@@ -120,49 +133,69 @@ def certify(
 
     Raises:
         TypeError: a shape or solution of another kind, a traced one or a batch.
-        ValueError: curves of different dimensions, or max_cells that is no positive whole number.
-        NotProvenError: a bound of the solution could not be proven of these curves, or takes more cells.
+        ValueError: shapes of different dimensions, an atol below 0, or max_cells that is no positive whole number.
+        NotProvenError: a bound of the solution could not be proven of these shapes, or takes more cells.
     """
     a, b = taken_as("a", a), taken_as("b", b)
     _check_arguments(a, b, solution, max_cells)
+    curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
+    slack = _checked_atol(atol, a, b, curves)
+    report = _reporting(progress)
+    found = _of_curves(a, b, solution, slack, max_cells, report) if curves else None
+    claim, cells, witness = found or prove_mix(a, b, solution, slack, max_cells, report)
+    shapes = {"a": plain_shape(a), "b": plain_shape(b)}
+    content = {"format": FORMAT, "version": VERSION, "claim": claim, **shapes, "cells": cells, "witness": witness}
+    return Certificate(content)
+
+
+def _of_curves(
+    a: AbstractCurve, b: AbstractCurve, solution: HausdorffSolution, atol: float, max_cells: int, report: Report
+) -> tuple[dict[str, Any], dict[str, Any] | None, dict[str, Any] | None]:
+    """As `prove_mix`, by maps of higher degree, which follow feet so closely that no slack is needed."""
     x, y = a.segments(), b.segments()
     p, q, frame = prepare(x, y)
     first, second = host(x, frame), host(y, frame)
     measures = {"a_to_b": Measure(first, second, q), "b_to_a": Measure(second, first, p)}
     kind = "directed" if solution.directed else "two_sided"
-    lower, upper = float(solution.lower), float(solution.upper)
-    cells: dict[str, Any] | None = {} if math.isfinite(upper) else None
-    for direction in KINDS[kind] if cells is not None else ():
+    lower, upper = max(float(solution.lower) - atol, 0.0), float(solution.upper) + atol
+    cells: dict[str, Any] = {}
+    for direction in KINDS[kind] if math.isfinite(upper) else ():
         try:
-            found = cover(measures[direction], upper, frame, max_cells, _reporting(progress, direction))
+            reporting = partial(report, direction)
+            cells[direction] = cover(measures[direction], upper, frame, max_cells, reporting)
         except UncoveredError as error:
             raise NotProvenError(f"The upper bound {upper!r} is not proven, {direction}: {error}", solution) from error
-        cells = {**(cells or {}), direction: found}
     witness = None
     if lower > 0:
-        witness = witness_of(solution, {name: measures[name] for name in KINDS[kind]}, frame)
-    claim = {"kind": kind, "lower": lower, "upper": upper if math.isfinite(upper) else None}
-    curves = {"a": plain_shape(x), "b": plain_shape(y)}
-    content = {"format": FORMAT, "version": VERSION, "claim": claim, **curves, "cells": cells, "witness": witness}
-    return Certificate(content)
+        witness = witness_of(solution, lower, {name: measures[name] for name in KINDS[kind]}, frame)
+    return {"kind": kind, "lower": lower, "upper": upper if math.isfinite(upper) else None}, cells or None, witness
 
 
 def _check_arguments(a: object, b: object, solution: object, max_cells: object) -> None:
-    check_curve("a", a)
-    check_curve("b", b)
+    for name, shape in (("a", a), ("b", b)):
+        if not isinstance(shape, AbstractCurve | AbstractPatch | TriangleMesh):
+            raise TypeError(f"{name} must be {_KINDS}; got {type(shape).__name__}.")
     if not isinstance(solution, HausdorffSolution):
         raise TypeError(f"solution must be a HausdorffSolution; got {type(solution).__name__}.")
     if is_traced(a, b, solution) or np.ndim(solution.value) > 0:
-        raise TypeError("certify needs concrete curves and one concrete solution; index a batch first.")
+        raise TypeError("certify needs concrete shapes and one concrete solution; index a batch first.")
     if not isinstance(max_cells, int) or isinstance(max_cells, bool) or max_cells < 1:
         raise ValueError(f"max_cells is {max_cells!r}; needs a positive whole number.")
-    dims = [shape.segments().dim for shape in (a, b) if isinstance(shape, AbstractCurve)]
+    dims = [shape.dim for shape in (a, b) if isinstance(shape, AbstractCurve | AbstractPatch | TriangleMesh)]
     if dims[0] != dims[1]:
         raise ValueError(f"a has {dims[0]} coordinates a point and b has {dims[1]}; needs the same.")
 
 
-def _reporting(progress: Callable[[dict[str, Any]], None] | None, direction: str) -> Callable[[int, int], None]:
-    def report(proven: int, left: int) -> None:
+def _checked_atol(atol: object, a: Any, b: Any, curves: bool) -> float:
+    if atol is None:
+        return 0.0 if curves else default_atol(a, b)
+    if isinstance(atol, bool) or not isinstance(atol, int | float | np.number) or not 0 <= float(atol) < math.inf:
+        raise ValueError(f"atol is {atol!r}; needs one number of at least 0.")
+    return float(atol)
+
+
+def _reporting(progress: Callable[[dict[str, Any]], None] | None) -> Report:
+    def report(direction: str, proven: int, left: int) -> None:
         if progress is not None:
             progress({"direction": direction, "cells": proven, "open": left})
 

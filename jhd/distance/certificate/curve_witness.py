@@ -25,13 +25,12 @@ _TRIED, _SAMPLES, _ZOOM, _ZOOMS = 12, 33, 8.0, 16
 _CLEARLY = 1e-9
 
 
-def witness_of(solution: HausdorffSolution, measures: dict[str, Measure], frame: Frame) -> dict[str, Any]:
+def witness_of(solution: HausdorffSolution, lower: float, measures: dict[str, Measure], frame: Frame) -> dict[str, Any]:
     """A place that proves the lower bound, and the cuts that show it.
 
     Raises:
         NotProvenError: none of those tried does.
     """
-    lower = float(solution.lower)
     limit = math.ldexp(lower, -int(frame.first + frame.second)) * (1 - _CLEARLY)
     for direction, segment, t in _candidates(solution, measures, limit):
         cuts = _cuts(measures[direction], segment, t, lower)

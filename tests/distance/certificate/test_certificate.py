@@ -123,7 +123,7 @@ def test_progress_counts_the_cells_of_each_direction(made):
 
 def test_arguments_of_another_kind_are_refused(made, as_a_user):
     a, b, solution, certificate = made
-    with pytest.raises(TypeError, match="b must be a curve"):
+    with pytest.raises(TypeError, match="b must be points, a curve, a parametric surface"):
         certify(a, 1.0, solution)  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match="solution must be a HausdorffSolution; got Certificate"):
         certify(a, b, certificate)
@@ -133,6 +133,8 @@ def test_arguments_of_another_kind_are_refused(made, as_a_user):
         certify(a, b, solution, max_cells=0)
     with pytest.raises(ValueError, match="a has 2 coordinates a point and b has 3"):
         certify(a, jhd.points([[0.0, 0.0, 0.0]]), solution)
+    with pytest.raises(ValueError, match="atol is 'x'; needs one number"):
+        certify(a, b, solution, atol="x")  # pyright: ignore[reportArgumentType]
     with pytest.raises(jhd.CertificateError, match="is no certificate"):
         Certificate({})
 

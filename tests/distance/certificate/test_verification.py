@@ -1,7 +1,6 @@
 """The checker of certificates: what is exact is accepted, what is false or malformed is refused with a reason."""
 
 import ast
-import copy
 import gzip
 import json
 import math
@@ -10,9 +9,7 @@ import subprocess
 import sys
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -24,34 +21,13 @@ from jhd.distance.certificate.verification.polynomials import failure, from_coef
 from jhd.distance.certificate.verification.proofs import squares_of
 from jhd.distance.certificate.verification.reading import lines_of
 from tests.distance import exact
+from tests.distance.certificate.made import arch, at, between, changed, circles, numbers, sampled_distance, square
 
 FOLDER = Path(verification.__file__).parent
-# What every number of a certificate is moved by in turn, and how well samples of the curves know their distance.
+# What every number of a certificate is moved by in turn.
 MOVES = (0.0625, -0.0625, 3.0, -3.0)
-SAMPLING = 1e-4
-
-
-def cell(piece, where, foot, rows, weights=None, bound=1.0):
-    """A cell with one foot."""
-    feet = [{"piece": foot, "map": rows, "weights": weights}]
-    return {"piece": piece, "cell": where, "feet": feet, "multipliers": None, "bound": bound}
-
-
-def arch():
-    """The arch over its chord, whose Hausdorff distance is its height 3/4, without any slack on either side."""
-    halves = [([0.0, 0.5], [0.0, 0.125, 0.3125, 0.5]), ([0.5, 1.0], [0.5, 0.6875, 0.875, 1.0])]
-    there = [cell(0, t, 0, [[s] for s in sigma], bound=0.75) for t, sigma in halves]
-    back = cell(0, [0, 1], 0, [[0], [1]], bound=0.75)
-    curve = {"kind": "curve", "weights": None}
-    return {
-        "format": "jhd-certificate",
-        "version": 2,
-        "claim": {"kind": "two_sided", "lower": 0.75, "upper": 0.75},
-        "a": {**curve, "control_points": [[[-1.0, 0.0], [-0.5, 1.0], [0.5, 1.0], [1.0, 0.0]]]},
-        "b": {**curve, "control_points": [[[-1.0, 0.0], [1.0, 0.0]]]},
-        "cells": {"a_to_b": there, "b_to_a": [back]},
-        "witness": {"direction": "a_to_b", "piece": 0, "at": [0.5], "cuts": [[0.0, 0.5, 1.0]]},
-    }
+CELL = ("cells", "a_to_b", 0)
+FOOT = (*CELL, "feet", 0)
 
 
 def first_version():
@@ -71,68 +47,6 @@ def first_version():
     content["cells"] = {name: [old(row) for row in rows[::-1]] for name, rows in content["cells"].items()}
     witness = {"direction": "a_to_b", "segment": 0, "t": 0.5, "cuts": [[0.0, 0.5, 1.0]]}
     return {**content, "version": 1, "witness": witness}
-
-
-def circles():
-    """Concentric circles in quarters of weights 1, 1, 2: the distance of any point of the inner one is exactly 1."""
-    corners = np.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)], dtype=float)
-    quarters = np.stack([corners[i : i + 3] for i in (0, 2, 4, 6)])
-    rows = [None, [1, 1], None, [1.0, 1.0]]
-    cells = [cell(k, [0, 1], k, [[0], [1]], weights) for k, weights in enumerate(rows)]
-    a, b = (
-        {"kind": "curve", "control_points": (r * quarters).tolist(), "weights": [[1.0, 1.0, 2.0]] * 4} for r in (1, 2)
-    )
-    return {
-        **arch(),
-        **{"a": a, "b": b, "claim": {"kind": "directed", "lower": 1.0, "upper": 1.0}, "cells": {"a_to_b": cells}},
-        "witness": {"direction": "a_to_b", "piece": 0, "at": [0.0], "cuts": None},
-    }
-
-
-def changed(content, path, value):
-    """A copy with one entry replaced; a value of `...` takes it away."""
-    content = copy.deepcopy(content)
-    *parents, last = path
-    place = content
-    for key in parents:
-        place = place[key]
-    if value is ...:
-        del place[last]
-    else:
-        place[last] = value
-    return content
-
-
-def numbers(value, path=()):
-    """The paths of all numbers."""
-    if isinstance(value, bool | str) or value is None:
-        return []
-    if isinstance(value, int | float):
-        return [path]
-    items = value.items() if isinstance(value, dict) else enumerate(value)
-    return [found for key, item in items for found in numbers(item, (*path, key))]
-
-
-def at(content, path) -> Any:
-    for key in path:
-        content = content[key]
-    return content
-
-
-def sampled(curve, count):
-    """Many points of a polynomial curve."""
-    t = np.linspace(0.0, 1.0, count)[:, None]
-    rows = np.array(curve["control_points"], dtype=float)
-    n = rows.shape[1] - 1
-    return np.concatenate(
-        [sum(math.comb(n, i) * t**i * (1 - t) ** (n - i) * row[i] for i in range(n + 1)) for row in rows]
-    )
-
-
-def sampled_distance(content):
-    """The two-sided distance of samples."""
-    sets = [(sampled(content[x], 129), sampled(content[y], 2049)) for x, y in ("ab", "ba")]
-    return max(np.sqrt(((p[:, None] - q) ** 2).sum(-1).min(1).max()) for p, q in sets)
 
 
 def test_an_exact_certificate_proves_its_claim():
@@ -159,20 +73,41 @@ def test_a_claim_of_one_bound_needs_nothing_for_the_other():
     assert verify(lower_only) == Proven("two_sided", 0.75, None, 0)
 
 
-def test_every_number_that_is_moved_makes_it_refused_or_leaves_the_claim_true():
-    refused = 0
-    for path in numbers(arch()):
+def test_patches_and_meshes_too():
+    assert verify(square()) == Proven("two_sided", 1.0, 1.0, 5)
+
+
+def test_two_feet_prove_what_neither_does():
+    assert verify(between()) == Proven("directed", 1.25, 1.25, 1)
+    for wrong in ([[3.0, 1.0], [1.0, 2.9375]], [[1.0], [1.0]], [[0.0, 1.0], [1.0, 3.0]], [[0.0], [1.0]]):
+        with pytest.raises(CertificateError, match=r"is false|is not proven"):
+            verify(changed(between(), (*CELL, "multipliers"), wrong))
+
+
+# How many samples each way on a piece of the one and of the other shape tell the distance how well.
+SAMPLES = {
+    arch: ((129, 2049), 1e-4),
+    circles: ((17, 257), 1e-3),
+    square: ((9, 33), 5e-3),
+    between: ((257, 2), 1e-4),
+}
+
+
+@pytest.mark.parametrize("make", SAMPLES, ids=lambda make: make.__name__)
+def test_every_number_that_is_moved_makes_it_refused_or_leaves_the_claim_true(make):
+    refused, made, (counts, sampling) = 0, make(), SAMPLES[make]
+    for path in numbers(made):
         for move in MOVES:
-            content = changed(arch(), path, at(arch(), path) + move)
+            content = changed(made, path, at(made, path) + move)
             try:
                 proven = verify(content)
             except CertificateError:
                 refused += 1
                 continue
-            distance = sampled_distance(content)
-            assert proven.lower <= distance + SAMPLING, path
-            assert proven.upper is not None and proven.upper >= distance - SAMPLING, path
-    assert refused >= 3 * len(numbers(arch()))
+            distance = sampled_distance(content, counts)
+            assert proven.lower <= distance + sampling, path
+            assert proven.upper is not None and proven.upper >= distance - sampling, path
+    assert refused >= 2 * len(numbers(made))
 
 
 @pytest.mark.parametrize("move", [2.0**-50, 2.0**-30])
@@ -190,8 +125,6 @@ def nested(depth):
     return value
 
 
-CELL = ("cells", "a_to_b", 0)
-FOOT = (*CELL, "feet", 0)
 REFUSED = [
     ((("format",), "other"), "no format"),
     ((("version",), 3), "version is 3"),
@@ -269,6 +202,40 @@ REFUSED = [
 def test_what_is_wrong_is_named(change, reason):
     with pytest.raises(CertificateError, match=reason):
         verify(changed(arch(), *change))
+
+
+PATCH = ("cells", "a_to_b", 0)
+OF_SURFACES = [
+    ((PATCH, ...), r"cells.a_to_b\[0\].cell is '0d': at 'd' a half before it is left out"),
+    ((("cells", "a_to_b", 1), ...), r"cells.a_to_b\[1\].cell is '1'; the next one begins with '0d'"),
+    ((("cells", "a_to_b", 2), ...), r"cells.a_to_b\[2\]: there is no further cell; piece 0 is not covered"),
+    ((("cells", "b_to_a", 0), ...), r"cells.b_to_a\[0\]: piece is 1; piece 0 is not covered"),
+    (((*PATCH, "cell"), "0"), r"cells.a_to_b\[0\]: that the distance is at most 1.0 is false"),
+    (((*PATCH, "cell"), [0.0, 1.0]), r"cell is \[0.0, 1.0\]; the next one begins with '0'"),
+    (((*PATCH, "cell"), "0g"), "at 'g' a half"),
+    (((*PATCH, "cell"), "0" + "a" * 52), "cell has 53 cuts"),
+    (((*PATCH, "cell"), None), "cell is None"),
+    (((*PATCH, "feet", 0, "map", 0), [0.5, 0.75]), r"map\[0\] is \[0.5, 0.75\]; needs a sum of at most 1.0"),
+    (((*PATCH, "feet", 0, "map", 0), [0.5]), r"map\[0\] is \[0.5\]; needs a list of 2"),
+    (((*PATCH, "feet", 0, "map"), [[0, 0]] * 2), "map has 2 rows; needs one of 1, 3, 6, 10"),
+    (((*PATCH, "multipliers"), [[1.0, 1.0]]), r"multipliers\[0\] is \[1.0, 1.0\]; needs a list of 1 or 3"),
+    ((("cells", "b_to_a", 0, "feet", 0, "piece"), 1), "feet.* is 1; needs a whole number from 0 to 0"),
+    ((("witness", "cuts"), [[0.0, 1.0]]), "cuts must be null"),
+    ((("b", "triangles", 0, 0), 4), r"b.triangles\[0\] is 4; needs a whole number from 0 to 3"),
+    ((("b", "triangles", 0, 0), True), r"b.triangles\[0\] is True"),
+    ((("b", "triangles", 0), [0, 1]), r"b.triangles\[0\] is \[0, 1\]; needs a list of 3"),
+    ((("b", "vertices", 0), [0, 1]), r"b.vertices\[0\] is \[0, 1\]; needs a list of 3"),
+    ((("a", "control_points", 0, 1), [[0.0, 0.0, 0.0]]), r"a.control_points\[0\]\[1\] is .*; needs a list of 2"),
+    ((("a", "weights"), [[[1.0, 1.0], [1.0, 0.0]]]), r"a.weights\[0\]\[1\] holds 0.0; needs positive"),
+    ((("a", "weights"), [[[1.0, 1.0]]]), r"a.weights\[0\] is .*; needs a list of 2"),
+    ((("a", "kind"), "curve"), r"a.control_points\[0\]\[0\] holds \[0.0, 0.0, 0.0\]; needs a number"),
+]
+
+
+@pytest.mark.parametrize(("change", "reason"), OF_SURFACES, ids=[reason for _, reason in OF_SURFACES])
+def test_what_is_wrong_with_surfaces_is_named(change, reason):
+    with pytest.raises(CertificateError, match=reason):
+        verify(changed(square(), *change))
 
 
 @pytest.mark.parametrize("content", [None, [], "x", 1, {}])

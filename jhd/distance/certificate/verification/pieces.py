@@ -6,7 +6,6 @@ domain; with forms F_0, F_1, ... of the map, which add up to W, the Bernstein po
 multinomial(i) F_0^i_0 F_1^i_1 ..., W^n times what it was.
 """
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -28,13 +27,15 @@ from jhd.distance.certificate.verification.polynomials import (
 class ExactPiece(NamedTuple):
     """A piece: the corners of each simplex of its domain, the degree on each, and control points in integers.
 
-    `rows` holds the coordinates times the weight one after the other, `weight` the weights, or one number.
+    `rows` holds the coordinates times the weight one after the other, `weight` the weights, or one number; all of them
+    are multiplied with 2^bits.
     """
 
     corners: tuple[int, ...]
     degrees: Degree
     rows: tuple[tuple[int, ...], ...]
     weight: tuple[int, ...]
+    bits: int
 
     @property
     def parameters(self) -> int:
@@ -43,26 +44,28 @@ class ExactPiece(NamedTuple):
 
 
 class Part(NamedTuple):
-    """Coordinates over the weight on a domain, each in its degree there."""
+    """Coordinates over the weight on a domain, each in its degree there, and multiplied with 2^bits."""
 
     domain: Domain
     coordinates: list[Polynomial]
     degree: Degree
     weight: Polynomial
     weight_degree: Degree
+    bits: int
 
 
 class Map(NamedTuple):
     """A map into the domain of a piece: for each simplex of it the forms of its corners, and their sum.
 
-    `degrees` are those of these forms on the domain of the map, `scales` the sums where all of them are constants.
+    `degrees` are those of these forms on the domain of the map. Forms and sums are multiplied with 2^bits; where all
+    sums are one without that, they are `None`.
     """
 
     domain: Domain
     forms: list[list[Polynomial]]
-    sums: list[Polynomial]
+    sums: list[Polynomial] | None
     degrees: list[Degree]
-    scales: list[int] | None
+    bits: list[int]
 
 
 def pieces_of(shape: Mapping[str, Any]) -> list[ExactPiece]:
@@ -100,10 +103,10 @@ def _piece(
     n = len(points)
     rows = [columns[k : k + n] for k in range(0, len(columns), n)]
     if weights is None:
-        return ExactPiece(corners, degrees, tuple(map(tuple, rows)), (1 << bits,))
-    factors, _ = integers(weights)
+        return ExactPiece(corners, degrees, tuple(map(tuple, rows)), (1 << bits,), bits)
+    factors, more = integers(weights)
     rows = [tuple(w * x for w, x in zip(factors, row, strict=True)) for row in rows]
-    return ExactPiece(corners, degrees, tuple(rows), tuple(w << bits for w in factors))
+    return ExactPiece(corners, degrees, tuple(rows), tuple(w << bits for w in factors), bits + more)
 
 
 def simplex(corners: int) -> Domain:
@@ -127,8 +130,7 @@ def box_map(piece: ExactPiece, box: Sequence[Sequence[float]]) -> Map:
         rows = [numbers[k : k + size] for k in range(0, len(numbers), size)]
         found.append(_forms((count,), rows, None, variables, 1))
     degrees = [tuple(int(i == k) for i in range(len(domain))) for k in range(len(domain))]
-    sums = [each[0] for _, each in found]
-    return Map(tuple(domain), [forms[0] for forms, _ in found], sums, degrees, [_scale(f) for f in sums])
+    return Map(tuple(domain), [forms[0] for forms, *_ in found], None, degrees, [bits for *_, bits in found])
 
 
 def simplex_map(
@@ -145,14 +147,9 @@ def simplex_map(
     """
     domain = simplex(corners)
     degree = next(m for m in range(len(rows) + 1) if len(exponents(corners, m)) == len(rows))
-    forms, sums = _forms(piece.corners, rows, weights, domain[0], degree)
-    scales = None if weights is not None else [_scale(f) for f in sums]
-    return Map(domain, forms, sums, [(degree,)] * len(piece.corners), scales)
-
-
-def _scale(f: Polynomial) -> int:
-    """The number that a constant is in any degree: its terms with one variable have no multinomial."""
-    return f[min(f)]
+    forms, weight, bits = _forms(piece.corners, rows, weights, domain[0], degree)
+    count = len(piece.corners)
+    return Map(domain, forms, None if weights is None else [weight] * count, [(degree,)] * count, [bits] * count)
 
 
 def _forms(
@@ -161,10 +158,10 @@ def _forms(
     weights: Sequence[float] | None,
     variables: tuple[int, ...],
     degree: int,
-) -> tuple[list[list[Polynomial]], list[Polynomial]]:
-    """For each simplex the forms of its corners and their sum: the first is what the others leave."""
+) -> tuple[list[list[Polynomial]], Polynomial, int]:
+    """For each simplex the forms of its corners, their sum, and the bits: the first form is what the others leave."""
     columns = [list(column) for column in zip(*rows, strict=True)]
-    numbers, _ = integers([x for column in columns for x in column] + list(weights or [1.0] * len(rows)))
+    numbers, bits = integers([x for column in columns for x in column] + list(weights or [1.0] * len(rows)))
     size = len(rows)
     scaled = [numbers[k : k + size] for k in range(0, len(numbers), size)]
     *parameters, weight = [from_coefficients(row, variables, degree) for row in scaled]
@@ -173,7 +170,7 @@ def _forms(
         others = parameters[start : start + count - 1]
         forms.append([combined(weight, 1, total(others), -1), *others])
         start += count - 1
-    return forms, [weight] * len(corners)
+    return forms, weight, bits
 
 
 def composed(piece: ExactPiece, to: Map) -> Part:
@@ -181,15 +178,16 @@ def composed(piece: ExactPiece, to: Map) -> Part:
     bases = [_basis(forms, n) for forms, n in zip(to.forms, piece.degrees, strict=True)]
     degree = _degree(piece.degrees, to)
     coordinates = [_contracted(row, bases) for row in piece.rows]
+    more = sum(n * k for n, k in zip(piece.degrees, to.bits, strict=True))
+    bits, constant = piece.bits + more, piece.weight[0]
     if len(piece.weight) > 1:
-        return Part(to.domain, coordinates, degree, _contracted(piece.weight, bases), degree)
-    if to.scales is not None:
-        scale = math.prod(x**n for x, n in zip(to.scales, piece.degrees, strict=True))
-        return Part(to.domain, coordinates, degree, {0: piece.weight[0] * scale}, (0,) * len(degree))
-    weight: Polynomial = {0: piece.weight[0]}
+        return Part(to.domain, coordinates, degree, _contracted(piece.weight, bases), degree, bits)
+    if to.sums is None:
+        return Part(to.domain, coordinates, degree, {0: constant << more}, (0,) * len(degree), bits)
+    weight: Polynomial = {0: constant}
     for f, n in zip(to.sums, piece.degrees, strict=True):
         weight = product(weight, powers(f, n)[n])
-    return Part(to.domain, coordinates, degree, weight, degree)
+    return Part(to.domain, coordinates, degree, weight, degree, bits)
 
 
 def _degree(degrees: Degree, to: Map) -> Degree:
@@ -230,7 +228,8 @@ def difference(x: Part, y: Part) -> Part:
         p = elevated(product(mine, y.weight), x.domain, _sum(x.degree, y.weight_degree), degree)
         q = elevated(product(other, x.weight), x.domain, _sum(y.degree, x.weight_degree), degree)
         coordinates.append(combined(p, 1, q, -1))
-    return Part(x.domain, coordinates, degree, product(x.weight, y.weight), _sum(x.weight_degree, y.weight_degree))
+    weight_degree = _sum(x.weight_degree, y.weight_degree)
+    return Part(x.domain, coordinates, degree, product(x.weight, y.weight), weight_degree, x.bits + y.bits)
 
 
 def _sum(x: Degree, y: Degree) -> Degree:

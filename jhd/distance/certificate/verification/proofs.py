@@ -161,9 +161,11 @@ def failure_at_most(
         return failure(slacks[0][0], domain, slacks[0][1], parts)
     variables, products = domain[0], []
     numbers, _ = integers(x for row in multipliers for x in row)
-    for (f, degree), row in zip(slacks, multipliers, strict=True):
+    most_bits = max(e.bits for e in apart)
+    for e, (f, degree), row in zip(apart, slacks, multipliers, strict=True):
         m = int(len(row) > 1)
-        factor = from_coefficients([numbers.pop(0) for _ in row], variables, m)
+        # The slacks are squares of numbers with different powers of two.
+        factor = from_coefficients([numbers.pop(0) << 2 * (most_bits - e.bits) for _ in row], variables, m)
         products.append((product(factor, f), (degree[0] + m,)))
     most = max(degree for _, degree in products)
     return failure(total([elevated(f, domain, degree, most) for f, degree in products]), domain, most, parts)
@@ -230,6 +232,6 @@ def failure_of_witness(
     box = [list(ends) if count == 2 else [0.0, 0.0, 1.0, 0.0, 0.0, 1.0] for count in piece.corners]
     part = composed(piece, box_map(piece, box))
     still = (0,) * len(part.domain)
-    apart = difference(Part(part.domain, point.coordinates, still, point.weight, still), part)
+    apart = difference(Part(part.domain, point.coordinates, still, point.weight, still, point.bits), part)
     f, degree = slack(apart, lower)
     return failure({i: -c for i, c in f.items()}, apart.domain, degree)

@@ -5,6 +5,7 @@ So a file of any number of cells is checked in the memory that the shapes take. 
 """
 
 import gzip
+import itertools
 import json
 import zlib
 from collections.abc import Iterator, Mapping
@@ -54,9 +55,9 @@ def lines_of(content: Mapping[str, Any]) -> Iterator[str]:
     cells = content["cells"]
     counts = None if cells is None else {direction: len(rows) for direction, rows in cells.items()}
     yield json.dumps({**content, "cells": counts}, allow_nan=False) + "\n"
-    for direction in KINDS["two_sided"] if cells else ():
-        for cell in cells.get(direction, ()):
-            yield json.dumps(cell, allow_nan=False) + "\n"
+    rows = [cells[name] for name in KINDS["two_sided"] if name in cells] if cells is not None else []
+    for cell in itertools.chain(*rows):
+        yield json.dumps(cell, allow_nan=False) + "\n"
 
 
 class _Lines:

@@ -17,8 +17,10 @@ SHAPES = {
     "mesh": ("vertices", "triangles"),
 }
 
-# Degrees that are read, of the maps of feet too, and feet of one cell; beyond them one cell could take hours.
-_LARGEST_CURVE, _LARGEST_PATCH, _LARGEST_MAP, _MOST_FEET = 30, 10, 3, 4
+# Degrees that are read, of the maps of feet too; beyond them one cell could take hours.
+_LARGEST_CURVE, _LARGEST_PATCH, _LARGEST_MAP = 30, 10, 3
+# Feet of one cell, for the same reason.
+MOST_FEET = 4
 # Bits of parameters behind the point.
 _MOST_BITS = 256
 # Degree of what is checked on a triangle: a few hundred milliseconds.
@@ -88,7 +90,7 @@ def check_entry(place: str, entry: Any, source: ShapeSize, target: ShapeSize) ->
         _check_parameters(f"{place}.cell", cell)
         if cell[0] > cell[1]:
             raise CertificateError(f"{place}.cell is {cell}; its ends are in the wrong order.")
-    feet = check_list(f"{place}.feet", entry["feet"], 1, _MOST_FEET)
+    feet = check_list(f"{place}.feet", entry["feet"], 1, MOST_FEET)
     for k, foot in enumerate(feet):
         _check_foot(f"{place}.feet[{k}]", foot, source, target)
     if entry["multipliers"] is None:

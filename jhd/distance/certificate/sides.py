@@ -1,0 +1,205 @@
+"""Shapes of every kind on the host: places, points and feet in floating point, and the pieces in integers.
+
+Coordinates are divided by a power of two that leaves at most about one, so that squares are numbers. What is proposed
+here is checked in integers on the stored arrays; nothing is proven here.
+"""
+
+import itertools
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jhd.arithmetic.bernstein import basis
+from jhd.arithmetic.scaling import unit_weights
+from jhd.distance.certificate.host import plain_shape
+from jhd.distance.certificate.verification.pieces import pieces_of
+from jhd.distance.search.targets import target_of
+from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.mesh import TriangleMesh
+
+# Steps of Newton's method for a foot, and the shares of a step that are tried.
+_STEPS, _SHARES = 10, (1.0, 0.3, 0.05)
+# Parameters nearer than this to an end of their interval are put on it.
+_SNAP = 1e-13
+
+
+class NearFeet(NamedTuple):
+    """Places of a shape near some points: pieces, parameters and distances."""
+
+    piece: np.ndarray
+    x: np.ndarray
+    distance: np.ndarray
+
+
+class ShapeSide:
+    """One shape of a pair.
+
+    Args:
+        shape: points, a curve, a parametric surface or a mesh.
+        exponent: coordinates are divided by its power of two.
+    """
+
+    def __init__(self, shape: Any, exponent: int):
+        plain = plain_shape(shape)
+        self.exponent = exponent
+        self.exact = pieces_of(plain)
+        self.corners, self.degrees = self.exact[0].corners, self.exact[0].degrees
+        working = shape.segments() if isinstance(shape, AbstractCurve) else shape
+        self._target = target_of(working)
+        self._triangles = isinstance(shape, TriangleMesh)
+        if self._triangles:
+            points = np.asarray(plain["vertices"], float)[np.asarray(plain["triangles"])]
+        else:
+            points = np.asarray(plain["control_points"], float)
+        points = np.ldexp(points, -exponent)
+        weights = np.ones(points.shape[:-1])
+        if plain.get("weights") is not None:
+            weights = unit_weights(np.asarray(plain["weights"]), tuple(range(points.ndim - 1)))
+        self.rows = np.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
+
+    @property
+    def cell_corners(self) -> int:
+        """Corners of the simplices that cover a piece."""
+        return 1 if not self.corners else 2 if self.corners == (2,) else 3
+
+    @property
+    def parameters(self) -> int:
+        """How many numbers name a place of a piece."""
+        return self.exact[0].parameters
+
+    def points(self, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """The points of places: pieces (n,), parameters (n, parameters)."""
+        return self._jets(piece, x, 0)[0]
+
+    def weights(self, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """The weights of places, times one number for all pieces."""
+        if self._triangles:
+            return np.ones(len(piece))
+        if not self.parameters:
+            return self.rows[piece, 0, -1]
+        bases = [_bases(degree, x[:, k], 0)[0] for k, degree in enumerate(self.degrees)]
+        return _contracted(self.rows[piece], bases)[:, -1]
+
+    def feet(self, points: np.ndarray, proven: bool = False) -> NearFeet:
+        """Feet of points: near ones, or the nearest, which takes longer."""
+        user = np.ldexp(points, self.exponent)
+        found = self._target.nearest(user) if proven else self._target.near(user)
+        t = np.asarray(found.t, float).reshape(len(points), np.size(found.t) // len(points))
+        x = t[:, 1:] if self._triangles else t[:, : self.parameters]
+        return self.local(np.asarray(found.segment), np.clip(x, 0.0, 1.0), points)
+
+    def local(self, piece: np.ndarray, x: np.ndarray, points: np.ndarray) -> NearFeet:
+        """The feet of points on named pieces, near the parameters given; on triangles the nearest places."""
+        if self._triangles:
+            x = _on_triangles(self.rows[piece, :, :-1], points)
+        elif self.parameters:
+            x = self._stationary(piece, x, points)
+        e = self.points(piece, x) - points
+        return NearFeet(piece, x, np.sqrt(np.sum(e * e, axis=-1)))
+
+    def _stationary(self, piece: np.ndarray, x: np.ndarray, points: np.ndarray) -> np.ndarray:
+        for _ in range(_STEPS):
+            value, first, second = self._jets(piece, x, 2)
+            e = value - points
+            slope = np.einsum("nd,nid->ni", e, first)
+            held = ((x <= 0) & (slope > 0)) | ((x >= 1) & (slope < 0))
+            step = _newton_step(slope, first, np.einsum("nd,nijd->nij", e, second), held)
+            tried = [np.clip(x + share * step, 0.0, 1.0) for share in (0.0, *_SHARES)]
+            offsets = [self.points(piece, each) - points for each in tried]
+            best = np.argmin([np.sum(offset * offset, axis=-1) for offset in offsets[::-1]], axis=0)
+            x = np.stack(tried[::-1])[best, np.arange(len(x))]
+        return np.where(x < _SNAP, 0.0, np.where(x > 1 - _SNAP, 1.0, x))
+
+    def _jets(self, piece: np.ndarray, x: np.ndarray, order: int) -> list[Any]:
+        """Points, and up to the order their derivatives in the parameters, (n, i, dim) and (n, i, j, dim)."""
+        rows = self.rows[piece]
+        if self._triangles:
+            shares = np.concatenate([1 - x.sum(axis=1, keepdims=True), x], axis=1)
+            return [np.einsum("ni,nid->nd", shares, rows[..., :-1])]
+        if not self.parameters:
+            return [rows[:, 0, :-1] / rows[:, 0, -1:]]
+        bases = [_bases(degree, x[:, k], order) for k, degree in enumerate(self.degrees)]
+
+        def derivative(*axes: int) -> np.ndarray:
+            return _contracted(rows, [b[axes.count(k)] for k, b in enumerate(bases)])
+
+        value, count = derivative(), len(bases)
+        weight = value[:, -1:]
+        found = [value[:, :-1] / weight]
+        if order:
+            first = [derivative(i) for i in range(count)]
+            firsts = [(f[:, :-1] - found[0] * f[:, -1:]) / weight for f in first]
+            found.append(np.stack(firsts, axis=1))
+        if order > 1:
+            seconds = []
+            for i, j in itertools.product(range(count), repeat=2):
+                f = derivative(i, j)
+                top = f[:, :-1] - firsts[i] * first[j][:, -1:] - firsts[j] * first[i][:, -1:] - found[0] * f[:, -1:]
+                seconds.append(top / weight)
+            found.append(np.stack(seconds, axis=1).reshape(len(x), count, count, -1))
+        return found
+
+
+def _bases(degree: int, t: np.ndarray, order: int) -> list[np.ndarray]:
+    """The Bernstein polynomials of a degree and their derivatives up to an order, (n, degree + 1) each."""
+    found = [basis(degree, t)]
+    for k in range(1, order + 1):
+        if degree < k:
+            found.append(np.zeros_like(found[0]))
+            continue
+        values = basis(degree - k, t)
+        for n in range(degree - k + 1, degree + 1):
+            padded = np.pad(values, ((0, 0), (1, 1)))
+            values = n * (padded[:, :-1] - padded[:, 1:])
+        found.append(values)
+    return found
+
+
+def _contracted(rows: np.ndarray, bases: list[np.ndarray]) -> np.ndarray:
+    """The sums of control points (n, i, dim) or (n, i, j, dim) times the values of their polynomials."""
+    for values in bases:
+        rows = np.einsum("ni...,ni->n...", rows, values)
+    return rows
+
+
+def _newton_step(slope: np.ndarray, first: np.ndarray, bent: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """The steps of Newton's method, of Gauss and Newton's where the distance is not convex; nothing along what is held.
+
+    Args:
+        slope: the gradients of half the squared distance.
+        first: the derivatives of the points.
+        bent: what the second derivatives add to the products of the first ones.
+        held: parameters that stay.
+    """
+    count = slope.shape[1]
+    flat = np.einsum("nid,njd->nij", first, first)
+    free = ~held
+    mask = free[:, :, None] & free[:, None, :]
+    identity = np.eye(count) * np.maximum(1e-14 * np.einsum("nii->n", flat), 1e-300)[:, None, None]
+    hessian = np.where(mask, flat + bent, 0.0)
+    low = np.linalg.eigvalsh(np.where(mask, hessian, np.eye(count) * np.einsum("nii->n", flat)[:, None, None]))[:, 0]
+    convex = low > 1e-6 * np.einsum("nii->n", flat)
+    chosen = np.where(convex[:, None, None], hessian, np.where(mask, flat, 0.0) + identity)
+    chosen = np.where(mask, chosen, np.eye(count))
+    step = np.linalg.solve(chosen, -np.where(held, 0.0, slope)[..., None])[..., 0]
+    return np.where(np.isfinite(step), step, 0.0)
+
+
+def _on_triangles(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """The last two barycentric coordinates of the nearest places of triangles, one for each point."""
+    origin, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    e = points - origin
+    dots = [np.sum(x * y, axis=-1) for x, y in ((u, u), (u, v), (v, v), (e, u), (e, v))]
+    uu, uv, vv, eu, ev = dots
+    det = uu * vv - uv * uv
+    safe = np.where(det > 1e-14 * uu * vv, det, 1.0)
+    s, t = (vv * eu - uv * ev) / safe, (uu * ev - uv * eu) / safe
+    inside = (det > 1e-14 * uu * vv) & (s >= 0) & (t >= 0) & (s + t <= 1)
+    along = [np.clip(x / np.where(y > 0, y, 1.0), 0.0, 1.0) for x, y in ((eu, uu), (ev, vv))]
+    across = uu - 2 * uv + vv
+    third = np.clip((ev - eu + uu - uv) / np.where(across > 0, across, 1.0), 0.0, 1.0)
+    zero = np.zeros_like(s)
+    sides = [(along[0], zero), (zero, along[1]), (1 - third, third), (np.where(inside, s, 0.0), np.where(inside, t, 0))]
+    offsets = [e - x[:, None] * u - y[:, None] * v for x, y in sides]
+    best = np.argmin([np.sum(offset * offset, axis=-1) for offset in offsets[::-1]], axis=0)
+    return np.stack([np.stack(side, axis=-1) for side in sides[::-1]])[best, np.arange(len(points))]

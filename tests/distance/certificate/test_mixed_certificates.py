@@ -1,0 +1,125 @@
+"""Certificates of points, curves, meshes and parametric surfaces in every mix: made, stored, checked from the file."""
+
+import dataclasses
+import os
+import subprocess
+import sys
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jhd
+from jhd.distance.certificate import verification
+from jhd.distance.certificate.certificate import certify
+from jhd.distance.certificate.multipliers import multipliers
+from jhd.distance.certificate.sides import ShapeSide
+
+KINDS = ("points", "curve", "mesh", "patch", "rational")
+# Pairs of each two kinds, all of one size: of points, which take least, and of others.
+SEEDS, FEWER = 10, 2
+# How much wider than the solution's the bounds may be, and the rounding of a sum, as shares of the diagonal.
+SLACK, ROUNDING = 1e-9, 1e-15
+
+
+def net(rng, height):
+    x = np.linspace(0.0, 1.0, 4)
+    return np.stack([*np.meshgrid(x, x, indexing="ij"), height + 0.2 * rng.normal(size=(4, 4))], axis=-1)
+
+
+def shape(kind, seed, height=0.0):
+    rng = np.random.default_rng(seed)
+    if kind == "points":
+        return jhd.points(rng.uniform(size=(20, 3)))
+    if kind == "curve":
+        return jhd.BezierSegments(rng.uniform(size=(2, 4, 3)))
+    points = net(rng, height)
+    if kind == "mesh":
+        corners = [4 * i + j for i in range(3) for j in range(3)]
+        halves = [([k, k + 4, k + 1], [k + 1, k + 4, k + 5]) for k in corners]
+        return jhd.TriangleMesh(points.reshape(-1, 3), [triangle for pair in halves for triangle in pair])
+    return jhd.BezierPatch(points, rng.uniform(0.5, 2.0, size=(4, 4)) if kind == "rational" else None)
+
+
+def checked(a, b, solution, **options):
+    certificate = certify(a, b, solution, **options)
+    proven = certificate.verify()
+    assert certificate.matches(a, b) and proven.cells == certificate.cells
+    assert proven.upper is not None and proven.lower <= float(solution.value) <= proven.upper
+    assert proven.upper - float(solution.upper) <= (SLACK + ROUNDING) * 3
+    assert float(solution.lower) - proven.lower <= (SLACK + ROUNDING) * 3
+    return certificate
+
+
+def test_points_and_a_mesh_have_a_certificate_both_ways(tmp_path):
+    a, b = shape("points", 1), shape("mesh", 2)
+    certificate = checked(a, b, jhd.hausdorff(a, b))
+    certificate.save(tmp_path / "proof.json.gz")
+    command = [sys.executable, "-I", "-S", os.path.dirname(verification.__file__), str(tmp_path / "proof.json.gz")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env={})
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == f"proven: {command[-1]}: {verification.sentence(certificate.verify())}\n"
+
+
+def test_bounds_that_are_false_have_none():
+    a, b = shape("points", 1), shape("mesh", 2)
+    solution = jhd.hausdorff(a, b)
+    for field, share, reason in (("upper", 0.99, "upper bound"), ("lower", 1.01, "lower bound")):
+        false = dataclasses.replace(solution, **{field: getattr(solution, field) * share})
+        with pytest.raises(jhd.NotProvenError, match=reason):
+            certify(a, b, false)
+
+
+def test_what_is_asked_for_is_checked(as_a_user):
+    a, b = shape("points", 1), shape("mesh", 2)
+    solution = jhd.hausdorff(a, b)
+    with pytest.raises(ValueError, match="atol is -1; needs one number of at least 0"):
+        certify(a, b, solution, atol=-1)
+    with pytest.raises(TypeError, match="b must be points, a curve, a parametric surface .*; got ImplicitSurface"):
+        certify(a, jhd.ImplicitSurface.parse("x - y", [0, 0, 0], [1, 1, 1]), solution)
+    wide = certify(a, b, solution, atol=0.5)
+    assert wide.upper == float(solution.upper) + 0.5 and wide.verify().lower == float(solution.lower) - 0.5
+
+
+def test_multipliers_grow_with_their_slacks():
+    # Above the middle between two points: slacks -x (2 + x) and x (2 - x) on [-1, 1], a little raised.
+    def slack(shares):
+        x = shares @ np.array([-1.0, 1.0])
+        return np.stack([-x * (2 + x), x * (2 - x)]) + 1e-9
+
+    grid = np.stack([np.linspace(1, 0, 13), np.linspace(0, 1, 13)], axis=1)
+    rows = multipliers(slack, grid)
+    assert rows is not None
+    shares = np.stack([np.linspace(1, 0, 2001), np.linspace(0, 1, 2001)], axis=1)
+    assert np.min(np.array(rows)) >= 0
+    assert np.min(np.sum(np.array(rows) @ shares.T * slack(shares), axis=0)) > 0
+    assert multipliers(lambda shares: slack(shares) - 0.1, grid) is None
+
+
+def test_feet_on_triangles_are_the_nearest_places():
+    rng = np.random.default_rng(3)
+    mesh = jhd.TriangleMesh(rng.normal(size=(6, 3)), [[0, 1, 2], [3, 4, 5], [0, 0, 1]])
+    side = ShapeSide(mesh, 0)
+    piece, points = rng.integers(0, 3, 60), 2 * rng.normal(size=(60, 3))
+    found = side.local(piece, np.zeros((60, 2)), points)
+    shares = rng.dirichlet(np.ones(3), size=400)
+    others = np.einsum("sk,nkd->nsd", shares, np.asarray(mesh.corners)[piece])
+    assert np.all(found.distance <= np.linalg.norm(others - points[:, None], axis=-1).min(axis=1) + ROUNDING * 10)
+    assert np.all(found.x >= 0) and np.all(found.x.sum(axis=1) <= 1 + ROUNDING)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("first", "second"), [(x, y) for k, x in enumerate(KINDS) for y in KINDS[k:]])
+def test_pairs_of_every_kind_have_certificates(first, second):
+    for seed in range(SEEDS if first == "points" else FEWER):
+        a, b = shape(first, 2 * seed), shape(second, 2 * seed + 1, height=0.3)
+        checked(a, b, jhd.hausdorff(a, b, throw=False))
+
+
+@pytest.mark.slow
+def test_a_directed_solution_and_a_false_witness():
+    a, b = shape("mesh", 3), shape("patch", 4)
+    solution = jhd.directed_hausdorff(a, b)
+    assert checked(a, b, solution).directed
+    elsewhere = dataclasses.replace(solution.witness, segment=jnp.asarray(0), t=jnp.asarray([1.0, 0.0, 0.0]))
+    checked(a, b, dataclasses.replace(solution, witness=elsewhere))
