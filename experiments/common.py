@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -140,6 +141,13 @@ def seconds(function: Callable[[], Any], repeats: int) -> float:
         jax.block_until_ready(function())
         times.append(time.perf_counter() - start)
     return float(np.median(times))
+
+
+def bounds_text(lower: float, upper: float, digits: int) -> tuple[str, str]:
+    """Both bounds of a number with so many digits, rounded outward, so that what is printed is still proven."""
+    ways = (lower, ROUND_FLOOR), (upper, ROUND_CEILING)
+    low, high = (Context(prec=digits, rounding=way).create_decimal_from_float(float(x)) for x, way in ways)
+    return f"{low.normalize()}", f"{high.normalize()}"
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

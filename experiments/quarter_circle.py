@@ -19,7 +19,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from common import Run, markdown
+from common import Run, bounds_text, markdown
 
 import jhd
 from jhd.solution import to_plain
@@ -134,9 +134,11 @@ def _fit_table(fits: dict[str, Any]) -> str:
     header = ["fit", "lower", "value", "upper", "known", "optimality", "equal maxima", "within", "steps", "result"]
     rows = []
     for name, fit in fits.items():
-        bounds = (f"{float(getattr(fit['error'], key)):.9e}" for key in ("lower", "value", "upper"))
+        error = fit["error"]
+        lower, upper = bounds_text(error.lower, error.upper, 10)
+        found = [name, lower, f"{float(error.value):.9e}", upper, f"{fit['known']:.9e}"]
         ends = f"{float(fit['optimality']):.1e}", fit["active"], f"{fit['spread']:.1e}"
-        rows.append([name, *bounds, f"{fit['known']:.9e}", *ends, int(fit["stats"]["steps"]), fit["result"]])
+        rows.append([*found, *ends, int(fit["stats"]["steps"]), fit["result"]])
     return markdown(header, rows)
 
 

@@ -8,6 +8,7 @@ tolerance of 1/64, as the paper prints it, would take 256 cells. BranchAndBound 
 digits in about a second.
 """
 
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ _RANGES = {
 }
 # A search that lands within rounding of the distance has no half width on a logarithmic axis.
 _NARROWEST = 1e-14
+_PRINTED = r"printed, $\epsilon = 1/64$"
 
 
 def main() -> None:
@@ -80,11 +82,16 @@ def _draw_intervals(ax: Axes, numbers: dict[str, Any]) -> None:
     if numbers["paper"]["cells"] in cells:
         k = cells.index(numbers["paper"]["cells"]) - 0.14
         middle, half = numbers["paper"]["middle"], numbers["paper"]["half"]
-        bar = {"color": BLACK, "capsize": 4, "linewidth": 0.9, "marker": "_", "markersize": 7, "label": "printed"}
+        bar = {"color": BLACK, "capsize": 4, "linewidth": 0.9, "marker": "_", "markersize": 7, "label": _PRINTED}
         ax.errorbar([k], [middle], [half], **bar)
     ax.axhline(numbers["exact"], color=BLACK, linestyle=(0, (4, 2)), linewidth=0.9, label=r"$(\sqrt{43}-4)/3$")
-    ax.set_xticks(range(len(cells)), [str(count) for count in cells])
-    ax.set(xlim=(-0.5, len(cells) - 0.5), xlabel="cells along each axis", ylabel="distance $H$ (input units)")
+    edges = [f"{count}\n{Fraction(4, count)}" for count in cells]
+    ax.set_xticks(range(len(cells)), edges)
+    ax.set(
+        xlim=(-0.5, len(cells) - 0.5),
+        xlabel="cells along each axis, and their edge",
+        ylabel="distance $H$ (input units)",
+    )
     ax.legend(loc="upper right", borderaxespad=0.1)
     letter(ax, "b", "intervals of cells")
 

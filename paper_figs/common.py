@@ -11,6 +11,7 @@ import runpy
 import subprocess
 import sys
 from contextlib import AbstractContextManager
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +121,15 @@ def origin_of(script: Path, results: Path) -> str:
     """What a picture hangs on: the code that draws it, and its numbers."""
     code = _ORIGIN["code_of"](script)
     return " ".join([*code.values(), _ORIGIN["digest"]([results]), outdated(results)]).strip()
+
+
+def proven_text(lower: float, upper: float, digits: int) -> str:
+    """A number between two bounds, in TeX: digits where the bounds agree in them, else both bounds, rounded outward."""
+    if f"{lower:.{digits}f}" == f"{upper:.{digits}f}":
+        return f"= {lower:.{digits}f}"
+    unit = Decimal(1).scaleb(-digits)
+    low, high = (Decimal(x).quantize(unit, way) for x, way in ((lower, ROUND_FLOOR), (upper, ROUND_CEILING)))
+    return f"\\in [{low}, {high}]"
 
 
 def letter(ax: Axes, text: str, title: str = "") -> None:

@@ -12,7 +12,7 @@ HERE = Path(__file__).resolve().parent
 GALLERY = HERE / "gallery"
 EXPERIMENTS = HERE.parent / "experiments"
 # Pixels of a small picture's width, and its colours: all of them together stay below 3 MB.
-SMALL_WIDTH, SMALL_COLOURS = 800, 64
+SMALL_WIDTH, SMALL_COLOURS = 800, 256
 
 # All figures, in the order of the page.
 GROUPS = {

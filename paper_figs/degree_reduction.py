@@ -29,8 +29,11 @@ _LINES: dict[str, tuple[Any, float]] = {
     "Chamfer": ((0, (1, 1)), 1.2),
     "soft Hausdorff": ((0, (4, 2)), 0.9),
 }
-# Errors are drawn so many times larger beside the target.
-_LARGER = 8
+# Errors are drawn so many times larger beside the target: the most of these for which no line turns back, which would
+# draw loops that are not there.
+_LARGER = (8, 6, 5, 4, 3, 2, 1)
+# Each line keeps at least this share of the target's speed along it.
+_FORWARD = 0.3
 
 
 def main() -> None:
@@ -112,13 +115,22 @@ def _draw_shapes(ax: Axes, target: Any, case: dict[str, Any], example: dict[str,
     speed = np.gradient(rows, t, axis=0)
     normal = np.stack([-speed[:, 1], speed[:, 0]], axis=1) / np.linalg.norm(speed, axis=1)[:, None]
     ax.plot(*rows.T, color=GREY, linewidth=0.8, label="target")
-    for name in _LINES:
-        ax.plot(*(rows + _LARGER * np.array(example["errors"][name])[:, None] * normal).T, **_line(name))
+    offsets = {name: np.array(example["errors"][name])[:, None] * normal for name in _LINES}
+    larger = next((k for k in _LARGER if all(_is_forward(rows, k * x) for x in offsets.values())), _LARGER[-1])
+    for name, offset in offsets.items():
+        ax.plot(*(rows + larger * offset).T, **_line(name))
     ax.plot(*rows[[0, -1]].T, "o", color=GREY, markersize=3.0)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_xlabel("$x$")
     ax.set_ylabel("$y$")
-    letter(ax, "c", f"one case, 7 to {case['degree']}; errors {_LARGER} times larger")
+    scale = f"; errors {larger} times larger" if larger > 1 else ""
+    letter(ax, "c", f"one case, 7 to {case['degree']}{scale}")
+
+
+def _is_forward(rows: np.ndarray, offset: np.ndarray) -> bool:
+    """Whether a line beside another one goes where that goes, everywhere."""
+    steps, moved = np.diff(rows, axis=0), np.diff(rows + offset, axis=0)
+    return bool(np.all(np.sum(steps * moved, axis=1) >= _FORWARD * np.sum(steps * steps, axis=1)))
 
 
 def _line(name: str) -> dict[str, Any]:

@@ -24,13 +24,15 @@ _HALO = [withStroke(linewidth=2.0, foreground="white")]
 def main() -> None:
     """Loads and draws."""
     picture = Picture(__file__, __doc__)
-    picture.save(_figure(picture.numbers["path"]))
+    picture.save(_figure(picture.numbers["path"], picture.numbers["pairs"]))
 
 
-def _figure(path: dict[str, Any]) -> Figure:
+def _figure(path: dict[str, Any], pairs: dict[str, Any]) -> Figure:
     with style():
-        figure = Figure(figsize=(175 * MM, 120 * MM), layout="constrained")
-        shape, value, slope, error = figure.subplots(2, 2).ravel()
+        figure = Figure(figsize=(175 * MM, 165 * MM), layout="constrained")
+        parts: Any = figure.subfigures(2, 1, height_ratios=(120, 45))
+        shape, value, slope, error = parts[0].subplots(2, 2).ravel()
+        _draw_errors(parts[1].subplots(), pairs)
         _draw_shapes(shape, path)
         u, events = np.array(path["u"]), np.array(path["event"])
         _bands([value, slope, error], u, events)
@@ -56,6 +58,28 @@ def _figure(path: dict[str, Any]) -> Figure:
             ax.set_xlabel("place on the path $u$")
             ax.set_xlim(0, 1)
     return figure
+
+
+def _draw_errors(ax: Axes, pairs: dict[str, Any]) -> None:
+    """Errors of first and second derivatives of random pairs of all kinds of curves, by event, with the largest."""
+    looks = {"first": ("o", GREEN, "first derivative", -0.16), "second": ("s", BLUE, "second derivative", 0.16)}
+    for k, found in enumerate(pairs.values()):
+        for order, (marker, colour, label, shift) in looks.items():
+            values = np.maximum(np.sort(found[order]), 1e-16)
+            place = k + shift + 0.2 * np.linspace(-0.5, 0.5, len(values)) * (len(values) > 1)
+            named = label if k == 0 else None
+            ax.semilogy(place, values, marker, color=colour, markersize=2.6, markerfacecolor="none", label=named)
+            text = f"{values[-1]:.0e}"
+            ax.annotate(text, (k + shift, values[-1]), (0, 4), textcoords="offset points", ha="center", va="bottom")
+    titles = [f"{name.replace('_', ' ')}, {len(found['first'])}" for name, found in pairs.items()]
+    ax.set_xticks(range(len(pairs)), titles)
+    ax.tick_params(axis="x", length=0)
+    ax.set_xlim(-0.5, len(pairs) - 0.5)
+    ax.set_ylim(top=30 * ax.get_ylim()[1])
+    ax.set_xlabel("event, and the number of pairs")
+    ax.set_ylabel("relative error")
+    ax.legend(loc="upper right", ncols=2, borderaxespad=0.1)
+    letter(ax, "e", "derivatives against differences, all kinds of curves; the largest in writing")
 
 
 def _draw_shapes(ax: Axes, path: dict[str, Any]) -> None:

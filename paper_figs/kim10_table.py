@@ -11,20 +11,29 @@ more boxes.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullFormatter, NullLocator
 
-_DASHED, _DOTTED = (0, (4, 1.2)), (0, (1, 1))
-_MARK: dict[str, Any] = {"markersize": 3.4, "markeredgecolor": BLACK, "markeredgewidth": 0.4}
+_DASHED, _DOTTED, _DASH_DOTTED = (0, (4, 1.2)), (0, (1, 1)), (0, (5, 1.2, 1, 1.2))
+_MARK: dict[str, Any] = {"markersize": 3.2, "markeredgecolor": BLACK, "markeredgewidth": 0.3}
 _TIMES: dict[str, dict[str, Any]] = {
-    "AlgebraicEvents": {"color": VERMILLION, "marker": "s", "label": "all events"},
-    "BiarcTrimming": {"color": BLUE, "marker": "o", "label": "trimming"},
-    "trimming without biarcs": {"color": BLUE, "marker": "v", "linestyle": _DASHED, "label": "trimming, biarcs given"},
-    "TwoStep": {"color": ORANGE, "marker": "D", "linestyle": _DOTTED, "label": "two-step"},
-    "BranchAndBound": {"color": GREEN, "marker": "^", "label": "branch and bound"},
+    "AlgebraicEvents": {"color": VERMILLION, "label": "all events"},
+    "BiarcTrimming": {"color": BLUE, "label": "trimming"},
+    "trimming without biarcs": {"color": PURPLE, "linestyle": _DASHED, "label": "trimming, biarcs given"},
+    "TwoStep": {"color": ORANGE, "linestyle": _DOTTED, "label": "two-step"},
+    "BranchAndBound": {"color": GREEN, "linestyle": _DASH_DOTTED, "label": "branch and bound"},
 }
+# The kinds of event, side by side so that none hides another.
+_KINDS = {
+    "end": ("o", "end of $A$"),
+    "foot_at_end": ("s", "foot at an end of $B$"),
+    "antipodal": ("^", "antipodal"),
+    "self_bisector": ("D", "two feet"),
+}
+_APART = 1.06
 _PRINTED: dict[str, Any] = {"color": GREY, "linestyle": _DOTTED, "markersize": 4.5, "linewidth": 0.8}
 _LEGEND: dict[str, Any] = {"handlelength": 2.2, "labelspacing": 0.25, "handletextpad": 0.5, "borderaxespad": 0.1}
 
@@ -37,7 +46,7 @@ def main() -> None:
 
 def _figure(entries: list[dict[str, Any]]) -> Figure:
     with style():
-        figure = Figure(figsize=(175 * MM, 84 * MM), layout="constrained")
+        figure = Figure(figsize=(175 * MM, 92 * MM), layout="constrained")
         times, boxes, gains = figure.subplots(1, 3, sharex=True, width_ratios=[1.25, 1.0, 1.0])
         _draw_times(times, entries)
         letter(times, "a", "warm time of one distance")
@@ -51,19 +60,23 @@ def _figure(entries: list[dict[str, Any]]) -> Figure:
             ax.xaxis.set_major_locator(FixedLocator(counts))
             ax.xaxis.set_minor_locator(NullLocator())
             ax.set_xticklabels([str(count) for count in counts])
-        figure.legend(*times.get_legend_handles_labels(), loc="outside lower center", ncols=4, **_LEGEND)
+        handles, labels = times.get_legend_handles_labels()
+        for marker, label in _KINDS.values():
+            handles.append(Line2D([], [], linestyle="none", marker=marker, color="white", **_MARK))
+            labels.append(label)
+        figure.legend(handles, labels, loc="outside lower center", ncols=4, **_LEGEND)
     return figure
 
 
 def _drawn(ax: Axes, entries: list[dict[str, Any]], values: Any, look: dict[str, Any]) -> None:
-    """A mark for each pair, and a line through the geometric means."""
+    """A mark for each pair, whose form is the kind of event, and a line through the geometric means."""
     counts = sorted({entry["count"] for entry in entries})
     rows = [np.array([values(entry) for entry in entries if entry["count"] == count]) for count in counts]
     line = {"color": look["color"], "linestyle": look.get("linestyle", "-"), "linewidth": 1.0}
-    ax.loglog(counts, [np.exp(np.mean(np.log(row))) for row in rows], **line)
-    for count, row in zip(counts, rows, strict=True):
-        ax.loglog(np.full(len(row), count), row, linestyle="none", color=look["color"], marker=look["marker"], **_MARK)
-    ax.plot([], [], **line, marker=look["marker"], label=look["label"], **_MARK)
+    ax.loglog(counts, [np.exp(np.mean(np.log(row))) for row in rows], **line, label=look["label"])
+    for k, (kind, (marker, _)) in enumerate(_KINDS.items()):
+        shown = [(_APART ** (2 * k - 3) * e["count"], values(e)) for e in entries if e["kind"] == kind]
+        ax.loglog(*np.transpose(shown or np.empty((0, 2))), marker, color=look["color"], **_MARK)
 
 
 def _draw_times(ax: Axes, entries: list[dict[str, Any]]) -> None:
