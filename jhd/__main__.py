@@ -146,6 +146,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_shapes(minimum)
     minimum.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=_ATOL_HELP)
     minimum.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
+    minimum.add_argument("--certificate", metavar="FILE", help="write what proves the bounds, for jhd verify")
     minimum.set_defaults(command="minimum")
 
     _add_deviation(commands)

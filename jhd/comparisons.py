@@ -42,7 +42,7 @@ from jhd.report import (
     space_picture,
 )
 from jhd.shapes.curve import AbstractCurve
-from jhd.solution import Decision, HausdorffSolution, name_of, to_plain
+from jhd.solution import Decision, HausdorffSolution, MinimumSolution, name_of, to_plain
 
 # A directed distance whose bounds are this close, as a share, is drawn as it is.
 _CLOSED = 1e-6
@@ -57,9 +57,7 @@ def distance(options: Namespace) -> int:
     atol = None if options.atol is None else options.atol.of(a, b)
     method = method_of(options.method, atol, AbstractHausdorffMethod)
     check_drawn(options, a.dim)
-    if options.certificate and any(isinstance(shape, jhd.ImplicitSurface) for shape in (a, b)):
-        raise ValueError("--certificate: polynomial surfaces have none; leave it out.")
-    check_writable(options.certificate)
+    _check_certificate(options.certificate, a, b)
     if options.threshold is not None:
         return _distance_at_most(options, a, b, method)
     entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
@@ -144,20 +142,27 @@ def minimum(options: Namespace) -> int:
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
     atol = None if options.atol is None else options.atol.of(a, b)
+    _check_certificate(options.certificate, a, b)
     if options.threshold is not None:
+        if options.certificate:
+            raise ValueError("--certificate: with --threshold the nearest points are not known; leave it out.")
         limit, method = _limit(options, a, b), jhd.BranchAndBound(atol=atol)
         with busy("computing; a first run compiles") as show:
             decided, seconds = timed(lambda: jhd.minimum_at_most(a, b, limit, method, progress=show))
         return _print_decision(options, a, b, "minimum distance", decided, seconds, {})
     with busy("computing; a first run compiles") as show:
         found, seconds = timed(lambda: jhd.minimum_distance(a, b, atol=atol, throw=False, progress=show))
+    written = bool(options.certificate) and _certified(options.certificate, a, b, found)
+    status = 1 if options.certificate and not written else exit_status(found)
     if options.json:
         print_json(found, a=options.a, b=options.b, **box_of(a, b), diagonal=size, seconds=seconds)
-        return exit_status(found)
+        return status
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     print(minimum_text(found, size), end="\n\n")
     _print_run(seconds, size)
-    return exit_status(found)
+    if written:
+        print(f"proof      {Path(options.certificate).resolve()}")
+    return status
 
 
 def deviation(options: Namespace) -> int:
@@ -248,7 +253,14 @@ def directions_of(solution: HausdorffSolution) -> list[HausdorffSolution | None]
     return [there, back if float(back.upper - back.lower) <= _CLOSED * float(back.upper) else None]
 
 
-def _certified(file: str, a: Any, b: Any, solution: HausdorffSolution) -> bool:
+def _check_certificate(file: str | None, a: Any, b: Any) -> None:
+    """ValueError, before the work, where there can be no certificate in the file."""
+    if file and any(isinstance(shape, jhd.ImplicitSurface) for shape in (a, b)):
+        raise ValueError("--certificate: polynomial surfaces have none; leave it out.")
+    check_writable(file)
+
+
+def _certified(file: str, a: Any, b: Any, solution: HausdorffSolution | MinimumSolution) -> bool:
     """Writes the certificate of the solution; False, after a line on stderr, where its bounds could not be proven."""
     try:
         with busy("certifying") as show:

@@ -66,6 +66,15 @@ def test_the_distance_of_meshes_has_a_certificate(run):
     assert status == 1 and "is not checked in 1e-09 seconds" in err
 
 
+def test_the_minimum_distance_of_meshes_has_one_too(run):
+    status, out, _ = run("minimum", "a.ply", "b.obj", "--certificate", "m.json")
+    assert status == 0 and "proof      " in out
+    status, out, _ = run("verify", "m.json")
+    assert status == 0 and " <= d(A, B) <= " in out
+    status, _, err = run("minimum", "a.ply", "b.obj", "--certificate", "m.json", "--threshold", "1")
+    assert status == 2 and "--certificate: with --threshold" in err
+
+
 def test_a_field_is_stored_and_turned_into_a_mesh(run):
     status, out, _ = run(
         "field", "a.ply", "--atol", "0.1", "--out", "f.npz", "--surface", "s.stl", "--resolution", "16", "--json"

@@ -20,9 +20,9 @@ from jhd.arrays import is_traced
 from jhd.distance.certificate.covering import Measure, UncoveredError, cover
 from jhd.distance.certificate.curve_witness import witness_of
 from jhd.distance.certificate.host import host, plain_shape
-from jhd.distance.certificate.mixes import Report, default_atol, prove_mix
+from jhd.distance.certificate.mixes import Report, ToProve, asked_of, default_atol, prove_minimum, prove_mix
 from jhd.distance.certificate.verification.first_version import current
-from jhd.distance.certificate.verification.proofs import Proven, verify
+from jhd.distance.certificate.verification.proofs import NAMES, Proven, verify
 from jhd.distance.certificate.verification.reading import lines_of
 from jhd.distance.certificate.verification.structure import FORMAT, KINDS, VERSION, check_content
 from jhd.distance.frame.curves import prepare
@@ -31,7 +31,7 @@ from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
-from jhd.solution import HausdorffSolution, NotProvenError
+from jhd.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError
 
 _KINDS = "points, a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface) or a TriangleMesh"
 
@@ -71,11 +71,11 @@ class Certificate:
 
     @property
     def cells(self) -> int:
-        """Number of cells that prove the upper bound."""
+        """Number of cells that prove the upper bound, or of pairs that prove the lower one of a minimum."""
         return sum(map(len, (self.content["cells"] or {}).values()))
 
     def __repr__(self) -> str:
-        name = "h(A, B)" if self.directed else "H(A, B)"
+        name = NAMES[self.content["claim"]["kind"]]
         return f"Certificate({self.lower!r} <= {name} <= {self.upper!r}, {self.cells} cells)"
 
     def verify(self) -> Proven:
@@ -107,26 +107,31 @@ class Certificate:
 def certify(
     a: Any,
     b: Any,
-    solution: HausdorffSolution,
+    solution: HausdorffSolution | MinimumSolution | Decision,
     *,
+    directed: bool = False,
     atol: float | None = None,
     max_cells: int = 100_000,
     progress: Callable[[dict[str, Any]], None] | None = None,
 ) -> Certificate:
     """A certificate of the bounds of a solution.
 
-    An upper bound of inf and a lower bound of 0, where a method proves none, are not claimed or need no proof. Of two
-    curves exactly the bounds of the solution are claimed; of other shapes they are wider by `atol`, and the certificate
-    says which. Shapes that lie on each other but for rounding take very many cells: then a larger `atol` helps.
+    An upper bound of inf and a lower bound of 0, where a method proves none, are not claimed or need no proof. The
+    bounds may be a little wider than those of the solution (`atol`), and the certificate says which. Shapes that lie on
+    each other but for rounding take very many cells: then a larger `atol` helps.
 
     Args:
         a: the first shape of the distance, as it was handed in: points, a curve, a parametric surface, a mesh.
         b: the second one.
-        solution: what directed_hausdorff or hausdorff returned for them: one, not a batch.
+        solution: what directed_hausdorff, hausdorff, hausdorff_at_most or minimum_distance returned for them: one, not
+            a batch. Of a decision the bound that answers is proven, of an undecided one both are.
+        directed: of a decision, whether it was about the distance from a to b alone.
         atol: how much wider than those of the solution the bounds are, in the unit of the coordinates; by default
-            nothing for two curves, else a billionth of the diagonal of the box of both shapes.
-        max_cells: most cells in one direction. A smooth piece takes a handful, more where b is far from smooth.
-        progress: called with a dictionary of `direction`, `cells` and `open` after each generation of cells.
+            nothing for decisions and for the largest distances of two curves, else a billionth of the diagonal of the
+            box of both shapes.
+        max_cells: most cells in one direction, or pairs of parts. A smooth piece takes a handful,
+            more where b is far from smooth.
+        progress: called with a dictionary of `direction` (or "apart"), `cells` and `open` now and then.
 
     Returns:
         The certificate; every bound of it has been checked in exact arithmetic.
@@ -139,45 +144,49 @@ def certify(
     a, b = taken_as("a", a), taken_as("b", b)
     _check_arguments(a, b, solution, max_cells)
     curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
-    slack = _checked_atol(atol, a, b, curves)
     report = _reporting(progress)
-    found = _of_curves(a, b, solution, slack, max_cells, report) if curves else None
-    claim, cells, witness = found or prove_mix(a, b, solution, slack, max_cells, report)
-    shapes = {"a": plain_shape(a), "b": plain_shape(b)}
-    content = {"format": FORMAT, "version": VERSION, "claim": claim, **shapes, "cells": cells, "witness": witness}
-    return Certificate(content)
+    if isinstance(solution, MinimumSolution):
+        found = prove_minimum(a, b, solution, _checked_atol(atol, a, b, sharp=False), max_cells, report)
+    else:
+        slack = _checked_atol(atol, a, b, sharp=curves or isinstance(solution, Decision))
+        asked = asked_of(solution, directed, slack)
+        cells, witness = (_prove_curves if curves else prove_mix)(a, b, asked, max_cells, report)
+        upper = asked.upper if math.isfinite(asked.upper) else None
+        claim = {"kind": asked.kind, "lower": asked.lower, "upper": upper}
+        found = {"claim": claim, "orders": None, "cells": cells, "witness": witness}
+    return Certificate({"format": FORMAT, "version": VERSION, "a": plain_shape(a), "b": plain_shape(b), **found})
 
 
-def _of_curves(
-    a: AbstractCurve, b: AbstractCurve, solution: HausdorffSolution, atol: float, max_cells: int, report: Report
-) -> tuple[dict[str, Any], dict[str, Any] | None, dict[str, Any] | None]:
+def _prove_curves(
+    a: AbstractCurve, b: AbstractCurve, asked: ToProve, max_cells: int, report: Report
+) -> tuple[Any, Any]:
     """As `prove_mix`, by maps of higher degree, which follow feet so closely that no slack is needed."""
     x, y = a.segments(), b.segments()
     p, q, frame = prepare(x, y)
     first, second = host(x, frame), host(y, frame)
     measures = {"a_to_b": Measure(first, second, q), "b_to_a": Measure(second, first, p)}
-    kind = "directed" if solution.directed else "two_sided"
-    lower, upper = max(float(solution.lower) - atol, 0.0), float(solution.upper) + atol
     cells: dict[str, Any] = {}
-    for direction in KINDS[kind] if math.isfinite(upper) else ():
+    for direction in KINDS[asked.kind] if math.isfinite(asked.upper) else ():
         try:
-            reporting = partial(report, direction)
-            cells[direction] = cover(measures[direction], upper, frame, max_cells, reporting)
+            cells[direction] = cover(measures[direction], asked.upper, frame, max_cells, partial(report, direction))
         except UncoveredError as error:
-            raise NotProvenError(f"The upper bound {upper!r} is not proven, {direction}: {error}", solution) from error
+            reason = f"The upper bound {asked.upper!r} is not proven, {direction}: {error}"
+            raise NotProvenError(reason, asked.solution) from error
     witness = None
-    if lower > 0:
-        witness = witness_of(solution, lower, {name: measures[name] for name in KINDS[kind]}, frame)
-    return {"kind": kind, "lower": lower, "upper": upper if math.isfinite(upper) else None}, cells or None, witness
+    if asked.lower > 0:
+        wanted = {name: measures[name] for name in KINDS[asked.kind]}
+        witness = witness_of(asked.solution, asked.lower, wanted, frame)
+    return cells or None, witness
 
 
 def _check_arguments(a: object, b: object, solution: object, max_cells: object) -> None:
     for name, shape in (("a", a), ("b", b)):
         if not isinstance(shape, AbstractCurve | AbstractPatch | TriangleMesh):
             raise TypeError(f"{name} must be {_KINDS}; got {type(shape).__name__}.")
-    if not isinstance(solution, HausdorffSolution):
-        raise TypeError(f"solution must be a HausdorffSolution; got {type(solution).__name__}.")
-    if is_traced(a, b, solution) or np.ndim(solution.value) > 0:
+    if not isinstance(solution, HausdorffSolution | MinimumSolution | Decision):
+        accepted = "a HausdorffSolution, a MinimumSolution or a Decision"
+        raise TypeError(f"solution must be {accepted}; got {type(solution).__name__}.")
+    if is_traced(a, b, solution) or np.ndim(solution.lower) > 0:
         raise TypeError("certify needs concrete shapes and one concrete solution; index a batch first.")
     if not isinstance(max_cells, int) or isinstance(max_cells, bool) or max_cells < 1:
         raise ValueError(f"max_cells is {max_cells!r}; needs a positive whole number.")
@@ -186,9 +195,9 @@ def _check_arguments(a: object, b: object, solution: object, max_cells: object) 
         raise ValueError(f"a has {dims[0]} coordinates a point and b has {dims[1]}; needs the same.")
 
 
-def _checked_atol(atol: object, a: Any, b: Any, curves: bool) -> float:
+def _checked_atol(atol: object, a: Any, b: Any, sharp: bool) -> float:
     if atol is None:
-        return 0.0 if curves else default_atol(a, b)
+        return 0.0 if sharp else default_atol(a, b)
     if isinstance(atol, bool) or not isinstance(atol, int | float | np.number) or not 0 <= float(atol) < math.inf:
         raise ValueError(f"atol is {atol!r}; needs one number of at least 0.")
     return float(atol)

@@ -14,7 +14,7 @@ from jhd.distance.certificate.covering import Measure
 from jhd.distance.certificate.host import jets, local_feet
 from jhd.distance.certificate.verification.proofs import failure_of_witness, point_of
 from jhd.distance.frame.coordinates import Frame
-from jhd.solution import HausdorffSolution, NotProvenError, name_of
+from jhd.solution import Decision, HausdorffSolution, NotProvenError, name_of
 
 # Samples of a segment of the other curve among which the nearest points of the witness are looked for.
 _CUT_SAMPLES = 33
@@ -42,12 +42,13 @@ def witness_of(solution: HausdorffSolution, lower: float, measures: dict[str, Me
 
 
 def _candidates(
-    solution: HausdorffSolution, measures: dict[str, Measure], limit: float
+    solution: HausdorffSolution | Decision, measures: dict[str, Measure], limit: float
 ) -> Iterator[tuple[str, int, float]]:
     """The witness of the solution, the farthest places known, and the farthest found from a dense sample."""
-    witness, direction = solution.witness, name_of(solution.direction)
-    if direction in measures and 0 <= int(witness.segment) < len(measures[direction].a.rows):
-        yield direction, int(witness.segment), float(witness.t)
+    if isinstance(solution, HausdorffSolution):
+        witness, direction = solution.witness, name_of(solution.direction)
+        if direction in measures and 0 <= int(witness.segment) < len(measures[direction].a.rows):
+            yield direction, int(witness.segment), float(witness.t)
     yield from _farthest(measures, limit, _TRIED)
     for measure in measures.values():
         count = len(measure.a.rows)

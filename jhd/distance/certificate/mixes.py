@@ -1,21 +1,26 @@
-"""The proofs of a certificate of any two shapes: cells for the upper bound, and a place for the lower one.
+"""The proofs of a certificate of any two shapes.
+
+Of a largest distance they are cells for the upper bound and a place for the lower one, of a smallest distance pairs of
+parts for the lower bound and a place on each shape for the upper one.
 
 Bounds that are as sharp as the solution's would need a cell for each of the last digits, so they may be a little wider.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd.distance.certificate.closest_pairs import closest_places, keep_apart
 from jhd.distance.certificate.covering import UncoveredError
 from jhd.distance.certificate.host import plain_shape
 from jhd.distance.certificate.sides import ShapeSide
-from jhd.distance.certificate.subdivision import CellCover, cover_by_cells
+from jhd.distance.certificate.subdivision import CellCover, cover_by_cells, far_places
 from jhd.distance.certificate.verification.proofs import failure_of_witness, point_of
 from jhd.distance.certificate.verification.structure import KINDS
-from jhd.solution import HausdorffSolution, NotProvenError, name_of
+from jhd.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError, name_of
 
 # How much wider than the solution's the bounds may be by default, as a share of the diagonal of the box of both shapes.
 _SLACK = 1e-9
@@ -31,36 +36,44 @@ def default_atol(a: Any, b: Any) -> float:
     return _SLACK * float(np.linalg.norm(high - low))
 
 
-def prove_mix(
-    a: Any, b: Any, solution: HausdorffSolution, atol: float, max_cells: int, report: Report
-) -> tuple[dict[str, Any], dict[str, Any] | None, dict[str, Any] | None]:
-    """The claim, the cells of each direction, and the witness.
+class ToProve(NamedTuple):
+    """What is to be proven: "directed" or "two_sided", the bounds, and what they were taken from."""
+
+    kind: str
+    lower: float
+    upper: float
+    solution: HausdorffSolution | Decision
+
+
+def asked_of(solution: HausdorffSolution | Decision, directed: bool, atol: float) -> ToProve:
+    """The bounds of a solution, or the one of a decision that answers, wider by atol."""
+    lower, upper = float(solution.lower), float(solution.upper)
+    if isinstance(solution, Decision):
+        answer = name_of(solution.answer)
+        lower, upper = 0.0 if answer == "yes" else lower, math.inf if answer == "no" else upper
+    else:
+        directed = solution.directed
+    return ToProve("directed" if directed else "two_sided", max(lower - atol, 0.0), upper + atol, solution)
+
+
+def prove_mix(a: Any, b: Any, asked: ToProve, max_cells: int, report: Report) -> tuple[Any, Any]:
+    """The cells of each direction, and the witness; None where no bound needs them.
 
     Raises:
-        NotProvenError: a bound of the solution could not be proven of these shapes to within atol, or takes more cells.
+        NotProvenError: a bound could not be proven of these shapes, or takes more cells.
     """
-    low, high = _ends(a, b)
-    exponent = int(math.frexp(max(float(np.max(np.abs([low, high]))), 1e-300))[1])
+    exponent = _exponent(a, b)
     sides = {"a": ShapeSide(a, exponent), "b": ShapeSide(b, exponent)}
-    kind = "directed" if solution.directed else "two_sided"
-    upper = float(solution.upper) + atol
     covers: dict[str, CellCover] = {}
-    for direction in KINDS[kind] if math.isfinite(upper) else ():
+    for direction in KINDS[asked.kind] if math.isfinite(asked.upper) else ():
         source, target = sides[direction[0]], sides[direction[-1]]
         try:
-            covers[direction] = cover_by_cells(
-                source, target, upper, max_cells, lambda proven, left, name=direction: report(name, proven, left)
-            )
+            covers[direction] = cover_by_cells(source, target, asked.upper, max_cells, partial(report, direction))
         except UncoveredError as error:
-            reason = f"The upper bound {upper!r} is not proven, {direction}: {error}"
-            raise NotProvenError(reason, solution) from error
-    lower = max(float(solution.lower) - atol, 0.0)
-    witness = None
-    if lower > 0:
-        known = {name: cover.farthest for name, cover in covers.items()}
-        witness = _witness(solution, sides, known, lower, KINDS[kind])
-    claim = {"kind": kind, "lower": lower, "upper": upper if math.isfinite(upper) else None}
-    return claim, {name: cover.entries for name, cover in covers.items()} or None, witness
+            reason = f"The upper bound {asked.upper!r} is not proven, {direction}: {error}"
+            raise NotProvenError(reason, asked.solution) from error
+    witness = _witness(asked, sides, covers) if asked.lower > 0 else None
+    return {name: cover.entries for name, cover in covers.items()} or None, witness
 
 
 def _ends(a: Any, b: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -74,36 +87,36 @@ def _ends(a: Any, b: Any) -> tuple[np.ndarray, np.ndarray]:
     return both.min(axis=0), both.max(axis=0)
 
 
-def _witness(
-    solution: HausdorffSolution,
-    sides: dict[str, ShapeSide],
-    known: dict[str, list[tuple[int, np.ndarray]]],
-    lower: float,
-    directions: Sequence[str],
-) -> dict[str, Any]:
-    """A place that proves the lower bound: that of the solution, or the farthest corner of a cell.
+def _witness(asked: ToProve, sides: dict[str, ShapeSide], covers: dict[str, CellCover]) -> dict[str, Any]:
+    """A place that proves the lower bound: that of the solution, a corner of a cell, or one that is looked for.
 
     Raises:
         NotProvenError: none of those tried does.
     """
-    for direction, piece, at in _candidates(solution, sides, known, directions):
+    for direction, piece, at in _candidates(asked, sides, covers):
         point = point_of(sides[direction[0]].exact[piece], at)
-        if all(failure_of_witness(point, other, lower) is None for other in sides[direction[-1]].exact):
+        if all(failure_of_witness(point, other, asked.lower) is None for other in sides[direction[-1]].exact):
             return {"direction": direction, "piece": piece, "at": at, "cuts": None}
-    raise NotProvenError(f"The lower bound {lower!r} is not proven: no place of these shapes is that far.", solution)
+    reason = f"The lower bound {asked.lower!r} is not proven: no place of these shapes is that far."
+    raise NotProvenError(reason, asked.solution)
 
 
 def _candidates(
-    solution: HausdorffSolution,
-    sides: dict[str, ShapeSide],
-    known: dict[str, list[tuple[int, np.ndarray]]],
-    directions: Sequence[str],
+    asked: ToProve, sides: dict[str, ShapeSide], covers: dict[str, CellCover]
 ) -> Iterator[tuple[str, int, list[float]]]:
-    direction, piece = name_of(solution.direction), int(solution.witness.segment)
-    if direction in directions and 0 <= piece < len(sides[direction[0]].exact):
-        yield direction, piece, _inside(sides[direction[0]], np.atleast_1d(np.asarray(solution.witness.t, float)))
-    for name, places in known.items():
-        for piece, x in places:
+    if isinstance(asked.solution, HausdorffSolution):
+        direction, witness = name_of(asked.solution.direction), asked.solution.witness
+        if direction in KINDS[asked.kind] and 0 <= int(witness.segment) < len(sides[direction[0]].exact):
+            yield (
+                direction,
+                int(witness.segment),
+                _inside(sides[direction[0]], np.atleast_1d(np.asarray(witness.t, float))),
+            )
+    for name, cover in covers.items():
+        for piece, x in cover.farthest:
+            yield name, piece, _inside(sides[name[0]], x)
+    for name in KINDS[asked.kind]:
+        for piece, x in far_places(sides[name[0]], sides[name[-1]]):
             yield name, piece, _inside(sides[name[0]], x)
 
 
@@ -115,3 +128,38 @@ def _inside(side: ShapeSide, t: np.ndarray) -> list[float]:
     if triangle:
         x[1] = min(x[1], 1 - x[0])
     return x.tolist()
+
+
+def prove_minimum(
+    a: Any, b: Any, solution: MinimumSolution, atol: float, max_cells: int, report: Report
+) -> dict[str, Any]:
+    """The claim, the orders of the pieces, the pairs of parts and the two places.
+
+    Raises:
+        NotProvenError: a bound of the solution could not be proven of these shapes to within atol, or takes more pairs.
+    """
+    exponent = _exponent(a, b)
+    first, second = ShapeSide(a, exponent), ShapeSide(b, exponent)
+    points = tuple(np.asarray(x, float) for x in (solution.point_a, solution.point_b))
+    upper, lower = float(solution.upper) + atol, max(float(solution.lower) - atol, 0.0)
+    witness, cells, orders = None, None, {"a": None, "b": None}
+    if math.isfinite(upper):
+        witness = closest_places(first, second, (points[0], points[1]), upper)
+        if witness is None:
+            reason = f"The upper bound {upper!r} is not proven: no places of these shapes are that near."
+            raise NotProvenError(reason, solution)
+    if lower > 0:
+        try:
+            orders, pairs = keep_apart(
+                first, second, points[1] - points[0], lower, max_cells, lambda done, left: report("apart", done, left)
+            )
+        except UncoveredError as error:
+            raise NotProvenError(f"The lower bound {lower!r} is not proven: {error}", solution) from error
+        cells = {"apart": pairs}
+    claim = {"kind": "minimum", "lower": lower, "upper": upper if math.isfinite(upper) else None}
+    return {"claim": claim, "orders": orders, "cells": cells, "witness": witness}
+
+
+def _exponent(a: Any, b: Any) -> int:
+    """That of a power of two by which coordinates are divided."""
+    return int(math.frexp(max(float(np.max(np.abs(_ends(a, b)))), 1e-300))[1])

@@ -33,6 +33,8 @@ _BITS = 2.0**36
 _SURELY = 1e-13
 # Maps whose parameters are nearer than this are one.
 _ALIKE = 1e-9
+# Cells that are cut in one generation, and generations, where far places alone are looked for.
+_BEAM, _GENERATIONS = 48, 24
 # Points measured at once are filled up to powers of two from here on, for which programs are few.
 _LEAST_POINTS = 64
 # The letters of the halves of a triangle, for each pair of corners between which it is cut.
@@ -103,6 +105,17 @@ def cover_by_cells(
         cells = _with_starts(cells, maps).take(np.flatnonzero(rest))
         cells = _halves(source, target, cells, limit)
     return CellCover(sorted(entries, key=lambda entry: (entry["piece"], entry["cell"] or [])), known.farthest())
+
+
+def far_places(source: ShapeSide, target: ShapeSide) -> list[tuple[int, np.ndarray]]:
+    """Places of the source that are far from the target, the farthest first: corners of cells about them are cut on."""
+    cells, known = _first(source, target, np.inf), _Known()
+    known.add(cells)
+    for _ in range(_GENERATIONS if source.cell_corners > 1 else 0):
+        farthest = np.argsort(-np.max(cells.feet.distance, axis=1))[:_BEAM]
+        cells = _halves(source, target, cells.take(farthest), np.inf)
+        known.add(cells)
+    return known.farthest()
 
 
 class _Known:

@@ -25,7 +25,7 @@ def content(kind, bounds, shapes, cells, witness):
     """A certificate of these parts."""
     claim = {"kind": kind, "lower": bounds[0], "upper": bounds[1]}
     head = {"format": "jhd-certificate", "version": 2, "claim": claim, "a": shapes[0], "b": shapes[1]}
-    return {**head, "cells": cells, "witness": witness}
+    return {**head, "orders": None, "cells": cells, "witness": witness}
 
 
 def arch():
@@ -61,6 +61,15 @@ def square():
     back = [cell(0, "", 0, [[0, 0], [1, 0], [1, 1]]), cell(1, "", 0, [[0, 0], [1, 1], [0, 1]])]
     witness = {"direction": "a_to_b", "piece": 0, "at": [0.25, 0.5], "cuts": None}
     return content("two_sided", (1.0, 1.0), (patch, mesh), {"a_to_b": there, "b_to_a": back}, witness)
+
+
+def facing():
+    """The same patch and triangles, whose least distance is 1 too: one pair for each triangle."""
+    made = square()
+    cells = {"apart": [{"pair": letter, "plane": [0.0, 0.0, 2.0]} for letter in "XY"]}
+    witness = {"a": {"piece": 0, "at": [0.25, 0.5]}, "b": {"piece": 1, "at": [0.25, 0.25]}}
+    claim = {"kind": "minimum", "lower": 1.0, "upper": 1.0}
+    return {**made, "claim": claim, "orders": {"a": None, "b": [1, 0]}, "cells": cells, "witness": witness}
 
 
 def between():
@@ -123,6 +132,9 @@ def sampled(shape, count):
 
 def sampled_distance(made, counts=(129, 2049)):
     """The distance that the claim is about, of samples."""
+    if made["claim"]["kind"] == "minimum":
+        p, q = (sampled(made[name], counts[1]) for name in "ab")
+        return min(np.sqrt(((x - q) ** 2).sum(-1).min()) for x in p)
     pairs = ("ab", "ba") if made["claim"]["kind"] == "two_sided" else ("ab",)
     sets = [(sampled(made[x], counts[0]), sampled(made[y], counts[1])) for x, y in pairs]
     return max(np.sqrt(((p[:, None] - q) ** 2).sum(-1).min(1).max()) for p, q in sets)

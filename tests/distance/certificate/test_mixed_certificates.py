@@ -70,6 +70,40 @@ def test_bounds_that_are_false_have_none():
             certify(a, b, false)
 
 
+def test_decisions_have_certificates_of_what_answers():
+    a, b = shape("points", 1), shape("mesh", 2)
+    distance = float(jhd.hausdorff(a, b).value)
+    yes, no = (jhd.hausdorff_at_most(a, b, share * distance) for share in (1.1, 0.9))
+    proven = certify(a, b, yes).verify()
+    assert proven.lower == 0 and proven.upper == float(yes.upper) <= 1.1 * distance
+    proven = certify(a, b, no).verify()
+    assert proven.upper is None and proven.lower == float(no.lower) > 0.9 * distance
+    directed = jhd.hausdorff_at_most(b, a, 1.1 * distance, directed=True)
+    assert certify(b, a, directed, directed=True).directed
+
+
+def test_minimum_distances_have_certificates():
+    a, b = shape("points", 1), shape("mesh", 2, height=2.0)
+    solution = jhd.minimum_distance(a, b)
+    certificate = certify(a, b, solution)
+    proven = certificate.verify()
+    assert proven.kind == "minimum" and proven.upper is not None
+    assert proven.lower <= float(solution.value) <= proven.upper <= proven.lower + 3 * (2 * SLACK + ROUNDING)
+    assert repr(certificate).startswith(f"Certificate({proven.lower!r} <= d(A, B) <= ")
+    below = dataclasses.replace(solution, upper=solution.upper * 0.99)
+    above = dataclasses.replace(solution, lower=solution.lower * 1.01)
+    for false, reason in ((below, "no places of these shapes are that near"), (above, "is not proven")):
+        with pytest.raises(jhd.NotProvenError, match=reason):
+            certify(a, b, false)
+
+
+def test_shapes_that_meet_have_a_certificate_of_the_upper_bound_alone():
+    a = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    b = jhd.TriangleMesh([[0.2, 0.2, -1], [0.3, 0.2, 1], [0.2, 0.4, 1]], [[0, 1, 2]])
+    proven = certify(a, b, jhd.minimum_distance(a, b)).verify()
+    assert proven.lower == proven.cells == 0 and proven.upper is not None and proven.upper <= 3 * SLACK
+
+
 def test_what_is_asked_for_is_checked(as_a_user):
     a, b = shape("points", 1), shape("mesh", 2)
     solution = jhd.hausdorff(a, b)
@@ -114,6 +148,16 @@ def test_pairs_of_every_kind_have_certificates(first, second):
     for seed in range(SEEDS if first == "points" else FEWER):
         a, b = shape(first, 2 * seed), shape(second, 2 * seed + 1, height=0.3)
         checked(a, b, jhd.hausdorff(a, b, throw=False))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("first", "second"), [("curve", "mesh"), ("patch", "patch"), ("mesh", "rational")])
+def test_minimum_distances_of_other_kinds_have_certificates(first, second):
+    for seed in range(FEWER):
+        a, b = shape(first, 2 * seed), shape(second, 2 * seed + 1, height=1.7)
+        solution = jhd.minimum_distance(a, b)
+        proven = certify(a, b, solution).verify()
+        assert proven.upper is not None and proven.lower <= float(solution.value) <= proven.upper
 
 
 @pytest.mark.slow

@@ -21,7 +21,17 @@ from jhd.distance.certificate.verification.polynomials import failure, from_coef
 from jhd.distance.certificate.verification.proofs import squares_of
 from jhd.distance.certificate.verification.reading import lines_of
 from tests.distance import exact
-from tests.distance.certificate.made import arch, at, between, changed, circles, numbers, sampled_distance, square
+from tests.distance.certificate.made import (
+    arch,
+    at,
+    between,
+    changed,
+    circles,
+    facing,
+    numbers,
+    sampled_distance,
+    square,
+)
 
 FOLDER = Path(verification.__file__).parent
 # What every number of a certificate is moved by in turn.
@@ -42,6 +52,7 @@ def first_version():
         }
 
     content = arch()
+    del content["orders"]
     for name in ("a", "b"):
         del content[name]["kind"]
     content["cells"] = {name: [old(row) for row in rows[::-1]] for name, rows in content["cells"].items()}
@@ -84,12 +95,23 @@ def test_two_feet_prove_what_neither_does():
             verify(changed(between(), (*CELL, "multipliers"), wrong))
 
 
+def test_planes_prove_a_least_distance():
+    assert verify(facing()) == Proven("minimum", 1.0, 1.0, 2)
+    cut = [{"pair": letters, "plane": [0.0, 0.0, 2.0]} for letters in ("Xa", "Xbc", "Xbd", "YC", "YDA", "YDB")]
+    assert verify(changed(facing(), ("cells", "apart"), cut)) == Proven("minimum", 1.0, 1.0, 6)
+    upper_only = {**facing(), "cells": None, "claim": {"kind": "minimum", "lower": 0, "upper": 1.0}}
+    assert verify(upper_only) == Proven("minimum", 0.0, 1.0, 0)
+    lower_only = {**facing(), "witness": None, "claim": {"kind": "minimum", "lower": 1.0, "upper": None}}
+    assert verify(lower_only) == Proven("minimum", 1.0, None, 2)
+
+
 # How many samples each way on a piece of the one and of the other shape tell the distance how well.
 SAMPLES = {
     arch: ((129, 2049), 1e-4),
     circles: ((17, 257), 1e-3),
     square: ((9, 33), 5e-3),
     between: ((257, 2), 1e-4),
+    facing: ((9, 17), 5e-3),
 }
 
 
@@ -236,6 +258,40 @@ OF_SURFACES = [
 def test_what_is_wrong_with_surfaces_is_named(change, reason):
     with pytest.raises(CertificateError, match=reason):
         verify(changed(square(), *change))
+
+
+PAIR = ("cells", "apart", 0)
+OF_MINIMA = [
+    ((("claim", "lower"), 1.0000001), r"cells.apart\[0\]: that the distance is at least 1.0000001 is not proven by"),
+    ((("claim", "upper"), 0.9999999), "witness: that the distance is at most 0.9999999 is false"),
+    ((("claim", "lower"), 0.0), "cells must be there where claim.lower is above zero"),
+    ((("claim", "upper"), None), "witness must be there where there is a claim.upper"),
+    ((PAIR, ...), r"cells.apart\[0\].pair is 'Y': 'Y' is no first half there"),
+    ((("cells", "apart", 1), ...), r"cells.apart\[1\]: there is no further pair; what begins with 'Y' is left"),
+    (((*PAIR, "pair"), ""), r"cells.apart\[1\]: everything is covered already"),
+    (((*PAIR, "pair"), "x"), "'x' is no first half there"),
+    (((*PAIR, "pair"), "A"), "'A' is no first half there"),
+    (((*PAIR, "pair"), "e"), "'e' is no first half there"),
+    (((*PAIR, "pair"), "a"), r"cells.apart\[1\].pair is 'Y'; the next one begins with 'b'"),
+    (((*PAIR, "pair"), "X" + "a" * 53), "has 54 cuts; needs fewer"),
+    (((*PAIR, "pair"), "é"), "pair is 'é'; needs letters"),
+    (((*PAIR, "pair"), None), "pair is None; needs letters"),
+    (((*PAIR, "plane"), [0.0, 0.0, -2.0]), "is not proven by the plane"),
+    (((*PAIR, "plane"), [0.0, 0.0, 0.0]), r"plane is \[0.0, 0.0, 0.0\]; needs a direction"),
+    (((*PAIR, "plane"), [0.0, 1.0]), r"plane is \[0.0, 1.0\]; needs a list of 3"),
+    ((("orders", "b"), [1, 1]), "orders.b names a piece twice"),
+    ((("orders", "b"), [1]), r"orders.b is \[1\]; needs a list of 2"),
+    ((("orders",), None), "orders is None; needs an object with a, b"),
+    ((("witness", "b", "at"), [0.75, 0.5]), "needs a sum of at most 1.0"),
+    ((("witness", "b", "piece"), 0), "witness: that the distance is at most 1.0 is false"),
+    ((("claim", "kind"), "directed"), "orders must be null"),
+]
+
+
+@pytest.mark.parametrize(("change", "reason"), OF_MINIMA, ids=[reason for _, reason in OF_MINIMA])
+def test_what_is_wrong_with_a_least_distance_is_named(change, reason):
+    with pytest.raises(CertificateError, match=reason):
+        verify(changed(facing(), *change))
 
 
 @pytest.mark.parametrize("content", [None, [], "x", 1, {}])

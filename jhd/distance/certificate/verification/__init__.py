@@ -1,8 +1,9 @@
 """The checker of certificates, in exact integer arithmetic and of the standard library alone.
 
 A certificate claims lower <= h <= upper for two shapes, where h is the largest distance of a point of a to b
-("directed"), or the larger of that and of its counterpart from b to a ("two_sided"). Every number of it is a float,
-hence a rational m / 2^k, and nothing here rounds.
+("directed"), or the larger of that and of its counterpart from b to a ("two_sided"), or the smallest distance of a
+point of a and a point of b ("minimum"). Every number of it is a float, hence a rational m / 2^k, and nothing here
+rounds.
 
 Points, curves, meshes and parametric surfaces are one form: pieces, which are polynomials (over a weight) on a point,
 an interval, a triangle or a square, in Bernstein form.
@@ -12,6 +13,7 @@ an interval, a triangle or a square, in Bernstein form.
   place u of the cell one of the feet is at most `bound` away; of several, because a combination of
   bound^2 - |a(u) - b(phi_k(u))|^2 with multipliers that are not negative is not negative (`proofs`).
 - The **lower bound** is proven by a witness, a point of a: |P - b(v)|^2 - lower^2 >= 0 over all pieces of b.
+- A **minimum** is proven by a point of each shape, and by pairs of parts with a plane between them (`apart`).
 
 A polynomial is proven to be non-negative on a simplex when its Bernstein coefficients are, if need be on halves of
 halves (`polynomials`).

@@ -27,7 +27,14 @@ def current(content: Any) -> Any:
     if cells is not None:
         check_keys("cells", cells, [name for name in KINDS["two_sided"] if name in cells])
         cells = {name: _cells(name, rows, shapes) for name, rows in cells.items()}
-    return {**content, "version": 2, **shapes, "cells": cells, "witness": _witness(content["witness"], shapes)}
+    return {
+        **content,
+        "version": 2,
+        **shapes,
+        "orders": None,
+        "cells": cells,
+        "witness": _witness(content["witness"], shapes),
+    }
 
 
 def _is_points(shape: Mapping[str, Any]) -> bool:

@@ -8,9 +8,11 @@ is everywhere but on sides of the cell, to which the bound extends because dista
 """
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
+from jhd.distance.certificate.verification.apart import Ordered, failure_of_plane, pairs
 from jhd.distance.certificate.verification.cells import cover
 from jhd.distance.certificate.verification.first_version import current
 from jhd.distance.certificate.verification.pieces import (
@@ -42,13 +44,17 @@ from jhd.distance.certificate.verification.structure import (
     ShapeSize,
     check_content,
     check_entry,
+    check_pair,
 )
+
+# How the distances are written.
+NAMES = {"directed": "h(A, B)", "two_sided": "H(A, B)", "minimum": "d(A, B)"}
 
 
 class Proven(NamedTuple):
     """What a certificate proves: lower <= distance <= upper, upper None where it claims none; cells that were checked.
 
-    `kind` is "directed", the largest distance of a point of a to b, or "two_sided", the Hausdorff distance.
+    `kind` is "directed", the largest distance of a point of a to b, "two_sided", the Hausdorff distance, or "minimum".
     """
 
     kind: str
@@ -83,11 +89,26 @@ def verify(content: Any, seconds: float | None = None) -> Proven:
     sizes = check_content(content)
     claim = content["claim"]
     shapes = {name: pieces_of(content[name]) for name in ("a", "b")}
-    count = 0
+    if claim["kind"] == "minimum":
+        count = _check_minimum(content, shapes, sizes, deadline)
+    else:
+        count = _check_maximum(content, shapes, sizes, deadline)
+    upper = None if claim["upper"] is None else float(claim["upper"])
+    return Proven(claim["kind"], float(claim["lower"]), upper, count)
+
+
+def _check_maximum(
+    content: Mapping[str, Any],
+    shapes: Mapping[str, list[ExactPiece]],
+    sizes: Mapping[str, ShapeSize],
+    deadline: _Deadline,
+) -> int:
+    """The number of cells, all of which are proven, and so is the witness."""
+    claim, count = content["claim"], 0
     for direction in KINDS[claim["kind"]] if claim["upper"] is not None else ():
         source, target = direction[0], direction[-1]
         place, entries = f"cells.{direction}", content["cells"][direction]
-        checked = _checked(place, entries, sizes[source], sizes[target])
+        checked = _checked(place, entries, partial(check_entry, source=sizes[source], target=sizes[target]))
         for entry, name, cell in cover(place, shapes[source], checked):
             deadline.check(name)
             if entry["bound"] > claim["upper"]:
@@ -98,21 +119,45 @@ def verify(content: Any, seconds: float | None = None) -> Proven:
             count += 1
     if claim["lower"] > 0:
         _check_witness(content["witness"], shapes, claim["lower"], deadline)
-    upper = None if claim["upper"] is None else float(claim["upper"])
-    return Proven(claim["kind"], float(claim["lower"]), upper, count)
+    return count
 
 
-def _checked(place: str, entries: Iterable[Any], source: ShapeSize, target: ShapeSize) -> Iterator[Mapping[str, Any]]:
+def _check_minimum(
+    content: Mapping[str, Any],
+    shapes: Mapping[str, list[ExactPiece]],
+    sizes: Mapping[str, ShapeSize],
+    deadline: _Deadline,
+) -> int:
+    """The number of pairs of parts, all of which are proven, and so are the two places."""
+    claim, witness, count = content["claim"], content["witness"], 0
+    if witness is not None:
+        p, q = (point_of(shapes[name][witness[name]["piece"]], witness[name]["at"]) for name in ("a", "b"))
+        failed = failure_at_most([difference(p, q)], claim["upper"], None)
+        if failed:
+            raise CertificateError(f"witness: that the distance is at most {claim['upper']!r} {failed}.")
+    if claim["lower"] > 0:
+        a, b = (Ordered(shapes[name], content["orders"][name]) for name in ("a", "b"))
+        checked = _checked("cells.apart", content["cells"]["apart"], partial(check_pair, dim=sizes["a"].dim))
+        for entry, name, mine, other in pairs("cells.apart", a, b, checked):
+            deadline.check(name)
+            failed = failure_of_plane(a.points(mine), b.points(other), entry["plane"], claim["lower"])
+            if failed:
+                raise CertificateError(f"{name}: that the distance is at least {claim['lower']!r} {failed}.")
+            count += 1
+    return count
+
+
+def _checked(place: str, entries: Iterable[Any], check: Callable[[str, Any], None]) -> Iterator[Mapping[str, Any]]:
     if not isinstance(entries, Iterable) or isinstance(entries, Mapping | str):
         raise CertificateError(f"{place} is {type(entries).__name__}; needs a list of cells.")
     for k, entry in enumerate(entries):
-        check_entry(f"{place}[{k}]", entry, source, target)
+        check(f"{place}[{k}]", entry)
         yield entry
 
 
 def sentence(proven: Proven) -> str:
     """What is proven, in a line."""
-    name = "h(A, B)" if proven.kind == "directed" else "H(A, B)"
+    name = NAMES[proven.kind]
     upper = "" if proven.upper is None else f" <= {proven.upper!r}"
     return f"{proven.lower!r} <= {name}{upper}, {proven.cells} cell{'' if proven.cells == 1 else 's'}"
 

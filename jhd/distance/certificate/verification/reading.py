@@ -14,7 +14,7 @@ from pathlib import Path
 from reprlib import repr  # of limited length and depth, whatever a file holds
 from typing import Any, TextIO
 
-from jhd.distance.certificate.verification.structure import KINDS, VERSION, CertificateError, check_keys
+from jhd.distance.certificate.verification.structure import SECTIONS, VERSION, CertificateError, check_keys
 
 # The first bytes of compressed files.
 _GZIP = b"\x1f\x8b"
@@ -55,7 +55,7 @@ def lines_of(content: Mapping[str, Any]) -> Iterator[str]:
     cells = content["cells"]
     counts = None if cells is None else {direction: len(rows) for direction, rows in cells.items()}
     yield json.dumps({**content, "cells": counts}, allow_nan=False) + "\n"
-    rows = [cells[name] for name in KINDS["two_sided"] if name in cells] if cells is not None else []
+    rows = [cells[name] for name in SECTIONS if name in cells] if cells is not None else []
     for cell in itertools.chain(*rows):
         yield json.dumps(cell, allow_nan=False) + "\n"
 
@@ -105,11 +105,11 @@ def _content(lines: _Lines) -> Any:
 
 def _streams(counts: Mapping[str, Any], lines: _Lines) -> dict[str, Iterator[Any]]:
     """For each direction its cells as they are read, in the order of the directions."""
-    check_keys("cells", counts, [name for name in KINDS["two_sided"] if name in counts])
+    check_keys("cells", counts, [name for name in SECTIONS if name in counts])
     for name, count in counts.items():
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
             raise CertificateError(f"cells.{name} is {repr(count)}; needs the number of its lines.")
-    names = [name for name in KINDS["two_sided"] if name in counts]
+    names = [name for name in SECTIONS if name in counts]
     return {name: _cells(lines, name, counts[name], name == names[-1]) for name in names}
 
 

@@ -9,7 +9,9 @@ from reprlib import repr  # of limited length and depth, whatever a file holds
 from typing import Any, NamedTuple
 
 FORMAT, VERSION = "jhd-certificate", 2
-KINDS = {"directed": ("a_to_b",), "two_sided": ("a_to_b", "b_to_a")}
+KINDS = {"directed": ("a_to_b",), "two_sided": ("a_to_b", "b_to_a"), "minimum": ("apart",)}
+# The lists of cells in the order in which they stand in files.
+SECTIONS = ("a_to_b", "b_to_a", "apart")
 # The names of the arrays of each kind of shape.
 SHAPES = {
     "curve": ("control_points", "weights"),
@@ -17,6 +19,8 @@ SHAPES = {
     "mesh": ("vertices", "triangles"),
 }
 
+# What pairs of parts are named by.
+_LETTERS = frozenset("abcdefxyABCDEFXY")
 # Degrees that are read, of the maps of feet too; beyond them one cell could take hours.
 _LARGEST_CURVE, _LARGEST_PATCH, _LARGEST_MAP = 30, 10, 3
 # Feet of one cell, for the same reason.
@@ -52,11 +56,22 @@ def check_content(content: Any) -> dict[str, ShapeSize]:
     if content.get("version") != VERSION or isinstance(content["version"], bool):
         found = repr(content.get("version"))
         raise CertificateError(f"version is {found}; this checker knows versions 1 and {VERSION}.")
-    check_keys("the certificate", content, ("format", "version", "claim", "a", "b", "cells", "witness"))
+    check_keys("the certificate", content, ("format", "version", "claim", "a", "b", "orders", "cells", "witness"))
     sizes = {name: _check_shape(name, content[name]) for name in ("a", "b")}
     if sizes["a"].dim != sizes["b"].dim:
         raise CertificateError(f"a has {sizes['a'].dim} coordinates a point and b has {sizes['b'].dim}.")
     directions = check_claim(content["claim"])
+    if content["claim"]["kind"] == "minimum":
+        _check_minimum(content, sizes)
+    else:
+        _check_maximum(content, directions, sizes)
+    return sizes
+
+
+def _check_maximum(content: Mapping[str, Any], directions: tuple[str, ...], sizes: Mapping[str, ShapeSize]) -> None:
+    """Cells for an upper bound, a witness for a lower one."""
+    if content["orders"] is not None:
+        raise CertificateError("orders must be null where the claim is about a largest distance.")
     if content["claim"]["upper"] is None:
         if content["cells"] is not None:
             raise CertificateError("claim.upper is null, so cells must be null.")
@@ -66,7 +81,46 @@ def check_content(content: Any) -> dict[str, ShapeSize]:
         _check_witness(content["witness"], directions, sizes)
     elif content["claim"]["lower"] > 0:
         raise CertificateError(f"claim.lower is {content['claim']['lower']!r} and there is no witness.")
-    return sizes
+
+
+def _check_minimum(content: Mapping[str, Any], sizes: Mapping[str, ShapeSize]) -> None:
+    """Pairs of parts for a lower bound, a place on each shape for an upper one."""
+    if (content["claim"]["lower"] > 0) != (content["cells"] is not None):
+        raise CertificateError("cells must be there where claim.lower is above zero, and null elsewhere.")
+    if (content["claim"]["upper"] is None) != (content["witness"] is None):
+        raise CertificateError("witness must be there where there is a claim.upper, and null elsewhere.")
+    check_keys("orders", content["orders"], ("a", "b"))
+    for name, size in sizes.items():
+        _check_order(f"orders.{name}", content["orders"][name], size.pieces)
+    if content["cells"] is not None:
+        check_keys("cells", content["cells"], ("apart",))
+    if content["witness"] is not None:
+        check_keys("witness", content["witness"], ("a", "b"))
+        for name, size in sizes.items():
+            place, found = f"witness.{name}", content["witness"][name]
+            check_keys(place, found, ("piece", "at"))
+            check_index(f"{place}.piece", found["piece"], size.pieces)
+            check_place(f"{place}.at", found["at"], size)
+
+
+def _check_order(place: str, order: Any, count: int) -> None:
+    if order is None:
+        return
+    for index in check_list(place, order, count, count):
+        check_index(place, index, count)
+    if len(set(order)) < count:
+        raise CertificateError(f"{place} names a piece twice.")
+
+
+def check_pair(place: str, entry: Any, dim: int) -> None:
+    """CertificateError unless a pair has all that the proof reads."""
+    check_keys(place, entry, ("pair", "plane"))
+    if not isinstance(entry["pair"], str) or not entry["pair"].isascii() or not set(entry["pair"]) <= _LETTERS:
+        raise CertificateError(f"{place}.pair is {repr(entry['pair'])}; needs letters.")
+    normal = check_list(f"{place}.plane", entry["plane"], dim, dim)
+    check_numbers(f"{place}.plane", normal)
+    if not any(normal):
+        raise CertificateError(f"{place}.plane is {normal}; needs a direction.")
 
 
 def check_claim(claim: Any) -> tuple[str, ...]:
