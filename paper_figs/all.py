@@ -113,7 +113,9 @@ def _write_gallery(pictures: Path, names: list[str]) -> None:
         with Image.open(pictures / f"{name}.png") as image:
             height = round(image.height * common_gallery.SMALL_WIDTH / image.width)
             drawn = image.convert("RGB").resize((common_gallery.SMALL_WIDTH, height), Image.Resampling.LANCZOS)
-            drawn.quantize(common_gallery.SMALL_COLOURS).save(small, optimize=True)
+            # The median cut, which is the default, takes rare colours away, as those of thin lines are.
+            few = drawn.quantize(common_gallery.SMALL_COLOURS, Image.Quantize.MAXCOVERAGE)
+            few.save(small, optimize=True)
     _write_page()
 
 

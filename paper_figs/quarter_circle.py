@@ -67,8 +67,8 @@ def _draw_error(ax: Axes, fit: dict[str, Any]) -> None:
     ax.set_xticks([0, 0.5, 1], ["0", "½", "1"])
     ax.set_xlabel("parameter $t$")
     ax.set_ylabel(f"$|B(t)| - 1$ ($10^{{{power}}}$ radii)")
-    bounds = (float(fit["error"][name]) / unit for name in ("lower", "upper"))
-    text = f"$h {proven_text(*bounds, 4 if fit['degree'] == 5 else 6)} \\times 10^{{{power}}}$"
+    lower, upper = (float(fit["error"][name]) / unit for name in ("lower", "upper"))
+    text = f"$h {proven_text(lower, upper, 4 if fit['degree'] == 5 else 6)} \\times 10^{{{power}}}$"
     ax.text(0.5, 0.98, text, transform=ax.transAxes, ha="center", va="top")
     ax.text(0.5, 0.02, f"{fit['active']} equal maxima", transform=ax.transAxes, ha="center", va="bottom")
 

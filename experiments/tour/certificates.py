@@ -1,3 +1,4 @@
+# pyright: strict
 """Certificates: bounds as a file that anyone can check in exact arithmetic, without this package."""
 
 import subprocess

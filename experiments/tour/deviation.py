@@ -1,3 +1,4 @@
+# pyright: strict
 """Deviations: the distances along a shape as a distribution, each number of it with bounds."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# pyright: strict
 """Figures and files: outlines of fonts, path data, curves in and out, and pictures of distances."""
 
 import jhd

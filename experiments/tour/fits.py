@@ -1,3 +1,4 @@
+# pyright: strict
 """Fits: the best cubic for a quarter of a circle, with an error that is proven."""
 
 import math

@@ -1,3 +1,4 @@
+# pyright: strict
 """Collections: the nearest of many shapes, and near-duplicates, with few distances searched for."""
 
 import numpy as np

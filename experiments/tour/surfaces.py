@@ -1,3 +1,4 @@
+# pyright: strict
 """Surfaces: two cones as polynomials in a box, and the interval of a published method for them."""
 
 import math
