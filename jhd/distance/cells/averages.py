@@ -32,6 +32,8 @@ _SPREAD = {1: 0.0, 2: 1 / 6, 3: 1 / 12, 4: 1 / 12}
 NEAR, _FARTHER, _FARTHEST = 0.0437, 4.0, 4.0
 # More is gained where what is lost is more than this share of what may stay.
 _GAIN = 0.1
+# What bounds of far points may leave, as a share of that.
+_SMALL_PART = 0.25
 _ROUNDINGS = gamma(64, np.float64)
 
 
@@ -128,13 +130,14 @@ def _below(
     normal = np.where((length > 0)[:, None], away / np.where(length > 0, length, 1.0)[:, None], _across(corners))
     before, goal = reached
     reach, spread = np.abs(before), _share(corners) * _scatter(corners)
-    least, mean = _seen_from(corners, target, middle, reach[:, None] * normal)
     lost = spread / (2 * reach)
+    least, mean = _seen_from(corners, target, middle, reach[:, None] * normal, _close(lost, goal))
     served = found.upper - mean <= 2 * lost + _GAIN * goal
     more = np.flatnonzero(served & (before > 0) & (lost > _GAIN * goal) & (_FARTHER * reach <= _FARTHEST))
     after = np.where(served, before, -reach / _FARTHER)
     if len(more):
-        there = _seen_from(corners[more], target, middle[more], _FARTHER * reach[more, None] * normal[more])
+        offset = _FARTHER * reach[more, None] * normal[more]
+        there = _seen_from(corners[more], target, middle[more], offset, _close(lost[more] / _FARTHER, goal))
         after[more] = np.where(there[1] > mean[more], _FARTHER * reach[more], -reach[more])
         least[more], mean[more] = np.maximum(least[more], there[0]), np.maximum(mean[more], there[1])
     return least, mean, after
@@ -145,12 +148,20 @@ def _put(found: ProvenFeet, rows: np.ndarray, others: ProvenFeet) -> None:
         held[rows] = new
 
 
+def _close(lost: np.ndarray, goal: float) -> float:
+    """How near the bounds of the distances of far points are to be: a small part of what most cells lose anyhow.
+
+    From about the centre of what is round all of it is as near, and to prove the last digits takes very many cells.
+    """
+    return _SMALL_PART * max(float(np.median(lost)), goal)
+
+
 def _seen_from(
-    corners: np.ndarray, target: AbstractTarget, middle: np.ndarray, offset: np.ndarray
+    corners: np.ndarray, target: AbstractTarget, middle: np.ndarray, offset: np.ndarray, close: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lower bounds over cells and of the means, from points away from their middles."""
     places = (middle + offset).astype(middle.dtype)
-    distance = target.nearest(places).lower.astype(np.float64)
+    distance = target.nearest(places, close=close).lower.astype(np.float64)
     apart = np.sqrt(np.sum((corners - places[:, None].astype(np.float64)) ** 2, axis=-1))
     square = np.mean(apart**2, axis=1) - (1 - _share(corners)) * _scatter(corners)
     return distance - np.max(apart, axis=1), distance - np.sqrt(np.maximum(square, 0.0))
