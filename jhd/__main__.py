@@ -225,6 +225,7 @@ def _add_collections(commands: Any) -> None:
     nearest.add_argument("shapes", metavar="SHAPE", nargs="+", help=_MANY_HELP)
     nearest.add_argument("--count", dest="k", type=int, default=1, metavar="N", help="how many (default: 1)")
     nearest.add_argument("--plot", metavar="FILE", help="draw the first queries with their nearest shapes")
+    nearest.add_argument("--html", metavar="FILE", help="the same as a page for a browser")
     nearest.set_defaults(command="nearest")
 
     duplicates = commands.add_parser("duplicates", help="the pairs of many shapes that are within a distance")

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 import jhd
+from jhd.comparisons import check_drawn, print_files
 from jhd.console import busy, print_json
 from jhd.distance.many.tasks import CollectionProgress
 from jhd.io import load_shape, outlines
 from jhd.io.load import SHAPE_SUFFIXES
 from jhd.io.outlines import parse_font_spec
-from jhd.report import bar, check_picture_file, neighbours_picture
+from jhd.report import bar, neighbours_picture
 from jhd.solution import names_of, to_plain
 
 _ALL = ":*"
@@ -36,16 +37,16 @@ def pairwise(options: Namespace) -> int:
 
 def nearest(options: Namespace) -> int:
     """The nearest shapes of each query."""
-    if options.plot:
-        check_picture_file(options.plot)
+    # The page holds a picture, which needs nothing else in space either.
+    check_drawn(options, 2)
     queries, wanted = collected([options.query])
     names, shapes = collected(options.shapes)
     with busy("computing; a first run compiles") as show:
         found = jhd.nearest_shapes(wanted, shapes, options.k, progress=lambda x: show(_told(x)))
-    if options.plot:
-        short = [short_name(name) for name in queries], [short_name(name) for name in names]
+    short = [short_name(name) for name in queries], [short_name(name) for name in names]
+    for file in filter(None, (options.plot, options.html)):
         with busy("drawing"):
-            neighbours_picture(options.plot, wanted, shapes, found, short)
+            neighbours_picture(file, wanted, shapes, found, short)
     results = names_of(found.result)
     ties = [[names[k] for k in tie] for tie in found.ties]
     if options.json:
@@ -58,8 +59,7 @@ def nearest(options: Namespace) -> int:
                 print(line, query, names[index], *_unless_successful(results[row]), sep="\t")
             if ties[row]:
                 print(f"as near as the last, as far as is proven: {', '.join(ties[row])}")
-        if options.plot:
-            print(f"picture    {Path(options.plot).resolve()}")
+        print_files(picture=options.plot, page=options.html)
     return 0 if all(result == "successful" for result in results) else 1
 
 

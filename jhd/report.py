@@ -17,7 +17,7 @@ from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.octree import VoxelProgress
 from jhd.fitting.minimax import FitProgress
 from jhd.lengths import share_text
-from jhd.plot.pages import check_pages_in_space
+from jhd.plot.pages import check_pages_in_space, page_of_figure
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -282,9 +282,15 @@ def deviation_picture(file: str, found: Any) -> None:
 
 
 def neighbours_picture(file: str, queries: Any, shapes: Any, found: Any, names: tuple[list[str], list[str]]) -> None:
-    """Writes the first queries with their nearest shapes; names are those of queries and shapes."""
+    """Writes the first queries with their nearest shapes, as a picture or page; names are those of both."""
     axes = plot.neighbours(queries, shapes, found, query_names=names[0], names=names[1])
-    _save_and_close(file, axes[0, 0].figure)
+    if not file.lower().endswith((".html", ".htm")):
+        _save_and_close(file, axes[0, 0].figure)
+        return
+    import matplotlib.pyplot as plt
+
+    Path(file).write_text(page_of_figure(axes[0, 0].figure, "nearest shapes"), encoding="utf-8")
+    plt.close(axes[0, 0].figure)
 
 
 def _save_and_close(file: str, figure: Any) -> None:

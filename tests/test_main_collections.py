@@ -53,8 +53,11 @@ def test_the_nearest_shapes_are_printed(run):
 
 
 def test_the_nearest_shapes_are_drawn(run, tmp_path):
-    status, out, _ = run("nearest", "sets/b.npy", "sets", "--count", 2, "--plot", "near.png")
-    assert status == 0 and out.endswith(f"picture    {tmp_path / 'near.png'}\n")
+    status, out, _ = run("nearest", "sets/b.npy", "sets", "--count", 2, "--plot", "near.png", "--html", "near.html")
+    assert status == 0
+    assert out.endswith(f"picture    {tmp_path / 'near.png'}\npage       {tmp_path / 'near.html'}\n")
+    page = (tmp_path / "near.html").read_text(encoding="utf-8")
+    assert page.startswith("<!doctype html>") and page.count("<svg") == page.count("</svg>") == 1
     height, width, channels = imread(tmp_path / "near.png").shape
     assert width > height > 100 and channels == 4
     assert run("nearest", "sets/b.npy", "sets", "--plot", "near.none")[0] == 2

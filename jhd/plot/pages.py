@@ -7,6 +7,7 @@ plotly. Outlines and colours are drawn from samples; the bounds that are written
 import html
 import json
 from collections.abc import Sequence
+from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -75,6 +76,16 @@ def page(
     body = _in_plane(a, b, solution, labels, unit) if a.dim == 2 else _in_space(a, b, solution, labels, unit)
     head = f"<h1>{html.escape(title)}</h1>\n<pre>{html.escape(repr(told))}</pre>"
     return page_text.PAGE.format(title=html.escape(title), head=head, body=body)
+
+
+def page_of_figure(figure: Any, title: str) -> str:
+    """A figure of matplotlib's as the text of a page: SVG within it, which is sharp at any size."""
+    drawn = StringIO()
+    figure.savefig(drawn, format="svg")
+    text = drawn.getvalue()
+    # The lines before the picture are those of a file of its own.
+    head = f"<h1>{html.escape(title)}</h1>"
+    return page_text.PAGE.format(title=html.escape(title), head=head, body=text[text.index("<svg") :])
 
 
 def check_pages_in_space() -> None:
