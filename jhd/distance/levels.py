@@ -78,7 +78,7 @@ def quantile_along(
     nodes = nodes_of(ParameterCells(piece, low[:, None], high[:, None]), _RULE)
     counted = nodes.factor * along(net, nodes)[1]
     below = jnp.sum(counted * np.repeat(inside, _RULE))
-    places, _ = along(net, Nodes(found.piece, found.t[:, None], np.ones(len(found.t))))
+    places, *_ = along(net, Nodes(found.piece, found.t[:, None], np.ones(len(found.t))))
     there = distance(places)
     change = q * jnp.sum(counted) - below + jnp.sum(found.count * there)
     return level + (change - jax.lax.stop_gradient(change)) / np.sum(found.count)
@@ -194,7 +194,7 @@ def _split(parts: _Parts, level: float, found: _Passed) -> tuple[np.ndarray, np.
     )
 
 
-def quantile_of(distance: Array, weight: Array, q: float) -> tuple[int, float]:
+def quantile_of(distance: Any, weight: Any, q: float) -> tuple[int, float]:
     """The place whose distance is the quantile of known distances at places that count so much, and that distance."""
     d, w = (np.asarray(jax.lax.stop_gradient(x)) for x in (distance, weight))
     order = np.argsort(d, kind="stable")

@@ -3,8 +3,8 @@
 The parameter cells of a are halved until a Lobatto rule over a cell and over its parts agree, for the distance and for
 its square. Where the foot jumps the distance has a kink; cells about it are cut until what they can err by vanishes, so
 on curves value and derivatives come out nearly to rounding. A rule without places at the ends of a cell would not see a
-kink beside them. On surfaces kinks are whole curves, and the number of places ends it; where there is no room for
-parts, rules of Gauss do with fewer places.
+kink beside them. On surfaces, where kinks are whole curves (jhd.distance.surface_quadrature), this is for a given
+number of places, which ends it; where there is no room for parts, rules of Gauss do with fewer places.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ _HALVINGS, _MOST_PLACES = 26, {1: 1 << 17, 2: 1 << 13}
 # A cell is done where a rule over it and over its parts differ by this share of the integral, on curves and surfaces.
 _AGREED = {1: 1e-13, 2: 1e-10}
 # Numbers of places that programs are compiled for.
-_PADDED = (64, 512, 1 << 13, 1 << 17)
+_PADDED = (64, 512, 1 << 13, 1 << 17, 1 << 18)
 
 
 class ParameterCells(NamedTuple):
@@ -143,30 +143,30 @@ def resolved(net: Net, distance: Callable[[Any], Any], most: int | None = None) 
 def _integrals(net: Net, distance: Callable[[Any], Any], cells: ParameterCells, count: int) -> np.ndarray:
     """Of one, of the distance and of its square over each cell."""
     nodes = nodes_of(cells, count)
-    points, density = (np.asarray(x) for x in along(net, nodes))
+    points, density, _ = (np.asarray(x) for x in along(net, nodes))
     d = np.asarray(distance(points))
     w = nodes.factor * density
     rows = np.stack([w, w * d, w * d**2], axis=-1)
     return np.sum(rows.reshape(len(cells.piece), -1, 3), axis=1)
 
 
-def along(net: Net, nodes: Nodes) -> tuple[Array, Array]:
-    """Points of a shape at nodes, and its speed or area per parameter there, differentiable in the shape."""
+def along(net: Net, nodes: Nodes) -> tuple[Array, Array, Array]:
+    """Points of a shape at nodes, its speed or area per parameter and its first derivatives there, differentiable."""
     count = len(nodes.piece)
     padded = next((size for size in _PADDED if size >= count), count)
     piece = np.pad(nodes.piece, (0, padded - count))
     t = np.pad(nodes.t, ((0, padded - count), (0, 0)), constant_values=0.5)
-    points, density = _along(net, jnp.asarray(piece), jnp.asarray(t))
-    return points[:count], density[:count]
+    points, density, first = _along(net, jnp.asarray(piece), jnp.asarray(t))
+    return points[:count], density[:count], first[:count]
 
 
 @compiled
-def _along(net: Net, piece: Array, t: Array) -> tuple[Array, Array]:
-    def one(k: Array, t: Array) -> tuple[Array, Array]:
+def _along(net: Net, piece: Array, t: Array) -> tuple[Array, Array, Array]:
+    def one(k: Array, t: Array) -> tuple[Array, Array, Array]:
         at = jet(net.piece(k), t)
         if net.parameters == 1:
-            return at.point, length(at.first[0])
+            return at.point, length(at.first[0]), at.first
         first, second = (x if net.dim == 3 else jnp.pad(x, (0, 3 - net.dim)) for x in at.first)
-        return at.point, length(jnp.cross(first, second))
+        return at.point, length(jnp.cross(first, second)), at.first
 
     return jax.vmap(one)(piece, t)

@@ -206,3 +206,35 @@ def test_measures_scale_with_the_shapes(scale):
         there = measure(*(jhd.BezierSegments(x * scale) for x in CURVES))
         assert float(there.value) / scale == pytest.approx(float(measure(a, b).value), rel=1e-9)
         assert there.lower <= there.value <= there.upper
+
+
+SQUARE = np.stack([*np.meshgrid([0.0, 1.0], [0.0, 1.0], indexing="ij"), np.zeros((2, 2))], axis=-1)
+UP = jnp.array([0.0, 0.0, 1.0])
+
+
+@pytest.mark.slow
+def test_the_quantile_over_a_square_about_a_point_is_the_radius_of_a_circle_and_so_is_its_derivative():
+    def value(height, size):
+        return jhd.Quantile(0.3, True).estimate(
+            jhd.BezierPatch(size * SQUARE), jhd.points(jnp.array([[0.52, 0.47, 0.0]]) + height * UP)
+        )
+
+    exact, slopes = jax.value_and_grad(value, (0, 1))(0.2, 1.0)
+    radius = math.sqrt(0.2**2 + 0.3 / math.pi)
+    assert float(exact) == pytest.approx(radius, rel=1e-10)
+    assert np.allclose(slopes, [0.2 / radius, 0.3 / math.pi / radius], rtol=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measure", [jhd.Mean(True), jhd.Quantile(0.7, True)], ids=str)
+def test_derivatives_over_surfaces_are_those_of_differences_where_feet_jump(measure):
+    rows = np.array([[0.1, 0.2, 0.3], [0.8, 0.9, 0.2], [0.9, 0.1, 0.4]])
+    bent = SQUARE + 0.2 * np.random.default_rng(0).normal(size=SQUARE.shape)
+
+    def value(x):
+        return measure.estimate(
+            jhd.BezierPatch(bent * (1 + x)),
+            jhd.points(rows + x * jnp.array([[0.3, -1.0, 0.5], [1.0, 0, 0], [0, 1, 1]])),
+        )
+
+    assert float(jax.grad(value)(0.0)) == pytest.approx(difference(value), rel=1e-6)

@@ -60,12 +60,22 @@ def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) 
         found = _traced(*still)
     else:
         found = _projection(*_ended(target_of(still[1]).nearest(np.asarray(still[0]))))
-    if is_traced(flat, surface):
-        if isinstance(surface, BezierPatches):
-            found = with_patch_derivatives(found, flat, Net(surface.control_points, surface.weights))
-        else:
-            found = with_surface_derivatives(found, flat, surface)
+    found = _with_derivatives(found, flat, surface)
     return jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), found)
+
+
+def _with_derivatives(found: Projection, points: Array, surface: Any) -> Projection:
+    if not is_traced(points, surface):
+        return found
+    if isinstance(surface, BezierPatches):
+        return with_patch_derivatives(found, points, Net(surface.control_points, surface.weights))
+    return with_surface_derivatives(found, points, surface)
+
+
+def proven_with_derivatives(found: Any, points: Array, shape: AbstractPatch | ImplicitSurface) -> Array:
+    """Distances that were found, differentiable in the points and in the surface."""
+    surface = shape.patches() if isinstance(shape, AbstractPatch) else shape
+    return _with_derivatives(_projection(*_ended(found)), points, surface).distance
 
 
 def _traced(points: Array, surface: Any) -> Projection:

@@ -1,0 +1,120 @@
+"""Where the distance passes a level along lines across cells of a surface, and rules below the level and along it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from jhd.distance.cut_cells import CellLines, CellNodes, Looked, cut_lines, kind_of, parts_of, ruled
+from jhd.distance.kinks import OnLines, meeting
+from jhd.distance.quadrature import Nodes, ParameterCells
+
+# Parts of a line at whose ends the distance is looked at.
+_PARTS = 4
+# Looks for a place beyond the level where the distance turns, and steps of Newton or halvings to where it passes it.
+_TURN_STEPS, _LEVEL_STEPS = 8, 40
+# Newton's steps end where they are less than this.
+_STILL = 2.0**-50
+# Halvings of cells before corners of the level are looked for, and halvings to these.
+_SHARP, _CORNER_HALVINGS = 2, 28
+
+
+class LevelRule(NamedTuple):
+    """A rule over cells.
+
+    Args:
+        below: places that lie below the level.
+        on: those where lines pass it, with factors of the other parameter alone.
+        axis: of the lines through these.
+        settled: whether all lines of each part of a cell pass the same.
+    """
+
+    below: CellNodes
+    on: CellNodes
+    axis: Int[np.ndarray, " places"]
+    settled: Bool[np.ndarray, " cells"]
+
+
+def cut_at_level(cells: ParameterCells, looked: Looked, across: np.ndarray, level: float, step: int) -> LevelRule:
+    """Rules over what lies below the level and along it.
+
+    Args:
+        cells: of a surface.
+        looked: what is seen from it.
+        across: the axis of the lines of each cell, across the level.
+        level: of the distance.
+        step: by how many halvings the cells came about.
+    """
+    halvings = _CORNER_HALVINGS if step >= _SHARP else 0
+    cut, settled = cut_lines(cells, across, lambda lines: _passed(lines, looked, level), halvings, step)
+    rule = ruled(cut, step)
+    start = looked.along(cut.lines, cut.lines.low).value <= level
+    inside = start[rule.line] ^ (rule.part % 2 == 1)
+    row, column = np.nonzero(~np.isnan(cut.cuts))
+    lines = cut.lines.take(row)
+    on = CellNodes(Nodes(lines.piece, lines.place(cut.cuts[row, column]), cut.factor[row]), lines.cell)
+    places = CellNodes(Nodes(*(x[inside] for x in rule.places.nodes)), rule.places.cell[inside])
+    return LevelRule(places, on, lines.axis, settled)
+
+
+def _passed(lines: CellLines, looked: Looked, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """Where the distance passes a level along lines, twice at most in each part, and a number for what is passed."""
+    each, places = parts_of(lines, _PARTS)
+    seen = looked.along(each, places.ravel())
+    ends = [OnLines(*(x.reshape(places.shape)[:, part].ravel() for x in seen)) for part in (slice(-1), slice(1, None))]
+    each = lines.take(np.repeat(np.arange(len(places)), _PARTS))
+    beyond = _turned(each, looked, level, *ends)
+    found = [_crossed(each, looked, level, *pair) for pair in ((ends[0], beyond), (beyond, ends[1]))]
+    place, label = (np.stack(x, axis=1).reshape(len(places), -1) for x in zip(*found, strict=True))
+    below = ends[0].value.reshape(len(places), _PARTS)[:, :1] <= level
+    count = np.sum(~np.isnan(place), axis=1, keepdims=True)
+    kind = kind_of(np.concatenate([2 * label + 2, 2 * (2 * count + below) + 1], axis=1))
+    return np.sort(place, axis=1), kind
+
+
+def _turned(lines: CellLines, looked: Looked, level: float, first: OnLines, last: OnLines) -> OnLines:
+    """A place of each line on the other side of the level than both its ends, where there is one; else the start."""
+    found = OnLines(*(x.copy() for x in first))
+    side = first.value <= level
+    turns = (side == (last.value <= level)) & (first.slope * last.slope < 0) & ((first.slope > 0) == side)
+    rows = np.flatnonzero(turns & ((meeting(first, last)[1] <= level) != side))
+    for step in range(_TURN_STEPS):
+        if len(rows) == 0:
+            break
+        some = OnLines(*(x[rows] for x in first)), OnLines(*(x[rows] for x in last))
+        kink = meeting(*some)[0]
+        smooth = some[0].place + (some[1].place - some[0].place) * some[0].slope / (some[0].slope - some[1].slope)
+        at = looked.along(lines.take(rows), kink if step % 2 else smooth)
+        ahead = at.slope * some[0].slope > 0
+        for ends, which in ((first, ahead), (last, ~ahead)):
+            for held, new in zip(ends, at, strict=True):
+                held[rows[which]] = new[which]
+        passes = (at.value <= level) != side[rows]
+        for held, new in zip(found, at, strict=True):
+            held[rows[passes]] = new[passes]
+        left = OnLines(*(x[rows] for x in first)), OnLines(*(x[rows] for x in last))
+        rows = rows[~passes & ((meeting(*left)[1] <= level) != side[rows]) & (at.slope != 0)]
+    return found
+
+
+def _crossed(
+    lines: CellLines, looked: Looked, level: float, first: OnLines, last: OnLines
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the distance passes the level between two places, NaN where it does not, and the label there."""
+    found, label = np.full(len(first.place), np.nan), np.full(len(first.place), -1)
+    rows = np.flatnonzero((first.value <= level) != (last.value <= level))
+    low, high, below = first.place[rows], last.place[rows], first.value[rows] <= level
+    place = low + (high - low) * (level - first.value[rows]) / (last.value[rows] - first.value[rows])
+    for _ in range(_LEVEL_STEPS):
+        if len(rows) == 0:
+            break
+        at = looked.along(lines.take(rows), place)
+        found[rows], label[rows] = place, at.label
+        before = (at.value <= level) == below
+        low, high = np.where(before, place, low), np.where(before, high, place)
+        newton = place + (level - at.value) / np.where(at.slope != 0, at.slope, 1.0)
+        inside = (at.slope != 0) & (newton >= low) & (newton <= high)
+        following = np.where(inside, newton, 0.5 * (low + high))
+        moves = np.abs(following - place) > _STILL
+        rows, low, high, below, place = (x[moves] for x in (rows, low, high, below, following))
+    return found, label
