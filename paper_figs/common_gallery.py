@@ -40,6 +40,7 @@ GROUPS = {
         "degree_reduction",
         "outline_fit",
         "noisy_outline",
+        "scan_with_outliers",
         "scaling_of_fits",
         "active_set",
         "registration",

@@ -325,6 +325,17 @@ def check_noisy_outline(numbers):
         assert np.all(np.diff([value for _, value in case["history"]]) < 0)
 
 
+def check_scan_with_outliers(numbers):
+    (case,) = numbers["cases"]
+    assert case["share"] == 0.1
+    for fit in case["fits"].values():
+        assert fit["lower"] <= fit["upper"] and fit["reached"] < fit["first"]
+    error = {name: fit["upper"] / numbers["noise"] for name, fit in case["fits"].items()}
+    astray = min(case["fits"][name]["lower"] / numbers["noise"] for name in ("maximum", "root mean square"))
+    # Of the few points and steps of a small run.
+    assert error["mean"] < 3 and astray > 10 and error["quantile"] < 0.5 * astray
+
+
 def check_scaling_of_fits(numbers):
     for case in numbers["by_vertices"] + numbers["by_segments"]:
         # What is proven is what the fit worked with.

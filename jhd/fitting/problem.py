@@ -118,7 +118,9 @@ class Problem:
 
     def _near_top(self, moving: Moving, following: FloatArray, clock: Clock) -> CriticalPairs:
         samples = self.density * max(_SAMPLES, _SAMPLES_EACH * max(self.target.count, len(moving.points)))
-        spacing = self._length / samples
+        # Points have no length; the other curve's says how far apart its samples are.
+        length = self._length or float(np.sum(lengths_of(moving.points, moving.rational)))
+        spacing = (length or 1.0) / samples
         target = self._sampled.get((len(moving.points), self.density))
         if target is None:
             target = SampledCurve(self._fixed.points, np.asarray(self.target.following), self._fixed.rational, spacing)

@@ -67,6 +67,28 @@ def test_a_noisy_outline_is_fitted_by_the_maxima_near_the_top():
     assert np.sum(values > 0.99 * ended.point.top) >= 5
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_maxima_of_many_points_and_a_curve_are_found(dim):
+    # A quarter of a circle about the middle of the points, in the plane of the first two coordinates.
+    points = np.random.default_rng(2).normal(size=(1200, dim))
+    arc = jhd.circle([0, 0], 1.0)
+    quarter = np.pad(np.asarray(arc.control_points)[:1], [(0, 0), (0, 0), (0, dim - 2)])
+
+    def build(radius):
+        return jhd.BezierSegments(radius[0] * quarter, np.asarray(arc.weights)[:1])
+
+    at = Problem(build, jhd.points(points), 32).at(np.array([1.5]))
+    assert at.many
+    inside = np.all(points[:, :2] > 0, axis=1)
+    off = np.where(inside, np.abs(np.hypot(points[:, 0], points[:, 1]) - 1.5), np.inf)
+    ends = [np.hypot(points[:, 0] - x, points[:, 1] - y) for x, y in ((1.5, 0), (0, 1.5))]
+    flat = np.minimum(off, np.minimum(*ends))
+    distance = np.sqrt(flat**2 + np.sum(points[:, 2:] ** 2, axis=1))
+    values = np.asarray(at.pairs.value)[: np.sum(np.asarray(at.pairs.valid))]
+    exact = np.sort(distance)[::-1][: len(values)]
+    np.testing.assert_allclose(values, exact, rtol=1e-12)
+
+
 @pytest.mark.slow
 def test_a_noisy_outline_of_many_vertices_is_fitted_soon_and_its_corners_are_noise():
     target = jhd.polyline(noisy(400), closed=True)

@@ -1,0 +1,100 @@
+"""By which measure does a known outline find its scan where a tenth of the points belong to something else?
+
+400 points of a closed cubic spline of 12 control points, with normal noise of 0.01 in both coordinates; a share of them
+lies anywhere in a square beside it instead, as where the table was scanned too. jhd.minimise_hausdorff moves, turns and
+scales the spline, which begins a fifth of its size away, by one word each: the largest distance, and of the distances
+from the points the root mean square, the mean and the quantile 0.8. What is compared is the error: how far the places
+that were scanned, without noise and outliers, are from the spline at most, proven.
+
+Claims: without outliers the last three end within the noise. From 5 % of outliers on the largest distance and the root
+mean square end more than ten times the noise away. The quantile stays within the noise up to the 20 % that it leaves
+out, the mean within one and a half times the noise up to there; at 30 % all are led astray.
+
+Feeds: figure and table "scan with outliers".
+Takes: 2 minutes.
+"""
+
+import time
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from common import Run, markdown
+
+import jhd
+from jhd.solution import name_of
+
+POINTS, NOISE = 400, 0.01
+# How far out the control points are.
+RADII = np.array([1.3, 1.05, 0.6, 0.9, 1.4, 1.1, 0.75, 0.95, 1.25, 0.8, 0.65, 1.15])
+SHARES = (0.0, 0.05, 0.1, 0.2, 0.3)
+# Corners of the square of the outliers, and the share of the points that the quantile is about.
+LOW, HIGH, QUANTILE = (0.9, -1.6), (1.9, -0.6), 0.8
+# Of the place of the spline: cosine and sine of the turn, both times the scale, and the shift.
+TRUTH, START = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.8, 0.25, 0.15, -0.1])
+STEPS, SMOKE_STEPS = 60, 25
+
+
+def main() -> None:
+    """Computes, saves and prints."""
+    run = Run(__file__, __doc__)
+    count, shares, steps = (90, (0.1,), SMOKE_STEPS) if run.smoke else (POINTS, SHARES, STEPS)
+    cases = [_case(*scan(count, share, run.random), share, steps) for share in shares]
+    header = ["outliers", "measure", "before", "after", "error", "steps", "seconds"]
+    rows = [
+        [f"{case['share']:.0%}", name, *(f"{fit[key]:.5f}" for key in ("first", "reached", "upper")), fit["steps"]]
+        + [f"{fit['seconds']:.1f}"]
+        for case in cases
+        for name, fit in case["fits"].items()
+    ]
+    numbers = {"cases": cases, "noise": NOISE, "quantile": QUANTILE}
+    numbers |= {"scanned": placed(TRUTH).control_points, "start": placed(START).control_points}
+    run.save(numbers, markdown(header, rows))
+
+
+def placed(place: Any) -> jhd.BSplineCurve:
+    """The spline turned, scaled and shifted."""
+    angle = 2 * np.pi * np.arange(len(RADII)) / len(RADII)
+    net = RADII[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    turn = jnp.array([[place[0], place[1]], [-place[1], place[0]]])
+    return jhd.BSplineCurve.uniform(net @ turn + place[2:], closed=True)
+
+
+def scan(count: int, share: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Places on the spline, and noisy points there of which a share lies beside it."""
+    places = np.asarray(placed(TRUTH).segments()(np.sort(random.uniform(0, len(RADII), count))))
+    points = places + NOISE * random.normal(size=places.shape)
+    others = random.choice(count, round(share * count), replace=False)
+    points[others] = random.uniform(LOW, HIGH, size=(len(others), 2))
+    return places, points
+
+
+def _case(places: np.ndarray, points: np.ndarray, share: float, steps: int) -> dict[str, Any]:
+    """One scan by all measures."""
+    measures = {
+        "maximum": jhd.Hausdorff(),
+        "root mean square": jhd.RootMeanSquare(directed=True),
+        "mean": jhd.Mean(directed=True),
+        "quantile": jhd.Quantile(QUANTILE, directed=True),
+    }
+    found = {}
+    for name, measure in measures.items():
+        began = time.process_time()
+        fit = jhd.minimise_hausdorff(placed, START, jhd.points(points), measure=measure, max_steps=steps)
+        seconds = time.process_time() - began
+        off = jhd.directed_hausdorff(jhd.points(places), fit.shape, throw=False)
+        found[name] = {
+            "control_points": np.asarray(fit.shape.control_points),
+            "first": float(fit.history[0]),
+            "reached": float(fit),
+            "lower": float(off.lower),
+            "upper": float(off.upper),
+            "result": name_of(fit.result),
+            "steps": int(fit.stats["steps"]),
+            "seconds": seconds,
+        }
+    return {"share": share, "scan": points, "fits": found}
+
+
+if __name__ == "__main__":
+    main()
