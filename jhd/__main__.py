@@ -164,6 +164,7 @@ def _parser() -> argparse.ArgumentParser:
 
     verify = commands.add_parser("verify", help="check a certificate in exact arithmetic")
     verify.add_argument("file", metavar="FILE", help="what jhd distance --certificate wrote")
+    verify.add_argument("shapes", nargs="*", metavar="A B", type=_as_given, help="the shapes that it has to be about")
     verify.add_argument("--seconds", type=float, metavar="S", help="give up after so long (default: never)")
     verify.set_defaults(command="verify")
 

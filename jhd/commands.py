@@ -29,6 +29,7 @@ from jhd.console import busy, device, exit_status, precision, print_json, timed
 from jhd.distance.certificate.verification import sentence
 from jhd.io import save_curve, save_mesh, write_svg
 from jhd.io.certificates import verify_file
+from jhd.io.load import load_shape
 from jhd.io.meshes import MESH_SUFFIXES
 from jhd.options import check_writable, curve_of, mesh_of
 from jhd.report import bar, names_of, picture, shape_line, solution_text
@@ -103,10 +104,15 @@ def fit(options: Namespace) -> int:
 
 
 def verify(options: Namespace) -> int:
-    """Checks a certificate in exact arithmetic and prints what it proves."""
+    """Checks a certificate in exact arithmetic and prints what it proves; on request that it is about given shapes."""
+    if len(options.shapes) not in (0, 2):
+        raise ValueError(f"there is {len(options.shapes)} shape beside the certificate; needs both, or none.")
+    shapes = [load_shape(text) for text in options.shapes]
+    if any(isinstance(shape, jhd.ImplicitSurface) for shape in shapes):
+        raise ValueError("polynomial surfaces have no certificates.")
     start = time.perf_counter()
     try:
-        proven = verify_file(options.file, options.seconds)
+        proven = verify_file(options.file, options.seconds, shapes)
     except jhd.CertificateError as error:
         print(f"jhd: refused: {options.file}: {error}", file=sys.stderr)
         return 1

@@ -1,13 +1,14 @@
 """Certificates in files: lines of strict JSON, read without any doubt about what they say."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from jhd.distance.certificate.certificate import Certificate
-from jhd.distance.certificate.verification import CertificateError, Proven, opened, verify
+from jhd.distance.certificate.host import plain_shape
+from jhd.distance.certificate.verification import CertificateError, Proven, digest, opened, verify
 from jhd.io.errors import ParseError
 
 
@@ -28,20 +29,25 @@ def load_certificate(file: str | Path) -> Certificate:
         return Certificate(content)
 
 
-def verify_file(file: str | Path, seconds: float | None = None) -> Proven:
+def verify_file(file: str | Path, seconds: float | None = None, shapes: Sequence[Any] = ()) -> Proven:
     """What the certificate in a file proves, checked cell by cell as it is read.
 
     Args:
         file: as for `load_certificate`.
         seconds: after how long to give up.
+        shapes: a and b, if the claim has to be about them.
 
     Raises:
         FileNotFoundError: as for `load_certificate`.
         ParseError: likewise.
-        CertificateError: likewise, or the claim is not proven.
+        CertificateError: likewise, or the claim is not proven, or is about other shapes.
     """
     with _read(file) as content:
-        return verify(content, seconds)
+        proven = verify(content, seconds)
+        for name, shape in zip("ab", shapes, strict=False):
+            if digest({"kind": "curve", **content[name]}) != plain_shape(shape)["sha256"]:
+                raise CertificateError(f"the claim is proven, but {name.upper()} is another shape than the one given.")
+        return proven
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import pytest
 
 import jhd
 from jhd.__main__ import main
-from jhd.io import ParseError, load_certificate
+from jhd.io import ParseError, load_certificate, save_curve
 
 A = [[[0.1, 0.2], [1 / 3, 1.0], [0.7, 1.1], [1.0, 0.0]]]
 B = [[[0.0, -0.1], [0.3, 0.2], [0.6, 0.2], [1.2, 1e-17]]]
@@ -88,6 +88,23 @@ def test_verify_prints_what_is_proven(made, file, capsys):
     )
     status, out, _ = run(capsys, "verify", file, "--json")
     assert (status, json.loads(out)["proven"]) == (0, made.verify()._asdict())
+
+
+def test_verify_compares_with_the_shapes_at_hand(made, file, tmp_path, capsys):
+    for name, curve in (("a", A), ("b", B)):
+        save_curve(tmp_path / f"{name}.json", jhd.BezierSegments(curve))
+    status, out, err = run(capsys, "verify", file, tmp_path / "a.json", tmp_path / "b.json")
+    assert (status, err) == (0, "") and out.startswith("proven: ")
+    status, _, err = run(capsys, "verify", file, tmp_path / "a.json", tmp_path / "a.json")
+    assert status == 1 and "the claim is proven, but B is another shape than the one given" in err
+    status, _, err = run(capsys, "verify", file, tmp_path / "a.json")
+    assert status == 2 and "needs both, or none" in err
+
+
+def test_a_hash_that_is_not_that_of_the_arrays_is_refused(made, file):
+    edited(file, made.content["a"]["sha256"], "0" * 64)
+    with pytest.raises(jhd.CertificateError, match="a.sha256 is '0000.*, which is not that of its arrays"):
+        load_certificate(file)
 
 
 def test_verify_refuses_a_false_claim_with_status_one(file, capsys):

@@ -24,7 +24,7 @@ from jhd.distance.certificate.mixes import Report, ToProve, asked_of, default_at
 from jhd.distance.certificate.verification.first_version import current
 from jhd.distance.certificate.verification.proofs import NAMES, Proven, verify
 from jhd.distance.certificate.verification.reading import lines_of
-from jhd.distance.certificate.verification.structure import FORMAT, KINDS, VERSION, check_content
+from jhd.distance.certificate.verification.structure import FORMAT, KINDS, VERSION, check_content, digest
 from jhd.distance.frame.curves import prepare
 from jhd.files import replace_file
 from jhd.shapes.as_shape import taken_as
@@ -91,8 +91,8 @@ class Certificate:
 
     def matches(self, a: Any, b: Any) -> bool:
         """Whether the claim is about these shapes: the same arrays, to the last digit."""
-        shapes = [plain_shape(taken_as(name, shape)) for name, shape in (("a", a), ("b", b))]
-        return [self.content[name] for name in ("a", "b")] == shapes
+        shapes = (plain_shape(taken_as(name, shape)) for name, shape in (("a", a), ("b", b)))
+        return all(digest(self.content[name]) == shape["sha256"] for name, shape in zip("ab", shapes, strict=True))
 
     def to_json(self) -> str:
         """The certificate as lines of JSON, a line for each cell; the same floats are read back."""

@@ -76,7 +76,7 @@ class _PartsInFloats:
         else:
             # Along the middle of the box.
             x = np.tile(np.mean(box, axis=1), (_SAMPLES, 1))
-            x[:, k] = np.linspace(*box[k], _SAMPLES)
+            x[:, k] = np.linspace(box[k][0], box[k][1], _SAMPLES)
         piece = part.first if self.order is None else self.order[part.first]
         places = self._side.points(np.full(len(x), piece), x)
         return float(np.sum(np.linalg.norm(np.diff(places, axis=0), axis=-1)))

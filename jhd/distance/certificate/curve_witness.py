@@ -25,7 +25,9 @@ _TRIED, _SAMPLES, _ZOOM, _ZOOMS = 12, 33, 8.0, 16
 _CLEARLY = 1e-9
 
 
-def witness_of(solution: HausdorffSolution, lower: float, measures: dict[str, Measure], frame: Frame) -> dict[str, Any]:
+def witness_of(
+    solution: HausdorffSolution | Decision, lower: float, measures: dict[str, Measure], frame: Frame
+) -> dict[str, Any]:
     """A place that proves the lower bound, and the cuts that show it.
 
     Raises:

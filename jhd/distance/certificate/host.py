@@ -9,6 +9,7 @@ import numpy as np
 
 from jhd.arithmetic.scaling import unit_weights
 from jhd.distance.certificate.verification.pieces import ExactPiece, pieces_of
+from jhd.distance.certificate.verification.structure import digest
 from jhd.distance.frame.coordinates import Frame, common_points
 from jhd.distance.frame.jets import CurveJet, polynomial_jet, quotient
 from jhd.distance.nearest.feet import equation_of, foot_speed, gauss_newton
@@ -41,12 +42,16 @@ def host(curve: BezierSegments, frame: Frame) -> Host:
 
 
 def plain_shape(shape: Any) -> dict[str, Any]:
-    """The arrays of a shape in the form in which certificates hold them."""
+    """The arrays of a shape in the form in which certificates hold them, with their hash."""
     if isinstance(shape, TriangleMesh):
-        return {"kind": "mesh", "vertices": _rows(shape.vertices), "triangles": _rows(shape.triangles)}
-    kind, working = ("curve", shape.segments()) if isinstance(shape, AbstractCurve) else ("patches", shape.patches())
-    weights = None if working.weights is None else _rows(working.weights)
-    return {"kind": kind, "control_points": _rows(working.control_points), "weights": weights}
+        plain = {"kind": "mesh", "vertices": _rows(shape.vertices), "triangles": _rows(shape.triangles)}
+    else:
+        is_curve = isinstance(shape, AbstractCurve)
+        working = shape.segments() if is_curve else shape.patches()
+        weights = None if working.weights is None else _rows(working.weights)
+        kind = "curve" if is_curve else "patches"
+        plain = {"kind": kind, "control_points": _rows(working.control_points), "weights": weights}
+    return {**plain, "sha256": digest(plain)}
 
 
 def _rows(numbers: Any) -> list[Any]:

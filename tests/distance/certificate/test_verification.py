@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jhd.distance.certificate import verification
-from jhd.distance.certificate.verification import CertificateError, Proven, verify
+from jhd.distance.certificate.verification import CertificateError, Proven, digest, verify
 from jhd.distance.certificate.verification.pieces import composed, difference, pieces_of, simplex_map
 from jhd.distance.certificate.verification.polynomials import failure, from_coefficients
 from jhd.distance.certificate.verification.proofs import squares_of
@@ -403,6 +403,8 @@ def test_the_checker_is_a_program_that_runs_by_itself(tmp_path):
     assert refused.returncode == 1 and refused.stderr.count("refused: ") == 4 and refused.stdout.count("proven") == 1
     unread = run(tmp_path, "torn", "deep", "missing", "cut", "good")
     assert unread.returncode == 2 and unread.stderr.count("not read: ") == 4 and unread.stdout.count("proven") == 1
+    told = run(tmp_path, "--shapes", "good", "old").stdout.splitlines()
+    assert told[1:3] == told[4:6] == [f"  {name.upper()} has SHA-256 {digest(arch()[name])}" for name in "ab"]
     late = run(tmp_path, "--seconds", "1e-9", "good")
     assert late.returncode == 1 and "is not checked in 1e-09 seconds" in late.stderr
     assert run(tmp_path).returncode == run(tmp_path, "--seconds", "x", "good").returncode == 2

@@ -34,3 +34,4 @@ from jhd.distance.certificate.verification.structure import FORMAT as FORMAT
 from jhd.distance.certificate.verification.structure import KINDS as KINDS
 from jhd.distance.certificate.verification.structure import VERSION as VERSION
 from jhd.distance.certificate.verification.structure import CertificateError as CertificateError
+from jhd.distance.certificate.verification.structure import digest as digest

@@ -1,4 +1,6 @@
-"""The checker as a program of its own: `python FOLDER [--seconds S] FILE...`, with nothing but Python.
+"""The checker as a program of its own: `python FOLDER [--shapes] [--seconds S] FILE...`, with nothing but Python.
+
+With --shapes the hashes of the shapes are printed too, by which they can be compared with those of files at hand.
 
 The modules name each other by their place in the package. Where this folder stands alone that place is made for it,
 empty but for the folder itself, so that nothing of the rest of the package is loaded.
@@ -11,14 +13,14 @@ from pathlib import Path
 from types import ModuleType
 
 _PLACE = "jhd.distance.certificate.verification"
-_USAGE = "usage: python verification [--seconds S] FILE..."
+_USAGE = "usage: python verification [--shapes] [--seconds S] FILE..."
 
 
 def main(arguments: Sequence[str]) -> int:
     """Checks certificates in files and prints what each proves; the exit status."""
-    from jhd.distance.certificate.verification import CertificateError, opened, sentence, verify
+    from jhd.distance.certificate.verification import CertificateError, digest, opened, sentence, verify
 
-    files, seconds = list(arguments), None
+    files, seconds = [name for name in arguments if name != "--shapes"], None
     if files and files[0] == "--seconds":
         seconds, files = _number(files[1:2]), files[2:]
     if not files or (seconds is not None and not seconds > 0):
@@ -29,6 +31,7 @@ def main(arguments: Sequence[str]) -> int:
         try:
             with opened(name) as content:
                 proven = verify(content, seconds)
+                hashes = [digest({"kind": "curve", **content[shape]}) for shape in "ab"]
         except CertificateError as error:
             print(f"refused: {name}: {error}", file=sys.stderr)
             status = max(status, 1)
@@ -37,6 +40,8 @@ def main(arguments: Sequence[str]) -> int:
             status = 2
         else:
             print(f"proven: {name}: {sentence(proven)}")
+            if "--shapes" in arguments:
+                print(*(f"  {shape} has SHA-256 {value}" for shape, value in zip("AB", hashes, strict=True)), sep="\n")
     return status
 
 

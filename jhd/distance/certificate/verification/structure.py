@@ -4,7 +4,9 @@ What is left to the proofs is whether the cells cover the shapes and whether the
 """
 
 import math
+import struct
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from reprlib import repr  # of limited length and depth, whatever a file holds
 from typing import Any, NamedTuple
 
@@ -220,6 +222,21 @@ def _check_witness(witness: Any, directions: Sequence[str], sizes: Mapping[str, 
             raise CertificateError(f"{place} is {repr(cuts)}; needs cuts in order from 0 to 1.")
 
 
+def digest(shape: Mapping[str, Any]) -> str:
+    """The SHA-256 of a shape: of its kind, and of each array its sizes and its numbers, as doubles of little end."""
+    found = sha256(shape["kind"].encode())
+    for name in SHAPES[shape["kind"]]:
+        numbers, sizes = shape[name], []
+        while isinstance(numbers, list):
+            sizes.append(len(numbers))
+            numbers = [x for row in numbers for x in row] if isinstance(numbers[0], list) else tuple(numbers)
+        flat = numbers or ()
+        # Sizes of nested lists are those of all of them together, which tells them apart as well.
+        found.update(struct.pack(f"<{len(sizes) + 1}q", len(sizes), *sizes))
+        found.update(struct.pack(f"<{len(flat)}d", *flat))
+    return found.hexdigest()
+
+
 # ---- shapes --------------------------------------------------------------------------------------
 
 
@@ -228,9 +245,15 @@ def _check_shape(name: str, shape: Any) -> ShapeSize:
     kind = shape.get("kind") if isinstance(shape, Mapping) else None
     if not isinstance(kind, str) or kind not in SHAPES:
         raise CertificateError(f"{name}.kind is {repr(kind)}; needs one of {', '.join(SHAPES)}.")
-    check_keys(name, shape, ("kind", *SHAPES[kind]))
-    if kind == "mesh":
-        return _check_mesh(name, shape)
+    check_keys(name, shape, ("kind", *SHAPES[kind]), ("sha256",))
+    size = _check_mesh(name, shape) if kind == "mesh" else _check_nets(name, shape)
+    if "sha256" in shape and shape["sha256"] != digest(shape):
+        raise CertificateError(f"{name}.sha256 is {repr(shape['sha256'])}, which is not that of its arrays.")
+    return size
+
+
+def _check_nets(name: str, shape: Mapping[str, Any]) -> ShapeSize:
+    kind = shape["kind"]
     nets = check_list(f"{name}.control_points", shape["control_points"])
     lengths = (_LARGEST_CURVE + 1,) if kind == "curve" else (_LARGEST_PATCH + 1,) * 2
     sizes: list[int] = []
@@ -273,15 +296,15 @@ def _check_net(place: str, net: Any, sizes: Sequence[int], positive: bool = Fals
 # ---- values --------------------------------------------------------------------------------------
 
 
-def check_keys(place: str, value: Any, keys: Sequence[str]) -> None:
-    """CertificateError unless it is an object of these keys."""
+def check_keys(place: str, value: Any, keys: Sequence[str], more: Sequence[str] = ()) -> None:
+    """CertificateError unless it is an object of these keys, and of no others but `more`."""
     if not isinstance(value, Mapping):
         raise CertificateError(f"{place} is {repr(value)}; needs an object with {', '.join(keys)}.")
     for key in keys:
         if key not in value:
             raise CertificateError(f"{place} has no {key!r}.")
     for key in value:
-        if key not in keys:
+        if key not in keys and key not in more:
             raise CertificateError(f"{place} has an unknown key {repr(key)}; known are {', '.join(keys)}.")
 
 
