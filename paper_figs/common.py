@@ -99,15 +99,17 @@ class Picture:
         return self.folder / f"{self.name}{suffix}"
 
     def save(self, figure: Figure, part: str = "") -> None:
-        """Writes the figure as .png and .pdf, and says where; one of old numbers says so in its corner."""
+        """Writes the figure as .png and .pdf, and says where; one of old numbers says so below its corner."""
         with style():
             if self.outdated:
                 note = f"old numbers: {self.outdated}"
-                figure.text(1, 0, note, size=5, color=VERMILLION, ha="right", va="bottom", gid="outdated")
+                figure.text(1, -0.005, note, size=5, color=VERMILLION, ha="right", va="top", gid="outdated")
+            # The note lies outside, so that it covers nothing.
+            size = "tight" if self.outdated else None
             origin = origin_of(self.file, self.results)
-            figure.savefig(self.path(part + ".png"), dpi=300, metadata={ORIGIN: origin})
+            figure.savefig(self.path(part + ".png"), dpi=300, bbox_inches=size, metadata={ORIGIN: origin})
             # No date in the file: the same numbers give the same bytes.
-            figure.savefig(self.path(part + ".pdf"), metadata={"CreationDate": None})
+            figure.savefig(self.path(part + ".pdf"), bbox_inches=size, metadata={"CreationDate": None})
         print(self.path(part + ".png"))
 
 
