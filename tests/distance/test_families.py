@@ -88,3 +88,21 @@ def test_triangles_between_points_of_a_cylinder_are_as_far_as_their_chords():
     exact = 1 - np.cos(np.pi / count)
     for a, b in ((mesh, cylinder(1.0, 0.1)), (cylinder(1.0, 0.1), mesh)):
         assert_is(jhd.directed_hausdorff(a, b, jhd.BranchAndBound(atol=1e-8)), exact, 1e-8)
+
+
+def over_rectangle(x, z, height):
+    """The graph of a polynomial of degree 2 in x and in z, by its polar form: of places, and of their squares."""
+    ends = [np.array([[a, a], [a, b], [b, b]]) for a, b in (x, z)]
+    (u, uu), (v, vv) = ((np.mean(rows, axis=1), np.prod(rows, axis=1)) for rows in ends)
+    u, uu = (np.broadcast_to(rows[:, None], (3, 3)) for rows in (u, uu))
+    return jhd.BezierPatch(np.stack([u, height(u, uu, vv), np.broadcast_to(v, (3, 3))], axis=-1))
+
+
+@pytest.mark.slow
+def test_a_maximum_between_two_feet_closes_with_few_cells():
+    # The place (0, 2, 0) is as far from both sides of the trough y = x^2, and places beside it are nearer to one.
+    above = over_rectangle((-0.75, 1.5), (-0.55, 0.45), lambda u, uu, vv: 2 + 0.5 * u - 0.25 * uu - 0.25 * vv)
+    trough = over_rectangle((-3.0, 3.0), (-1.0, 1.0), lambda u, uu, vv: uu)
+    found = jhd.directed_hausdorff(above, trough)
+    assert_is(found, np.sqrt(7) / 2, 1e-9)
+    assert name_of(found.event) == "one_to_two" and int(found.stats["cells"]) < 300
