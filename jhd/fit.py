@@ -190,12 +190,14 @@ def fit_curve(
 
     Raises:
         TypeError: a target that is no curve.
-        ValueError: a target of several contours, sizes that are too small, or a tolerance beside what it decides.
+        ValueError: a target of several contours or of points, sizes that are too small, or a tolerance beside what it
+            decides.
     """
     refuse_tracing("fit_curve", target)
     target, clock = taken_as("target", target), Clock(max_seconds)
     check_curve("target", target)
     curve = target.segments()
+    _refuse_points(curve)
     following = np.asarray(curve.following)
     if np.any(following[:-1] != np.arange(1, curve.count)):
         raise ValueError("target has several contours; needs one, with its segments in order.")
@@ -233,6 +235,14 @@ def fit_curve(
         others = points_of(build, np.asarray(held(first).control_points))
         return _minimised(build, start, curve, clock, starts=np.stack([others, start]), **options)
     return _minimised(build, start, curve, clock, **options)
+
+
+def _refuse_points(curve: BezierSegments) -> None:
+    if curve.degree == 0:
+        raise ValueError(
+            "target is a set of points, which do not follow each other; join them by polyline, or fit them "
+            "by minimise_hausdorff."
+        )
 
 
 def _refuse_beside_tolerance(others: dict[str, Any]) -> None:
@@ -277,6 +287,7 @@ def fit_outline(
     refuse_tracing("fit_outline", target)
     target, clock = taken_as("target", target), Clock(max_seconds)
     check_curve("target", target)
+    _refuse_points(target.segments())
     limit = real_array("tolerance", tolerance)
     if limit.shape != () or not float(limit) > 0:
         raise ValueError(f"tolerance is {limit}; needs one positive number.")

@@ -120,6 +120,13 @@ def test_a_target_of_two_contours_is_refused():
         jhd.fit_curve(jhd.BezierSegments([[[0, 0], [1, 0]], [[5, 5], [6, 5]]]), degree=2)
 
 
+def test_points_have_no_order_to_be_fitted_in():
+    with pytest.raises(ValueError, match="set of points"):
+        jhd.fit_curve(jhd.points([(0, 0), (1, 0)]), degree=3)
+    with pytest.raises(ValueError, match="set of points"):
+        jhd.fit_outline(jhd.points([(0, 0), (1, 0)]), 0.1)
+
+
 def test_no_parameters_are_refused():
     with pytest.raises(ValueError, match="parameters"):
         jhd.minimise_hausdorff(symmetric, jnp.zeros((0,)), quarter())
@@ -227,3 +234,41 @@ def test_segments_are_as_many_as_a_tolerance_needs():
     assert float(fit.error.upper) <= 1e-3 < float(jhd.fit_curve(target, degree=3, segments=2).error.lower)
     with pytest.raises(ValueError, match="segments is given with a tolerance"):
         jhd.fit_curve(target, degree=3, tolerance=1e-3, segments=2)
+
+
+# A cubic, and a curve of degree 5 in space.
+CUBIC = np.array([[0, 0], [1, 2], [3, 2], [4, 0.0]])
+QUINTIC_IN_SPACE = [[0, 0, 0], [1, 2, 1], [3, 2, -1], [4, 0, 2], [5, 1, 1], [6, -1, 0]]
+
+
+@pytest.mark.slow
+def test_a_copy_of_the_target_stays_where_it_is():
+    fit = jhd.minimise_hausdorff(jhd.BezierCurve, CUBIC, jhd.BezierCurve(CUBIC))
+    assert name_of(fit.result) == "successful"
+    assert (int(fit.stats["steps"]), int(fit.stats["evaluations"])) == (0, 1)
+    np.testing.assert_array_equal(fit.parameters, CUBIC)
+    assert float(fit.error.lower) == 0 and float(fit.error.upper) < 1e-12
+
+
+def begun_before(inner):
+    """A cubic with the last point of the other one, and a first point that is one off, held."""
+    return jhd.BezierCurve(jnp.concatenate([jnp.array([[-1.0, 0]]), inner, jnp.asarray(CUBIC[3:])]))
+
+
+@pytest.mark.slow
+def test_an_end_that_is_held_where_it_is_farthest_cannot_be_improved():
+    fit = jhd.minimise_hausdorff(begun_before, CUBIC[1:3] + 0.1, jhd.BezierCurve(CUBIC))
+    assert name_of(fit.result) == "successful" and int(fit.stats["steps"]) == 0
+    assert float(fit.optimality) == 0 and float(fit.error.value) == pytest.approx(1, rel=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("smooth", [False, True])
+def test_a_curve_in_space_is_fitted_within_a_tolerance(smooth):
+    fit = jhd.fit_curve(jhd.BezierCurve(QUINTIC_IN_SPACE), degree=3, tolerance=0.02, smooth=smooth)
+    assert float(fit.error.upper) <= 0.02 and fit.shape.count <= 3
+    points = np.asarray(fit.shape.control_points)
+    np.testing.assert_allclose(points[[0, -1], [0, -1]], np.array(QUINTIC_IN_SPACE)[[0, -1]], atol=1e-15)
+    out, into = points[:-1, -1] - points[:-1, -2], points[1:, 1] - points[1:, 0]
+    lengths = np.linalg.norm(out, axis=1) * np.linalg.norm(into, axis=1)
+    assert bool(np.all(np.sum(out * into, axis=1) > (1 - 1e-9) * lengths)) == smooth

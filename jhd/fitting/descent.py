@@ -20,6 +20,8 @@ _GAIN, _SLOPE = 1e-4, 0.9
 _FIRST, _SEARCHED = 0.02, 25
 # Steps that gain less than this share of the value, so many in a row, end it.
 _LEAST, _IN_A_ROW = 1e-9, 3
+# A value of so many roundings of the size is none: what is left of the distances of a copy has no slope.
+_ROUNDINGS = 64
 # A gradient this much shorter than the first one is none.
 _STATIONARY = 1e-9
 
@@ -75,6 +77,7 @@ def descend(
 
     point = at(np.asarray(parameters))
     history, small, result = [point.value], 0, RESULTS.fit_steps_exhausted
+    enough = max(atol, _ROUNDINGS * float(np.finfo(point.gradient.dtype).eps) * size)
     slope = point.gradient * scale
     first = float(np.linalg.norm(slope))
     # Of the inverse of the second derivatives, in scaled parameters.
@@ -83,7 +86,7 @@ def descend(
     try:
         while counts["steps"] < max_steps:
             slope = point.gradient * scale
-            if point.value <= atol or small >= _IN_A_ROW or np.linalg.norm(slope) <= _STATIONARY * first:
+            if point.value <= enough or small >= _IN_A_ROW or np.linalg.norm(slope) <= _STATIONARY * first:
                 result = RESULTS.successful
                 break
             moved = _searched(at, point, scale, -inverse @ slope)
