@@ -35,6 +35,16 @@ def array_of(values: ArrayLike, dtype: DTypeLike | None = None) -> Array:
 _is_clean = getattr(core, "trace_state_clean", lambda: False)
 
 
+def on_host(*arrays: Any) -> tuple[Any, ...]:
+    """Known arrays as NumPy's, so that moving their rows compiles nothing.
+
+    All are as they came where one is traced, or lies on a device that the user has chosen.
+    """
+    if is_tracing(*arrays) or any(getattr(x, "committed", False) for x in arrays):
+        return arrays
+    return tuple(None if x is None else np.asarray(x) for x in arrays)
+
+
 def module_of(x: Any) -> Any:
     """NumPy for its arrays, else jax.numpy: for formulas that serve the host and compiled programs."""
     return np if isinstance(x, np.ndarray) else jnp

@@ -182,8 +182,8 @@ def test_notebooks_see_a_table_of_a_solution_and_the_lines_of_a_batch():
     assert table["result"] == "successful"
     many = jax.tree_util.tree_map(lambda x: np.stack([x, x]), solution)
     assert many._repr_html_() == f"<pre>{escape(repr(many))}</pre>"
-    one, half, first = np.float64(1), np.array([0.5, 0]), np.int32(0)
-    nearest = jhd.Projection(one, one, one, half, first, one / 2, jhd.RESULTS.successful)  # pyright: ignore
+    one, half, first = jnp.float64(1), jnp.array([0.5, 0]), jnp.int32(0)
+    nearest = jhd.Projection(one, one, one, half, first, one / 2, jhd.RESULTS.successful)
     assert "<tr><th>foot</th><td>(0.5, 0)</td></tr>" in nearest._repr_html_()
 
 

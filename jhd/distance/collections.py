@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jhd.arrays import check_whole, real_array
+from jhd.compiled import give_back
 from jhd.distance.decisions import checked_limit
 from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
 from jhd.distance.many.near_duplicates import candidates
@@ -35,7 +36,7 @@ Report = Callable[[CollectionProgress], object] | None
 _PAIRS = 1 << 14
 # Pairs whose bounds are held at once: a hundred bytes each while they are looked at, and ten thousand shapes with as
 # many queries stay far below a gigabyte.
-_BOUNDS = 2 * 10**6
+_BOUNDS = 10**6
 
 
 class Pairwise(eqx.Module):
@@ -211,9 +212,11 @@ def nearest_shapes(
         bounds = SignatureBounds(*_both_signatures(pool, a, b, progress))
         for start in range(0, len(a), step):
             rows, before = np.arange(start, min(start + step, len(a))), sum(part.computed for part in parts)
-            known = standings_of(bounds, rows, len(b), a is b)
             report = lambda done, total, before=before: _tell(progress, "distances", before + done, before + total)  # noqa: E731
+            known = standings_of(bounds, rows, len(b), a is b)
             parts.append(nearest_of(pool, (a, b), rows, k, known, method, report))
+            del known
+            give_back()
     found = together(parts)
     return Neighbours(*found[:4], _results(found.result), tuple(found.ties), found.computed)
 

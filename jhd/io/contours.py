@@ -8,10 +8,10 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from jhd.arithmetic import bernstein
+from jhd.arrays import array_of
 from jhd.io.errors import ParseError
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.joints import completed
@@ -93,7 +93,7 @@ def assemble(contours: Iterable[Contour]) -> BezierSegments | None:
     points = np.array([points for points, _ in raised])
     if not np.isfinite(points).all():
         raise ParseError("draws points beyond the range of doubles.")
-    control_points = jnp.asarray(points)
+    control_points = array_of(points)
     weights = np.array([own for _, own in raised])
     rational = any(segment.weights is not None for segment in segments)
     following, first = np.arange(1, len(segments) + 1), 0

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jhd.arrays import is_traced, real_array
+from jhd.arrays import array_of, is_traced, module_of, on_host, real_array
 from jhd.display import batch_text, count_text, described, is_known, net_text, opaque
 from jhd.shapes import convert, sketches
 from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
@@ -120,8 +120,9 @@ class AbstractCurve(eqx.Module):
 
     def box(self) -> tuple[Array, Array]:
         """Lower and upper corner of the box of all control points; the curve lies inside, as weights are positive."""
-        control_points = self.segments().control_points
-        return jnp.min(control_points, axis=(-3, -2)), jnp.max(control_points, axis=(-3, -2))
+        (control_points,) = on_host(self.segments().control_points)
+        low, high = control_points.min(axis=(-3, -2)), control_points.max(axis=(-3, -2))
+        return array_of(low), array_of(high)
 
 
 class BezierSegments(AbstractCurve):
@@ -200,7 +201,7 @@ class BezierSegments(AbstractCurve):
             ValueError: no segment, NaN or infinity, a code that is unknown, out of place or short of vertices.
         """
         control_points, following = convert.outline_arrays(convert.path_contours(path))
-        return BezierSegments(control_points, None, completed(following, jnp.asarray(control_points)))
+        return BezierSegments(control_points, None, completed(following, array_of(control_points)))
 
     @staticmethod
     def from_shapely(geometry: Any) -> "BezierSegments":
@@ -214,7 +215,7 @@ class BezierSegments(AbstractCurve):
             ValueError: an empty geometry, NaN or infinity, plane and space members in one collection.
         """
         control_points, following = convert.outline_arrays(convert.geometry_contours(geometry))
-        return BezierSegments(control_points, None, completed(following, jnp.asarray(control_points)))
+        return BezierSegments(control_points, None, completed(following, array_of(control_points)))
 
     def point(self, segment: Numbers, t: Numbers) -> Array:
         """Points of the named segments at local parameters in [0, 1]; both arrays broadcast."""
@@ -293,8 +294,8 @@ class BezierSegments(AbstractCurve):
         if count < self.count:
             raise ValueError(f"count is {count}; the curve has {self.count} segments.")
         index = np.minimum(np.arange(count), self.count - 1)
-        weights = None if self.weights is None else self.weights[index]
-        return BezierSegments(self.control_points[index], weights, self.following[index])
+        points, weights, following = on_host(self.control_points, self.weights, self.following)
+        return BezierSegments(points[index], None if weights is None else weights[index], following[index])
 
     @staticmethod
     def join(curves: Sequence[AbstractCurve]) -> "BezierSegments":
@@ -316,7 +317,8 @@ class BezierSegments(AbstractCurve):
             raise ValueError(f"join needs curves of one dimension; got {[part.dim for part in parts]}.")
         degree = max(part.degree for part in parts)
         parts = [part.elevate(degree) for part in parts]
-        points = jnp.concatenate([part.control_points for part in parts])
+        tables = on_host(*(part.control_points for part in parts))
+        points = module_of(tables[0]).concatenate(tables)
         first = np.cumsum([0] + [part.count for part in parts])
         xp = jnp if is_traced([part.following for part in parts]) else np
         known = [xp.asarray(part.following) for part in parts]
@@ -324,8 +326,8 @@ class BezierSegments(AbstractCurve):
         following = completed(xp.concatenate(shifted), points)
         if all(part.weights is None for part in parts):
             return BezierSegments(points, None, following)
-        ones = [jnp.ones(part.control_points.shape[:-1]) if part.weights is None else part.weights for part in parts]
-        return BezierSegments(points, jnp.concatenate(ones), following)
+        ones = [np.ones(part.control_points.shape[:-1]) if part.weights is None else part.weights for part in parts]
+        return BezierSegments(points, module_of(points).concatenate(on_host(*ones)), following)
 
 
 def check_curve(name: str, value: object) -> None:
@@ -376,7 +378,7 @@ def points(array: Numbers) -> BezierSegments:
     Raises:
         ValueError: wrong shape, no point, NaN or infinity.
     """
-    rows = _rows("points", array, 1)
+    (rows,) = on_host(_rows("points", array, 1))
     return BezierSegments(rows[:, None, :])
 
 
@@ -390,10 +392,11 @@ def polyline(points: Any, closed: bool = False) -> BezierSegments:
     Raises:
         ValueError: wrong shape, too few points, NaN or infinity.
     """
-    rows = _rows("points", getattr(points, "coords", points), 2)
-    if closed and (is_traced(rows) or bool(jnp.any(rows[0] != rows[-1]))):
-        rows = jnp.concatenate([rows, rows[:1]])
-    return BezierSegments(jnp.stack([rows[:-1], rows[1:]], axis=1))
+    (rows,) = on_host(_rows("points", getattr(points, "coords", points), 2))
+    xp = module_of(rows)
+    if closed and (is_traced(rows) or bool(np.any(rows[0] != rows[-1]))):
+        rows = xp.concatenate([rows, rows[:1]])
+    return BezierSegments(xp.stack([rows[:-1], rows[1:]], axis=1))
 
 
 def _rows(name: str, value: object, least: int) -> Array:
@@ -427,5 +430,6 @@ def circle(centre: Numbers, radius: Numbers) -> BezierSegments:
         raise ValueError(f"radius is not positive: {float(radius):g}.")
     corners = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0]], dtype=float)
     quarters = np.stack([corners[2 * k : 2 * k + 3] for k in range(4)])
-    weights = jnp.broadcast_to(jnp.array([1.0, math.sqrt(0.5), 1.0]), (4, 3))
-    return BezierSegments(centre + radius * quarters, weights, np.array([1, 2, 3, 0]))
+    weights = np.broadcast_to([1.0, math.sqrt(0.5), 1.0], (4, 3))
+    middle, length = on_host(centre, radius)
+    return BezierSegments(middle + length * quarters, weights, np.array([1, 2, 3, 0]))

@@ -80,7 +80,7 @@ def _found(rows: np.ndarray, ends: np.ndarray, starts: np.ndarray, single: np.nd
 
 def checked(following: Any, count: int) -> Int[Array, " segments"]:
     """`following` as it is given for so many segments; ValueError for anything that it cannot be."""
-    following = jnp.asarray(following)
+    following = array_of(following if isinstance(following, Array) else np.asarray(following))
     if following.shape != (count,) or not jnp.issubdtype(following.dtype, jnp.integer):
         raise ValueError(
             f"following has shape {following.shape} and dtype {following.dtype}; needs ({count},) integers."
@@ -127,7 +127,7 @@ def completed(following: Any, control_points: Array) -> Int[Array, " segments"]:
         return array_of(following)
     found = joints(control_points)
     xp = jnp if is_traced(found) else np
-    return jnp.asarray(xp.where(np.asarray(following) < 0, xp.asarray(found), np.asarray(following)))
+    return array_of(xp.where(np.asarray(following) < 0, xp.asarray(found), np.asarray(following)))
 
 
 def turned(following: Any) -> Any:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd.arithmetic.scaling import unit_weights
-from jhd.arrays import is_traced
+from jhd.arrays import array_of, is_traced, on_host
 from jhd.distance.frame.curves import elevation_matrix, padded_count, trusted
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import BezierSegments, check_curve
@@ -50,7 +50,7 @@ def stack_curves(curves: Sequence[Any]) -> BezierSegments:
     traced = is_traced(rows)
     alike = [_alike(row, degree, count, rational, jnp if traced else np) for row in rows]
     stacked = jax.tree_util.tree_map(lambda *x: (jnp if traced else np).stack(x), *alike)
-    return jax.tree_util.tree_map(jnp.asarray, stacked)
+    return jax.tree_util.tree_map(array_of, stacked)
 
 
 def _segments(k: int, curve: Any) -> BezierSegments:
@@ -67,7 +67,8 @@ def _alike(curve: BezierSegments, degree: int, count: int, rational: bool, xp: A
     if degree > curve.degree:
         points, weights = _raised(points, weights, degree, xp)
     index = np.minimum(np.arange(count), curve.count - 1)
-    return trusted(points[index], None if weights is None else weights[index], linked(curve.following[index]))
+    (following,) = on_host(curve.following)
+    return trusted(points[index], None if weights is None else weights[index], linked(following[index]))
 
 
 def _raised(points: Any, weights: Any, degree: int, xp: Any) -> tuple[Any, Any]:

@@ -51,8 +51,8 @@ class Found(NamedTuple):
 
 def standings_of(bounds: SignatureBounds, rows: np.ndarray, count: int, same: bool) -> Standings:
     """What signatures say; of a shape and itself the distance is known to be zero."""
-    lower, upper = (np.array(x) for x in bounds.between(rows, np.arange(count)))
-    value, result = np.full(lower.shape, np.nan), np.full(lower.shape, -1)
+    lower, upper = bounds.between(rows, np.arange(count))
+    value, result = np.full(lower.shape, np.nan), np.full(lower.shape, -1, np.int8)
     if same:
         own = np.arange(len(rows)), rows
         lower[own] = upper[own] = value[own] = 0.0
@@ -121,9 +121,10 @@ def _first_of_each(open_: np.ndarray, lower: np.ndarray, width: int) -> tuple[np
 
 
 def _named(known: Standings, k: int, done: int) -> Found:
-    index = np.argsort(known.upper, axis=1, kind="stable")[:, :k]
+    # A copy: a view would keep the whole order of all shapes.
+    index = np.argsort(known.upper, axis=1, kind="stable")[:, :k].copy()
     each = np.arange(len(index))[:, None]
-    codes, least = known.result[each, index], int(RESULTS.successful._value)
+    codes, least = known.result[each, index].astype(int), int(RESULTS.successful._value)
     # The first of them that is not what it should be, if any.
     worst = codes[np.arange(len(codes)), np.argmax(codes != least, axis=1)]
     result = np.where(np.any(_open(known, k), axis=1), int(RESULTS.interrupted._value), worst)

@@ -12,7 +12,7 @@ from jhd.shapes.as_shape import as_shape
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 
 # Bytes of padded curves that a collection keeps: of ten thousand outlines those of one size, and not of all sizes.
-_KEPT = 1 << 27
+_KEPT = 1 << 25
 
 
 class Collection:

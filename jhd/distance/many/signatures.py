@@ -220,25 +220,29 @@ class SignatureBounds:
     """
 
     def __init__(self, a: Signatures, b: Signatures):
-        numbers = [x[np.isfinite(x)] for s in (a, b) for x in (s.lower, s.upper, s.reach)]
+        both = (a,) if a is b else (a, b)
+        numbers = [x[np.isfinite(x)] for s in both for x in (s.lower, s.upper, s.reach)]
         exponent = common_exponent(*(x for x in numbers if x.size))
+        del numbers
         dim = a.points.shape[1]
         self._frame = Frame(np.zeros(dim), exponent, np.int32(0))
-        self._a, self._b = (_single(s, exponent) for s in (a, b))
+        self._a = _single(a, exponent)
+        self._b = self._a if a is b else _single(b, exponent)
         self._dtype = a.lower.dtype
 
     def between(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds (rows, columns) of these shapes of the first collection and these of the second."""
         columns_there = _filled(len(columns))
         b = tuple(x[columns[columns_there]] for x in self._b)
-        found = []
+        lower, upper = (np.empty((len(rows), len(columns)), self._dtype) for _ in range(2))
         for start in range(0, len(rows), _ROWS):
             part = rows[start : start + _ROWS]
             index = part[np.minimum(np.arange(_ROWS), len(part) - 1)]
             bounds = _bounds(*(x[index] for x in self._a), *b, np.asarray(len(part)))
-            found.append([np.asarray(x)[: len(part), : len(columns)].astype(self._dtype) for x in bounds])
-        low, high = (np.concatenate(x) for x in zip(*found, strict=True))
-        return np.asarray(self._frame.length(low, 0.0)), np.asarray(self._frame.length(high, np.inf))
+            low, high = (np.asarray(x)[: len(part), : len(columns)].astype(self._dtype) for x in bounds)
+            there = slice(start, start + len(part))
+            lower[there], upper[there] = self._frame.length(low, 0.0), self._frame.length(high, np.inf)
+        return lower, upper
 
 
 def _filled(count: int) -> np.ndarray:
