@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
