@@ -104,6 +104,14 @@ def test_what_is_not_proven_is_said_and_names_cannot_end_a_script(lines):
     assert data["unit"] == "</script>"
 
 
+def test_points_are_dots_with_nothing_between_them(lines):
+    points = jhd.points([(0, 1), (1, 2)])
+    text = jhd.plot.page(points, lines[0], eqx.tree_at(lambda s: s.witness.segment, lines[2].directions[0], 1))
+    (path,) = re.findall(r'<path d="([^"]*)"', text)
+    assert path.count("M") == path.count("h0") == len(Page(text).data["walks"][0]["t"]) == 3
+    assert "L" not in path
+
+
 def test_a_page_asks_for_two_shapes_and_one_distance(lines):
     with pytest.raises(TypeError, match="two shapes and their distance"):
         jhd.plot.page(lines[0], lines[1])

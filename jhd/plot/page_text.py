@@ -45,7 +45,7 @@ PLANE = """\
 
 PROFILE = """\
 <svg class="profile" id="profile-{k}" viewBox="0 0 {wide:.0f} {high:.0f}" width="{wide:.0f}" height="{high:.0f}">
-<path d="{path}" fill="none" stroke="{colour}" stroke-width="1.5"/>
+<path d="{path}" fill="none" stroke="{colour}" stroke-width="{width}" stroke-linecap="round"/>
 <line class="here" y1="0" y2="{high:.0f}" stroke="#707070" stroke-dasharray="2 2"/>
 <circle class="here" r="4" fill="#D55E00" stroke="black"/>
 </svg>

@@ -141,7 +141,9 @@ def _walk(a: AbstractCurve, b: Any, solution: HausdorffSolution) -> dict[str, An
     """Places along a curve with their distances, the farthest one that was found among them, and its event."""
     count = a.segments().count
     found = profile(a, b, samples=int(np.clip(_PLACES // count, _LEAST, _MOST)))
-    walk = {name: np.asarray(getattr(found, name)).tolist() for name in ("t", "point", "distance", "lower", "upper")}
+    names = ("t", "point", "distance", "lower", "upper")
+    walk: dict[str, Any] = {name: np.asarray(getattr(found, name)).tolist() for name in names}
+    walk["dots"] = a.segments().degree == 0
     walk["feet"] = np.asarray(found.foot)[:, None].tolist()
     w = solution.witness
     feet = np.unique(np.asarray(w.feet), axis=0)
@@ -158,10 +160,12 @@ def _profile(k: int, walk: dict[str, Any], way: str, unit: str, colour: str) -> 
     t, distance = np.array(walk["t"]), np.array(walk["distance"])
     x = _WIDE * (t - t[0]) / (t[-1] - t[0] or 1.0)
     y = _HIGH * (1 - distance / (_ABOVE * float(np.max(distance)) or 1.0))
-    path = "M" + "L".join(f"{p:.2f} {q:.2f}" for p, q in zip(x, y, strict=True))
+    # Between points there is nothing: each is a stroke without length.
+    begin, end, width = ("M", "h0", 5) if walk["dots"] else ("L", "", 1.5)
+    path = "M" + "".join(f"{begin}{p:.2f} {q:.2f}{end}" for p, q in zip(x, y, strict=True))[1:]
     text = f"distance from {way} ({unit})"
     return page_text.PROFILE.format(
-        k=k, wide=_WIDE, high=_HIGH, path=path, colour=colour, text=html.escape(text), last=len(t) - 1
+        k=k, wide=_WIDE, high=_HIGH, path=path, colour=colour, width=width, text=html.escape(text), last=len(t) - 1
     )
 
 
