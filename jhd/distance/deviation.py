@@ -8,11 +8,12 @@ import jax
 import numpy as np
 
 from jhd.arrays import check_scalar, check_whole, is_traced, real_array
+from jhd.distance.cells.measures import FlatCells
 from jhd.distance.deviation_solution import Bounds, Deviation, DistanceSamples, check_share
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.hausdorff import directed_hausdorff
 from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.distance.search.distribution import COUNTS, Distribution, DistributionSearch
+from jhd.distance.search.distribution import COUNTS, DistanceCells, Distribution, DistributionSearch
 from jhd.distance.search.measured import AbstractMeasured, MeasuredMesh, MeasuredNet, MeasuredPoints
 from jhd.distance.search.mixes import Together, diagonal_of, dtype_of, target_in, together
 from jhd.distance.search.points import is_points
@@ -36,6 +37,8 @@ _SHARE = 1e-6
 _ROUNDINGS = 4096
 # Most steps of the search; its cells end it much earlier.
 _MAX_STEPS = 4000
+# Times that the largest cells are cut where none has a proven length or area, and so many of them.
+_LOOKS, _LOOKED_AT = 12, 16
 
 
 class _Asked(NamedTuple):
@@ -194,9 +197,21 @@ def _distributed(
     # Who interrupted the search for the maximum waits for no other.
     listener.interrupted = name_of(maximum.result) == "interrupted"
     found = drive(search, listener)
-    if source.dimension and not np.any(found.cells.flat.lower > 0):
+    if source.dimension and not _is_extended(source, found.cells):
         raise ValueError(f"a has no {('length', 'area')[source.dimension - 1]}: there is nothing to average over.")
     return found, pair, source.dimension
+
+
+def _is_extended(source: AbstractMeasured, known: DistanceCells) -> bool:
+    """Whether a shape has a proven length or area: large cells, that are far from all, may not show it."""
+    cells, flat = known.cells, known.flat
+    for _ in range(_LOOKS):
+        if np.any(flat.lower > 0):
+            return True
+        largest = np.argsort(flat.upper)[-_LOOKED_AT:]
+        cells, _ = source.cut(cells.take(largest), FlatCells(*(x[largest] for x in flat)))
+        flat = source.flat(cells)
+    return bool(np.any(flat.lower > 0))
 
 
 def _measured(shape: Any, moved: Any, off: float, counts: np.ndarray | None) -> AbstractMeasured:

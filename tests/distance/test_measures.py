@@ -238,3 +238,10 @@ def test_derivatives_over_surfaces_are_those_of_differences_where_feet_jump(meas
         )
 
     assert float(jax.grad(value)(0.0)) == pytest.approx(difference(value), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_what_is_small_beside_its_distance_has_a_length():
+    bow = jhd.BezierSegments([1e-3 * np.array([(0.0, 0.0), (1.0, 3.0), (-1.0, 0.2)])], [[1.0, 0.2, 3.0]])
+    found = jhd.deviation(bow, jhd.points([(5.0, 0.0)]), rtol=0.05)
+    assert found.mean.lower <= 5 <= found.mean.upper < 5.3
