@@ -197,7 +197,7 @@ def closest_places(
         upper: the bound.
     """
     sides, scaled = (a, b), [np.ldexp(x, -a.exponent)[None] for x in points]
-    feet = [side.feet(x, proven=True) for side, x in zip(sides, scaled, strict=True)]
+    feet = [side.feet(x) for side, x in zip(sides, scaled, strict=True)]
     for _ in range(_ROUNDS):
         at = [[float(x) for x in _few_digits(side, found.x[0])] for side, found in zip(sides, feet, strict=True)]
         pieces = [int(found.piece[0]) for found in feet]
