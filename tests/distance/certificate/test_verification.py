@@ -237,6 +237,8 @@ OF_SURFACES = [
     (((*PATCH, "cell"), "0g"), "at 'g' a half"),
     (((*PATCH, "cell"), "0" + "a" * 52), "cell has 53 cuts"),
     (((*PATCH, "cell"), None), "cell is None"),
+    (((*PATCH, "cell"), nested(900)), r"cell is \[\[\[\[\[\[\[\.\.\.\]\]\]\]\]\]\]; the next one"),
+    (((*PATCH, "cell"), "x" * 10**6), r"cell is 'xxxxxxxxxxxx\.\.\.xxxxxxxxxxxxx'; the next one"),
     (((*PATCH, "feet", 0, "map", 0), [0.5, 0.75]), r"map\[0\] is \[0.5, 0.75\]; needs a sum of at most 1.0"),
     (((*PATCH, "feet", 0, "map", 0), [0.5]), r"map\[0\] is \[0.5\]; needs a list of 2"),
     (((*PATCH, "feet", 0, "map"), [[0, 0]] * 2), "map has 2 rows; needs one of 1, 3, 6, 10"),

@@ -12,6 +12,7 @@ least M at all of the other, with M - m at least that distance times the length 
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
+from reprlib import repr  # of limited length and depth, whatever a file holds
 from typing import Any, NamedTuple
 
 from jhd.distance.certificate.verification.cells import MOST_CUTS, half
@@ -140,17 +141,17 @@ def pairs(
         done, mine, other = left.pop()
         name, entry = f"{place}[{count}]", next(numbered, None)
         if entry is None:
-            raise CertificateError(f"{name}: there is no further pair; what begins with {done!r} is left.")
+            raise CertificateError(f"{name}: there is no further pair; what begins with {repr(done)} is left.")
         letters = entry["pair"]
         if not letters.startswith(done):
-            raise CertificateError(f"{name}.pair is {letters!r}; the next one begins with {done!r}.")
+            raise CertificateError(f"{name}.pair is {repr(letters)}; the next one begins with {repr(done)}.")
         if len(letters) > _MOST_LETTERS or any(_cuts(letters, kind) > MOST_CUTS for kind in (str.islower, str.isupper)):
             raise CertificateError(f"{name}.pair has {len(letters)} cuts; needs fewer.")
         for letter in letters[len(done) :]:
             beside = chr(ord(letter) + 1)
             halves = [_cut(a, b, mine, other, x) for x in (letter, beside)] if letter in "xaceXACE" else [None]
             if halves[0] is None or halves[1] is None:
-                raise CertificateError(f"{name}.pair is {letters!r}: {letter!r} is no first half there.")
+                raise CertificateError(f"{name}.pair is {repr(letters)}: {repr(letter)} is no first half there.")
             left.append((done + beside, *halves[1]))
             done, (mine, other) = done + letter, halves[0]
         yield entry, name, mine, other

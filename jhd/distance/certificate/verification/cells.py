@@ -12,6 +12,7 @@ Corners of cells are multiples of 2^-52 at most and written as floats, which hol
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from reprlib import repr  # of limited length and depth, whatever a file holds
 from typing import Any
 
 from jhd.distance.certificate.verification.pieces import ExactPiece, Map, simplex_map
@@ -97,7 +98,7 @@ class _Numbered:
 
 def _check_cell(numbered: _Numbered, entry: Mapping[str, Any], wanted: Any) -> None:
     if entry["cell"] != wanted:
-        raise CertificateError(f"{numbered.name}.cell is {entry['cell']!r}; the next one is {wanted!r}.")
+        raise CertificateError(f"{numbered.name}.cell is {repr(entry['cell'])}; the next one is {repr(wanted)}.")
 
 
 def _intervals(numbered: _Numbered, index: int, piece: ExactPiece) -> Iterator[tuple[Any, str, Map]]:
@@ -106,7 +107,7 @@ def _intervals(numbered: _Numbered, index: int, piece: ExactPiece) -> Iterator[t
         entry = numbered.next_of(index)
         cell = entry["cell"]
         if not isinstance(cell, list):
-            raise CertificateError(f"{numbered.name}.cell is {cell!r}; needs the ends of an interval.")
+            raise CertificateError(f"{numbered.name}.cell is {repr(cell)}; needs the ends of an interval.")
         if cell[0] > reached:
             hole = f"between {reached!r} and {cell[0]!r}"
             raise CertificateError(f"{numbered.name} leaves piece {index} uncovered {hole}.")
@@ -126,12 +127,14 @@ def _triangles(
         entry = numbered.next_of(index)
         cell = entry["cell"]
         if not isinstance(cell, str) or not cell.startswith(name):
-            raise CertificateError(f"{numbered.name}.cell is {cell!r}; the next one begins with {name!r}.")
+            raise CertificateError(f"{numbered.name}.cell is {repr(cell)}; the next one begins with {name!r}.")
         if len(cell) > MOST_CUTS:
             raise CertificateError(f"{numbered.name}.cell has {len(cell)} cuts; needs at most {MOST_CUTS}.")
         for letter in cell[len(name) :]:
             if letter not in "ace":
-                raise CertificateError(f"{numbered.name}.cell is {cell!r}: at {letter!r} a half before it is left out.")
+                raise CertificateError(
+                    f"{numbered.name}.cell is {repr(cell)}: at {repr(letter)} a half before it is left out."
+                )
             other = chr(ord(letter) + 1)
             left.append((name + other, half(triangle, other)))
             name, triangle = name + letter, half(triangle, letter)

@@ -1,6 +1,7 @@
 """Certificates of version 1, which were of curves alone: the same claims in the form of today."""
 
 from collections.abc import Mapping
+from reprlib import repr  # of limited length and depth, whatever a file holds
 from typing import Any
 
 from jhd.distance.certificate.verification.structure import KINDS, CertificateError, check_index, check_keys, check_list
@@ -50,7 +51,7 @@ def _cells(direction: str, rows: Any, shapes: Mapping[str, Any]) -> list[dict[st
         check_index(f"{place}.segment", row["segment"], len(source["control_points"]))
         ends = check_list(f"{place}.t", row["t"], 2, 2)
         if not all(isinstance(t, int | float) for t in ends):
-            raise CertificateError(f"{place}.t is {ends!r}; needs numbers.")
+            raise CertificateError(f"{place}.t is {repr(ends)}; needs numbers.")
         sigma = check_list(f"{place}.sigma", row["sigma"])
         foot = {"piece": row["foot"], "map": [[s] for s in sigma], "weights": row["sigma_weights"]}
         if _is_points(target):
@@ -71,7 +72,7 @@ def _witness(witness: Any, shapes: Mapping[str, Any]) -> dict[str, Any] | None:
     check_keys("witness", witness, ("direction", "segment", "t", "cuts"))
     direction = witness["direction"]
     if not isinstance(direction, str) or direction not in KINDS["two_sided"]:
-        raise CertificateError(f"witness.direction is {direction!r}; needs a_to_b or b_to_a.")
+        raise CertificateError(f"witness.direction is {repr(direction)}; needs a_to_b or b_to_a.")
     source, target = shapes[direction[0]], shapes[direction[-1]]
     at = [] if _is_points(source) else [witness["t"]]
     cuts = None if _is_points(target) else witness["cuts"]

@@ -19,7 +19,7 @@ from jhd.distance.certificate.verification.structure import SECTIONS, VERSION, C
 # The first bytes of compressed files.
 _GZIP = b"\x1f\x8b"
 # The longest line that is read, and the longest file of version 1: a short compressed one must not fill the memory.
-_LONGEST = 2**30
+_LONGEST = 2**28
 
 
 def parsed(text: str) -> Any:
