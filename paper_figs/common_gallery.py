@@ -60,6 +60,7 @@ GROUPS = {
         "spurious_cells",
         "surface_gallery",
         "surface_distances",
+        "surface_bounds",
         "marching_cubes_check",
         "tessellation_check",
     ],

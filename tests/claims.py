@@ -408,6 +408,19 @@ def both_ways(mesh, shares):
         assert found["upper"] - found["lower"] <= share * found["upper"], way
 
 
+def check_surface_bounds(numbers):
+    for name, pair in numbers["pairs"].items():
+        ours = pair["searches"]["jhd"]
+        assert ours["enclosed"] and set(ours["results"]) == {"successful"}, name
+        assert ours["between"][-1] <= numbers["goal"] and ours["cells"][-1] < 100, name
+        for family, search in pair["searches"].items():
+            # What values at nodes lose is far below.
+            assert min(search["gap"]) > -1e-9, (name, family)
+            reached = search["gap"][-1] <= numbers["goal"]
+            assert family == "jhd" or not reached or search["cells"][-1] > ours["cells"][-1], (name, family)
+            assert family == "jhd" or name != "ridge" or search["gap"][-1] > 1e-5, family
+
+
 def check_marching_cubes_check(numbers):
     meshes = numbers["meshes"]
     for mesh in meshes:

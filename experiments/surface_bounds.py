@@ -1,0 +1,165 @@
+"""How many cells of a patch does a proven distance take, by the bound that each cell gets?
+
+Cells are taken in the order of their upper bounds of the distance from the other patch and cut in two, and the largest
+bound left is followed. Bounds, those of common_surface_bounds.py in NumPy: Lipschitz, the distance in the middle and
+half of what the cell can be long; one foot, the largest coefficient of the squared distance from it; a moving foot,
+which an affine map of the parameters takes along; two branches of these in the best shares. Beside them jhd's own
+search, at tolerances from coarse to fine, whose bound takes tangent planes of the squared distance, ties of branches
+and sides of cells in (jhd.distance.cells.weighted), or feet that are followed to higher order where the distance is
+constant. Three pairs whose distance is known exactly: a maximum where the surfaces are parallel, one on a ridge where
+two feet are as near, and two planes, one with curved parameters, which are as far from each other everywhere.
+
+Claims: all bounds of jhd enclose the exact distance, and it closes to 1e-10 of the diagonal with fewer than a hundred
+cells on each pair, and fewer than any other bound takes. Between two feet no other is below 1e-5 after 129 cells; where
+the tangent planes are parallel moving feet get there too, with more than twice as many.
+
+Feeds: figure and table "cells of surfaces".
+Takes: 1 minute (30 seconds of processors).
+"""
+
+import heapq
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from common import Run, markdown
+from common_surface_bounds import FAMILIES, Patch, Rectangle
+
+import jhd
+from jhd.solution import name_of
+
+_CELLS, _SMOKE_CELLS = 129, 33
+_TOLERANCES, _SMOKE_TOLERANCES = 10.0 ** -np.arange(2.0, 11.0), (1e-10,)
+# What values at nodes lose; gaps below are none.
+_ROUNDING = 1e-11
+_GOAL = 1e-10
+
+
+class KnownPair(NamedTuple):
+    """Two patches and the exact directed distance."""
+
+    a: Patch
+    b: Patch
+    exact: float
+
+
+def main() -> None:
+    """Computes, saves and prints."""
+    run = Run(__file__, __doc__)
+    found, rows = {}, []
+    pairs = _pairs()
+    for name in ["ridge"] if run.smoke else list(pairs):
+        pair = pairs[name]
+        size = _diagonal(pair)
+        most = _SMOKE_CELLS if run.smoke else _CELLS
+        searches = {family: _search(pair, bound, most, size) for family, bound in FAMILIES.items()}
+        searches["jhd"] = _ours(pair, _SMOKE_TOLERANCES if run.smoke else _TOLERANCES, size)
+        found[name] = {"exact": pair.exact, "diagonal": size, "searches": searches}
+        for family, search in searches.items():
+            row = [name, family, int(search["cells"][-1]), f"{search['gap'][-1]:.1e}"]
+            rows.append([*row, *(_reached(search, goal) for goal in (1e-2, 1e-4, 1e-6, _GOAL))])
+    header = ["pair", "bound", "cells", "gap", "cells to 1e-2", "1e-4", "1e-6", "1e-10"]
+    run.save({"goal": _GOAL, "pairs": found}, markdown(header, rows))
+
+
+def _pairs() -> dict[str, KnownPair]:
+    """Patches (x, y, z) over x and z, whose places 0 lie off the middles of their parameters."""
+    x, z = np.array([-0.75, 2.25]), np.array([-0.55, 1.0])
+    wide, long = np.array([-1.5, 3.0]), np.array([-1.0, 2.0])
+    flat = np.zeros((4, 3, 3))
+    flat[0, 0], flat[1, 0, 0], flat[0, 1, 2] = [0.2, 1.0, 0.2], 0.6, 0.6
+    bent = np.zeros((4, 3, 3))
+    # In one plane, at parameters that are not affine ones.
+    bent[1, 0, 0], bent[2, 0, 0], bent[3, 0, 0], bent[0, 1, 2], bent[0, 2, 2], bent[1, 1, 0] = (
+        0.8,
+        0.5,
+        -0.3,
+        0.8,
+        0.2,
+        0.1,
+    )
+    return {
+        "parallel": KnownPair(
+            _graph(x, z, lambda p: -1 + 0.5 * p[0] ** 2 + 0.25 * p[0] ** 3 + 0.25 * p[1] ** 2),
+            _graph(wide, long, lambda p: 0.5 * p[0] ** 2 + 0.125 * p[0] ** 3),
+            1.0,
+        ),
+        "ridge": KnownPair(
+            _graph(x, z, lambda p: 2 + 0.5 * p[0] - 0.25 * p[0] ** 2 - 0.25 * p[1] ** 2),
+            _graph(2 * wide, long, lambda p: p[0] ** 2),
+            float(np.sqrt(7) / 2),
+        ),
+        "planes": KnownPair(Patch(flat), Patch(bent), 1.0),
+    }
+
+
+def _graph(x: np.ndarray, z: np.ndarray, height: Callable[[Any], Any]) -> Patch:
+    """The graph of a polynomial of degrees 3 and 2 over a rectangle, by its values."""
+    u, v = np.linspace(0, 1, 4), np.linspace(0, 1, 3)
+    places = x[0] + x[1] * u[:, None] + 0 * v, z[0] + z[1] * v + 0 * u[:, None]
+    points = np.stack([places[0], height(places), places[1]], axis=-1)
+    first, second = (np.linalg.inv(np.vander(t, increasing=True)) for t in (u, v))
+    return Patch(np.einsum("iu,jv,uvk->ijk", first, second, points))
+
+
+def _diagonal(pair: KnownPair) -> float:
+    rows = np.concatenate([_bezier(p).reshape(-1, 3) for p in (pair.a, pair.b)])
+    return float(np.linalg.norm(np.ptp(rows, axis=0)))
+
+
+def _bezier(patch: Patch) -> np.ndarray:
+    """Control points."""
+    rows = patch.rows
+    for axis in range(2):
+        n = rows.shape[axis] - 1
+        nodes = np.linspace(0, 1, n + 1)
+        basis = np.array([[_bernstein(n, i, t) for i in range(n + 1)] for t in nodes])
+        matrix = np.linalg.solve(basis, np.vander(nodes, increasing=True))
+        rows = np.moveaxis(np.tensordot(matrix, rows, axes=(1, axis)), 0, axis)
+    return rows
+
+
+def _bernstein(n: int, i: int, t: float) -> float:
+    binomial = np.prod([(n - k) / (k + 1) for k in range(i)]) if i else 1.0
+    return float(binomial * t**i * (1 - t) ** (n - i))
+
+
+def _search(pair: KnownPair, bound: Callable[..., float], most: int, size: float) -> dict[str, Any]:
+    """The largest bound left, after so many cells have been bounded."""
+    whole = Rectangle(np.zeros(2), np.ones(2))
+    heap, count = [(-bound(pair.a, pair.b, whole), 0, whole)], 1
+    cells, gaps = [count], [-heap[0][0] - pair.exact]
+    while count < most and gaps[-1] > max(_GOAL, _ROUNDING) * size:
+        above, _, cell = heapq.heappop(heap)
+        for part in cell.halves():
+            count += 1
+            # What holds for a cell holds for its parts.
+            heapq.heappush(heap, (max(-bound(pair.a, pair.b, part), above), count, part))
+        cells.append(count)
+        gaps.append(-heap[0][0] - pair.exact)
+    return {"cells": np.array(cells), "gap": np.array(gaps) / size}
+
+
+def _ours(pair: KnownPair, tolerances: Any, size: float) -> dict[str, Any]:
+    """Cells and gaps of the package at each tolerance."""
+    a, b = (jhd.BezierPatch(_bezier(p)) for p in (pair.a, pair.b))
+    found = [jhd.directed_hausdorff(a, b, jhd.BranchAndBound(atol=t * size), throw=False) for t in tolerances]
+    # Control points are rounded, so that the stored distance differs in the last digits.
+    room = 1e-14 * size
+    enclosed = all(float(x.lower) - room <= pair.exact <= float(x.upper) + room for x in found)
+    return {
+        "cells": np.array([int(x.stats["cells"]) for x in found]),
+        "gap": np.array([max(float(x.upper) - pair.exact, 1e-16) for x in found]) / size,
+        "enclosed": enclosed,
+        "results": [name_of(x.result) for x in found],
+        "between": np.array([float(x.upper - x.lower) for x in found]) / size,
+    }
+
+
+def _reached(search: dict[str, Any], goal: float) -> str:
+    below = np.flatnonzero(search["gap"] <= goal)
+    return str(int(search["cells"][below[0]])) if len(below) else "-"
+
+
+if __name__ == "__main__":
+    main()
