@@ -59,7 +59,7 @@ def foot(b: Patch, point: np.ndarray, start: np.ndarray | None = None) -> np.nda
     """Parameters of a near point of b, the nearest one found from a grid of starts or from the one given."""
     if start is None:
         grid = np.stack(np.meshgrid(*[np.linspace(0, 1, _STARTS)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
-        far = np.sum((b.at(*grid.T) - point) ** 2, axis=1)
+        far = np.sum((b.at(grid[:, 0], grid[:, 1]) - point) ** 2, axis=1)
         start = grid[np.argmin(far)]
     s = np.array(start, float)
     for _ in range(_STEPS):

@@ -19,7 +19,13 @@ _LINES: dict[str, dict[str, Any]] = {
     "Lipschitz": {"color": GREY, "marker": "s"},
     "one foot": {"color": ORANGE, "marker": "D"},
     # Larger and open, so that it shows where it equals the next one.
-    "moving foot": {"color": GREEN, "marker": "^", "markersize": 6.0, "markerfacecolor": "none"},
+    "moving foot": {
+        "color": GREEN,
+        "marker": "^",
+        "markersize": 6.0,
+        "markerfacecolor": "none",
+        "markeredgecolor": GREEN,
+    },
     "two branches": {"color": BLUE, "marker": "v"},
     "jhd": {"color": VERMILLION, "marker": "o"},
 }
