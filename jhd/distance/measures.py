@@ -166,9 +166,11 @@ class AbstractMeasure(eqx.Module):
         found = deviation(*known, atol=atol, rtol=rtol, quantile=getattr(self, "q", None), weights=weights, throw=False)
         bounds = self._bounds(found)
         value = self._value(a, b, weights, None)
-        middle = np.clip(np.asarray(jax.lax.stop_gradient(value)), bounds.lower, bounds.upper)
         lower, upper = _rounded_outward(bounds, np.dtype(value.dtype))
-        return MeasureSolution(carrying(jnp.asarray(middle), value), lower, upper, DIRECTIONS.a_to_b, found.result)
+        inside = jnp.asarray(_within(bounds, np.asarray(jax.lax.stop_gradient(value))))
+        # Compiled programs take subnormal numbers for zero.
+        value = carrying(inside, value) if is_traced(value) else inside
+        return MeasureSolution(value, lower, upper, DIRECTIONS.a_to_b, found.result)
 
     @abstractmethod
     def _bounds(self, found: Deviation) -> Bounds:
@@ -283,6 +285,12 @@ def _rounded_outward(bounds: Bounds, dtype: np.dtype) -> tuple[Array, Array]:
     )
 
 
+def _within(bounds: Bounds, value: np.ndarray) -> np.ndarray:
+    """The value where it lies between the bounds, else the nearest one, or their middle where it is no number."""
+    known = np.where(np.isnan(value), 0.5 * bounds.lower + 0.5 * bounds.upper, value)
+    return np.asarray(np.clip(known, bounds.lower, bounds.upper), value.dtype)
+
+
 def _is_hidden(*values: Any) -> bool:
     """Whether numbers are known only when a program runs; what is differentiated outside of one is known."""
     return is_tracing(jax.lax.stop_gradient([x for x in jax.tree_util.tree_leaves(values) if eqx.is_array(x)]))
@@ -309,9 +317,16 @@ def _no_value(dtype: Any) -> Array:
 
 def _larger(there: MeasureSolution, back: MeasureSolution) -> MeasureSolution:
     """The larger of both directions: its value and direction, with the larger of both bounds."""
-    first = there.value >= back.value
+    known = jax.lax.stop_gradient((there, back))
+    # Compiled programs take subnormal numbers for zero.
+    host = not is_tracing([x.value for x in known])
+    values, lowers, uppers = ([getattr(x, name) for x in known] for name in ("value", "lower", "upper"))
+    if host:
+        values, lowers, uppers = ([np.asarray(x) for x in pair] for pair in (values, lowers, uppers))
+    largest = np.maximum if host else jnp.maximum
+    first = jnp.asarray(values[0] >= values[1])
     result = result_where(there.result == RESULTS.successful, back.result, there.result)
-    lower, upper = (jnp.maximum(x, y) for x, y in ((there.lower, back.lower), (there.upper, back.upper)))
+    lower, upper = (jnp.asarray(largest(*pair)) for pair in (lowers, uppers))
     value = jnp.where(first, there.value, back.value)
     return MeasureSolution(value, lower, upper, DIRECTIONS.where(first, there.direction, back.direction), result)
 

@@ -62,6 +62,14 @@ def test_weights_count_and_the_larger_direction_is_taken_and_differentiated():
     assert float(jax.grad(moved)(0.0)) == pytest.approx(difference(moved), abs=1e-9)
 
 
+@pytest.mark.parametrize("measure", [jhd.Mean(), jhd.RootMeanSquare(), jhd.Quantile(0.9)], ids=str)
+def test_values_of_subnormal_points_lie_between_their_bounds_in_the_larger_direction(measure):
+    small, wide = jhd.points([(3e-310, 4e-310), (6e-310, 8e-310)]), jhd.points([(0.0, 0.0), (0.0, 3e-309)])
+    found = measure(small, wide)
+    lower, value, upper = (float(x) for x in (found.lower, found.value, found.upper))
+    assert 0 < lower <= value <= upper < 3e-309 and upper > 1e-309 and name_of(found.direction) == "b_to_a"
+
+
 def test_bounds_round_outward_in_the_precision_of_the_shapes():
     for end in (0.1, 1 / 3, 7e30):
         lower, upper = _rounded_outward(jhd.Bounds(end, end), np.dtype(np.float32))
