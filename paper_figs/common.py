@@ -129,9 +129,15 @@ def proven_text(lower: float, upper: float, digits: int) -> str:
     """A number between two bounds, in TeX: digits where the bounds agree in them, else both bounds, rounded outward."""
     if f"{lower:.{digits}f}" == f"{upper:.{digits}f}":
         return f"= {lower:.{digits}f}"
+    low, high = outward(lower, upper, digits)
+    return f"\\in [{low}, {high}]"
+
+
+def outward(lower: float, upper: float, digits: int) -> tuple[str, str]:
+    """Both bounds with so many decimals, rounded outward, so that what is drawn is still proven."""
     unit = Decimal(1).scaleb(-digits)
     low, high = (Decimal(x).quantize(unit, way) for x, way in ((lower, ROUND_FLOOR), (upper, ROUND_CEILING)))
-    return f"\\in [{low}, {high}]"
+    return f"{low}", f"{high}"
 
 
 def letter(ax: Axes, text: str, title: str = "") -> None:

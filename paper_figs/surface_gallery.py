@@ -9,7 +9,7 @@ proof. All but the torus, which has a whole circle of feet and says so, close to
 from typing import Any
 
 import numpy as np
-from common import MM, Picture, solution, style
+from common import MM, Picture, outward, solution, style
 from matplotlib.figure import Figure
 
 import jhd
@@ -77,10 +77,11 @@ def _text(pair: dict[str, Any]) -> str:
     lower, upper = pair["solution"]["lower"], pair["solution"]["upper"]
     seconds = f"{pair['seconds']:.1f} s"
     if upper is None:
-        return f"{lower:.3f} ≤ $H$, {seconds}"
+        return f"{outward(lower, lower, 3)[0]} ≤ $H$, {seconds}"
     half = (upper - lower) / 2
     if half > 0.01 * upper:
-        return f"{lower:.3f} ≤ $H$ ≤ {upper:.3f}, {seconds}"
+        low, high = outward(lower, upper, 3)
+        return f"{low} ≤ $H$ ≤ {high}, {seconds}"
     mantissa, exponent = f"{max(half, 1e-12):.0e}".split("e")
     error = rf"{mantissa}\cdot 10^{{{int(exponent)}}}"
     return f"$H$ = {(lower + upper) / 2:.{-int(exponent)}f} ± ${error}$, {seconds}"
