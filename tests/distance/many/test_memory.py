@@ -1,0 +1,35 @@
+"""Ten thousand shapes, the near ones among all pairs of them, and all that is made of them stay below a gigabyte."""
+
+import subprocess
+import sys
+
+import pytest
+
+_RUN = """
+import resource, sys
+import numpy as np
+import jhd
+
+random = np.random.default_rng(0)
+turns = np.exp(2j * np.pi * np.arange(40) / 40)
+
+
+def outline(count):
+    at = np.exp(2j * np.pi * np.arange(count) / count) * random.integers(1, 10_000)
+    at = at + 0.0005 * random.standard_normal((2, count)).T @ [1, 1j]
+    return jhd.polyline(np.stack([at.real, at.imag], axis=1), closed=True)
+
+
+shapes = [outline(count) for count in random.choice([12, 24, 47], 10_000)]
+near = jhd.pairs_within(shapes, 0.002)
+assert near.computed > 1000, near
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere the peak is counted in other units")
+def test_ten_thousand_shapes_take_less_than_a_gigabyte():
+    done = subprocess.run([sys.executable, "-c", _RUN], capture_output=True, text=True, timeout=900, check=False)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) * 1024 < 1e9
