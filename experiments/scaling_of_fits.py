@@ -31,8 +31,8 @@ PATIENCE = 1000
 def main() -> None:
     """Computes, saves and prints."""
     run = Run(__file__, __doc__)
-    counts, segments, steps = ((150, 250), 8, 2) if run.smoke else (COUNTS, SEGMENTS, STEPS)
-    cubics, vertices = ((8,), 200) if run.smoke else (CUBICS, VERTICES)
+    counts, segments, steps = ((150, 190), 8, 1) if run.smoke else (COUNTS, SEGMENTS, STEPS)
+    cubics, vertices = ((8,), 170) if run.smoke else (CUBICS, VERTICES)
     by_vertices = [_case(run, count, segments, steps) for count in counts]
     by_segments = [_case(run, vertices, count, steps) for count in cubics]
     header = ["vertices", "cubics", "start, s", "a step, s", "proof, s", "all maxima once, s", "distance"]

@@ -5,6 +5,7 @@ And the scripts of the tour, which check themselves what they say.
 
 import ast
 import json
+import os
 import re
 import runpy
 import subprocess
@@ -36,7 +37,9 @@ def names(paths):
 
 def run(script, folder):
     command = [sys.executable, str(script.relative_to(ROOT)), "--smoke", "--out", str(folder)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
+    # Small matrices on several threads take many times as long where other processes run.
+    alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(command, cwd=ROOT, env=alone, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     return done.stdout
 
