@@ -16,6 +16,8 @@ import numpy as np
 import pytest
 
 os.environ["MPLBACKEND"] = "Agg"
+# Small matrices on several threads beside other processes take several times as long; workers read it as they start.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _FOLDER = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent.parent / ".jax_cache"))
 # Keeping a program takes as long as compiling one of the thousands of small ones, so they are made again.
