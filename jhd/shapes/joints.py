@@ -80,7 +80,10 @@ def _found(rows: np.ndarray, ends: np.ndarray, starts: np.ndarray, single: np.nd
 
 def checked(following: Any, count: int) -> Int[Array, " segments"]:
     """`following` as it is given for so many segments; ValueError for anything that it cannot be."""
-    following = array_of(following if isinstance(following, Array) else np.asarray(following))
+    given = following if isinstance(following, Array) else np.asarray(following)
+    if given.dtype == object:
+        raise ValueError("following has entries that are no whole numbers, or too large ones.")
+    following = array_of(given)
     if following.shape != (count,) or not jnp.issubdtype(following.dtype, jnp.integer):
         raise ValueError(
             f"following has shape {following.shape} and dtype {following.dtype}; needs ({count},) integers."

@@ -333,8 +333,15 @@ def value(terms, u):
 
 
 def in_powers(coefficients):
-    """The polynomial on an interval of Bernstein coefficients."""
+    """The polynomial on an interval of Bernstein coefficients, which are whole numbers."""
     return from_coefficients(coefficients, (0, 1), len(coefficients) - 1)
+
+
+def of_quadratic(coefficients, u):
+    """The value at u of the quadratic with these Bernstein coefficients, products of two eighths."""
+    whole = [int(64 * x) for x in coefficients]
+    assert whole == [64 * x for x in coefficients]
+    return value(in_powers(whole), u) / 64
 
 
 def rows_of(piece, parameters):
@@ -354,8 +361,7 @@ def test_the_squared_distance_is_that_of_fractions(data, rational_a, rational_b,
     maps.append(simplex_map(pieces[1], 2, rows_of(pieces[1], sigma), weights if pieces[1].corners else None))
     squares, weight_sq, _ = squares_of(difference(*(composed(x, to) for x, to in zip(pieces, maps, strict=True))))
     u = Fraction(data.draw(st.integers(0, 7)), 7)
-    s = value(in_powers([Fraction(x) for x in sigma]), u)
-    s /= value(in_powers([Fraction(x) for x in weights or [1.0] * 3]), u)
+    s = of_quadratic(sigma, u) / of_quadratic(weights or [1.0] * 3, u)
     points = [
         exact.point(curve["control_points"][0], None if curve["weights"] is None else curve["weights"][0], at)
         for curve, at in ((a, Fraction(t0) + u * (Fraction(t1) - Fraction(t0))), (b, s))

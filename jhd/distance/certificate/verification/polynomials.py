@@ -7,6 +7,7 @@ exponents of a term stand in one integer, a byte for each variable.
 """
 
 import math
+from collections.abc import Sequence
 from functools import cache
 from itertools import product as pairs_of
 
@@ -106,7 +107,7 @@ def multinomials(count: int, degree: int) -> list[int]:
     return [math.factorial(degree) // math.prod(math.factorial(i) for i in term) for term in exponents(count, degree)]
 
 
-def from_coefficients(coefficients: list[int], variables: tuple[int, ...], degree: int) -> Polynomial:
+def from_coefficients(coefficients: Sequence[int], variables: tuple[int, ...], degree: int) -> Polynomial:
     """The polynomial of these Bernstein coefficients, in the order of `exponents`."""
     count = len(variables)
     numbers = zip(coefficients, exponents(count, degree), multinomials(count, degree), strict=True)

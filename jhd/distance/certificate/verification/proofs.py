@@ -147,7 +147,7 @@ def _check_minimum(
     return count
 
 
-def _checked(place: str, entries: Iterable[Any], check: Callable[[str, Any], None]) -> Iterator[Mapping[str, Any]]:
+def _checked(place: str, entries: Any, check: Callable[[str, Any], None]) -> Iterator[Mapping[str, Any]]:
     if not isinstance(entries, Iterable) or isinstance(entries, Mapping | str):
         raise CertificateError(f"{place} is {type(entries).__name__}; needs a list of cells.")
     for k, entry in enumerate(entries):

@@ -10,9 +10,10 @@ import json
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from io import TextIOBase
 from pathlib import Path
 from reprlib import repr  # of limited length and depth, whatever a file holds
-from typing import Any, TextIO
+from typing import Any
 
 from jhd.distance.certificate.verification.structure import SECTIONS, VERSION, CertificateError, check_keys
 
@@ -63,7 +64,7 @@ def lines_of(content: Mapping[str, Any]) -> Iterator[str]:
 class _Lines:
     """The lines of a file in turn."""
 
-    def __init__(self, file: TextIO):
+    def __init__(self, file: TextIOBase):
         self.file, self.number = file, 0
 
     def next(self) -> str:
