@@ -34,8 +34,7 @@ Report = Callable[[CollectionProgress], object] | None
 
 # Pairs that are sent out before their results are put away.
 _PAIRS = 1 << 14
-# Pairs whose bounds are held at once: a hundred bytes each while they are looked at, and ten thousand shapes with as
-# many queries stay far below a gigabyte.
+# Pairs whose bounds are held at once: a hundred bytes each while they are looked at.
 _BOUNDS = 10**6
 
 

@@ -12,6 +12,9 @@ from jhd.distance.many.store import Store
 from jhd.distance.many.tasks import measured, pairs_between
 from jhd.outcomes import RESULTS
 
+# What executors of other packages raise where they give a worker up, as Dask does after some tries.
+_LOST = ("KilledWorker",)
+
 
 class DistanceTable:
     """Distances of all pairs, as far as they are known.
@@ -57,8 +60,8 @@ class DistanceTable:
                 if store is not None:
                     value, lower, upper, result = (array[rows, columns] for array in self._arrays())
                     store.write(part, MeasuredPairs(value, lower, upper, result, np.zeros_like(result)))
-        except BrokenExecutor as error:
-            if store is not None:
+        except Exception as error:
+            if store is not None and (isinstance(error, BrokenExecutor) or type(error).__name__ in _LOST):
                 error.add_note("A worker was lost. What is done is kept: a second call with the same store goes on.")
             raise
 

@@ -107,22 +107,27 @@ def test_a_folder_that_is_no_store_is_refused(tmp_path):
 class Losing(Executor):
     """Loses its worker after some tasks."""
 
-    def __init__(self, count):
-        self._left = count
+    def __init__(self, count, error):
+        self._left, self._error = count, error
 
     def submit(self, fn, /, *args, **kwargs):
         future = Future()
         self._left -= 1
         if self._left < 0:
-            future.set_exception(BrokenExecutor("a process ended"))
+            future.set_exception(self._error("a process ended"))
         else:
             future.set_result(fn(*args, **kwargs))
         return future
 
 
-def test_where_a_worker_is_lost_the_error_says_that_a_second_call_goes_on(tmp_path):
-    with pytest.raises(BrokenExecutor) as raised:
-        jhd.pairwise(SHAPES, executor=Losing(3), store=tmp_path)
+class KilledWorker(Exception):
+    """What Dask calls it where it gives a task up; no kind of a broken executor."""
+
+
+@pytest.mark.parametrize("error", [BrokenExecutor, KilledWorker])
+def test_where_a_worker_is_lost_the_error_says_that_a_second_call_goes_on(error, tmp_path):
+    with pytest.raises(error) as raised:
+        jhd.pairwise(SHAPES, executor=Losing(3, error), store=tmp_path)
     assert "a second call with the same store goes on" in raised.value.__notes__[0]
     assert jhd.pairwise(SHAPES, store=tmp_path).computed == 45 - 9 - 8
 
