@@ -105,14 +105,20 @@ def test_distances_to_a_sphere_are_those_of_its_formula_from_its_centre_to_far_a
 
 
 @pytest.mark.slow
-def test_a_polynomial_without_a_change_of_sign_has_no_proven_foot_but_a_true_lower_bound():
-    double = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2", [-2, -2, -2], [2, 2, 2])
-    found = jhd.project([[1.0, 0, 0], [0, 0, 3]], double, throw=False)
+def test_where_a_polynomial_does_not_change_its_sign_a_point_is_proven_or_only_a_lower_bound():
+    corners = [-2, -2, -2], [2, 2, 2]
+    centre = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2", *corners)
+    found = jhd.project([[1.0, 0, 0], [0, 0, 3]], centre)
+    assert np.all(np.asarray(found.lower) <= [1, 3]) and np.all([1, 3] <= np.asarray(found.upper))
+    assert np.allclose(found.upper, [1, 3], rtol=1e-14, atol=0)
+    # A fraction that no evaluation in floats finds to be a zero.
+    hidden = jhd.ImplicitSurface.parse("(9973*x - 4000)**2 + 99460729*(y**2 + z**2)", *corners)
+    found = jhd.project([[1.0, 0, 0], [0, 0, 3]], hidden, throw=False)
     assert [name_of(jax.tree_util.tree_map(lambda x, k=k: x[k], found.result)) for k in (0, 1)] == ["unverified"] * 2
     assert np.all(np.isinf(found.upper))
-    assert np.all(np.asarray(found.lower) <= [1, 3])
+    assert np.all(np.asarray(found.lower) <= [5973 / 9973, np.hypot(3, 4000 / 9973)])
     with pytest.raises(jhd.NotProvenError):
-        jhd.project([1.0, 0, 0], double)
+        jhd.project([1.0, 0, 0], hidden)
 
 
 def test_surfaces_are_refused_where_they_have_no_point_and_methods_where_they_serve_curves():
