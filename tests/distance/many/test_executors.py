@@ -141,7 +141,7 @@ def test_the_command_line_shows_a_bar_and_ctrl_c_keeps_what_is_done(tmp_path):
         shown += os.read(terminal, 1024)
     out = None
     while out is None:
-        # Python drops an interrupt that comes while it calls back from a collection of garbage; users press again.
+        # An interrupt has been lost once, for a reason that is not known; users press again.
         running.send_signal(signal.SIGINT)
         with suppress(subprocess.TimeoutExpired):
             out, _ = running.communicate(timeout=20)
