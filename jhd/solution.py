@@ -295,6 +295,10 @@ class Decision(AbstractSolution):
         upper: proven upper bound.
         result: why it is undecided where it is.
         stats: counts of the work in both directions.
+        distance: which distance it is about: "directed" from a to b, "two_sided", the larger of both directed ones, or
+            "minimum".
+        point_a: of a minimum distance the point of a at which `upper` was reached, otherwise None.
+        point_b: likewise of b.
     """
 
     answer: Any
@@ -302,6 +306,9 @@ class Decision(AbstractSolution):
     upper: Float[Array, "*batch"]
     result: Any
     stats: dict[str, Array]
+    distance: str = eqx.field(static=True, default="two_sided")
+    point_a: Float[Array, "*batch dim"] | None = None
+    point_b: Float[Array, "*batch dim"] | None = None
 
     def __bool__(self) -> bool:
         """Whether the answer is yes; an undecided one is neither.
@@ -321,7 +328,7 @@ class Decision(AbstractSolution):
         if many is not None:
             return many
         ends = f"lower={float(self.lower)!r}, upper={float(self.upper)!r}"
-        return f"Decision({name_of(self.answer)}, {ends}, {name_of(self.result)})"
+        return f"Decision({name_of(self.answer)}, {ends}, {name_of(self.result)}, distance={self.distance})"
 
 
 class FitSolution(AbstractSolution):

@@ -25,4 +25,8 @@ def decided(solution: HausdorffSolution | MinimumSolution, limit: Array) -> Deci
     answer = ANSWERS.where(below, ANSWERS.yes, ANSWERS.where(above, ANSWERS.no, ANSWERS.undecided))
     ended = result_where(solution.result == RESULTS.successful, RESULTS.gap_not_closed, solution.result)
     result = result_where(below | above, RESULTS.successful, ended)
-    return Decision(answer, solution.lower, solution.upper, result, solution.stats)
+    if isinstance(solution, MinimumSolution):
+        points = solution.point_a, solution.point_b
+        return Decision(answer, solution.lower, solution.upper, result, solution.stats, "minimum", *points)
+    distance = "directed" if solution.directed else "two_sided"
+    return Decision(answer, solution.lower, solution.upper, result, solution.stats, distance)

@@ -54,7 +54,7 @@ def test_a_decision_counts_as_what_it_answers_and_an_undecided_one_as_nothing():
 def test_a_decision_shows_its_answer_its_bounds_and_how_it_ended():
     lower, upper = (jax.numpy.array(x, float) for x in (1.5, 2.0))
     decision = jhd.Decision(jhd.ANSWERS.undecided, lower, upper, jhd.RESULTS.gap_not_closed, {})
-    assert repr(decision) == "Decision(undecided, lower=1.5, upper=2.0, gap_not_closed)"
+    assert repr(decision) == "Decision(undecided, lower=1.5, upper=2.0, gap_not_closed, distance=two_sided)"
     shown = [repr(jax.tree_util.tree_map(lambda x: jax.numpy.stack([x, x]), decision))]
     jax.jit(lambda d: shown.append(repr(d)))(decision)
     assert (

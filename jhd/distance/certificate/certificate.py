@@ -123,9 +123,10 @@ def certify(
     Args:
         a: the first shape of the distance, as it was handed in: points, a curve, a parametric surface, a mesh.
         b: the second one.
-        solution: what directed_hausdorff, hausdorff, hausdorff_at_most or minimum_distance returned for them: one, not
-            a batch. Of a decision the bound that answers is proven, of an undecided one both are.
-        directed: of a decision, whether it was about the distance from a to b alone.
+        solution: what directed_hausdorff, hausdorff, hausdorff_at_most, minimum_distance or minimum_at_most returned
+            for them: one, not a batch. Of a decision the bound that answers is proven, of an undecided one both are,
+            and of the distance that it is about.
+        directed: of a decision about the two-sided distance, whether that from a to b alone is to be proven.
         atol: how much wider than those of the solution the bounds are, in the unit of the coordinates; by default
             nothing for decisions and for the largest distances of two curves, else a billionth of the diagonal of the
             box of both shapes.
@@ -138,15 +139,19 @@ def certify(
 
     Raises:
         TypeError: a shape or solution of another kind, a traced one or a batch.
-        ValueError: shapes of different dimensions, an atol below 0, or max_cells that is no positive whole number.
+        ValueError: shapes of different dimensions, an atol below 0, max_cells that is no positive whole number, or
+            `directed` of a decision about a minimum distance.
         NotProvenError: a bound of the solution could not be proven of these shapes, or takes more cells.
     """
     a, b = taken_as("a", a), taken_as("b", b)
     _check_arguments(a, b, solution, max_cells)
     curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
     report = _reporting(progress)
-    if isinstance(solution, MinimumSolution):
-        found = prove_minimum(a, b, solution, _checked_atol(atol, a, b, sharp=False), max_cells, report)
+    if isinstance(solution, MinimumSolution) or (isinstance(solution, Decision) and solution.distance == "minimum"):
+        if directed:
+            raise ValueError("directed is True, and the decision is about a minimum distance, which has no direction.")
+        slack = _checked_atol(atol, a, b, sharp=isinstance(solution, Decision))
+        found = prove_minimum(a, b, solution, slack, max_cells, report)
     else:
         slack = _checked_atol(atol, a, b, sharp=curves or isinstance(solution, Decision))
         asked = asked_of(solution, directed, slack)

@@ -49,11 +49,17 @@ def asked_of(solution: HausdorffSolution | Decision, directed: bool, atol: float
     """The bounds of a solution, or the one of a decision that answers, wider by atol."""
     lower, upper = float(solution.lower), float(solution.upper)
     if isinstance(solution, Decision):
-        answer = name_of(solution.answer)
-        lower, upper = 0.0 if answer == "yes" else lower, math.inf if answer == "no" else upper
+        lower, upper = _of_answer(solution)
+        directed = directed or solution.distance == "directed"
     else:
         directed = solution.directed
     return ToProve("directed" if directed else "two_sided", max(lower - atol, 0.0), upper + atol, solution)
+
+
+def _of_answer(decision: Decision) -> tuple[float, float]:
+    """The bound that answers, and of the other one nothing; both where it is undecided."""
+    answer = name_of(decision.answer)
+    return 0.0 if answer == "yes" else float(decision.lower), math.inf if answer == "no" else float(decision.upper)
 
 
 def prove_mix(a: Any, b: Any, asked: ToProve, max_cells: int, report: Report) -> tuple[Any, Any]:
@@ -131,7 +137,7 @@ def _inside(side: ShapeSide, t: np.ndarray) -> list[float]:
 
 
 def prove_minimum(
-    a: Any, b: Any, solution: MinimumSolution, atol: float, max_cells: int, report: Report
+    a: Any, b: Any, solution: MinimumSolution | Decision, atol: float, max_cells: int, report: Report
 ) -> dict[str, Any]:
     """The claim, the orders of the pieces, the pairs of parts and the two places.
 
@@ -141,7 +147,9 @@ def prove_minimum(
     exponent = _exponent(a, b)
     first, second = ShapeSide(a, exponent), ShapeSide(b, exponent)
     points = tuple(np.asarray(x, float) for x in (solution.point_a, solution.point_b))
-    upper, lower = float(solution.upper) + atol, max(float(solution.lower) - atol, 0.0)
+    is_decision = isinstance(solution, Decision)
+    lower, upper = _of_answer(solution) if is_decision else (float(solution.lower), float(solution.upper))
+    lower, upper = max(lower - atol, 0.0), upper + atol
     witness, cells, orders = None, None, {"a": None, "b": None}
     if math.isfinite(upper):
         witness = closest_places(first, second, (points[0], points[1]), upper)

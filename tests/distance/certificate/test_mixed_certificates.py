@@ -81,7 +81,23 @@ def test_decisions_have_certificates_of_what_answers():
     proven = certify(a, b, no).verify()
     assert proven.upper is None and proven.lower == float(no.lower) > 0.9 * distance
     directed = jhd.hausdorff_at_most(b, a, 1.1 * distance, directed=True)
-    assert certify(b, a, directed, directed=True).directed
+    assert (yes.distance, directed.distance) == ("two_sided", "directed")
+    assert certify(b, a, directed).directed
+
+
+def test_a_decision_about_a_minimum_distance_is_proven_of_it():
+    a, b = shape("points", 1), shape("mesh", 2, height=2.0)
+    distance = float(jhd.minimum_distance(a, b).value)
+    yes, no = (jhd.minimum_at_most(a, b, share * distance) for share in (1.1, 0.9))
+    assert yes.distance == no.distance == "minimum" and "distance=minimum" in repr(yes)
+    assert yes and not no
+    proven = certify(a, b, yes).verify()
+    assert proven.kind == "minimum" and proven.lower == 0
+    assert proven.upper is not None and distance <= proven.upper <= 1.1 * distance
+    proven = certify(a, b, no).verify()
+    assert proven.kind == "minimum" and proven.upper is None and 0.9 * distance < proven.lower <= distance
+    with pytest.raises(ValueError, match="directed is True, and the decision is about a minimum distance"):
+        certify(a, b, no, directed=True)
 
 
 def test_minimum_distances_have_certificates():
