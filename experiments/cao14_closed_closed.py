@@ -21,14 +21,16 @@ from common_curves import sample, sampled_directed
 from scipy.spatial import distance as scipy_distance
 
 import jhd
+from jhd.shapes.curve import AbstractCurve
 
 
 def main() -> None:
     """Computes, saves and prints."""
-    run = Run(__file__, __doc__, one_core=True)
-    a, b = (ring(name, 24 if run.smoke else 90).segments() for name in ("example_2_a", "example_2_b"))
+    run = Run(__file__, __doc__, one_core=True, pair=AbstractCurve)
+    own = (ring(name, 24 if run.smoke else 90) for name in ("example_2_a", "example_2_b"))
+    a, b = (curve.segments() for curve in run.shapes or own)
     example = Example(a, b, samples=1, method=jhd.TwoStep(samples=2))
-    record = example.record(shown=22 if run.smoke else 86, candidates=3)
+    record = example.record(shown=22 if run.smoke else 86, candidates=3, unit="" if run.shapes else "mm")
     speeds = _speeds(run, example, [record["directions"][name]["reference"] for name in ("a_to_b", "b_to_a")])
     header = ["method", "samples a segment", "time of h(A,B) (ms)", "ratio", "error of h(A,B) (mm)", "of h(B,A) (mm)"]
     rows = [

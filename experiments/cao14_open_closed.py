@@ -12,14 +12,16 @@ from common import Run
 from common_cao14 import Example, open_curve, ring, table
 
 import jhd
+from jhd.shapes.curve import AbstractCurve
 
 
 def main() -> None:
     """Computes, saves and prints."""
-    run = Run(__file__, __doc__)
-    a, b = open_curve().segments(), ring("example_1_b", 24 if run.smoke else 90).segments()
+    run = Run(__file__, __doc__, pair=AbstractCurve)
+    own = open_curve(), ring("example_1_b", 24 if run.smoke else 90)
+    a, b = (curve.segments() for curve in run.shapes or own)
     example = Example(a, b, samples=10, method=jhd.TwoStep(samples=10))
-    record = example.record(shown=2, candidates=2)
+    record = example.record(shown=2, candidates=2, unit="" if run.shapes else "mm")
     ends = {"ends": example.distance[[0, -1]]}
     run.save({**record, **ends}, table(record))
 

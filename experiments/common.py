@@ -18,9 +18,11 @@ from pathlib import Path
 from typing import Any
 
 import common_origin
+import common_parameters
 import jax
 import numpy as np
 
+from jhd.io import load_shape
 from jhd.solution import to_plain
 from jhd.storage import chosen_folder
 
@@ -48,25 +50,37 @@ class Run:
         text: its docstring, shown by --help.
         one_core: whether the process is kept on one core, where speeds are compared; not in a smoke run.
         meshes: whether it takes files of meshes, in place of those that it generates.
+        pair: the kind of the two shapes that it takes in place of its own, if it does.
     """
 
-    def __init__(self, file: str, text: str | None, one_core: bool = False, meshes: bool = False):
+    def __init__(
+        self, file: str, text: str | None, one_core: bool = False, meshes: bool = False, pair: type | None = None
+    ):
         parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
         parser.add_argument("--smoke", action="store_true", help="shrink everything: a test that it runs")
         parser.add_argument("--out", type=Path, help="folder of the files (default: experiments/output)")
-        parser.add_argument("--seed", type=int, default=0, help="seed of the random numbers (default: 0)")
-        if meshes:
-            parser.add_argument(
-                "--meshes", type=Path, nargs="+", default=[], help="files to take, also .npz of V and F"
-            )
+        common_parameters.add_options(parser, meshes, pair is not None)
         options = parser.parse_args()
-        self.meshes: list[Path] = getattr(options, "meshes", [])
+        self.meshes = [Path(file) for file in options.meshes]
+        if bool(options.a) != bool(options.b):
+            parser.error("--a and --b go together")
+        self.shapes: list[Any] = [load_shape(options.a), load_shape(options.b)] if options.a else []
+        if pair and not all(isinstance(shape, pair) for shape in self.shapes):
+            parser.error(f"--a and --b: needs two of {pair.__name__}")
         self.file = Path(file).resolve()
         self.name = self.file.stem
         self.smoke: bool = options.smoke
         self.seed: int = options.seed
-        # Numbers of a smoke run must never stand where the full ones are looked for.
-        self.folder: Path = options.out or _HERE / "output" / ("smoke" if options.smoke else "")
+        # What was asked for besides what is usual; figures compare it with what they are asked for.
+        self.asked = common_parameters.asked(options)
+        self.names = vars(sys.modules["__main__"])
+        try:
+            common_parameters.change(self.names, options.set)
+        except ValueError as error:
+            parser.error(str(error))
+        # Numbers of a smoke run, or of what was asked for, must never stand where the full ones are looked for.
+        part = Path("smoke" if options.smoke else "", "asked" if self.asked else "")
+        self.folder: Path = options.out or _HERE / "output" / part
         self.random = np.random.default_rng(options.seed)
         self.started = time.perf_counter()
         # What is run, not what stands there when the run ends.
@@ -88,6 +102,8 @@ class Run:
             "experiment": self.name,
             "smoke": self.smoke,
             "seed": self.seed,
+            "asked": plain(self.asked),
+            "parameters": plain(common_parameters.parameters(self.names)),
             "versions": {"python": platform.python_version(), **_versions()},
             "code": self.code,
             "device": f"{jax.devices()[0].device_kind} ({platform.machine()}, {self.cores} core(s) used)",

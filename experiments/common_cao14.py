@@ -45,7 +45,7 @@ class Example:
 
     Args:
         a: the curve that is sampled.
-        b: a closed curve.
+        b: the other curve.
         samples: steps in each segment of a.
         method: of the exact distances.
     """
@@ -56,13 +56,10 @@ class Example:
         self.closed = bool(np.all(np.asarray(a.following) >= 0))
         self.t = np.arange(a.count * samples + (not self.closed)) / samples
         self.points = np.asarray(_at(a, self.t))
-        # A closed curve has no ends, so the nearest of the stationary points is the foot.
         self.stationary = jhd.stationary_points(self.points, b)
-        best = np.argmin(np.asarray(self.stationary.distance), axis=-1)
-        rows = np.arange(len(self.t))
-        self.distance = np.asarray(self.stationary.distance)[rows, best]
-        places = (np.asarray(x)[rows, best] for x in (self.stationary.segment, self.stationary.t))
-        self.feet = np.asarray(b.point(*places))
+        # Not the nearest of the stationary points: a foot may be a corner or an end.
+        nearest = jhd.project(self.points, b)
+        self.distance, self.feet = np.asarray(nearest.distance), np.asarray(nearest.foot)
 
     def directed(self, a: jhd.BezierSegments, b: jhd.BezierSegments) -> jhd.HausdorffSolution:
         """The directed distance of padded curves."""
@@ -101,13 +98,14 @@ class Example:
             parts.append(piece.restrict(start - k, min(start - k + step, 1.0)))
         return jhd.BezierSegments.join(parts)
 
-    def record(self, shown: int, candidates: int) -> dict[str, Any]:
+    def record(self, shown: int, candidates: int, unit: str = "mm") -> dict[str, Any]:
         """All numbers: samples, stationary points of sample `shown`, candidates and both directed distances."""
+        shown = min(shown, len(self.t) - 1)
         valid = np.asarray(self.stationary.valid)[shown]
         places = (np.asarray(x)[shown][valid] for x in (self.stationary.segment, self.stationary.t))
         stationary = np.asarray(self.b.point(*places))
         return {
-            "unit": "mm",
+            "unit": unit,
             "a": self.a.control_points,
             "b": self.b.control_points,
             "samples": {"t": self.t, "points": self.points, "feet": self.feet, "distance": self.distance},
@@ -141,15 +139,16 @@ def checked(solution: jhd.HausdorffSolution, a: jhd.BezierSegments, b: jhd.Bezie
 
 
 def table(record: dict[str, Any]) -> str:
-    """Both directed distances and the candidates, lengths in mm to 1e-10."""
+    """Both directed distances and the candidates, lengths to 1e-10."""
     record = plain(record)
+    unit = f" ({record['unit']})" if record["unit"] else ""
     rows = [
         [name, *_row(entry), f"{entry['error']:.1e}"]
         for name, entry in (("h(A,B)", record["directions"]["a_to_b"]), ("h(B,A)", record["directions"]["b_to_a"]))
     ]
     rows += [[f"sample {entry['sample']}", *_row(entry), ""] for entry in record["candidates"]]
-    header = ["", "distance (mm)", "lower (mm)", "event", "t", "point (mm)", "feet (mm)", "error (mm)"]
-    return markdown(header, rows)
+    lengths = [f"{name}{unit}" for name in ("distance", "lower", "point", "feet", "error")]
+    return markdown(["", *lengths[:2], "event", "t", *lengths[2:]], rows)
 
 
 def _row(entry: dict[str, Any]) -> list[str]:

@@ -1,8 +1,8 @@
 """Where are two meshes of one surface farthest from each other, and how fast is that proven?
 
-A fine mesh of a surface with bumps, and a coarse one with vertices on the same surface (with --meshes A B those of two
-files). Both directed Hausdorff distances, with the bounds after each round of the search; for the picture distances of
-all places to the other mesh, and a section of both meshes through the farthest point and its feet.
+A fine mesh of a surface with bumps, and a coarse one with vertices on the same surface (with --meshes A B or --a A
+--b B those of two files). Both directed Hausdorff distances, with the bounds after each round of the search; for the
+picture distances of all places to the other mesh, and a section of both through the farthest point and its feet.
 
 Claims: both distances are proven to 1e-9 of their size within 20 rounds; a farthest point has one foot in a triangle,
 or two feet and more as far as the other, and no sampled place is farther than the upper bound.
@@ -29,9 +29,9 @@ DIRECTIONS = ("a_to_b", "b_to_a")
 
 def main() -> None:
     """Computes, saves and prints."""
-    run = Run(__file__, __doc__, one_core=True, meshes=True)
-    if run.meshes:
-        a, b = (common_meshes.load(file) for file in run.meshes[:2])
+    run = Run(__file__, __doc__, one_core=True, meshes=True, pair=jhd.TriangleMesh)
+    if run.shapes or run.meshes:
+        a, b = run.shapes or (common_meshes.load(file) for file in run.meshes[:2])
     else:
         a, b = (common_meshes.bumpy_sphere(n) for n in ((16, 5) if run.smoke else (64, 8)))
     places = SMOKE_PLACES if run.smoke else PLACES

@@ -36,6 +36,7 @@ _HERE = Path(__file__).resolve().parent
 EXPERIMENTS = _HERE.parent / "experiments"
 # Experiments have a `common` of their own, so what both share is taken by its path.
 _ORIGIN = runpy.run_path(str(EXPERIMENTS / "common_origin.py"))
+_PARAMETERS = runpy.run_path(str(EXPERIMENTS / "common_parameters.py"))
 _STYLE: dict[Any, Any] = {
     "font.size": TEXT,
     "axes.titlesize": TEXT,
@@ -73,26 +74,39 @@ class Picture:
         parser.add_argument("--smoke", action="store_true", help="shrink everything: a test that it runs")
         parser.add_argument("--out", type=Path, help="folder of pictures and numbers (default: the output folders)")
         parser.add_argument("--rerun", action="store_true", help="run the experiment again if its code has changed")
+        # The experiment says itself what of these it does not take.
+        _PARAMETERS["add_options"](parser, meshes=True, pair=True)
         options = parser.parse_args()
         self.file = Path(file).resolve()
         self.name = self.file.stem
         self.smoke: bool = options.smoke
-        part = "smoke" if options.smoke else ""
+        self.asked: dict[str, Any] = _PARAMETERS["asked"](options)
+        part = Path("smoke" if options.smoke else "", "asked" if self.asked else "")
         self.folder: Path = options.out or _HERE / "output" / part
         self.folder.mkdir(parents=True, exist_ok=True)
         source = options.out or EXPERIMENTS / "output" / part
         self.results = source / f"{self.name}.json"
-        if not self.results.exists() or (options.rerun and outdated(self.results)):
+        if not self._are_those_asked_for() or (options.rerun and outdated(self.results)):
             self._run_experiment()
         self.numbers: dict[str, Any] = json.loads(self.results.read_text(encoding="utf-8"))
         self.outdated = outdated(self.results)
         if self.outdated:
             print(f"{self.name}: the numbers are old: {self.outdated}; --rerun takes new ones", file=sys.stderr)
 
+    def _are_those_asked_for(self) -> bool:
+        """Whether there are numbers, and of the seed, the parameters and the shapes that are asked for."""
+        if not self.results.exists():
+            return False
+        context = json.loads(self.results.read_text(encoding="utf-8"))["context"]
+        return context.get("asked", {}) == self.asked
+
     def _run_experiment(self) -> None:
         script = EXPERIMENTS / f"{self.name}.py"
-        flags = ["--smoke"] if self.smoke else []
-        subprocess.run([sys.executable, str(script), "--out", str(self.results.parent), *flags], check=True)
+        flags = ["--smoke"] * self.smoke + _PARAMETERS["as_flags"](self.asked)
+        done = subprocess.run([sys.executable, str(script), "--out", str(self.results.parent), *flags], check=False)
+        if done.returncode:
+            # The experiment has said why.
+            sys.exit(done.returncode)
 
     def path(self, suffix: str) -> Path:
         """NAME with a suffix such as `.gif` or `_errors.png`, in the folder of the pictures."""
@@ -190,7 +204,7 @@ def scale_bar(ax: Axes, length: float, unit: str, place: tuple[float, float]) ->
     x, y = ax.transData.inverted().transform(ax.transAxes.transform(place))
     ends = [x - length / 2, x + length / 2]
     ax.plot(ends, [y, y], color=BLACK, linewidth=1.6, solid_capstyle="butt", gid="scale_bar")
-    ax.annotate(f"{length:g} {unit}", (x, y), (0, -2.5), textcoords="offset points", ha="center", va="top")
+    ax.annotate(f"{length:g} {unit}".strip(), (x, y), (0, -2.5), textcoords="offset points", ha="center", va="top")
 
 
 def bezier(control_points: Any) -> jhd.BezierSegments:

@@ -55,11 +55,18 @@ def four_panels(numbers: dict[str, Any], bar: tuple[float, float]) -> Figure:
         places: dict[str, Any] = {"loc": "outside lower center", "ncols": 6, "handlelength": 1.8, "handletextpad": 0.5}
         figure.legend(handles=_handles(), columnspacing=1.2, **places)
         freeze(figure)
-        scale_bar(axes[0, 0], 50.0, numbers["unit"], bar)
+        scale_bar(axes[0, 0], _round_length(axes[0, 0]), numbers["unit"], bar)
         for rank, candidate in enumerate(numbers["candidates"], 1):
             place_label(axes[1, 0], numbers["samples"]["points"][candidate["sample"]], f"{rank}")
             place_label(axes[1, 1], candidate["solution"]["witness"]["point"], f"{rank}")
     return figure
+
+
+def _round_length(ax: Axes) -> float:
+    """A tenth of the width or more, whose first digit is 1, 2 or 5."""
+    least = 0.1 * float(np.ptp(ax.get_xlim()))
+    unit = 10 ** np.floor(np.log10(least))
+    return float(unit * next(digit for digit in (1, 2, 5, 10) if digit * unit >= least))
 
 
 def _handles() -> list[Line2D]:
@@ -123,7 +130,7 @@ def _candidates(ax: Axes, numbers: dict[str, Any]) -> None:
         ax.plot(*feet[around].T, **_FOOT)
         ax.plot(*points[around[1]], **{**_CHOSEN, **kind})
     ranked = enumerate(numbers["candidates"], 1)
-    lines = [f"{rank}: sample {c['sample']}, {c['distance']:.2f} mm" for rank, c in ranked]
+    lines = [f"{rank}: sample {c['sample']}, {c['distance']:.2f} {numbers['unit']}" for rank, c in ranked]
     _below(ax, lines)
     letter(ax, "c", "samples above both neighbours")
 
@@ -139,16 +146,16 @@ def _result(ax: Axes, numbers: dict[str, Any]) -> None:
             ax.plot(*ends.T, **_FOOT)
             ax.plot(*point, **{**_CHOSEN, **kind, "markersize": 4.0})
     found = [candidate["solution"] for candidate in numbers["candidates"]]
-    _below(ax, [f"{rank}: {_words(f)}" for rank, f in enumerate(found, 1)])
+    _below(ax, [f"{rank}: {_words(f, numbers['unit'])}" for rank, f in enumerate(found, 1)])
     plot.witness(solution(chosen), ax, distance=False, empty_circle=False)
     ax.set_axis_off()
     same = [f"; {rank} is $h(A,B)$" for rank, f in enumerate(found, 1) if abs(f["value"] - chosen["value"]) <= 1e-6]
-    letter(ax, "d", "maxima between their neighbours" + "".join(same))
+    letter(ax, "d", "maxima between them" + "".join(same))
 
 
-def _words(found: dict[str, Any]) -> str:
-    """The value to a nanometre, and the event."""
-    return f"{found['value']:.6f} mm, {found['witness']['event'].replace('_', '-')}"
+def _words(found: dict[str, Any], unit: str) -> str:
+    """The value to six decimals, and the event."""
+    return f"{found['value']:.6f} {unit}".strip() + f", {found['witness']['event'].replace('_', '-')}"
 
 
 def _below(ax: Axes, lines: list[str]) -> None:

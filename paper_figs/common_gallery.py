@@ -80,7 +80,9 @@ _HEAD = """\
 `--smoke` is a short run. `paper_figs/all.py` draws all of them, or those that are named, skips what is up to date, and
 writes a contact sheet; `--rerun` takes new numbers where the code has changed since, `--gallery` writes this page and
 its small pictures. Small pictures are there of those whose full numbers were taken by the code of their day; the others
-say so.
+say so. `--seed N` and `--set NAME=VALUE` (a constant in capitals of the experiment) ask for other numbers, which stand
+in folders of their own; so do `--meshes FILE ...` and `--a SHAPE --b SHAPE` of experiments that take files or two
+shapes, as the command line does: `paper_figs/cao14_open_closed.py --a "font:DejaVu Sans:a" --b b.svg`.
 """
 
 

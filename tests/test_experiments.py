@@ -3,6 +3,7 @@
 And the scripts of the tour, which check themselves what they say.
 """
 
+import argparse
 import ast
 import json
 import os
@@ -12,6 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.claims import CLAIMS
@@ -26,6 +28,7 @@ def scripts(folder):
 
 
 EXPERIMENTS, FIGURES, TOUR = scripts("experiments"), scripts("paper_figs"), scripts("experiments/tour")
+PARAMETERS = runpy.run_path(str(ROOT / "experiments" / "common_parameters.py"))
 GALLERY = runpy.run_path(str(ROOT / "paper_figs" / "common_gallery.py"))
 # What is committed of small pictures, in bytes.
 SMALL = 3_000_000
@@ -84,11 +87,37 @@ def test_a_script_computes_nothing_when_it_is_imported(script):
     assert isinstance(body[-1], ast.If) and ast.unparse(body[-1].test) == "__name__ == '__main__'"
 
 
+def test_constants_of_an_experiment_take_other_values_of_their_kind():
+    names = {"COUNT": 3, "SHARES": (0.1, 0.2), "SIZE": 1.5, "FONT": "DejaVu Sans", "ROWS": np.zeros((2, 2)), "main": 1}
+    names |= {"WAYS": {"a function": len}}
+    given = ["COUNT=7", "SHARES=(0.5,)", "SIZE=2", "FONT=STIXGeneral", "ROWS=[[1, 2]]"]
+    changed = PARAMETERS["change"](names, given)
+    assert changed.keys() == names.keys() - {"main", "WAYS"}
+    assert names["COUNT"] == 7 and names["SHARES"] == (0.5,) and names["FONT"] == "STIXGeneral"
+    assert isinstance(names["SIZE"], float) and names["ROWS"].tolist() == [[1.0, 2.0]]
+
+
+@pytest.mark.parametrize("setting", ["COUNT", "COUNT=0.5", "COUNT=many", "OTHER=1", "main=2"])
+def test_what_is_no_value_of_a_constant_is_refused_by_name(setting):
+    names = {"COUNT": 3, "main": 1}
+    with pytest.raises(ValueError, match=f"--set {setting.partition('=')[0]}"):
+        PARAMETERS["change"](names, [setting])
+    assert names == {"COUNT": 3, "main": 1}
+
+
+def test_a_figure_asks_its_experiment_for_what_it_was_asked_for():
+    parser = argparse.ArgumentParser()
+    PARAMETERS["add_options"](parser, meshes=True, pair=True)
+    words = ["--seed", "3", "--set", "A=1", "--set", "B=2", "--meshes", "a.ply", "b.ply"]
+    assert PARAMETERS["as_flags"](PARAMETERS["asked"](parser.parse_args(words))) == words
+    assert PARAMETERS["asked"](parser.parse_args([])) == {}
+
+
 def check_origin(numbers, name):
     context = numbers["context"]
     assert context["experiment"] == name and context["smoke"] is True
     assert context["command"].startswith(f"python experiments/{name}.py --smoke")
-    assert isinstance(context["seed"], int) and context["device"]
+    assert isinstance(context["seed"], int) and context["device"] and context["asked"] == {}
     assert {"python", "jhd", "jax", "numpy", "scipy"} <= context["versions"].keys()
 
 
