@@ -2,11 +2,12 @@
 
 Exit status: 0 done and what was asked for holds; 1 the bounds are true but wider than asked for (or the self-check of
 `jhd doctor` fails, or `jhd verify` refuses a certificate); 2 bad input, with one line on stderr; 70 anything that was
-not foreseen (JHD_TRACEBACK=1 shows where); 130 interrupted; 141 the reader of the output went away. With --threshold: 0
-proven yes, 3 proven no, 1 undecided.
+not foreseen (JHD_TRACEBACK=1 shows where); 130 interrupted, with the bounds reached in place of the result where there
+are any; 141 the reader of the output went away. With --threshold: 0 proven yes, 3 proven no, 1 undecided.
 """
 
 import argparse
+import errno
 import os
 import sys
 from typing import Any, NoReturn
@@ -15,11 +16,13 @@ import jax
 
 import jhd
 from jhd import lengths
+from jhd.console import INTERRUPTED, interrupts_heard
 from jhd.fields.adaptive_build import MODES
 from jhd.fields.adaptive_samples import SIGNS
 from jhd.storage import chosen_folder, made
 from jhd.warming import KINDS as _KINDS
 
+_FULL = errno.ENOSPC, errno.EFBIG, errno.EDQUOT
 _CURVE_HELP = "a curve: a JSON or SVG file, or font:NAME:LETTER"
 _SHAPE_HELP = (
     f"{_CURVE_HELP}; or a parametric surface: a JSON file; or a mesh: an OBJ, OFF, PLY or STL file; or points: an XYZ, "
@@ -53,7 +56,8 @@ examples:
   jhd warm plane rational --degree 3
   jhd doctor
 
-exit status: 0 done, 1 bounds not closed or certificate refused, 2 bad input; with --threshold 0 yes, 3 no, 1 undecided
+exit status: 0 done, 1 bounds not closed or certificate refused, 2 bad input, 130 interrupted, with the bounds reached;
+with --threshold 0 yes, 3 no, 1 undecided
 LENGTH is a number in input units, or a share of the diagonal of the box of the shapes, as 0.1%
 JHD_CACHE=FOLDER is where compiled programs are kept, JHD_CACHE=0 keeps none; JAX_ENABLE_X64=0 means float32.
 """
@@ -66,19 +70,21 @@ def main(argv: list[str] | None = None) -> int:
         argv: the arguments without the name of the program; those of the process by default.
     """
     try:
-        status = _run(sys.argv[1:] if argv is None else argv)
-        sys.stdout.flush()  # here, so that a reader who went away is noticed while it can be answered
-        return status
+        with interrupts_heard():
+            status = _run(sys.argv[1:] if argv is None else argv)
+            sys.stdout.flush()  # here, so that a reader who went away is noticed while it can be answered
+            return status
     except KeyboardInterrupt:
         print("jhd: interrupted", file=sys.stderr)
-        return 130
+        return INTERRUPTED
     except BrokenPipeError:
         # What is left in the buffer has nowhere to go; Python would complain about it at its exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     except OSError as error:
-        known = error.strerror is not None and error.filename is not None
-        return _bad_input(f"{error.filename}: {error.strerror}." if known else str(error))
+        # Files are always named, so a full disk without a name is that of what is printed.
+        name = "standard output" if error.filename is None and error.errno in _FULL else error.filename
+        return _bad_input(str(error) if error.strerror is None or name is None else f"{name}: {error.strerror}.")
     except (ValueError, TypeError, ImportError) as error:
         return _bad_input(str(error))
     except Exception as error:

@@ -9,7 +9,7 @@ import numpy as np
 
 import jhd
 from jhd.comparisons import check_drawn, print_files
-from jhd.console import busy, print_json
+from jhd.console import busy, exit_status, print_json
 from jhd.distance.many.tasks import CollectionProgress
 from jhd.io import load_shape, outlines
 from jhd.io.load import SHAPE_SUFFIXES
@@ -32,7 +32,7 @@ def pairwise(options: Namespace) -> int:
         for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
             numbers = (found.value[i, j], found.lower[i, j], found.upper[i, j])
             print(_line(*numbers), names[i], names[j], *_unless_successful(results[i, j]), sep="\t")
-    return 0 if np.all(results == "successful") else 1
+    return exit_status(found)
 
 
 def nearest(options: Namespace) -> int:
@@ -60,7 +60,7 @@ def nearest(options: Namespace) -> int:
             if ties[row]:
                 print(f"as near as the last, as far as is proven: {', '.join(ties[row])}")
         print_files(picture=options.plot, page=options.html)
-    return 0 if all(result == "successful" for result in results) else 1
+    return exit_status(found)
 
 
 def duplicates(options: Namespace) -> int:
@@ -77,7 +77,7 @@ def duplicates(options: Namespace) -> int:
             print(f"[{lower:.9g}, {upper:.9g}]", names[i], names[j], sep="\t")
         for i, j in found.undecided:
             print("undecided", names[i], names[j], sep="\t")
-    return 0 if len(found.undecided) == 0 else 1
+    return exit_status(found)
 
 
 def collected(words: list[str]) -> tuple[list[str], list[Any]]:

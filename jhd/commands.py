@@ -83,6 +83,7 @@ def fit(options: Namespace) -> int:
         error = jhd.hausdorff(target, shape, throw=False, progress=show)
     seconds = time.perf_counter() - start
     near = float(error.upper) <= tolerance
+    status = 0 if near else max(1, exit_status(error))
     if options.out:
         write = write_svg if options.out.endswith(".svg") else save_curve
         write(options.out, shape)
@@ -94,13 +95,13 @@ def fit(options: Namespace) -> int:
     if options.json:
         asked = {"target": options.target, "tolerance": tolerance, "degree": options.degree}
         print_json(error, **asked, within=near, segments=[c.shape.count for c in contours], seconds=seconds)
-        return 0 if near else 1
+        return status
     print(shape_line("A", options.target, target), shape_line("B", "fit", shape), sep="\n", end="\n\n")
     print(solution_text("Hausdorff distance", error, *names_of(error)), end="\n\n")
     print(f"within     {tolerance:g}" if near else f"farther than {tolerance:g}")
     print(f"time       {seconds:.2f} s with compilation")
     print_files(fit=options.out, picture=options.plot, page=options.html)
-    return 0 if near else 1
+    return status
 
 
 def verify(options: Namespace) -> int:

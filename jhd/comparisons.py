@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 import jhd
-from jhd.console import busy, device, exit_status, precision, print_json, timed
+from jhd.console import INTERRUPTED, busy, device, exit_status, precision, print_json, timed
 from jhd.distance.frame.method import AbstractHausdorffMethod
+from jhd.files import replace_file
 from jhd.lengths import rounded_diagonal
 from jhd.options import (
     PROJECTIONS,
@@ -34,6 +35,7 @@ from jhd.report import (
     deviation_picture,
     deviation_text,
     directions_text,
+    interrupted,
     minimum_text,
     names_of,
     picture,
@@ -63,19 +65,21 @@ def distance(options: Namespace) -> int:
     entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
     with busy("computing; a first run compiles") as show:
         solution, seconds = timed(lambda: entry(a, b, method, throw=False, progress=show))
-    if name_of(solution.result) == "interrupted":
-        print(solution_text("the bounds reached", solution, *names_of(solution), size))
-        return 1
-    if options.plot:
-        with busy("drawing"):
-            _draw(options.plot, a, b, solution)
-    if options.html:
-        write_page(options.html, a, b, solution)
-    written = bool(options.certificate) and _certified(options.certificate, a, b, solution)
-    status = 1 if options.certificate and not written else exit_status(solution)
+    stopped, written = interrupted(solution), False
+    if not stopped:
+        if options.plot:
+            with busy("drawing"):
+                _draw(options.plot, a, b, solution)
+        if options.html:
+            write_page(options.html, a, b, solution)
+        written = bool(options.certificate) and _certified(options.certificate, a, b, solution)
+    status = 1 if options.certificate and not (written or stopped) else exit_status(solution)
     if options.json:
         asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": method_name(method)}
         print_json(solution, **asked, **box_of(a, b), diagonal=size, seconds=seconds)
+        return status
+    if stopped:
+        print(solution_text("the bounds reached", solution, *names_of(solution), size))
         return status
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     print(solution_text(_title(options), solution, *names_of(solution), size), end="\n\n")
@@ -126,7 +130,7 @@ def _print_decision(
 ) -> int:
     """Prints the answer with the bounds reached, and returns its exit status."""
     size, limit = rounded_diagonal(a, b), _limit(options, a, b)
-    status = _STATUS[name_of(found.answer)]
+    status = INTERRUPTED if interrupted(found) else _STATUS[name_of(found.answer)]
     if options.json:
         asked |= {"a": options.a, "b": options.b, "threshold": limit}
         print_json(found, **asked, **box_of(a, b), diagonal=size, seconds=seconds)
@@ -152,8 +156,9 @@ def minimum(options: Namespace) -> int:
         return _print_decision(options, a, b, "minimum distance", decided, seconds, {})
     with busy("computing; a first run compiles") as show:
         found, seconds = timed(lambda: jhd.minimum_distance(a, b, atol=atol, throw=False, progress=show))
-    written = bool(options.certificate) and _certified(options.certificate, a, b, found)
-    status = 1 if options.certificate and not written else exit_status(found)
+    stopped = interrupted(found)
+    written = bool(options.certificate) and not stopped and _certified(options.certificate, a, b, found)
+    status = 1 if options.certificate and not (written or stopped) else exit_status(found)
     if options.json:
         print_json(found, a=options.a, b=options.b, **box_of(a, b), diagonal=size, seconds=seconds)
         return status
@@ -174,10 +179,11 @@ def deviation(options: Namespace) -> int:
     with busy("computing; a first run compiles") as show:
         found, seconds = timed(lambda: jhd.deviation(a, b, atol=atol, rtol=options.rtol, throw=False, progress=show))
     within = None if threshold is None else found.share_within(threshold)
-    if options.plot:
+    drawn = {} if interrupted(found) else {"picture": options.plot, "page": options.html}
+    if drawn.get("picture"):
         with busy("drawing"):
             deviation_picture(options.plot, found)
-    if options.html:
+    if drawn.get("page"):
         write_page(options.html, found)
     if options.json:
         asked = {"atol": atol, "rtol": options.rtol, "a": options.a, "b": options.b, "within": threshold}
@@ -187,7 +193,7 @@ def deviation(options: Namespace) -> int:
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     print(deviation_text(found, threshold, size), end="\n\n")
     _print_run(seconds, size)
-    print_files(picture=options.plot, page=options.html)
+    print_files(**drawn)
     return exit_status(found)
 
 
@@ -235,7 +241,7 @@ def check_drawn(options: Namespace, dim: int) -> None:
 def write_page(file: str, *shown: Any) -> None:
     """Writes the page of two shapes and their distance, or of a deviation."""
     with busy("drawing"):
-        Path(file).write_text(jhd.plot.page(*shown), encoding="utf-8")
+        replace_file(file, jhd.plot.page(*shown))
 
 
 def print_files(**files: str | None) -> None:

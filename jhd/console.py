@@ -1,7 +1,9 @@
 """What commands share: the word that something lasts, seconds, JSON, the exit status, and what the program runs on."""
 
+import _thread
 import json
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,8 +13,12 @@ from typing import Any
 import jax
 
 import jhd
-from jhd.report import progress_text, successful
+from jhd.report import interrupted, progress_text, successful
 from jhd.solution import to_plain
+
+INTERRUPTED = 130
+# Seconds after which an interrupt that was dropped is sent again: what dropped it is over by then.
+_AGAIN = 0.02
 
 
 def print_json(solution: Any, content: Any = None, **context: Any) -> None:
@@ -24,7 +30,9 @@ def print_json(solution: Any, content: Any = None, **context: Any) -> None:
 
 
 def exit_status(*solutions: Any) -> int:
-    """The exit status: 0 where all were reached as asked for."""
+    """The exit status: 0 where all were reached as asked for, 130 where one was interrupted, else 1."""
+    if any(interrupted(solution) for solution in solutions):
+        return INTERRUPTED
     return 0 if all(successful(solution) for solution in solutions) else 1
 
 
@@ -54,6 +62,33 @@ def busy(message: str) -> Iterator[Callable[[Any], None]]:
         yield lambda progress: show(progress if isinstance(progress, str) else progress_text(progress))
     finally:
         show("")
+
+
+@contextmanager
+def interrupts_heard() -> Iterator[None]:
+    """Sends an interrupt again that Python has dropped while the block runs.
+
+    Python drops what is raised where nobody can catch it: in a finaliser, or in a function that the garbage collector
+    calls. JAX has one of these, and an interrupt that comes during a collection is always raised there.
+    """
+    usual, sent = sys.unraisablehook, []
+
+    def hook(dropped: Any) -> None:
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+            usual(dropped)
+            return
+        again = threading.Timer(_AGAIN, _thread.interrupt_main)
+        again.daemon = True
+        sent.append(again)
+        again.start()
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = usual
+        for again in sent:
+            again.cancel()
 
 
 def device() -> str:

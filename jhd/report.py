@@ -3,6 +3,7 @@
 Numbers are written in full, so that a bound that is read back is still the bound that was proven.
 """
 
+import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +16,7 @@ from jhd.distance.deviation_solution import Bounds, Deviation
 from jhd.distance.search.points import is_points
 from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.octree import VoxelProgress
+from jhd.files import replace_file
 from jhd.fitting.minimax import FitProgress
 from jhd.lengths import share_text
 from jhd.plot.pages import check_pages_in_space, page_of_figure
@@ -187,6 +189,11 @@ def successful(solution: Any) -> bool:
     return bool(np.all(np.asarray(solution.result._value) == np.asarray(RESULTS.successful._value)))
 
 
+def interrupted(solution: Any) -> bool:
+    """Whether any result in it is that of an interrupted search."""
+    return bool(np.any(np.asarray(solution.result._value) == np.asarray(RESULTS.interrupted._value)))
+
+
 def progress_text(progress: Any) -> str:
     """One line that says how far a search or a voxelisation has come."""
     if isinstance(progress, VoxelProgress):
@@ -260,7 +267,7 @@ def picture(
     plot.profile(a, b, panels[0], directed[0], labels=labels, unit=unit)
     for panel, back in zip(panels[1:], directed[1:], strict=True):
         plot.profile(b, a, panel, back, labels=labels[::-1], unit=unit, colour=plot.ORANGE)
-    figure.savefig(file, dpi=PICTURE_DPI)
+    save_figure(file, figure)
 
 
 def space_picture(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
@@ -273,7 +280,7 @@ def space_picture(file: str, a: Any, b: Any, solution: HausdorffSolution) -> Non
     figure = Figure(figsize=_SPACE_SIZE)
     # No layout engine sees the labels of space axes.
     plot.solution(a, b, solution, figure.add_axes((0.02, 0.08, 0.88, 0.82), projection="3d"))
-    figure.savefig(file, dpi=PICTURE_DPI)
+    save_figure(file, figure)
 
 
 def deviation_picture(file: str, found: Any) -> None:
@@ -289,14 +296,21 @@ def neighbours_picture(file: str, queries: Any, shapes: Any, found: Any, names: 
         return
     import matplotlib.pyplot as plt
 
-    Path(file).write_text(page_of_figure(axes[0, 0].figure, "nearest shapes"), encoding="utf-8")
+    replace_file(file, page_of_figure(axes[0, 0].figure, "nearest shapes"))
     plt.close(axes[0, 0].figure)
+
+
+def save_figure(file: str, figure: Any) -> None:
+    """Writes a picture in the format of its suffix, as a whole or not at all."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format=Path(file).suffix.removeprefix(".").lower(), dpi=PICTURE_DPI)
+    replace_file(file, stream.getvalue())
 
 
 def _save_and_close(file: str, figure: Any) -> None:
     import matplotlib.pyplot as plt
 
     try:
-        figure.savefig(file, dpi=PICTURE_DPI)
+        save_figure(file, figure)
     finally:
         plt.close(figure)

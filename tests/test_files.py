@@ -1,11 +1,13 @@
 """A file is replaced as a whole or stays as it was."""
 
 import os
+import re
 import stat
 from pathlib import Path
 
 import pytest
 
+import jhd
 from jhd.files import replace_file
 
 
@@ -36,6 +38,35 @@ def test_an_interruption_leaves_the_old_file_alone(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         replace_file(file, "new")
     assert file.read_text(encoding="utf-8") == "old" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_the_longest_names_of_many_bytes_are_written(tmp_path):
+    file = tmp_path / ("\u20ac" * 80 + ".txt")
+    replace_file(file, "new")
+    assert file.read_text(encoding="utf-8") == "new" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_what_a_killed_writer_left_beside_is_written_over_where_it_has_a_name(tmp_path):
+    (tmp_path / "a.partial").write_text("half of a much longer text", encoding="utf-8")
+    replace_file(tmp_path / "a", "new", "a.partial")
+    assert [(path.name, path.read_text(encoding="utf-8")) for path in tmp_path.iterdir()] == [("a", "new")]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no device that is always full")
+def test_a_full_device_is_named():
+    with pytest.raises(OSError, match="No space left on device: '/dev/full'"):
+        replace_file("/dev/full", "a")
+
+
+def test_no_other_module_writes_files():
+    """All that jhd writes is whole or absent, as nothing is written but by replace_file; programs have a way alike."""
+    package = Path(jhd.__file__).parent
+    for path in package.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        if path.name not in ("files.py", "storage.py"):
+            assert not re.search(r"\.write_(text|bytes)\(|\bopen\([^)\n]*\"[rbt]*[wxa+]|NamedTemporary", text), path
+            written = re.findall(r"(?:savefig|np\.save\w*|\.tofile)\((\w+)", text)
+            assert set(written) <= {"stream", "body", "drawn"}, path
 
 
 def test_devices_are_written_to_and_stay():

@@ -161,11 +161,16 @@ def test_an_interrupted_search_prints_the_bounds_reached(run, monkeypatch):
 
     monkeypatch.setattr("jhd.comparisons.busy", interrupting)
     # Zero is below what rounding leaves, so the search would go on.
-    status, out, err = run("distance", BASE, DIAGONAL, "--atol", "0", "--plot", "no.png")
-    assert (status, err) == (1, "")
+    status, out, err = run("distance", BASE, DIAGONAL, "--atol", "0", "--plot", "no.png", "--certificate", "no.json")
+    assert (status, err) == (130, "") and not Path("no.png").exists() and not Path("no.json").exists()
     assert "the bounds reached" in out
     assert "interrupted: The search was interrupted" in out
     assert "upper    inf" not in out
+    status, out, err = run("distance", BASE, DIAGONAL, "--atol", "0", "--json")
+    found = json.loads(out)["solution"]
+    assert (status, err, found["result"]) == (130, "", "interrupted") and found["lower"] <= 3 <= found["upper"]
+    status, out, _ = run("distance", BASE, DIAGONAL, "--atol", "0", "--threshold", "3", "--json")
+    assert (status, json.loads(out)["solution"]["result"]) == (130, "interrupted")
 
 
 # Two spheres, the second polynomial beginning with a minus; the farthest point is 0.75 away.

@@ -8,7 +8,6 @@ the numbers depend on, and a folder made for something else is refused. One call
 import hashlib
 import io
 import json
-import os
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -18,6 +17,7 @@ import jax
 import numpy as np
 
 from jhd.distance.many.blocks import MeasuredPairs
+from jhd.files import replace_file
 from jhd.programs import processor, source_sum
 
 _FORMAT = "jhd pairwise 1"
@@ -129,15 +129,4 @@ def _version(name: str) -> str:
 
 def _write(path: Path, body: bytes) -> None:
     # Under a name of its own: what a killed call left is written over by the next one that comes to this part.
-    partial = path.with_name(path.name + ".partial")
-    with open(partial, "wb") as file:
-        file.write(body)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
-    if os.name == "posix":  # elsewhere a folder cannot be opened
-        handle = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+    replace_file(path, body, path.name + ".partial")
