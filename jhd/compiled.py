@@ -18,6 +18,7 @@ from jax.sharding import SingleDeviceSharding
 from jax.tree_util import tree_flatten, tree_unflatten
 
 from jhd.arrays import is_tracing
+from jhd.forks import check_process
 from jhd.programs import NotKeptError, is_ours, load, name_of_program, short_name, store
 
 _R = TypeVar("_R")
@@ -50,6 +51,7 @@ def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, quick
     @functools.wraps(function)
     def call(*args: Any) -> _R:
         nonlocal kept
+        check_process()
         # Options are allowed to the outermost jit only.
         if is_tracing(*args):
             return inner(*args)

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from jhd.arrays import is_traced, real_array
+from jhd.forks import check_process
 from jhd.shapes.curve import AbstractCurve, BezierSegments, points
 from jhd.shapes.foreign_splines import spline_of
 from jhd.shapes.implicit import ImplicitSurface
@@ -51,6 +52,8 @@ def as_shape(shape: Any) -> Any:
 
 def taken_as(name: str | None, value: Any) -> Any:
     """The shape that an object stands for, under the name that errors give it; an unknown object as it is."""
+    # Every entry comes here before it computes.
+    check_process()
     if isinstance(value, Shape):
         return value
     try:

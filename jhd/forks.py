@@ -1,0 +1,29 @@
+"""Processes that are forked from one that has computed: what JAX would wait for there for ever."""
+
+import os
+from typing import Any
+
+from jax._src import xla_bridge
+
+_MESSAGE = (
+    "this process was forked from one in which JAX had computed, so the threads that JAX waits for are not there. "
+    'Start processes anew by multiprocessing.get_context("spawn") or set_start_method("spawn"), or fork before that.'
+)
+_forked = False
+
+
+def check_process() -> None:
+    """Raises RuntimeError where a computation would never end: after a fork that came after one."""
+    if _forked:
+        raise RuntimeError(_MESSAGE)
+
+
+def _after_fork() -> None:
+    global _forked
+    # Where JAX does not say, nothing is refused.
+    known: Any = getattr(xla_bridge, "backends_are_initialized", None)
+    _forked = _forked or (known is not None and known())
+
+
+if hasattr(os, "register_at_fork"):  # POSIX
+    os.register_at_fork(after_in_child=_after_fork)
