@@ -1,0 +1,103 @@
+"""What both curves may have been moved by widens every bound of a search, by all of it.
+
+A distance changes by at most the sum of what the curves are moved by, and by as much where they move apart. Here that
+sum is a number that no rounding hides, and what is measured is one.
+"""
+
+from types import SimpleNamespace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jhd.distance.cells.branches import CurveBound
+from jhd.distance.frame.aim import Wanted, aim_at
+from jhd.distance.frame.curves import trusted
+from jhd.distance.frame.pieces import CurvePlace, piece_of
+from jhd.distance.nearest.curves import NearestOnCurve
+from jhd.distance.nearest.near_curve import NearCurve
+from jhd.distance.search import curves as search
+
+MOVED = 0.125
+WANTED = Wanted(jnp.array(1e-9), jnp.array(0.0), aim_at(None, None, np.float64))
+
+
+class OneAway(NearCurve):
+    """A curve all of whose points are one away from wherever one asks."""
+
+    def starts(self, points):
+        zeros = jnp.zeros(points.shape[:-1])
+        return CurvePlace(zeros.astype(int), zeros)
+
+    def nearest(self, point, tolerance=0.0):
+        one, zero = jnp.ones(()), jnp.array(0)
+        return NearestOnCurve(one, one, one, zero, 0.5 * one, jnp.array(True), zero)
+
+
+def one_away(curve):
+    guide: Any = None
+    return OneAway(curve, jnp.zeros(1, bool), guide)
+
+
+@pytest.fixture
+def a(monkeypatch):
+    """A segment, while all bounds of its cells are one but for what the curves are moved by."""
+    one = jnp.ones(())
+    monkeypatch.setattr(search, "evaluation_error", lambda a, b: MOVED)
+    monkeypatch.setattr(search, "cell_upper_bound", lambda a, b, c: CurveBound(one, 0.5 * one, one, c.k0, c.s0))
+    monkeypatch.setattr(search, "first_upper_bound", lambda a, b, c: one)
+    monkeypatch.setattr(search, "_first_foot", lambda b, x, s: (s.segment, s.t, one))
+    return trusted(jnp.array([[[0.0, 0.0], [1.0, 0.0]]]), None, jnp.array([-1]))
+
+
+def bounds(state):
+    return state.lower, state.upper
+
+
+def begun(a):
+    return search.begin(a, one_away(a), WANTED, 2 * search.LANES)
+
+
+@pytest.mark.parametrize("long", (False, True))
+def test_the_first_bounds_of_cells_are_widened(a, long, monkeypatch):
+    monkeypatch.setattr(search, "Blocks", object if long else int)
+    lower, upper = jax.jit(lambda: bounds(begun(a)))()
+    assert float(upper) == 1 + MOVED
+    assert float(lower) == (1 - MOVED if long else 0.0)
+
+
+def test_the_bounds_of_a_step_are_widened(a, monkeypatch):
+    def closed(a, near, state, goal, taken, upper, found, mine, measured):
+        return state._replace(closed=jnp.max(upper))
+
+    def step():
+        state, near = begun(a), one_away(a)
+        # Were the first bounds not larger, those of the step would not show.
+        table = state.table._replace(upper=jnp.where(state.table.upper > 0, 2.0, -jnp.inf))
+        return bounds(search.advance(a, near, WANTED, state._replace(table=table), 1))
+
+    monkeypatch.setattr(search, "_pushed", closed)
+    lower, upper = jax.jit(step)()
+    assert float(upper) == 1 + MOVED
+    assert float(lower) == 1 - MOVED
+
+
+def test_the_lower_bound_of_a_polished_witness_is_widened(a, monkeypatch):
+    piece = piece_of(a, jnp.array(0))
+    system = SimpleNamespace(a=piece, first=piece, second=piece, two=jnp.array(True))
+    stays = SimpleNamespace(active=lambda *_: system, polished=lambda y, _: y, multipliers=lambda y, s, held: held)
+    monkeypatch.setattr(search, "active", stays)
+    # The feet need not agree with the distance.
+    monkeypatch.setattr(search, "_AGREEING", 1e30)
+
+    def polished():
+        state, near = begun(a), one_away(a)
+        witness = jax.eval_shape(lambda: search.describe(a, a, state.at, state.foot, jnp.ones(())))
+        witness = jax.tree_util.tree_map(lambda x: jnp.zeros(x.shape, x.dtype), witness)
+        return search._polished(a, near, witness, state)[1:]
+
+    value, lower = jax.jit(polished)()
+    assert float(value) == 1.0
+    assert float(lower) == 1 - MOVED
