@@ -1,16 +1,20 @@
 """Distance map with nearest arcs, the same as cones over the plane, and a curve trimmed by the region of radius LB.
 
-Numbers by kim10_figures's experiment.
+Numbers by kim10_figures's experiment. A second picture has four pairs, one for each way in which the distance arises,
+with map, reading and both curves trimmed; a third one draws what is done to an arc.
 
 Caption: The distance map with its nearest arcs, the same as cones over the plane, and a curve trimmed by the region of
 radius LB (figures 7, 8, 10 and 17 of Kim et al. 2010, with data of our own). The place of the maximum is left, and less
-than a tenth of the curve is.
+than a tenth of the curve is. A second picture has a pair for each of the four ways in which the distance arises
+(figure 1 of Cao et al. 2014, figure 18 of Kim et al.), with map, reading along A, and both curves trimmed as published,
+which leaves nothing of B; a third one draws what is done to an arc (figures 1 to 6, 9 and 11 to 16).
 """
 
 from typing import Any
 
+import common_arcs
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
@@ -28,6 +32,15 @@ _REGION = "#dcdcdc"
 _B: dict[str, Any] = {"color": BLACK, "linewidth": 1.2}
 _TRIMMED: dict[str, Any] = {"color": BLUE, "linewidth": 1.0, "linestyle": (0, (3, 1.2))}
 _LEFT: dict[str, Any] = {"color": VERMILLION, "linewidth": 2.8, "solid_capstyle": "butt"}
+_LEFT_OF_B: dict[str, Any] = {"color": ORANGE, "linewidth": 3.4, "solid_capstyle": "butt"}
+_DISTANCE: dict[str, Any] = {"color": GREEN, "linewidth": 1.6}
+# What Cao et al. call the four ways in which a distance arises.
+_WAYS = {
+    "end": "end of $A$",
+    "foot_at_end": "end of $B$",
+    "antipodal": "common normal",
+    "self_bisector": "one to two",
+}
 # A ring, so that the short part of the curve that is left there is seen.
 _PLACE: dict[str, Any] = {
     "marker": "o",
@@ -43,6 +56,8 @@ def main() -> None:
     """Loads and draws."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
+    picture.save(_pairs(picture.numbers), "_pairs")
+    picture.save(_parts(), "_parts")
 
 
 def _figure(numbers: dict[str, Any]) -> Figure:
@@ -65,6 +80,71 @@ def _figure(numbers: dict[str, Any]) -> Figure:
             letter(ax, "cd"[k], f"{100 * pairs[kind]['share_left']:.1f} % of $A$ is kept")
         bottom.legend(handles=_handles(), loc="outside lower center", ncols=6, handlelength=1.8, columnspacing=1.6)
     return figure
+
+
+def _pairs(numbers: dict[str, Any]) -> Figure:
+    """A row for each pair: the curves with their distance, the map of B, its reading along A, and both trimmed."""
+    pairs = numbers["pairs"]
+    with style():
+        figure = Figure(figsize=(175 * MM, (14 + 38 * len(pairs)) * MM), layout="constrained")
+        axes = figure.subplots(len(pairs), 4, squeeze=False, width_ratios=(1, 1, 0.8, 1))
+        for row, (kind, pair) in zip(axes, pairs.items(), strict=True):
+            plane, field, profile, trimmed = row
+            _draw_distance(plane, pair)
+            _draw_map(field, pair["map"])
+            _draw_reading(profile, pair)
+            _draw_trimmed(trimmed, pair, both=True)
+            for ax in (plane, field, trimmed):
+                _bare(ax)
+            plane.set_ylabel(_WAYS.get(kind, kind))
+            kept = (f"{100 * pair[f'share_left{of}']:.1f} % of ${name}$" for of, name in (("", "A"), ("_of_b", "B")))
+            trimmed.set_xlabel(", ".join(kept), labelpad=1)
+        titles = ("distance of $A$ from $B$", "nearest arcs of $B$", "read along $A$", "kept of both")
+        for ax, name, title in zip(axes[0], "abcd", titles, strict=True):
+            letter(ax, name, title)
+        more = [Line2D([], [], label="$B$, kept", **_LEFT_OF_B), Line2D([], [], label="distance", **_DISTANCE)]
+        handles = [*_handles()[:3], *more, *_handles()[4:]]
+        figure.legend(handles=handles, loc="outside lower center", ncols=7, handlelength=1.6, columnspacing=1.0)
+    return figure
+
+
+def _bare(ax: Axes) -> None:
+    """A plane without numbers, at the top of its place."""
+    ax.set(xlabel="", ylabel="", xticks=[], yticks=[], anchor="N")
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+
+
+def _parts() -> Figure:
+    with style():
+        figure = Figure(figsize=(175 * MM, 88 * MM), layout="constrained")
+        common_arcs.draw_all(figure.subplots(2, 4))
+    return figure
+
+
+def _draw_distance(ax: Axes, pair: dict[str, Any]) -> None:
+    """Both curves, and the farthest point with its feet."""
+    a, b = (jhd.BezierSegments(np.array(pair[name]["control_points"])) for name in "ab")
+    ax.plot(*np.asarray(b(np.linspace(0, b.count, 600))).T, **_B)
+    ax.plot(*np.asarray(a(np.linspace(0, a.count, 600))).T, **_TRIMMED)
+    _draw_feet(ax, pair, **_DISTANCE)
+    _finish(ax, *(np.array(pair["map"][key]) for key in "xy"))
+
+
+def _draw_feet(ax: Axes, pair: dict[str, Any], **look: Any) -> None:
+    witness = pair["solution"]["witness"]
+    for foot in np.array(witness["feet"]):
+        ax.plot(*np.stack([witness["point"], foot]).T, markevery=[1], **{**_WITNESS, **look})
+
+
+def _draw_reading(ax: Axes, pair: dict[str, Any]) -> None:
+    """What the map says at samples of A, less its errors; the largest of it is LB."""
+    t, lower = (np.array(pair["profile"][key]) for key in ("t", "lower"))
+    ax.plot(t, lower, color=BLUE)
+    ax.axhline(pair["lower"], color=GREY, linewidth=0.6)
+    ax.annotate("$LB$", (0, pair["lower"]), (2, 2), textcoords="offset points")
+    ax.set_ylim(0, 1.2 * pair["lower"])
+    ax.set_xlabel("parameter of $A$", labelpad=1)
 
 
 def _colours(field: dict[str, Any]) -> np.ndarray:
@@ -107,22 +187,27 @@ def _draw_cones(ax: Any, field: dict[str, Any]) -> None:
     ax.zaxis.set_major_locator(MultipleLocator(1))
 
 
-def _draw_trimmed(ax: Axes, pair: dict[str, Any]) -> None:
-    """The region of radius LB about b; a, with what is left of it bold; the place of the maximum with its feet."""
-    region, parts = pair["region"], pair["parts"]
+def _draw_trimmed(ax: Axes, pair: dict[str, Any], both: bool = False) -> None:
+    """The region of radius LB about b; a, with what is left of it bold, of b too; the maximum with its feet."""
+    region = pair["region"]
     x, y, distance = (np.array(region[key]) for key in ("x", "y", "distance"))
     ax.contourf(x, y, distance.T, levels=[0, pair["lower"]], colors=[_REGION])
     ax.contour(x, y, distance.T, levels=[pair["lower"]], colors=GREY, linewidths=0.6)
     a, b = (jhd.BezierSegments(np.array(pair[name]["control_points"])) for name in "ab")
     ax.plot(*np.asarray(b(np.linspace(0, b.count, 600))).T, **_B)
     ax.plot(*np.asarray(a(np.linspace(0, a.count, 600))).T, **_TRIMMED)
+    if both:
+        _draw_left(ax, b, pair["parts_of_b"], _LEFT_OF_B)
+    _draw_left(ax, a, pair["parts"], _LEFT)
+    _draw_feet(ax, pair)
+    _finish(ax, x, y)
+
+
+def _draw_left(ax: Axes, curve: jhd.BezierSegments, parts: dict[str, Any], look: dict[str, Any]) -> None:
+    """The parts of a curve that are left."""
     for segment, t0, t1, left in zip(*(parts[key] for key in ("segment", "t0", "t1", "left")), strict=True):
         if left:
-            ax.plot(*np.asarray(a.point(np.full(16, segment), np.linspace(t0, t1, 16))).T, **_LEFT)
-    witness = pair["solution"]["witness"]
-    for foot in np.array(witness["feet"]):
-        ax.plot(*np.stack([witness["point"], foot]).T, markevery=[1], **_WITNESS)
-    _finish(ax, x, y)
+            ax.plot(*np.asarray(curve.point(np.full(16, segment), np.linspace(t0, t1, 16))).T, **look)
 
 
 def _enlarge(ax: Axes, near: Axes, pair: dict[str, Any]) -> None:

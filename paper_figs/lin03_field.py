@@ -3,11 +3,12 @@
 Black lines in the slices are the zero set; cells are drawn in grey. Times are given beside those printed in the paper,
 which are of a 933 MHz Pentium III and of unknown tolerances.
 
-Numbers by lin03_field's experiment.
+Numbers by lin03_field's experiment. A second picture has the meshes that are given, and the regions about a triangle.
 
 Caption: Adaptive fields of meshes of 67 500 and 48 000 triangles: slices with their cells, and the surfaces extracted,
 coloured by error; times stand beside those printed in 2003. The error is proven to be below twice the tolerance, and
-the extracted surface is within that of the mesh, both ways.
+the extracted surface is within that of the mesh, both ways. A second picture has the meshes given, and the regions
+about a triangle that tell where its nearest point is (figures 5, 6 and 8 of Lin and Wang, with meshes of our own).
 """
 
 from typing import Any
@@ -17,7 +18,7 @@ from common import BLACK, BLUE, GREY, MM, ORANGE, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 
 
@@ -25,6 +26,7 @@ def main() -> None:
     """Loads and draws."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
+    picture.save(_inputs(picture.numbers["meshes"]), "_inputs")
 
 
 def _figure(numbers: dict[str, Any]) -> Figure:
@@ -43,6 +45,55 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         _draw_errors(below[1], numbers)
         letter(below[1], "f", "errors")
     return figure
+
+
+def _inputs(meshes: list[dict[str, Any]]) -> Figure:
+    with style():
+        figure = Figure(figsize=(175 * MM, 66 * MM), layout="constrained")
+        first, second, regions = figure.subplots(1, 3)
+        for ax, name, case in zip((first, second), "ab", meshes, strict=True):
+            light = np.array(case["input"]["light"], float)
+            ax.imshow(0.35 + 0.65 * light, cmap="gray", vmin=0, vmax=1, origin="lower", interpolation="nearest")
+            _tight(ax, np.isfinite(light))
+            counts = "\n".join(
+                f"{case[key]:,} {key}".replace(",", "\N{THIN SPACE}") for key in ("vertices", "triangles")
+            )
+            ax.text(0.5, -0.02, counts.replace(",", "\N{THIN SPACE}"), ha="center", va="top", transform=ax.transAxes)
+            letter(ax, name, case["name"])
+        _draw_regions(regions)
+        letter(regions, "c", r"signs of $(\alpha, \beta, \gamma)$")
+    return figure
+
+
+def _draw_regions(ax: Axes) -> None:
+    """The plane of a triangle, cut by its sides into seven regions, by the signs of the barycentric coordinates."""
+    corners = np.array([(0.0, 0.0), (1.0, 0.0), (0.45, 0.85)])
+    x, y = np.meshgrid(np.linspace(-0.8, 1.9, 271), np.linspace(-0.7, 1.55, 226))
+    inverse = np.linalg.inv(np.vstack([corners.T, np.ones(3)]))
+    shares = np.einsum("ij,jyx->iyx", inverse, np.stack([x, y, np.ones_like(x)]))
+    positive = (shares > 0).astype(int)
+    # Inside, beside a side, and beyond a corner.
+    colours = np.array([[1.0, 1.0, 1.0], *(to_rgb(c) for c in ("#8fd3b6", "#9ecae9", "#fbe3a1"))])[positive.sum(axis=0)]
+    extent = (x[0, 0], x[0, -1], y[0, 0], y[-1, 0])
+    ax.imshow(colours, origin="lower", extent=extent, interpolation="nearest")
+    for share in shares:
+        ax.contour(x, y, share, levels=[0], colors=GREY, linewidths=0.6)
+    ax.fill(*corners.T, facecolor="none", edgecolor=BLACK, linewidth=1.4)
+    for corner, name, move in zip(corners, "ABC", ((-7, 4), (7, 4), (9, 0)), strict=True):
+        ax.annotate(name, corner, move, textcoords="offset points", ha="center", style="italic")
+    for signs in np.unique(positive.reshape(3, -1).T, axis=0):
+        here = (positive == signs[:, None, None]).all(axis=0)
+        place = float(np.mean(x[here])), float(np.mean(y[here]))
+        ax.text(*place, "".join("+" if s else "\N{MINUS SIGN}" for s in signs), ha="center", va="center")
+    ax.set_axis_off()
+
+
+def _tight(ax: Axes, seen: np.ndarray) -> None:
+    """No more of an image than what is seen, with a small margin."""
+    rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
+    ax.set_xlim(columns[0] - 2, columns[-1] + 2)
+    ax.set_ylim(rows[0] - 2, rows[-1] + 2)
+    ax.set_axis_off()
 
 
 def _draw_slice(figure: Any, ax: Axes, case: dict[str, Any]) -> None:
@@ -78,11 +129,8 @@ def _draw_view(figure: Any, ax: Axes, case: dict[str, Any]) -> None:
     image = colours.to_rgba(np.where(seen, error, 0.0))
     image[..., :3] *= np.where(seen, 0.35 + 0.65 * np.where(seen, light, 0.0), 1.0)[..., None]
     image[~seen] = 1.0
-    rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
     ax.imshow(image, origin="lower", interpolation="nearest")
-    ax.set_xlim(columns[0] - 2, columns[-1] + 2)
-    ax.set_ylim(rows[0] - 2, rows[-1] + 2)
-    ax.set_axis_off()
+    _tight(ax, seen)
     figure.colorbar(colours, ax=ax, shrink=0.8, extend="max").set_label("distance to the mesh / tolerance")
 
 

@@ -2,8 +2,9 @@
 
 Numbers by lin03_spheres's experiment.
 
-Caption: The published voxel method on two spheres of distance 2: its answers on 81 grids, and where they lie. They
-reach 2.0166; 2.0020, which is printed, is the answer of one of the grids. The proven bounds hold 2 and are 3e-12 apart.
+Caption: The published voxel method on two spheres of distance 2 (figure 10 of Lin and Wang): the points printed and the
+proven ones, its answers on 81 grids, and where they lie. They reach 2.0166; 2.0020, which is printed, is the answer of
+one of the grids. The proven bounds hold 2 and are 3e-12 apart.
 """
 
 from typing import Any
@@ -14,6 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 RADII, CENTRE = (3.0, 2.0), 7.0
+# The second coordinates of the points printed.
+_PRINTED = (2.9992, 5.0012)
 
 
 def main() -> None:
@@ -24,11 +27,30 @@ def main() -> None:
 
 def _figure(numbers: dict[str, Any]) -> Figure:
     with style():
-        figure = Figure(figsize=(85 * MM, 118 * MM), layout="constrained")
-        above, below = figure.subplots(2, 1)
+        figure = Figure(figsize=(85 * MM, 158 * MM), layout="constrained")
+        spheres, above, below = figure.subplots(3, 1, height_ratios=(1.0, 1.45, 1.45))
+        _draw_spheres(spheres, numbers)
         _draw_answers(above, numbers)
         _draw_places(below, numbers)
     return figure
+
+
+def _draw_spheres(ax: Axes, numbers: dict[str, Any]) -> None:
+    """Both spheres seen along z, lit from the left, with the points printed and those proven."""
+    printed = np.array([(y, numbers["line"]["x"]) for y in _PRINTED])
+    proven = [(RADII[0], 0.0), (CENTRE - RADII[1], 0.0)]
+    for radius, centre in zip(RADII, (0.0, CENTRE), strict=True):
+        x, y = np.meshgrid(*2 * [np.linspace(-radius, radius, 400)])
+        height = np.sqrt(np.maximum(radius**2 - x**2 - y**2, 0)) / radius
+        light = np.where(height > 0, 0.55 + 0.45 * np.clip(0.8 * height - 0.4 * x / radius, 0, 1), np.nan)
+        extent = (centre - radius, centre + radius, -radius, radius)
+        ax.imshow(light, cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent)
+    ax.plot(*np.array(proven).T, "*-", color=GREEN, markersize=7, linewidth=1.0)
+    ax.plot(*printed.T, "s", color=VERMILLION, markersize=4, markerfacecolor="none")
+    ax.set_xlim(-RADII[0] - 0.1, CENTRE + RADII[1] + 0.1)
+    ax.set_ylim(-RADII[0] - 0.1, RADII[0] + 0.1)
+    ax.set_axis_off()
+    letter(ax, "a", "two spheres, printed and proven points")
 
 
 def _draw_answers(ax: Axes, numbers: dict[str, Any]) -> None:
@@ -54,7 +76,7 @@ def _draw_answers(ax: Axes, numbers: dict[str, Any]) -> None:
     ax.set_xlabel("distance found, less 2")
     ax.set_ylabel("share of answers below")
     ax.set_xticks([0, 0.005, 0.01, 0.015])
-    letter(ax, "a", f"answers on {len(numbers['answers'])} grids")
+    letter(ax, "b", f"answers on {len(numbers['answers'])} grids")
     # The names of the lines stand between the title and the axes.
     ax.set_title(ax.get_title(loc="left"), loc="left", pad=13)
 
@@ -81,7 +103,7 @@ def _draw_places(ax: Axes, numbers: dict[str, Any]) -> None:
     ax.set_xlabel(r"samples' distance from the line of centres")
     ax.set_ylabel("distance found, less 2")
     ax.legend(loc="upper left", bbox_to_anchor=(0.02, 1.04), handletextpad=0.6, labelspacing=0.3)
-    letter(ax, "b", "where the answers come from")
+    letter(ax, "c", "where the answers come from")
 
 
 if __name__ == "__main__":

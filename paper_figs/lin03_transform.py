@@ -2,11 +2,12 @@
 
 White dots in the slice mark the columns along the third axis in which the published method errs somewhere.
 
-Numbers by lin03_transform's experiment.
+Numbers by lin03_transform's experiment. A second picture has the templates, in one to three dimensions.
 
 Caption: Distance transforms: the one-dimensional example of Lin and Wang, a slice with the errors of vector propagation
 (white dots mark columns in which it errs), and times. It is wrong on less than 0.1 % of the voxels by less than 0.1
-voxel; the exact transform equals SciPy's and takes two thirds of its time or less at 128^3.
+voxel; the exact transform equals SciPy's and takes two thirds of its time or less at 128^3. A second picture has the
+templates (figures 1, 3 and 4), as the one that is printed in the text and the counts of operations allow.
 """
 
 from typing import Any
@@ -29,6 +30,7 @@ def main() -> None:
     """Loads and draws."""
     picture = Picture(__file__, __doc__)
     picture.save(_figure(picture.numbers))
+    picture.save(_templates(picture.numbers["templates"]), "_templates")
 
 
 def _figure(numbers: dict[str, Any]) -> Figure:
@@ -40,6 +42,50 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         _draw_times(times, numbers)
         _draw_errors(errors, numbers)
     return figure
+
+
+def _templates(templates: list[list[list[int]]]) -> Figure:
+    """Those of one dimension, of two, which are those of three in one plane, and of three."""
+    flat = [[step[:2] for step in template if not step[2]] for template in templates]
+    # In one dimension there are only the steps along a row, one way and the other.
+    lines = [[step for step in template if not step[0]] for template in flat[:2]]
+    with style():
+        figure = Figure(figsize=(175 * MM, 82 * MM), layout="constrained")
+        parts: Any = figure.subfigures(2, 1, height_ratios=(1, 1.25))
+        above = parts[0].subplots(1, 6, width_ratios=(1, 1, 1.3, 1.3, 1.3, 1.3))
+        for k, template in enumerate(lines):
+            _draw_template(above[k], [step[1:] for step in template], (1, 3))
+            letter(above[k], "ab"[k], f"1-D: {k + 1}")
+        for k, template in enumerate(flat):
+            _draw_template(above[2 + k], template, (3, 3))
+            letter(above[2 + k], "cdef"[k], f"2-D: {k + 1}")
+        below = parts[1].subplots(1, 5)
+        _draw_template(below[0], [step for step in templates[0] if step[2]], (3, 3), centre=False)
+        letter(below[0], "g", "3-D: 1, at $k+1$")
+        for k, template in enumerate(templates):
+            _draw_template(below[1 + k], [step for step in template if not step[2]], (3, 3), dim=3)
+            letter(below[1 + k], "hijk"[k], f"3-D: {k + 1}, at $k$")
+    return figure
+
+
+def _draw_template(
+    ax: Axes, steps: list[list[int]], shape: tuple[int, int], centre: bool = True, dim: int | None = None
+) -> None:
+    """Boxes around a place with the steps to the neighbours that make an offer; rows go down, columns to the right."""
+    zero = [0] * (dim or len(steps[0]))
+    taken = {tuple(step[:2] if len(step) > 1 else [0, *step]): step for step in [*steps, *([zero] if centre else [])]}
+    for i in range(-(shape[0] // 2), shape[0] // 2 + 1):
+        for j in range(-1, 2):
+            step = taken.get((i, j))
+            colour = "none" if step is None else "#fbe3a1" if any(step) else "#c9c9c9"
+            ax.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=colour, edgecolor=BLACK, linewidth=0.6))
+            if step is not None:
+                text = ",".join(f"{x:d}".replace("-", "\N{MINUS SIGN}") for x in step)
+                ax.text(j, i, text, ha="center", va="center", fontsize=6 if len(step) > 1 else 8)
+    ax.set_xlim(-1.55, 1.55)
+    ax.set_ylim(shape[0] / 2 + 0.05, -shape[0] / 2 - 0.05)
+    ax.set_aspect("equal", anchor="N")
+    ax.axis("off")
 
 
 def _draw_line(ax: Axes, offsets: list[int]) -> None:

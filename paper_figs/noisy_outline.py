@@ -4,7 +4,8 @@ Numbers by noisy_outline's experiment.
 
 Caption: A noisy outline with its fit by 20 cubics, the distances that all methods reach from 100 to 10 000 vertices,
 and the distance in time. The fit is nearer than Adam on Chamfer, soft and hard Hausdorff losses and than SciPy's
-smoothing spline, proven for all numbers of vertices.
+smoothing spline, proven for all numbers of vertices. Seconds of Adam are those of 600 steps at three rates, on every
+fifth vertex of 10 000.
 """
 
 from typing import Any
@@ -65,6 +66,15 @@ def _draw_shape(ax: Axes, case: dict[str, Any]) -> None:
     ax.plot(*joints.T, color=BLUE, marker="o", linestyle="none", **_MARKS)
     ax.set_aspect("equal")
     ax.axis("off")
+    # The noise is a hundredth of the outline, which a part of it has to show.
+    near = ax.inset_axes((0.3, 0.3, 0.36, 0.36))
+    near.plot(*np.vstack([points, points[:1]]).T, color=BLACK, linewidth=0.5, marker=".", markersize=2)
+    near.plot(*np.asarray(curve(t)).T, color=BLUE, linewidth=1.0)
+    middle, half = points[len(points) // 2], 0.05 * np.ptp(points[:, 0])
+    near.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), xticks=[], yticks=[])
+    near.set_aspect("equal")
+    near.spines[:].set_visible(True)
+    ax.indicate_inset_zoom(near, edgecolor=BLACK, alpha=1.0, linewidth=0.6)
 
 
 def _draw(ax: Axes, cases: list[dict[str, Any]], values: list[float], name: str, look: Any) -> None:
@@ -75,7 +85,13 @@ def _draw(ax: Axes, cases: list[dict[str, Any]], values: list[float], name: str,
     ax.set_xticks([case["vertices"] for case in cases[::2]], [f"{case['vertices']:,}" for case in cases[::2]])
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-    ax.yaxis.set_minor_formatter(FuncFormatter(lambda y, _: f"{y:g}" if f"{y:e}"[0] in "235" else ""))
+    ax.yaxis.set_minor_formatter(FuncFormatter(lambda y, _: f"{y:g}" if _is_short(ax) and f"{y:e}"[0] in "235" else ""))
+
+
+def _is_short(ax: Axes) -> bool:
+    """Whether an axis has few powers of ten, so that there is room for numbers between them."""
+    low, high = ax.get_ylim()
+    return high < 100 * low
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ def _draw(ax: Any, bar: Any, pair: dict[str, Any]) -> None:
             line.set_markersize(4)
     if not isinstance(a, jhd.BezierSegments):
         low, high = (np.array([getattr(ax, f"get_{x}lim")()[end] for x in "xyz"]) for end in (0, 1))
-        ax.set_box_aspect(high - low, zoom=1.0)
+        ax.set_box_aspect(high - low, zoom=1.15)
     ax.set_axis_off()
     if pair["name"] in _VIEWS:
         ax.view_init(*_VIEWS[pair["name"]])

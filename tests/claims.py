@@ -360,6 +360,8 @@ def check_kim10_figures(numbers):
         assert found["lower"] - 2 * pair["reach"] <= pair["lower"] <= found["upper"]
         # What is trimmed is within the bound, what is left has the farthest place, and is little.
         assert pair["trimmed_reaches"] <= pair["lower"] and pair["share_left"] < 0.1
+        # Trimmed as published, nothing of the other curve is left, where the feet are.
+        assert pair["share_left_of_b"] == 0 and not any(pair["parts_of_b"]["left"])
         segment, t = found["witness"]["segment"], found["witness"]["t"]
         rows = zip(parts["segment"], parts["t0"], parts["t1"], parts["left"], strict=True)
         assert any(left and s == segment and t0 <= t <= t1 for s, t0, t1, left in rows)
