@@ -28,7 +28,9 @@ def is_tracing(*values: object) -> bool:
 def array_of(values: ArrayLike, dtype: DTypeLike | None = None) -> Array:
     """`jnp.asarray`; of NumPy's arrays without a program, which JAX would compile for each of their shapes."""
     if isinstance(values, np.ndarray | np.generic) and not is_tracing():
-        return jax.device_put(np.asarray(values, dtype))
+        # What is not finite is refused by those who know its name, without a warning of NumPy's before.
+        with np.errstate(invalid="ignore", over="ignore"):
+            return jax.device_put(np.asarray(values, dtype))
     return jnp.asarray(values, dtype=dtype)
 
 

@@ -57,9 +57,12 @@ def _rows(file: str) -> np.ndarray:
         if not words:
             continue
         try:
-            row = [float(word) for word in words]
+            # Python takes 1_0 and digits of other scripts for numbers.
+            row = [float(word) for word in words if word.isascii() and "_" not in word]
         except ValueError:
-            raise ParseError(f"needs numbers; found {shown(line)}.", file, number) from None
+            row = []
+        if len(row) < len(words):
+            raise ParseError(f"needs numbers; found {shown(line)}.", file, number)
         if rows and len(row) != len(rows[0]):
             raise ParseError(f"{len(row)} numbers; the lines before have {len(rows[0])}.", file, number)
         rows.append(row)

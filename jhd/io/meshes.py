@@ -12,7 +12,7 @@ import numpy as np
 from jhd.files import replace_file
 from jhd.io.errors import ParseError, read_bytes, shown
 from jhd.io.ply import read_ply, write_ply
-from jhd.io.polygons import Polygons, coordinates_in, indices_in, merged, mesh_of
+from jhd.io.polygons import Polygons, coordinates_in, in_doubles, indices_in, merged, mesh_of
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 
 _STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -166,7 +166,7 @@ def _read_stl(file: object, content: bytes) -> Polygons:
 
 def _stl_rows(content: bytes, start: int, count: int) -> Polygons:
     table = np.frombuffer(content, _STL_ROW, count, start)
-    vertices, numbers = merged(table["corners"].reshape(-1, 3).astype(float))
+    vertices, numbers = merged(in_doubles(table["corners"].reshape(-1, 3)))
     places = start + _STL_ROW.itemsize * np.arange(count)
     of_vertices = np.zeros(len(vertices), np.int64)
     of_vertices[numbers[::-1]] = np.repeat(places, 3)[::-1]

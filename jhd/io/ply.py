@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jhd.io.errors import ParseError, shown
-from jhd.io.polygons import Polygons, coordinates_in, indices_in
+from jhd.io.polygons import Polygons, coordinates_in, in_doubles, indices_in
 
 _TYPES = {
     name: code
@@ -257,7 +257,7 @@ def _even(content: bytes, at: int, order: str, element: _PlyElement) -> np.ndarr
 def _columns(element: _PlyElement, table: np.ndarray, places: np.ndarray) -> _Rows:
     if element.name == "vertex":
         points = np.stack([table[f"value{element.place(axis)}"] for axis in "xyz"], axis=1)
-        return points.astype(float), np.full(len(table), 3), places
+        return in_doubles(points), np.full(len(table), 3), places
     if element.name == "face":
         corners = table[f"value{_corners_of(element)}"].reshape(len(table), -1)
         return corners.astype(np.int64).ravel(), np.full(len(table), corners.shape[1]), places

@@ -95,6 +95,12 @@ def coordinates_in(file: object, rows: Sequence[Sequence[str]], lines: Sequence[
     return np.array(numbers, float).reshape(-1, 3)
 
 
+def in_doubles(coordinates: np.ndarray) -> np.ndarray:
+    """Coordinates of a binary file as doubles, without NumPy's warning of signalling NaNs, which are refused later."""
+    with np.errstate(invalid="ignore"):
+        return coordinates.astype(float)
+
+
 def indices_in(file: object, words: Sequence[str], line: int) -> list[int]:
     """The words as integers.
 

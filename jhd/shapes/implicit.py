@@ -246,7 +246,7 @@ def _check_not_constant(coefficients: np.ndarray) -> None:
     others = coefficients.ravel()[1:]
     if np.any(others != 0):
         return
-    constant = float(coefficients[0, 0, 0])
+    constant = _rounded(coefficients[:1, :1, :1]).item()
     if constant == 0:
         raise ValueError("coefficients are all zero; every point of the box would be on the surface.")
     raise ValueError(f"the polynomial is the constant {constant:g}, which is zero nowhere; the surface is empty.")

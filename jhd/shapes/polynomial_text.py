@@ -19,11 +19,15 @@ import numpy as np
 # Terms by their exponents.
 Terms = dict[tuple[int, int, int], Fraction]
 
-_TOKENS = re.compile(r"\s*(?:((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|([A-Za-z_]\w*)|(\*\*|[-+*/^()]))")
+_TOKENS = re.compile(r"\s*(?:((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|([A-Za-z_]\w*)|(\*\*|[-+*/^()]))", re.ASCII)
 _VARIABLES = ("x", "y", "z")
 # A dense array of this degree has 36 000 coefficients; larger exponents than that of ten are no doubles; numbers of
 # more bits come from powers of powers, which would fill the memory.
 _LARGEST_DEGREE, _LARGEST_EXPONENT, _LARGEST_BITS, _DEEPEST = 32, 400, 50_000, 40
+# What messages show of a number.
+_SHOWN_BITS = 100
+# Products of coefficients in all, some seconds of work: so many, and so many more for each character.
+_MOST_PRODUCTS, _PRODUCTS_EACH = 1_000_000, 10
 
 
 class PolynomialError(ValueError):
@@ -106,6 +110,7 @@ class _Reader:
 
     def __init__(self, text: str):
         self.text, self.position, self.depth = text, 0, 0
+        self.left = _MOST_PRODUCTS + _PRODUCTS_EACH * len(text)
         self.token, self.start, self.number = "", 0, False
         self.advance()
 
@@ -133,11 +138,18 @@ class _Reader:
             self.advance()
         return token
 
+    def spend(self, products: int, place: int) -> None:
+        """Counts products of coefficients, before they are worked out."""
+        self.left -= products
+        if self.left < 0:
+            raise PolynomialError("the products of sums have too many terms for a text of this length.", place + 1)
+
     def sum(self) -> Terms:
         terms = self.product()
         while sign := self.take("+", "-"):
-            terms = _added(terms, self.product(), 1 if sign == "+" else -1)
-        return terms
+            for index, x in self.product().items():
+                terms[index] = terms.get(index, Fraction(0)) + (x if sign == "+" else -x)
+        return {index: x for index, x in terms.items() if x != 0}
 
     def product(self) -> Terms:
         terms = self.signed()
@@ -150,6 +162,7 @@ class _Reader:
             divisor = _constant(other)
             if not divisor:
                 raise PolynomialError(f"the divisor is {'zero' if divisor == 0 else 'no constant'}.", place + 1)
+            self.spend(4 * len(terms), place)  # the time that divisions take
             terms = {index: x / divisor for index, x in terms.items()}
         return terms
 
@@ -160,6 +173,8 @@ class _Reader:
         sign = self.take("+", "-")
         terms = self.signed() if sign else self.power()
         self.depth -= 1
+        if sign:
+            self.spend(len(terms), self.start)
         return {index: -x for index, x in terms.items()} if sign == "-" else terms
 
     def power(self) -> Terms:
@@ -170,7 +185,7 @@ class _Reader:
         place = self.start
         exponent = _constant(self.signed())
         if exponent is None or exponent.denominator != 1 or not 0 <= exponent <= _LARGEST_DEGREE:
-            found = "no constant" if exponent is None else str(exponent)
+            found = "no constant" if exponent is None else _shown(exponent)
             raise PolynomialError(
                 f"the exponent is {found}; needs a whole number from 0 to {_LARGEST_DEGREE}.", place + 1
             )
@@ -198,6 +213,7 @@ class _Reader:
         degree = sum(max((sum(index) for index in terms), default=0) for terms in (f, g))
         if degree > _LARGEST_DEGREE:
             raise PolynomialError(f"the degree is {degree}; at most {_LARGEST_DEGREE} is served.", place + 1)
+        self.spend(len(f) * len(g), place)
         result: Terms = {}
         for (a, b, c), x in f.items():
             for (d, e, h), y in g.items():
@@ -217,15 +233,13 @@ def _decimal(token: str, place: int) -> Fraction:
     return Fraction(token)
 
 
+def _shown(x: Fraction) -> str:
+    long = max(x.numerator.bit_length(), x.denominator.bit_length()) > _SHOWN_BITS
+    return "a number of very many digits" if long else str(x)
+
+
 def _terms(index: tuple[int, int, int], x: Fraction) -> Terms:
     return {index: x} if x else {}
-
-
-def _added(f: Terms, g: Terms, sign: int) -> Terms:
-    result = dict(f)
-    for index, x in g.items():
-        result[index] = result.get(index, Fraction(0)) + sign * x
-    return {index: x for index, x in result.items() if x != 0}
 
 
 def _constant(terms: Terms) -> Fraction | None:

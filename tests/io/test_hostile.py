@@ -1,5 +1,6 @@
 """Files made to be misread, to take for ever or all memory: one line of refusal at once, or the right shape."""
 
+import ast
 import io
 import json
 import resource
@@ -44,6 +45,12 @@ def crowd(uses, paths):
     return svg(f'<defs><g id="a">{drawn}</g></defs>' + '<use xlink:href="#a"/>' * uses)
 
 
+def member(shape, dtype="<f8", size=0):
+    """An array in a file that says more of itself than it is."""
+    header = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117).encode() + b"\n"
+    return b"\x93NUMPY\x01\x00v\x00" + header + bytes(size)
+
+
 REFUSED = {
     "a.obj": (CORNERS + f"f 1 2 {HUGE}\n", "a.obj:4: a whole number is too large"),
     "b.obj": (CORNERS.replace("1", "1_0") + "f 1 2 3\n", "b.obj:2: needs a number; found '1_0'"),
@@ -77,6 +84,13 @@ REFUSED = {
     "h.svg": (svg('<path d="M0 0A1e308 1e-20 0 0 1 1 1"/>'), "beyond the range of doubles"),
     "i.svg": (svg('<path transform="matrix(1e308 1e308 1e308 1e308 0 0)" d="M0 0L1 1e5"/>'), "beyond the range"),
     "j.svg": (svg('<rect width="1e200%" height="1"/>'), "percentages need a viewBox"),
+    "a.xyz": ("1_0 2 3\n", "a.xyz:1: needs numbers; found '1_0 2 3'"),
+    "b.xyz": ("\u0663 2 3\n".encode().decode("latin-1"), "b.xyz:1: needs numbers"),
+    "b.stl": ("\0" * 80 + "\1\0\0\0" + "\0" * 12 + "\0\0\xa0\x7f" * 9 + "\0\0", r"b.stl: .* is not finite"),
+    "i.ply": (CLOUD.format("", 1) + "end_header\n" + "\0\0\xa0\x7f" * 3, r"i.ply: .*is not finite"),
+    "a.npy": (member("(1, 3)", "<f4", 0) + b"\0\0\xa0\x7f" * 3, r"a.npy: points\[0\] is not finite"),
+    "b.npy": (member("(2,)", "|O", 16), "b.npy: no array of numbers: .*Python objects"),
+    "c.npy": (member("(9999999999999, 3)"), "c.npy: no array of numbers: .*file size"),
     "k.svg": (
         svg('<desc>&i;</desc><path d="M0 0L1 1"/>', '<!DOCTYPE svg [<!ENTITY a "aaaaaaaaaa">' + "".join(
             f'<!ENTITY {chr(98 + k)} "{("&" + chr(97 + k) + ";") * 10}">' for k in range(8)
@@ -90,7 +104,7 @@ REFUSED = {
 def test_what_is_made_to_be_misread_is_refused_in_one_line_at_once(name, tmp_path):
     content, message = REFUSED[name]
     file = tmp_path / name
-    file.write_bytes(content.encode("latin-1"))
+    file.write_bytes(content if isinstance(content, bytes) else content.encode("latin-1"))
     start = time.process_time()
     with pytest.raises(jhd.io.ParseError, match=message) as caught:
         jhd.io.load_shape(file)
@@ -144,6 +158,10 @@ def test_numbers_at_the_end_of_the_range_are_drawn():
         ("*".join(["(x + y + z + 1)"] * 40), "the degree is 33"),
         ("(" * 5_000 + "x" + ")" * 5_000, "nested deeper"),
         ("((((2**32)**32)**32)**32)*x", "bits"),
+        ("x**" + "9" * 300, "the exponent is a number of very many digits"),
+        ("x**1e400", "the exponent is a number of very many digits"),
+        ("x**\u0663", "needs a number"),
+        ("9e400", "above the largest double"),
     ],
 )
 def test_polynomials_that_would_take_for_ever_are_refused(text, message):
@@ -153,18 +171,23 @@ def test_polynomials_that_would_take_for_ever_are_refused(text, message):
     assert time.process_time() - start < 2 and len(str(caught.value)) < 300
 
 
-def member(shape, dtype="<f8", size=0):
-    """An array in a file that says more of itself than it is."""
-    header = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117).encode() + b"\n"
-    return b"\x93NUMPY\x01\x00v\x00" + header + bytes(size)
-
-
 def archive(**members):
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as file:
         for name, content in members.items():
             file.writestr(name + ".npy", content)
     return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    "text", ["+".join(["(x+y+1)**4*(x+z-1)**4"] * 90), "(x+y+z+1)**9" + "/3" * 400, "-".join(["(-(-(x+y+z)**9))"] * 90)]
+)
+def test_products_of_sums_have_a_budget(text, monkeypatch):
+    monkeypatch.setattr("jhd.shapes.polynomial_text._MOST_PRODUCTS", 10_000)
+    assert jhd.ImplicitSurface.parse("+".join(["(x+y+1)**4"] * 90), [-1] * 3, [1] * 3).degree == 1
+    with pytest.raises(ValueError, match="too many terms for a text of this length") as caught:
+        jhd.ImplicitSurface.parse(text, [-1] * 3, [1] * 3)
+    assert len(str(caught.value)) < 300
 
 
 FIELD = member("()", "<U25", 100)
@@ -234,3 +257,30 @@ def test_damaged_fonts_are_refused_or_drawn(seed, tmp_path):
         assert jhd.io.outline(file, "a").count > 0
     except (jhd.io.ParseError, ValueError) as error:
         assert "\n" not in str(error)
+
+
+# What runs or imports what it is handed, or reads objects of Python.
+RUNNING = set("""
+    eval exec compile __import__ globals setattr pickle marshal shelve dill joblib importlib runpy subprocess ctypes
+    system popen import_module attrgetter methodcaller
+""".split())  # fmt: skip
+PACKAGE = Path(jhd.__file__).parent
+READERS = [
+    *PACKAGE.glob("io/*.py"),
+    # The checker runs without the package too: its command line loads its own modules from beside itself.
+    *(path for path in PACKAGE.glob("distance/certificate/verification/*.py") if path.name != "__main__.py"),
+    *(PACKAGE / name for name in ("archives.py", "shapes/polynomial_text.py", "fields/adaptive.py")),
+]
+
+
+@pytest.mark.parametrize("path", READERS, ids=lambda path: path.stem)
+def test_readers_neither_import_nor_run_anything_and_read_no_objects(path):
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    names = {node.id for node in nodes if isinstance(node, ast.Name)}
+    names |= {node.attr for node in nodes if isinstance(node, ast.Attribute) and getattr(node.value, "id", "") != "re"}
+    imported = [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)]
+    modules = [alias.name for node in imported for alias in node.names] + [getattr(x, "module", "") for x in imported]
+    assert not (names | {part for module in modules for part in (module or "").split(".")}) & RUNNING
+    for call in (node for node in nodes if isinstance(node, ast.Call)):
+        if ast.unparse(call.func) == "np.load":
+            assert "allow_pickle=False" in ast.unparse(call)

@@ -162,7 +162,8 @@ def nearest_in_blocks(blocks: Blocks, points: Array, counts: tuple[int, ...] = _
         if counts[1:]:
             return nearest_in_blocks(blocks, points, counts[1:])
         skip = repeated(curve.control_points, curve.weights)
-        return jax.vmap(lambda p: nearest(p, curve.control_points, curve.weights, 0.0, skip))(points)
+        # One after the other: side by side, those of a group would hold tables of all segments for each of them.
+        return jax.lax.map(lambda p: nearest(p, curve.control_points, curve.weights, 0.0, skip), points)
 
     return jax.lax.cond(jnp.any(rest <= reach), among_more, among, None)
 
