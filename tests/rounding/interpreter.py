@@ -130,6 +130,8 @@ def _equation(equation: Any, arithmetic: AbstractArithmetic, operands: list[Any]
         return _LOOPS[name](arithmetic, operands, parameters)
     if name in _SAME:
         return operands
+    if name == "sort" and not any(_is_float(x) for x in equation.invars):
+        return [np.asarray(x) for x in equation.primitive.bind(*operands, **parameters)]
     if name in _MOVES:
         return [_MOVES[name](operands, parameters, equation)]
     return [_computed(equation, arithmetic, operands)]
@@ -154,9 +156,23 @@ def _computed(equation: Any, arithmetic: AbstractArithmetic, operands: list[Any]
         return getattr(np, name)(x, axis=parameters["axes"][0]).astype(parameters["index_dtype"])
     if not _is_float(equation.invars[0]):
         return _of_integers(name, operands, parameters)
+    return _of_numbers(equation, arithmetic, operands)
+
+
+def _of_numbers(equation: Any, arithmetic: AbstractArithmetic, operands: list[Any]) -> Any:
+    name = equation.primitive.name
+    if name == "scatter-add":
+        new, there = _scattered(operands, equation.params, equation)
+        total = arithmetic.apply("add", [operands[0], new], {})
+        return each_part(lambda x, y: np.where(there, y, x), operands[0], total)
+    if name == "is_finite":
+        return np.isfinite(arithmetic.value(operands[0]))
     if name in COMPARED:
+        if equation.invars[0] is equation.invars[1]:
+            # Whether a number is one is asked by comparing it with itself.
+            return COMPARED[name](*[arithmetic.value(operands[0])] * 2)
         return arithmetic.compare(name, *operands)
-    return arithmetic.apply(name, operands, parameters)
+    return arithmetic.apply(name, operands, equation.params)
 
 
 def _of_integers(name: str, operands: list[Any], parameters: dict[str, Any]) -> Any:
@@ -217,6 +233,23 @@ def _gathered(operands: list[Any], parameters: dict[str, Any], equation: Any) ->
     return each_part(lambda x: x.reshape(-1)[taken], x)
 
 
+def _scattered(operands: list[Any], parameters: dict[str, Any], equation: Any) -> tuple[Any, np.ndarray]:
+    """For each place of the first operand the new number that goes there, and where there is one."""
+    x, index, new = operands
+    shape, count = _parts(x)[0].shape, _parts(new)[0].size
+    numbers = {key: parameters[key] for key in ("dimension_numbers", "indices_are_sorted", "unique_indices", "mode")}
+    places = np.arange(count).reshape(_parts(new)[0].shape)
+    taken = np.asarray(jax.lax.scatter(np.full(shape, -1), np.asarray(index), places, **numbers))
+    if np.sum(taken >= 0) != count:
+        raise NotImplementedError("several numbers that go to one place, or nowhere.")
+    return each_part(lambda new: new.reshape(-1)[np.maximum(taken, 0)], new), taken >= 0
+
+
+def _set(operands: list[Any], parameters: dict[str, Any], equation: Any) -> Any:
+    new, there = _scattered(operands, parameters, equation)
+    return each_part(lambda x, new: np.where(there, new, x), operands[0], new)
+
+
 def _stacked(operands: list[Any], parameters: dict[str, Any], equation: Any) -> Any:
     return each_part(lambda *x: np.stack(x, parameters["axis"]), *operands)
 
@@ -235,6 +268,7 @@ _MOVES: dict[str, Callable] = {
     "dynamic_slice": _dynamic_slice,
     "pad": _padded,
     "gather": _gathered,
+    "scatter": _set,
 }
 
 

@@ -2,13 +2,17 @@
 
 A shape is a union of tensor-product pieces; a curve is one whose second parameter has degree zero.
 
-Rounding, for coordinates of at most one. Let p, q be the degrees and k = 3 (p + q) + 8. Restriction forms convex
-combinations, three roundings a level (on rational pieces in homogeneous form, so that errors are relative to the
-weight, with a product before and a division of two roundings after them): a control point of the part is off by at most
-eta = gamma(k) in each coordinate, and so is any point that they stand for. The derivatives are differences of these
-points, off by 2 p eta, 4 p (p - 1) eta and the like; on rational parts the ratio of the weights enlarges that. A point
-that is computed from the control points takes three roundings a level for the Bernstein polynomials and
-(p + 1) + (q + 1) for the sums, so it is off by gamma(2 k + p + q) in each coordinate.
+Rounding, for coordinates of at most one. Let p, q be the degrees. Restriction forms convex combinations, three
+roundings a level: a control point of the part is off by at most eta = gamma(3 (p + q) + 8) in each coordinate, and so
+is any point that they stand for. The derivatives are differences of these points, off by 2 p eta, 4 p (p - 1) eta and
+the like; on rational parts the ratio of the weights enlarges that. A point that is computed from the control points
+takes three roundings a level for the Bernstein polynomials and (p + 1) + (q + 1) for the sums, so it is off by
+gamma(7 (p + q) + 24) in each coordinate.
+
+On rational pieces all this is done in homogeneous form, so that errors are relative to the weight. Numerator and weight
+are rounded apart, each as often, with a product before and a division of two roundings after it: eta is
+gamma(6 (p + q) + 8). For a point from a part, whose weights are off by gamma(3 (p + q)), both take 7 (p + q) + 3
+roundings more than its control points have: gamma(20 (p + q) + 24) in all.
 """
 
 import math
@@ -65,14 +69,13 @@ class NetJet(NamedTuple):
 
 def eta(net: Net) -> float:
     """Bound on the error of every coordinate of the control points of a part."""
-    p, q = net.degrees
-    return gamma(3 * (p + q) + 8, net.points.dtype)
+    return gamma((3 if net.weights is None else 6) * sum(net.degrees) + 8, net.points.dtype)
 
 
 def point_error(net: Net) -> float:
     """Bound on the error of the length of a point that is computed from a part, or from the piece itself."""
-    p, q = net.degrees
-    return math.sqrt(net.dim) * gamma(7 * (p + q) + 24, net.points.dtype)
+    roundings = (7 if net.weights is None else 20) * sum(net.degrees) + 24
+    return math.sqrt(net.dim) * gamma(roundings, net.points.dtype)
 
 
 def part_of(net: Net, low: Array, high: Array) -> Net:

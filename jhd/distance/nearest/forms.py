@@ -64,9 +64,11 @@ class Form(NamedTuple):
 
     @property
     def rest(self) -> Array:
-        """Sum of the sizes of the terms of degree two and more."""
-        sizes = jnp.sum(jnp.abs(self.local.reshape(-1, self.local.shape[-1])), axis=0)
-        return jnp.maximum(sizes - jnp.abs(self.value) - jnp.sum(jnp.abs(self.slope), axis=0), 0.0)
+        """Sum of the sizes of the terms of degree two and more, rounded up: as many roundings as there are terms."""
+        terms = jnp.abs(self.local.reshape(-1, self.local.shape[-1]))
+        sizes = jnp.sum(terms, axis=0)
+        rest = jnp.maximum(sizes - jnp.abs(self.value) - jnp.sum(jnp.abs(self.slope), axis=0), 0.0)
+        return rest + gamma(terms.shape[0] + 8, terms.dtype) * sizes
 
     @property
     def may_vanish(self) -> Array:
@@ -137,7 +139,7 @@ def slope_changes(f: Form) -> Float[Array, "3 cells"]:
     powers = np.indices(sizes.shape[:3]).astype(sizes.dtype)
     for axis in range(3):
         powers[axis][tuple(1 if k == axis else 0 for k in range(3))] = 0
-    return jnp.sum(powers[..., None] * sizes, axis=(1, 2, 3)) * (1 + gamma(sum(sizes.shape[:3]) + 64, sizes.dtype))
+    return jnp.sum(powers[..., None] * sizes, axis=(1, 2, 3)) * (1 + gamma(sizes[..., 0].size + 16, sizes.dtype))
 
 
 def box_distances(cells: Boxes, point: Array) -> tuple[Array, Array]:
