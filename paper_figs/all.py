@@ -101,9 +101,7 @@ def _write_sheet(folder: Path, told: dict[str, str]) -> None:
     """The contact sheet of all pictures that lie in the folder."""
     shown: dict[str, list[str]] = {}
     for name in common_gallery.names():
-        files = [folder / f"{name}.png", *sorted(folder.glob(f"{name}_*.png"))]
-        # A longer name of another figure may begin with this one.
-        files = [file for file in files if file.exists() and (file.stem == name or file.stem not in _KNOWN)]
+        files = common_gallery.pictures(folder, name)
         if files or name in told:
             shown[name] = [file.name for file in files]
     sheet = folder / "index.html"
@@ -113,9 +111,9 @@ def _write_sheet(folder: Path, told: dict[str, str]) -> None:
 
 def _write_gallery(pictures: Path, names: list[str]) -> None:
     """Small pictures of figures whose numbers are of this code, and the page."""
-    for name in names:
-        small = common_gallery.GALLERY / f"{name}.png"
-        with Image.open(pictures / f"{name}.png") as image:
+    for file in (file for name in names for file in common_gallery.pictures(pictures, name)):
+        small = common_gallery.GALLERY / file.name
+        with Image.open(file) as image:
             height = round(image.height * common_gallery.SMALL_WIDTH / image.width)
             drawn = image.convert("RGB").resize((common_gallery.SMALL_WIDTH, height), Image.Resampling.LANCZOS)
             # The median cut, which is the default, takes rare colours away, as those of thin lines are.
@@ -130,8 +128,6 @@ def _write_page() -> int:
     print(page)
     return 0
 
-
-_KNOWN = set(common_gallery.names())
 
 if __name__ == "__main__":
     sys.exit(main())

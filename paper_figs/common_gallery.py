@@ -84,11 +84,44 @@ say so. `--seed N` and `--set NAME=VALUE` (a constant in capitals of the experim
 in folders of their own; so do `--meshes FILE ...` and `--a SHAPE --b SHAPE` of experiments that take files or two
 shapes, as the command line does: `paper_figs/cao14_open_closed.py --a "font:DejaVu Sans:a" --b b.svg`.
 """
+_SOURCES = """\
+## Figures of the sources
+
+The sources print no data, so what is drawn is of shapes of our own that are of the same kind and size.
+
+| source | figure | here |
+|---|---|---|
+| Cao et al. 2014 | 1, the four cases | `kim10_figures`, second picture, (a) |
+| | 2, 3, solving for one maximum | panels (c) and (d) of both examples; the sketches of the equations are not drawn |
+| | 4; 5 | `cao14_open_closed`; `cao14_closed_closed` |
+| AlgSurf | the example of two cones, its table | `algsurf_table` |
+| | cells that are kept | `spurious_cells`, `ranges` |
+| Kim et al. 2010 | 1 to 3, biarcs | `kim10_figures`, third picture, (a); how many, `biarc_convergence` |
+| | 4, 5, cones about points | not drawn: those about arcs hold them, where an arc ends |
+| | 6, 9; 11 to 16 | the third picture, (b), (c); (d) to (h) |
+| | 7, 8 | `kim10_figures`, (b), (a); the second picture, (b) |
+| | 10, 17 | (c), (d); the second picture, (d), with both curves trimmed; `two_sided_trimming` |
+| | 18, table 1 | the second picture, (a); `kim10_table` |
+| Lin and Wang 2003 | 1, 3, 4, templates | `lin03_transform`, second picture |
+| | 2 | `lin03_transform`, (a) |
+| | 5; 6, 8, the meshes given | `lin03_field`, second picture, (c); (a), (b) |
+| | 7, 9, the surfaces extracted | `lin03_field`, (b), (d) |
+| | table 1, with vertices | the table of `lin03_field` |
+| | 10 | `lin03_spheres`, (a) |
+| shortest distance to a Bezier curve | all | `point_bezier` |
+"""
 
 
 def names() -> list[str]:
     """All figures, in the order of the page."""
     return [name for group in GROUPS.values() for name in group]
+
+
+def pictures(folder: Path, name: str) -> list[Path]:
+    """The pictures of a figure that lie in a folder: its own, and those of its parts."""
+    files = [folder / f"{name}.png", *sorted(folder.glob(f"{name}_*.png"))]
+    # A longer name of another figure may begin with this one.
+    return [file for file in files if file.exists() and (file.stem == name or file.stem not in names())]
 
 
 def caption(name: str) -> str:
@@ -112,12 +145,13 @@ def page() -> str:
     for title, group in GROUPS.items():
         parts.append(f"## {title}\n")
         parts += [_entry(name) for name in group]
-    return "\n".join(parts)
+    return "\n".join([*parts, _SOURCES])
 
 
 def _entry(name: str) -> str:
     text = caption(name)
-    shown = f"![{question(name)}]({name}.png)" if (GALLERY / f"{name}.png").exists() else "Small picture not made."
+    files = pictures(GALLERY, name)
+    shown = "\n".join(f"![{question(name)}]({file.name})" for file in files) or "Small picture not made."
     command = f"`.venv/bin/python paper_figs/{name}.py` · {takes(name)}"
     return f"### {name}\n\n{question(name)}\n\n{shown}\n\n{text}\n\n{command}\n"
 
