@@ -7,6 +7,7 @@ short runs, as many at a time as there are cores; full runs, which measure secon
 
 import argparse
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -43,7 +44,7 @@ def main() -> int:
     told |= {name: f"old numbers: {why}" for name, why in old.items() if why}
     _write_sheet(pictures, told)
     if options.gallery:
-        _write_gallery(pictures, [name for name in names if name not in told])
+        _write_gallery(pictures, results, [name for name in names if name not in told])
     for name, why in told.items():
         print(f"{name}: {why}", file=sys.stderr)
     return 1 if any(name not in old for name in told) else 0
@@ -109,8 +110,8 @@ def _write_sheet(folder: Path, told: dict[str, str]) -> None:
     print(sheet)
 
 
-def _write_gallery(pictures: Path, names: list[str]) -> None:
-    """Small pictures of figures whose numbers are of this code, and the page."""
+def _write_gallery(pictures: Path, results: Path, names: list[str]) -> None:
+    """Small pictures of figures whose numbers are of this code, the numbers that README files state, and the page."""
     for file in (file for name in names for file in common_gallery.pictures(pictures, name)):
         small = common_gallery.GALLERY / file.name
         with Image.open(file) as image:
@@ -119,6 +120,8 @@ def _write_gallery(pictures: Path, names: list[str]) -> None:
             # The median cut, which is the default, takes rare colours away, as those of thin lines are.
             few = drawn.quantize(common_gallery.SMALL_COLOURS, Image.Quantize.MAXCOVERAGE)
             few.save(small, optimize=True)
+    for name in set(names) & set(common_gallery.STATED):
+        shutil.copyfile(results / f"{name}.json", common_gallery.GALLERY / f"{name}.json")
     _write_page()
 
 

@@ -14,6 +14,8 @@ EXPERIMENTS = HERE.parent / "experiments"
 # Pixels of a small picture's width, and its colours: all of them together stay below 3 MB.
 SMALL_WIDTH, SMALL_COLOURS = 800, 256
 
+# Experiments whose numbers README.md and experiments/README.md state; these are kept beside the small pictures.
+STATED = ("first_call", "collection_search", "duplicates", "workers")
 # All figures, in the order of the page.
 GROUPS = {
     "Distances of curves": [
@@ -80,9 +82,10 @@ _HEAD = """\
 `--smoke` is a short run. `paper_figs/all.py` draws all of them, or those that are named, skips what is up to date, and
 writes a contact sheet; `--rerun` takes new numbers where the code has changed since, `--gallery` writes this page and
 its small pictures. Small pictures are there of those whose full numbers were taken by the code of their day; the others
-say so. `--seed N` and `--set NAME=VALUE` (a constant in capitals of the experiment) ask for other numbers, which stand
-in folders of their own; so do `--meshes FILE ...` and `--a SHAPE --b SHAPE` of experiments that take files or two
-shapes, as the command line does: `paper_figs/cao14_open_closed.py --a "font:DejaVu Sans:a" --b b.svg`.
+say so. Numbers that README files state lie here as JSON where they were taken so. `--seed N` and `--set NAME=VALUE` (a
+constant in capitals of the experiment) ask for other numbers, which stand in folders of their own; so do `--meshes FILE
+...` and `--a SHAPE --b SHAPE` of experiments that take files or two shapes, as the command line does:
+`paper_figs/cao14_open_closed.py --a "font:DejaVu Sans:a" --b b.svg`.
 """
 _SOURCES = """\
 ## Figures of the sources
