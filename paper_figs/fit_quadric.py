@@ -9,15 +9,20 @@ there. The distance falls by a fifth, both ends proven, in some 40 evaluations.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 import jhd
 
 _CELLS, _SMOKE_CELLS = 64, 16
 _VIEW = 22, -58
+_MARK: dict[str, Any] = {"linestyle": "none", "markeredgecolor": BLACK}
+_FOOT: dict[str, Any] = {"marker": "s", "color": "white", "markersize": 3.5, **_MARK}
+_FARTHEST: dict[str, Any] = {"marker": "o", "color": VERMILLION, "markersize": 4, **_MARK}
 
 
 def main() -> None:
@@ -29,15 +34,25 @@ def main() -> None:
 def _figure(numbers: dict[str, Any], cells: int) -> Figure:
     ends = numbers["ends"]
     with style():
-        figure = Figure(figsize=(175 * MM, 72 * MM))
+        figure = Figure(figsize=(175 * MM, 78 * MM))
         for k, (found, title) in enumerate(zip(ends, ("least squares", "least distance found"), strict=True)):
-            ax: Any = figure.add_axes((0.3 * k, 0.1, 0.3, 0.76), projection="3d")
+            ax: Any = figure.add_axes((0.3 * k, 0.16, 0.3, 0.72), projection="3d")
             _draw_surfaces(ax, numbers, found, cells)
             figure.text(0.3 * k + 0.012, 0.97, f"$\\bf{{({'ab'[k]})}}$ {title}", va="top")
             text = f"$H$ = {found['value']:.6f} ± {(found['upper'] - found['lower']) / 2:.0e}"
-            figure.text(0.3 * k + 0.15, 0.03, text, ha="center", va="bottom")
-        _draw_path(figure.add_axes((0.685, 0.185, 0.3, 0.71)), numbers)
+            figure.text(0.3 * k + 0.15, 0.1, text, ha="center", va="bottom")
+        figure.legend(handles=_handles(), loc="lower left", ncols=4, columnspacing=1.2, handlelength=1.4)
+        _draw_path(figure.add_axes((0.685, 0.23, 0.3, 0.67)), numbers)
     return figure
+
+
+def _handles() -> list[Any]:
+    return [
+        Patch(facecolor=BLUE, alpha=0.55, label="quartic"),
+        Patch(facecolor=ORANGE, alpha=0.55, label="ellipsoid fitted"),
+        Line2D([], [], label="farthest point", **_FARTHEST),
+        Line2D([], [], label="its feet", **_FOOT),
+    ]
 
 
 def _draw_surfaces(ax: Any, numbers: dict[str, Any], found: dict[str, Any], cells: int) -> None:
@@ -56,8 +71,8 @@ def _draw_surfaces(ax: Any, numbers: dict[str, Any], found: dict[str, Any], cell
     for foot, weight in zip(feet, found["multipliers"], strict=True):
         if weight > 0:
             ax.plot(*np.transpose([point, foot]), color=BLACK, linewidth=1.2, zorder=8)
-            ax.plot(*foot[:, None], marker="s", color="white", markeredgecolor=BLACK, markersize=3.5, zorder=9)
-    ax.plot(*point[:, None], marker="o", color=VERMILLION, markeredgecolor=BLACK, markersize=4, zorder=9)
+            ax.plot(*foot[:, None], zorder=9, **_FOOT)
+    ax.plot(*point[:, None], zorder=9, **_FARTHEST)
     limits = 0.8 * np.array([-size, size])
     ax.set(xlim=limits, ylim=limits, zlim=limits)
     ax.set_axis_off()

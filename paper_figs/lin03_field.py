@@ -106,7 +106,7 @@ def _draw_slice(figure: Any, ax: Axes, case: dict[str, Any]) -> None:
         values, origin="lower", extent=(x0, x1, y0, y1), cmap="PuOr", vmin=-limit, vmax=limit, interpolation="bilinear"
     )
     lines = [line for x, y, side in np.array(stored["cells"]) / size for line in _sides(x, y, side)]
-    ax.add_collection(LineCollection(lines, colors=GREY, linewidths=0.15))
+    ax.add_collection(LineCollection(lines, colors=GREY, linewidths=0.25))
     ax.contour(values, [0.0], extent=(x0, x1, y0, y1), colors=BLACK, linewidths=0.7)
     ax.set_aspect("equal")
     ax.locator_params(nbins=4)

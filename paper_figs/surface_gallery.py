@@ -9,8 +9,10 @@ proof. All but the torus, which has a whole circle of feet and says so, close to
 from typing import Any
 
 import numpy as np
-from common import MM, Picture, outward, solution, style
+from common import BLACK, BLUE, MM, ORANGE, VERMILLION, Picture, outward, solution, style
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 import jhd
 
@@ -38,10 +40,14 @@ def _figure(numbers: dict[str, Any], cells: int) -> Figure:
     pairs = numbers["pairs"]
     rows = -(-len(pairs) // _COLUMNS)
     with style():
-        figure = Figure(figsize=(175 * MM, rows * 68 * MM))
+        # The last strip of the figure is for the key.
+        key, whole = 7.0, rows * 68.0
+        figure = Figure(figsize=(175 * MM, (whole + key) * MM))
+        figure.legend(handles=_handles(), loc="lower center", ncols=4, columnspacing=2.0, handlelength=1.4)
+        share = key / (whole + key)
         for k, pair in enumerate(pairs):
             row, column = divmod(k, _COLUMNS)
-            left, height = column / _COLUMNS, 1 / rows
+            left, height = column / _COLUMNS, (1 - share) / rows
             place = (left, 1 - (row + 1) * height + 0.09 * height, 1 / _COLUMNS - 0.005, 0.85 * height)
             ax: Any = figure.add_axes(place, projection="3d")
             _draw(ax, pair, cells)
@@ -49,6 +55,16 @@ def _figure(numbers: dict[str, Any], cells: int) -> Figure:
             text = _text(pair)
             figure.text(left + 0.5 / _COLUMNS, 1 - (row + 1) * height + 0.02 * height, text, ha="center", va="bottom")
     return figure
+
+
+def _handles() -> list[Any]:
+    mark: dict[str, Any] = {"linestyle": "none", "markeredgecolor": BLACK, "markersize": 4}
+    return [
+        Patch(facecolor=BLUE, alpha=0.55, label="first surface"),
+        Patch(facecolor=ORANGE, alpha=0.55, label="second surface"),
+        Line2D([], [], marker="o", color=VERMILLION, label="farthest point", **mark),
+        Line2D([], [], marker="s", color="white", label="its feet", **mark),
+    ]
 
 
 def _draw(ax: Any, pair: dict[str, Any], cells: int) -> None:
