@@ -113,11 +113,13 @@ class Picture:
         return self.folder / f"{self.name}{suffix}"
 
     def save(self, figure: Figure, part: str = "") -> None:
-        """Writes the figure as .png and .pdf, and says where; one of old numbers says so below its corner."""
+        """Writes the figure as .png and .pdf, and says where; one of old numbers says so at its right side."""
         with style():
             if self.outdated:
                 note = f"old numbers: {self.outdated}"
-                figure.text(1, -0.005, note, size=5, color=VERMILLION, ha="right", va="top", gid="outdated")
+                # At the side: keys outside the axes move where the figure grows below or above.
+                look: dict[str, Any] = {"rotation": "vertical", "ha": "left", "va": "bottom", "gid": "outdated"}
+                figure.text(1.005, 0.01, note, size=5, color=VERMILLION, **look)
             # The note lies outside, so that it covers nothing.
             size = "tight" if self.outdated else None
             origin = origin_of(self.file, self.results)

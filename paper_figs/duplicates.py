@@ -33,21 +33,24 @@ def _figure(numbers: dict[str, Any]) -> Figure:
     return figure
 
 
-def _bars(ax: Any, names: list[str], values: list[float], colours: list[str], form: str) -> None:
-    """Bars of lengths over many powers of ten, each with its number."""
-    ax.barh(names, values, color=colours, height=0.62)
+def _points(ax: Any, names: list[str], values: list[float], colours: list[str], form: str) -> None:
+    """Numbers over many powers of ten, each written beside its point; bars have no zero there to begin at."""
+    ax.hlines(range(len(names)), 0, values, color="#C0C0C0", linewidth=0.8)
+    ax.scatter(values, range(len(names)), 28, color=colours, zorder=3)
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(-0.5, len(names) - 0.5)
     ax.set_xscale("log")
     ax.set_xlim(min(values) / 8, 60 * max(values))
     ax.invert_yaxis()
     for k, value in enumerate(values):
-        ax.annotate(format(value, form).replace(",", " "), (value, k), (3, 0), textcoords="offset points", va="center")
+        ax.annotate(format(value, form).replace(",", " "), (value, k), (6, 0), textcoords="offset points", va="center")
     ax.tick_params(axis="y", length=0)
     ax.minorticks_off()
 
 
 def _draw_pairs(ax: Any, numbers: dict[str, Any]) -> None:
     names = ["all pairs", "searched", f"within {numbers['within']:g} em"]
-    _bars(ax, names, [numbers["pairs"], numbers["computed"], numbers["found"]], [GREY, ORANGE, BLUE], ",")
+    _points(ax, names, [numbers["pairs"], numbers["computed"], numbers["found"]], [GREY, ORANGE, BLUE], ",")
     ax.set_xlabel("pairs")
     letter(ax, "a", f"{numbers['shapes']:,} letters".replace(",", " "))
 
@@ -56,7 +59,7 @@ def _draw_time(ax: Any, numbers: dict[str, Any]) -> None:
     spent = numbers["spent"]
     values = [numbers["cpu_a_pair"] * numbers["pairs"], spent["signatures"], spent["rest"]]
     names = ["all distances\n(estimated)", "signatures", "search"]
-    _bars(ax, names, values, [GREY, GREEN, ORANGE], ",.3g" if max(values) < 1e3 else ",.0f")
+    _points(ax, names, values, [GREY, GREEN, ORANGE], ",.3g" if max(values) < 1e3 else ",.0f")
     ax.set_xlabel("CPU seconds")
     letter(ax, "b", "time, once compiled")
 
@@ -78,7 +81,7 @@ def _draw_shown(part: Any, numbers: dict[str, Any]) -> None:
         _square(ax, first, second)
         ax.set_axis_off()
         codes = [f"U+{ord(sign):04X}" for sign in pair["letters"]]
-        ax.set_title(f"{codes[0]}\n{codes[1]}\n$d$ = {pair['distance']:.2g} em", fontsize=8)
+        ax.set_title(f"{codes[0]}\n{codes[1]}\n$d$ = {_short(pair['distance'])} em", fontsize=8)
     part.suptitle("$\\bf{(d)}$ pairs of letters, one solid and one dashed", x=0.01, ha="left", fontsize=8)
 
 
@@ -89,6 +92,14 @@ def _square(ax: Any, *curves: Any) -> None:
     middle, half = (low + high) / 2, 0.54 * np.max(high - low)
     ax.set_xlim(middle[0] - half, middle[0] + half)
     ax.set_ylim(middle[1] - half, middle[1] + half)
+
+
+def _short(x: float) -> str:
+    """Two digits, without the e of a programme."""
+    if x >= 1e-4:
+        return f"{x:.2g}"
+    mantissa, exponent = f"{x:.1e}".split("e")
+    return rf"${mantissa}\cdot 10^{{{int(exponent)}}}$"
 
 
 if __name__ == "__main__":

@@ -50,7 +50,9 @@ def _figure(entries: dict[str, Any]) -> Figure:
         )
         ax.invert_yaxis()
         ax.set_xlabel("CPU seconds after the import")
-        keys = [Patch(facecolor=colour, hatch=hatch, label=name) for name, colour, hatch in _PHASES.values()]
+        ax.margins(y=0.01)
+        look: dict[str, Any] = {"edgecolor": "white", "linewidth": 0.3}
+        keys = [Patch(facecolor=colour, hatch=hatch, label=name, **look) for name, colour, hatch in _PHASES.values()]
         figure.legend(handles=keys, loc="outside upper center", ncols=3)
     return figure
 

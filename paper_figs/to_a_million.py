@@ -57,13 +57,18 @@ def _draw_calls(ax: Any, numbers: dict[str, Any]) -> None:
 def _draw_plan(ax: Any, numbers: dict[str, Any]) -> None:
     plan, assumed = numbers["plan"], numbers["assumed"]
     values = [plan[name]["hours"] for name in _ROWS]
-    ax.barh([name for name, _ in _ROWS.values()], values, color=[colour for _, colour in _ROWS.values()], height=0.6)
+    names, colours = zip(*_ROWS.values(), strict=True)
+    # Points, as bars have no zero to begin at over powers of ten.
+    ax.hlines(range(len(names)), 0, values, color="#C0C0C0", linewidth=0.8)
+    ax.scatter(values, range(len(names)), 28, color=colours, zorder=3)
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(-0.5, len(names) - 0.5)
     ax.set_xscale("log")
     ax.set_xlim(min(values) / 4, 900 * max(values))
     ax.invert_yaxis()
     for k, name in enumerate(_ROWS):
         text = f"{_lasts(values[k])}, {_kept(plan[name]['bytes'])} kept"
-        ax.annotate(text, (values[k], k), (3, 0), textcoords="offset points", va="center")
+        ax.annotate(text, (values[k], k), (6, 0), textcoords="offset points", va="center")
     ax.minorticks_off()
     ax.tick_params(axis="y", length=0)
     ax.set_xlabel(f"hours on {assumed['cores']} cores, busy {assumed['busy']:.0%} of the time")
