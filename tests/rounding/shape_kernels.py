@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.arithmetic import bernstein
+from jhd.arithmetic import bernstein, truncated
 from jhd.arithmetic.rounding import absolute_error, gamma
-from jhd.distance.cells import followed, graphs
+from jhd.distance.cells import beside, followed, graphs, lagrange, moving_feet
 from jhd.distance.cells import surfaces as upper
 from jhd.distance.frame import isolated, net_jets
 from jhd.distance.frame import surfaces as preparation
@@ -18,6 +18,7 @@ from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest import blocks, forms, places, stationarity
 from jhd.distance.nearest.forms import Boxes, Form
+from jhd.distance.nearest.target import Flats
 
 COUNT = 24
 DTYPE = np.float32
@@ -103,6 +104,31 @@ def bound_between_rational(a, b, v, w):
     return followed.bound_between(2, simplex(a * v[:, :, None], v), simplex(b * w[:, :, None], w), 4)
 
 
+def values_over(a, variables):
+    nothing = jnp.zeros(a.shape[-1], a.dtype)
+    functions = truncated.Truncated(variables, jnp.zeros(variables.shape[1:], a.dtype))
+    return graphs.values_over(graphs.OnPiece(Form(a, a, nothing, nothing), a, functions, nothing, nothing))
+
+
+def apart(height, centre, half, q):
+    order = jnp.broadcast_to(jnp.arange(3)[:, None], centre.shape)
+    graph = graphs.Graph(order, centre, half, height, jnp.sum(jnp.abs(height), axis=0))
+    return moving_feet._apart(graph, q)
+
+
+def sag(a, origin, first, second):
+    normal = jnp.broadcast_to(jnp.array([0, 0, 1], origin.dtype), origin.shape)
+    thickness = jnp.full(origin.shape[:1], 0.5, origin.dtype)
+    return beside._sag(side(a), Flats(origin, first, second, thickness), normal, thickness)
+
+
+def _about_a_plane() -> np.ndarray:
+    """Coefficients of z / 2 and of small terms."""
+    a = uniform(40, 4, 4, 4) * DTYPE(0.002)
+    a[0, 0, 1] = 0.5
+    return a
+
+
 def _triangular(seed: int, *values: int, low: float = -1.0) -> np.ndarray:
     """Scaled coefficients of degree two over triangles."""
     table = np.array([[1, 2, 1], [2, 2, 0], [1, 0, 0]], DTYPE).reshape(3, 3, *[1] * len(values))
@@ -110,7 +136,7 @@ def _triangular(seed: int, *values: int, low: float = -1.0) -> np.ndarray:
 
 
 # Those that take seconds to trace.
-SLOW = ("followed", "followed rational")
+SLOW = ("followed", "followed rational", "values over", "apart")
 # Bounds: a function, its numbers, the modules whose constants are in it, and the side.
 BOUNDS: dict[str, tuple[Callable, list[np.ndarray], tuple, int]] = {
     "lower bounds": (lower_bounds, [*_cells(3), uniform(5, 3), uniform(6, 6, COUNT)], (forms,), -1),
@@ -143,6 +169,29 @@ BOUNDS: dict[str, tuple[Callable, list[np.ndarray], tuple, int]] = {
         (isolated,),
         1,
     ),
+    "values over": (
+        values_over,
+        [uniform(41, 4, 4, 4, COUNT) * DTYPE(0.3), uniform(42, 21, 3, COUNT) / DTYPE(21)],
+        (graphs, truncated),
+        1,
+    ),
+    "apart": (
+        apart,
+        [uniform(43, 21, COUNT) * DTYPE(0.3), *_cells(1)[1:], uniform(44, 21, 3, COUNT) * DTYPE(0.2)],
+        (moving_feet, truncated),
+        1,
+    ),
+    "sag": (
+        sag,
+        [
+            _about_a_plane(),
+            uniform(45, 8, 3) * DTYPE(0.2),
+            *(uniform(k, 8, 3) * np.array([0.05, 0.05, 0], DTYPE) for k in (46, 47)),
+        ],
+        (beside, forms),
+        1,
+    ),
+    "joined": (lagrange.joined_upper, [DTYPE(0.7), uniform(48, 2, low=0.0)], (lagrange,), 1),
     "followed": (bound_between, [_triangular(15, 3, COUNT), _triangular(16, 3, COUNT)], (followed,), 1),
     "followed rational": (
         bound_between_rational,

@@ -1,0 +1,150 @@
+"""Every use of a rounding constant is compared with derived errors, or is listed with the reason why it is not."""
+
+import ast
+from pathlib import Path
+
+import jhd
+
+# What constants of rounding are made of.
+NAMES = {"gamma", "absolute_error", "unit_roundoff", "smallest_normal", "eps", "tiny", "smallest_subnormal"}
+FOLDERS = ("arithmetic/rounding.py", "distance/frame", "distance/nearest", "distance/cells")
+
+_CURVES = "test_margins.py"
+_KERNELS = "test_kernels.py"
+_EXACT = "tests of their own, against exact rationals"
+_SAMPLED = "tests of its own, in a narrow format against exact values"
+
+# File, function, number of uses: where they are compared.
+COVERED = {
+    ("arithmetic/rounding.py", "gamma", 1): _EXACT,
+    ("arithmetic/rounding.py", "absolute_error", 2): _EXACT,
+    ("arithmetic/rounding.py", "_margin", 2): _EXACT,
+    ("arithmetic/rounding.py", "flush_down", 1): _EXACT,
+    ("distance/cells/beside.py", "_sag", 5): _KERNELS,
+    ("distance/cells/branches.py", "_split_bound", 3): _CURVES,
+    ("distance/cells/branches.py", "_split_bound.bound", 3): _CURVES,
+    ("distance/cells/branches.py", "first_upper_bound", 2): _CURVES,
+    ("distance/cells/branches.py", "first_upper_bound.bound", 1): _CURVES,
+    ("distance/cells/followed.py", "_length", 1): _KERNELS,
+    ("distance/cells/followed.py", "bound_between", 9): _KERNELS,
+    ("distance/cells/graphs.py", "control_points", 1): _KERNELS,
+    ("distance/cells/graphs.py", "rates", 2): _KERNELS,
+    ("distance/cells/graphs.py", "values_over", 1): _KERNELS,
+    ("distance/cells/lagrange.py", "joined_upper", 2): _KERNELS,
+    ("distance/cells/moving_feet.py", "_apart", 2): _KERNELS,
+    ("distance/cells/surfaces.py", "upper_bounds", 3): _KERNELS,
+    ("distance/cells/triangles.py", "MeshSide.slack", 2): _SAMPLED,
+    ("distance/frame/curves.py", "evaluation_error", 1): _KERNELS,
+    ("distance/frame/curves.py", "preparation_error", 1): _KERNELS,
+    ("distance/frame/isolated.py", "isolated_radius", 3): _KERNELS,
+    ("distance/frame/net_jets.py", "eta", 1): _KERNELS,
+    ("distance/frame/net_jets.py", "point_error", 1): _KERNELS,
+    ("distance/frame/surfaces.py", "_rounded", 1): _KERNELS,
+    ("distance/nearest/blocks.py", "_error", 1): _KERNELS,
+    ("distance/nearest/curves.py", "_eta", 1): _CURVES,
+    ("distance/nearest/curves.py", "_flushed", 1): _CURVES,
+    ("distance/nearest/curves.py", "cell_bound", 2): _CURVES,
+    ("distance/nearest/curves.py", "length_bound", 1): _KERNELS,
+    ("distance/nearest/forms.py", "Form.rest", 1): _KERNELS,
+    ("distance/nearest/forms.py", "box_distances", 2): _KERNELS,
+    ("distance/nearest/forms.py", "boxes", 2): _KERNELS,
+    ("distance/nearest/forms.py", "form", 1): _KERNELS,
+    ("distance/nearest/forms.py", "lower_bounds", 4): _KERNELS,
+    ("distance/nearest/forms.py", "signed_values", 1): _KERNELS,
+    ("distance/nearest/forms.py", "slope_changes", 1): _KERNELS,
+    ("distance/nearest/places.py", "reach", 2): _KERNELS,
+    ("distance/nearest/stationarity.py", "stationarity", 2): _KERNELS,
+}
+
+_FORMAT = "says what a format is, or changes a tolerance from one to another; no bound"
+_UNPROVEN = "guides a choice of which nothing that is proven depends"
+_POWERS = "scalings by powers of two, of which only what is flushed is lost; tested at every scale"
+_FREE = "numbers that may be chosen freely are computed within it: the tool takes their roundings for errors"
+_DECIDED = "a decision, of which the tool says that ranges do not tell; tested against exact distances"
+_BALLS = "widens balls that have margins of their own (tests/arithmetic/test_balls.py); their sum is not derived"
+_HOST = "NumPy on the host, which has no jaxpr; tested against exact values"
+_TWICE = "divides a vector by its largest component: the tool counts the error of that twice"
+
+NOT_COVERED = {
+    ("arithmetic/rounding.py", "like_double", 2): _FORMAT,
+    ("arithmetic/rounding.py", "smallest_normal", 1): _FORMAT,
+    ("arithmetic/rounding.py", "unit_roundoff", 1): _FORMAT,
+    ("distance/cells/averages.py", "", 1): _HOST,
+    ("distance/cells/averages.py", "distances_over", 1): _HOST,
+    ("distance/cells/beside.py", "beside_net", 2): _FREE,
+    ("distance/cells/flats.py", "bound_of", 4): _FREE,
+    ("distance/cells/flats.py", "trials", 6): _FREE,
+    ("distance/cells/foot_maps.py", "_in_plane", 1): _UNPROVEN,
+    ("distance/cells/graphs.py", "_graph", 2): _FREE,
+    ("distance/cells/graphs.py", "beside_graph", 1): _DECIDED,
+    ("distance/cells/implicit.py", "_with_errors", 1): _BALLS,
+    ("distance/cells/implicit.py", "between", 2): _BALLS,
+    ("distance/cells/implicit.py", "error_of", 1): _BALLS,
+    ("distance/cells/implicit.py", "shape_over", 3): _BALLS,
+    ("distance/cells/lagrange.py", "_bound", 2): _UNPROVEN,
+    ("distance/cells/lagrange.py", "_of_boxes", 1): _TWICE,
+    ("distance/cells/lagrange.py", "_of_second_order", 2): _BALLS,
+    ("distance/cells/lagrange.py", "_outer_square", 1): _BALLS,
+    ("distance/cells/lagrange.py", "_pointwise", 3): _BALLS,
+    ("distance/cells/lagrange.py", "_second_order", 4): _BALLS,
+    ("distance/cells/measures.py", "", 3): _HOST,
+    ("distance/cells/measures.py", "off_by", 1): _HOST,
+    ("distance/cells/moving_feet.py", "_off", 5): _DECIDED,
+    ("distance/cells/moving_feet.py", "_piece", 3): _FREE,
+    ("distance/cells/moving_feet.py", "moving_bounds", 3): _FREE,
+    ("distance/cells/pairs.py", "_by_convexity", 5): _BALLS,
+    ("distance/cells/pairs.py", "_by_convexity.taken", 1): _BALLS,
+    ("distance/cells/pairs.py", "_by_gaps", 2): _TWICE,
+    ("distance/cells/pairs.py", "_monotone", 4): _BALLS,
+    ("distance/cells/pairs.py", "bound", 5): _TWICE,
+    ("distance/cells/pairs.py", "newton_step", 1): _UNPROVEN,
+    ("distance/cells/signs.py", "sign_bounds", 3): _DECIDED,
+    ("distance/cells/surfaces.py", "_spread", 1): _FREE,
+    ("distance/cells/weighted.py", "mean_bounds", 1): _HOST,
+    ("distance/cells/weighted.py", "quantile_bounds", 1): _HOST,
+    ("distance/cells/weighted.py", "share_bounds", 1): _HOST,
+    ("distance/frame/aim.py", "default_tolerance", 1): _FORMAT,
+    ("distance/frame/coordinates.py", "Frame.common", 1): _POWERS,
+    ("distance/frame/coordinates.py", "_length", 2): _POWERS,
+    ("distance/frame/isolated.py", "isolated_points", 6): _HOST,
+    ("distance/frame/surfaces.py", "_exact", 2): _HOST,
+    ("distance/frame/surfaces.py", "_scaled", 1): _POWERS,
+    ("distance/nearest/blocks.py", "blocks_of", 1): _FREE,
+    ("distance/nearest/curves.py", "_cut", 1): _UNPROVEN,
+    ("distance/nearest/curves.py", "_resolution", 1): _UNPROVEN,
+    ("distance/nearest/meshes.py", "_traced", 1): _POWERS,
+    ("distance/nearest/places.py", "exact_radius", 2): _HOST,
+    ("distance/nearest/places.py", "proven_radius", 1): _DECIDED,
+    ("distance/nearest/surfaces.py", "_convex_about", 5): _DECIDED,
+    ("distance/nearest/surfaces.py", "_definite", 2): _DECIDED,
+    ("distance/nearest/surfaces.py", "nearest", 1): _UNPROVEN,
+    ("distance/nearest/target.py", "MeshTarget.error", 1): _HOST,
+}
+
+
+def uses(file):
+    """Functions of a file and how often they use constants of rounding."""
+    found = {}
+
+    def walk(node, within):
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, (ast.FunctionDef, ast.ClassDef)):
+                walk(child, [*within, child.name])
+                continue
+            name = child.id if isinstance(child, ast.Name) else getattr(child, "attr", None)
+            if name in NAMES:
+                found[".".join(within)] = found.get(".".join(within), 0) + 1
+            walk(child, within)
+
+    walk(ast.parse(file.read_text()), [])
+    return found
+
+
+def test_every_use_of_a_constant_is_compared_or_listed_with_its_reason():
+    root = Path(jhd.__file__).parent
+    files = [
+        file for place in FOLDERS for file in ([root / place] if place.endswith(".py") else (root / place).glob("*.py"))
+    ]
+    found = {(str(f.relative_to(root)), name, count) for f in files for name, count in uses(f).items()}
+    assert found == COVERED.keys() | NOT_COVERED.keys()
+    assert not COVERED.keys() & NOT_COVERED.keys()
