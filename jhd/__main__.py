@@ -85,7 +85,7 @@ def main(argv: list[str] | None = None) -> int:
         # Files are always named, so a full disk without a name is that of what is printed.
         name = "standard output" if error.filename is None and error.errno in _FULL else error.filename
         return _bad_input(str(error) if error.strerror is None or name is None else f"{name}: {error.strerror}.")
-    except (ValueError, TypeError, ImportError) as error:
+    except (ValueError, TypeError, ImportError, MemoryError) as error:
         return _bad_input(str(error))
     except Exception as error:
         if os.environ.get("JHD_TRACEBACK"):

@@ -15,10 +15,11 @@ import numpy as np
 from jax._src import config as jax_config
 from jax.core import eval_context
 from jax.sharding import SingleDeviceSharding
-from jax.tree_util import tree_flatten, tree_unflatten
+from jax.tree_util import tree_flatten, tree_leaves, tree_unflatten
 
 from jhd.arrays import is_tracing
 from jhd.forks import check_process
+from jhd.memory import check_memory
 from jhd.programs import NotKeptError, is_ours, load, name_of_program, short_name, store
 
 _R = TypeVar("_R")
@@ -29,6 +30,12 @@ _QUICK = {"xla_cpu_use_fusion_emitters": False}
 # Linux ends a process at its limit of mappings, by a crash; code takes some hundreds of them for each program.
 _MAPPINGS, _LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
 _SHARE = 0.75
+
+# Bytes of arguments from which on it is asked how much memory a program takes: asking takes a third of a millisecond.
+_LARGE = 1 << 20
+# Bytes that are taken for there without asking the system.
+_ALWAYS = 1 << 28
+_LESS = "fewer points or segments at once, or a smaller capacity of the method, take less"
 
 # What a trace depends on beside its arguments; where JAX does not say, nothing is kept on disk.
 _context: Callable[[], Any] | None = getattr(jax_config, "trace_context", None)
@@ -74,6 +81,9 @@ class _Plain:
 
     def __call__(self, *args: Any) -> Any:
         program = self._made()
+        if sum(getattr(x, "nbytes", 0) for x in tree_leaves(args)) > _LARGE:
+            # What is compiled here is not compiled again for the call.
+            _check_room(program.lower(*args).compile())
         result = program(*args)
         if program._cache_size() != self._known:
             make_room()
@@ -140,6 +150,7 @@ class _Kept:
             if found is None:
                 found = self._compiled(name, tree, constants, like)
                 store(name, *found)
+            _check_room(found[0])
             self._known[key] = self._named[name] = found
             make_room()
         # Not within the lock: what is compiled here may call the host, and that this function again.
@@ -162,10 +173,25 @@ class _Kept:
         return program.lower(*like).compile(), made
 
 
+def _check_room(program: Any) -> None:
+    """MemoryError where a compiled program would take more memory than there is; all of its arrays have their place."""
+    try:
+        sizes = program.memory_analysis() if jax.default_backend() == "cpu" else None
+    except (jax.errors.JaxRuntimeError, NotImplementedError, AttributeError):  # not every version says
+        sizes = None
+    if sizes is not None:
+        need = sizes.temp_size_in_bytes + sizes.output_size_in_bytes
+        if need > _ALWAYS:
+            check_memory(need, "this computation would take", _LESS)
+
+
 def _tried(found: Any, leaves: list[Any]) -> tuple[Any, Any]:
     """A program that was read, and its results; None where it does not run, which shows only when it is to."""
+    if found is None:
+        return None, None
+    _check_room(found[0])
     try:
-        return found, None if found is None else jax.block_until_ready(found[0](*leaves))
+        return found, jax.block_until_ready(found[0](*leaves))
     except jax.errors.JaxRuntimeError:
         return None, None
 

@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parent.parent / "jhd"
 # above its own, or in its own line before it; those of one line that are parted by a bar know nothing of each other.
 # Inside a folder the order is free, as long as there is no cycle.
 ORDER = """
-    archives arrays sharding display files forks slips storage programs compiled outcomes plain batches solution
+    archives arrays sharding display files forks memory slips storage programs compiled outcomes plain batches solution
     arithmetic
     shapes
     triangles

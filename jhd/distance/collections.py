@@ -151,6 +151,7 @@ def pairwise(
         TypeError: something that is no shape, traced shapes, or a method that does not serve them.
         ValueError: an empty collection, shapes of the plane and of space, a surface proven empty in its box; a store
             that was made for something else, or a folder that is none.
+        MemoryError: the table would take more memory than there is.
     """
     method = default_method() if method is None else method
     a, b = both_collections("shapes", shapes, "others", others)

@@ -191,6 +191,7 @@ class AdaptiveDistanceField(eqx.Module):
             ImportError: scikit-image is not installed.
             TypeError: a resolution that is no whole number, or a field that is traced.
             ValueError: a resolution out of range, no zero on the grid, or a field without signs.
+            MemoryError: the mesh would take more memory than there is.
         """
         if self.sign == "none":
             raise ValueError("the field has no signs, so its zero set is no surface; needs a field with signs.")

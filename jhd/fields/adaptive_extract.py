@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from jhd.memory import check_memory
 from jhd.shapes.mesh import TriangleMesh
 
 # Cells along the side of a block, and samples.
@@ -26,6 +27,8 @@ _TILES = 12
 _OFF, _NODE = 2e-3, 2e-4
 # Steps of the search for the zero on an edge after the linear guess, each with one value of the field.
 _STEPS = 2
+# Bytes for each block, as measured on forty thousand of them.
+_BYTES = 8_000
 # Pairs of a leaf and a block that are listed at once.
 _PAIRS = 1 << 20
 
@@ -106,11 +109,15 @@ def extracted(
     Raises:
         ImportError: scikit-image is not installed.
         ValueError: no cell of the grid has corners of both signs.
+        MemoryError: the mesh would take more memory than there is.
     """
     sides = upper - lower
     cells = np.maximum(2, np.round(resolution * sides / np.max(sides))).astype(np.int64)
     lattice = _Lattice(lower, sides / cells, cells, field)
-    parts = [_marched(lattice, blocks) for blocks in _batches(_blocks(leaves, cells))]
+    met = _blocks(leaves, cells)
+    work = f"a mesh of resolution {resolution} would take about"
+    check_memory(_BYTES * len(met), work, "a lower resolution takes less")
+    parts = [_marched(lattice, blocks) for blocks in _batches(met)]
     found = [part for part in parts if part is not None]
     if not found:
         raise ValueError(f"no zero was found with a resolution of {resolution}; needs more, or the field has none.")

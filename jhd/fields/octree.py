@@ -28,12 +28,15 @@ from jhd.arrays import is_traced
 from jhd.compiled import compiled
 from jhd.display import count_text, described, is_known, opaque, value_text
 from jhd.fields.boxes import CORNERS, children
+from jhd.memory import check_memory
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 
 # Numbers in one array of forms: what fits into the cache of a core; and most cells in one.
 _NUMBERS, _MOST = 1 << 19, 4096
 # Chunks between two reports, which hold some tenths of a second.
 _CHUNKS = 64
+# Bytes for each of the cells that are kept, as measured on twenty million of them.
+_BYTES = 70
 # Most multiplications of integers for the signs of corners, some seconds.
 _EXACT = 10_000_000
 # Rounds of the search for a point of the other sign; the first looks at the corners, edges, faces and the centre.
@@ -113,6 +116,7 @@ def voxelise(
     Raises:
         TypeError: another kind of surface, coefficients or a box that are traced, or cells that are no whole number.
         ValueError: cells out of range, an unknown name of ranges, or a surface proven empty in its box.
+        MemoryError: the cells of the next level would take more memory than there is.
     """
     cells, ranges = checked_cells(cells), _checked_ranges(ranges)
     grid = _grid(surface, cells)
@@ -192,6 +196,9 @@ def _descend(grid: _VoxelGrid, ranges: str, progress: Callable[[VoxelProgress], 
     kept, tested = np.zeros((1, 3), np.int32), 0
     for level in range(grid.levels + 1):
         place, left = grid.place(level), []
+        # Of a surface four of the eight children are left.
+        work = f"level {level} of {grid.levels} of {grid.cells} cells along an axis would take about"
+        check_memory(_BYTES * 4 * len(kept), work, "fewer cells take less")
         # Where cells is not a power of two, boxes of the tree may lie outside of the grid.
         last = (grid.cells - 1) >> (grid.levels - level)
         for boxes in _batches(kept, grid.chunk * _CHUNKS, level > 0):

@@ -10,10 +10,17 @@ from jhd.distance.many.blocks import MeasuredPairs
 from jhd.distance.many.shapes import Collection
 from jhd.distance.many.store import Store
 from jhd.distance.many.tasks import measured, pairs_between
+from jhd.memory import check_memory
 from jhd.outcomes import RESULTS
 
 # What executors of other packages raise where they give a worker up, as Dask does after some tries.
 _LOST = ("KilledWorker",)
+
+
+def check_table(rows: int, columns: int) -> None:
+    """MemoryError where there is no room for the table: three floats and a result for each pair."""
+    work = f"a table of {rows} by {columns} distances would take"
+    check_memory(32.0 * rows * columns, work, "nearest_shapes and pairs_within take no table")
 
 
 class DistanceTable:
@@ -28,6 +35,7 @@ class DistanceTable:
     def __init__(self, a: Collection, b: Collection, pairs: int):
         self._a, self._b, self._step = a, b, max(1, pairs // len(b))
         shape = len(a), len(b)
+        check_table(*shape)
         self.value, self.lower, self.upper = np.full(shape, np.nan), np.zeros(shape), np.full(shape, np.inf)
         self.result = np.full(shape, int(RESULTS.interrupted._value))
         self.done, self.computed = 0, 0

@@ -1,0 +1,67 @@
+"""Memory that work would take, known before it begins, against what there is."""
+
+from contextlib import suppress
+from pathlib import Path
+
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None
+
+_SYSTEM = Path("/proc/meminfo")
+_GROUP = Path("/sys/fs/cgroup")
+
+
+def check_memory(need: float, work: str, instead: str) -> None:
+    """Raises MemoryError, naming the bytes, where there are not so many.
+
+    Args:
+        need: bytes that the work takes beside what is there already.
+        work: what it is, with its verb.
+        instead: what takes less.
+    """
+    free = free_memory()
+    if need > free:
+        raise MemoryError(f"{work} {in_words(need)} of memory, and {in_words(free)} are free; {instead}.")
+
+
+def free_memory() -> float:
+    """Bytes that this process can still get, by the system, its group and its own limit; inf where none is known."""
+    return min(_of_the_system(), _of_the_group(), _of_the_process())
+
+
+def in_words(count: float) -> str:
+    """A number of bytes to read.
+
+    >>> in_words(2.5e9), in_words(3e6)
+    ('2.5 GB', '0.003 GB')
+    """
+    return f"{count / 1e9:.3g} GB"
+
+
+def _of_the_system() -> float:
+    with suppress(OSError):
+        for line in _SYSTEM.read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024.0 * int(line.split()[1])
+    return float("inf")
+
+
+def _of_the_group() -> float:
+    # Where there is no limit the file says "max", which is no number.
+    with suppress(OSError, ValueError):
+        limit, used = (int((_GROUP / name).read_text()) for name in ("memory.max", "memory.current"))
+        return float(max(limit - used, 0))
+    return float("inf")
+
+
+def _of_the_process() -> float:
+    if resource is None:
+        return float("inf")
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit == resource.RLIM_INFINITY:
+        return float("inf")
+    with suppress(OSError):
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        return float(max(limit - pages * resource.getpagesize(), 0))
+    return float(limit)
