@@ -14,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd.distance.confirmed import Estimated
 from jhd.distance.cut_cells import CellNodes, Looked
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.level_cuts import cut_at_level
-from jhd.distance.levels import quantile_of
+from jhd.distance.levels import quantile_beside, quantile_of
 from jhd.distance.quadrature import Nodes, ParameterCells, along, halved, nodes_of, whole
 from jhd.distance.sight import Sight
 
@@ -58,16 +59,20 @@ class _Below(NamedTuple):
         slope: the change of the area with the level.
         inside: places and factors over all that lies below.
         met: places on the level, with the factor that each counts with.
+        off: by what rules over cells still differ from those over their parts, as a share.
     """
 
     area: float
     slope: float
     inside: list[Nodes]
     met: list[Nodes]
+    off: float
 
 
-def quantile_over(net: Net, sight: Sight, b: Any, q: float) -> Array | None:
-    """The quantile over a surface; None where there are too many pieces, or the distance is constant over a region.
+def quantile_over(net: Net, sight: Sight, b: Any, q: float) -> Estimated | None:
+    """The quantile over a surface, None where there are too many pieces.
+
+    Where a whole region is as far, the derivative is that of the places there.
 
     Args:
         net: the pieces of the surface, differentiable.
@@ -89,24 +94,28 @@ def quantile_over(net: Net, sight: Sight, b: Any, q: float) -> Array | None:
     at = looked.at(everywhere)
     level, total = quantile_of(at.distance, weight, q)[1], float(np.sum(weight))
     low, high = float(np.min(base.distance - base.radius)), float(np.max(base.distance + base.radius))
-    below = None
+    below, passed = None, False
     least = _ROUNDINGS * float(np.finfo(net.points.dtype).eps)
     for off in _OFF:
         below = _below(base, looked, level, (max(off[0], least), max(off[1], least)), total)
-        if not (below.slope > 0 and np.isfinite(below.slope)):
-            return None
+        passed = below.slope > 0 and bool(np.isfinite(below.slope))
+        if not passed:
+            break
         missing = q * total - below.area
         low, high = max(low, level) if missing > _SURE * off[0] * total else low, high
         high = min(high, level) if missing < -_SURE * off[0] * total else high
         level = float(np.clip(level + missing / below.slope, low, high))
         if off == _OFF[-1] and (abs(missing) <= _REACHED * total or looked.count > 2 * sight.most):
             break
-    if below is None or abs(below.area - q * total) > _PLATEAU * total:
-        return None
+    missing = np.inf if below is None else abs(below.area - q * total) / total
+    if below is None or not passed or missing > _PLATEAU:
+        points, density, _ = along(net, everywhere)
+        found = quantile_beside(sight.moving(points, b), jnp.asarray(everywhere.factor) * density, q)
+        return found._replace(off=0.0 if missing > _PLATEAU else np.inf)
     inside, met = (Nodes(*map(np.concatenate, zip(*x, strict=True))) for x in (below.inside, below.met))
     points, *_ = along(net, met)
     change = q * _area(net, everywhere) - _area(net, inside) + jnp.sum(met.factor * sight.moving(points, b))
-    return level + (change - jax.lax.stop_gradient(change)) / below.slope
+    return Estimated(level + (change - jax.lax.stop_gradient(change)) / below.slope, max(below.off, missing))
 
 
 def _area(net: Net, nodes: Nodes) -> Array:
@@ -146,7 +155,7 @@ class _LevelCells(NamedTuple):
 def _below(base: _MeasuredCells, looked: Looked, level: float, off: tuple[float, float], total: float) -> _Below:
     """What lies below a level, by rules over cells that agree with those over their parts."""
     passed, lies = base.passed(level), base.distance < level
-    found = _Below(0.0, 0.0, [], [])
+    found = _Below(0.0, 0.0, [], [], np.inf)
     found = _with_whole(found, base, ~passed & lies)
     cells, known = base.cells.take(passed), _cut(base.cells.take(passed), looked, level, 0)
     slopes, most = float(np.sum(known.values[:, 1])), looked.count + looked.sight.most
@@ -165,6 +174,9 @@ def _below(base: _MeasuredCells, looked: Looked, level: float, off: tuple[float,
         settled = np.ones(len(passed), bool)
         settled[passed] = finer.settled
         agreed = np.all(np.abs(both - known.values) <= wanted, axis=1) & np.all(settled.reshape(-1, 4), axis=1)
+        left = np.sum(np.abs(both - known.values)[~agreed], axis=0)
+        of = np.where(np.arange(len(left)) == 0, total, slopes)
+        found = found._replace(off=float(np.max(left / np.where(of > 0, of, 1.0))) if np.isfinite(slopes) else np.inf)
         agreed = np.repeat(agreed, 4)
         found = _with(_with_whole(found, parts, ~passed & lies), finer.take(agreed[passed]))
         cells, known = parts.cells.take(passed & ~agreed), finer.take(~agreed[passed])
@@ -207,4 +219,4 @@ def _with(found: _Below, known: _LevelCells) -> _Below:
     """The same with what cut cells say."""
     area, slope = np.sum(known.values[:, :2], axis=0)
     inside, met = [*found.inside, known.inside.nodes], [*found.met, known.met.nodes]
-    return _Below(found.area + float(area), found.slope + float(slope), inside, met)
+    return _Below(found.area + float(area), found.slope + float(slope), inside, met, found.off)

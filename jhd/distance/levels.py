@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.compiled import compiled
+from jhd.distance.confirmed import Estimated
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.quadrature import Nodes, ParameterCells, along, nodes_of
 
@@ -23,6 +24,8 @@ _PARTS, _RULE = 8, 6
 _LEVEL_STEPS, _PLACE_STEPS = 20, 12
 # On surfaces, the share of places nearest to the level that stand for those on it, and halvings for it.
 _BESIDE, _BISECTIONS = 0.02, 80
+# Distances that differ by less than this share are the same.
+_SAME = 1e-8
 
 
 class _Parts(NamedTuple):
@@ -58,7 +61,7 @@ class _Passed(NamedTuple):
 
 def quantile_along(
     net: Net, cells: ParameterCells, distance: Callable[[Array], Array], feet: Callable[[np.ndarray], Any], q: float
-) -> Array | None:
+) -> Estimated | None:
     """The quantile along a curve; None where the distance passes the level nowhere with a slope.
 
     Args:
@@ -81,7 +84,8 @@ def quantile_along(
     places, *_ = along(net, Nodes(found.piece, found.t[:, None], np.ones(len(found.t))))
     there = distance(places)
     change = q * jnp.sum(counted) - below + jnp.sum(found.count * there)
-    return level + (change - jax.lax.stop_gradient(change)) / np.sum(found.count)
+    missing = abs(found.below - q * np.sum(lengths)) / np.sum(lengths)
+    return Estimated(level + (change - jax.lax.stop_gradient(change)) / np.sum(found.count), float(missing))
 
 
 def _parts(known: Net, cells: ParameterCells, feet: Callable[[np.ndarray], Any]) -> _Parts:
@@ -203,10 +207,11 @@ def quantile_of(distance: Any, weight: Any, q: float) -> tuple[int, float]:
     return int(k), float(d[k])
 
 
-def quantile_beside(distance: Array, weight: Array, q: float) -> Array:
+def quantile_beside(distance: Array, weight: Array, q: float) -> Estimated:
     """The quantile of distances at many places, smoothed: each counts as spread evenly over a narrow band about it.
 
-    The derivative is that of this level. It lies off the quantile by the order of the squared width of the band.
+    The derivative is that of this level. It lies off the quantile by the order of the squared width of the band, and
+    is confirmed only where that has none, as many places are as far.
 
     Args:
         distance: differentiable.
@@ -218,7 +223,7 @@ def quantile_beside(distance: Array, weight: Array, q: float) -> Array:
     off = np.sort(np.abs(d - level))
     half = off[min(int(_BESIDE * len(d)), len(d) - 1)]
     if not half > 0:
-        return distance[np.argmin(np.abs(d - level))]
+        return Estimated(distance[np.argmin(np.abs(d - level))], 0.0)
     low, high, wanted = level - 2 * half, level + 2 * half, q * np.sum(w)
     for _ in range(_BISECTIONS):
         level = 0.5 * (low + high)
@@ -228,4 +233,5 @@ def quantile_beside(distance: Array, weight: Array, q: float) -> Array:
     slope = np.where((inside > 0) & (inside < 1), w, 0.0)
     change = (q - np.clip(inside, 0.0, 1.0)) * weight * 2 * half + slope * distance
     total = jnp.sum(change) / np.sum(slope)
-    return level + total - jax.lax.stop_gradient(total)
+    width = half / max(abs(level), float(np.finfo(w.dtype).tiny))
+    return Estimated(level + total - jax.lax.stop_gradient(total), 0.0 if width < _SAME else np.inf)

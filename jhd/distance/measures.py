@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 from jhd.arithmetic.scaling import common_exponent, scale_of
 from jhd.arrays import is_traced, is_tracing, real_array
 from jhd.batches import AbstractSolution
+from jhd.distance.confirmed import Estimated
 from jhd.distance.deviation import checked_weights, deviation
 from jhd.distance.deviation_solution import Bounds, Deviation, check_share
 from jhd.distance.frame.attach import carrying
@@ -40,7 +41,7 @@ from jhd.distance.surface_quadrature import resolved_on_surface
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve
-from jhd.solution import DIRECTIONS, RESULTS, name_of, result_where, throw_unless_successful
+from jhd.solution import DIRECTIONS, RESULTS, NotProvenError, name_of, result_where, throw_unless_successful
 from jhd.triangles.closest_point import outward
 
 
@@ -80,10 +81,12 @@ class Along(NamedTuple):
     Args:
         distance: differentiable.
         weight: what each place counts, likewise.
+        off: how far derivatives of sums may be off, as a share.
     """
 
     distance: Array
     weight: Array
+    off: float
 
 
 class AbstractMeasure(eqx.Module):
@@ -125,7 +128,8 @@ class AbstractMeasure(eqx.Module):
         Raises:
             TypeError: what is no shape, a surface whose area is not proven, or weights of what is no set of points.
             ValueError: shapes of different dimensions, or what `deviation` refuses.
-            NotProvenError: the tolerance was not reached, and throw is True.
+            NotProvenError: the tolerance was not reached, or it is differentiated and the derivative not confirmed to a
+                millionth, and throw is True; else that is NaN.
         """
         a, b = taken_as("a", a), taken_as("b", b)
         counts = checked_weights(a, self.weights if weights is None else weights)
@@ -136,11 +140,12 @@ class AbstractMeasure(eqx.Module):
         found = self._one_way(a, b, counts, atol, rtol)
         if not self.directed:
             back = self._one_way(b, a, None, atol, rtol)
-            back = eqx.tree_at(lambda x: x.direction, back, DIRECTIONS.b_to_a)
-            found = _larger(found, back)
-        if throw and not is_traced(found.result):
-            throw_unless_successful(found)
-        return found
+            turned = eqx.tree_at(lambda x: x.direction, back.solution, DIRECTIONS.b_to_a)
+            found = _larger(found, _Directed(turned, back.value))
+        if throw and not is_traced(found.solution.result):
+            throw_unless_successful(found.solution)
+            _throw_unless_confirmed(found.value, found.solution)
+        return eqx.tree_at(lambda x: x.value, found.solution, found.value.guarded())
 
     def estimate(self, a: Any, b: Any, weights: Numbers | None = None, places: int | None = None) -> Array:
         """The value alone, without bounds: for losses that are evaluated often.
@@ -149,36 +154,56 @@ class AbstractMeasure(eqx.Module):
             a: as in a call.
             b: likewise.
             weights: likewise.
-            places: along a curve or surface at most; by default as many as the integrals need, to the end of what a
-                second or a few allow.
+            places: along a curve or surface at most; by default as many as the integrals need, to the end of what
+                some seconds allow.
+
+        Raises:
+            NotProvenError: it is differentiated without `places`, and the derivative not confirmed to a millionth; in
+                programs that is NaN.
         """
         a, b = taken_as("a", a), taken_as("b", b)
         counts = checked_weights(a, self.weights if weights is None else weights)
         if _is_hidden(a, b, counts) and not isinstance(self, Hausdorff):
             known = partial(_known_value, self, places)
             return answer_in_program(known, partial(_no_value, dtype_of(a)), (a, b), {"weights": counts})
-        value = self._value(a, b, counts, places)
-        return value if self.directed else jnp.maximum(value, self._value(b, a, None, places))
+        found = self._estimated(a, b, counts, places)
+        _throw_unless_confirmed(found, None)
+        return found.value
 
-    def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> MeasureSolution:
+    def _estimated(self, a: Any, b: Any, weights: Any, places: int | None) -> Estimated:
+        """The value alone, in one direction or both."""
+        ways = [(a, b, weights)] if self.directed else [(a, b, weights), (b, a, None)]
+        found = [self._value(a, b, counts, places) for a, b, counts in ways]
+        # Of so many places as are asked for the derivative is what it is.
+        found = found if places is None else [x._replace(off=0.0) for x in found]
+        return found[0] if self.directed else found[0].larger(found[1])
+
+    def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> "_Directed":
         """The directed measure."""
         known = jax.lax.stop_gradient((a, b))
         found = deviation(*known, atol=atol, rtol=rtol, quantile=getattr(self, "q", None), weights=weights, throw=False)
         bounds = self._bounds(found)
-        value = self._value(a, b, weights, None)
+        value, off = self._value(a, b, weights, None)
         lower, upper = _rounded_outward(bounds, np.dtype(value.dtype))
         inside = jnp.asarray(_within(bounds, np.asarray(jax.lax.stop_gradient(value))))
         # Compiled programs take subnormal numbers for zero.
         value = carrying(inside, value) if is_traced(value) else inside
-        return MeasureSolution(value, lower, upper, DIRECTIONS.a_to_b, found.result)
+        return _Directed(MeasureSolution(value, lower, upper, DIRECTIONS.a_to_b, found.result), Estimated(value, off))
 
     @abstractmethod
     def _bounds(self, found: Deviation) -> Bounds:
         """Its bounds."""
 
     @abstractmethod
-    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Array:
+    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Estimated:
         """The value, differentiable in both shapes."""
+
+
+class _Directed(NamedTuple):
+    """A measure, and its value with what is known of its derivative."""
+
+    solution: MeasureSolution
+    value: Estimated
 
 
 class Hausdorff(AbstractMeasure):
@@ -187,17 +212,18 @@ class Hausdorff(AbstractMeasure):
     directed: bool = eqx.field(default=False, static=True)
     weights: Array | None = eqx.field(default=None, init=False)
 
-    def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> MeasureSolution:
+    def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> _Directed:
         if weights is not None:
             raise ValueError("weights do not matter to the largest distance; leave out points that do not count.")
         found = directed_hausdorff(a, b, BranchAndBound(atol=atol), throw=False)
-        return MeasureSolution(found.value, found.lower, found.upper, DIRECTIONS.a_to_b, found.result)
+        solution = MeasureSolution(found.value, found.lower, found.upper, DIRECTIONS.a_to_b, found.result)
+        return _Directed(solution, Estimated(found.value, 0.0))
 
     def _bounds(self, found: Deviation) -> Bounds:
         return Bounds(float(found.maximum.lower), float(found.maximum.upper))
 
-    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Array:
-        return directed_hausdorff(a, b, throw=False).value
+    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Estimated:
+        return Estimated(directed_hausdorff(a, b, throw=False).value, 0.0)
 
 
 class Mean(AbstractMeasure):
@@ -209,9 +235,9 @@ class Mean(AbstractMeasure):
     def _bounds(self, found: Deviation) -> Bounds:
         return found.mean
 
-    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Array:
+    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Estimated:
         scale, at = _distances(a, b, weights, places)
-        return jnp.sum(at.weight * at.distance) / jnp.sum(at.weight) / scale
+        return Estimated(jnp.sum(at.weight * at.distance) / jnp.sum(at.weight) / scale, at.off)
 
 
 class RootMeanSquare(AbstractMeasure):
@@ -223,11 +249,11 @@ class RootMeanSquare(AbstractMeasure):
     def _bounds(self, found: Deviation) -> Bounds:
         return found.rms
 
-    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Array:
+    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Estimated:
         scale, at = _distances(a, b, weights, places)
         square = jnp.sum(at.weight * at.distance**2) / jnp.sum(at.weight)
         some = square > 0
-        return jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0) / scale
+        return Estimated(jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0) / scale, at.off)
 
 
 class Quantile(AbstractMeasure):
@@ -235,9 +261,8 @@ class Quantile(AbstractMeasure):
 
     Args:
         q: above 0 and at most 1, reached within its rounding: of ten points nine are a share of 0.9. 0.5 is the median,
-            1 the largest distance. The derivative is that of the places where the distance passes the level: on
-            surfaces of few pieces good to some millionths; `estimate` with `places` smooths the level instead, good to
-            some hundredths.
+            1 the largest distance. The derivative is that of the places where the distance passes the level, or of
+            those of a region that is as far; `estimate` with `places` smooths the level instead, good to hundredths.
         directed: see AbstractMeasure.
         weights: likewise.
     """
@@ -253,18 +278,19 @@ class Quantile(AbstractMeasure):
     def _bounds(self, found: Deviation) -> Bounds:
         return found.quantile(self.q)
 
-    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Array:
+    def _value(self, a: Any, b: Any, weights: Any, places: int | None) -> Estimated:
         if self.q == 1 and weights is None:
-            return directed_hausdorff(a, b, throw=False).value
+            return Estimated(directed_hausdorff(a, b, throw=False).value, 0.0)
         found = None if is_points(a) else self._level(a, b, places)
         if found is not None:
             return found
         scale, at = _distances(a, b, weights, places)
         if is_points(a):
-            return at.distance[quantile_of(at.distance, at.weight, self.q)[0]] / scale
-        return quantile_beside(at.distance, at.weight, self.q) / scale
+            return Estimated(at.distance[quantile_of(at.distance, at.weight, self.q)[0]] / scale, 0.0)
+        beside = quantile_beside(at.distance, at.weight, self.q)
+        return beside._replace(value=beside.value / scale)
 
-    def _level(self, a: Any, b: Any, places: int | None) -> Array | None:
+    def _level(self, a: Any, b: Any, places: int | None) -> Estimated | None:
         """The quantile by the places where the distance passes it, if it can be told by these."""
         if not isinstance(a, AbstractCurve) and places is not None:
             return None
@@ -273,9 +299,10 @@ class Quantile(AbstractMeasure):
         if not isinstance(a, AbstractCurve):
             found = quantile_over(net, sight, b, self.q)
         else:
-            cells, _ = resolved(jax.lax.stop_gradient(net), sight.distance, places)
-            found = quantile_along(net, cells, lambda x: sight.moving(x, b), sight.near, self.q)
-        return None if found is None else found / scale
+            known = resolved(jax.lax.stop_gradient(net), sight.distance, places)
+            found = quantile_along(net, known.cells, lambda x: sight.moving(x, b), sight.near, self.q)
+            found = None if found is None else found._replace(off=max(found.off, known.left))
+        return None if found is None else found._replace(value=found.value / scale)
 
 
 def _rounded_outward(bounds: Bounds, dtype: np.dtype) -> tuple[Array, Array]:
@@ -302,7 +329,12 @@ def _known(measure: AbstractMeasure, shapes: Any, **options: Any) -> MeasureSolu
 
 def _known_value(measure: AbstractMeasure, places: int | None, shapes: Any, weights: Any) -> Array:
     a, b = shapes
-    return measure.estimate(a, b, weights, places)
+    return measure._estimated(a, b, checked_weights(a, weights), places).guarded()
+
+
+def _throw_unless_confirmed(value: Estimated, solution: Any) -> None:
+    if not value.is_confirmed:
+        raise NotProvenError(value.refusal, solution)
 
 
 def _refused(dtype: Any) -> MeasureSolution:
@@ -315,8 +347,9 @@ def _no_value(dtype: Any) -> Array:
     return jnp.asarray(jnp.inf, dtype)
 
 
-def _larger(there: MeasureSolution, back: MeasureSolution) -> MeasureSolution:
+def _larger(first_way: _Directed, second_way: _Directed) -> _Directed:
     """The larger of both directions: its value and direction, with the larger of both bounds."""
+    there, back = first_way.solution, second_way.solution
     known = jax.lax.stop_gradient((there, back))
     # Compiled programs take subnormal numbers for zero.
     host = not is_tracing([x.value for x in known])
@@ -327,8 +360,11 @@ def _larger(there: MeasureSolution, back: MeasureSolution) -> MeasureSolution:
     first = jnp.asarray(values[0] >= values[1])
     result = result_where(there.result == RESULTS.successful, back.result, there.result)
     lower, upper = (jnp.asarray(largest(*pair)) for pair in (lowers, uppers))
-    value = jnp.where(first, there.value, back.value)
-    return MeasureSolution(value, lower, upper, DIRECTIONS.where(first, there.direction, back.direction), result)
+    # On the host the other one is left out, whose derivative may not be confirmed.
+    value = Estimated(jnp.where(first, there.value, back.value), 0.0)
+    value = (first_way if first else second_way).value if host else value
+    direction = DIRECTIONS.where(first, there.direction, back.direction)
+    return _Directed(MeasureSolution(value.value, lower, upper, direction, result), value)
 
 
 def _distances(a: Any, b: Any, weights: Any, places: int | None) -> tuple[float, Along]:
@@ -337,16 +373,18 @@ def _distances(a: Any, b: Any, weights: Any, places: int | None) -> tuple[float,
     if is_points(a):
         points = a.segments().control_points[:, 0]
         counts = jnp.ones(len(points)) if weights is None else jnp.asarray(weights / np.max(weights))
-        return scale, Along(_to(b, 1.0, points) * scale, counts)
+        return scale, Along(project(points, b, throw=False).distance * scale, counts, 0.0)
     net, sight = _scaled(a, scale), Sight(b, scale)
     known = jax.lax.stop_gradient(net)
-    nodes = None
+    found = None
     if places is None and net.parameters == 2:
-        nodes = resolved_on_surface(known, sight)
-    if nodes is None:
-        nodes = nodes_of(*resolved(known, sight.distance, places))
+        found = resolved_on_surface(known, sight)
+    if found is None:
+        cells, count, left = resolved(known, sight.distance, places)
+        found = nodes_of(cells, count), left if net.parameters == 1 else np.inf
+    nodes, off = found
     points, density, _ = along(net, nodes)
-    return scale, Along(sight.moving(points, b), jnp.asarray(nodes.factor) * density)
+    return scale, Along(sight.moving(points, b), jnp.asarray(nodes.factor) * density, off)
 
 
 def _scaled(a: Any, scale: float) -> Net:
@@ -359,8 +397,3 @@ def _scale(a: Any, b: Any) -> float:
     """The power of two by which the coordinates of both shapes are of about one."""
     boxes = [np.asarray(end) for shape in jax.lax.stop_gradient((a, b)) for end in shape.box()]
     return float(scale_of(common_exponent(*boxes), boxes[0].dtype))
-
-
-def _to(b: Any, scale: float, points: Any) -> Array:
-    """Distances to b of points times the scale, times the scale."""
-    return project(points / scale, b, throw=False).distance * scale

@@ -44,6 +44,20 @@ class ParameterCells(NamedTuple):
         return ParameterCells(*(x[rows] for x in self))
 
 
+class Resolved(NamedTuple):
+    """Cells over which rules agree with those over their parts.
+
+    Args:
+        cells: of the parameters.
+        count: places of the rule along each.
+        left: share of the length or area in cells where they do not: feet may jump there.
+    """
+
+    cells: ParameterCells
+    count: int
+    left: float
+
+
 class Nodes(NamedTuple):
     """Places along a shape: pieces, parameters (places, parameters), and the factor that each counts with."""
 
@@ -103,7 +117,7 @@ def halved(cells: ParameterCells) -> ParameterCells:
     return ParameterCells(np.repeat(cells.piece, len(parts)), low, high)
 
 
-def resolved(net: Net, distance: Callable[[Any], Any], most: int | None = None) -> tuple[ParameterCells, int]:
+def resolved(net: Net, distance: Callable[[Any], Any], most: int | None = None) -> "Resolved":
     """ParameterCells over which rules with some places along each parameter agree with those over their parts.
 
     Args:
@@ -112,7 +126,7 @@ def resolved(net: Net, distance: Callable[[Any], Any], most: int | None = None) 
         most: places in all, at most, but one for each piece; None for as many as serve.
 
     Returns:
-        The cells, and the number of places along each parameter.
+        The cells, the number of places along each parameter, and how far derivatives of what they sum may be off.
     """
     cells = whole(net)
     most = _MOST_PLACES[net.parameters] if most is None else most
@@ -137,7 +151,8 @@ def resolved(net: Net, distance: Callable[[Any], Any], most: int | None = None) 
         if len(cells.piece) == 0:
             break
     rows = [np.concatenate([getattr(c, name) for c in (*done, cells)]) for name in ParameterCells._fields]
-    return ParameterCells(*rows), count
+    left = float(np.sum(np.abs(values[:, 0])) / total[0]) if total[0] > 0 else 0.0
+    return Resolved(ParameterCells(*rows), count, left)
 
 
 def _integrals(net: Net, distance: Callable[[Any], Any], cells: ParameterCells, count: int) -> np.ndarray:

@@ -48,8 +48,10 @@ class _Rule(NamedTuple):
         return _Rule(self.places.of(cells), *(x[cells] for x in self[1:]))
 
 
-def resolved_on_surface(net: Net, sight: Sight) -> Nodes | None:
-    """Places over a surface and their factors; None where even rules over whole pieces take more than there may be.
+def resolved_on_surface(net: Net, sight: Sight) -> tuple[Nodes, float] | None:
+    """Places over a surface with factors, and by what share rules still differ from those over parts.
+
+    None where even rules over whole pieces take more places than there may be.
 
     Args:
         net: the pieces, known.
@@ -62,7 +64,7 @@ def resolved_on_surface(net: Net, sight: Sight) -> Nodes | None:
     known = _ruled(cells, looked, 0)
     done, total = [], np.abs(np.sum(known.values, axis=0))
     close = max(_AGREED, _ROUNDINGS * float(np.finfo(net.points.dtype).eps))
-    labels = set(known.label.tolist())
+    labels, off = set(known.label.tolist()), np.inf
     for step in range(_HALVINGS):
         finer = halved(cells)
         parts = _ruled(finer, looked, step + 1)
@@ -70,14 +72,18 @@ def resolved_on_surface(net: Net, sight: Sight) -> Nodes | None:
         both = np.sum(parts.values.reshape(len(cells.piece), 4, -1), axis=1)
         total = np.maximum(total, np.abs(np.sum(parts.values, axis=0)))
         # Of directions the components may cancel: they are as large as the area.
-        wanted = close * np.where(np.arange(len(total)) < 3, total, total[0])
-        agreed = np.all(np.abs(both - known.values) <= wanted, axis=1) & np.all(parts.smooth.reshape(-1, 4), axis=1)
-        agreed = np.repeat(agreed & ~_overlooked(finer, parts, looked, agreed, labels), 4)
+        largest = np.where(np.arange(len(total)) < 3, total, total[0])
+        agreed = np.all(np.abs(both - known.values) <= close * largest, axis=1)
+        agreed &= np.all(parts.smooth.reshape(-1, 4), axis=1)
+        agreed &= ~_overlooked(finer, parts, looked, agreed, labels)
+        left = np.sum(np.abs(both - known.values)[~agreed], axis=0)
+        off = float(np.max(left / np.where(largest > 0, largest, 1.0)))
+        agreed = np.repeat(agreed, 4)
         done.append(parts.of(agreed).places.nodes)
         cells, known = finer.take(~agreed), parts.of(~agreed)
         if len(cells.piece) == 0 or looked.count > sight.most:
             break
-    return Nodes(*(np.concatenate(columns) for columns in zip(*done, known.places.nodes, strict=True)))
+    return Nodes(*(np.concatenate(columns) for columns in zip(*done, known.places.nodes, strict=True))), off
 
 
 def _ruled(cells: ParameterCells, looked: Looked, step: int) -> _Rule:
