@@ -97,11 +97,21 @@ BOUNDS = {
 }
 
 
+def _prepared(degree: int, a, x, wa) -> BezierSegments:
+    """Segments moved by x[2], with the degree raised."""
+    return preparation._bucketed(jnp, _segment(a, wa), (a - x[2])[None], degree, wa is not None, 1)
+
+
+def prepared_points(degree: int) -> Callable:
+    """The control points of these."""
+    return on_all(lambda a, b, x, wa, wb: _prepared(degree, a, x, wa).control_points[0])
+
+
 def prepared_point(degree: int) -> Callable:
-    """The point at x[0] of segments moved by 0.7, with the degree raised."""
+    """Their point at x[0]."""
 
     def of(a, b, x, wa, wb):
-        moved = preparation._bucketed(jnp, _segment(a, wa), (a - x[2])[None], degree, wa is not None, 1)
+        moved = _prepared(degree, a, x, wa)
         weights = None if moved.weights is None else moved.weights[0]
         return jet(moved.control_points[0], weights, x[0]).point
 

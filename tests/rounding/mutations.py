@@ -27,7 +27,8 @@ _LOADED = (
     "matplotlib.pyplot",
     "beartype",
 )
-
+# Seconds that the tests of one name may take, on a machine that has much else to do.
+_LONGEST = 120.0
 # What is added to the status of tests that ran, so that no other end of a process looks like theirs.
 _RAN = 50
 
@@ -51,6 +52,22 @@ _SEARCH = "distance/search/curves.py"
 _SEARCH_TEST = "distance/search/test_error_terms.py::test_the_"
 _TRIANGLES = "distance/cells/triangles.py"
 _TRIANGLES_TEST = "distance/cells/test_triangles.py::test_"
+
+_FORMS = "distance/nearest/forms.py"
+_UPPER = "distance/cells/surfaces.py"
+_NETS = "distance/frame/net_jets.py"
+_PREPARATION = "distance/frame/curves.py"
+_STATIONARITY = "distance/nearest/stationarity.py"
+_PLACES = "distance/nearest/places.py"
+_BLOCKS = "distance/nearest/blocks.py"
+_GRAPHS = "distance/cells/graphs.py"
+_ROUNDING = "arithmetic/rounding.py"
+_ROUNDING_TEST = "arithmetic/test_rounding.py::test_"
+_KERNELS = "rounding/test_kernels.py::test_"
+_BOUNDS = f"{_KERNELS}bounds_have_room_for_the_derived_error"
+_TOLD = f"{_KERNELS}errors_that_are_told_are_at_least_the_derived_ones"
+_OF_NETS = f"{_KERNELS}points_of_nets"
+_MOVED_CURVES = f"{_KERNELS}curves_are_moved"
 
 MUTATIONS = [
     Mutation(_BALLS, "x - gamma(3, size.dtype) * size - 4", "x - 4", f"{_BALLS_TEST}the_ends_of_balls_lie_outside"),
@@ -92,6 +109,44 @@ MUTATIONS = [
     Mutation(_TRIANGLES, "(distance) + self.slack(depth))", "(distance))", f"{_TRIANGLES_TEST}bounds"),
     Mutation(_TRIANGLES, "distance + self.tree.error(distance)", "distance", f"{_TRIANGLES_TEST}bounds"),
     Mutation(_TRIANGLES, "self.slack(depth)) * (1 + 4e-16)", "self.slack(depth))", f"{_TRIANGLES_TEST}bounds"),
+    Mutation(_FORMS, "rest + gamma(terms.shape[0] + 8, terms.dtype) * sizes", "rest", f"{_BOUNDS}[rest]"),
+    Mutation(_FORMS, " * (1 + gamma(sizes[..., 0].size + 16, sizes.dtype))", "", f"{_BOUNDS}[slope"),
+    Mutation(
+        _FORMS, "gamma(7 * _degrees(a) + 40, a.dtype) * jnp.abs(a) + side.error", "side.error + 0 * a", f"{_TOLD}[form]"
+    ),
+    Mutation(
+        _FORMS,
+        "gamma(6 * _degrees(a) + 8, a.dtype) * jnp.abs(a) + side.error",
+        "side.error + 0 * a",
+        f"{_TOLD}[values]",
+    ),
+    Mutation(_FORMS, "error = gamma(24, size.dtype) * size + jnp.abs", "error = jnp.abs", f"{_BOUNDS}[lower"),
+    Mutation(_FORMS, "size + jnp.abs(factors) * form_b.error", "size", f"{_BOUNDS}[lower"),
+    Mutation(_FORMS, "jnp.maximum(least - slack, 0.0)", "jnp.maximum(least, 0.0)", f"{_BOUNDS}[nearest"),
+    Mutation(_FORMS, "most + slack", "most", f"{_BOUNDS}[farthest"),
+    Mutation(_UPPER, " + 2 * jnp.sum(reach * wrong, axis=1)", "", f"{_BOUNDS}[upper"),
+    Mutation(_NETS, "(3 if net.weights is None else 6)", "3", _OF_NETS),
+    Mutation(_NETS, "(7 if net.weights is None else 20)", "7", _OF_NETS),
+    Mutation(
+        _NETS,
+        "return gamma((3 if net.weights is None else 6) * sum(net.degrees) + 8, net.points.dtype)",
+        "return 0.0",
+        _OF_NETS,
+    ),
+    Mutation(_NETS, "return math.sqrt(net.dim) * gamma(roundings, net.points.dtype)", "return 0.0", _OF_NETS),
+    Mutation(_PREPARATION, "math.sqrt(dim) * gamma(4 * (degree + 7) + 1, dtype)", "0.0", _MOVED_CURVES),
+    Mutation(
+        _STATIONARITY, "error = gamma(4 * n + point.shape[0] + 16, e.dtype)", "error = 0.0", f"{_TOLD}[stationarity"
+    ),
+    Mutation(_PLACES, " * (1 + 8 * unit_roundoff(dtype))\n\n\ndef thorough", "\n\n\ndef thorough", f"{_BOUNDS}[reach"),
+    Mutation(_BLOCKS, "return 4 * math.sqrt(dim) * gamma(40, dtype)", "return 0.0", f"{_TOLD}[chord"),
+    Mutation(_GRAPHS, "math.sqrt(3) * gamma(64, size.dtype) * size", "0.0 * size", f"{_TOLD}[graph"),
+    Mutation(
+        _NEAREST, "length * (1 + gamma(3 * degree + dim + 6, vector.dtype))", "length", f"{_KERNELS}distances_of_points"
+    ),
+    Mutation(_NEAREST, " + _eta(degree, dim, radius)\n", "\n", f"{_KERNELS}distances_of_points"),
+    Mutation(_ROUNDING, "1.02 * operations", "1.0 * operations", f"{_ROUNDING_TEST}gamma_is"),
+    Mutation(_ROUNDING, " + 2 * operations * smallest_normal(m.dtype)", "", f"{_ROUNDING_TEST}gamma_is"),
 ]
 
 
@@ -115,7 +170,9 @@ class Copy:
         """Whether the tests of these names pass."""
         process = self._context.Process(target=_tested, args=(self.folder, tests))
         process.start()
-        process.join()
+        process.join(_LONGEST)
+        if process.is_alive():
+            process.kill()
         if process.exitcode not in (_RAN, _RAN + 1):
             raise RuntimeError(f"the tests {tests} did not run: status {process.exitcode}.")
         return process.exitcode == _RAN
@@ -174,6 +231,5 @@ def run(mutations: Sequence[Mutation]) -> list[Mutation]:
 
 
 if __name__ == "__main__":
-    chosen = [MUTATIONS[int(k)] for k in sys.argv[1:]] or MUTATIONS
-    for survivor in run(chosen):
-        print(survivor)
+    for mutation in [MUTATIONS[int(k)] for k in sys.argv[1:]] or MUTATIONS:
+        print("survived" if run([mutation]) else "noticed", mutation, flush=True)

@@ -25,9 +25,10 @@ DTYPE = np.float32
 
 
 def uniform(seed: int, *shape: int, low: float = -1.0) -> np.ndarray:
-    """Numbers between an end and one; every third one, along the last axis, is at an end."""
+    """Numbers between an end and one; along a long last axis every third one is at an end."""
     found = np.random.default_rng([seed, *shape]).uniform(low, 1, shape).astype(DTYPE)
-    found[..., ::3] = np.where(found[..., ::3] > 0.5 * (low + 1), 1.0, low)
+    if shape[-1] >= COUNT:
+        found[..., ::3] = np.where(found[..., ::3] > 0.5 * (low + 1), 1.0, low)
     return found
 
 
@@ -75,6 +76,20 @@ def upper_bounds(a, c, h, feet, weights, factors):
 def _weights() -> np.ndarray:
     shares = uniform(4, 3, 4, COUNT, low=0.0)
     return shares / np.sum(shares, axis=1, keepdims=True)
+
+
+def _factors(seed: int, trials: int) -> np.ndarray:
+    """Factors of polynomials, none for half of the cells: there the roundings of distances show."""
+    return uniform(seed, trials, COUNT) * (np.arange(COUNT) < COUNT // 2).astype(DTYPE)
+
+
+def _near_feet() -> list[np.ndarray]:
+    """Cells and feet; half of the cells are small and lie beside feet that are close to each other."""
+    a, centre, half = _cells(3)
+    feet, small = uniform(7, 4, 3, COUNT), np.arange(COUNT) >= COUNT // 2
+    feet[..., small] = DTYPE(0.75) + DTYPE(0.01) * feet[..., small]
+    centre[:, small], half[:, small] = feet[0][:, small], DTYPE(2.0**-8)
+    return [a, centre, half, feet, _weights(), _factors(8, 3)]
 
 
 def rates(side_of_them: int) -> Callable:
@@ -139,10 +154,10 @@ def _triangular(seed: int, *values: int, low: float = -1.0) -> np.ndarray:
 SLOW = ("followed", "followed rational", "values over", "apart")
 # Bounds: a function, its numbers, the modules whose constants are in it, and the side.
 BOUNDS: dict[str, tuple[Callable, list[np.ndarray], tuple, int]] = {
-    "lower bounds": (lower_bounds, [*_cells(3), uniform(5, 3), uniform(6, 6, COUNT)], (forms,), -1),
+    "lower bounds": (lower_bounds, [*_cells(3), uniform(5, 3), _factors(6, 6)], (forms,), -1),
     "upper bounds": (
         upper_bounds,
-        [*_cells(3), uniform(7, 4, 3, COUNT), _weights(), uniform(8, 3, COUNT)],
+        _near_feet(),
         (forms, upper),
         1,
     ),
@@ -191,7 +206,7 @@ BOUNDS: dict[str, tuple[Callable, list[np.ndarray], tuple, int]] = {
         (beside, forms),
         1,
     ),
-    "joined": (lagrange.joined_upper, [DTYPE(0.7), uniform(48, 2, low=0.0)], (lagrange,), 1),
+    "joined": (lagrange.joined_upper, [np.array(0.7, DTYPE), uniform(48, 2, low=0.0)], (lagrange,), 1),
     "followed": (bound_between, [_triangular(15, 3, COUNT), _triangular(16, 3, COUNT)], (followed,), 1),
     "followed rational": (
         bound_between_rational,

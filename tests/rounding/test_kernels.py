@@ -52,10 +52,16 @@ def test_curves_are_moved_by_at_most_what_is_told(degrees, dim, rational, monkey
     # A power of two, which changes no digit.
     monkeypatch.setattr(preparation, "unit_weights", lambda weights: weights)
     pairs, degree = curve_kernels.Pairs(degrees, dim, rational), preparation.raised_degree(degrees[0])
-    found = derived(curve_kernels.prepared_point(degree), pairs.inputs)
-    evaluation = math.sqrt(dim) * gamma(6 * degree + 6, DTYPE)
-    # The coordinates are up to two before they are moved.
-    assert np.max(_length(found.error)) <= 2 * (preparation.preparation_error(degrees[0], dim, DTYPE) + evaluation)
+    told, evaluation = (
+        preparation.preparation_error(degrees[0], dim, DTYPE),
+        math.sqrt(dim) * gamma(6 * degree + 6, DTYPE),
+    )
+    points, point = (
+        derived(of(degree), pairs.inputs) for of in (curve_kernels.prepared_points, curve_kernels.prepared_point)
+    )
+    # The coordinates are up to two here.
+    assert np.max(_length(points.error)) <= 2 * told
+    assert np.max(_length(point.error)) <= 2 * (told + evaluation)
 
 
 @pytest.mark.parametrize("degrees, dim, rational", (((3, 3), 2, False), ((2, 5), 3, True)))
