@@ -25,7 +25,7 @@ from jhd.comparisons import deviation as deviation
 from jhd.comparisons import distance as distance
 from jhd.comparisons import minimum as minimum
 from jhd.comparisons import project as project
-from jhd.console import busy, device, exit_status, precision, print_json, timed
+from jhd.console import busy, device, exit_status, paced, precision, print_json, timed
 from jhd.distance.certificate.verification import sentence
 from jhd.io import save_curve, save_mesh, write_svg
 from jhd.io.certificates import verify_file
@@ -113,7 +113,9 @@ def verify(options: Namespace) -> int:
         raise ValueError("polynomial surfaces have no certificates.")
     start = time.perf_counter()
     try:
-        proven = verify_file(options.file, options.seconds, shapes)
+        with busy("checking") as show:
+            told = paced(lambda place: show(f"checking {place}"))
+            proven = verify_file(options.file, options.seconds, shapes, told)
     except jhd.CertificateError as error:
         print(f"jhd: refused: {options.file}: {error}", file=sys.stderr)
         return 1

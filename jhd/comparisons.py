@@ -5,10 +5,12 @@ Lengths may be given as shares of the diagonal of the box of both shapes, and ar
 
 import sys
 from argparse import Namespace
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 import jhd
@@ -29,6 +31,7 @@ from jhd.options import (
 )
 from jhd.report import (
     PLACES,
+    bar,
     check_page_file,
     check_picture_file,
     decision_text,
@@ -44,10 +47,14 @@ from jhd.report import (
     space_picture,
 )
 from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.patch import AbstractPatch
 from jhd.solution import Decision, HausdorffSolution, MinimumSolution, name_of, to_plain
 
 # A directed distance whose bounds are this close, as a share, is drawn as it is.
 _CLOSED = 1e-6
+# Points that are projected at once, some seconds of work: on surfaces, and on all else.
+_FEW_POINTS, _MANY_POINTS = 1_000, 100_000
 # The exit status of each answer: an undecided one is that of bounds not closed.
 _STATUS = {"yes": 0, "no": 3, "undecided": 1}
 
@@ -205,12 +212,14 @@ def project(options: Namespace) -> int:
         raise ValueError(f"a point has {points.shape[1]} coordinates; the {kind_of(shape)} has {shape.dim}.")
     unnamed = options.method is None and not isinstance(shape, AbstractCurve)
     method = None if unnamed else method_of(options.method, None, PROJECTIONS)
-    with busy("computing; a first run compiles"):
-        found = jhd.project(points, shape, method=method, throw=False)
+    with busy("computing; a first run compiles") as show:
+        found = _projected(points, shape, method, show)
+    done = len(found.distance)
+    status = exit_status(found) if done == len(points) else INTERRUPTED
     if options.json:
         name = "exact" if method is None else method_name(method)
-        print_json(found, shape=options.shape, points=points.tolist(), method=name, **box_of(shape))
-        return exit_status(found)
+        print_json(found, shape=options.shape, points=points[:done].tolist(), method=name, **box_of(shape))
+        return status
     kind, *parameters = PLACES[kind_of(shape)]
     where = [kind, *parameters] if kind else []
     feet = [f"foot {axis}" for axis in "xyz"[: shape.dim]]
@@ -219,7 +228,22 @@ def project(options: Namespace) -> int:
     for *numbers, segment, t, foot, result in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
         place = (segment, *np.atleast_1d(t)) if kind else ()
         print("\t".join([*(repr(x.item()) for x in (*numbers, *place, *foot)), result]))
-    return exit_status(found)
+    return status
+
+
+def _projected(points: np.ndarray, shape: Any, method: Any, show: Callable[[Any], None]) -> Any:
+    """The projections of the points, some thousands at a time; of those that were done where it is interrupted."""
+    size = _FEW_POINTS if isinstance(shape, AbstractPatch | ImplicitSurface) else _MANY_POINTS
+    parts: list[Any] = []
+    try:
+        for start in range(0, len(points), size):
+            parts.append(jhd.project(points[start : start + size], shape, method=method, throw=False))
+            done = min(start + size, len(points))
+            show(f"points {bar(done, len(points))}")
+    except KeyboardInterrupt:
+        if not parts:
+            raise
+    return parts[0] if len(parts) == 1 else jax.tree_util.tree_map(lambda *x: np.concatenate(x), *parts)
 
 
 def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:

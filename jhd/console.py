@@ -19,6 +19,8 @@ from jhd.solution import to_plain
 INTERRUPTED = 130
 # Seconds after which an interrupt that was dropped is sent again: what dropped it is over by then.
 _AGAIN = 0.02
+# Seconds between two that are shown of many.
+_PACE = 0.1
 
 
 def print_json(solution: Any, content: Any = None, **context: Any) -> None:
@@ -62,6 +64,19 @@ def busy(message: str) -> Iterator[Callable[[Any], None]]:
         yield lambda progress: show(progress if isinstance(progress, str) else progress_text(progress))
     finally:
         show("")
+
+
+def paced(show: Callable[[Any], None]) -> Callable[[Any], None]:
+    """The same, for what comes thousands of times a second: most of it is not shown."""
+    last = -_PACE
+
+    def call(progress: Any) -> None:
+        nonlocal last
+        if time.perf_counter() - last >= _PACE:
+            show(progress)
+            last = time.perf_counter()
+
+    return call
 
 
 @contextmanager

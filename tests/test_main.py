@@ -252,6 +252,26 @@ def test_points_come_from_a_file_or_standard_input(run, monkeypatch):
     np.testing.assert_allclose(content["solution"]["foot"], [[1.0, 0.0], [3.0, 0.0]], atol=1e-9)
 
 
+def test_many_points_are_projected_some_at_a_time_and_an_interrupt_keeps_what_is_done(run, monkeypatch):
+    Path("points.txt").write_text("1 2\n3 -1\n2 5\n")
+    asked = "project", BASE, "--points", "points.txt"
+    whole = run(*asked)
+    monkeypatch.setattr(comparisons, "_MANY_POINTS", 1)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    status, out, err = run(*asked)
+    assert (status, out) == whole[:2] and f"points [{24 * '#'}] 3/3" in err and err.endswith("\r\x1b[K")
+    project, calls = jhd.project, iter(range(3))
+
+    def interrupted(*arguments, **options):
+        if next(calls) == 2:
+            raise KeyboardInterrupt
+        return project(*arguments, **options)
+
+    monkeypatch.setattr(jhd, "project", interrupted)
+    status, out, _ = run(*asked)
+    assert (status, out.splitlines()) == (130, whole[1].splitlines()[:3])
+
+
 def test_the_doctor_names_versions_devices_and_precision_and_checks_itself(run):
     status, out, err = run("doctor")
     assert (status, err) == (0, "")

@@ -1,7 +1,7 @@
 """Certificates in files: lines of strict JSON, read without any doubt about what they say."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -29,13 +29,19 @@ def load_certificate(file: str | Path) -> Certificate:
         return Certificate(content)
 
 
-def verify_file(file: str | Path, seconds: float | None = None, shapes: Sequence[Any] = ()) -> Proven:
+def verify_file(
+    file: str | Path,
+    seconds: float | None = None,
+    shapes: Sequence[Any] = (),
+    progress: Callable[[str], object] | None = None,
+) -> Proven:
     """What the certificate in a file proves, checked cell by cell as it is read.
 
     Args:
         file: as for `load_certificate`.
         seconds: after how long to give up.
         shapes: a and b, if the claim has to be about them.
+        progress: called with the place in the certificate that is checked next.
 
     Raises:
         FileNotFoundError: as for `load_certificate`.
@@ -43,7 +49,7 @@ def verify_file(file: str | Path, seconds: float | None = None, shapes: Sequence
         CertificateError: likewise, or the claim is not proven, or is about other shapes.
     """
     with _read(file) as content:
-        proven = verify(content, seconds)
+        proven = verify(content, seconds, progress)
         for name, shape in zip("ab", shapes, strict=False):
             if digest({"kind": "curve", **content[name]}) != plain_shape(shape)["sha256"]:
                 raise CertificateError(f"the claim is proven, but {name.upper()} is another shape than the one given.")

@@ -90,6 +90,12 @@ def test_verify_prints_what_is_proven(made, file, capsys):
     assert (status, json.loads(out)["proven"]) == (0, made.verify()._asdict())
 
 
+def test_verify_shows_on_a_terminal_what_is_checked(made, file, capsys, monkeypatch):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    assert main(["verify", str(file)]) == 0
+    assert "checking cells." in capsys.readouterr().err
+
+
 def test_verify_compares_with_the_shapes_at_hand(made, file, tmp_path, capsys):
     for name, curve in (("a", A), ("b", B)):
         save_curve(tmp_path / f"{name}.json", jhd.BezierSegments(curve))

@@ -64,28 +64,32 @@ class Proven(NamedTuple):
 
 
 class _Deadline:
-    """The time after which a check is given up."""
+    """The time after which a check is given up, and who hears of what is checked until then."""
 
-    def __init__(self, seconds: float | None):
+    def __init__(self, seconds: float | None, progress: Callable[[str], object] | None):
         self.seconds, self.end = seconds, None if seconds is None else time.monotonic() + seconds
+        self.progress = progress
 
     def check(self, place: str) -> None:
         """Raises CertificateError when it has passed."""
+        if self.progress is not None:
+            self.progress(place)
         if self.end is not None and time.monotonic() > self.end:
             raise CertificateError(f"is not checked in {self.seconds!r} seconds; {place} would be next.")
 
 
-def verify(content: Any, seconds: float | None = None) -> Proven:
+def verify(content: Any, seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:
     """What the certificate proves, after every number of it has been checked.
 
     Args:
         content: the certificate as `opened` reads it, or Certificate.content; its lists of cells may be any iterables.
         seconds: after how long to give up; None never does.
+        progress: called with the place in the certificate that is checked next.
 
     Raises:
         CertificateError: something is missing, of a wrong kind, or not proven, or takes too long; it says which.
     """
-    deadline, content = _Deadline(seconds), current(content)
+    deadline, content = _Deadline(seconds, progress), current(content)
     sizes = check_content(content)
     claim = content["claim"]
     shapes = {name: pieces_of(content[name]) for name in ("a", "b")}
