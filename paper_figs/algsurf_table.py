@@ -12,7 +12,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, power_text, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
@@ -128,8 +128,7 @@ def _draw_rates(ax: Axes, numbers: dict[str, Any]) -> None:
 
 
 def _power(x: float) -> str:
-    mantissa, exponent = f"{x:.1e}".split("e")
-    return rf"${mantissa}\times10^{{{int(exponent)}}}$" if abs(int(exponent)) > 3 else f"{x:.0f}"
+    return power_text(x, 1) if x >= 1e4 else f"{x:.0f}"
 
 
 if __name__ == "__main__":

@@ -149,6 +149,14 @@ def proven_text(lower: float, upper: float, digits: int) -> str:
     return f"\\in [{low}, {high}]"
 
 
+def power_text(x: float, digits: int = 0) -> str:
+    """A number in TeX as a multiple of a power of ten, with so many decimals."""
+    if x == 0:
+        return "$0$"
+    mantissa, exponent = f"{x:.{digits}e}".split("e")
+    return rf"${mantissa}\cdot 10^{{{int(exponent)}}}$"
+
+
 def outward(lower: float, upper: float, digits: int) -> tuple[str, str]:
     """Both bounds with so many decimals, rounded outward, so that what is drawn is still proven."""
     unit = Decimal(1).scaleb(-digits)

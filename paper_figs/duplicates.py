@@ -7,7 +7,7 @@ them. Of 68 million pairs some thousand are searched, and none stays undecided, 
 from typing import Any
 
 import numpy as np
-from common import BLUE, GREEN, GREY, MM, ORANGE, Picture, bezier, letter, style
+from common import BLUE, GREEN, GREY, MM, ORANGE, Picture, bezier, letter, power_text, style
 from matplotlib.figure import Figure
 
 from jhd import plot
@@ -95,11 +95,8 @@ def _square(ax: Any, *curves: Any) -> None:
 
 
 def _short(x: float) -> str:
-    """Two digits, without the e of a programme."""
-    if x >= 1e-4:
-        return f"{x:.2g}"
-    mantissa, exponent = f"{x:.1e}".split("e")
-    return rf"${mantissa}\cdot 10^{{{int(exponent)}}}$"
+    """Two digits."""
+    return f"{x:.2g}" if x >= 1e-4 else power_text(x, 1)
 
 
 if __name__ == "__main__":

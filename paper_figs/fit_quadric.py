@@ -9,7 +9,7 @@ there. The distance falls by a fifth, both ends proven, in some 40 evaluations.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GREY, MM, ORANGE, VERMILLION, Picture, letter, power_text, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -39,7 +39,7 @@ def _figure(numbers: dict[str, Any], cells: int) -> Figure:
             ax: Any = figure.add_axes((0.3 * k, 0.16, 0.3, 0.72), projection="3d")
             _draw_surfaces(ax, numbers, found, cells)
             figure.text(0.3 * k + 0.012, 0.97, f"$\\bf{{({'ab'[k]})}}$ {title}", va="top")
-            text = f"$H$ = {found['value']:.6f} ± {(found['upper'] - found['lower']) / 2:.0e}"
+            text = f"$H$ = {found['value']:.6f} ± {power_text((found['upper'] - found['lower']) / 2)}"
             figure.text(0.3 * k + 0.15, 0.1, text, ha="center", va="bottom")
         figure.legend(handles=_handles(), loc="lower left", ncols=4, columnspacing=1.2, handlelength=1.4)
         _draw_path(figure.add_axes((0.685, 0.23, 0.3, 0.67)), numbers)

@@ -11,7 +11,7 @@ is 2.1.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, style
+from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, power_text, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
@@ -69,7 +69,7 @@ def _draw_errors(ax: Axes, pairs: dict[str, Any]) -> None:
             place = k + shift + 0.2 * np.linspace(-0.5, 0.5, len(values)) * (len(values) > 1)
             named = label if k == 0 else None
             ax.semilogy(place, values, marker, color=colour, markersize=2.6, markerfacecolor="none", label=named)
-            text = f"{values[-1]:.0e}"
+            text = power_text(values[-1])
             ax.annotate(text, (k + shift, values[-1]), (0, 4), textcoords="offset points", ha="center", va="bottom")
     titles = [f"{name.replace('_', ' ')}, {len(found['first'])}" for name, found in pairs.items()]
     ax.set_xticks(range(len(pairs)), titles)

@@ -13,6 +13,7 @@ import numpy as np
 from common import BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
 
 _OURS = "jhd, proven"
 # Colour, marker, and whether the distances are too large or too small.
@@ -44,20 +45,21 @@ def _draw_rates(ax: Axes, queries: list[dict[str, Any]], triangles: int) -> None
     """Bars of both kinds of points for each library, with how many times as fast ours is."""
     places = np.arange(len(queries))[::-1]
     for k, (name, colour, hatch) in enumerate((("even in the box", BLUE, None), ("near the surface", ORANGE, "////"))):
-        rates = [peer["rates"][k] for peer in queries]
+        rates = [peer["rates"][k] / 1000 for peer in queries]
         rows = places + (0.2, -0.2)[k]
         ax.barh(rows, rates, 0.36, color=colour, hatch=hatch, edgecolor="white", linewidth=0, label=name)
         for y, rate, peer in zip(rows, rates, queries, strict=True):
-            text = f"{rate / 1000:.3g}" + ("" if peer is queries[0] else f"  (jhd $\\times${peer['ratios'][k]:.2g})")
+            text = f"{rate:.3g}" + ("" if peer is queries[0] else f"  (jhd $\\times${peer['ratios'][k]:.2g})")
             ax.annotate(text, (rate, y), (3, 0), textcoords="offset points", va="center")
     ax.set_xscale("log")
-    most = max(max(peer["rates"]) for peer in queries)
-    ax.set_xlim(min(min(peer["rates"]) for peer in queries) / 3, most * 20)
+    rates = [rate / 1000 for peer in queries for rate in peer["rates"]]
+    ax.set_xlim(min(rates) / 3, max(rates) * 20)
+    ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     # Room for the legend below the bars.
     ax.set_ylim(-1.35, len(queries) - 0.5)
     ax.set_yticks(places, [peer["name"] for peer in queries])
     ax.tick_params(axis="y", length=0)
-    ax.set_xlabel("nearest points a second (in thousands at the bars)")
+    ax.set_xlabel("thousands of nearest points a second")
     ax.legend(loc="lower left", ncols=2, handlelength=1.4, columnspacing=1.2)
     letter(ax, "a", f"queries on {triangles} triangles, one core")
 

@@ -10,7 +10,7 @@ seconds; in that time samples are off by a hundred times the gap and far more.
 from typing import Any
 
 import numpy as np
-from common import MM, Picture, outward, shape, solution, style
+from common import MM, Picture, outward, power_text, shape, solution, style
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -74,15 +74,8 @@ def _text(pair: dict[str, Any]) -> str:
     lower, upper = pair["solution"]["lower"], pair["solution"]["upper"]
     which = "h" if pair["directed"] else "H"
     tree = pair["samples"]
-    ours = f"{outward(lower, upper, 6)[0]} ≤ ${which}$, gap {_power(upper - lower)}, {pair['seconds']:.1f} s"
-    return f"{ours}\nsamples: off by {_power(tree['off'])}, {tree['seconds']:.1f} s"
-
-
-def _power(x: float) -> str:
-    if x == 0:
-        return "0"
-    mantissa, exponent = f"{x:.0e}".split("e")
-    return rf"${mantissa}\cdot 10^{{{int(exponent)}}}$"
+    ours = f"{outward(lower, upper, 6)[0]} ≤ ${which}$, gap {power_text(upper - lower)}, {pair['seconds']:.1f} s"
+    return f"{ours}\nsamples: off by {power_text(tree['off'])}, {tree['seconds']:.1f} s"
 
 
 if __name__ == "__main__":

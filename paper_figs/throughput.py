@@ -9,7 +9,7 @@ segments.
 
 from typing import Any
 
-from common import BLACK, BLUE, GREEN, MM, ORANGE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GREEN, MM, ORANGE, VERMILLION, Picture, letter, power_text, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, StrMethodFormatter
@@ -59,7 +59,8 @@ def _draw(ax: Axes, found: dict[str, Any]) -> None:
     levels = {name: 1 / found["loops"][name]["seconds"] for name in _LOOPS}
     for name, line in _LOOPS.items():
         ax.axhline(levels[name], linewidth=1.2, **{key: line[key] for key in ("color", "linestyle", "label")})
-    text = f"k-d tree: median error {found['error']['median']:.0e}\njhd: largest gap {found['gap']:.0e}, proven"
+    error, gap = power_text(found["error"]["median"]), power_text(found["gap"])
+    text = f"k-d tree: median error {error}\njhd: largest gap {gap}, proven"
     ax.text(0.03, 0.03, text, transform=ax.transAxes, linespacing=1.3)
     ax.set_xticks(size, [f"{n}" for n in size])
     ax.minorticks_off()

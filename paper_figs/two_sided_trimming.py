@@ -134,7 +134,8 @@ def _draw_labels(ax: Axes, trial: dict[str, Any]) -> None:
     ax.legend(loc="lower left", ncols=1, handlelength=2.2, labelspacing=0.3)
     point, feet = _witness(trial)
     place_label(ax, point[0], f"maximum: {exact:.4f}\n$LB$: {found['lower']:.4f}", distance=9.0)
-    for foot, name in zip(feet, _trimmed_feet(trial), strict=True):
+    # One foot is stored twice.
+    for foot, name in {tuple(foot): name for foot, name in zip(feet, _trimmed_feet(trial), strict=True)}.items():
         place_label(ax, foot, name)
     place_label(ax, _wrong(trial)[0], f"found: {found['both']['value']:.4f}")
 
