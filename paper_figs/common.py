@@ -149,6 +149,16 @@ def proven_text(lower: float, upper: float, digits: int) -> str:
     return f"\\in [{low}, {high}]"
 
 
+def middle_text(lower: float, upper: float) -> str:
+    """The middle of two bounds and how far they are from what is written, rounded up, in TeX."""
+    half = max((upper - lower) / 2, 1e-15)
+    digits = int(np.ceil(-np.log10(half)))
+    middle = Decimal((lower + upper) / 2).quantize(Decimal(1).scaleb(-digits))
+    off = max(Decimal(upper) - middle, middle - Decimal(lower))
+    unit = Decimal(1).scaleb(off.adjusted())
+    return f"{middle} ± {power_text(float(off.quantize(unit, ROUND_CEILING)))}"
+
+
 def power_text(x: float, digits: int = 0) -> str:
     """A number in TeX as a multiple of a power of ten, with so many decimals."""
     if x == 0:

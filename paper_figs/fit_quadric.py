@@ -3,13 +3,13 @@
 Numbers by fit_quadric's experiment.
 
 Caption: A quartic surface with the least-squares ellipsoid and with the one of least Hausdorff distance, and the way
-there. The distance falls by a fifth, both ends proven, in some 40 evaluations.
+there. The distance falls by a fifth, both ends proven, in fewer than 40 evaluations.
 """
 
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, ORANGE, VERMILLION, Picture, letter, power_text, style
+from common import BLACK, BLUE, GREY, MM, ORANGE, VERMILLION, Picture, letter, middle_text, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -39,7 +39,7 @@ def _figure(numbers: dict[str, Any], cells: int) -> Figure:
             ax: Any = figure.add_axes((0.3 * k, 0.16, 0.3, 0.72), projection="3d")
             _draw_surfaces(ax, numbers, found, cells)
             figure.text(0.3 * k + 0.012, 0.97, f"$\\bf{{({'ab'[k]})}}$ {title}", va="top")
-            text = f"$H$ = {found['value']:.6f} ± {power_text((found['upper'] - found['lower']) / 2)}"
+            text = f"$H$ = {middle_text(found['lower'], found['upper'])}"
             figure.text(0.3 * k + 0.15, 0.1, text, ha="center", va="bottom")
         figure.legend(handles=_handles(), loc="lower left", ncols=4, columnspacing=1.2, handlelength=1.4)
         _draw_path(figure.add_axes((0.685, 0.23, 0.3, 0.67)), numbers)
@@ -48,8 +48,8 @@ def _figure(numbers: dict[str, Any], cells: int) -> Figure:
 
 def _handles() -> list[Any]:
     return [
-        Patch(facecolor=BLUE, alpha=0.55, label="quartic"),
-        Patch(facecolor=ORANGE, alpha=0.55, label="ellipsoid fitted"),
+        Patch(facecolor=BLUE, label="quartic"),
+        Patch(facecolor=ORANGE, label="ellipsoid fitted"),
         Line2D([], [], label="farthest point", **_FARTHEST),
         Line2D([], [], label="its feet", **_FOOT),
     ]
@@ -66,7 +66,7 @@ def _draw_surfaces(ax: Any, numbers: dict[str, Any], found: dict[str, Any], cell
         coefficients[tuple(one)], coefficients[tuple(2 * one)] = -2 * p[axis] * u[axis], p[axis]
     quartic = jhd.ImplicitSurface.parse(numbers["target"], [-size] * 3, [size] * 3)
     ellipsoid = jhd.ImplicitSurface(coefficients, [-size] * 3, [size] * 3)
-    jhd.plot.surfaces((quartic, ellipsoid), ax, labels=(None, None), cells=cells, alpha=0.55)
+    jhd.plot.surfaces((quartic, ellipsoid), ax, labels=(None, None), cells=cells, alpha=1.0)
     point, feet = np.array(found["point"]), np.array(found["feet"])
     for foot, weight in zip(feet, found["multipliers"], strict=True):
         if weight > 0:

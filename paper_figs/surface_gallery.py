@@ -9,7 +9,7 @@ proof. All but the torus, which has a whole circle of feet and says so, close to
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, MM, ORANGE, VERMILLION, Picture, outward, solution, style
+from common import BLACK, BLUE, MM, ORANGE, VERMILLION, Picture, middle_text, outward, solution, style
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -98,9 +98,8 @@ def _text(pair: dict[str, Any]) -> str:
     if half > 0.01 * upper:
         low, high = outward(lower, upper, 3)
         return f"{low} ≤ $H$ ≤ {high}, {seconds}"
-    mantissa, exponent = f"{max(half, 1e-12):.0e}".split("e")
-    error = rf"{mantissa}\cdot 10^{{{int(exponent)}}}"
-    return f"$H$ = {(lower + upper) / 2:.{-int(exponent)}f} ± ${error}$, {seconds}"
+    early = "" if pair["solution"]["result"] == "successful" else ", ended early"
+    return f"$H$ = {middle_text(lower, upper)}, {seconds}{early}"
 
 
 if __name__ == "__main__":
