@@ -51,7 +51,7 @@ def _figure(numbers: dict[str, Any], cells: int) -> Figure:
             place = (left, 1 - (row + 1) * height + 0.09 * height, 1 / _COLUMNS - 0.005, 0.85 * height)
             ax: Any = figure.add_axes(place, projection="3d")
             _draw(ax, pair, cells)
-            figure.text(left + 0.012, 1 - row * height - 0.018, f"$\\bf{{({'abcdef'[k]})}}$ {pair['name']}", va="top")
+            figure.text(left + 0.012, 1 - row * height - 0.018, f"$\\bf{{({'abcdef'[k]})}}$ {_title(pair)}", va="top")
             text = _text(pair)
             figure.text(left + 0.5 / _COLUMNS, 1 - (row + 1) * height + 0.02 * height, text, ha="center", va="bottom")
     return figure
@@ -88,6 +88,11 @@ def _draw(ax: Any, pair: dict[str, Any], cells: int) -> None:
     ax.set_box_aspect((1, 1, 1), zoom=1.12)
 
 
+def _title(pair: dict[str, Any]) -> str:
+    """The names, and whether the search ended before its tolerance."""
+    return pair["name"] + ("" if pair["solution"]["result"] == "successful" else "; ended early")
+
+
 def _text(pair: dict[str, Any]) -> str:
     """The distance with the proven error, or its bounds where they are apart, and the seconds."""
     lower, upper = pair["solution"]["lower"], pair["solution"]["upper"]
@@ -98,8 +103,7 @@ def _text(pair: dict[str, Any]) -> str:
     if half > 0.01 * upper:
         low, high = outward(lower, upper, 3)
         return f"{low} ≤ $H$ ≤ {high}, {seconds}"
-    early = "" if pair["solution"]["result"] == "successful" else ", ended early"
-    return f"$H$ = {middle_text(lower, upper)}, {seconds}{early}"
+    return f"$H$ = {middle_text(lower, upper)}, {seconds}"
 
 
 if __name__ == "__main__":
