@@ -198,6 +198,8 @@ def _tested(folder: Path, tests: Sequence[str]) -> None:
     import pytest
 
     os.chdir(folder)
+    # What checks annotations takes several times as long to import.
+    os.environ.pop("CHECK_ANNOTATIONS", None)
     # This file belongs to the tests as they are; those of the copy are others of the same names.
     for name in [name for name in sys.modules if name.partition(".")[0] in ("tests", "jhd")]:
         del sys.modules[name]
