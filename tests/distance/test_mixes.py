@@ -76,6 +76,18 @@ def test_spheres_and_cylinders_are_as_far_from_planes_as_their_formulas_say(plan
     assert_is(jhd.directed_hausdorff(flat, CYLINDER), np.sqrt(13.0))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("height", [1.0, 0.5], ids=["face", "inside"])
+def test_flat_shapes_beside_a_plane_as_large_as_its_box_are_bounded_in_few_cells(height):
+    plane = jhd.ImplicitSurface.parse(f"z - {height}", [-1, -1, -1], [1, 1, 1])
+    corners = [[-1.0, -1.0, 0.0], [-1.0, 1.0, 0.2], [1.0, -1.0, 0.0], [1.0, 1.0, 0.2]]
+    patch = jhd.BezierPatch(np.array(corners).reshape(2, 2, 3))
+    for shape in (patch, jhd.TriangleMesh(corners, [[0, 1, 2], [1, 3, 2]]), jhd.BezierCurve(corners[::3])):
+        found = jhd.directed_hausdorff(shape, plane)
+        assert_is(found, height)
+        assert int(found.stats["cells"]) < 10
+
+
 @pytest.mark.parametrize(("a", "b"), [("patch", "mesh"), ("mesh", "patch"), ("patch", "patch"), ("polynomial", "mesh")])
 @pytest.mark.slow
 def test_the_same_square_in_three_forms_is_nowhere_far_from_itself(a, b):

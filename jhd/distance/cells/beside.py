@@ -11,7 +11,10 @@ that.
 
 Of a polynomial surface f = 0 it is a parallelogram in the tangent plane at the foot. On a box about it, with n the
 normal, let m > 0 bound the slope of f along n from below and let |f| <= e on the parallelogram. Then f has both signs
-on the line along n through each of its points, within e / m, as long as that stays within the box.
+on the line along n through each of its points, within e / m, as long as that stays within the box. Beside a face of
+the box the lines are those along the part of n in it, which never leave the box there; but where f is zero on all of
+the face they may cross it, since a zero beyond it is no nearer than the face. What is outside the box by rounding
+counts as moved to its border.
 
 Rounding: control points of a part are off by eta (jhd.distance.frame.net_jets) in each coordinate, the fit is whatever
 it is, and a residual takes three roundings; forms have their own bounds (jhd.distance.nearest.forms).
@@ -33,6 +36,8 @@ from jhd.distance.nearest.target import Flats
 
 # Room for the curvature of the surface beside the parallelogram, as a multiple of what a first look says.
 _ROOM = 2.0
+# The room in any case, as a share of the parallelogram, and in roundings of a coordinate of one.
+_MARGIN, _THICK = 2.0**-6, 2**13
 
 
 def of_points(points: Array, error: Any) -> Flats:
@@ -116,23 +121,32 @@ def _sag(side: Side, flats: Flats, normal: Array, thickness: Array) -> Array:
     o, a, b = flats.origin, flats.first, flats.second
     vertices = jnp.stack([o, o + a, o + b, o + a + b], axis=1)
     dtype = o.dtype
-    room = thickness[:, None] * (1 + gamma(8, dtype)) + gamma(32, dtype) * (1 + jnp.max(jnp.abs(vertices), axis=1))
-    low, high = jnp.min(vertices, axis=1) - room, jnp.max(vertices, axis=1) + room
+    off = gamma(32, dtype) * (1 + jnp.max(jnp.abs(vertices), axis=1))
+    # In a box that is too thin the errors of the polynomial are more than its slope.
+    wide = _MARGIN * jnp.max(jnp.abs(a) + jnp.abs(b), axis=1, keepdims=True) + gamma(_THICK, dtype)
+    room = thickness[:, None] * (1 + gamma(8, dtype)) + 2 * off + wide
+    bottom, top = jnp.min(vertices, axis=1), jnp.max(vertices, axis=1)
+    lower, upper = jnp.asarray(side.lower), jnp.asarray(side.upper)
+    low, high = bottom - room, top + room
+    below, above = side.vanishing_faces
+    held = ((low < lower) & ~below) | ((high > upper) & ~above)
+    # Rounding of the vertices included.
+    outside = jnp.maximum(jnp.maximum(lower - bottom, top - upper) + 0.5 * off, 0.0)
+    inside = jnp.all(outside <= off, axis=-1)
     cells = boxes(low.T, high.T)
     f = form(side, cells)
     half = cells.half.T
     local = (vertices - cells.centre.T[:, None]) / half[:, None]
     size = jnp.sum(jnp.abs(f.slope), axis=0) + jnp.abs(f.value) + f.rest
     values = jnp.max(jnp.abs(f.value[:, None] + jnp.sum(f.slope.T[:, None] * local, axis=-1)), axis=1)
-    most = values + f.rest + f.error + gamma(64, dtype) * size
-    steepness = jnp.sum(normal * f.slope.T / half, axis=-1)
-    loose = jnp.sum(
-        jnp.abs(normal) * (slope_changes(f).T + 4 * f.error[:, None] * (sum(f.local.shape[:3]))) / half, axis=-1
-    )
-    loose = loose + gamma(64, dtype) * jnp.sum(jnp.abs(f.slope.T) / half, axis=-1)
-    least = steepness - loose
-    inside = jnp.all((low >= jnp.asarray(side.lower)) & (high <= jnp.asarray(side.upper)), axis=-1)
-    sag = round_up(most / jnp.where(least > 0, least, 1.0) * (1 + gamma(32, dtype)))
+    slopes, change = f.slope.T / half, slope_changes(f).T + 4 * f.error[:, None] * sum(f.local.shape[:3])
+    loose = change / half + gamma(64, dtype) * jnp.abs(slopes)
+    moved = outside * (jnp.abs(slopes) + loose)
+    most = values + f.rest + f.error + gamma(64, dtype) * size + jnp.sum(moved, axis=-1) * (1 + gamma(16, dtype))
+    along = jnp.where(held, 0.0, normal)
+    least = jnp.sum(along * slopes, axis=-1) - jnp.sum(jnp.abs(along) * loose, axis=-1) * (1 + gamma(16, dtype))
+    away = most / jnp.where(least > 0, least, 1.0) * (1 + gamma(32, dtype))
     first_look = thickness == 0
-    good = inside & (least > 0) & (first_look | (sag <= thickness))
+    good = inside & (least > 0) & (first_look | (away <= thickness))
+    sag = round_up(away + jnp.sum(outside, axis=-1) * (1 + gamma(8, dtype)))
     return jnp.where(good & jnp.isfinite(sag), sag, jnp.inf)

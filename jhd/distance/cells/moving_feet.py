@@ -10,7 +10,8 @@ the size of the cell that is one above the degree of the polynomials, where the 
 surfaces and their offsets, concentric and coaxial ones. How far P and Q are from the surfaces is proven by the values
 of the polynomials on them and by their slopes in one coordinate: where |f(Q)| <= B and f rises or falls in that
 coordinate at a rate of m at least, f is zero within B / m of Q. A Q that leaves the box of b, by rounding for one,
-counts as moved to its border.
+counts as moved to its border. A zero beyond the border in that coordinate is none of b, but where f is zero on the
+whole face that the way to it crosses, b is met there, and is no farther.
 
 Rounding: polynomials P and Q are their floating-point coefficients; all else is in jhd.arithmetic.truncated and in
 the errors of forms (jhd.distance.nearest.forms).
@@ -109,7 +110,10 @@ def _off(b: Side, ranges: _Ranges, on: OnPiece, most: Array) -> tuple[Array, Arr
     slack = gamma(8, dtype) * (jnp.abs(centre) + reach)
     low, high = centre - reach - slack, centre + reach + slack
     outside = jnp.maximum(jnp.maximum(lower - low, high - upper), 0.0)
-    inside = jnp.where(outside > 0, 0.0, jnp.minimum(jnp.minimum(low - lower, upper - high), half - reach))
+    # Where b is zero on all of a face, what is looked for behind it is on it; see the module.
+    below, above = (faces[:, None] for faces in b.vanishing_faces)
+    below, above = jnp.where(below, jnp.inf, low - lower), jnp.where(above, jnp.inf, upper - high)
+    inside = jnp.maximum(jnp.minimum(jnp.minimum(below, above), half - reach), 0.0)
     # What is moved to the border has another value there.
     most = (most + jnp.sum(on.fastest * outside, axis=0)) * (1 + gamma(16, dtype))
     away = most / jnp.where(on.slowest > 0, on.slowest, 1.0) * (1 + gamma(16, dtype))

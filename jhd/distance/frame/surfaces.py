@@ -56,6 +56,13 @@ class Side(NamedTuple):
     vanishing: Any  # (3, 3, 3)
     isolated: IsolatedPoints = none_known(np.float64)
 
+    @property
+    def vanishing_faces(self) -> tuple[Array, Array]:
+        """Whether it is known to be zero on all of the face at the lower end of each coordinate, and at the upper."""
+        whole = jnp.asarray(self.vanishing)
+        lower, upper = (jnp.stack([whole[end, 1, 1], whole[1, end, 1], whole[1, 1, end]]) for end in (0, 2))
+        return lower, upper
+
 
 def prepare_surfaces(a: Any, b: Any) -> tuple[Any, Any, Frame]:
     """Both shapes in common coordinates of size at most one, and the frame that leads back to the user's.

@@ -110,10 +110,17 @@ def test_planes_cylinders_and_surfaces_in_faces_are_surfaces():
     face = parsed("z - 2")
     solution = jhd.directed_hausdorff(face, plane)
     check(solution, 1.5, 1e-9)
-    back = jhd.directed_hausdorff(plane, face, jhd.BranchAndBound(atol=1e-1))
-    check(back, 1.5, 1e-1)
+    check(jhd.directed_hausdorff(plane, face), 1.5, 1e-9)
     outer = jhd.directed_hausdorff(parsed("x^2 + y^2 - 4/9"), SPHERE, throw=False)
     check(outer, math.hypot(2 / 3, 2) - 1, 1e-2)
+
+
+@pytest.mark.parametrize(("other", "exact"), [("z + 1", 2.0), ("z", 1.0), ("x - 1", 2.0)], ids=["opposite", "in", "edge"])
+def test_planes_in_faces_of_their_boxes_are_as_far_as_they_are_apart(other, exact):
+    box = [-1.0] * 3, [1.0] * 3
+    face, plane = parsed("z - 1", *box), parsed(other, *box)
+    for pair in ((face, plane), (plane, face)):
+        check(jhd.directed_hausdorff(*pair), exact, 1e-9)
 
 
 def test_far_from_the_origin_nothing_is_lost():
