@@ -20,7 +20,7 @@ COVERED = {
     ("arithmetic/rounding.py", "absolute_error", 2): _EXACT,
     ("arithmetic/rounding.py", "_margin", 2): _EXACT,
     ("arithmetic/rounding.py", "flush_down", 1): _EXACT,
-    ("distance/cells/beside.py", "_sag", 5): _KERNELS,
+    ("distance/cells/beside.py", "_sag", 9): _KERNELS,
     ("distance/cells/branches.py", "_split_bound", 3): _CURVES,
     ("distance/cells/branches.py", "_split_bound.bound", 3): _CURVES,
     ("distance/cells/branches.py", "first_upper_bound", 2): _CURVES,
