@@ -43,6 +43,8 @@ _LARGEST_CAPACITY = 128
 _GAIN, _CLOSER, _TRIES = 4.0, 0.75, 40
 # Corners are looked for at a scale of so many tolerances.
 _CORNERS = 8.0
+# Fits of a higher degree are no shorter, and programs for them take minutes to compile.
+_LARGEST_DEGREE = 32
 # Other starts differ from the first by this share of the target's size.
 _SPREAD = 0.1
 
@@ -174,7 +176,7 @@ def fit_curve(
 
     Args:
         target: one contour, its segments in order.
-        degree: of the segments; at least 3 with `smooth`, and 2 for one segment with fixed ends.
+        degree: of the segments, at most 32; at least 3 with `smooth`, and 2 for one segment with fixed ends.
         segments: how many, one by default; the target is divided at its corners, and evenly between them.
         tolerance: in place of `segments`, the largest proven distance: few segments that come below it, as by
             `fit_outline`, up to 64; with ends as the target has them.
@@ -217,8 +219,7 @@ def fit_curve(
     segments = 1 if segments is None else segments
     closed = bool(following[-1] == 0) if closed is None else closed
     least = 3 if smooth else 2 if ends == "fixed" and segments == 1 and not closed else 1
-    if not degree >= least:
-        raise ValueError(f"degree is {degree}; needs at least {least}.")
+    _check_degree(degree, least)
     if segments < 1:
         raise ValueError(f"segments is {segments}; needs at least 1.")
     if ends not in ("fixed", "free"):
@@ -272,7 +273,7 @@ def fit_outline(
     Args:
         target: an outline of one or several contours, each with its segments in order.
         tolerance: largest proven Hausdorff distance between a contour and its fit, in the unit of the coordinates.
-        degree: of the segments.
+        degree: of the segments, 1 to 32.
         smooth: whether inner joints have one tangent.
         max_segments: most segments of one contour.
         max_steps: most steps of one fit; a fit within the tolerance takes no more.
@@ -285,6 +286,7 @@ def fit_outline(
         ValueError: a tolerance that is not positive.
     """
     refuse_tracing("fit_outline", target)
+    _check_degree(degree, 1)
     target, clock = taken_as("target", target), Clock(max_seconds)
     check_curve("target", target)
     _refuse_points(target.segments())
@@ -368,3 +370,8 @@ def _starts(build: Callable, first: np.ndarray, starts: Any, seed: int, target: 
 def _rows(starts: Any) -> list[Any]:
     count = jax.tree_util.tree_leaves(starts)[0].shape[0]
     return [jax.tree_util.tree_map(lambda x, k=k: jnp.asarray(x, dtype=float)[k], starts) for k in range(count)]
+
+
+def _check_degree(degree: int, least: int) -> None:
+    if not least <= degree <= _LARGEST_DEGREE:
+        raise ValueError(f"degree is {degree}; needs at least {least} and at most {_LARGEST_DEGREE}.")

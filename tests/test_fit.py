@@ -115,6 +115,14 @@ def test_sizes_that_are_too_small_are_refused(options, message, as_a_user):
         jhd.fit_curve(quarter(), **options)
 
 
+def test_degrees_beyond_those_served_are_refused_at_once():
+    target = jhd.polyline([(0, 0), (1, 0), (1, 1)])
+    with pytest.raises(ValueError, match="degree is 99999999; needs at least 2 and at most 32"):
+        jhd.fit_curve(target, degree=99_999_999)
+    with pytest.raises(ValueError, match="degree is 33; needs at least 1 and at most 32"):
+        jhd.fit_outline(target, 1.0, degree=33)
+
+
 def test_a_target_of_two_contours_is_refused():
     with pytest.raises(ValueError, match="several contours"):
         jhd.fit_curve(jhd.BezierSegments([[[0, 0], [1, 0]], [[5, 5], [6, 5]]]), degree=2)
