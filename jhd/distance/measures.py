@@ -295,7 +295,7 @@ class Quantile(AbstractMeasure):
         if not isinstance(a, AbstractCurve) and places is not None:
             return None
         scale = _scale(a, b)
-        sight, net = Sight(b, scale), _scaled(a, scale)
+        sight, net = Sight(b, scale, is_traced(a, b)), _scaled(a, scale)
         if not isinstance(a, AbstractCurve):
             found = quantile_over(net, sight, b, self.q)
         else:
@@ -374,7 +374,7 @@ def _distances(a: Any, b: Any, weights: Any, places: int | None) -> tuple[float,
         points = a.segments().control_points[:, 0]
         counts = jnp.ones(len(points)) if weights is None else jnp.asarray(weights / np.max(weights))
         return scale, Along(project(points, b, throw=False).distance * scale, counts, 0.0)
-    net, sight = _scaled(a, scale), Sight(b, scale)
+    net, sight = _scaled(a, scale), Sight(b, scale, is_traced(a, b))
     known = jax.lax.stop_gradient(net)
     found = None
     if places is None and net.parameters == 2:

@@ -31,6 +31,8 @@ _CLOSE, _PARTS = 2.0**-27, 64
 # Most places that are looked at: what takes a tenth of a millisecond each on surfaces takes less on curves, and some
 # microseconds elsewhere.
 _MOST, _MOST_ON_CURVES, _MOST_ON_SURFACES = 1 << 18, 1 << 16, 1 << 15
+# As many times as many where a derivative is to be confirmed, which jumps where feet do and the distance does not.
+_PATIENCE = 4
 
 
 class Seen(NamedTuple):
@@ -57,9 +59,10 @@ class Sight:
     Args:
         b: the shape.
         scale: a power of two; places and answers are multiplied with it.
+        derived: whether derivatives are asked for.
     """
 
-    def __init__(self, b: Any, scale: float):
+    def __init__(self, b: Any, scale: float, derived: bool):
         self.b, self.scale = jax.lax.stop_gradient(b), scale
         self._cuts = 1
         self._target: AbstractTarget | None = None
@@ -72,7 +75,7 @@ class Sight:
         low, high = (np.asarray(end) for end in self.b.box())
         self._close = _CLOSE * float(np.max(high - low))
         few = _MOST_ON_SURFACES if isinstance(b, AbstractPatch | ImplicitSurface) else _MOST_ON_CURVES
-        self.most = _MOST if is_points(b) or isinstance(b, TriangleMesh) else few
+        self.most = (_MOST if is_points(b) or isinstance(b, TriangleMesh) else few) * (_PATIENCE if derived else 1)
 
     def feet(self, points: np.ndarray) -> ProvenFeet | Projection:
         """The nearest feet of points, in the unit of b."""
