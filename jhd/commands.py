@@ -109,8 +109,6 @@ def verify(options: Namespace) -> int:
     if len(options.shapes) not in (0, 2):
         raise ValueError(f"there is {len(options.shapes)} shape beside the certificate; needs both, or none.")
     shapes = [load_shape(text) for text in options.shapes]
-    if any(isinstance(shape, jhd.ImplicitSurface) for shape in shapes):
-        raise ValueError("polynomial surfaces have no certificates.")
     start = time.perf_counter()
     try:
         with busy("checking") as show:

@@ -66,7 +66,7 @@ def distance(options: Namespace) -> int:
     atol = None if options.atol is None else options.atol.of(a, b)
     method = method_of(options.method, atol, AbstractHausdorffMethod)
     check_drawn(options, a.dim)
-    _check_certificate(options.certificate, a, b)
+    check_writable(options.certificate)
     if options.threshold is not None:
         return _distance_at_most(options, a, b, method)
     entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
@@ -153,7 +153,7 @@ def minimum(options: Namespace) -> int:
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
     atol = None if options.atol is None else options.atol.of(a, b)
-    _check_certificate(options.certificate, a, b)
+    check_writable(options.certificate)
     if options.threshold is not None:
         if options.certificate:
             raise ValueError("--certificate: with --threshold the nearest points are not known; leave it out.")
@@ -281,13 +281,6 @@ def directions_of(solution: HausdorffSolution) -> list[HausdorffSolution | None]
         return [solution]
     there, back = solution.directions
     return [there, back if float(back.upper - back.lower) <= _CLOSED * float(back.upper) else None]
-
-
-def _check_certificate(file: str | None, a: Any, b: Any) -> None:
-    """ValueError, before the work, where there can be no certificate in the file."""
-    if file and any(isinstance(shape, jhd.ImplicitSurface) for shape in (a, b)):
-        raise ValueError("--certificate: polynomial surfaces have none; leave it out.")
-    check_writable(file)
 
 
 def _certified(file: str, a: Any, b: Any, solution: HausdorffSolution | MinimumSolution) -> bool:

@@ -389,7 +389,6 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
         (["distance", *SPHERES[:3], "2", "-2"], "A: lower[0] is 2 and upper[0] is -2; needs lower < upper."),
         (["distance", SPHERES[0], "x**2 + sin(y)", "--box", "-2", "2"], "B: column 8: found 'sin'"),
         (["distance", *SPHERES[:3], "-2e400", "2"], "not finite"),
-        (["distance", *SPHERES, "--certificate", "a.json"], "--certificate: polynomial surfaces have none"),
         (["distance", *SPHERES, "--method", "TwoStep"], "got TwoStep"),
         (["project", BASE, "1"], "a point has 1 coordinates; the curve has 2"),
         (["project", BASE, "1", "2", "3"], "a point has 3 coordinates; the curve has 2"),

@@ -1,7 +1,8 @@
 """Certificates: bounds of a Hausdorff distance together with what proves them, to be checked by anyone later.
 
 `certify` makes one from the shapes and a solution, on the host and in a way of its own: cells cover the shapes breadth
-first (jhd.distance.certificate.covering for two curves, jhd.distance.certificate.subdivision for all other pairs), and
+first (jhd.distance.certificate.covering for two curves, surface_cover beside it where there is a polynomial surface,
+subdivision for all other pairs), and
 the lower bound is proven at one place. What it returns has been checked
 exactly while it was made; `Certificate.verify` checks all of it again, by jhd.distance.certificate.verification alone.
 """
@@ -20,20 +21,35 @@ from jhd.arrays import is_traced
 from jhd.distance.certificate.covering import Measure, UncoveredError, cover
 from jhd.distance.certificate.curve_witness import witness_of
 from jhd.distance.certificate.host import host, plain_shape
-from jhd.distance.certificate.mixes import Report, ToProve, asked_of, default_atol, prove_minimum, prove_mix
+from jhd.distance.certificate.mixes import (
+    Report,
+    ToProve,
+    asked_of,
+    bounds_of_minimum,
+    default_atol,
+    prove_minimum,
+    prove_mix,
+)
+from jhd.distance.certificate.surface_mixes import prove_surface_minimum, prove_surface_mix
 from jhd.distance.certificate.verification.first_version import current
 from jhd.distance.certificate.verification.proofs import NAMES, Proven, verify
 from jhd.distance.certificate.verification.reading import lines_of
 from jhd.distance.certificate.verification.structure import FORMAT, KINDS, VERSION, check_content, digest
+from jhd.distance.certificate.verification.surface_structure import LARGEST, LARGEST_IN_ALL
 from jhd.distance.frame.curves import prepare
 from jhd.files import replace_file
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
 from jhd.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError
 
-_KINDS = "points, a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface) or a TriangleMesh"
+_KINDS = (
+    "points, a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface or a "
+    "TriangleMesh"
+)
+_Shape = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
 
 
 @dataclass(frozen=True, repr=False)
@@ -121,7 +137,8 @@ def certify(
     each other but for rounding take very many cells: then a larger `atol` helps.
 
     Args:
-        a: the first shape of the distance, as it was handed in: points, a curve, a parametric surface, a mesh.
+        a: the first shape of the distance, as it was handed in: points, a curve, a parametric or polynomial surface, a
+            mesh.
         b: the second one.
         solution: what directed_hausdorff, hausdorff, hausdorff_at_most, minimum_distance or minimum_at_most returned
             for them: one, not a batch. Of a decision the bound that answers is proven, of an undecided one both are,
@@ -139,23 +156,29 @@ def certify(
 
     Raises:
         TypeError: a shape or solution of another kind, a traced one or a batch.
-        ValueError: shapes of different dimensions, an atol below 0, max_cells that is no positive whole number, or
-            `directed` of a decision about a minimum distance.
-        NotProvenError: a bound of the solution could not be proven of these shapes, or takes more cells.
+        ValueError: shapes of different dimensions, a polynomial of a high degree, an atol below 0, max_cells that is no
+            positive whole number, or `directed` of a decision about a minimum distance.
+        NotProvenError: a bound of the solution could not be proven of these shapes, or takes more cells; of polynomial
+            surfaces where it rests on points without a change of sign, which prove nothing.
     """
     a, b = taken_as("a", a), taken_as("b", b)
     _check_arguments(a, b, solution, max_cells)
+    surfaces = isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface)
     curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
     report = _reporting(progress)
     if isinstance(solution, MinimumSolution) or (isinstance(solution, Decision) and solution.distance == "minimum"):
         if directed:
             raise ValueError("directed is True, and the decision is about a minimum distance, which has no direction.")
         slack = _checked_atol(atol, a, b, sharp=isinstance(solution, Decision))
-        found = prove_minimum(a, b, solution, slack, max_cells, report)
+        if surfaces:
+            found = prove_surface_minimum(a, b, solution, bounds_of_minimum(solution, slack), max_cells, report)
+        else:
+            found = prove_minimum(a, b, solution, slack, max_cells, report)
     else:
         slack = _checked_atol(atol, a, b, sharp=curves or isinstance(solution, Decision))
         asked = asked_of(solution, directed, slack)
-        cells, witness = (_prove_curves if curves else prove_mix)(a, b, asked, max_cells, report)
+        prove: Any = prove_surface_mix if surfaces else _prove_curves if curves else prove_mix
+        cells, witness = prove(a, b, asked, max_cells, report)
         upper = asked.upper if math.isfinite(asked.upper) else None
         claim = {"kind": asked.kind, "lower": asked.lower, "upper": upper}
         found = {"claim": claim, "orders": None, "cells": cells, "witness": witness}
@@ -186,7 +209,7 @@ def _prove_curves(
 
 def _check_arguments(a: object, b: object, solution: object, max_cells: object) -> None:
     for name, shape in (("a", a), ("b", b)):
-        if not isinstance(shape, AbstractCurve | AbstractPatch | TriangleMesh):
+        if not isinstance(shape, _Shape):
             raise TypeError(f"{name} must be {_KINDS}; got {type(shape).__name__}.")
     if not isinstance(solution, HausdorffSolution | MinimumSolution | Decision):
         accepted = "a HausdorffSolution, a MinimumSolution or a Decision"
@@ -195,9 +218,18 @@ def _check_arguments(a: object, b: object, solution: object, max_cells: object) 
         raise TypeError("certify needs concrete shapes and one concrete solution; index a batch first.")
     if not isinstance(max_cells, int) or isinstance(max_cells, bool) or max_cells < 1:
         raise ValueError(f"max_cells is {max_cells!r}; needs a positive whole number.")
-    dims = [shape.dim for shape in (a, b) if isinstance(shape, AbstractCurve | AbstractPatch | TriangleMesh)]
+    for name, shape in (("a", a), ("b", b)):
+        if isinstance(shape, ImplicitSurface):
+            _check_degrees(name, shape)
+    dims = [shape.dim for shape in (a, b) if isinstance(shape, _Shape)]
     if dims[0] != dims[1]:
         raise ValueError(f"a has {dims[0]} coordinates a point and b has {dims[1]}; needs the same.")
+
+
+def _check_degrees(name: str, surface: ImplicitSurface) -> None:
+    if max(surface.degrees) > LARGEST or surface.degree > LARGEST_IN_ALL:
+        most = f"{LARGEST} in each variable and {LARGEST_IN_ALL} in all"
+        raise ValueError(f"{name} has degrees {surface.degrees}; certificates go up to {most}.")
 
 
 def _checked_atol(atol: object, a: Any, b: Any, sharp: bool) -> float:

@@ -43,7 +43,7 @@ class _PartsInFloats:
     def __init__(self, side: ShapeSide):
         corners = side.rows[..., :-1] / side.rows[..., -1:]
         self._points = corners.reshape(len(corners), -1, corners.shape[-1])
-        self.order = _order(self._points.mean(axis=1)) if len(corners) > 1 else None
+        self.order = first_order(self._points.mean(axis=1)) if len(corners) > 1 else None
         if self.order is not None:
             self._points = self._points[self.order]
         self.exact = Ordered(side.exact, self.order)
@@ -82,7 +82,7 @@ class _PartsInFloats:
         return float(np.sum(np.linalg.norm(np.diff(places, axis=0), axis=-1)))
 
 
-def _order(middles: np.ndarray) -> list[int]:
+def first_order(middles: np.ndarray) -> list[int]:
     """The pieces by halves of halves, each cut across the longest side of its box."""
 
     def sorted_rows(rows: np.ndarray) -> Iterator[int]:
@@ -162,7 +162,7 @@ def _halves(name: str, mine: tuple[Any, ...], other: tuple[Any, ...]) -> list[tu
 def _plane(points: tuple[np.ndarray, np.ndarray], direction: np.ndarray, limit: float) -> list[float] | None:
     """A normal that keeps both hulls the limit apart, as far as floating point can tell."""
     p, q = points
-    for normal in (direction, _between(p, q)):
+    for normal in (direction, between(p, q)):
         length = float(np.linalg.norm(normal))
         if length > 0:
             unit = normal / length
@@ -171,7 +171,7 @@ def _plane(points: tuple[np.ndarray, np.ndarray], direction: np.ndarray, limit: 
     return None
 
 
-def _between(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+def between(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """The shortest vector from one hull to the other, about."""
     v = q.mean(axis=0) - p.mean(axis=0)
     for _ in range(_STEPS):

@@ -14,6 +14,7 @@ from jhd.distance.frame.coordinates import Frame, common_points
 from jhd.distance.frame.jets import CurveJet, polynomial_jet, quotient
 from jhd.distance.nearest.feet import equation_of, foot_speed, gauss_newton
 from jhd.shapes.curve import AbstractCurve, BezierSegments
+from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 
 # Feet nearer than this to an end of their segment are put on it.
@@ -43,7 +44,10 @@ def host(curve: BezierSegments, frame: Frame) -> Host:
 
 def plain_shape(shape: Any) -> dict[str, Any]:
     """The arrays of a shape in the form in which certificates hold them, with their hash."""
-    if isinstance(shape, TriangleMesh):
+    if isinstance(shape, ImplicitSurface):
+        plain = {"kind": "surface", "coefficients": _rows(shape.coefficients)}
+        plain |= {"lower": _rows(shape.lower), "upper": _rows(shape.upper)}
+    elif isinstance(shape, TriangleMesh):
         plain = {"kind": "mesh", "vertices": _rows(shape.vertices), "triangles": _rows(shape.triangles)}
     else:
         is_curve = isinstance(shape, AbstractCurve)

@@ -87,7 +87,10 @@ def _ends(a: Any, b: Any) -> tuple[np.ndarray, np.ndarray]:
     rows = []
     for shape in (a, b):
         plain = plain_shape(shape)
-        numbers = np.asarray(plain["vertices"] if plain["kind"] == "mesh" else plain["control_points"], float)
+        if plain["kind"] == "surface":
+            numbers = np.array([plain["lower"], plain["upper"]], float)
+        else:
+            numbers = np.asarray(plain["vertices" if plain["kind"] == "mesh" else "control_points"], float)
         rows.append(numbers.reshape(-1, numbers.shape[-1]))
     both = np.concatenate(rows)
     return both.min(axis=0), both.max(axis=0)
@@ -136,6 +139,13 @@ def _inside(side: ShapeSide, t: np.ndarray) -> list[float]:
     return x.tolist()
 
 
+def bounds_of_minimum(solution: MinimumSolution | Decision, atol: float) -> tuple[float, float]:
+    """The bounds of a minimum distance that are to be proven, as in `asked_of`."""
+    is_decision = isinstance(solution, Decision)
+    lower, upper = _of_answer(solution) if is_decision else (float(solution.lower), float(solution.upper))
+    return max(lower - atol, 0.0), upper + atol
+
+
 def prove_minimum(
     a: Any, b: Any, solution: MinimumSolution | Decision, atol: float, max_cells: int, report: Report
 ) -> dict[str, Any]:
@@ -147,9 +157,7 @@ def prove_minimum(
     exponent = _exponent(a, b)
     first, second = ShapeSide(a, exponent), ShapeSide(b, exponent)
     points = tuple(np.asarray(x, float) for x in (solution.point_a, solution.point_b))
-    is_decision = isinstance(solution, Decision)
-    lower, upper = _of_answer(solution) if is_decision else (float(solution.lower), float(solution.upper))
-    lower, upper = max(lower - atol, 0.0), upper + atol
+    lower, upper = bounds_of_minimum(solution, atol)
     witness, cells, orders = None, None, {"a": None, "b": None}
     if math.isfinite(upper):
         witness = closest_places(first, second, (points[0], points[1]), upper)

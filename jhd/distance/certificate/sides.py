@@ -88,6 +88,20 @@ class ShapeSide:
         x = t[:, 1:] if self._triangles else t[:, : self.parameters]
         return self.local(np.asarray(found.segment), np.clip(x, 0.0, 1.0), points)
 
+    def samples(self, draw: np.random.Generator, count: int) -> np.ndarray:
+        """Points of random places, and of corners of the domains of pieces."""
+        piece = draw.integers(0, len(self.exact), count)
+        x = draw.uniform(size=(count, self.parameters))
+        x = np.where(draw.uniform(size=x.shape) < 0.3, np.round(x), x)
+        if self._triangles:
+            x = np.where(x.sum(axis=1, keepdims=True) > 1, 1 - x, x)
+        return np.ldexp(self.points(piece, x), self.exponent)
+
+    def beside(self, points: np.ndarray) -> np.ndarray:
+        """Points of the shape near some points."""
+        found = self.feet(np.ldexp(points, -self.exponent))
+        return np.ldexp(self.points(found.piece, found.x), self.exponent)
+
     def local(self, piece: np.ndarray, x: np.ndarray, points: np.ndarray) -> NearFeet:
         """The feet of points on named pieces, near the parameters given; on triangles the nearest places."""
         if self._triangles:

@@ -336,20 +336,24 @@ def _halves(source: ShapeSide, target: ShapeSide, cells: _Open, limit: float) ->
         raise UncoveredError(f"{place} is not proven to be nearer than the bound.")
     piece, names, corners, parent = [], [], [], []
     for k in range(len(cells.piece)):
-        ends = cells.points[k]
-        pairs = list(_LETTERS) if source.cell_corners == 3 else [(0, 1)]
-        i, j = max(pairs, key=lambda pair: float(np.sum((ends[pair[0]] - ends[pair[1]]) ** 2)))
-        for letter in _LETTERS[i, j]:
+        for letter in longest_side(cells.points[k]):
             parent.append(k)
             piece.append(cells.piece[k])
             names.append(cells.name[k] + letter)
-            corners.append(_half_of(cells.x[k], letter))
+            corners.append(half_of_cell(cells.x[k], letter))
     found = _measured(source, target, np.array(piece), np.array(names, object), np.array(corners), limit)
     return found._replace(more=NearFeet(*(rows[np.array(parent)] for rows in cells.more)))
 
 
-def _half_of(x: np.ndarray, letter: str) -> Any:
-    if len(x) == 3:
-        return half(tuple(map(tuple, x.tolist())), letter)
+def longest_side(points: np.ndarray) -> str:
+    """The letters of the halves between those corners of an interval or a triangle that are farthest apart."""
+    pairs = list(_LETTERS) if len(points) == 3 else [(0, 1)]
+    return _LETTERS[max(pairs, key=lambda pair: float(np.sum((points[pair[0]] - points[pair[1]]) ** 2)))]
+
+
+def half_of_cell(x: np.ndarray, letter: str, depth: int = 0) -> Any:
+    """The half that a letter names of a cell with these parameters of its corners, which has been cut so often."""
+    if len(x) > 2:
+        return half(tuple(map(tuple, x.tolist())), letter, depth)
     middle = 0.5 * (x[0] + x[1])
     return [x[0], middle] if letter == "a" else [middle, x[1]]

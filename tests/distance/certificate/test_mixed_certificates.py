@@ -127,8 +127,8 @@ def test_what_is_asked_for_is_checked(as_a_user):
     solution = jhd.hausdorff(a, b)
     with pytest.raises(ValueError, match="atol is -1; needs one number of at least 0"):
         certify(a, b, solution, atol=-1)
-    with pytest.raises(TypeError, match="b must be points, a curve, a parametric surface .*; got ImplicitSurface"):
-        certify(a, jhd.ImplicitSurface.parse("x - y", [0, 0, 0], [1, 1, 1]), solution)
+    with pytest.raises(TypeError, match="b must be points, a curve, a parametric surface .*; got HausdorffSolution"):
+        certify(a, solution, solution)
     wide = certify(a, b, solution, atol=0.5)
     assert wide.upper == float(solution.upper) + 0.5 and wide.verify().lower == float(solution.lower) - 0.5
 

@@ -6,7 +6,9 @@ point of a and a point of b ("minimum"). Every number of it is a float, hence a 
 rounds.
 
 Points, curves, meshes and parametric surfaces are one form: pieces, which are polynomials (over a weight) on a point,
-an interval, a triangle or a square, in Bernstein form.
+an interval, a triangle or a square, in Bernstein form. Of a polynomial surface the pieces are six tetrahedra, its box,
+and it is the places where its polynomial is zero: what is said of it is proven with multipliers of the polynomial, and
+a point of it by a change of sign (`zeros`, `surface_proofs`).
 
 - The **upper bound** is proven by cells: simplices in the domains of the pieces of a, which cover them by construction
   (`cells`). Each names one or more feet, a piece of b with a map of the cell into its domain, and a bound. For every

@@ -3,11 +3,13 @@
 A part is a range of pieces, in an order that the certificate gives, or what is left of one piece. One of the parts of a
 pair is cut into halves, again and again; a pair is named by its cuts, small letters for the part of a and capital ones
 for that of b. `x` and `y` are the halves of a range (the first one has a piece less where their number is odd), `a` and
-`b` those of the first interval in the domain of a piece, `c` and `d` those of the second; triangles are cut as in
-`cells`. Pairs come in the order of the letters, so that the next one is known, and nothing is left out.
+`b` those of the first interval in the domain of a piece, `c` and `d` those of the second; triangles, and the
+tetrahedra of a polynomial surface, are cut as in `cells`. Pairs come in the order of the letters, so that the next one
+is known, and nothing is left out.
 
 A plane with normal n keeps two parts a distance apart when n is at most m at all control points of the one, and at
 least M at all of the other, with M - m at least that distance times the length of n: they are hulls of these points.
+Of polynomial surfaces a part may also be free of zeros, or the distance be proven of zeros alone (`surface_proofs`).
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -30,11 +32,12 @@ _MOST_LETTERS = 160
 
 
 class PartOfShape(NamedTuple):
-    """A range of pieces in their order, or a box of the domain of the only one."""
+    """A range of pieces in their order, or a box of the domain of the only one, which has been cut so often."""
 
     first: int
     last: int
     box: Box | None
+    depth: int = 0
 
 
 class Ordered:
@@ -64,8 +67,8 @@ class Ordered:
             return None
         corners = self.pieces[part.first].corners
         box = part.box or whole_box(corners)
-        cut = _half_of(corners, box, letter)
-        return None if cut is None else PartOfShape(part.first, part.last, cut)
+        cut = _half_of(corners, box, letter, part.depth)
+        return None if cut is None else PartOfShape(part.first, part.last, cut, part.depth + 1)
 
     def points(self, part: PartOfShape) -> Iterator[Homogeneous]:
         """Control points whose hull holds the part."""
@@ -75,21 +78,25 @@ class Ordered:
                     self._points[k] = _points_of(self.pieces[k])
                 yield from self._points[k]
             return
+        yield from points_of_part(self.part(part))
+
+    def part(self, part: PartOfShape) -> Part:
+        """A part of a single piece."""
         piece = self.pieces[part.first]
-        yield from points_of_part(composed(piece, box_map(piece, part.box)))
+        return composed(piece, box_map(piece, part.box or whole_box(piece.corners)))
 
 
 def whole_box(corners: tuple[int, ...]) -> Box:
     """The domain itself."""
-    return tuple((0.0, 1.0) if count == 2 else (0.0, 0.0, 1.0, 0.0, 0.0, 1.0) for count in corners)
+    return tuple(tuple(float(i == k + 1) for i in range(count) for k in range(count - 1)) for count in corners)
 
 
-def _half_of(corners: tuple[int, ...], box: Box, letter: str) -> Box | None:
-    if corners == (3,):
-        if letter not in "abcdef":
+def _half_of(corners: tuple[int, ...], box: Box, letter: str, depth: int) -> Box | None:
+    if corners in ((3,), (4,)):
+        if letter not in ("abcdef" if corners == (3,) else "ab"):
             return None
-        x = box[0]
-        found = half(((x[0], x[1]), (x[2], x[3]), (x[4], x[5])), letter)
+        size = corners[0] - 1
+        found = half(tuple(box[0][k : k + size] for k in range(0, len(box[0]), size)), letter, depth)
         return (tuple(number for corner in found for number in corner),)
     k, second = divmod(ord(letter) - ord("a"), 2)
     if not 0 <= k < len(corners):
@@ -111,7 +118,7 @@ def points_of_part(part: Part) -> list[Homogeneous]:
 
 
 def failure_of_plane(
-    mine: Iterable[Homogeneous], others: Iterable[Homogeneous], normal: Sequence[float], bound: float
+    mine: Iterable[Homogeneous], others: Iterable[Homogeneous], normal: Sequence[float], bound: float | Fraction
 ) -> str | None:
     """Why a plane does not keep the hulls of two sets of points `bound` apart; None where it does."""
     n, _ = integers(normal)

@@ -6,6 +6,9 @@
   second of these, `c` and `d` those of one cut between the first and the third, `e` and `f` between the second and the
   third; the middle takes the place of the corner that is left out. Cells come in the order of the letters, so that what
   has to come next is known: the other half of what was cut last.
+- The tetrahedra of the box of a surface are cut so too, each in a fixed way: with its corners in an order, between the
+  first and the last, in the children the first and the last but one, then the first and the second, and so on; `a` is
+  the half with the first corner.
 - A point is its own cell.
 
 Corners of cells are multiples of 2^-52 at most and written as floats, which hold them exactly.
@@ -15,10 +18,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from reprlib import repr  # of limited length and depth, whatever a file holds
 from typing import Any
 
+from jhd.distance.certificate.verification.convexity import cuts_of
 from jhd.distance.certificate.verification.pieces import ExactPiece, Map, simplex_map
 from jhd.distance.certificate.verification.structure import CertificateError
 
-Triangle = tuple[tuple[float, float], ...]
+Triangle = tuple[tuple[float, ...], ...]
 
 # The corner that stays and the one that the middle takes the place of, for each letter.
 _CUTS = {"a": (0, 1), "b": (1, 0), "c": (0, 2), "d": (2, 0), "e": (1, 2), "f": (2, 1)}
@@ -28,18 +32,22 @@ MOST_CUTS = 52
 
 def roots(piece: ExactPiece) -> list[Triangle]:
     """The triangles in the domain of a piece that its cells are cut from."""
+    if piece.corners == (4,):
+        return [((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
     if piece.corners == (3,):
         return [((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))]
     return [((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)), ((0.0, 0.0), (0.0, 1.0), (1.0, 1.0))]
 
 
-def half(triangle: Triangle, letter: str) -> Triangle:
-    """The half of a triangle that a letter names."""
-    kept, moved = _CUTS[letter]
+def half(triangle: Triangle, letter: str, depth: int = 0) -> Triangle:
+    """The half of a triangle, or of a tetrahedron that has been cut so often, that a letter names."""
+    if len(triangle) == 4:
+        kept, moved, order = cuts_of((0, 1, 2, 3), depth)["ab".index(letter)]
+    else:
+        (kept, moved), order = _CUTS[letter], (0, 1, 2)
     corners = list(triangle)
-    (x, y), (u, v) = triangle[kept], triangle[moved]
-    corners[moved] = (0.5 * (x + u), 0.5 * (y + v))
-    return tuple(corners)
+    corners[moved] = tuple(0.5 * (x + y) for x, y in zip(triangle[kept], triangle[moved], strict=True))
+    return tuple(corners[k] for k in order)
 
 
 def cover(
@@ -122,6 +130,7 @@ def _triangles(
 ) -> Iterator[tuple[Any, str, Map]]:
     """The cells of a triangle, whose names all begin with the prefix."""
     left: list[tuple[str, Triangle]] = [(prefix, root)]
+    letters, start = "a" if len(root) == 4 else "ace", len(prefix)
     while left:
         name, triangle = left.pop()
         entry = numbered.next_of(index)
@@ -131,11 +140,12 @@ def _triangles(
         if len(cell) > MOST_CUTS:
             raise CertificateError(f"{numbered.name}.cell has {len(cell)} cuts; needs at most {MOST_CUTS}.")
         for letter in cell[len(name) :]:
-            if letter not in "ace":
+            if letter not in letters:
                 raise CertificateError(
                     f"{numbered.name}.cell is {repr(cell)}: at {repr(letter)} a half before it is left out."
                 )
             other = chr(ord(letter) + 1)
-            left.append((name + other, half(triangle, other)))
-            name, triangle = name + letter, half(triangle, letter)
-        yield entry, numbered.name, simplex_map(piece, 3, triangle)
+            depth = len(name) - start
+            left.append((name + other, half(triangle, other, depth)))
+            name, triangle = name + letter, half(triangle, letter, depth)
+        yield entry, numbered.name, simplex_map(piece, len(root), triangle)

@@ -1,12 +1,13 @@
 """Pieces of shapes in integers, and their parts: what a piece is at the places that a map names.
 
 A piece is a polynomial over a weight in the Bernstein form of its domain, a product of simplices: a point has none, a
-curve an interval, a triangle itself, a patch two intervals. A part is the piece after a map of another simplex into its
-domain; with forms F_0, F_1, ... of the map, which add up to W, the Bernstein polynomial of the exponents i becomes
-multinomial(i) F_0^i_0 F_1^i_1 ..., W^n times what it was.
+curve an interval, a triangle itself, a patch two intervals, and a polynomial surface the six tetrahedra of its box. A
+part is the piece after a map of another simplex into its domain; with forms F_0, F_1, ... of the map, which add up to
+W, the Bernstein polynomial of the exponents i becomes multinomial(i) F_0^i_0 F_1^i_1 ..., W^n times what it was.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import permutations
 from typing import Any, NamedTuple
 
 from jhd.distance.certificate.verification.polynomials import (
@@ -73,6 +74,8 @@ def pieces_of(shape: Mapping[str, Any]) -> list[ExactPiece]:
     if shape["kind"] == "mesh":
         vertices = shape["vertices"]
         return [_piece((3,), (1,), [vertices[i] for i in triangle], None) for triangle in shape["triangles"]]
+    if shape["kind"] == "surface":
+        return [_piece((4,), (1,), path, None) for path in tetrahedra(shape["lower"], shape["upper"])]
     nets = shape["control_points"]
     weights = shape["weights"] or [None] * len(nets)
     if shape["kind"] == "curve":
@@ -84,6 +87,18 @@ def pieces_of(shape: Mapping[str, Any]) -> list[ExactPiece]:
     rows = [[x for row in net for x in row] for net in nets]
     flat = [None if w is None else [x for row in w for x in row] for w in weights]
     return [_piece((2, 2), degrees, points, w) for points, w in zip(rows, flat, strict=True)]
+
+
+def tetrahedra(lower: Sequence[float], upper: Sequence[float]) -> list[list[list[float]]]:
+    """The corners of six tetrahedra that are a box: paths along its sides from one corner to the opposite one."""
+    found = []
+    for axes in permutations(range(3)):
+        corner, path = list(lower), [list(lower)]
+        for axis in axes:
+            corner[axis] = upper[axis]
+            path.append(list(corner))
+        found.append(path)
+    return found
 
 
 def integers(numbers: Iterable[float]) -> tuple[list[int], int]:

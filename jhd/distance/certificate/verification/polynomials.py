@@ -147,10 +147,10 @@ def _halves(f: Polynomial, split: tuple[tuple[tuple[int, ...], int], ...]) -> li
     k = next(k for k, (variables, _) in enumerate(split) if len(variables) > 1)
     (i, j, *others), n = split[k]
     rest = (*split[:k], *split[k + 1 :])
-    return [(_half(f, kept, moved, n), (*rest, ((*others, kept, moved), n))) for kept, moved in ((i, j), (j, i))]
+    return [(half_of(f, kept, moved, n), (*rest, ((*others, kept, moved), n))) for kept, moved in ((i, j), (j, i))]
 
 
-def _half(f: Polynomial, kept: int, moved: int, n: int) -> Polynomial:
+def half_of(f: Polynomial, kept: int, moved: int, n: int) -> Polynomial:
     """2^n times the polynomial where the corner `moved` is the middle between itself and `kept`.
 
     With shares x of the corner kept and y of the middle, those before were x + y/2 and y/2.

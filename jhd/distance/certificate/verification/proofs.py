@@ -9,10 +9,11 @@ is everywhere but on sides of the cell, to which the bound extends because dista
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from fractions import Fraction
 from functools import partial
 from typing import Any, NamedTuple
 
-from jhd.distance.certificate.verification.apart import Ordered, failure_of_plane, pairs
+from jhd.distance.certificate.verification.apart import Ordered, PartOfShape, failure_of_plane, pairs, whole_box
 from jhd.distance.certificate.verification.cells import cover
 from jhd.distance.certificate.verification.first_version import current
 from jhd.distance.certificate.verification.pieces import (
@@ -46,6 +47,8 @@ from jhd.distance.certificate.verification.structure import (
     check_entry,
     check_pair,
 )
+from jhd.distance.certificate.verification.surface_proofs import failure_of_pair, failure_of_surface_cell
+from jhd.distance.certificate.verification.zeros import NearZero, ZeroSet, is_free, place_of, zeros_of
 
 # How the distances are written.
 NAMES = {"directed": "h(A, B)", "two_sided": "H(A, B)", "minimum": "d(A, B)"}
@@ -92,63 +95,114 @@ def verify(content: Any, seconds: float | None = None, progress: Callable[[str],
     deadline, content = _Deadline(seconds, progress), current(content)
     sizes = check_content(content)
     claim = content["claim"]
-    shapes = {name: pieces_of(content[name]) for name in ("a", "b")}
+    sides = {name: _side_of(content[name], sizes[name]) for name in ("a", "b")}
     if claim["kind"] == "minimum":
-        count = _check_minimum(content, shapes, sizes, deadline)
+        count = _check_minimum(content, sides, deadline)
     else:
-        count = _check_maximum(content, shapes, sizes, deadline)
+        count = _check_maximum(content, sides, deadline)
     upper = None if claim["upper"] is None else float(claim["upper"])
     return Proven(claim["kind"], float(claim["lower"]), upper, count)
 
 
-def _check_maximum(
-    content: Mapping[str, Any],
-    shapes: Mapping[str, list[ExactPiece]],
-    sizes: Mapping[str, ShapeSize],
-    deadline: _Deadline,
-) -> int:
+class _CheckedSide(NamedTuple):
+    """A shape: its size, its pieces, and the polynomial of a surface."""
+
+    size: ShapeSize
+    pieces: list[ExactPiece]
+    zeros: ZeroSet | None
+
+
+def _side_of(shape: Mapping[str, Any], size: ShapeSize) -> _CheckedSide:
+    return _CheckedSide(size, pieces_of(shape), zeros_of(shape))
+
+
+def _check_maximum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide], deadline: _Deadline) -> int:
     """The number of cells, all of which are proven, and so is the witness."""
     claim, count = content["claim"], 0
     for direction in KINDS[claim["kind"]] if claim["upper"] is not None else ():
-        source, target = direction[0], direction[-1]
+        source, target = sides[direction[0]], sides[direction[-1]]
         place, entries = f"cells.{direction}", content["cells"][direction]
-        checked = _checked(place, entries, partial(check_entry, source=sizes[source], target=sizes[target]))
-        for entry, name, cell in cover(place, shapes[source], checked):
+        checked = _checked(place, entries, partial(check_entry, source=source.size, target=target.size))
+        for entry, name, cell in cover(place, source.pieces, checked):
             deadline.check(name)
             if entry["bound"] > claim["upper"]:
                 raise CertificateError(f"{name}.bound is {entry['bound']!r}, above the upper bound {claim['upper']!r}.")
-            failed = failure_of_cell(shapes[source][entry["piece"]], cell, shapes[target], entry)
+            failed = _failure_of_entry(source, cell, target, entry)
             if failed:
                 raise CertificateError(f"{name}: that the distance is at most {entry['bound']!r} {failed}.")
             count += 1
     if claim["lower"] > 0:
-        _check_witness(content["witness"], shapes, claim["lower"], deadline)
+        count += _check_witness(content, sides, deadline)
     return count
 
 
-def _check_minimum(
-    content: Mapping[str, Any],
-    shapes: Mapping[str, list[ExactPiece]],
-    sizes: Mapping[str, ShapeSize],
-    deadline: _Deadline,
-) -> int:
+def _failure_of_entry(source: _CheckedSide, cell: Map, target: _CheckedSide, entry: Mapping[str, Any]) -> str | None:
+    piece = source.pieces[entry["piece"]]
+    if source.zeros is None and target.zeros is None:
+        return failure_of_cell(piece, cell, target.pieces, entry)
+    return failure_of_surface_cell(piece, cell, target.pieces, (source.zeros, target.zeros), entry)
+
+
+def _check_minimum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide], deadline: _Deadline) -> int:
     """The number of pairs of parts, all of which are proven, and so are the two places."""
-    claim, witness, count = content["claim"], content["witness"], 0
+    claim, witness = content["claim"], content["witness"]
     if witness is not None:
-        p, q = (point_of(shapes[name][witness[name]["piece"]], witness[name]["at"]) for name in ("a", "b"))
-        failed = failure_at_most([difference(p, q)], claim["upper"], None)
+        p, q = (_near(sides[name], witness[name], f"witness.{name}") for name in ("a", "b"))
+        most = Fraction(claim["upper"]) - p.reach - q.reach
+        failed = "is false" if most < 0 else failure_at_most([difference(p.point, q.point)], most, None)
         if failed:
             raise CertificateError(f"witness: that the distance is at most {claim['upper']!r} {failed}.")
     if claim["lower"] > 0:
-        a, b = (Ordered(shapes[name], content["orders"][name]) for name in ("a", "b"))
-        checked = _checked("cells.apart", content["cells"]["apart"], partial(check_pair, dim=sizes["a"].dim))
-        for entry, name, mine, other in pairs("cells.apart", a, b, checked):
-            deadline.check(name)
-            failed = failure_of_plane(a.points(mine), b.points(other), entry["plane"], claim["lower"])
-            if failed:
-                raise CertificateError(f"{name}: that the distance is at least {claim['lower']!r} {failed}.")
-            count += 1
+        a, b = (Ordered(sides[name].pieces, content["orders"][name]) for name in ("a", "b"))
+        return _check_pairs("apart", content, (sides["a"], sides["b"]), (a, b), claim["lower"], deadline)
+    return 0
+
+
+def _near(side: _CheckedSide, place: Mapping[str, Any], name: str) -> NearZero:
+    """A point with the distance to a place of the shape: none, where it is one."""
+    if side.zeros is not None:
+        return place_of(side.zeros, place, name)
+    return NearZero(point_of(side.pieces[place["piece"]], place["at"]), Fraction(0))
+
+
+def _check_pairs(
+    section: str,
+    content: Mapping[str, Any],
+    sides: tuple[_CheckedSide, _CheckedSide],
+    ordered: tuple[Ordered, Ordered],
+    bound: float | Fraction,
+    deadline: _Deadline,
+) -> int:
+    """The number of pairs of parts of two shapes that are this far apart."""
+    count, place = 0, f"cells.{section}"
+    checked = _checked(place, content["cells"][section], partial(check_pair, sizes=[side.size for side in sides]))
+    for entry, name, mine, other in pairs(place, *ordered, checked):
+        deadline.check(name)
+        failed = _failure_apart(sides, ordered, (mine, other), entry, bound)
+        if failed:
+            raise CertificateError(f"{name}: that the distance is at least {float(bound)!r} {failed}.")
+        count += 1
     return count
+
+
+def _failure_apart(
+    sides: tuple[_CheckedSide, _CheckedSide],
+    ordered: tuple[Ordered, Ordered],
+    parts: tuple[PartOfShape, PartOfShape],
+    entry: Mapping[str, Any],
+    bound: float | Fraction,
+) -> str | None:
+    if "plane" in entry:
+        mine, others = (each.points(part) for each, part in zip(ordered, parts, strict=True))
+        return failure_of_plane(mine, others, entry["plane"], bound)
+    if any(part.last - part.first > 1 for part in parts):
+        return "is not proven: a part has several pieces"
+    found = ordered[0].part(parts[0]), ordered[1].part(parts[1])
+    if "zeros" in entry:
+        return failure_of_pair(found, (sides[0].zeros, sides[1].zeros), entry["zeros"], bound)
+    zeros = sides[entry["free"]].zeros
+    free = zeros is not None and is_free(zeros, found[entry["free"]])
+    return None if free else "is not proven: the part may hold a zero"
 
 
 def _checked(place: str, entries: Any, check: Callable[[str, Any], None]) -> Iterator[Mapping[str, Any]]:
@@ -193,7 +247,10 @@ def _map(foot: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def failure_at_most(
-    apart: Sequence[Part], bound: float, multipliers: Sequence[Sequence[float]] | None, parts: int = MOST_PARTS
+    apart: Sequence[Part],
+    bound: float | Fraction,
+    multipliers: Sequence[Sequence[float]] | None,
+    parts: int = MOST_PARTS,
 ) -> str | None:
     """Why it is not proven that everywhere one of the differences is at most `bound` long; None where it is.
 
@@ -220,9 +277,9 @@ def failure_at_most(
     return failure(total([elevated(f, domain, degree, most) for f, degree in products]), domain, most, parts)
 
 
-def is_hull_at_most(e: Part, bound: float) -> bool:
+def is_hull_at_most(e: Part, bound: float | Fraction) -> bool:
     """Whether all Bernstein coefficients of a difference are at most `bound` long: then it is everywhere."""
-    top, whole = float(bound).as_integer_ratio()
+    top, whole = Fraction(bound).as_integer_ratio()
     weight = elevated(e.weight, e.domain, e.weight_degree, e.degree)
     return all(
         whole * whole * sum(f.get(i, 0) ** 2 for f in e.coordinates) <= top * top * w * w for i, w in weight.items()
@@ -236,9 +293,9 @@ def squares_of(e: Part) -> tuple[Polynomial, Polynomial, Degree]:
     return total([square(f) for f in e.coordinates]), weights, doubled
 
 
-def slack(e: Part, bound: float) -> tuple[Polynomial, Degree]:
+def slack(e: Part, bound: float | Fraction) -> tuple[Polynomial, Degree]:
     """bound^2 w^2 - |e|^2, times a square, and its degree."""
-    top, whole = float(bound).as_integer_ratio()
+    top, whole = Fraction(bound).as_integer_ratio()
     squares, weights, degree = squares_of(e)
     return combined(weights, top * top, squares, -whole * whole), degree
 
@@ -246,20 +303,27 @@ def slack(e: Part, bound: float) -> tuple[Polynomial, Degree]:
 # ---- from below ----------------------------------------------------------------------------------
 
 
-def _check_witness(
-    witness: Mapping[str, Any], shapes: Mapping[str, Sequence[ExactPiece]], lower: float, deadline: _Deadline
-) -> None:
+def _check_witness(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide], deadline: _Deadline) -> int:
+    """The number of pairs of the witness and parts of the other shape, if this is a surface; all is proven."""
+    witness, lower = content["witness"], content["claim"]["lower"]
     name, other = witness["direction"][0], witness["direction"][-1]
-    point = point_of(shapes[name][witness["piece"]], witness["at"])
-    for index, piece in enumerate(shapes[other]):
+    place = _near(sides[name], witness, "witness")
+    bound = Fraction(lower) + place.reach
+    if sides[other].zeros is not None:
+        point = as_piece(place.point)
+        mine = _CheckedSide(ShapeSize(3, 1, (), 0), [point], None)
+        ordered = Ordered([point], None), Ordered(sides[other].pieces, None)
+        return _check_pairs("witness", content, (mine, sides[other]), ordered, bound, deadline)
+    for index, piece in enumerate(sides[other].pieces):
         deadline.check(f"witness and piece {index} of {other}")
         cuts = [0.0, 1.0] if witness["cuts"] is None else witness["cuts"][index]
         for first, last in zip(cuts[:-1], cuts[1:], strict=True):
-            failed = failure_of_witness(point, piece, lower, (first, last))
+            failed = failure_of_witness(place.point, piece, bound, (first, last))
             if failed:
                 where = f"from the witness to piece {index} of {other}"
                 where += "" if witness["cuts"] is None else f" between {first!r} and {last!r}"
                 raise CertificateError(f"witness: that the distance {where} is at least {lower!r} {failed}.")
+    return 0
 
 
 def point_of(piece: ExactPiece, at: Sequence[float]) -> Part:
@@ -267,8 +331,14 @@ def point_of(piece: ExactPiece, at: Sequence[float]) -> Part:
     return composed(piece, simplex_map(piece, 1, [at]))
 
 
+def as_piece(point: Part) -> ExactPiece:
+    """A point as a piece of a shape."""
+    rows = tuple((f.get(0, 0),) for f in point.coordinates)
+    return ExactPiece((), (), rows, (point.weight[0],), point.bits)
+
+
 def failure_of_witness(
-    point: Part, piece: ExactPiece, lower: float, ends: tuple[float, float] = (0.0, 1.0)
+    point: Part, piece: ExactPiece, lower: float | Fraction, ends: tuple[float, float] = (0.0, 1.0)
 ) -> str | None:
     """Why it is not proven that a point is at least `lower` away from a piece; None where it is.
 
@@ -278,7 +348,7 @@ def failure_of_witness(
         lower: the bound.
         ends: of an interval, the part of it that is meant.
     """
-    box = [list(ends) if count == 2 else [0.0, 0.0, 1.0, 0.0, 0.0, 1.0] for count in piece.corners]
+    box = [ends if count == 2 else whole for count, whole in zip(piece.corners, whole_box(piece.corners), strict=True)]
     part = composed(piece, box_map(piece, box))
     still = (0,) * len(part.domain)
     apart = difference(Part(part.domain, point.coordinates, still, point.weight, still, point.bits), part)

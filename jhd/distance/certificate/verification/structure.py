@@ -10,15 +10,32 @@ from hashlib import sha256
 from reprlib import repr  # of limited length and depth, whatever a file holds
 from typing import Any, NamedTuple
 
+from jhd.distance.certificate.verification.surface_structure import (
+    check_multiplier,
+    check_surface,
+    check_surface_foot,
+    check_surface_place,
+)
+from jhd.distance.certificate.verification.values import (
+    CertificateError,
+    check_index,
+    check_keys,
+    check_list,
+    check_numbers,
+    check_parameters,
+    check_positive,
+)
+
 FORMAT, VERSION = "jhd-certificate", 2
 KINDS = {"directed": ("a_to_b",), "two_sided": ("a_to_b", "b_to_a"), "minimum": ("apart",)}
-# The lists of cells in the order in which they stand in files.
-SECTIONS = ("a_to_b", "b_to_a", "apart")
+# The lists of cells in the order in which they stand in files; the last is of pairs of the witness and parts.
+SECTIONS = ("a_to_b", "b_to_a", "apart", "witness")
 # The names of the arrays of each kind of shape.
 SHAPES = {
     "curve": ("control_points", "weights"),
     "patches": ("control_points", "weights"),
     "mesh": ("vertices", "triangles"),
+    "surface": ("coefficients", "lower", "upper"),
 }
 
 # What pairs of parts are named by.
@@ -27,14 +44,10 @@ _LETTERS = frozenset("abcdefxyABCDEFXY")
 _LARGEST_CURVE, _LARGEST_PATCH, _LARGEST_MAP = 30, 10, 3
 # Feet of one cell, for the same reason.
 MOST_FEET = 4
-# Bits of parameters behind the point.
-_MOST_BITS = 256
+# Into which a box is cut.
+_TETRAHEDRA = 6
 # Degree of what is checked on a triangle: a few hundred milliseconds.
 _LARGEST_ON_TRIANGLES = 60
-
-
-class CertificateError(ValueError):
-    """A certificate that is refused: no such format, or a claim in it that is not proven by what it holds."""
 
 
 class ShapeSize(NamedTuple):
@@ -48,7 +61,12 @@ class ShapeSize(NamedTuple):
     @property
     def cell_corners(self) -> int:
         """Corners of the simplices that cover a piece."""
-        return 1 if not self.corners else 2 if self.corners == (2,) else 3
+        return 1 if not self.corners else 3 if self.corners == (2, 2) else self.corners[0]
+
+    @property
+    def is_surface(self) -> bool:
+        """Whether it holds the zeros of a polynomial alone; its pieces are those of its box."""
+        return self.corners == (4,)
 
 
 def check_content(content: Any) -> dict[str, ShapeSize]:
@@ -74,15 +92,17 @@ def _check_maximum(content: Mapping[str, Any], directions: tuple[str, ...], size
     """Cells for an upper bound, a witness for a lower one."""
     if content["orders"] is not None:
         raise CertificateError("orders must be null where the claim is about a largest distance.")
-    if content["claim"]["upper"] is None:
-        if content["cells"] is not None:
-            raise CertificateError("claim.upper is null, so cells must be null.")
-    else:
-        check_keys("cells", content["cells"], directions)
+    wanted = [] if content["claim"]["upper"] is None else list(directions)
     if content["witness"] is not None:
         _check_witness(content["witness"], directions, sizes)
+        if content["claim"]["lower"] > 0 and sizes[content["witness"]["direction"][-1]].is_surface:
+            wanted.append("witness")
     elif content["claim"]["lower"] > 0:
         raise CertificateError(f"claim.lower is {content['claim']['lower']!r} and there is no witness.")
+    if wanted:
+        check_keys("cells", content["cells"], wanted)
+    elif content["cells"] is not None:
+        raise CertificateError("claim.upper is null, so cells must be null.")
 
 
 def _check_minimum(content: Mapping[str, Any], sizes: Mapping[str, ShapeSize]) -> None:
@@ -100,6 +120,9 @@ def _check_minimum(content: Mapping[str, Any], sizes: Mapping[str, ShapeSize]) -
         check_keys("witness", content["witness"], ("a", "b"))
         for name, size in sizes.items():
             place, found = f"witness.{name}", content["witness"][name]
+            if size.is_surface:
+                check_surface_place(place, found)
+                continue
             check_keys(place, found, ("piece", "at"))
             check_index(f"{place}.piece", found["piece"], size.pieces)
             check_place(f"{place}.at", found["at"], size)
@@ -114,15 +137,29 @@ def _check_order(place: str, order: Any, count: int) -> None:
         raise CertificateError(f"{place} names a piece twice.")
 
 
-def check_pair(place: str, entry: Any, dim: int) -> None:
-    """CertificateError unless a pair has all that the proof reads."""
-    check_keys(place, entry, ("pair", "plane"))
+def check_pair(place: str, entry: Any, sizes: Sequence[ShapeSize]) -> None:
+    """CertificateError unless a pair of parts of shapes of these sizes has all that the proof reads."""
+    proofs = ("plane", "zeros", "free") if any(size.is_surface for size in sizes) else ("plane",)
+    found = [key for key in proofs if isinstance(entry, Mapping) and key in entry]
+    check_keys(place, entry, ("pair", found[0] if len(found) == 1 else "plane"))
     if not isinstance(entry["pair"], str) or not entry["pair"].isascii() or not set(entry["pair"]) <= _LETTERS:
         raise CertificateError(f"{place}.pair is {repr(entry['pair'])}; needs letters.")
-    normal = check_list(f"{place}.plane", entry["plane"], dim, dim)
-    check_numbers(f"{place}.plane", normal)
-    if not any(normal):
-        raise CertificateError(f"{place}.plane is {normal}; needs a direction.")
+    if "free" in entry:
+        if type(entry["free"]) is not int or entry["free"] not in (0, 1) or not sizes[entry["free"]].is_surface:
+            raise CertificateError(f"{place}.free is {repr(entry['free'])}; needs the number of a surface, 0 or 1.")
+    elif "zeros" in entry:
+        zeros = check_list(f"{place}.zeros", entry["zeros"], 2, 2)
+        for k, (numbers, size) in enumerate(zip(zeros, sizes, strict=True)):
+            if size.is_surface:
+                check_multiplier(f"{place}.zeros[{k}]", numbers, 4)
+            elif numbers is not None:
+                raise CertificateError(f"{place}.zeros[{k}] must be null: the shape is no surface.")
+    else:
+        dim = sizes[0].dim
+        normal = check_list(f"{place}.plane", entry["plane"], dim, dim)
+        check_numbers(f"{place}.plane", normal)
+        if not any(normal):
+            raise CertificateError(f"{place}.plane is {normal}; needs a direction.")
 
 
 def check_claim(claim: Any) -> tuple[str, ...]:
@@ -138,49 +175,68 @@ def check_claim(claim: Any) -> tuple[str, ...]:
 
 def check_entry(place: str, entry: Any, source: ShapeSize, target: ShapeSize) -> None:
     """CertificateError unless a cell has all that the proof reads, with feet inside the domains of their pieces."""
-    check_keys(place, entry, ("piece", "cell", "feet", "multipliers", "bound"))
+    check_keys(place, entry, ("piece", "cell", "feet", "multipliers", "bound", *["zero"] * source.is_surface))
     check_index(f"{place}.piece", entry["piece"], source.pieces)
     check_numbers(f"{place}.bound", [entry["bound"]], 0.0)
     if source.corners == (2,):
         cell = check_list(f"{place}.cell", entry["cell"], 2, 2)
-        _check_parameters(f"{place}.cell", cell)
+        check_parameters(f"{place}.cell", cell)
         if cell[0] > cell[1]:
             raise CertificateError(f"{place}.cell is {cell}; its ends are in the wrong order.")
-    feet = check_list(f"{place}.feet", entry["feet"], 1, MOST_FEET)
+    _check_feet(place, entry, source, target)
+    if entry["multipliers"] is not None:
+        _check_multipliers(place, entry, source)
+    elif len(entry["feet"]) > 1:
+        raise CertificateError(f"{place} has {len(entry['feet'])} feet and no multipliers.")
+
+
+def _check_feet(place: str, entry: Any, source: ShapeSize, target: ShapeSize) -> None:
+    is_free = source.is_surface and entry["zero"] is None
+    feet = check_list(f"{place}.feet", entry["feet"], 1 - is_free, 0 if is_free else MOST_FEET)
+    if source.is_surface and not is_free:
+        check_multiplier(f"{place}.zero", entry["zero"], 4)
     for k, foot in enumerate(feet):
-        _check_foot(f"{place}.feet[{k}]", foot, source, target)
-    if entry["multipliers"] is None:
-        if len(feet) > 1:
-            raise CertificateError(f"{place} has {len(feet)} feet and no multipliers.")
-        return
-    rows = check_list(f"{place}.multipliers", entry["multipliers"], len(feet), len(feet))
+        if target.is_surface:
+            check_surface_foot(f"{place}.feet[{k}]", foot, source.cell_corners)
+        else:
+            _check_foot(f"{place}.feet[{k}]", foot, source, target)
+
+
+def _check_multipliers(place: str, entry: Any, source: ShapeSize) -> None:
+    count = len(entry["feet"])
+    rows = check_list(f"{place}.multipliers", entry["multipliers"], count, count)
     for k, row in enumerate(rows):
         name = f"{place}.multipliers[{k}]"
         if len(check_list(name, row, 1, source.cell_corners)) not in (1, source.cell_corners):
             raise CertificateError(f"{name} is {repr(row)}; needs a list of 1 or {source.cell_corners}.")
-        _check_parameters(name, row, math.inf)
+        check_parameters(name, row, math.inf)
     if not any(x > 0 for row in rows for x in row):
         raise CertificateError(f"{place}.multipliers are all zero.")
+    # Zeros of a polynomial on a side of a cell need not be next to others inside.
+    if source.is_surface and not all(any(row[k % len(row)] > 0 for row in rows) for k in range(4)):
+        raise CertificateError(f"{place}.multipliers are all zero at a corner.")
 
 
 def _check_foot(place: str, foot: Any, source: ShapeSize, target: ShapeSize) -> None:
     check_keys(place, foot, ("piece", "map", "weights"))
     check_index(f"{place}.piece", foot["piece"], target.pieces)
     rows = check_list(f"{place}.map", foot["map"])
-    if source.cell_corners == 3:
+    if source.cell_corners == 4:
+        sizes = {1: 0, 4: 1}
+    elif source.cell_corners == 3:
         sizes = {(m + 1) * (m + 2) // 2: m for m in range(_LARGEST_MAP + 1)}
     else:
         sizes = {m * (source.cell_corners - 1) + 1: m for m in range(_LARGEST_MAP + 1)}
     if len(rows) not in sizes:
         raise CertificateError(f"{place}.map has {len(rows)} rows; needs one of {', '.join(map(str, sizes))}.")
     degree = 2 * (source.degree + max(sizes[len(rows)], 1) * target.degree)
-    if source.cell_corners == 3 and degree > _LARGEST_ON_TRIANGLES:
+    if source.cell_corners > 2 and degree > _LARGEST_ON_TRIANGLES:
         raise CertificateError(f"{place}.map gives a degree of {degree}; at most {_LARGEST_ON_TRIANGLES} is read.")
     weights = foot["weights"]
     if weights is not None:
         for w in check_list(f"{place}.weights", weights, len(rows), len(rows)):
             check_positive(f"{place}.weights", [w])
-            _check_parameters(f"{place}.weights", [w], math.inf)
+            check_parameters(f"{place}.weights", [w], math.inf)
     for k, row in enumerate(rows):
         most = 1.0 if weights is None else float(weights[k])
         check_place(f"{place}.map[{k}]", row, target, most)
@@ -190,7 +246,7 @@ def check_place(place: str, row: Any, size: ShapeSize, most: float = 1.0) -> Non
     """CertificateError unless a row of parameters, times `most`, lies in the domain of a piece."""
     count = sum(size.corners) - len(size.corners)
     row = check_list(place, row, count, count)
-    _check_parameters(place, row, most)
+    check_parameters(place, row, most)
     # Floats may round the sum down to one: the ratio does not.
     if size.corners == (3,) and not _is_at_most(row, most):
         raise CertificateError(f"{place} is {repr(row)}; needs a sum of at most {most!r}.")
@@ -204,20 +260,24 @@ def _is_at_most(row: Sequence[float], most: float) -> bool:
 
 
 def _check_witness(witness: Any, directions: Sequence[str], sizes: Mapping[str, ShapeSize]) -> None:
-    check_keys("witness", witness, ("direction", "piece", "at", "cuts"))
-    direction = witness["direction"]
+    direction = witness.get("direction") if isinstance(witness, Mapping) else None
     if direction not in directions:
+        check_keys("witness", witness, ("direction",), list(witness) if isinstance(witness, Mapping) else ())
         raise CertificateError(f"witness.direction is {repr(direction)}; needs {' or '.join(directions)}.")
-    source, target = sizes[direction[0]], sizes[direction[-1]]
-    check_index("witness.piece", witness["piece"], source.pieces)
-    check_place("witness.at", witness["at"], source)
+    source, target = sizes[str(direction)[0]], sizes[str(direction)[-1]]
+    if source.is_surface:
+        check_surface_place("witness", witness, ("direction", "cuts"))
+    else:
+        check_keys("witness", witness, ("direction", "piece", "at", "cuts"))
+        check_index("witness.piece", witness["piece"], source.pieces)
+        check_place("witness.at", witness["at"], source)
     if witness["cuts"] is None:
         return
     if target.corners != (2,):
         raise CertificateError("witness.cuts must be null where the other shape is no curve.")
     for k, cuts in enumerate(check_list("witness.cuts", witness["cuts"], target.pieces, target.pieces)):
         place = f"witness.cuts[{k}]"
-        _check_parameters(place, check_list(place, cuts, 2))
+        check_parameters(place, check_list(place, cuts, 2))
         if cuts[0] != 0 or cuts[-1] != 1 or any(x > y for x, y in zip(cuts[:-1], cuts[1:], strict=True)):
             raise CertificateError(f"{place} is {repr(cuts)}; needs cuts in order from 0 to 1.")
 
@@ -246,7 +306,10 @@ def _check_shape(name: str, shape: Any) -> ShapeSize:
     if not isinstance(kind, str) or kind not in SHAPES:
         raise CertificateError(f"{name}.kind is {repr(kind)}; needs one of {', '.join(SHAPES)}.")
     check_keys(name, shape, ("kind", *SHAPES[kind]), ("sha256",))
-    size = _check_mesh(name, shape) if kind == "mesh" else _check_nets(name, shape)
+    if kind == "surface":
+        size = ShapeSize(3, _TETRAHEDRA, (4,), check_surface(name, shape))
+    else:
+        size = _check_mesh(name, shape) if kind == "mesh" else _check_nets(name, shape)
     if "sha256" in shape and shape["sha256"] != digest(shape):
         raise CertificateError(f"{name}.sha256 is {repr(shape['sha256'])}, which is not that of its arrays.")
     return size
@@ -291,57 +354,3 @@ def _check_net(place: str, net: Any, sizes: Sequence[int], positive: bool = Fals
             _check_net(f"{place}[{k}]", row, sizes[1:], positive)
     else:
         (check_positive if positive else check_numbers)(place, rows)
-
-
-# ---- values --------------------------------------------------------------------------------------
-
-
-def check_keys(place: str, value: Any, keys: Sequence[str], more: Sequence[str] = ()) -> None:
-    """CertificateError unless it is an object of these keys, and of no others but `more`."""
-    if not isinstance(value, Mapping):
-        raise CertificateError(f"{place} is {repr(value)}; needs an object with {', '.join(keys)}.")
-    for key in keys:
-        if key not in value:
-            raise CertificateError(f"{place} has no {key!r}.")
-    for key in value:
-        if key not in keys and key not in more:
-            raise CertificateError(f"{place} has an unknown key {repr(key)}; known are {', '.join(keys)}.")
-
-
-def check_list(place: str, value: Any, least: int = 1, most: int | None = None) -> Sequence[Any]:
-    """The value; CertificateError unless it is a list of so many."""
-    if not isinstance(value, list) or len(value) < least or (most is not None and len(value) > most):
-        wanted = f"at least {least}" if most is None else f"{least}" if least == most else f"{least} to {most}"
-        raise CertificateError(f"{place} is {repr(value)}; needs a list of {wanted}.")
-    return value
-
-
-def check_numbers(place: str, values: Sequence[Any], least: float = -math.inf, most: float = math.inf) -> None:
-    """CertificateError unless all of them are floats in the range."""
-    for value in values:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise CertificateError(f"{place} holds {repr(value)}; needs a number.")
-        if isinstance(value, int) and abs(value) > 2**53:
-            raise CertificateError(f"{place} holds a whole number above 2^53, which is no float.")
-        if not math.isfinite(value) or not least <= value <= most:
-            raise CertificateError(f"{place} holds {value!r}; needs finite numbers from {least} to {most}.")
-
-
-def check_positive(place: str, values: Sequence[Any]) -> None:
-    """CertificateError unless all of them are positive floats."""
-    check_numbers(place, values)
-    if min(values) <= 0:
-        raise CertificateError(f"{place} holds {min(values)!r}; needs positive numbers.")
-
-
-def check_index(place: str, value: Any, count: int) -> None:
-    """CertificateError unless it is a number of one of so many."""
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < count:
-        raise CertificateError(f"{place} is {repr(value)}; needs a whole number from 0 to {count - 1}.")
-
-
-def _check_parameters(place: str, values: Sequence[Any], most: float = 1.0) -> None:
-    check_numbers(place, values, 0.0, most)
-    for value in values:
-        if float(value).as_integer_ratio()[1].bit_length() > _MOST_BITS or value > 2.0**_MOST_BITS:
-            raise CertificateError(f"{place} holds {value!r}; needs multiples of 2^-{_MOST_BITS - 1}, and none huge.")
