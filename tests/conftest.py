@@ -5,6 +5,7 @@ The type checks of jaxtyping must be switched on before the package is imported,
 
 import gc
 import os
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,8 @@ def pytest_configure(config):
     a tenth of the time: slow tests have them, and quick ones where the environment says CHECK_ANNOTATIONS=1, as it does
     in the continuous integration.
     """
+    # What is started in the background ignores interrupts, and so does all that it starts; some tests send them.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     quick = config.option.markexpr == "not slow"
     if quick:
         os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *_QUICK_FLAGS])
