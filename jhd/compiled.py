@@ -78,12 +78,18 @@ class _Plain:
 
     def __init__(self, function: Callable[..., Any], static: tuple[int, ...], quick: bool):
         self._made, self._known = functools.cache(lambda: self._jitted(function, static, quick)), 0
+        # Sizes of large arguments of which it is known that there is room.
+        self._asked: set[Any] = set()
 
     def __call__(self, *args: Any) -> Any:
         program = self._made()
-        if sum(getattr(x, "nbytes", 0) for x in tree_leaves(args)) > _LARGE:
-            # What is compiled here is not compiled again for the call.
-            _check_room(program.lower(*args).compile())
+        leaves = tree_leaves(args)
+        if sum(getattr(x, "nbytes", 0) for x in leaves) > _LARGE:
+            sizes = tuple(np.shape(x) for x in leaves)
+            # Asked once: lowering for it takes as long as a search of some steps, each time.
+            if sizes not in self._asked:
+                _check_room(program.lower(*args).compile())
+                self._asked.add(sizes)
         result = program(*args)
         if program._cache_size() != self._known:
             make_room()

@@ -37,7 +37,7 @@ from jhd.distance.nearest.target import Flats
 # Room for the curvature of the surface beside the parallelogram, as a multiple of what a first look says.
 _ROOM = 2.0
 # The room in any case, as a share of the parallelogram, and in roundings of a coordinate of one.
-_MARGIN, _THICK = 2.0**-6, 2**13
+_MARGIN, _THICK = 2.0**-6, 2**10
 
 
 def of_points(points: Array, error: Any) -> Flats:
