@@ -156,7 +156,9 @@ def _place_on_surface(side: SurfaceSide, point: np.ndarray) -> tuple[dict[str, A
     foot = side.foot(point, point)
     if foot is None:
         return None
-    slope = np.where(foot.held, 0.0, side.slopes(foot.point))
+    # A way across a face would leave the box.
+    held = (foot.point == side.lower) | (foot.point == side.upper)
+    slope = np.where(held, 0.0, side.slopes(foot.point))
     length = float(np.linalg.norm(slope))
     for share in _WAYS if length > 0 else _WAYS[:1]:
         way = share * side.size * slope / max(length, 1e-300)

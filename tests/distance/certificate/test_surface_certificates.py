@@ -50,6 +50,14 @@ def test_points_and_a_surface_both_ways():
     sharp(POINT, flat(0), BACK, "two_sided")
 
 
+def test_the_farthest_point_of_a_surface_may_lie_on_faces_of_its_box():
+    # Bent down towards a corner of the box, so that the gradient there points out of both faces.
+    bent = flat(0, "z - {0} + x^2/10 + x*y/20")
+    solution = jhd.directed_hausdorff(bent, POINT)
+    exact, proven = math.dist([1, 1, -0.15], [0.25, 0.5, 1.0]), certify(bent, POINT, solution).verify()
+    assert proven.upper is not None and proven.lower <= exact <= proven.upper <= proven.lower + 10 * SLACK
+
+
 @pytest.mark.slow
 def test_a_ball_about_a_point():
     sphere = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [0, 0, 0], [1.5] * 3)
