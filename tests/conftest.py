@@ -40,7 +40,7 @@ _FROZEN: Any = getattr(beartype, "FrozenDict", None) or beartype.BeartypeHintOve
 
 
 # A third less of the time that a search takes to compile.
-_QUICK_FLAGS = ("--xla_cpu_use_fusion_emitters=false", "--xla_backend_optimization_level=0")
+QUICK_FLAGS = ("--xla_cpu_use_fusion_emitters=false", "--xla_backend_optimization_level=0")
 # Those that take longest when nothing is compiled yet, quick and slow tests together. Files that share large programs
 # do not stand beside each other: two processes that begin with them would compile the same.
 _LONGEST = (
@@ -83,7 +83,7 @@ def pytest_configure(config):
     signal.signal(signal.SIGINT, signal.default_int_handler)
     quick = config.option.markexpr == "not slow"
     if quick:
-        os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *_QUICK_FLAGS])
+        os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *QUICK_FLAGS])
     if not quick or os.environ.get("CHECK_ANNOTATIONS") == "1":
         # The hook takes the name of a checker, not the checker.
         jaxtyping.install_import_hook("jhd", f"{__name__}.checked")

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from tests.claims import CLAIMS
+from tests.conftest import QUICK_FLAGS
 
 ROOT = Path(__file__).resolve().parent.parent
 # Modules that experiments or figures share, and what draws all figures.
@@ -40,9 +41,10 @@ def names(paths):
 
 def run(script, folder):
     command = [sys.executable, str(script.relative_to(ROOT)), "--smoke", "--out", str(folder)]
-    # Small matrices on several threads take many times as long where other processes run.
-    alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    done = subprocess.run(command, cwd=ROOT, env=alone, capture_output=True, text=True, timeout=600, check=False)
+    # Small matrices on several threads take many times as long where other processes run. What short runs compile runs
+    # once or twice, and the quick tests have compiled much of it.
+    quickly = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "XLA_FLAGS": " ".join(QUICK_FLAGS)}
+    done = subprocess.run(command, cwd=ROOT, env=quickly, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     return done.stdout
 

@@ -205,18 +205,20 @@ def test_one_program_gives_the_same_under_jit_vmap_and_grad():
     value, slope = jax.jit(jax.value_and_grad(distance))(a)
     assert abs(float(value) - EXACT_H12) < 1e-9
     assert np.all(np.isfinite(slope)) and np.any(slope != 0)
-    scaled = jax.jit(jax.vmap(distance))(jnp.stack([a, 3 * a, -a]))
-    assert np.allclose(scaled, EXACT_H12, atol=1e-9)
 
     def outcome(coefficients):
         a = ImplicitSurface(coefficients, LOWER, UPPER, reduced=False)
         solution = jhd.directed_hausdorff(a, CONES[1])
-        return solution.result._value, solution.lower, solution.upper
+        return solution.result._value, solution.lower, solution.upper, solution.value
 
-    for coefficients, name in ((NOWHERE.coefficients, "empty_surface"), (a * np.nan, "nonfinite_value")):
-        result, lower, upper = jax.jit(outcome)(coefficients)
-        assert int(result) == int(getattr(jhd.RESULTS, name)._value)
-        assert (float(lower), float(upper)) == (0.0, math.inf)
+    # Two of no distance in one batch with three of the same.
+    result, lower, upper, values = jax.jit(jax.vmap(outcome))(
+        jnp.stack([a, 3 * a, -a, NOWHERE.coefficients, a * np.nan])
+    )
+    assert np.allclose(values[:3], EXACT_H12, atol=1e-9)
+    names = ("successful", "successful", "successful", "empty_surface", "nonfinite_value")
+    assert result.tolist() == [int(getattr(jhd.RESULTS, name)._value) for name in names]
+    assert lower[3:].tolist() == [0.0, 0.0] and upper[3:].tolist() == [math.inf, math.inf]
 
 
 @pytest.mark.slow
