@@ -17,6 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import claims
 import common_origin
 import common_parameters
 import jax
@@ -89,12 +90,14 @@ class Run:
         self.cores = _keep_to_one_core() if one_core and not options.smoke else os.cpu_count()
 
     def save(self, numbers: dict[str, Any], table: str) -> None:
-        """Writes NAME.json and NAME.md, and prints the table."""
+        """Writes NAME.json and NAME.md, prints the table, and asserts what the experiment claims of its own shapes."""
         self.folder.mkdir(parents=True, exist_ok=True)
         content = {"context": self.context(), **plain(numbers)}
         (self.folder / f"{self.name}.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         (self.folder / f"{self.name}.md").write_text(table + "\n", encoding="utf-8")
-        print(table)
+        print(table, flush=True)
+        if not self.asked:
+            claims.check(self.name, content)
 
     def context(self) -> dict[str, Any]:
         """Where the numbers come from."""

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.claims import CLAIMS
+from experiments.claims import CLAIMS
 from tests.conftest import QUICK_FLAGS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -52,6 +52,15 @@ def run(script, folder):
 def test_every_experiment_has_a_claim_that_is_asserted():
     assert len(EXPERIMENTS) >= 30
     assert sorted(CLAIMS) == names(EXPERIMENTS)
+
+
+def test_an_experiment_whose_claim_does_not_hold_fails_after_its_numbers_are_written(tmp_path):
+    experiment = ROOT / "experiments" / "lin03_transform.py"
+    save = f"from common import Run; Run({str(experiment)!r}, None).save({{'line': {{'found': [0]}}}}, 'table')"
+    command = [sys.executable, "-c", save, "--smoke", "--out", str(tmp_path)]
+    done = subprocess.run(command, cwd=experiment.parent, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 1 and "AssertionError" in done.stderr and done.stdout == "table\n"
+    assert json.loads((tmp_path / "lin03_transform.json").read_bytes())["line"] == {"found": [0]}
 
 
 def test_every_experiment_has_its_figure_and_every_figure_its_experiment():

@@ -1,4 +1,4 @@
-"""What the experiments on many shapes, pairs and points claim; see tests.claims."""
+"""What the experiments on many shapes, pairs and points claim."""
 
 
 def full(numbers):

@@ -1,0 +1,202 @@
+"""What the experiments on curves claim."""
+
+import numpy as np
+
+# What TwoStep and the proven projections promise, in units of the coordinates (some hundred, and some).
+ERROR = 1e-10
+
+
+def both_directions(numbers):
+    for entry in numbers["directions"].values():
+        found = entry["solution"]
+        assert entry["error"] < ERROR
+        assert 0 < found["value"] - ERROR <= found["lower"] <= found["value"]
+        assert found["upper"] is None and found["result"] == "successful"
+    # Candidates lie on the curve, so none is farther than the farthest point; the best of them is that one.
+    best = max(c["solution"]["value"] for c in numbers["candidates"])
+    chosen = numbers["directions"]["a_to_b"]
+    assert abs(best - chosen["reference"]) < ERROR
+    # The maximum may be flat: its place is known to the root of its error.
+    assert min(abs(c["t"] - chosen["t"]) for c in numbers["candidates"]) < ERROR**0.5
+    for candidate in numbers["candidates"]:
+        assert candidate["solution"]["value"] >= candidate["distance"] - ERROR
+    shown = numbers["stationary"]
+    nearest = numbers["samples"]["distance"][shown["sample"]]
+    assert abs(min(shown["distance"]) - nearest) < ERROR
+
+
+def check_cao14_open_closed(numbers):
+    both_directions(numbers)
+    assert len(numbers["samples"]["t"]) == 11
+    assert {c["solution"]["witness"]["event"] for c in numbers["candidates"]} == {"antipodal", "one_to_two"}
+
+
+def check_cao14_closed_closed(numbers):
+    both_directions(numbers)
+    ours = [s for s in numbers["speeds"] if s["name"] == "TwoStep"]
+    samples = [s for s in numbers["speeds"] if s["name"] != "TwoStep"]
+    assert ours and samples
+    assert all(max(s["errors"]) < ERROR for s in ours)
+    assert all(min(s["errors"]) > ERROR for s in samples)
+    assert all(s["seconds"] > 0 and s["ratio"] > 0 for s in numbers["speeds"])
+
+
+def check_point_bezier(numbers):
+    for name, entries in numbers["random"]["methods"].items():
+        proven = name in ("ProjectedPolyhedron", "NearestSearch")
+        for entry in entries:
+            assert entry["lower_above"] < ERROR
+            assert entry["wrong"] == 0 if proven else 0.01 < entry["wrong"] < 0.3
+            assert not proven or entry["largest_error"] < ERROR
+    for name in ("ProjectedPolyhedron", "NearestSearch"):
+        assert np.max(np.abs(numbers["path"]["errors"][name])) < ERROR
+    ours, *samples = numbers["speed"]["entries"]
+    assert ours["error"] < ERROR and all(s["error"] > ERROR for s in samples)
+
+
+def check_local_search_error(numbers):
+    for mesh in numbers["meshes"]:
+        assert [way["published"] for way in mesh["ways"]].count(True) == 1
+        for way in mesh["ways"]:
+            # Never below the exact distance, up to rounding; and often above.
+            assert way["smallest"] > -1e-12 and way["largest"] > 1e-3
+            assert 0.01 < way["wrong"] < 0.6 and way["wrong_signs"] < 0.01
+
+
+def check_gradient_check(numbers):
+    path = {key: np.array(numbers["path"][key]) for key in ("event", "rule", "naive", "difference")}
+    off, naive = (np.abs(path[key] - path["difference"]) for key in ("rule", "naive"))
+    two = path["event"] == "one_to_two"
+    assert {"antipodal", "one_to_two"} <= set(path["event"])
+    assert np.max(off) < 1e-6 and np.max(naive[~two]) < 1e-6 and np.min(naive[two]) > 1e-3 and np.max(naive) > 0.5
+    assert numbers["pairs"]
+    assert all(max(e["first"]) < 1e-6 and max(e["second"]) < 1e-4 for e in numbers["pairs"].values())
+
+
+def check_convergence(numbers):
+    for pair, families in numbers["local"].items():
+        for family, entry in families.items():
+            fitted = entry["order"] is not None
+            assert (entry["slope"] is not None) == fitted, (pair, family)
+            assert not fitted or abs(entry["slope"] - entry["order"]) < 0.2, (pair, family)
+    assert np.abs(numbers["local"]["coincident_circle"]["ours"]["gap"][-1]) < 1e-13
+
+    def needed(pair, family):
+        entry = numbers["cells"][pair][family]
+        return next((n for n, gap in zip(entry["count"], entry["gap"], strict=True) if gap <= numbers["goal"]), np.inf)
+
+    for pair in ("antipodal", "one_to_two"):
+        assert needed(pair, "ours") == 3 and needed(pair, "ours, halved") <= 9
+        assert all(needed(pair, family) >= 27 for family in ("Lipschitz", "one branch", "lambda"))
+
+
+def check_flattening_check(numbers):
+    assert all(entry["answers"]["undecided"] == 0 and entry["count"] > 0 for entry in numbers["entries"])
+    for entry in numbers["entries"]:
+        lower, upper = (np.array(entry[key]) for key in ("lower", "upper"))
+        # The answers are those of the bounds, which are found another way.
+        assert entry["answers"]["yes"] == np.sum(lower <= entry["tolerance"]) == np.sum(upper <= entry["tolerance"])
+        fonttools = entry["name"] in ("cu2qu", "qu2cu")
+        if fonttools or entry["family"] in ("letters", "inflection", "loop"):
+            assert entry["answers"]["no"] == 0, (entry["name"], entry["family"])
+        elif entry["family"] == "hairpin" or (entry["family"] == "near-cusp" and entry["size"] >= 100):
+            assert entry["answers"]["no"] > 0, (entry["name"], entry["family"])
+    assert all(specimen["answer"] == "no" for specimen in numbers["specimens"])
+    steps = {way: sum(entry["steps"][way] for entry in numbers["entries"]) for way in ("distance", "decision")}
+    assert steps["decision"] < steps["distance"]
+
+
+def check_fonts(numbers):
+    matrix = numbers["matrix"]
+    lower, value, upper = (np.array(matrix[key]) for key in ("lower", "value", "upper"))
+    assert np.all(lower <= value) and np.all(value <= upper) and matrix["gap"] < 1e-9
+    for name, tables in (("rows", (lower, upper)), ("columns", (lower.T, upper.T))):
+        found = numbers["searches"][name]
+        assert found["distances"] + found["decisions"] < value.size
+        for letter, nearest, tied, low, high in zip(
+            numbers["letters"], found["nearest"], found["tied"], *tables, strict=True
+        ):
+            best = numbers["letters"].index(nearest)
+            others = [k for k, other in enumerate(numbers["letters"]) if k != best and other not in tied]
+            # What the search calls nearest, the matrix proves: no letter but those tied can be nearer.
+            assert np.all(high[best] < low[others]), (name, letter)
+    assert all(entry["largest_error"] > entry["spacing"] / 10 for entry in numbers["samples"])
+
+
+def check_first_call(numbers):
+    for entry in numbers["entries"].values():
+        assert entry["without"]["bounds"] == entry["first"]["bounds"] == entry["second"]["bounds"]
+        assert entry["without"]["read"] == entry["first"]["read"] == 0 < entry["second"]["read"]
+        assert entry["second"]["compiled"] == 0 < entry["first"]["compiled"]
+        assert entry["without"]["phases"]["writing"] == 0 < entry["first"]["phases"]["writing"]
+
+
+def check_scaling(numbers):
+    for entry in (entry for entries in numbers["kinds"].values() for entry in entries):
+        assert entry["gap"] <= 1e-10 and entry["cells"] < 500 and entry["cells, both"] >= entry["cells"]
+        assert entry["segments"] <= entry["padded"]
+    # In bounded memory: a program for four segments reserves less than a megabyte, a process less than a gigabyte.
+    for program in numbers["programs"]:
+        assert 0 < program["directed, reserved"] <= program["both, reserved"] < 1e6
+        assert 0 <= program["plain, peak"] <= program["both, peak"] < 1e9
+
+
+def check_sampling_versus_proof(numbers):
+    for pair in numbers["pairs"].values():
+        ours = [entry for entry in pair["entries"] if entry["method"] == "jhd"]
+        others = [entry for entry in pair["entries"] if entry["method"] != "jhd"]
+        assert all(entry["gap"] <= entry["tolerance"] and entry["error"] <= entry["gap"] for entry in ours)
+        assert others and all(entry["error"] > 1e-10 for entry in others)
+        found = ours[-1]["solution"]
+        # The distance is known; its curves are stored exactly.
+        assert pair["known"] is None or found["lower"] <= pair["known"] <= found["upper"]
+
+
+def check_kim10_table(numbers):
+    for entry in numbers["entries"]:
+        proven = entry["values"]["BranchAndBound"]
+        assert proven <= entry["upper"] <= proven + 1.01e-10 * entry["diagonal"]
+        for value in entry["values"].values():
+            assert abs(value - proven) <= 1e-9 * entry["diagonal"]
+        assert entry["boxes"]["BiarcTrimming"] <= entry["boxes"]["AlgebraicEvents"]
+        assert max(entry["left"]) < 0.1
+
+
+def check_kim10_figures(numbers):
+    assert 0 < numbers["checked"]["largest"] <= numbers["checked"]["error"]
+    for pair in numbers["pairs"].values():
+        found, parts = pair["solution"], pair["parts"]
+        assert found["lower"] - 2 * pair["reach"] <= pair["lower"] <= found["upper"]
+        # What is trimmed is within the bound, what is left has the farthest place, and is little.
+        assert pair["trimmed_reaches"] <= pair["lower"] and pair["share_left"] < 0.1
+        # Trimmed as published, nothing of the other curve is left, where the feet are.
+        assert pair["share_left_of_b"] == 0 and not any(pair["parts_of_b"]["left"])
+        segment, t = found["witness"]["segment"], found["witness"]["t"]
+        rows = zip(parts["segment"], parts["t0"], parts["t1"], parts["left"], strict=True)
+        assert any(left and s == segment and t0 <= t <= t1 for s, t0, t1, left in rows)
+
+
+def check_two_sided_trimming(numbers):
+    lost = 0
+    for family, bounds in numbers["families"].items():
+        for bound, summary in bounds.items():
+            assert summary["lost"] == summary["below"], (family, bound)
+            lost += summary["lost"]
+    for trial in (trial for trials in numbers["trials"].values() for trial in trials):
+        exact, allowed = trial["solution"], numbers["lost"] * trial["diagonal"]
+        assert abs(trial["ours"] - exact["value"]) <= allowed
+        for found in trial["bounds"].values():
+            assert abs(found["one"]["value"] - exact["value"]) <= allowed
+            assert found["both"]["value"] <= exact["upper"] + allowed
+    assert lost > 0
+
+
+def check_biarc_convergence(numbers):
+    for name, curve in numbers["curves"].items():
+        counts = [row["arcs"] for row in curve["rows"]]
+        assert np.all(np.diff(counts) >= 0), name
+        for row in curve["rows"]:
+            rounding = 1e-14 * curve["diagonal"]
+            assert row["sampled"] - rounding <= row["deviation"] <= row["tolerance"], name
+            assert row["lower"] <= row["deviation"] and row["upper"] - row["lower"] <= 0.0101 * row["deviation"], name
+            assert row["result"] == "successful" and row["arcs"] >= 0.9 * row["theory"], name
