@@ -102,6 +102,16 @@ def test_a_line_beside_a_cone_is_as_far_as_its_formula_says():
     assert_is(jhd.directed_hausdorff(line, cone), 2.25 * np.sqrt(0.5))
 
 
+@pytest.mark.slow
+def test_a_line_below_the_apex_of_a_cone_is_as_far_as_its_ends():
+    cone = jhd.ImplicitSurface.parse("x**2 + y**2 - z**2", [-3, -3, 0], [3, 3, 3])
+    line = jhd.BezierSegments(np.array([[[-1.0, 0, -2], [1, 0, -2]]]))
+    # The gradient vanishes at the apex, which is the nearest point of all of the line.
+    found = jhd.directed_hausdorff(line, cone)
+    assert_is(found, np.sqrt(5))
+    assert int(found.stats["cells"]) < 200
+
+
 def samples_of(shape, count=3000):
     """Points of a shape, about."""
     share = np.random.default_rng(3)

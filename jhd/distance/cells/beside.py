@@ -101,7 +101,9 @@ def beside_surface(side: Side, feet: Array, radius: Array, corners: Array) -> Fl
     """
     slope = jnp.moveaxis(jets(jnp.asarray(side.coefficients), feet.T).gradient, -1, 0).reshape(feet.shape)
     square = jnp.sum(slope**2, axis=-1, keepdims=True)
-    normal = slope / jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    # Where the gradient vanishes there is no tangent plane; any direction is true, and proves nothing there.
+    some = square > 0
+    normal = jnp.where(some, slope / jnp.sqrt(jnp.where(some, square, 1.0)), jnp.eye(3, dtype=feet.dtype)[0])
     least = jnp.eye(3, dtype=feet.dtype)[jnp.argmin(jnp.abs(normal), axis=-1)]
     along = jnp.cross(normal, least)
     along = along / jnp.sqrt(jnp.sum(along**2, axis=-1, keepdims=True))
