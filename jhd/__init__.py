@@ -2,6 +2,10 @@
 
 import os as _os
 
+# First, because all that follows takes time, in which interrupts come.
+from jhd import starting as _starting  # noqa: F401
+
+# isort: split
 import jax as _jax
 
 # Bounds to 1e-10 of the size need float64, and jax has it only as a global switch; JAX_ENABLE_X64=0 keeps float32.

@@ -15,8 +15,8 @@ import jax
 import jhd
 from jhd.report import interrupted, progress_text, successful
 from jhd.solution import to_plain
+from jhd.starting import INTERRUPTED
 
-INTERRUPTED = 130
 # Seconds after which an interrupt that was dropped is sent again: what dropped it is over by then.
 _AGAIN = 0.02
 # Seconds between two that are shown of many.

@@ -15,6 +15,7 @@ PACKAGE = Path(__file__).parent.parent / "jhd"
 # above its own, or in its own line before it; those of one line that are parted by a bar know nothing of each other.
 # Inside a folder the order is free, as long as there is no cycle.
 ORDER = """
+    starting
     archives arrays sharding display files forks memory slips storage programs compiled outcomes plain batches solution
     arithmetic
     shapes
@@ -27,7 +28,7 @@ ORDER = """
 """
 # The checker of certificates runs by itself, and is its own command line.
 CHECKER = "distance.certificate.verification.__main__"
-COMMAND_LINE = (CHECKER, "console", "comparisons", "collected", "commands", "__main__")
+COMMAND_LINE = (CHECKER, "starting", "console", "comparisons", "collected", "commands", "__main__")
 # Their import takes a tenth of a second and more, so they may be imported where they are used.
 HEAVY = {"matplotlib", "mpl_toolkits", "fontTools", "scipy", "shapely", "trimesh", "pyvista", "skimage"} | {
     "svgelements",

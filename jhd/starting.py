@@ -1,0 +1,38 @@
+"""An interrupt while the package is imported: the command line ends with one line and a status, as it does later.
+
+The import takes a second, and is over before `main` can catch anything. Programs that import the package see the
+interrupt as Python raises it.
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+# What a shell makes of an interrupt.
+INTERRUPTED = 130
+
+
+def is_command_line() -> bool:
+    """Whether this process is `jhd` or `python -m jhd`, whose first argument is `-m` until the module is found."""
+    if sys.argv[:1] == ["-m"]:
+        given = sys.orig_argv
+        return "-m" in given[:-1] and given[given.index("-m") + 1] == "jhd"
+    return bool(sys.argv) and Path(sys.argv[0]).stem == "jhd"
+
+
+def tell_interrupts() -> None:
+    """Lets an interrupt that nobody catches end the process with status 130 and one line."""
+    usual = sys.excepthook
+
+    def hook(kind: type[BaseException], error: BaseException, trace: Any) -> None:
+        if not issubclass(kind, KeyboardInterrupt):
+            usual(kind, error, trace)
+            return
+        print("jhd: interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+
+    sys.excepthook = hook
+
+
+if is_command_line():
+    tell_interrupts()
