@@ -22,6 +22,9 @@ from jhd.shapes.curve import BezierSegments
 
 _SUFFIXES = (".ttf", ".otf", ".ttc", ".otc")
 _NORMAL_WEIGHT = 400
+# Parts that letters are put together of, and pieces, in one letter: parts of parts double at every level, and three
+# bytes stand for 256 points. A simple letter of the format has no more points.
+_MOST_PARTS, _MOST_PIECES = 1_000, 1 << 16
 
 # A point as fontTools hands it to pens.
 Point = tuple[float | int, float | int]
@@ -29,6 +32,10 @@ Point = tuple[float | int, float | int]
 
 class _MissingGlyphError(Exception):
     """A font without the letter that is wanted."""
+
+
+class _OutgrownError(Exception):
+    """A letter of more than is drawn of one."""
 
 
 def outline(font: str | Path, text: str, *, size: float | int | None = None) -> BezierSegments:
@@ -91,6 +98,8 @@ def _outlines(
             drawn = [_draw(opened, str(font), text) for text in texts_of(opened)]
     except _MissingGlyphError as error:
         raise ValueError(str(error)) from None
+    except _OutgrownError as error:
+        raise ParseError(str(error), file) from None
     except TTLibError as error:
         raise ParseError(f"is no font that can be read ({error}).", file) from error
     except Exception as error:
@@ -169,27 +178,38 @@ def _draw(font: TTFont, name: str, text: str) -> tuple[list[Contour], float]:
 
 
 class _ContourPen(BasePen):
-    """A fontTools pen that collects contours; components of composite glyphs are drawn in place by the base class."""
+    """A fontTools pen that collects the contours of a letter; the base class draws parts of composite ones in place."""
 
     def __init__(self, glyphs: Any, advance: float):
         BasePen.__init__(self, glyphs)
         self.contours: list[Contour] = []
         self.advance = advance
+        self.parts = self.pieces = 0
 
-    def _place(self, point: Point) -> complex:
-        return complex(point[0] + self.advance, point[1])
+    def addComponent(self, glyphName: str, transformation: Any) -> None:
+        """Draws a part, which may have parts."""
+        self.parts += 1
+        if self.parts > _MOST_PARTS:
+            raise _OutgrownError(f"a letter has more than {_MOST_PARTS} parts.")
+        BasePen.addComponent(self, glyphName, transformation)
+
+    def _places(self, *points: Point) -> list[complex]:
+        self.pieces += 1
+        if self.pieces > _MOST_PIECES:
+            raise _OutgrownError(f"a letter has more than {_MOST_PIECES} pieces.")
+        return [complex(x + self.advance, y) for x, y in points]
 
     def _moveTo(self, pt: Point) -> None:
-        self.contours.append(Contour(self._place(pt)))
+        self.contours.append(Contour(*self._places(pt)))
 
     def _lineTo(self, pt: Point) -> None:
-        self.contours[-1].append(self._place(pt))
+        self.contours[-1].append(*self._places(pt))
 
     def _qCurveToOne(self, pt1: Point, pt2: Point) -> None:
-        self.contours[-1].append(self._place(pt1), self._place(pt2))
+        self.contours[-1].append(*self._places(pt1, pt2))
 
     def _curveToOne(self, pt1: Point, pt2: Point, pt3: Point) -> None:
-        self.contours[-1].append(self._place(pt1), self._place(pt2), self._place(pt3))
+        self.contours[-1].append(*self._places(pt1, pt2, pt3))
 
     def _closePath(self) -> None:
         self.contours[-1].close()

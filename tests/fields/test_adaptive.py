@@ -331,6 +331,11 @@ def changed(field, path, **arrays):
         ({"mode": "none"}, "mode is 'none'"),
         ({"depth": 99}, "depth is 99"),
         ({"nodes": np.array([object()])}, "objects of Python"),
+        ({"depth": np.inf}, "infinity"),
+        ({"roots": np.full((4, 4, 4), (1 << 32) + 1)}, "roots holds int64 up to 4294967297; needs integers of 32 bits"),
+        ({"corners": np.full((3, 8), 1.0)}, "corners holds float64"),
+        ({"spacing": -0.5}, "spacing is -0.5 and atol"),
+        ({"atol": 0.0}, "atol 0; needs positive lengths"),
     ],
 )
 def test_files_that_hold_no_field_are_refused_with_their_name(full, tmp_path, arrays, message):
@@ -338,6 +343,15 @@ def test_files_that_hold_no_field_are_refused_with_their_name(full, tmp_path, ar
     changed(full, path, **arrays)
     with pytest.raises(ValueError, match=f"field.npz: .*{message}"):
         AdaptiveDistanceField.load(path)
+
+
+@pytest.mark.parametrize("shift", [-1, 1 << 20])
+def test_a_field_with_leaves_out_of_its_grid_is_refused(full, tmp_path, shift):
+    places = np.asarray(full.places).copy()
+    places[0] += shift
+    changed(full, tmp_path / "field.npz", places=places)
+    with pytest.raises(ValueError, match="field.npz: places has leaves out of the box"):
+        AdaptiveDistanceField.load(tmp_path / "field.npz")
 
 
 def test_files_that_are_no_archive_are_refused_with_their_name(tmp_path):

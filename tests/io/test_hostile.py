@@ -8,10 +8,14 @@ import sys
 import time
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 import pytest
+from fontTools.fontBuilder import FontBuilder
+from fontTools.pens.ttGlyphPen import TTGlyphPen
+from fontTools.ttLib import newTable
 
 import jhd
 import jhd.io
@@ -243,6 +247,59 @@ def test_archives_are_read_as_numpy_reads_them(tmp_path):
     assert list(read_arrays(tmp_path / "a.npz", ["c"])) == ["c"]
     with pytest.raises(ValueError, match="has no 'e'"):
         read_arrays(tmp_path / "a.npz", ["a", "e"])
+
+
+def font(folder, letters):
+    """A font whose letter a is the last of these lists: corners of a contour, or names of the parts it is made of."""
+    names = [".notdef", *letters]
+    builder = FontBuilder(1000, isTTF=True)
+    builder.setupGlyphOrder(names)
+    builder.setupCharacterMap({ord("a"): names[-1]})
+    glyphs = {".notdef": TTGlyphPen(None).glyph()}
+    for name, content in letters.items():
+        pen = TTGlyphPen(dict.fromkeys(names))
+        if isinstance(content[0], str):
+            for part in content:
+                pen.addComponent(part, (1, 0, 0, 1, 0, 0))
+        else:
+            pen.moveTo(content[0])
+            for corner in content[1:]:
+                pen.lineTo(corner)
+            pen.closePath()
+        glyphs[name] = pen.glyph()
+    for glyph in glyphs.values():
+        glyph.xMin = glyph.yMin = glyph.xMax = glyph.yMax = 0
+    table: Any = newTable("glyf")
+    table.glyphs, table.glyphOrder = glyphs, names
+    builder.font["glyf"], builder.font["loca"] = table, newTable("loca")
+    builder.setupHorizontalMetrics(dict.fromkeys(names, (600, 0)))
+    builder.setupHorizontalHeader(ascent=800, descent=-200)
+    # Bounds and counts of what is made of parts would take as long as drawing it.
+    builder.font.recalcBBoxes = False
+    counts: Any = builder.font["maxp"]
+    counts.recalc = lambda _: None
+    builder.save(folder / "a.ttf")
+    return folder / "a.ttf"
+
+
+TRIANGLE = [(0, 0), (0, 500), (500, 0)]
+
+
+def test_a_letter_of_parts_is_drawn_and_one_of_very_many_is_refused_at_once(tmp_path):
+    assert jhd.io.outline(font(tmp_path, {"b0": TRIANGLE, "b1": ["b0", "b0"]}), "a").count == 6
+    doubling = {f"b{k + 1}": [f"b{k}"] * 2 for k in range(40)}
+    for first in ({"b0": TRIANGLE}, {"b0": ["none"]}):
+        file = font(tmp_path, {"none": TRIANGLE[:1], **first, **doubling})
+        start = time.process_time()
+        with pytest.raises(jhd.io.ParseError, match="a.ttf: a letter has more than 1000 parts"):
+            jhd.io.outline(file, "a")
+        assert time.process_time() - start < 2 and file.stat().st_size < 4_000
+
+
+def test_a_letter_of_very_many_points_is_refused(tmp_path):
+    wide = font(tmp_path, {"b0": [(k % 2, 0) for k in range(700)], "b1": ["b0"] * 99})
+    with pytest.raises(jhd.io.ParseError, match="a.ttf: a letter has more than 65536 pieces"):
+        jhd.io.outline(wide, "a")
 
 
 @pytest.mark.parametrize("seed", range(8))
