@@ -4,6 +4,7 @@ import ast
 import io
 import json
 import resource
+import struct
 import sys
 import time
 import zipfile
@@ -197,6 +198,15 @@ def test_products_of_sums_have_a_budget(text, monkeypatch):
 FIELD = member("()", "<U25", 100)
 
 
+def packed_by(method):
+    """An archive that says of its member to be packed by another method."""
+    content = archive(format=FIELD)
+    for signature, at in ((b"PK\x03\x04", 8), (b"PK\x01\x02", 10)):
+        start = content.index(signature) + at
+        content = content[:start] + struct.pack("<H", method) + content[start + 2 :]
+    return content
+
+
 @pytest.mark.parametrize(
     "content",
     [
@@ -204,6 +214,7 @@ FIELD = member("()", "<U25", 100)
         archive(format=b"none"), archive(other=FIELD), archive(format=member("(99999999999999,)")),
         archive(format=member("(-1,)")), archive(format=member("()", "|O", 8)), archive(format=member("(2,)", size=24)),
         archive(format=member("(99999, 99999, 99999, 99999, 99999)")), archive(format=member("()", "<U25", 96)),
+        packed_by(99), packed_by(12),
     ],
 )  # fmt: skip
 def test_archives_that_are_none_are_refused(content, tmp_path):
