@@ -3,8 +3,8 @@
 Times are those of the noisy pairs; they jump where the next larger program is taken. The start alone is a plain call.
 
 Caption: Time, cells, memory and compilation from 1 to 2 000 segments. 2 000 by 2 000 segments are proven to 1e-10 of
-the diagonal in a second a direction at most and a few hundred cells; from some 500 segments on the start of the search
-decides, and compilation does not depend on the size.
+the diagonal in a tenth of a second a direction and fewer than n + 64 cells of n segments; above 384 segments, which are
+searched in blocks, programs take about twice as long to compile.
 """
 
 from typing import Any

@@ -50,7 +50,9 @@ def _draw_calls(ax: Any, numbers: dict[str, Any]) -> None:
     ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     ax.minorticks_off()
     ax.set(xlabel="letters in each of two shards", ylabel="CPU seconds of a call")
-    ax.legend(handlelength=2.6)
+    # Room for the key above the lines.
+    ax.set_ylim(top=30 * max(every))
+    ax.legend(loc="upper left", handlelength=2.6)
     letter(ax, "a", "measured: one task")
 
 
