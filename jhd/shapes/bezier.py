@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from jhd.arrays import is_traced, real_array
 from jhd.display import batch_text
-from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
+from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
 from jhd.shapes.homogeneous import cartesian, elevate, evaluate, hodograph, restrict, split
 
@@ -29,7 +29,7 @@ class BezierCurve(AbstractCurve):
 
     Raises:
         ValueError: wrong number of axes, no point, other than two or three coordinates, NaN or infinity, weights that
-            are not positive or do not match.
+            are not positive or do not match, a degree above 128 (in single precision 32).
         TypeError: entries that are not real numbers.
     """
 
@@ -40,6 +40,7 @@ class BezierCurve(AbstractCurve):
         self.control_points = real_array("control_points", control_points)
         self.weights = None if weights is None else real_array("weights", weights)
         check_control_points(self.control_points, self.weights, ("points", "dim"))
+        check_degrees(self.control_points.dtype, self.degree)
 
     def _summary(self) -> str:
         batch = batch_text(self.control_points, 2)

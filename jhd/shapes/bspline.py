@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from jhd.arrays import is_traced, real_array
 from jhd.display import batch_text, count_text
-from jhd.shapes.checks import Numbers, check_control_points, checked_between
+from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
 from jhd.shapes.homogeneous import cartesian, elevate, hodograph, homogeneous, in_unit, out_of_unit
 from jhd.shapes.joints import completed
@@ -70,6 +70,7 @@ class BSplineCurve(AbstractCurve):
         self.periodic = bool(periodic)
         check_control_points(self.control_points, self.weights, ("points", "dim"))
         _check_counts(self.control_points.shape[0], self.knots.shape, self.periodic)
+        check_degrees(self.control_points.dtype, self.degree)
         if not is_traced(self.knots):
             _check_knots(np.asarray(self.knots), self.control_points.shape[0], self.periodic)
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled
 from jhd.display import batch_text, size_text
-from jhd.shapes.checks import Numbers
+from jhd.shapes.checks import Numbers, check_degrees
 from jhd.shapes.curve import affine_image
 from jhd.shapes.homogeneous import cartesian, in_unit, out_of_unit
 from jhd.shapes.knots import bezier_pieces, evaluate, parted
@@ -54,6 +54,7 @@ class BSplineSurface(AbstractPatch):
         rows, columns = self.control_points.shape[:2]
         _check_knots("knots_u", self.knots_u, "rows", rows)
         _check_knots("knots_v", self.knots_v, "columns", columns)
+        check_degrees(self.control_points.dtype, *self.degrees)
 
     @classmethod
     def clamped(

@@ -42,6 +42,18 @@ def check_control_points(control_points: Array, weights: Array | None, axes: tup
         raise ValueError(f"weights range from {least:g} to {most:g}; their ratio must be at most {limit:g}.")
 
 
+def check_degrees(dtype: DTypeLike, *degrees: int) -> None:
+    """Raises ValueError where a degree is larger than any that programs are compiled for."""
+    limit = largest_degree(dtype)
+    if max(degrees) > limit:
+        raise ValueError(f"the degree is {max(degrees)}; must be at most {limit}: split the curve or surface.")
+
+
+def largest_degree(dtype: DTypeLike) -> int:
+    """Largest degree of curves and parametric surfaces: binomials of twice that are far from overflow."""
+    return 128 if np.dtype(dtype).itemsize >= 8 else 32
+
+
 def largest_weight_ratio(dtype: DTypeLike) -> float:
     """Largest ratio of the weights of a curve: bounds meet its fourth power, which must stay a normal number."""
     return 1e50 if np.dtype(dtype).itemsize >= 8 else 1e9

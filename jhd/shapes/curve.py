@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 from jhd.arrays import array_of, is_traced, module_of, on_host, real_array
 from jhd.display import batch_text, count_text, described, is_known, net_text, opaque
 from jhd.shapes import convert, sketches
-from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
+from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
 from jhd.shapes.flattening import CurveApproximation, flattened, pieces_following
 from jhd.shapes.homogeneous import cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
 from jhd.shapes.joints import checked, completed, followed, joints, linked, turned
@@ -150,6 +150,7 @@ class BezierSegments(AbstractCurve):
         self.control_points = real_array("control_points", control_points)
         self.weights = None if weights is None else real_array("weights", weights)
         check_control_points(self.control_points, self.weights, ("segments", "points", "dim"))
+        check_degrees(self.control_points.dtype, self.degree)
         self.links = linked(joints(self.control_points) if following is None else checked(following, self.count))
 
     @property

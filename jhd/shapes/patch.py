@@ -22,7 +22,7 @@ from jhd.arrays import array_of, is_traced, real_array
 from jhd.compiled import compiled
 from jhd.display import batch_text, count_text, described, fields_shown, is_known, net_text, opaque, size_text
 from jhd.shapes import sketches
-from jhd.shapes.checks import Numbers, check_control_points, checked_between, checked_parameter
+from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
 from jhd.shapes.curve import affine_image
 from jhd.shapes.homogeneous import cartesian, homogeneous
 from jhd.shapes.mesh import TriangleMesh
@@ -201,6 +201,7 @@ class BezierPatch(AbstractPatch):
 
     def __init__(self, control_points: Numbers, weights: Numbers | None = None):
         self.control_points, self.weights = checked_net(control_points, weights, ("rows", "columns", "3"))
+        check_degrees(self.control_points.dtype, *self.degrees)
 
     @property
     def degrees(self) -> tuple[int, int]:
@@ -277,6 +278,7 @@ class BezierPatches(AbstractPatch):
 
     def __init__(self, control_points: Numbers, weights: Numbers | None = None):
         self.control_points, self.weights = checked_net(control_points, weights, ("patches", "rows", "columns", "3"))
+        check_degrees(self.control_points.dtype, *self.degrees)
 
     def _summary(self) -> str:
         batch, patches = batch_text(self.control_points, 4), count_text(self.count, "patch", "patches")

@@ -5,6 +5,7 @@ import jax
 import numpy as np
 import pytest
 
+import jhd
 from jhd import BezierCurve
 
 # A few roundings of numbers of size one.
@@ -153,3 +154,29 @@ def test_the_gradient_in_points_and_weights_agrees_with_differences():
     by_point = (value(POINTS + step[:, None], WEIGHTS) - value(POINTS - step[:, None], WEIGHTS)) / 2e-6
     np.testing.assert_allclose(gradient[1][2], by_weight, atol=DIFFERENCES)
     np.testing.assert_allclose(gradient[0][2, 0], by_point, atol=DIFFERENCES)
+
+
+def test_degrees_have_a_limit_that_is_named():
+    row = np.linspace([0, 0], [1, 0], 130)
+    knots = np.repeat([0.0, 1.0], 130)
+    net = np.zeros((2, 130, 3))
+    for make in (
+        lambda: BezierCurve(row),
+        lambda: jhd.BezierSegments(row[None]),
+        lambda: jhd.BSplineCurve(row, knots),
+        lambda: jhd.BezierPatch(net),
+        lambda: jhd.BezierPatches(net[None]),
+        lambda: jhd.BSplineSurface(net, [0, 0, 1, 1], knots),
+        lambda: BezierCurve(row[:2]).elevate(129),
+    ):
+        with pytest.raises(ValueError, match="the degree is 129; must be at most 128"):
+            make()
+    assert BezierCurve(row[1:]).degree == 128
+
+
+@pytest.mark.slow
+def test_nearest_points_at_the_largest_degree_are_proven():
+    found = jhd.project([[0.3, 0.4], [2.0, 0.0]], BezierCurve(np.linspace([0, 0], [1, 0], 129)))
+    lower, upper = np.asarray(found.lower), np.asarray(found.upper)
+    assert np.all(lower <= [0.4, 1.0]) and np.all(upper >= [0.4, 1.0])
+    assert np.all(upper - lower < 1e-10)
