@@ -5,7 +5,9 @@ import functools
 import gc
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TypeVar
 from weakref import WeakSet
@@ -15,7 +17,7 @@ import numpy as np
 from jax._src import config as jax_config
 from jax.core import eval_context
 from jax.sharding import SingleDeviceSharding
-from jax.tree_util import tree_flatten, tree_leaves, tree_unflatten
+from jax.tree_util import tree_flatten, tree_unflatten
 
 from jhd.arrays import is_tracing
 from jhd.forks import check_process
@@ -41,6 +43,24 @@ _LESS = "fewer points or segments at once, or a smaller capacity of the method, 
 _context: Callable[[], Any] | None = getattr(jax_config, "trace_context", None)
 
 _programs: WeakSet[Any] = WeakSet()
+# Asked before a program is compiled.
+_permission: ContextVar[Callable[[], object] | None] = ContextVar("permission", default=None)
+
+
+@contextmanager
+def asking(permission: Callable[[], object]) -> Iterator[None]:
+    """What is called here asks before each program that it must compile; whoever does not permit it raises."""
+    token = _permission.set(permission)
+    try:
+        yield
+    finally:
+        _permission.reset(token)
+
+
+def _ask() -> None:
+    permission = _permission.get()
+    if permission is not None:
+        permission()
 
 
 def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, quick: bool = True) -> Callable[..., _R]:
@@ -78,12 +98,17 @@ class _Plain:
 
     def __init__(self, function: Callable[..., Any], static: tuple[int, ...], quick: bool):
         self._made, self._known = functools.cache(lambda: self._jitted(function, static, quick)), 0
+        # Kinds of arguments that there are programs for; dropped ones are made anew without being asked about.
+        self._static, self._kinds = static, set()
         # Sizes of large arguments of which it is known that there is room.
         self._asked: set[Any] = set()
 
     def __call__(self, *args: Any) -> Any:
         program = self._made()
-        leaves = tree_leaves(args)
+        leaves, tree = tree_flatten(tuple([x for i, x in enumerate(args) if i not in self._static]))
+        kinds = tree, tuple([args[i] for i in self._static]), tuple([(np.shape(x), _type(x)) for x in leaves])
+        if kinds not in self._kinds:
+            _ask()
         if sum(getattr(x, "nbytes", 0) for x in leaves) > _LARGE:
             sizes = tuple(np.shape(x) for x in leaves)
             # Asked once: lowering for it takes as long as a search of some steps, each time.
@@ -91,6 +116,7 @@ class _Plain:
                 _check_room(program.lower(*args).compile())
                 self._asked.add(sizes)
         result = program(*args)
+        self._kinds.add(kinds)
         if program._cache_size() != self._known:
             make_room()
             self._known = program._cache_size()
@@ -154,6 +180,7 @@ class _Kept:
             if found is None:
                 found, results = _tried(load(name), leaves)
             if found is None:
+                _ask()
                 found = self._compiled(name, tree, constants, like)
                 store(name, *found)
             _check_room(found[0])
@@ -212,6 +239,10 @@ def _kind(x: Any) -> Any:
     if _is_literal(x):
         return x.shape, x.dtype, x.weak_type  # pyright: ignore[reportAttributeAccessIssue]
     return (x.aval, x.sharding, x.committed) if isinstance(x, jax.Array) else (of, getattr(x, "dtype", None))
+
+
+def _type(x: Any) -> Any:
+    return getattr(x, "dtype", type(x))
 
 
 def _usual(leaves: list[Any]) -> bool:

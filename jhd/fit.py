@@ -93,8 +93,10 @@ def minimise_hausdorff(
         seed: of the random starts.
         max_steps: most steps from each start.
         max_seconds: wall time after which the best so far is returned, with the result fit_out_of_time; what has begun
-            is given up, but for the first evaluation and for compiling, and the proof of the error is ended a tenth of
-            the time later with the bounds it has. None for no limit.
+            is given up, but for the first evaluation, and the proof of the error is ended a tenth of the time later
+            with the bounds it has. Where less than half a minute is left, fits of curves to their largest distance do
+            without searches that are not compiled yet, and the bounds of the error are wider then; other fits wait for
+            them. None for no limit.
         atol: a distance at which the fit is good enough; zero goes on to a stationary point.
         capacity: of curves, how many maxima take part; by default enough for the number of parameters.
         method: how the error is proven; by default BranchAndBound().

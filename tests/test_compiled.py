@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jhd import compiled as module
-from jhd.compiled import compiled, make_room
+from jhd.compiled import asking, compiled, make_room
 
 
 @compiled
@@ -84,3 +84,22 @@ def test_gradients_around_a_call_make_no_new_programs():
         jax.grad(loss)(jnp.zeros(3))
         counts.append(sum(p._cache_size() for p in module._programs))
     assert counts[0] == counts[-1]
+
+
+def test_whoever_asks_is_heard_before_a_program_is_compiled_and_not_where_it_is_at_hand():
+    asked = []
+
+    def refuse():
+        asked.append(0)
+        raise TimeoutError
+
+    double = compiled(lambda x: 2 * x)
+    with asking(refuse), pytest.raises(TimeoutError):
+        double(np.arange(3.0))
+    double(np.arange(3.0))
+    with asking(refuse):
+        np.testing.assert_array_equal(double(np.arange(3.0)), [0, 2, 4])
+        with pytest.raises(TimeoutError):
+            double(np.arange(4.0))
+    assert len(asked) == 2
+    np.testing.assert_array_equal(double(np.arange(4.0)), [0, 2, 4, 6])

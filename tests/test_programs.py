@@ -19,7 +19,7 @@ from jax.experimental.compilation_cache.compilation_cache import reset_cache
 import jhd
 from jhd import compiled as compiled_module
 from jhd import programs
-from jhd.compiled import compiled
+from jhd.compiled import asking, compiled
 from jhd.distance.frame import directions
 from jhd.distance.witness import meshes, places
 from jhd.programs import NotKeptError, is_ours, name_of_program
@@ -78,6 +78,20 @@ def test_a_program_is_traced_once_and_then_read(folder, sample):
     assert jax.tree_util.tree_structure(first) == jax.tree_util.tree_structure(second)
     assert all(np.array_equal(first[key], second[key]) for key in first)
     assert all(first[key].weak_type == second[key].weak_type for key in first)
+
+
+def test_a_program_that_lies_on_disk_needs_no_permission_to_be_compiled(folder, sample):
+    module, x = sample(SQUARE), jnp.linspace(0.0, 1.0, 7)
+
+    def refuse():
+        raise TimeoutError
+
+    with asking(refuse), pytest.raises(TimeoutError):
+        in_a_new_process(module.square)(x)
+    assert files(folder) == []
+    first = in_a_new_process(module.square)(x)
+    with asking(refuse):
+        np.testing.assert_array_equal(in_a_new_process(module.square)(x)["square"], first["square"])
 
 
 @pytest.fixture(scope="module")

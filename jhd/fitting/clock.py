@@ -10,6 +10,8 @@ class OutOfTimeError(Exception):
 
 # What the proof at the end may take beyond the time, as a share of it.
 _FOR_PROOF = 0.1
+# Seconds that the programs of a search may take to be compiled.
+_TO_COMPILE = 30.0
 
 
 class Clock:
@@ -38,6 +40,19 @@ class Clock:
         if self.is_over():
             raise OutOfTimeError
 
+    def is_closed(self) -> bool:
+        """Whether the time for the proof is over as well."""
+        return self._last < math.inf and time.monotonic() > self._last
+
+    def compiling(self) -> None:
+        """Asked before the programs of a search are compiled, which nothing ends; see jhd.compiled.asking.
+
+        Raises:
+            OutOfTimeError: there is no time for it.
+        """
+        if self._last < math.inf and time.monotonic() + _TO_COMPILE > self._last:
+            raise OutOfTimeError
+
     def heard(self, progress: object) -> None:
         """A listener of searches that ends those of an evaluation when the time is up; see check."""
         del progress
@@ -50,5 +65,5 @@ class Clock:
             KeyboardInterrupt: which is how a search is ended with the bounds reached.
         """
         del progress
-        if self._last < math.inf and time.monotonic() > self._last:
+        if self.is_closed():
             raise KeyboardInterrupt

@@ -2,7 +2,7 @@
 
 Curves of few segments are searched by `critical_pairs`, all of whose maxima take part. Its work grows with the product
 of both numbers of segments, so beyond some of it the maxima near the top are looked for with trees (near_top), in a
-time that grows with the sum of both numbers.
+time that grows with the sum of both numbers; so they are where the time is too short to compile that search.
 """
 
 from collections.abc import Callable
@@ -15,8 +15,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd.compiled import asking
 from jhd.distance.witness.critical import critical_pairs
-from jhd.fitting.clock import Clock
+from jhd.fitting.clock import Clock, OutOfTimeError
 from jhd.fitting.expansion import Expansion, FloatArray, Moving, expand
 from jhd.fitting.near_top import pairs_near_top
 from jhd.fitting.sampled import SampledCurve, lengths_of
@@ -95,6 +96,7 @@ class Problem:
         self._size = float(np.max(np.ptp(np.asarray(self.target.control_points).reshape(-1, self.target.dim), axis=0)))
         self._length = float(np.sum(lengths_of(points, self._fixed.rational)))
         self._sampled: dict[tuple[int, float], SampledCurve] = {}
+        self._hurried = False
 
     def at(self, parameters: FloatArray) -> Point:
         """The critical pairs at the parameters."""
@@ -105,16 +107,24 @@ class Problem:
         shape, points, tangent, following = _moving(self.build, jnp.asarray(parameters))
         rational = points.shape[-1] > self.target.dim
         moving = Moving(np.asarray(points), np.asarray(tangent), rational)
-        many = self.has_many(len(points))
-        if many:
+        pairs = None if self.has_many(len(points)) else self._all(_curve(moving, following))
+        many = pairs is None
+        if pairs is None:
             pairs = self._near_top(moving, np.asarray(following), clock)
-        else:
-            pairs = critical_pairs(self.target, _curve(moving, following), self.capacity)
         return Point(parameters, shape, pairs, self._fixed, moving, many, float(pairs.value[0]), self._size)
 
     def has_many(self, count: int) -> bool:
         """Whether maxima near the top alone take part, for so many segments of the shape."""
-        return count * self.target.count > _MANY
+        return self._hurried or count * self.target.count > _MANY
+
+    def _all(self, shape: BezierSegments) -> CriticalPairs | None:
+        """All maxima; None, now and from now on, where the time does not allow to compile their search."""
+        try:
+            with asking(self.clock.compiling):
+                return critical_pairs(self.target, shape, self.capacity)
+        except OutOfTimeError:
+            self._hurried = True
+            return None
 
     def _near_top(self, moving: Moving, following: FloatArray, clock: Clock) -> CriticalPairs:
         samples = self.density * max(_SAMPLES, _SAMPLES_EACH * max(self.target.count, len(moving.points)))

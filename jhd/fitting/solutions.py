@@ -8,13 +8,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd.arrays import array_of
+from jhd.compiled import asking
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.hausdorff import hausdorff
 from jhd.fitting.bundle import Bundled
-from jhd.fitting.clock import Clock
+from jhd.fitting.clock import Clock, OutOfTimeError
+from jhd.fitting.host_bounds import host_bounds
 from jhd.fitting.minimax import Ended, minimise
-from jhd.fitting.problem import Problem
+from jhd.fitting.problem import Point, Problem
 from jhd.solution import DIRECTIONS, RESULTS, CriticalPairs, FitSolution, HausdorffSolution
+from jhd.triangles.closest_point import outward
 
 # A maximum was missed where the proven distance is larger by this share, or this share of the size.
 _MISSED = 1e-9
@@ -56,9 +60,29 @@ def minimise_and_prove(
 
 
 def _proven(problem: Problem, ended: Ended, method: AbstractHausdorffMethod | None) -> ProvenEnd:
-    point = ended.point
-    error = hausdorff(problem.target, point.shape, method, throw=False, progress=problem.clock.closing)
+    point, clock = ended.point, problem.clock
+    try:
+        with asking(clock.compiling):
+            error = hausdorff(problem.target, point.shape, method, throw=False, progress=clock.closing)
+    except OutOfTimeError:
+        error = _bounded(problem, point)
     return ProvenEnd(ended, error, float(error.lower) > point.top * (1 + _MISSED) + _MISSED * point.size)
+
+
+def _bounded(problem: Problem, point: Point) -> HausdorffSolution:
+    """The distance at a point by bounds that need no program."""
+    bounds = host_bounds(problem.target, point.shape.segments(), problem.clock)
+    dtype = np.dtype(point.pairs.value.dtype)
+    lower, upper = (outward(np.asarray(end), 0, dtype, sign) for end, sign in zip(bounds, (-1, 1), strict=True))
+    return HausdorffSolution(
+        value=array_of(np.clip(dtype.type(point.top), lower, upper)),
+        lower=array_of(lower),
+        upper=array_of(upper),
+        witness=jax.tree_util.tree_map(lambda x: x[0], point.pairs.witness),
+        result=RESULTS.interrupted,
+        stats={},
+        directed=False,
+    )
 
 
 def minimax_solution(proven: ProvenEnd, unravel: Callable) -> FitSolution:

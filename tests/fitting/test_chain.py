@@ -1,10 +1,13 @@
 """Corners of targets: those of noise are none where they do not matter, and those of the shape stay."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jhd
-from jhd.fitting.chain import divided, longest_pieces, turns
+from jhd.fitting.chain import Layout, divided, least_squares, longest_pieces, turns
+from jhd.fitting.clock import Clock
+from jhd.fitting.host_bounds import host_bounds
 
 NOISE = 0.01
 
@@ -47,3 +50,14 @@ def test_pieces_of_a_noisy_square_meet_at_its_corners():
 def test_few_pieces_lie_within_a_tolerance_of_a_noisy_circle():
     joints, pieces = longest_pieces(circle(200), 3, 0.04, 0.03)
     assert len(pieces) == len(joints) - 1 < 12
+
+
+def test_one_narrow_feature_takes_fewer_pieces_that_are_laid_by_error_than_even_ones():
+    x = np.linspace(0, 4, 801)
+    target = jhd.polyline(np.stack([x, 0.3 * np.exp(-(((x - 1.3) / 0.03) ** 2))], axis=1))
+    pieces = longest_pieces(target, 3, 2e-3, 0.01)[1]
+    assert len(pieces) <= 12
+    assert host_bounds(target, jhd.BezierSegments(pieces), Clock()).upper <= 2e-3
+    for count in (12, 18):
+        build, free = least_squares(Layout(3, count, False, True, False), target, divided(target, count))
+        assert host_bounds(target, build(jnp.asarray(free)), Clock()).lower > 2.4e-3
