@@ -75,6 +75,20 @@ def product(x: Truncated, y: Truncated) -> Truncated:
     return Truncated(jnp.asarray(terms), rest)
 
 
+def plus(x: Truncated, y: Truncated) -> Truncated:
+    """The sum."""
+    terms, dtype = x.terms + y.terms, x.terms.dtype
+    rest = (x.rest + y.rest) * (1 + gamma(4, dtype)) + gamma(2, dtype) * jnp.sum(jnp.abs(terms), axis=0)
+    return Truncated(terms, rest + 16 * smallest_normal(dtype))
+
+
+def scaled(x: Truncated, factor: Array | float) -> Truncated:
+    """The functions times numbers."""
+    dtype, size = x.terms.dtype, jnp.abs(jnp.asarray(factor))
+    rest = x.rest * size * (1 + gamma(4, dtype)) + gamma(2, dtype) * size * jnp.sum(jnp.abs(x.terms), axis=0)
+    return Truncated(x.terms * factor, rest + 16 * smallest_normal(dtype))
+
+
 def composed(form: Array, variables: Truncated) -> Truncated:
     """The polynomial of x^i y^j z^k, form (i, j, k, ...), at three functions of absolute value at most one.
 
@@ -88,7 +102,8 @@ def composed(form: Array, variables: Truncated) -> Truncated:
     flat = form.reshape(-1, *form.shape[3:])
     degrees = np.sum(np.indices(shape), axis=0).ravel()
     rest, size = jnp.sum(jnp.abs(flat[np.flatnonzero(degrees > DEGREE)]), axis=0), jnp.abs(flat[0])
-    terms = jnp.zeros_like(variables.terms[:, 0]).at[0].set(flat[0])
+    cells = jnp.broadcast_shapes(form.shape[3:], variables.rest.shape[1:])
+    terms = jnp.zeros((_COUNT, *cells), dtype).at[0].set(flat[0])
     for degree, level in enumerate(_monomials(shape, variables), 1):
         factors = flat[np.flatnonzero(degrees == degree)]
         terms = terms + jnp.sum(factors * level.terms, axis=1)

@@ -58,8 +58,9 @@ def minimum_distance(
     found, and at distance zero the derivative is zero by convention. Works under jit, vmap and grad, where checks of
     values are left out and `throw` is ignored: read `result`.
 
-    Where nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap; the
-    bounds are then true and wider, as RESULTS.gap_not_closed.
+    Where nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap, and far
+    more slowly between two polynomial surfaces that stay apart; bounds are then true and wider, as
+    RESULTS.gap_not_closed.
 
     A triangle mesh is a surface and not the solid that it may bound: of a mesh inside another one the distance of the
     surfaces is meant. Meshes, and a mesh with a point set or a polyline, have a search of their own from the host: the

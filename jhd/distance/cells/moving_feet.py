@@ -55,7 +55,7 @@ def moving_bounds(
     feet = local_feet(b, over.places, jnp.repeat(foot, count, axis=1).reshape(3, -1), _STEPS_OF_FEET)
     q = fitted(feet.reshape(3, -1, count).transpose(2, 0, 1))
     graph, on_a = over.graph, over.on
-    ranges, on_b = _piece(b, q)
+    ranges, on_b = piece_about(b, q)
     # In one go, which takes half as long to compile.
     dtype = q.dtype
     most_a, most_b = jnp.split(
@@ -68,21 +68,26 @@ def moving_bounds(
     return jnp.where(jnp.isfinite(total), total, jnp.inf)
 
 
-def _apart(graph: Graph, q: Array) -> Array:
-    """An upper bound of |P - Q|^2, q (terms, 3, cells) in the order of the coordinates."""
+def displacement(graph: Graph, q: Array) -> Truncated:
+    """Q - P, for Q (terms, 3, cells) in the order of the coordinates; in that of the graph."""
     dtype = q.dtype
     sides = jnp.take_along_axis(q, graph.order[None], axis=1)
     zero = jnp.zeros_like(graph.height)
     steps = jnp.stack([zero.at[S].set(1.0), zero.at[T].set(1.0), graph.height], axis=1) * graph.half
     terms = (sides - steps).at[0].set(sides[0] - graph.centre - steps[0])
     size = jnp.sum(jnp.abs(sides), axis=0) + jnp.abs(graph.centre) + jnp.sum(jnp.abs(steps), axis=0)
-    w = Truncated(terms, gamma(16, dtype) * size)
+    return Truncated(terms, gamma(16, dtype) * size)
+
+
+def _apart(graph: Graph, q: Array) -> Array:
+    """An upper bound of |P - Q|^2, q (terms, 3, cells) in the order of the coordinates."""
+    w = displacement(graph, q)
     square = product(w, w)
-    rest = jnp.sum(square.rest, axis=0) + gamma(8, dtype) * jnp.sum(w.size**2, axis=0)
+    rest = jnp.sum(square.rest, axis=0) + gamma(8, q.dtype) * jnp.sum(w.size**2, axis=0)
     return largest(Truncated(jnp.sum(square.terms, axis=1), rest))
 
 
-class _Ranges(NamedTuple):
+class Ranges(NamedTuple):
     """Boxes that hold Q, (3, cells), and half the sides of larger ones about the same centres."""
 
     centre: Array
@@ -90,7 +95,7 @@ class _Ranges(NamedTuple):
     half: Array
 
 
-def _piece(b: Side, q: Array) -> tuple[_Ranges, OnPiece]:
+def piece_about(b: Side, q: Array) -> tuple[Ranges, OnPiece]:
     """Where Q is, with room to move, and b there."""
     dtype = q.dtype
     centre, reach = q[0], jnp.sum(jnp.abs(q[1:]), axis=0) * (1 + gamma(32, dtype))
@@ -99,10 +104,10 @@ def _piece(b: Side, q: Array) -> tuple[_Ranges, OnPiece]:
     cells = Boxes(centre - half, centre + half, centre, half)
     f = form(b, cells)
     exact = Truncated((q / half).at[0].set(0.0), jnp.full_like(half, gamma(8, dtype)))
-    return _Ranges(centre, reach, half), OnPiece(f, f.local, exact, *rates(f, cells))
+    return Ranges(centre, reach, half), OnPiece(f, f.local, exact, *rates(f, cells))
 
 
-def _off(b: Side, ranges: _Ranges, on: OnPiece, most: Array) -> tuple[Array, Array]:
+def _off(b: Side, ranges: Ranges, on: OnPiece, most: Array) -> tuple[Array, Array]:
     """How far Q leaves the box of b, and how far b is from what is within, where |f(Q)| is at most so large."""
     centre, reach, half = ranges
     dtype = centre.dtype

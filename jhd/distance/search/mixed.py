@@ -21,6 +21,7 @@ from jhd.arrays import is_traced, is_tracing
 from jhd.compiled import compiled
 from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
+from jhd.distance.cells.moving_pairs import WithMovingFeet
 from jhd.distance.cells.pairs import BestPair, Cell
 from jhd.distance.frame.coordinates import Frame, extremes
 from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
@@ -46,6 +47,7 @@ from jhd.distance.search.closest import (
     wanted_gap,
 )
 from jhd.distance.search.from_program import from_program
+from jhd.distance.search.in_turn import InTurn
 from jhd.distance.search.near_pairs import Crossing, NearPairs, around, crossing, near_pairs
 from jhd.distance.search.queued import PART, QueuedSearch
 from jhd.distance.search.search import AbstractSearch, Listener, Progress, drive
@@ -141,6 +143,9 @@ def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: 
         pairs, best = near.pairs, _first(task, pieces, near.first, room)
     else:
         begun = partial(_begun, problem, np.asarray(pieces), capacity)
+        if isinstance(net, Side):
+            first, second = partial(_stretch, task), partial(_stretch, task, following=True)
+            return InTurn(begun, first, partial(_afresh, problem), second, method.max_steps)
         return ClosestSearch(begun, partial(_stretch, task), method.max_steps)
 
     def filled(start: int) -> ClosestState:
@@ -235,6 +240,13 @@ def _begin(problem: WithSurface, pieces: Any, capacity: int) -> ClosestState:
     return table_of(lower, cells, axis, _unknown(problem), room_for(count, capacity))
 
 
+def _afresh(problem: WithSurface, state: ClosestState) -> ClosestState:
+    """The table with whole surfaces again, as long, and what is known of their distance."""
+    fresh = _begun(problem, np.asarray(1), state.lower.size)
+    lower = fresh.lower.at[0].set(lower_of(state))
+    return fresh._replace(lower=lower, best=state.best, steps=state.steps, pairs=state.pairs)
+
+
 def _unknown(problem: WithSurface) -> BestPair:
     """What is known before any pair is."""
     low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
@@ -280,11 +292,20 @@ _advanced = compiled(advance)
 
 
 def _stretch(
-    task: _SurfaceTask, state: ClosestState, limit: np.ndarray, growing: np.ndarray, waiting: Any = np.inf
+    task: _SurfaceTask,
+    state: ClosestState,
+    limit: np.ndarray,
+    growing: np.ndarray,
+    waiting: Any = np.inf,
+    following: bool = False,
 ) -> tuple[ClosestState, Outcome, Array]:
-    """Goes on for some steps, then makes the nearest points sharp; pairs with this bound wait beside the table."""
+    """Goes on for some steps, then makes the nearest points sharp; pairs with this bound wait beside the table.
+
+    With `following` bounds have feet that move with the place, which two polynomial surfaces may need.
+    """
     problem, wanted = task.problem, task.wanted
-    state = _advanced(_with_room(problem, state), wanted, state, limit, growing)
+    now: Any = _with_room(problem, state)
+    state = _advanced(WithMovingFeet(*now) if following else now, wanted, state, limit, growing)
     state = state._replace(best=_sharp(task, state.best))
     shown = state._replace(settled=jnp.minimum(state.settled, waiting))
     return state, *_standing(_with_room(problem, state), wanted, shown, growing)

@@ -1,0 +1,263 @@
+"""Proven lower bounds of the distance of two polynomial surfaces by feet and multipliers that move with the place.
+
+In a cell that a = {f = 0} crosses in one sheet it is near a polynomial P(s, t) (jhd.distance.cells.graphs). To it
+belong polynomials Q(s, t) and v(s, t): about the nearest point of b = {g = 0} in a box D, and the multiplier there. For
+every fixed (s, t) and any number r >= 0 the function
+
+    L(q) = |P - q|^2 + v g(q) + r g(q)^2
+
+is |P - q|^2 on b. Where its second derivatives are at least 2 m > 0 on a box E that holds D and Q, for all q in D
+
+    L(q) >= L(Q) + R.(q - Q) + m |q - Q|^2,   R = 2 (Q - P) + (v + 2 r g(Q)) grad g(Q),
+
+and each coordinate of the last two terms takes off at most R_i^2 / 4 m; or, where R_i does not change its sign and Q_i
+is at the side of D that it points from, at most |R_i| times how far Q_i is from that side. What Q misses the true foot
+by is in R, and so counts squared. So with h the size of the cell the bound
+
+    min (|P - Q|^2 + v g(Q)) - sum max R_i^2 / 4 m
+
+is short by h^6 where the distance is constant along a: no cell of b has to be small, and of a only few. Where the
+distance is not constant a square (w.(s, t) - c)^2 is taken off before the minimum is bounded by Bernstein coefficients:
+that the parabola which the distance follows is more than none.
+
+Rounding: P, Q and v are their floating-point coefficients. What is computed from them is in jhd.arithmetic.truncated,
+in the errors of forms (jhd.distance.nearest.forms), and in balls.
+
+Source: ours; the quadratic term in g as in Bertsekas, Constrained Optimization and Lagrange Multiplier Methods (1982).
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jhd.arithmetic.balls import Ball, plus, semidefinite, times
+from jhd.arithmetic.polynomials import jets
+from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arithmetic.truncated import EXPONENTS, Truncated, composed, largest, product, scaled
+from jhd.arithmetic.truncated import plus as added
+from jhd.distance.cells.graphs import NODES, GraphOver, S, T, beside_graph, fitted, graph_over, values_over
+from jhd.distance.cells.implicit import between, shape_over
+from jhd.distance.cells.lagrange import WithSurface
+from jhd.distance.cells.moving_feet import displacement, piece_about
+from jhd.distance.cells.pairs import Cell, PairBound
+from jhd.distance.frame.surfaces import Side
+from jhd.distance.nearest.forms import boxes, form
+from jhd.distance.nearest.places import local_feet
+
+# Newton steps for the feet of the nodes.
+_STEPS_OF_FEET = 6
+# The node in the middle.
+_MIDDLE = int(np.argmin(np.sum(NODES**2, axis=0)))
+# Shares of the quadratic term, relative to the slope of g, and moduli of convexity 2 m, that are tried.
+_HEAVY = (0.0, 4.0)
+_MODULI = (1.0, 0.1, 0.01)
+# Steps from side to side towards the least value of a parabola.
+_DESCENTS = 8
+# The most that a cell of b is longer than one of a that is cut first: where a is a graph, and where it is none.
+_LONGEST, _LONGEST_OF_NONE = 512.0, 8.0
+_SS, _ST, _TT = (EXPONENTS.index(powers) for powers in ((2, 0), (1, 1), (0, 2)))
+
+
+class MovingPairBound(NamedTuple):
+    """A lower bound over a pair of cells, and what it rests on: whether a is a graph there, and L proven convex."""
+
+    lower: Array
+    graph: Array
+    convex: Array
+
+
+class WithMovingFeet(NamedTuple):
+    """A pair of polynomial surfaces in common coordinates, as WithSurface, with bounds by feet that move as well."""
+
+    a: Side
+    b: Side
+    room: Array | float = 64.0
+
+    def bound(self, cell: Cell) -> PairBound:
+        """Bounds over one pair of cells."""
+        still = WithSurface(self.a, self.b).bound(cell)
+        moving = moving_bound(self.a, self.b, cell.low, cell.high, still.x[3:])
+        return still._replace(lower=jnp.maximum(still.lower, moving.lower), axis=_axis(cell, moving))
+
+    @property
+    def floor(self) -> Array:
+        """The gap that rounding leaves."""
+        return WithSurface(*self).floor
+
+
+def _axis(cell: Cell, moving: MovingPairBound) -> Array:
+    """Where to cut: a, down to graphs; then b, down to where L is convex; and then a again, unless b is far longer."""
+    extent = cell.high - cell.low
+    first, second = jnp.max(extent[:3]), jnp.max(extent[3:])
+    only = (first * jnp.where(moving.graph, _LONGEST, _LONGEST_OF_NONE) > second) & (~moving.graph | moving.convex)
+    return jnp.argmax(jnp.where(only & (np.arange(6) >= 3), -1.0, extent))
+
+
+class _MovingFoot(NamedTuple):
+    """Q - P, the polynomial of b at Q, its gradient and the multiplier; the range of Q."""
+
+    apart: Truncated
+    value: Truncated
+    gradient: Truncated
+    multiplier: Truncated
+    low: Array
+    high: Array
+
+
+def moving_bound(a: Side, b: Side, low: Array, high: Array, start: Array) -> MovingPairBound:
+    """A lower bound of the distance of the part of a in one box to that of b in another; zero where there is none.
+
+    Args:
+        a: a surface.
+        b: the other one, in the same degrees.
+        low: the lower corners (6,) of both boxes.
+        high: the upper ones.
+        start: a point (3,) near which feet are looked for.
+    """
+    cells = boxes(low[:3, None], high[:3, None])
+    over = graph_over(form(a, cells), a, cells)
+    beside = beside_graph(over.graph, over.on, values_over(over.on))[0]
+    part = b._replace(lower=low[3:], upper=high[3:])
+    first = _first_foot(part, over.places[:, _MIDDLE], start)
+    feet = local_feet(part, over.places, jnp.broadcast_to(first, over.places.shape), _STEPS_OF_FEET)
+    moving = _moving(b, over, feet, _multipliers(part, over.places, feet))
+    graph = jnp.isfinite(beside)
+    modulus, heavy = _convexity(b, low[3:], high[3:], moving)
+    square = _least(moving) - _taken(moving, modulus, heavy, low[3:], high[3:])
+    dtype = low.dtype
+    root = jnp.sqrt(jnp.maximum(square, 0.0)) * (1 - gamma(8, dtype)) - beside * (1 + gamma(4, dtype))
+    valid = graph & (modulus > 0) & jnp.isfinite(root)
+    return MovingPairBound(jnp.where(valid, jnp.maximum(root, 0.0), 0.0), graph, modulus > 0)
+
+
+def _first_foot(part: Side, place: Array, start: Array) -> Array:
+    """A foot (3, 1) of a place, the nearer one of those found from a start and from the place itself."""
+    own = jnp.clip(place, jnp.asarray(part.lower), jnp.asarray(part.upper))
+    places = jnp.stack([place, place], axis=1)
+    found = local_feet(part, places, jnp.stack([own, start], axis=1), _STEPS_OF_FEET)
+    value, gradient, _ = jets(jnp.asarray(part.coefficients), found)
+    slope = jnp.sqrt(jnp.sum(gradient**2, axis=0))
+    off = jnp.abs(value) / jnp.where(slope > 0, slope, jnp.inf) + jnp.where(slope > 0, 0.0, jnp.inf)
+    far = jnp.sqrt(jnp.sum((found - places) ** 2, axis=0)) + off
+    return jnp.where(far[0] <= far[1], found[:, :1], found[:, 1:])
+
+
+def _multipliers(part: Side, places: Array, feet: Array) -> Array:
+    """About those for which L is stationary at the feet, in the coordinates that no side of the box holds."""
+    _, gradient, _ = jets(jnp.asarray(part.coefficients), feet)
+    lower, upper = jnp.asarray(part.lower)[:, None], jnp.asarray(part.upper)[:, None]
+    free = jnp.where((feet > lower) & (feet < upper), gradient, 0.0)
+    square = jnp.sum(free**2, axis=0)
+    return 2 * jnp.sum((places - feet) * free, axis=0) / jnp.where(square > 0, square, jnp.inf)
+
+
+def _moving(b: Side, over: GraphOver, feet: Array, multipliers: Array) -> _MovingFoot:
+    count = NODES.shape[1]
+    q = fitted(feet.reshape(3, -1, count).transpose(2, 0, 1))
+    v = fitted(multipliers.reshape(-1, count).T)
+    ranges, on = piece_about(b, q)
+    dtype, graph = q.dtype, over.graph
+    # The polynomial and its derivatives in the three sides, side by side.
+    forms = jnp.stack([on.local, *(_derivative(on.local, k) for k in range(3))], axis=3)
+    variables = Truncated(on.variables.terms[:, :, None], on.variables.rest[:, None])
+    four = composed(forms, variables)
+    error = on.form.error * np.array([1.0, *[sum(on.local.shape[:3])] * 3])[:, None]
+    four = Truncated(four.terms, four.rest + error * (1 + gamma(4, dtype)))
+    slopes = Truncated(four.terms[:, 1:], four.rest[1:])
+    gradient = scaled(slopes, 1 / ranges.half)
+    gradient = Truncated(gradient.terms, gradient.rest * (1 + gamma(8, dtype)) + gamma(8, dtype) * gradient.size)
+    back = jnp.argsort(graph.order, axis=0)
+    w = displacement(graph, q)
+    apart = Truncated(jnp.take_along_axis(w.terms, back[None], axis=1), jnp.take_along_axis(w.rest, back, axis=0))
+    value = Truncated(four.terms[:, 0], four.rest[0])
+    slack = ranges.reach * (1 + gamma(8, dtype)) + gamma(8, dtype) * jnp.abs(ranges.centre)
+    ends = ranges.centre - slack, ranges.centre + slack
+    return _MovingFoot(apart, value, gradient, Truncated(v, jnp.zeros_like(v[0])), *(end[:, 0] for end in ends))
+
+
+def _derivative(local: Array, axis: int) -> Array:
+    """That of a form in one of its variables; of the same shape."""
+    n = local.shape[axis]
+    powers = np.arange(1, n).reshape([-1 if k == axis else 1 for k in range(local.ndim)])
+    rows = jax.lax.slice_in_dim(local, 1, n, axis=axis) * powers
+    return jnp.pad(rows, [(0, 1 if k == axis else 0) for k in range(local.ndim)])
+
+
+def _convexity(b: Side, low: Array, high: Array, moving: _MovingFoot) -> tuple[Array, Array]:
+    """A number 2 m that the second derivatives of L are at least, zero where none is proven, and r."""
+    over: Any = shape_over(b, None, jnp.minimum(low, moving.low), jnp.maximum(high, moving.high))
+    dtype = low.dtype
+    v = between(-_largest(scaled(moving.multiplier, -1.0)), _largest(moving.multiplier))
+    slope = moving.gradient.terms[0, :, 0]
+    square = jnp.sum(slope**2)
+    heavies = jnp.asarray(_HEAVY, dtype) / jnp.where(square > 0, square, jnp.inf)
+    eye = jnp.eye(3, dtype=dtype)
+    column, row = (Ball(*(jnp.expand_dims(x, i) for x in over.slope)) for i in (1, 0))
+    outer = times(column, row)
+
+    def proven(heavy: Array, modulus: Array) -> Array:
+        twice = Ball(2 * heavy, jnp.zeros_like(heavy))
+        factor = plus(v, times(twice, over.value))
+        h = plus(times(over.bent, Ball(*(x[None, None] for x in factor))), times(outer, twice))
+        h = plus(h, Ball((2 - modulus) * eye, gamma(4, dtype) * eye))
+        return semidefinite(h, jnp.zeros(3, bool))
+
+    trials = [(h, m) for m in _MODULI for h in range(len(_HEAVY))]
+    each = heavies[np.array([h for h, _ in trials])], jnp.asarray([m for _, m in trials], dtype)
+    found = jax.vmap(proven)(*each)
+    first = jnp.argmax(found)
+    return jnp.where(found[first], each[1][first], 0.0), each[0][first]
+
+
+def _largest(x: Truncated) -> Array:
+    return largest(x)[0]
+
+
+def _least(moving: _MovingFoot) -> Array:
+    """A lower bound of |P - Q|^2 + v g(Q) over the cell."""
+    squares, lost = product(moving.apart, moving.apart), product(moving.multiplier, moving.value)
+    total = lost
+    for k in range(3):
+        total = added(total, Truncated(squares.terms[:, k], squares.rest[k]))
+    below = scaled(total, -1.0)
+    return jnp.maximum(-_largest(below), -_largest(added(below, _parabola(total.terms))))
+
+
+def _parabola(terms: Array) -> Truncated:
+    """A sum of squares of linear functions that is about what a polynomial rises by, from where it is least."""
+    a, b, c = 2 * terms[_SS], terms[_ST], 2 * terms[_TT]
+    mean, root = 0.5 * (a + c), jnp.hypot(0.5 * (a - c), b)
+    angle = 0.5 * jnp.arctan2(2 * b, a - c)
+    rates = jnp.maximum(jnp.stack([mean + root, mean - root]), 0.0)
+    along = jnp.stack([jnp.stack([jnp.cos(angle), jnp.sin(angle)]), jnp.stack([-jnp.sin(angle), jnp.cos(angle)])])
+
+    def descend(_: int, z: tuple[Array, Array]) -> tuple[Array, Array]:
+        s = jnp.clip(-(terms[S] + b * z[1]) / jnp.where(a > 0, a, jnp.inf), -1.0, 1.0)
+        return s, jnp.clip(-(terms[T] + b * s) / jnp.where(c > 0, c, jnp.inf), -1.0, 1.0)
+
+    z = jax.lax.fori_loop(0, _DESCENTS, descend, (jnp.zeros_like(a), jnp.zeros_like(a)))
+    factors = along * jnp.sqrt(0.5 * rates)[:, None]
+    shift = factors[:, 0] * z[0] + factors[:, 1] * z[1]
+    zero = jnp.zeros((terms.shape[0], *shift.shape), terms.dtype)
+    # These numbers may be chosen freely, so nothing that they are computed with counts as an error.
+    lines = Truncated(zero.at[S].set(factors[:, 0]).at[T].set(factors[:, 1]).at[0].set(-shift), jnp.zeros_like(shift))
+    squares = product(lines, lines)
+    return added(*(Truncated(squares.terms[:, k], squares.rest[k]) for k in range(2)))
+
+
+def _taken(moving: _MovingFoot, modulus: Array, heavy: Array, low: Array, high: Array) -> Array:
+    """What R takes off at most; see the module."""
+    dtype = low.dtype
+    factor = added(moving.multiplier, scaled(moving.value, 2 * heavy))
+    pull = product(Truncated(factor.terms[:, None], factor.rest[None]), moving.gradient)
+    rest = added(pull, scaled(moving.apart, 2.0))
+    size = rest.size[:, 0] * (1 + gamma(64, dtype))
+    # With 2 m the modulus.
+    inside = size**2 / (2 * jnp.where(modulus > 0, modulus, 1.0)) * (1 + gamma(12, dtype))
+    falls, rises = largest(rest)[:, 0] <= 0, largest(scaled(rest, -1.0))[:, 0] <= 0
+    reach = jnp.where(falls, high - moving.low, jnp.where(rises, moving.high - low, jnp.inf))
+    at_side = size * jnp.maximum(reach, 0.0) * (1 + gamma(12, dtype))
+    return jnp.sum(jnp.minimum(inside, at_side)) * (1 + gamma(8, dtype)) + 64 * smallest_normal(dtype)
