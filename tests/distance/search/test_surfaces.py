@@ -115,6 +115,7 @@ def test_planes_cylinders_and_surfaces_in_faces_are_surfaces():
     check(outer, math.hypot(2 / 3, 2) - 1, 1e-2)
 
 
+@pytest.mark.slow  # a program of its own
 @pytest.mark.parametrize(("other", "exact"), [("z + 1", 2.0), ("z", 1.0), ("x - 1", 2.0)])
 def test_planes_in_faces_of_their_boxes_are_as_far_as_they_are_apart(other, exact):
     box = [-1.0] * 3, [1.0] * 3
