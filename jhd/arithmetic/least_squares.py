@@ -22,9 +22,12 @@ _FEW = 24
 def non_negative(matrix: Float[np.ndarray, "rows columns"], right: Float[np.ndarray, " rows"]) -> Any:
     """The x >= 0 for which |matrix x - right| is least; the columns of its positive entries are independent.
 
-    It may be all zeros.
+    It may be all zeros, and is where a number is not finite.
     """
     start = np.zeros(matrix.shape[1])
+    # LAPACK would complain of these on the standard error.
+    if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
+        return start
     if matrix.shape[1] > _FEW:
         # Of many columns the basis is first looked for by the normal equations, which lose digits but take little time.
         products, sums = matrix.T @ matrix, matrix.T @ right

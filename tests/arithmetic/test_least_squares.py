@@ -18,3 +18,12 @@ def test_the_residual_is_the_least(size):
         np.testing.assert_allclose(found, exact, rtol=1e-9, atol=2e-15)
         empty += not found.any()
     assert empty > 0
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_numbers_that_are_not_finite_give_zeros_without_a_word(bad, capfd):
+    matrix, right = np.eye(3), np.ones(3)
+    matrix[1, 2] = bad
+    assert not non_negative(matrix, right).any()
+    assert not non_negative(np.eye(3), np.array([1.0, bad, 1.0])).any()
+    assert capfd.readouterr() == ("", "")

@@ -99,6 +99,8 @@ def _newton(bent: np.ndarray, slopes: np.ndarray, distance: np.ndarray) -> tuple
     matrix[:n, :n], matrix[:n, n : n + feet] = bent, slopes.T
     matrix[n:-1, :n], matrix[n:-1, -1], right[n:-1] = slopes, -1.0, -(distance - np.mean(distance))
     matrix[-1, n:-1], right[-1] = 1.0, 1.0
+    if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
+        return np.full(n, np.nan), np.full(feet, np.nan)
     found = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
     return found[:n], found[n:-1]
 
