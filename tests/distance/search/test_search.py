@@ -11,6 +11,7 @@ from jhd.distance.search.closest_triangles import TriangleSearch
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd.distance.search.farthest_place import FarthestSearch
 from jhd.distance.search.from_points import PointSearch
+from jhd.distance.search.in_turn import InTurn
 from jhd.distance.search.meshes import MeshSearch
 from jhd.solution import name_of
 from tests.distance import pairs
@@ -78,7 +79,7 @@ KINDS = [pytest.param(kind, marks=pytest.mark.slow if kind == "from points" else
 APART = [5.0, 1.0, 0.5]
 CLOSEST = {
     "nets": (ClosestSearch, (jhd.BezierCurve(ARCH), jhd.BezierCurve(ARCH * [1, -1] + [0.1, 2.5]))),
-    "surfaces": (ClosestSearch, spheres()),
+    "surfaces": (InTurn, spheres()),
     "meshes": (TriangleSearch, (torus(12, 8), torus(10, 7).transform(np.eye(3), APART))),
 }
 
