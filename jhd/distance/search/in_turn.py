@@ -1,7 +1,8 @@
-"""A search for the minimum distance in two turns.
+"""A search for the minimum distance by two kinds of bounds in turn, where it is not known which of them closes it.
 
-The first has the bounds that close most pairs; where it does not, the second begins afresh with others that take longer
-to compile and to compute, and with what is known by then.
+The first kind closes most pairs; the second takes longer to compile and to compute, and closes families of nearest
+pairs. Each has a table of its own, gets as much time as the other, and is told what the other has found. Turns double,
+so a search takes about twice as long as with the better kind alone, and its first turn takes no longer at all.
 """
 
 from collections.abc import Callable
@@ -9,29 +10,30 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd.distance.search.closest import ClosestState, longer, may_grow
+from jhd.arrays import array_of
+from jhd.distance.search.closest import ClosestState, longer, lower_of, may_grow
 from jhd.distance.search.search import AbstractSearch, Standing
 
-# Steps of the first turn, and how many of these take as long as one of the second.
+# Steps of the first turn, and how many of these take as long as one of the second kind.
 _FIRST_TURN, _WORTH = 512, 2
 
 
-class _Turn(NamedTuple):
-    """The table, and whether it is that of the second turn."""
+class _Turns(NamedTuple):
+    """The table of the turn, that of the other kind (None before it has had one), and the number of turns before."""
 
     table: ClosestState
-    second: bool
+    other: ClosestState | None
+    turn: int
 
 
 class InTurn(AbstractSearch):
     """The search from the host.
 
     Args:
-        begun: makes the table in which it begins.
+        begun: makes the table in which it begins, with either kind of bounds.
         first: goes on from a table until a limit of steps, growing or not; to the table, its outcome and `news_of`.
-        afresh: makes the table in which the second turn begins, from that of the first one.
-        second: as `first`.
-        max_steps: most steps, as long as those of the first turn.
+        second: as `first`, with the other kind.
+        max_steps: most steps of both.
     """
 
     first_steps = 64
@@ -40,27 +42,44 @@ class InTurn(AbstractSearch):
         self,
         begun: Callable[[], ClosestState],
         first: Callable[..., Any],
-        afresh: Callable[[ClosestState], ClosestState],
         second: Callable[..., Any],
         max_steps: int,
     ):
-        self._begun, self._first, self._afresh, self._second = begun, first, afresh, second
-        self.max_steps = min(max_steps, _FIRST_TURN + max(max_steps - _FIRST_TURN, 0) // _WORTH)
+        self._begun, self._kinds, self.max_steps = begun, (first, second), max_steps
 
-    def begin(self) -> _Turn:
+    def begin(self) -> _Turns:
         """See AbstractSearch."""
-        return _Turn(self._begun(), False)
+        return _Turns(self._begun(), None, 0)
 
-    def advance(self, state: _Turn, limit: int, growing: bool) -> tuple[_Turn, Standing]:
+    def advance(self, state: _Turns, limit: int, growing: bool) -> tuple[_Turns, Standing]:
         """See AbstractSearch."""
-        table, second = state
-        if not second and int(table.steps) >= _FIRST_TURN and limit > _FIRST_TURN:
-            table, second = self._afresh(table), True
-        stretch, limit = (self._second, limit) if second else (self._first, min(limit, _FIRST_TURN))
-        room = np.asarray(growing and may_grow(table))
-        table, found, news = stretch(table, np.asarray(limit), room)
-        return _Turn(table, second), Standing(found, *np.asarray(news))
+        end = _end(state.turn)
+        if end <= int(state.table.steps) < limit:
+            other = self._begun() if state.other is None else state.other
+            state = _Turns(_told(other, state.table), state.table, state.turn + 1)
+            end = _end(state.turn)
+        room = np.asarray(growing and may_grow(state.table))
+        stretch = self._kinds[state.turn % 2]
+        table, found, news = stretch(state.table, np.asarray(min(limit, end)), room)
+        return state._replace(table=table), Standing(found, *np.asarray(news))
 
-    def longer(self, state: _Turn) -> _Turn:
+    def longer(self, state: _Turns) -> _Turns:
         """See AbstractSearch."""
         return state._replace(table=longer(state.table))
+
+
+def _end(turn: int) -> int:
+    """The steps up to the end of a turn: 512 of the first kind, 256 of the second, 512, 256, 1024, 512, ..."""
+    turns = np.arange(turn + 1)
+    lengths = _FIRST_TURN << np.maximum(turns // 2 - 1, 0)
+    return int(np.sum(np.where(turns % 2, lengths // _WORTH, lengths)))
+
+
+def _told(table: ClosestState, other: ClosestState) -> ClosestState:
+    """A table that goes on from where another one stands: no pair in it has a bound below what is known."""
+    known = np.asarray(lower_of(other))
+    lower = np.asarray(table.lower)
+    lower = array_of(np.where(np.isfinite(lower), np.maximum(lower, known), lower))
+    settled = array_of(np.maximum(np.asarray(table.settled), known))
+    best = other.best if other.best.upper < table.best.upper else table.best
+    return table._replace(lower=lower, settled=settled, best=best, steps=other.steps, pairs=other.pairs)

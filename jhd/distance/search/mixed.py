@@ -145,7 +145,7 @@ def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: 
         begun = partial(_begun, problem, np.asarray(pieces), capacity)
         if isinstance(net, Side):
             first, second = partial(_stretch, task), partial(_stretch, task, following=True)
-            return InTurn(begun, first, partial(_afresh, problem), second, method.max_steps)
+            return InTurn(begun, first, second, method.max_steps)
         return ClosestSearch(begun, partial(_stretch, task), method.max_steps)
 
     def filled(start: int) -> ClosestState:
@@ -238,13 +238,6 @@ def _begin(problem: WithSurface, pieces: Any, capacity: int) -> ClosestState:
     axis = jnp.full((count,), jnp.argmax(jnp.concatenate(sides)))
     lower = jnp.where(np.arange(count) < pieces, jnp.zeros((), low.dtype), jnp.inf)
     return table_of(lower, cells, axis, _unknown(problem), room_for(count, capacity))
-
-
-def _afresh(problem: WithSurface, state: ClosestState) -> ClosestState:
-    """The table with whole surfaces again, as long, and what is known of their distance."""
-    fresh = _begun(problem, np.asarray(1), state.lower.size)
-    lower = fresh.lower.at[0].set(lower_of(state))
-    return fresh._replace(lower=lower, best=state.best, steps=state.steps, pairs=state.pairs)
 
 
 def _unknown(problem: WithSurface) -> BestPair:

@@ -1,4 +1,4 @@
-"""A search in two turns: what each is given, and that the second begins once, with what is known."""
+"""A search by two kinds of bounds in turn: what each is given, and that it goes on with what the other knows."""
 
 from typing import Any
 
@@ -14,65 +14,81 @@ def table(length=64):
     """One with a single pair."""
     zeros: Any = jnp.zeros
     cells = Cell(zeros(1, int), zeros(1, int), zeros((1, 6)), 1 + zeros((1, 6)))
-    best = BestPair(zeros(()), zeros(()), zeros((), int), zeros((), int), zeros(6))
+    best = BestPair(zeros(()) + 4, zeros(()) + 4, zeros((), int), zeros((), int), zeros(6))
     return table_of(zeros(1), cells, zeros(1, int), best, length)
 
 
-def search(close_at, max_steps=10**6):
-    """One that counts steps, closes after so many, and writes down what its turns were asked for."""
+def search(first=10**6, second=10**6, max_steps=10**6):
+    """One whose kinds close after so many steps of their own; it writes down what they were asked for."""
     asked = []
+    own = {"first": 0, "second": 0}
 
-    def turn(name):
+    def kind(name, close_at):
         def stretch(table, limit, growing):
-            asked.append((name, int(table.steps), int(limit)))
-            steps = min(int(limit), close_at)
-            return table._replace(steps=jnp.asarray(steps)), name, np.array([steps < close_at, False, steps, 1])
+            began = int(table.steps)
+            own[name] += int(limit) - began
+            asked.append((name, began, int(limit)))
+            return table._replace(steps=jnp.asarray(limit)), name, np.array([own[name] < close_at, False, limit, 1])
 
         return stretch
 
-    def afresh(table):
-        asked.append(("afresh", int(table.steps)))
-        return table
-
-    return InTurn(table, turn("first"), afresh, turn("second"), max_steps), asked
+    return InTurn(table, kind("first", first), kind("second", second), max_steps), asked
 
 
 def run(searched, limits):
     state = searched.begin()
     for limit in limits:
-        state, standing = searched.advance(state, limit, True)
+        while True:
+            state, standing = searched.advance(state, limit, True)
+            if not standing.going_on or standing.steps >= limit:
+                break
+        if not standing.going_on:
+            break
     return state, standing
 
 
 def test_what_closes_in_the_first_turn_has_no_second():
-    searched, asked = search(100)
+    searched, asked = search(first=100)
     _, standing = run(searched, [64, 10_000])
-    assert not standing.going_on and standing.steps == 100
-    assert [name for name, *_ in asked] == ["first", "first"]
+    assert not standing.going_on
+    assert asked == [("first", 0, 64), ("first", 64, _FIRST_TURN)]
 
 
-def test_the_second_turn_begins_once_where_the_first_one_ends():
-    searched, asked = search(10_000)
-    state, standing = run(searched, [64, 5_000, 5_000, 20_000])
-    assert state.second and not standing.going_on and standing.steps == 10_000
+def test_turns_double_and_both_kinds_get_as_much_time():
+    searched, asked = search(first=3000)
+    _, standing = run(searched, [10_000])
+    assert not standing.going_on
     assert asked == [
-        ("first", 0, 64),
-        ("first", 64, _FIRST_TURN),
-        ("afresh", _FIRST_TURN),
-        ("second", _FIRST_TURN, 5_000),
-        ("second", 5_000, 20_000),
+        ("first", 0, 512),
+        ("second", 512, 768),
+        ("first", 768, 1280),
+        ("second", 1280, 1536),
+        ("first", 1536, 2560),
+        ("second", 2560, 3072),
+        ("first", 3072, 5120),
     ]
 
 
 def test_no_more_steps_than_the_first_turn_has_leave_it_at_that():
-    searched, asked = search(10_000)
-    state, standing = run(searched, [_FIRST_TURN, _FIRST_TURN, 0])
-    assert not state.second and standing.going_on
-    assert ("afresh", _FIRST_TURN) not in asked
+    searched, asked = search()
+    state, standing = run(searched, [_FIRST_TURN])
+    assert state.turn == 0 and standing.going_on
+    # None at all, as where the search is interrupted.
+    state, _ = searched.advance(state, 0, False)
+    assert state.turn == 0 and asked[-1] == ("first", _FIRST_TURN, 0)
 
 
-def test_a_longer_table_is_that_of_the_turn_it_is_in():
+def test_each_kind_has_a_table_of_its_own_and_knows_what_the_other_found():
     begun = table()
-    searched, _ = search(100)
-    grown = searched.longer(searched.begin()._replace(table=begun, second=True))
-    assert grown.second and grown.table.lower.size > begun.lower.size
+    searched, _ = search()
+    state = searched.begin()
+    best = begun.best._replace(upper=jnp.asarray(3.0), distance=jnp.asarray(2.0))
+    found = begun._replace(
+        lower=begun.lower.at[0].set(1.5), best=best, steps=jnp.asarray(_FIRST_TURN), pairs=jnp.asarray(7)
+    )
+    state, _ = searched.advance(state._replace(table=found), 600, True)
+    assert state.turn == 1 and state.other is found
+    assert float(state.table.lower[0]) == 1.5 and np.isinf(np.asarray(state.table.lower[1:])).all()
+    assert float(state.table.best.upper) == 3.0 and int(state.table.pairs) == 7
+    grown = searched.longer(state)
+    assert grown.table.lower.size > begun.lower.size and grown.other is found
