@@ -115,6 +115,9 @@ def test_points_are_dots_with_nothing_between_them(lines):
 def test_a_page_asks_for_two_shapes_and_one_distance(lines):
     with pytest.raises(TypeError, match="two shapes and their distance"):
         jhd.plot.page(lines[0], lines[1])
+    least: Any = jhd.minimum_distance(*lines[:2])
+    with pytest.raises(TypeError, match="MinimumSolution"):
+        jhd.plot.page(lines[0], lines[1], least)
 
 
 def test_a_page_in_space_holds_both_shapes_the_distances_as_colours_and_the_marks(square):
@@ -123,6 +126,7 @@ def test_a_page_in_space_holds_both_shapes_the_distances_as_colours_and_the_mark
     for text in (jhd.plot.page(*square), jhd.plot.page(found)):
         page = Page(text)
         first, second, line, *marks = page.data["traces"]
+        assert first["showlegend"]
         assert (first["type"], second["type"]) == ("mesh3d", "mesh3d")
         np.testing.assert_allclose(first["intensity"], 0.5, atol=1e-6)
         assert max(max(first[axis]) for axis in "ijk") < len(first["x"]) == len(first["intensity"])
@@ -133,7 +137,13 @@ def test_a_page_in_space_holds_both_shapes_the_distances_as_colours_and_the_mark
 
 def test_curves_and_points_in_space_are_lines_and_dots():
     line = pages._trace(pages.pieces_of(jhd.polyline([(0, 0, 0), (1, 0, 0), (1, 1, 0)])), "A", np.zeros(10_000))
-    assert line["mode"] == "lines" and line["x"][2] is None and len(line["x"]) == len(line["line"]["color"])
+    # A line of many colours has a line of its own in the key.
+    assert (
+        line["mode"] == "lines"
+        and not line["showlegend"]
+        and line["x"][2] is None
+        and len(line["x"]) == len(line["line"]["color"])
+    )
     dots = pages._trace(pages.pieces_of(jhd.points([(0, 0, 0), (1, 0, 0)])), "B")
     assert dots["mode"] == "markers" and dots["x"] == [0, 1]
 
@@ -172,7 +182,18 @@ def test_in_a_browser_the_marker_moves_with_the_slider(lines, tmp_path):
 
 
 @pytest.mark.slow
-def test_in_a_browser_a_page_in_space_draws_without_an_error(square, tmp_path):
+@pytest.mark.parametrize("kind", ["meshes", "deviation", "lines", "points"])
+def test_in_a_browser_a_page_in_space_draws_without_an_error(kind, square, tmp_path):
     pytest.importorskip("plotly")
-    page, console = dumped(jhd.plot.page(*square), tmp_path)
-    assert "main-svg" in page and not any("rror" in line for line in console if "WebGL" not in line)
+    corners = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0.5)])
+    line, other, points = jhd.polyline(corners), jhd.polyline(corners[:, ::-1] + 1), jhd.points(corners)
+    pairs = {"lines": (line, other), "points": (points, square[0])}
+    if kind == "deviation":
+        text = jhd.plot.page(jhd.deviation(*square[:2]))
+    else:
+        a, b = pairs.get(kind, square[:2])
+        text = jhd.plot.page(a, b, jhd.hausdorff(a, b))
+    page, console = dumped(text, tmp_path)
+    # What WebGL says of itself, and hints of how to be faster, are none of the page's.
+    told = [line for line in console if "WebGL" not in line and "willReadFrequently" not in line]
+    assert "main-svg" in page and told == []

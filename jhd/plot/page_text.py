@@ -9,6 +9,7 @@ PAGE = """\
 <style>
 body {{ font: 15px/1.5 sans-serif; margin: 1.5em auto; max-width: 62em; padding: 0 1em; }}
 h1 {{ font-size: 1.2em; }}
+pre {{ white-space: pre-wrap; overflow-wrap: anywhere; }}
 svg {{ display: block; max-width: 100%; height: auto; }}
 svg path, svg line {{ vector-effect: non-scaling-stroke; }}
 input[type=range] {{ width: 100%; max-width: 640px; margin: 0; }}

@@ -30,6 +30,8 @@ _PLACES, _LEAST, _MOST = 1500, 4, 64
 # The room above the largest distance of a profile.
 _ABOVE = 1.06
 _OPACITY = 0.35
+# The colour in the middle of the colour scale.
+_MIDDLE = "#21918c"
 
 
 def page(
@@ -69,6 +71,8 @@ def page(
         a, b, solution, told = a.a, a.b, a.maximum, a
     if b is None or solution is None:
         raise TypeError("page() needs two shapes and their distance, or what jhd.deviation found.")
+    if not isinstance(solution, HausdorffSolution):
+        raise TypeError(f"solution must be what jhd.hausdorff found; got {type(solution).__name__}.")
     if np.ndim(solution.value) > 0:
         raise ValueError(f"solution is a batch of shape {np.shape(solution.value)}; show one at a time.")
     a, b = as_shape(a), as_shape(b)
@@ -199,6 +203,8 @@ def _in_space(a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str]
         _trace(pieces_of(b), names[1]),
         *_marks(solution),
     ]
+    if not traces[0]["showlegend"]:
+        traces.append(_in_key(names[0], drawn.points[0]))
     layout = {
         "scene": {"aspectmode": "data"},
         "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
@@ -212,8 +218,13 @@ def _in_space(a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str]
 def _trace(drawn: DrawnPieces, name: str, values: np.ndarray | None = None, title: str = "") -> dict[str, Any]:
     """A shape as plotly takes it, coloured by values or in one colour."""
     size = drawn.rows.shape[1]
-    scale = {"colorscale": "Viridis", "cmin": 0, "showscale": True, "colorbar": {"title": {"text": title}}}
-    shown = {"name": name, "showlegend": True}
+    scale = {
+        "colorscale": "Viridis",
+        "cmin": 0,
+        "showscale": True,
+        "colorbar": {"title": {"text": title, "side": "right"}},
+    }
+    shown = {"name": name, "legendgroup": name, "showlegend": True}
     if size == 3:
         corners = dict(zip("ijk", drawn.rows.T.tolist(), strict=True))
         colours = {"color": ORANGE, "opacity": _OPACITY} if values is None else {"intensity": _short(values), **scale}
@@ -225,7 +236,15 @@ def _trace(drawn: DrawnPieces, name: str, values: np.ndarray | None = None, titl
         points = np.where(np.arange(len(points))[:, None] % 3 == 2, np.nan, points)
     colours = {"color": ORANGE} if values is None else {"color": _short(values[rows.ravel()]), **scale}
     style = {"line": {"width": 6, **colours}} if size == 2 else {"marker": {"size": 3, **colours}}
+    # A key has no colour for a line of many: plotly complains of it in the browser's console.
+    shown["showlegend"] = size == 1 or values is None
     return {"type": "scatter3d", "mode": ("markers", "lines")[size - 1], **_places(points), **shown, **style}
+
+
+def _in_key(name: str, place: np.ndarray) -> dict[str, Any]:
+    """The key's line for one of many colours: of no length, shown and hidden with it."""
+    style = {"line": {"width": 6, "color": _MIDDLE}, "legendgroup": name}
+    return {"type": "scatter3d", "mode": "lines", "name": name, **style, **_places(np.stack([place, place]))}
 
 
 def _marks(solution: HausdorffSolution) -> list[dict[str, Any]]:
