@@ -7,6 +7,7 @@ Source: Piegl & Tiller, The NURBS Book (1997), chapters 2 to 5.
 """
 
 import operator
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -15,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jhd.arrays import is_traced, real_array
+from jhd.arrays import is_traced, module_of, real_array
 from jhd.display import batch_text, count_text
 from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
@@ -174,10 +175,10 @@ class BSplineCurve(AbstractCurve):
         points, weights = cartesian(h, self.weights is not None)
         return BSplineCurve(points, knots, weights)
 
-    def _unrolled(self) -> tuple[Array, Array]:
+    def _unrolled(self) -> tuple[Any, Any]:
         """Homogeneous points and knots of the open spline with the same curve over the same domain."""
-        h, p = self.homogeneous, self.degree
-        repeated = jnp.concatenate([h, h[:p]]) if self.periodic else h
+        h, p = homogeneous(self.control_points, self.weights), self.degree
+        repeated = module_of(h).concatenate([h, h[:p]]) if self.periodic else h
         return repeated, unrolled(self.knots, p, self.periodic)
 
     def __call__(self, t: Numbers) -> Array:
@@ -204,16 +205,25 @@ class BSplineCurve(AbstractCurve):
         index = np.arange(1, points.shape[0] + 1) % points.shape[0]
         return BezierSegments(points, weights, completed(xp.where(xp.asarray(jumps)[index], -1, index), points))
 
-    def _scaled_pieces(self) -> tuple[Any, Any, Array]:
+    def _scaled_pieces(self) -> tuple[Any, Any, Any]:
         """The pieces, worked out in units in which no product of a point and its weight underflows."""
         points, weights, of_points, of_weights = in_unit(self.control_points, self.weights)
         leaves = [points, self.knots] if weights is None else [points, self.knots, weights]
-        unit = jax.tree_util.tree_unflatten(jax.tree_util.tree_structure(self), leaves)
-        points, weights, jumps = unit._pieces()
+        unflattened = partial(jax.tree_util.tree_unflatten, jax.tree_util.tree_structure(self))
+        if is_traced(leaves):
+            points, weights, jumps = unflattened(leaves)._pieces()
+        else:
+            # On the host: a program would be compiled for every number of points.
+            with np.errstate(over="ignore", invalid="ignore"):
+                points, weights, jumps = unflattened([np.asarray(x) for x in leaves])._computed_pieces()
         return out_of_unit(points, of_points), out_of_unit(weights, of_weights), jumps
 
     @eqx.filter_jit
     def _pieces(self) -> tuple[Array, Array | None, Array]:
+        return self._computed_pieces()
+
+    def _computed_pieces(self) -> tuple[Any, Any, Any]:
+        """Points and weights of the Bezier pieces, and before which of them the curve may jump."""
         pieces, jumps = bezier_pieces(*self._unrolled(), self.degree, self.periodic)
         return *cartesian(pieces, self.weights is not None), jumps
 

@@ -4,17 +4,19 @@ Source: Piegl & Tiller, The NURBS Book (1997), chapters 3 to 5; Farin, Curves an
 chapter 15.
 """
 
+from typing import Any
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jhd.arrays import is_traced, real_array
-from jhd.compiled import compiled
+from jhd.arrays import is_traced, module_of, real_array
 from jhd.display import batch_text, size_text
 from jhd.shapes.checks import Numbers, check_degrees
 from jhd.shapes.curve import affine_image
-from jhd.shapes.homogeneous import cartesian, in_unit, out_of_unit
+from jhd.shapes.homogeneous import cartesian, homogeneous, in_unit, out_of_unit
 from jhd.shapes.knots import bezier_pieces, evaluate, parted
 from jhd.shapes.patch import AbstractPatch, BezierPatches, checked_net
 
@@ -113,7 +115,13 @@ class BSplineSurface(AbstractPatch):
         # In units in which no product of a point and its weight underflows.
         *parts, of_points, of_weights = in_unit(self.control_points, self.weights)
         where = lambda s: (s.control_points, s.weights)  # noqa: E731
-        pieces = _pieces(eqx.tree_at(where, self, tuple(parts), is_leaf=lambda x: x is None))
+        unit = eqx.tree_at(where, self, tuple(parts), is_leaf=lambda x: x is None)
+        if is_traced(unit):
+            pieces = _pieces(unit)
+        else:
+            # On the host: a program would be compiled for every number of points.
+            with np.errstate(over="ignore", invalid="ignore"):
+                pieces = _pieces(jax.tree_util.tree_map(np.asarray, unit))
         points, weights = cartesian(pieces, self.weights is not None)
         return BezierPatches(out_of_unit(points, of_points), out_of_unit(weights, of_weights))
 
@@ -186,17 +194,16 @@ def _check_knots(name: str, knots: Array, axis: str, count: int) -> None:
         raise ValueError(f"{name}[{degree}] and {name}[{count}] are both {known[count]:g}; the domain has length zero.")
 
 
-@compiled
-def _pieces(surface: BSplineSurface) -> Array:
+def _pieces(surface: BSplineSurface) -> Any:
     """Homogeneous control points (patches, rows, columns, width) of all pairs of spans."""
-    (p, q), h = surface.degrees, surface.homogeneous
+    (p, q), h = surface.degrees, homogeneous(surface.control_points, surface.weights)
+    xp = module_of(h)
     columns, width = h.shape[1:]
     along_u, jumps = bezier_pieces(h.reshape(h.shape[0], -1), surface.knots_u, p, False)
     spans_u = along_u.shape[0]
-    turned = jnp.moveaxis(along_u.reshape(spans_u, p + 1, columns, width), 2, 0)
+    turned = xp.moveaxis(along_u.reshape(spans_u, p + 1, columns, width), 2, 0)
     both = bezier_pieces(turned.reshape(columns, -1), surface.knots_v, q, False)[0]
-    pieces = jnp.moveaxis(both.reshape(-1, q + 1, spans_u, p + 1, width), (2, 0, 3, 1), (0, 1, 2, 3))
+    pieces = xp.moveaxis(both.reshape(-1, q + 1, spans_u, p + 1, width), (2, 0, 3, 1), (0, 1, 2, 3))
     # The second pass may round the two copies of an edge differently.
-    shared = jnp.where(jumps[:, None, None, None], pieces[:, :, 0], jnp.roll(pieces[:, :, -1], 1, axis=0))
-    pieces = pieces.at[:, :, 0].set(shared)
-    return pieces.reshape(-1, p + 1, q + 1, width)
+    shared = xp.where(jumps[:, None, None, None], pieces[:, :, 0], xp.roll(pieces[:, :, -1], 1, axis=0))
+    return xp.concatenate([shared[:, :, None], pieces[:, :, 1:]], axis=2).reshape(-1, p + 1, q + 1, width)

@@ -15,15 +15,24 @@ from jaxtyping import Array
 
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.scaling import common_exponent
-from jhd.arrays import is_traced
+from jhd.arrays import is_traced, module_of
 
 
-@jax.jit
-def homogeneous(control_points: Array, weights: Array | None) -> Array:
-    """The points times their weights with the weights as one more coordinate, or the points where there are none."""
+def homogeneous(control_points: Any, weights: Any) -> Any:
+    """The points times their weights with the weights as one more coordinate, or the points where there are none.
+
+    NumPy's arrays are worked on by NumPy.
+    """
     if weights is None:
         return control_points
-    return jnp.concatenate([control_points * weights[..., None], weights[..., None]], axis=-1)
+    return (_product if isinstance(weights, np.ndarray) else _compiled_product)(control_points, weights)
+
+
+def _product(points: Any, weights: Any) -> Any:
+    return module_of(weights).concatenate([points * weights[..., None], weights[..., None]], axis=-1)
+
+
+_compiled_product = jax.jit(_product)
 
 
 def in_unit(control_points: Array, weights: Array | None) -> tuple[Any, Any, Any, Any]:
@@ -44,15 +53,19 @@ def out_of_unit(array: Array | None, power: Any) -> Any:
     return None if array is None else (jnp if is_traced(array, power) else np).ldexp(array, power)
 
 
-def cartesian(homogeneous: Array, rational: bool) -> tuple[Array, Array | None]:
+def cartesian(homogeneous: Any, rational: bool) -> tuple[Any, Any]:
     """Points and weights of an array in homogeneous form; the weights are None where it is not rational."""
-    return _quotient(homogeneous) if rational else (homogeneous, None)
+    if not rational:
+        return homogeneous, None
+    return (_quotient if isinstance(homogeneous, np.ndarray) else _compiled_quotient)(homogeneous)
 
 
-@jax.jit
-def _quotient(homogeneous: Array) -> tuple[Array, Array]:
+def _quotient(homogeneous: Any) -> tuple[Any, Any]:
     weights = homogeneous[..., -1]
     return homogeneous[..., :-1] / weights[..., None], weights
+
+
+_compiled_quotient = jax.jit(_quotient)
 
 
 # Each of these is many small operations, which take longer to compile one by one than together.

@@ -17,67 +17,76 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jhd.arrays import module_of
+
 
 def blossom(
-    points: Float[Array, "points width"], knots: Float[Array, " knots"], arguments: Float[Array, " arguments"]
-) -> Float[Array, " width"]:
+    points: Float[Any, "*#rows points width"],
+    knots: Float[Any, "*#rows knots"],
+    arguments: Float[Any, "*#rows arguments"],
+) -> Any:
     """The blossom of the polynomial on one knot span; with all arguments equal to u, its value at u (de Boor).
+
+    Leading axes broadcast. NumPy's arrays are worked on by NumPy.
 
     Args:
         points: the p + 1 control points d_{i-p}, ..., d_i of the span [t_i, t_{i+1}].
         knots: the 2 p knots t_{i-p+1}, ..., t_{i+p}, with t_i < t_{i+1}.
         arguments: p parameters; every step is convex for those in the span.
     """
-    p = arguments.shape[0]
+    p = arguments.shape[-1]
     for r in range(p):
-        left, right = knots[r:p], knots[p : 2 * p - r]
-        a = ratio(arguments[r] - left, right - left)[:, None]
-        points = (1 - a) * points[:-1] + a * points[1:]
-    return points[0]
+        left, right = knots[..., r:p], knots[..., p : 2 * p - r]
+        a = ratio(arguments[..., r : r + 1] - left, right - left)[..., None]
+        points = (1 - a) * points[..., :-1, :] + a * points[..., 1:, :]
+    return points[..., 0, :]
 
 
-def ratio(numerator: Array, width: Array) -> Array:
+def ratio(numerator: Any, width: Any) -> Any:
     """Numerator over width, zero where the width is not positive: no NaN in the value or in its derivatives."""
+    xp = module_of(width)
     positive = width > 0
-    return jnp.where(positive, numerator / jnp.where(positive, width, 1.0), 0.0)
+    return xp.where(positive, numerator / xp.where(positive, width, 1.0), 0.0)
 
 
-def local_arrays(h: Array, knots: Array, p: int, span: Int[Array, ""]) -> tuple[Array, Array]:
-    """The p + 1 points and 2 p knots of one span, counted from the first of the domain."""
-    return h[span + np.arange(p + 1)], knots[span + np.arange(1, 2 * p + 1)]
+def local_arrays(h: Any, knots: Any, p: int, spans: Int[Any, "*rows"]) -> tuple[Any, Any]:
+    """The p + 1 points and 2 p knots of spans, counted from the first of the domain."""
+    return h[spans[..., None] + np.arange(p + 1)], knots[spans[..., None] + np.arange(1, 2 * p + 1)]
 
 
-def bezier_points(points: Array, knots: Array, lower: Array, upper: Array) -> Array:
-    """Bezier points of a span's polynomial between two parameters: blossoms at p - j times lower, j times upper."""
-    p = points.shape[0] - 1
-    arguments = jnp.where(np.arange(p)[None] < p - np.arange(p + 1)[:, None], lower, upper)
-    return jax.vmap(lambda row: blossom(points, knots, row))(arguments)
+def bezier_points(points: Any, knots: Any, lower: Any, upper: Any) -> Any:
+    """Bezier points of spans' polynomials between two parameters: blossoms at p - j times lower, j times upper."""
+    p = points.shape[-2] - 1
+    first = np.arange(p)[None] < p - np.arange(p + 1)[:, None]
+    arguments = module_of(lower).where(first, lower[..., None, None], upper[..., None, None])
+    return blossom(points[..., None, :, :], knots[..., None, :], arguments)
 
 
 def unrolled(knots: Any, p: int, periodic: bool) -> Any:
     """Knots of the open spline over the same domain, as NumPy or JAX arrays, whichever came."""
     if not periodic:
         return knots
-    xp = np if isinstance(knots, np.ndarray) else jnp
+    xp = module_of(knots)
     # Relative to the last knot, so that rounding cannot make the knots decrease.
     return xp.concatenate([knots, knots[-1] + (knots[p + 1 : 2 * p + 1] - knots[p])])
 
 
-def spans(knots: Array, p: int, periodic: bool) -> tuple[Array, Array, Array]:
+def spans(knots: Any, p: int, periodic: bool) -> tuple[Any, Any, Any]:
     """For each piece of the domain the non-empty span that carries it, and the parameters of its ends.
 
     An empty span is carried by the last non-empty one before it, at whose upper end it sits. Where there is none before
     it, a periodic curve goes on from its last span, and an open one starts from its first.
     """
+    xp = module_of(knots)
     pieces = knots.shape[0] - 1 - 2 * p
     lower, upper = knots[p : p + pieces], knots[p + 1 : p + 1 + pieces]
     full = upper > lower
-    marks = jnp.where(full, jnp.arange(pieces), -1)
-    before = lax.cummax(marks)
+    marks = xp.where(full, np.arange(pieces), -1)
+    before = np.maximum.accumulate(marks) if xp is np else lax.cummax(marks)
     leading = before < 0
-    span = jnp.where(leading, jnp.max(marks) if periodic else jnp.argmax(full), before)
-    point = jnp.where(leading & (not periodic), lower[span], upper[span])
-    return span, jnp.where(full, lower, point), jnp.where(full, upper, point)
+    span = xp.where(leading, xp.max(marks) if periodic else xp.argmax(full), before)
+    point = xp.where(leading & (not periodic), lower[span], upper[span])
+    return span, xp.where(full, lower, point), xp.where(full, upper, point)
 
 
 def evaluate(h: Array, knots: Array, p: int, periodic: bool, t: Float[Array, " samples"]) -> Array:
@@ -85,21 +94,23 @@ def evaluate(h: Array, knots: Array, p: int, periodic: bool, t: Float[Array, " s
     span = spans(knots, p, periodic)[0]
     piece = jnp.searchsorted(knots[p : p + span.shape[0]], t, side="right") - 1
     local = span[jnp.clip(piece, 0, span.shape[0] - 1)]
-    return jax.vmap(lambda k, u: blossom(*local_arrays(h, knots, p, k), jnp.full((p,), u)))(local, t)
+    return blossom(*local_arrays(h, knots, p, local), jnp.broadcast_to(t[:, None], (*t.shape, p)))
 
 
-def bezier_pieces(h: Array, knots: Array, p: int, periodic: bool) -> tuple[Array, Array]:
+def bezier_pieces(h: Any, knots: Any, p: int, periodic: bool) -> tuple[Any, Any]:
     """Bezier points of all pieces of an unrolled spline, and before which pieces it may jump.
 
     It may where the multiplicity of the knot exceeds p, and before the first piece of an open curve there is nothing.
-    Elsewhere a piece starts with the end of the one before it, so that rounding leaves no gap.
+    Elsewhere a piece starts with the end of the one before it, so that rounding leaves no gap. NumPy's arrays are
+    worked on by NumPy.
     """
+    xp = module_of(h)
     span, lower, upper = spans(knots, p, periodic)
-    pieces = jax.vmap(lambda k, u, v: bezier_points(*local_arrays(h, knots, p, k), u, v))(span, lower, upper)
-    jumps = knots[p : p + span.shape[0]] == knots[: span.shape[0]]
-    jumps = jumps if periodic else jumps.at[0].set(True)
-    starts = jnp.where(jumps[:, None], pieces[:, 0], jnp.roll(pieces[:, -1], 1, axis=0))
-    return pieces.at[:, 0].set(starts), jumps
+    pieces = bezier_points(*local_arrays(h, knots, p, span), lower, upper)
+    count = span.shape[0]
+    jumps = (knots[p : p + count] == knots[:count]) | ((np.arange(count) == 0) & (not periodic))
+    starts = xp.where(jumps[:, None], pieces[:, 0], xp.roll(pieces[:, -1], 1, axis=0))
+    return xp.concatenate([starts[:, None], pieces[:, 1:]], axis=1), jumps
 
 
 def insert(h: Array, knots: Array, p: int, u: Array) -> tuple[Array, Array]:

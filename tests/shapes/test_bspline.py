@@ -468,3 +468,23 @@ def test_a_traced_domain_of_length_zero_gives_numbers():
     assert bool(jnp.isfinite(value)) and bool(jnp.all(jnp.isfinite(gradient)))
     closed = jax.jit(lambda k: BSplineCurve(POINTS, k, periodic=True)(1.0))(jnp.zeros(11))
     assert bool(jnp.all(jnp.isfinite(closed)))
+
+
+@pytest.mark.parametrize("weights", [None, WEIGHTS])
+@pytest.mark.parametrize(("knots", "periodic"), [(DOUBLE, False), (CLOSED, True)])
+def test_segments_of_known_numbers_compile_nothing_and_are_those_of_a_program(knots, periodic, weights):
+    curve = BSplineCurve(POINTS, knots, weights, periodic)
+    compiled = []
+
+    def listener(event: str, *_: object, **__: object) -> None:
+        compiled.append(event) if "backend_compile" in event else None
+
+    jax.monitoring.register_event_duration_secs_listener(listener)
+    try:
+        found = curve.segments()
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listener)
+    assert compiled == []
+    traced = jax.jit(lambda c: c.segments())(curve)
+    np.testing.assert_allclose(found.homogeneous, traced.homogeneous, atol=ROUNDING)
+    np.testing.assert_array_equal(found.links, traced.links)
