@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jhd.distance.certificate.covering import UncoveredError
-from jhd.distance.certificate.sides import ShapeSide
+from jhd.distance.certificate.sides import ShapeSide, on_triangle
 from jhd.distance.certificate.verification.apart import Ordered, PartOfShape, failure_of_plane, whole_box
 from jhd.distance.certificate.verification.pieces import difference
 from jhd.distance.certificate.verification.proofs import failure_at_most, point_of
@@ -212,6 +212,4 @@ def closest_places(
 def _few_digits(side: ShapeSide, x: np.ndarray) -> np.ndarray:
     """Parameters inside the domain, without tiny numbers, which would make long integers."""
     x = np.where(x < math.ldexp(1.0, -60), 0.0, x)
-    if side.corners == (3,):
-        x[1] = min(x[1], 1 - x[0])
-    return x
+    return on_triangle(x) if side.corners == (3,) else x

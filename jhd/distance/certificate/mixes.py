@@ -16,7 +16,7 @@ import numpy as np
 from jhd.distance.certificate.closest_pairs import closest_places, keep_apart
 from jhd.distance.certificate.covering import UncoveredError
 from jhd.distance.certificate.host import plain_shape
-from jhd.distance.certificate.sides import ShapeSide
+from jhd.distance.certificate.sides import ShapeSide, on_triangle
 from jhd.distance.certificate.subdivision import CellCover, cover_by_cells, far_places
 from jhd.distance.certificate.verification.proofs import failure_of_witness, point_of
 from jhd.distance.certificate.verification.structure import KINDS
@@ -134,9 +134,7 @@ def _inside(side: ShapeSide, t: np.ndarray) -> list[float]:
     triangle = side.corners == (3,)
     x = np.clip(t[1:] if triangle and len(t) == 3 else t[: side.parameters], 0.0, 1.0)
     x = np.where(x < _TINY, 0.0, x)
-    if triangle:
-        x[1] = min(x[1], 1 - x[0])
-    return x.tolist()
+    return (on_triangle(x) if triangle else x).tolist()
 
 
 def bounds_of_minimum(solution: MinimumSolution | Decision, atol: float) -> tuple[float, float]:

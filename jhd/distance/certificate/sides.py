@@ -5,6 +5,7 @@ here is checked in integers on the stored arrays; nothing is proven here.
 """
 
 import itertools
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -152,6 +153,14 @@ class ShapeSide:
                 seconds.append(top / weight)
             found.append(np.stack(seconds, axis=1).reshape(len(x), count, count, -1))
         return found
+
+
+def on_triangle(x: np.ndarray) -> np.ndarray:
+    """Both parameters of a place of a triangle, their sum at most one: the difference to one may be rounded up."""
+    most = 1 - x[0]
+    if Fraction(float(most)) + Fraction(float(x[0])) > 1:
+        most = np.nextafter(most, 0.0)
+    return np.array([x[0], min(x[1], most)])
 
 
 def _bases(degree: int, t: np.ndarray, order: int) -> list[np.ndarray]:

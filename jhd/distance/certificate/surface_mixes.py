@@ -13,7 +13,7 @@ import numpy as np
 
 from jhd.distance.certificate.covering import UncoveredError
 from jhd.distance.certificate.mixes import Report, ToProve
-from jhd.distance.certificate.sides import ShapeSide
+from jhd.distance.certificate.sides import ShapeSide, on_triangle
 from jhd.distance.certificate.surface_cover import Side, cover_with_surfaces
 from jhd.distance.certificate.surface_pairs import keep_surfaces_apart, part_of_point, parts_of
 from jhd.distance.certificate.surface_side import SurfaceSide
@@ -146,8 +146,7 @@ def _place(side: Side, point: np.ndarray) -> tuple[dict[str, Any], NearZero] | N
         return _place_on_surface(side, point)
     found = side.feet(point[None])
     x = np.where(found.x[0] < _TINY, 0.0, found.x[0])
-    if side.corners == (3,):
-        x[1] = min(x[1], 1 - x[0])
+    x = on_triangle(x) if side.corners == (3,) else x
     piece, at = int(found.piece[0]), [float(t) for t in x]
     return {"piece": piece, "at": at}, NearZero(point_of(side.exact[piece], at), Fraction(0))
 

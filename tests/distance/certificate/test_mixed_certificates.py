@@ -63,6 +63,15 @@ def test_points_and_a_mesh_have_a_certificate_both_ways(tmp_path):
     assert done.stdout == f"proven: {command[-1]}: {verification.sentence(certificate.verify())}\n"
 
 
+def test_a_witness_on_the_third_side_of_a_triangle_is_one_of_it():
+    # The farthest place is there, and floats round one minus its parameter up or down.
+    triangle = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    for seed in range(SEEDS):
+        x = np.random.default_rng(seed).uniform(0.7, 1.3)
+        b = jhd.points([[0, 0, 0], [x, 0, 0], [0, 1, 0]])
+        checked(triangle, b, jhd.directed_hausdorff(triangle, b))
+
+
 def test_bounds_that_are_false_have_none():
     a, b = shape("points", 1), shape("mesh", 2)
     solution = jhd.hausdorff(a, b)
