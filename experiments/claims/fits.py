@@ -81,7 +81,8 @@ def check_outline_fit(numbers):
     for case in numbers["cases"]:
         for run in case["runs"].values():
             assert run["lower"] <= run["value"][-1] * (1 + 1e-9) and run["upper"] <= 1.01 * case["best"]
-            assert np.all(np.diff(run["value"]) <= 0)
+            # Coordinates are of size one: the last steps may be below their rounding.
+            assert np.all(np.diff(run["value"]) <= 4 * np.finfo(float).eps)
 
 
 def check_noisy_outline(numbers):

@@ -300,6 +300,19 @@ def test_sheets_far_closer_to_each_other_than_to_a_sphere():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("inner", "outer", "exact"),
+    [
+        ("x^2 + y^2 + z^2 - 0.25", "(x - 0.125)^2 + y^2 + z^2 - 1.5625", 0.625),
+        ("x^2 + y^2 + z^2 - 1", "x^2 + y^2 - 2.25", 0.5),
+    ],
+)
+def test_a_sphere_inside_of_another_surface_where_many_places_are_about_as_near(inner, outer, exact):
+    a, b = (ImplicitSurface.parse(text, [-1.75] * 3, [1.75] * 3) for text in (inner, outer))
+    assert holds(minimum_distance(a, b), exact, 1e-8)
+
+
+@pytest.mark.slow
 def test_the_derivative_of_a_distance_of_surfaces():
     def distance(x):
         coefficients = SPHERES[0].coefficients.at[0, 0, 0].set(-(x**2))

@@ -1,8 +1,8 @@
 """Proven lower bounds of the distance of two polynomial surfaces by feet and multipliers that move with the place.
 
 In a cell that a = {f = 0} crosses in one sheet it is near a polynomial P(s, t) (jhd.distance.cells.graphs). To it
-belong polynomials Q(s, t) and v(s, t): about the nearest point of b = {g = 0} in a box D, and the multiplier there. For
-every fixed (s, t) and any number r >= 0 the function
+belong polynomials Q(s, t) and v(s, t): about a nearest point of b = {g = 0}, which need not be in the cell D of b, and
+the multiplier there. For every fixed (s, t) and any number r >= 0 the function
 
     L(q) = |P - q|^2 + v g(q) + r g(q)^2
 
@@ -42,6 +42,7 @@ from jhd.distance.cells.graphs import NODES, GraphOver, S, T, beside_graph, fitt
 from jhd.distance.cells.implicit import between, shape_over
 from jhd.distance.cells.lagrange import WithSurface
 from jhd.distance.cells.moving_feet import displacement, piece_about
+from jhd.distance.cells.narrowed import narrowed
 from jhd.distance.cells.pairs import Cell, PairBound
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import boxes, form
@@ -57,7 +58,7 @@ _MODULI = (1.0, 0.1, 0.01)
 # Steps from side to side towards the least value of a parabola.
 _DESCENTS = 8
 # The most that a cell of b is longer than one of a that is cut first: where a is a graph, and where it is none.
-_LONGEST, _LONGEST_OF_NONE = 512.0, 8.0
+_LONGEST, _LONGEST_OF_NONE = 512.0, 64.0
 _SS, _ST, _TT = (EXPONENTS.index(powers) for powers in ((2, 0), (1, 1), (0, 2)))
 
 
@@ -78,6 +79,9 @@ class WithMovingFeet(NamedTuple):
 
     def bound(self, cell: Cell) -> PairBound:
         """Bounds over one pair of cells."""
+        ends = [narrowed(side, cell.low[k], cell.high[k]) for side, k in ((self.a, slice(3)), (self.b, slice(3, 6)))]
+        low, high = (jnp.concatenate(x) for x in zip(*ends, strict=True))
+        cell = cell._replace(low=low, high=high)
         still = WithSurface(self.a, self.b).bound(cell)
         moving = moving_bound(self.a, self.b, cell.low, cell.high, still.x[3:])
         return still._replace(lower=jnp.maximum(still.lower, moving.lower), axis=_axis(cell, moving))
@@ -92,7 +96,8 @@ def _axis(cell: Cell, moving: MovingPairBound) -> Array:
     """Where to cut: a, down to graphs; then b, down to where L is convex; and then a again, unless b is far longer."""
     extent = cell.high - cell.low
     first, second = jnp.max(extent[:3]), jnp.max(extent[3:])
-    only = (first * jnp.where(moving.graph, _LONGEST, _LONGEST_OF_NONE) > second) & (~moving.graph | moving.convex)
+    useful = moving.convex & (moving.lower > 0)
+    only = (first * jnp.where(moving.graph, _LONGEST, _LONGEST_OF_NONE) > second) & (~moving.graph | useful)
     return jnp.argmax(jnp.where(only & (np.arange(6) >= 3), -1.0, extent))
 
 
@@ -120,10 +125,9 @@ def moving_bound(a: Side, b: Side, low: Array, high: Array, start: Array) -> Mov
     cells = boxes(low[:3, None], high[:3, None])
     over = graph_over(form(a, cells), a, cells)
     beside = beside_graph(over.graph, over.on, values_over(over.on))[0]
-    part = b._replace(lower=low[3:], upper=high[3:])
-    first = _first_foot(part, over.places[:, _MIDDLE], start)
-    feet = local_feet(part, over.places, jnp.broadcast_to(first, over.places.shape), _STEPS_OF_FEET)
-    moving = _moving(b, over, feet, _multipliers(part, over.places, feet))
+    first = _first_foot(b, over.places[:, _MIDDLE], start, low[3:], high[3:])
+    feet = local_feet(b, over.places, jnp.broadcast_to(first, over.places.shape), _STEPS_OF_FEET)
+    moving = _moving(b, over, feet, _multipliers(b, over.places, feet))
     graph = jnp.isfinite(beside)
     modulus, heavy = _convexity(b, low[3:], high[3:], moving)
     square = _least(moving) - _taken(moving, modulus, heavy, low[3:], high[3:])
@@ -133,22 +137,25 @@ def moving_bound(a: Side, b: Side, low: Array, high: Array, start: Array) -> Mov
     return MovingPairBound(jnp.where(valid, jnp.maximum(root, 0.0), 0.0), graph, modulus > 0)
 
 
-def _first_foot(part: Side, place: Array, start: Array) -> Array:
-    """A foot (3, 1) of a place, the nearer one of those found from a start and from the place itself."""
-    own = jnp.clip(place, jnp.asarray(part.lower), jnp.asarray(part.upper))
+def _first_foot(b: Side, place: Array, start: Array, low: Array, high: Array) -> Array:
+    """A foot (3, 1) of a place: of those found from a start and from the place itself the one nearer to a box."""
+    own = jnp.clip(place, jnp.asarray(b.lower), jnp.asarray(b.upper))
     places = jnp.stack([place, place], axis=1)
-    found = local_feet(part, places, jnp.stack([own, start], axis=1), _STEPS_OF_FEET)
-    value, gradient, _ = jets(jnp.asarray(part.coefficients), found)
+    found = local_feet(b, places, jnp.stack([own, start], axis=1), _STEPS_OF_FEET)
+    value, gradient, _ = jets(jnp.asarray(b.coefficients), found)
     slope = jnp.sqrt(jnp.sum(gradient**2, axis=0))
     off = jnp.abs(value) / jnp.where(slope > 0, slope, jnp.inf) + jnp.where(slope > 0, 0.0, jnp.inf)
     far = jnp.sqrt(jnp.sum((found - places) ** 2, axis=0)) + off
-    return jnp.where(far[0] <= far[1], found[:, :1], found[:, 1:])
+    apart = jnp.maximum(jnp.maximum(low[:, None] - found, found - high[:, None]), 0.0)
+    out = jnp.sqrt(jnp.sum(apart**2, axis=0)) + off
+    nearer = jnp.where(out[0] == out[1], far[0] <= far[1], out[0] < out[1])
+    return jnp.where(nearer, found[:, :1], found[:, 1:])
 
 
-def _multipliers(part: Side, places: Array, feet: Array) -> Array:
+def _multipliers(b: Side, places: Array, feet: Array) -> Array:
     """About those for which L is stationary at the feet, in the coordinates that no side of the box holds."""
-    _, gradient, _ = jets(jnp.asarray(part.coefficients), feet)
-    lower, upper = jnp.asarray(part.lower)[:, None], jnp.asarray(part.upper)[:, None]
+    _, gradient, _ = jets(jnp.asarray(b.coefficients), feet)
+    lower, upper = jnp.asarray(b.lower)[:, None], jnp.asarray(b.upper)[:, None]
     free = jnp.where((feet > lower) & (feet < upper), gradient, 0.0)
     square = jnp.sum(free**2, axis=0)
     return 2 * jnp.sum((places - feet) * free, axis=0) / jnp.where(square > 0, square, jnp.inf)

@@ -8,6 +8,9 @@ from jhd.distance.cells.moving_pairs import moving_bound
 from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.shapes import ImplicitSurface
 
+# Of one large program, which takes half a minute to compile for each precision.
+pytestmark = pytest.mark.slow
+
 CELLS = 32
 SIZES = (0.2, 0.05)
 
@@ -67,7 +70,7 @@ def bounded(name, size, dtype=np.float64):
     return np.asarray(bounds(a, b, low, high, x.astype(dtype) / dtype(scale)).lower, np.float64) * scale, exact
 
 
-@pytest.mark.parametrize("name", ["spheres", *(pytest.param(x, marks=pytest.mark.slow) for x in list(FAMILIES)[1:])])
+@pytest.mark.parametrize("name", FAMILIES)
 def test_a_constant_distance_is_bounded_to_the_sixth_order(name):
     short = []
     for size in SIZES:
@@ -77,7 +80,7 @@ def test_a_constant_distance_is_bounded_to_the_sixth_order(name):
     assert short[1] < short[0] / 500
 
 
-@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_where_nothing_is_lost_but_rounding_bounds_are_true_and_close(dtype):
     """Cells so small that what is cut off is far below an ulp, so the exact distance leaves no room."""
     for size in (1e-2, 1e-3, 1e-4):
