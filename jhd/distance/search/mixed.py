@@ -233,8 +233,12 @@ def _begin(problem: WithSurface, pieces: Any, capacity: int) -> ClosestState:
     low, high = (jnp.concatenate(ends) for ends in zip(*(_ends(side) for side in problem[:2]), strict=True))
     count = len(first)
     cells = Cell(jnp.asarray(first), jnp.asarray(second), *(jnp.broadcast_to(x, (count, x.size)) for x in (low, high)))
-    # Every first cut is along the longest side of a box: the pieces of a net are small already.
-    sides = [side.upper - side.lower if isinstance(side, Side) else jnp.zeros(parameters(side)) for side in problem[:2]]
+    # Every first cut is along the longest side of a box: the pieces of a net are small already. Of two surfaces the
+    # first one is cut: the second may do whole.
+    sides = [jnp.zeros(parameters(side)) for side in problem[:2]]
+    k = 0 if isinstance(problem.a, Side) else 1
+    cut: Any = problem[k]
+    sides[k] = cut.upper - cut.lower
     axis = jnp.full((count,), jnp.argmax(jnp.concatenate(sides)))
     lower = jnp.where(np.arange(count) < pieces, jnp.zeros((), low.dtype), jnp.inf)
     return table_of(lower, cells, axis, _unknown(problem), room_for(count, capacity))
