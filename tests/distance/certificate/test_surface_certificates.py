@@ -1,6 +1,7 @@
 """Certificates of polynomial surfaces with shapes of every kind: what is true is proven sharply, the rest refused."""
 
 import copy
+import itertools
 import math
 
 import jax.numpy as jnp
@@ -87,6 +88,24 @@ def test_a_triangle_beside_a_surface():
 @pytest.mark.slow
 def test_the_least_distance_of_a_triangle_and_a_surface():
     sharp(TRIANGLE, flat(0), 1.0, "minimum", CLOSE)
+
+
+def test_a_part_without_zeros_is_apart_from_several_pieces():
+    points = jhd.points([[0.25, 0.5, 1.0], [0.75, 0.5, 1.25]])
+    made = certify(points, flat(0), claim(0.25, math.inf, "minimum", (np.zeros(3), np.zeros(3)))).content
+    (whole,) = made["cells"]["apart"]
+    names = ["XX" + "".join(letters) for letters in itertools.product("AB", repeat=5)]
+    rows, taken = [{**whole, "pair": name} for name in (*names, "XY", "Y")], 0
+    for k, name in enumerate(names):
+        cells = [*rows[:k], {"pair": name, "free": 1}, *rows[k + 1 :]]
+        try:
+            taken += verify(changed(made, ("cells", "apart"), cells)).cells == len(rows)
+        except CertificateError as error:
+            assert "the part may hold a zero" in str(error)
+    assert 0 < taken < len(names)
+    several = [{**whole, "pair": "X"}, {"pair": "Y", "free": 1}]
+    with pytest.raises(CertificateError, match="a part has several pieces"):
+        verify(changed(made, ("cells", "apart"), several))
 
 
 @pytest.mark.slow

@@ -195,11 +195,13 @@ def _failure_apart(
     if "plane" in entry:
         mine, others = (each.points(part) for each, part in zip(ordered, parts, strict=True))
         return failure_of_plane(mine, others, entry["plane"], bound)
-    if any(part.last - part.first > 1 for part in parts):
+    # Where one part holds no zero nothing is said of the other, which may have several pieces.
+    named = (entry["free"],) if "free" in entry else (0, 1)
+    if any(parts[k].last - parts[k].first > 1 for k in named):
         return "is not proven: a part has several pieces"
-    found = ordered[0].part(parts[0]), ordered[1].part(parts[1])
+    found = {k: ordered[k].part(parts[k]) for k in named}
     if "zeros" in entry:
-        return failure_of_pair(found, (sides[0].zeros, sides[1].zeros), entry["zeros"], bound)
+        return failure_of_pair((found[0], found[1]), (sides[0].zeros, sides[1].zeros), entry["zeros"], bound)
     zeros = sides[entry["free"]].zeros
     free = zeros is not None and is_free(zeros, found[entry["free"]])
     return None if free else "is not proven: the part may hold a zero"
