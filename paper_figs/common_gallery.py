@@ -63,6 +63,7 @@ GROUPS = {
         "surface_gallery",
         "surface_distances",
         "surface_bounds",
+        "certificates",
         "marching_cubes_check",
         "tessellation_check",
     ],

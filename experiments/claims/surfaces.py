@@ -126,3 +126,19 @@ def check_tessellation_check(numbers):
         both_ways(mesh, numbers["shares"])
         for way in numbers["shares"]:
             assert mesh[way]["lower"] <= mesh["promised"] <= mesh["asked"]
+
+
+def check_certificates(numbers):
+    assert all(len(mix["certificates"]) + len(mix["refused"]) == numbers["pairs"] for mix in numbers["mixes"])
+    for mix in numbers["mixes"]:
+        name = (*mix["kinds"], mix["distance"])
+        # What is refused is what the search could not prove closely enough, of polynomial surfaces alone.
+        assert all(reason.startswith("NotProvenError") for reason in mix["refused"]), name
+        assert not mix["refused"] or "surface" in mix["kinds"], name
+        for found in mix["certificates"]:
+            kind = found["claim"]["kind"]
+            least, most = found["bounds"]["a_to_b" if kind == "directed" else kind]
+            assert least - 0.02 < found["samples"] < most + 0.02, name
+            assert found["proven"] and found["verify"] < 60, name
+            assert found["accepted"] == found["escaped"] == [] and found["by program"] == 1, name
+            assert sum(found["forgeries"].values()) == numbers["forgeries"], name

@@ -1,0 +1,92 @@
+"""CPU seconds that certificates take to be checked, and their cells, for every mix of shapes.
+
+Numbers by certificates's experiment.
+
+Caption: CPU seconds of the check of a certificate in exact integers, and its cells, for ten random pairs of every mix
+of shapes, the sharpest and the largest ones filled. Each is checked in under a second, and of two hundred forgeries of
+each (bounds one digit beyond what is proven, cells gone, feet too far, other shapes) all are refused.
+"""
+
+from typing import Any
+
+import numpy as np
+from common import BLACK, BLUE, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+# Colour and marker of each distance.
+_LOOKS = {"largest": (BLUE, "o"), "smallest": (ORANGE, "D"), "decision": (VERMILLION, "^")}
+_NAMES = {"largest": "Hausdorff distance", "smallest": "smallest distance", "decision": "decision"}
+_PANELS = {"within": "CPU s to check", "cells": "cells"}
+
+
+def main() -> None:
+    """Loads and draws."""
+    picture = Picture(__file__, __doc__)
+    picture.save(_figure(picture.numbers))
+
+
+def _figure(numbers: dict[str, Any]) -> Figure:
+    mixes = numbers["mixes"]
+    with style():
+        figure = Figure(figsize=(85 * MM, (30 + 4.1 * len(mixes)) * MM), layout="constrained")
+        axes = figure.subplots(1, 2, sharey=True)
+        for ax, (key, label), name in zip(axes, _PANELS.items(), "ab", strict=True):
+            _draw(ax, mixes, key)
+            ax.set_xlabel(label)
+            letter(ax, name)
+        axes[0].set_yticks(range(len(mixes)), [_label(mix) for mix in mixes])
+        for ax in axes:
+            ax.tick_params(axis="y", length=0)
+        axes[0].set_ylim(len(mixes) - 0.5, -0.5)
+        right = axes[1].secondary_yaxis("right")
+        right.set_yticks(range(len(mixes)), [_refused(mix) for mix in mixes])
+        right.tick_params(axis="y", length=0)
+        right.spines["right"].set_visible(False)
+        axes[1].annotate("refused", (1.0, 1.0), (4, 3), "axes fraction", textcoords="offset points")
+        handles, labels = _keys(axes[0])
+        figure.legend(handles, labels, loc="outside lower center", ncols=2, columnspacing=1.2, handletextpad=0.2)
+    return figure
+
+
+def _draw(ax: Axes, mixes: list[dict[str, Any]], key: str) -> None:
+    """A dot for each certificate, and a line from the least to the largest of a mix."""
+    for k, mix in enumerate(mixes):
+        colour, marker = _LOOKS[mix["distance"]]
+        values = np.sort([found[key] for found in mix["certificates"]])
+        # Those between are drawn first, so that the filled ones at the ends stay whole.
+        ax.plot(values, np.full(len(values), k), color=GREY, linewidth=0.6, zorder=1)
+        mark: dict[str, Any] = {"marker": marker, "s": 11, "linewidths": 0.6, "edgecolors": colour}
+        ax.scatter(values[1:-1], np.full(len(values[1:-1]), k), facecolors="white", zorder=2, **mark)
+        ends = values[[0, -1]] if len(values) else values
+        ax.scatter(ends, np.full(len(ends), k), facecolors=colour, zorder=3, **mark)
+    ax.set_xscale("log")
+    every = np.log10([found[key] for mix in mixes for found in mix["certificates"]])
+    ax.set_xlim(*10.0 ** np.array([np.floor(every.min() - 0.1), np.ceil(every.max() + 0.1)]))
+    ax.grid(axis="y", color="#E4E4E4", linewidth=0.5, zorder=0)
+    ax.set_axisbelow(True)
+    ax.minorticks_off()
+
+
+def _label(mix: dict[str, Any]) -> str:
+    first, second = mix["kinds"]
+    return f"{first}, {second.removeprefix('plane ')}"
+
+
+def _refused(mix: dict[str, Any]) -> str:
+    """How many forgeries were refused, of how many where these are not all."""
+    tried = sum(sum(found["forgeries"].values()) for found in mix["certificates"])
+    others = sum(len(found["accepted"]) + len(found["escaped"]) for found in mix["certificates"])
+    return f"{tried - others} of {tried}" if others else f"{tried}"
+
+
+def _keys(ax: Axes) -> tuple[list[Any], list[str]]:
+    marks = [
+        ax.scatter([], [], s=11, marker=marker, facecolors=colour, edgecolors=BLACK, linewidths=0.3)
+        for colour, marker in _LOOKS.values()
+    ]
+    return marks, [_NAMES[name] for name in _LOOKS]
+
+
+if __name__ == "__main__":
+    main()
