@@ -3,7 +3,7 @@
 Numbers by certificates's experiment.
 
 Caption: CPU seconds of the check of a certificate in exact integers, and its cells, for ten random pairs of every mix
-of shapes, the sharpest and the largest ones filled. Each is checked in under a second, and of two hundred forgeries of
+of shapes, the least and the largest of each filled. Each is checked in under a second, and of two hundred forgeries of
 each (bounds one digit beyond what is proven, cells gone, feet too far, other shapes) all are refused.
 """
 
