@@ -12,7 +12,7 @@ theory; no sample lies beyond the deviation proven for its arc; the farthest sam
 to a hundredth, both reach 0.84 to 0.96 of the largest deviation and agree to a hundredth.
 
 Feeds: figure "number of biarcs" and its table.
-Takes: 10 minutes, half a minute once compiled.
+Takes: 5 minutes, half a minute once compiled.
 """
 
 from typing import Any

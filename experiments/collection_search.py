@@ -10,7 +10,7 @@ cent; the share falls with the number of shapes. Both are what all distances of 
 bounds, and whatever these prove to be among the nearest is there or named as a tie.
 
 Feeds: figure and table "nearest letters".
-Takes: 3 minutes, 2 once compiled.
+Takes: 2 minutes.
 """
 
 from typing import Any

@@ -110,7 +110,7 @@ class Run:
             "versions": {"python": platform.python_version(), **_versions()},
             "code": self.code,
             "device": f"{jax.devices()[0].device_kind} ({platform.machine()}, {self.cores} core(s) used)",
-            "command": " ".join(["python", f"experiments/{self.name}.py", *sys.argv[1:]]),
+            "command": " ".join(["python", f"experiments/{self.name}.py", *_without_folder(sys.argv[1:])]),
             **common_origin.machine(),
             "date": datetime.now(UTC).isoformat(timespec="seconds"),
             "seconds": time.perf_counter() - self.started,
@@ -176,3 +176,12 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     padded = [[cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in cells]
     lines = ["| " + " | ".join(row) + " |" for row in padded]
     return "\n".join([lines[0], "|" + "|".join("-" * (width + 2) for width in widths) + "|", *lines[1:]])
+
+
+def _without_folder(options: list[str]) -> list[str]:
+    """A command without where its results go, which is of the machine and not of the experiment."""
+    kept: list[str] = []
+    for before, option in zip(["", *options], options, strict=False):
+        if before != "--out" and option != "--out" and not option.startswith("--out="):
+            kept.append(option)
+    return kept

@@ -19,7 +19,7 @@ own for the soft Hausdorff loss, after its search, and 1.09 times or more for th
 than parameters in 22 cases. One run of Adam takes about as long or less; its search takes 1.5 to 3 times as long.
 
 Feeds: figure "degree reduction" and the table of ratios.
-Takes: 5 minutes.
+Takes: 6 minutes.
 """
 
 import math

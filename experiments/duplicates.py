@@ -9,7 +9,7 @@ Claims: signatures leave some thousand of 68 million pairs, none is undecided, i
 What all distances say, within groups and in the sample, is what was found.
 
 Feeds: figure and table "near-duplicates".
-Takes: 3 minutes, 2 once compiled.
+Takes: 2 minutes.
 """
 
 import itertools

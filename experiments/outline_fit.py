@@ -13,7 +13,7 @@ and 127, the longest pieces 66 and 77, and on no letter more than those, in seco
 one. Both fits of 60 parameters come within 1 % of where continued and displaced fits end in 35 s once compiled.
 
 Feeds: figure "outlines by few segments" and its tables.
-Takes: 10 minutes, with OPENBLAS_NUM_THREADS=1: small matrices on several threads take far longer on a busy machine.
+Takes: 4 minutes, with OPENBLAS_NUM_THREADS=1: small matrices on several threads take far longer on a busy machine.
 """
 
 import json

@@ -128,6 +128,7 @@ def check_origin(numbers, name):
     context = numbers["context"]
     assert context["experiment"] == name and context["smoke"] is True
     assert context["command"].startswith(f"python experiments/{name}.py --smoke")
+    assert "--out" not in context["command"]
     assert isinstance(context["seed"], int) and context["device"] and context["asked"] == {}
     assert {"python", "jhd", "jax", "numpy", "scipy"} <= context["versions"].keys()
 
