@@ -3,8 +3,8 @@
 Numbers by certificates's experiment.
 
 Caption: CPU seconds of the check of a certificate in exact integers, and its cells, for ten random pairs of every mix
-of shapes, the least and the largest of each filled. Each is checked in under a second, and of two hundred forgeries of
-each (bounds one digit beyond what is proven, cells gone, feet too far, other shapes) all are refused.
+of shapes, the least and the largest of each filled. At the right stands how many forgeries of a mix are refused, of two
+hundred for each certificate: bounds one digit beyond what is proven, cells gone, feet too far, other shapes.
 """
 
 from typing import Any
