@@ -14,7 +14,7 @@ ICLP 1999).
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arithmetic.rounding import gamma
+from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import boxes, form
 
@@ -27,7 +27,7 @@ def narrowed(side: Side, low: Array, high: Array) -> tuple[Array, Array]:
     slope, value = f.slope[:, 0], f.value[0]
     size = jnp.abs(slope)
     total = jnp.sum(size)
-    # A sum of what is positive, and the rounding of what it is compared with.
+    # Sums of what is positive, and the rounding of what they are compared with; their underflow is in the error.
     others = total - size + gamma(8, dtype) * total
     loose = (others + f.rest[0] + f.error[0] + gamma(8, dtype) * jnp.abs(value)) * (1 + gamma(8, dtype))
     steep = jnp.where(slope != 0, slope, 1.0)
@@ -35,7 +35,7 @@ def narrowed(side: Side, low: Array, high: Array) -> tuple[Array, Array]:
     slack = gamma(8, dtype) * (jnp.abs(middle) + reach)
     centre, half = cells.centre[:, 0], cells.half[:, 0]
     ends = [centre + half * (middle + sign * (reach + slack)) for sign in (-1, 1)]
-    room = gamma(8, dtype) * (jnp.abs(centre) + half * (jnp.abs(middle) + reach + slack))
+    room = gamma(8, dtype) * (jnp.abs(centre) + half * (jnp.abs(middle) + reach + slack)) + 8 * smallest_normal(dtype)
     # Where nothing is known, as where a slope is zero, NaN or infinite, an end is that of the cell.
     first = jnp.where(size > 0, jnp.maximum(low, ends[0] - room), low)
     last = jnp.where(size > 0, jnp.minimum(high, ends[1] + room), high)

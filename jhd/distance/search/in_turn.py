@@ -2,7 +2,7 @@
 
 The first kind closes most pairs; the second takes longer to compile and to compute, and closes families of nearest
 pairs. Each has a table of its own, gets as much time as the other, and is told what the other has found. Turns double,
-so a search takes about twice as long as with the better kind alone, and its first turn takes no longer at all.
+so beyond the first one a search takes at most some three times as long as with the better kind alone.
 """
 
 from collections.abc import Callable

@@ -48,9 +48,18 @@ def test_a_plane_through_an_edge_of_a_cell_is_kept_and_nothing_beyond(dtype):
     assert np.all(first <= place) and np.all(place <= last)
     end = np.take_along_axis(last - place, axis[:, None], axis=1)
     assert np.max(end) < 1e4 * np.finfo(dtype).eps
+    # Stored with errors that are known of, they hold the same points.
+    known = np.zeros((3, 3, 3))
+    known[0, 0, 0] = 2.0**-12
+    wrong = (exact + known * rng.choice([-1, 1], (CASES, 1, 1, 1))).astype(dtype)
+    known = np.asarray(surface.error) + known.astype(dtype)
+    ends = (low / scale).astype(dtype), (high / scale).astype(dtype)
+    first, last = narrow(surface._replace(error=known), wrong, *ends)
+    assert np.all(np.asarray(first, float) * scale <= place) and np.all(place <= np.asarray(last, float) * scale)
 
 
-def test_a_part_of_a_sphere_at_a_corner_leaves_little_and_holds_all_of_its_points():
+@pytest.mark.parametrize("at_inner_corner", [True, False])
+def test_a_part_of_a_sphere_at_a_corner_leaves_little_and_holds_all_of_its_points(at_inner_corner):
     ball = np.zeros((3, 3, 3))
     ball[2, 0, 0] = ball[0, 2, 0] = ball[0, 0, 2] = 1.0
     ball[0, 0, 0] = -0.25
@@ -59,18 +68,19 @@ def test_a_part_of_a_sphere_at_a_corner_leaves_little_and_holds_all_of_its_point
     points = rng.normal(size=(40, 3))
     points *= 0.5 / np.linalg.norm(points, axis=1, keepdims=True)
     size = 10 ** rng.uniform(-4, -0.5, (40, 1))
-    # The corner nearest to the origin is just inside of the sphere.
+    # The corner nearest to the origin is just inside of the sphere, or the farthest one just outside.
     away = np.sign(points)
     inner, outer = points * (1 - 0.02 * size), points + size * away
+    if not at_inner_corner:
+        inner, outer = points - size * away, points * (1 + 0.02 * size)
     low, high = np.minimum(inner, outer), np.maximum(inner, outer)
     many = np.broadcast_to(np.asarray(surface.coefficients), (40, *surface.coefficients.shape))
     first, last = (np.asarray(x) * scale for x in narrow(surface, many, low / scale, high / scale))
-    spread = rng.normal(size=(20000, 3))
-    spread *= 0.5 / np.linalg.norm(spread, axis=1, keepdims=True)
     for k in range(40):
         near = points[k] + size[k] * rng.uniform(-1, 1, (20000, 3))
         near *= 0.5 / np.linalg.norm(near, axis=1, keepdims=True)
         inside = near[np.all((near > low[k]) & (near < high[k]), axis=1)]
+        # These points are within some roundings of the sphere.
         assert np.all(inside >= first[k] - 1e-15) and np.all(inside <= last[k] + 1e-15)
     small = size[:, 0] < 0.05
     share = np.prod((last - first) / (high - low), axis=1)
