@@ -4,6 +4,7 @@ Meshes: pairs (vertices, triangles), trimesh, Open3D (legacy and tensor), PyVist
 splinepy. Outlines: shapely, matplotlib's paths. Points: arrays, data frames, tensors, point clouds of these packages.
 """
 
+from os import PathLike
 from typing import Any
 
 import jax
@@ -69,6 +70,11 @@ def _converted(value: Any) -> Any:
         raise TypeError(
             f"a {type(value).__name__} of {len(value)} shapes is not one shape; jhd.pairwise, nearest_shapes and "
             "pairs_within take lists, jhd.stack_curves makes a batch of curves for vmap."
+        )
+    if isinstance(value, str | PathLike):
+        raise TypeError(
+            "text is no shape: jhd.io.load_shape reads files, font:NAME:LETTER and SVG path data, "
+            f"jhd.ImplicitSurface.parse polynomials; got {type(value).__name__}."
         )
     if _is_pair(value):
         return TriangleMesh(*value)

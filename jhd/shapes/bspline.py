@@ -29,6 +29,9 @@ from jhd.slips import belongs
 _KNOT_ULPS = 8
 
 
+_NO_DEGREE = "it follows from the knots; write BSplineCurve.clamped(control_points, degree) or .uniform(...)"
+
+
 class BSplineCurve(AbstractCurve):
     """A B-spline curve of degree len(knots) - points - 1, with p for the degree and n for the number of points.
 
@@ -61,11 +64,13 @@ class BSplineCurve(AbstractCurve):
     periodic: bool = eqx.field(static=True)
 
     @belongs(
-        degree="it follows from the knots; write BSplineCurve.clamped(control_points, degree) or .uniform(...)",
+        degree=_NO_DEGREE,
         closed="write BSplineCurve.uniform(control_points, degree, closed=True)",
     )
     def __init__(self, control_points: Numbers, knots: Numbers, weights: Numbers | None = None, periodic: bool = False):
         self.control_points = real_array("control_points", control_points)
+        for name, given in (("knots", knots), ("weights", weights)):
+            _refuse_degree(name, given)
         self.knots = real_array("knots", knots)
         self.weights = None if weights is None else real_array("weights", weights)
         self.periodic = bool(periodic)
@@ -329,6 +334,12 @@ def _rows(control_points: Numbers) -> Array:
     points = real_array("control_points", control_points)
     check_control_points(points, None, ("points", "dim"))
     return points
+
+
+def _refuse_degree(name: str, given: object) -> None:
+    """Raises TypeError where a degree stands in the place of an array."""
+    if isinstance(given, int | np.integer) and not isinstance(given, bool):
+        raise TypeError(f"{name} is {given}; BSplineCurve() takes no degree: {_NO_DEGREE}.")
 
 
 def _checked_degree(degree: Any) -> int:

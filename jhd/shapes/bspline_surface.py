@@ -19,6 +19,7 @@ from jhd.shapes.curve import affine_image
 from jhd.shapes.homogeneous import cartesian, homogeneous, in_unit, out_of_unit
 from jhd.shapes.knots import bezier_pieces, evaluate, parted
 from jhd.shapes.patch import AbstractPatch, BezierPatches, checked_net
+from jhd.slips import belongs
 
 
 class BSplineSurface(AbstractPatch):
@@ -50,6 +51,10 @@ class BSplineSurface(AbstractPatch):
     knots_v: Float[Array, " knots_v"]
     weights: Float[Array, "rows columns"] | None
 
+    @belongs(
+        degree="it follows from the knots; write BSplineSurface.clamped(control_points, (p, q))",
+        degrees="they follow from the knots; write BSplineSurface.clamped(control_points, (p, q))",
+    )
     def __init__(self, control_points: Numbers, knots_u: Numbers, knots_v: Numbers, weights: Numbers | None = None):
         self.control_points, self.weights = checked_net(control_points, weights, ("rows", "columns", "3"))
         self.knots_u, self.knots_v = real_array("knots_u", knots_u), real_array("knots_v", knots_v)
@@ -74,6 +79,8 @@ class BSplineSurface(AbstractPatch):
             TypeError: as the class, or a degree that is not an integer.
         """
         points = checked_net(control_points, None, ("rows", "columns", "3"))[0]
+        if np.shape(degrees) != (2,):
+            raise TypeError(f"degrees must be two integers; got {degrees!r}.")
         knots = []
         rows, columns = points.shape[:2]
         for degree, count, name in ((degrees[0], rows, "rows"), (degrees[1], columns, "columns")):

@@ -15,15 +15,23 @@ Numbers = ArrayLike | Sequence[Any]
 
 
 def check_control_points(control_points: Array, weights: Array | None, axes: tuple[str, ...]) -> None:
-    """Raises ValueError unless the arrays have these axes, two or three coordinates and positive weights to match."""
+    """Raises ValueError unless the arrays have these axes, two or three coordinates and positive weights to match.
+
+    Args:
+        control_points: their coordinates.
+        weights: theirs, or None.
+        axes: names; the last one is "dim", or "3" where the points have to be in space.
+    """
     shape = control_points.shape
     if len(shape) != len(axes):
         raise ValueError(f"control_points has shape {shape}; needs ({', '.join(axes)}).")
     if 0 in shape:
         raise ValueError(f"control_points is empty: its shape is {shape}.")
-    if shape[-1] not in (2, 3):
+    dims = (3,) if axes[-1] == "3" else (2, 3)
+    if shape[-1] not in dims:
         turned = f" Its shape is {shape}; points are rows: hand in its transpose?" if shape[-2] in (2, 3) else ""
-        raise ValueError(f"control_points has {shape[-1]} coordinates a point; needs 2 or 3.{turned}")
+        needed = " or ".join(map(str, dims))
+        raise ValueError(f"control_points has {shape[-1]} coordinates a point; needs {needed}.{turned}")
     if weights is None:
         return
     if weights.shape != shape[:-1]:

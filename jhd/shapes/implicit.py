@@ -48,8 +48,8 @@ class ImplicitSurface(eqx.Module):
 
     Args:
         coefficients: entry [i, j, k] belongs to x^i y^j z^k.
-        lower: the corner of the box with the smallest coordinates, in any unit of length.
-        upper: the opposite corner.
+        lower: the corner of the box with the smallest coordinates, in any unit of length, or one number for all axes.
+        upper: the opposite corner, likewise.
         reduced: None looks for repeated factors; otherwise they are known to be gone, and this says whether there were
             some.
 
@@ -226,9 +226,9 @@ def check_surface(name: str, value: object) -> None:
 
 
 def _corner(name: str, value: Numbers) -> Array:
-    corner = real_array(name, value)
+    corner = real_array(name, value if is_traced(value) or np.ndim(value) else np.full(3, value))
     if corner.shape != (3,):
-        raise ValueError(f"{name} has shape {corner.shape}; needs (3,).")
+        raise ValueError(f"{name} has shape {corner.shape}; needs (3,), or one number for all axes.")
     return corner
 
 

@@ -227,7 +227,8 @@ def check_mesh(name: str, value: object) -> None:
 
 def _check_rows(name: str, shape: tuple[int, ...]) -> None:
     if len(shape) != 2 or shape[1] != 3:
-        raise ValueError(f"{name} has shape {shape}; needs ({name}, 3).")
+        turned = " They are rows: hand in the transpose?" if len(shape) == 2 and shape[0] == 3 < shape[1] else ""
+        raise ValueError(f"{name} has shape {shape}; needs ({name}, 3).{turned}")
     if shape[0] == 0:
         raise ValueError(f"{name} is empty: its shape is {shape}.")
 

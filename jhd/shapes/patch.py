@@ -360,8 +360,6 @@ def checked_net(control_points: Numbers, weights: Numbers | None, axes: tuple[st
     points = real_array("control_points", control_points)
     given = None if weights is None else real_array("weights", weights)
     check_control_points(points, given, axes)
-    if points.shape[-1] != 3:
-        raise ValueError(f"control_points has {points.shape[-1]} coordinates a point; needs 3.")
     return points, given
 
 

@@ -129,6 +129,8 @@ class _Reader:
 
     def error(self, needed: str) -> PolynomialError:
         found = repr(self.token[:40]) if self.token else "the end"
+        if self.token == "=":
+            found += ", but f = g is written f - (g)"
         return PolynomialError(f"found {found}; needs {needed}.", self.start + 1)
 
     def take(self, *tokens: str) -> str:

@@ -488,3 +488,10 @@ def test_segments_of_known_numbers_compile_nothing_and_are_those_of_a_program(kn
     traced = jax.jit(lambda c: c.segments())(curve)
     np.testing.assert_allclose(found.homogeneous, traced.homogeneous, atol=ROUNDING)
     np.testing.assert_array_equal(found.links, traced.links)
+
+
+@pytest.mark.parametrize("arguments", [(3,), (DOUBLE, 3)], ids=["as_knots", "as_weights"])
+def test_a_degree_in_the_place_of_an_array_is_named(arguments):
+    place = ("knots", "weights")[len(arguments) - 1]
+    with pytest.raises(TypeError, match=rf"{place} is 3; BSplineCurve\(\) takes no degree.*BSplineCurve\.clamped"):
+        BSplineCurve(POINTS, *arguments)

@@ -65,6 +65,7 @@ REFUSED = {
     "(x": (3, "needs an operator or a closing parenthesis"),
     "x)": (2, "found ')'; needs an operator"),
     "x $ y": (3, "found '$'"),
+    "x = 1": (3, "found '=', but f = g is written f - (g); needs"),
     "0.1.2*x": (4, "found '.2'"),
     "x^1_0": (4, "found '_0'"),
     "1e999*x": (1, "1e999 is outside the range of doubles"),
@@ -142,6 +143,14 @@ HOLE[1, 2, 0] = np.nan
 def test_what_is_no_surface_is_refused(arguments, kind, message):
     with pytest.raises(kind, match=message):
         ImplicitSurface(*arguments)
+
+
+def test_one_number_is_the_end_of_the_box_along_all_axes(as_a_user):
+    for box, meant in (((-2, 2), (LOWER, UPPER)), ((-2.0, [1, 2, 3]), ([-2] * 3, [1, 2, 3]))):
+        surface = ImplicitSurface(BALL, *box)
+        np.testing.assert_array_equal(surface.box(), meant)
+        assert surface.lower.shape == surface.upper.shape == (3,)
+    np.testing.assert_array_equal(ImplicitSurface.parse("x", -1, 1).box(), [[-1.0] * 3, [1.0] * 3])
 
 
 @pytest.mark.parametrize("text", ["x - x", "3", "(x - y)^2 - x^2 + 2*x*y - y^2"])

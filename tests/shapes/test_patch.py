@@ -34,7 +34,8 @@ def value(points, weights, u, v):
     [
         (POINTS[0], None, ValueError, r"control_points has shape \(3, 3\); needs \(rows, columns, 3\)"),
         (np.zeros((0, 2, 3)), None, ValueError, "control_points is empty"),
-        (POINTS[..., :2], None, ValueError, "control_points has 2 coordinates a point; needs 3"),
+        (POINTS[..., :2], None, ValueError, r"control_points has 2 coordinates a point; needs 3\."),
+        (np.zeros((3, 4, 5)), None, ValueError, r"control_points has 5 coordinates a point; needs 3\."),
         (POINTS, WEIGHTS[:2], ValueError, "weights has 2 x 3"),
         (POINTS, -WEIGHTS, ValueError, r"weights\[0, 0\] is not positive"),
         (POINTS * [np.nan, 1, 1], None, ValueError, r"control_points\[0, 0\] is not finite"),
@@ -45,6 +46,13 @@ def value(points, weights, u, v):
 def test_what_is_no_patch_is_refused(as_a_user, points, weights, error, message):
     with pytest.raises(error, match=message):
         BezierPatch(points, weights)
+
+
+def test_degrees_of_a_surface_that_are_not_two_are_named(as_a_user):
+    with pytest.raises(TypeError, match="degrees must be two integers; got 3"):
+        BSplineSurface.clamped(np.zeros((5, 5, 3)), 3)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(TypeError, match=r"takes no degree: .* BSplineSurface\.clamped"):
+        BSplineSurface(np.zeros((5, 5, 3)), degree=3)  # pyright: ignore[reportCallIssue]
 
 
 @pytest.mark.parametrize(
