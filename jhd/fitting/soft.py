@@ -16,6 +16,8 @@ changes little; their feet are those that Newton's method reaches from near the 
 """
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -45,8 +47,11 @@ from jhd.shapes.curve import BezierSegments, check_curve
 WEIGHT = 63
 # Samples of one curve, shared among its segments: at least one of each, and not more than so many.
 SAMPLES, MOST = 1024, 256
-# Newton steps that lead from a sample to a foot, one of them lost at each joint that is crossed.
-_FOLLOW = 12
+# Newton steps that lead from a sample to a foot, one of them lost at each joint that is crossed: in the last one a
+# hundredth of the feet still moves, by more than this share of a segment.
+_FOLLOW, _STILL = 5, 2.0**-26
+# So many more for these, as many of them side by side: a step of all costs sixteen times as much.
+_FURTHER, _SIDE_BY_SIDE = 8, 64
 # A temperature below this share of the size softens nothing that floats could tell.
 _COLD = 1e-15
 
@@ -140,11 +145,32 @@ def _distances(of: SoftSamples, b: BezierSegments, long: bool) -> Array:
     points, known = jax.lax.stop_gradient((of.points, b))
     before, starts = preceding(known.following), near_curve(known, long).starts(points)
 
-    def foot(point: Array, start: CurvePlace) -> CurvePlace:
-        found = follow_foot(point, known, before, *start, _FOLLOW)
-        first = jet(*piece_of(known, start.segment), start.t).point
-        better = jnp.sum((found.point - point) ** 2) <= jnp.sum((first - point) ** 2)
-        return CurvePlace(jnp.where(better, found.segment, start.segment), jnp.where(better, found.s, start.t))
+    def foot(point: Array, start: CurvePlace, steps: int) -> CurvePlace:
+        found = follow_foot(point, known, before, *start, steps)
+        return CurvePlace(found.segment, found.s)
 
-    feet = jax.vmap(foot)(points, starts)
+    def nearer(point: Array, foot: CurvePlace, start: CurvePlace) -> CurvePlace:
+        first, last = (jet(*piece_of(known, x.segment), x.t).point for x in (start, foot))
+        better = jnp.sum((last - point) ** 2) <= jnp.sum((first - point) ** 2)
+        return CurvePlace(*(jnp.where(better, *pair) for pair in zip(foot, start, strict=True)))
+
+    feet = _followed(foot, points, starts)
+    feet = jax.vmap(nearer)(points, feet, starts)
     return length(of.points - jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point)(*feet))
+
+
+def _followed(foot: Callable[[Array, CurvePlace, int], CurvePlace], points: Array, starts: CurvePlace) -> CurvePlace:
+    """The feet of points: a few steps for all, more for the few that still move."""
+    early = jax.vmap(partial(foot, steps=_FOLLOW - 1))(points, starts)
+    feet = jax.vmap(partial(foot, steps=1))(points, early)
+    moves = (feet.segment != early.segment) | (jnp.abs(feet.t - early.t) > _STILL)
+    count = min(_SIDE_BY_SIDE, points.shape[0])
+
+    def further(state: tuple[CurvePlace, Array]) -> tuple[CurvePlace, Array]:
+        feet, moves = state
+        _, rows = jax.lax.top_k(moves.astype(jnp.float32), count)
+        moved = jax.vmap(partial(foot, steps=_FURTHER))(points[rows], CurvePlace(feet.segment[rows], feet.t[rows]))
+        feet = CurvePlace(*(x.at[rows].set(y) for x, y in zip(feet, moved, strict=True)))
+        return feet, moves.at[rows].set(False)
+
+    return jax.lax.while_loop(lambda state: jnp.any(state[1]), further, (feet, moves))[0]

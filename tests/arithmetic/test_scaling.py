@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.arithmetic.scaling import length, unit
+from jhd.arithmetic.scaling import length, scale_of, times_two_to, unit
 
 
 @pytest.mark.parametrize("exponent", [-1000, -600, 0, 600, 1020])
@@ -30,3 +30,20 @@ def test_a_length_has_its_derivatives_and_none_at_zero():
 
 def test_units_have_length_one_and_zero_stays():
     assert unit(np.array([[3.0, 4.0], [0.0, 0.0]])).tolist() == [[0.6, 0.8], [0.0, 0.0]]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_powers_of_two_are_exact_from_end_to_end_of_the_normal_numbers(dtype):
+    info = np.finfo(dtype)
+    powers = np.array([info.minexp, info.minexp + 1, -100, -1, 0, 1, 100, info.maxexp - 1])
+    x = np.asarray(0.7, dtype)
+    for power in powers:
+        # Neither factor leaves the range where the product does not.
+        for start in (x, np.ldexp(x, -power // 2)):
+            exact = np.ldexp(start, power)
+            if info.tiny <= exact < np.inf:
+                assert jax.jit(times_two_to)(start, int(power)) == exact
+    # As far as products with them are normal numbers.
+    most = info.maxexp - 24
+    scales = [float(scale_of(jnp.asarray(int(k)), dtype)) for k in (most + 9, most, 3, 0, -most, -most - 9)]
+    assert scales == [2.0**-most, 2.0**-most, 0.125, 1.0, 2.0**most, 2.0**most]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.frame.pieces import CurvePlace
 from jhd.fitting import soft
 
 ROUNDING = 16 * np.finfo(float).eps
@@ -155,3 +156,15 @@ def test_curves_with_weights_in_space_and_of_points_are_softened_too():
         hard, found = jhd.hausdorff(a, b), float(jhd.soft_hausdorff(a, b, 0.05))
         assert hard.upper <= found <= (float(hard.upper) + 0.05 * SMOOTHING) * (1 + ROUNDING)
         assert found > float(hard.upper) + 1e-6
+
+
+def test_feet_that_still_move_are_followed_on_however_many_there_are():
+    slow = np.arange(1000) % 3 == 0
+
+    def foot(point, start, steps):
+        """Halves what is left to the end with each step, or is there."""
+        return CurvePlace(start.segment, jnp.where(point > 0, 1 - (1 - start.t) * 0.5**steps, start.t))
+
+    start = CurvePlace(jnp.zeros(1000, int), jnp.zeros(1000))
+    found = np.asarray(soft._followed(foot, jnp.asarray(slow, float), start).t)
+    assert np.all(found[slow] >= 1 - 0.5 ** (soft._FOLLOW + soft._FURTHER)) and np.all(found[~slow] == 0)

@@ -18,7 +18,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import smallest_normal
-from jhd.arithmetic.scaling import common_exponent, ldexp, length, scale_of
+from jhd.arithmetic.scaling import common_exponent, ldexp, length, scale_of, times_two_to
 from jhd.arrays import array_of, is_traced
 from jhd.solution import RESULTS, HausdorffSolution, result_where, with_lengths
 
@@ -47,7 +47,7 @@ class Frame(eqx.Module):
 
     def moved(self, x: Array) -> Array:
         """Points of the user's in the common coordinates, as a function that is differentiated."""
-        return (x - jnp.ldexp(jnp.asarray(self.centre), self.first)) * self.scale(x.dtype)
+        return (x - times_two_to(jnp.asarray(self.centre), self.first)) * self.scale(x.dtype)
 
     def common(self, x: Any, toward: float | None = None) -> Any:
         """A length of the user's in the common coordinates; what is no normal number there is rounded towards `toward`.
