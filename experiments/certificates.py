@@ -9,8 +9,8 @@ of it (common_forgeries.py): claims beyond the bounds that the search has proven
 upward, of another direction or pair; proofs with a cell gone or with a false statement; shapes with other numbers. Each
 is written to a file and read as a user does, one by the program too. Samples know the distance besides.
 
-Claims: every certificate is checked in less than 60 seconds, no forgery is accepted, and none ends in anything but the
-checker's own refusal. Where no certificate is made, the table says so.
+Claims: every pair gets a certificate, which is checked in less than 60 seconds; no forgery is accepted, and none ends
+in anything but the checker's own refusal.
 
 Feeds: figure and table "certificates".
 Takes: 15 minutes.

@@ -2,6 +2,9 @@
 
 import numpy as np
 
+# Samples of shapes over the unit square lie on a grid of a twelfth, and no place is this far from one of them there.
+_APART = 0.06
+
 
 def holds(found, exact):
     return found["lower"] <= exact and (found["upper"] is None or exact <= found["upper"])
@@ -132,13 +135,11 @@ def check_certificates(numbers):
     assert all(len(mix["certificates"]) + len(mix["refused"]) == numbers["pairs"] for mix in numbers["mixes"])
     for mix in numbers["mixes"]:
         name = (*mix["kinds"], mix["distance"])
-        # What is refused is what the search could not prove closely enough, of polynomial surfaces alone.
-        assert all(reason.startswith("NotProvenError") for reason in mix["refused"]), name
-        assert not mix["refused"] or "surface" in mix["kinds"], name
+        assert mix["refused"] == [], name
         for found in mix["certificates"]:
             kind = found["claim"]["kind"]
             least, most = found["bounds"]["a_to_b" if kind == "directed" else kind]
-            assert least - 0.02 < found["samples"] < most + 0.02, name
+            assert least - _APART < found["samples"] < most + _APART, name
             assert found["proven"] and found["verify"] < 60, name
             assert found["accepted"] == found["escaped"] == [] and found["by program"] == 1, name
             assert sum(found["forgeries"].values()) == numbers["forgeries"], name

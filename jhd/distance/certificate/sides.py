@@ -22,6 +22,8 @@ from jhd.shapes.mesh import TriangleMesh
 _STEPS, _SHARES = 10, (1.0, 0.3, 0.05)
 # Parameters nearer than this to an end of their interval are put on it.
 _SNAP = 1e-13
+# Points measured at once are filled up to powers of two from here on, for which programs are few.
+_LEAST_POINTS = 64
 
 
 class NearFeet(NamedTuple):
@@ -83,11 +85,24 @@ class ShapeSide:
 
     def feet(self, points: np.ndarray, proven: bool = False) -> NearFeet:
         """Feet of points: near ones, or the nearest, which takes longer."""
-        user = np.ldexp(points, self.exponent)
+        count = len(points)
+        rows = points[np.minimum(np.arange(max(_LEAST_POINTS, 1 << (count - 1).bit_length())), count - 1)]
+        user = np.ldexp(rows, self.exponent)
         found = self._target.nearest(user) if proven else self._target.near(user)
-        t = np.asarray(found.t, float).reshape(len(points), np.size(found.t) // len(points))
+        t = np.asarray(found.t, float).reshape(len(rows), np.size(found.t) // len(rows))[:count]
         x = t[:, 1:] if self._triangles else t[:, : self.parameters]
-        return self.local(np.asarray(found.segment), np.clip(x, 0.0, 1.0), points)
+        return self.local(np.array(found.segment)[:count], np.clip(x, 0.0, 1.0), points)
+
+    def feet_within(self, points: np.ndarray, limit: float) -> NearFeet:
+        """Near feet, and of points for which these are farther than a limit the nearest, which they need not be."""
+        feet = self.feet(points)
+        far = np.flatnonzero(feet.distance > limit)
+        if len(far):
+            again = self.feet(points[far], proven=True)
+            nearer = again.distance < feet.distance[far]
+            for mine, found in zip(feet, again, strict=True):
+                mine[far[nearer]] = found[nearer]
+        return feet
 
     def samples(self, draw: np.random.Generator, count: int) -> np.ndarray:
         """Points of random places, and of corners of the domains of pieces."""
@@ -134,21 +149,17 @@ class ShapeSide:
         if not self.parameters:
             return [rows[:, 0, :-1] / rows[:, 0, -1:]]
         bases = [_bases(degree, x[:, k], order) for k, degree in enumerate(self.degrees)]
-
-        def derivative(*axes: int) -> np.ndarray:
-            return _contracted(rows, [b[axes.count(k)] for k, b in enumerate(bases)])
-
-        value, count = derivative(), len(bases)
+        value, count = _derivative(rows, bases), len(bases)
         weight = value[:, -1:]
         found = [value[:, :-1] / weight]
         if order:
-            first = [derivative(i) for i in range(count)]
+            first = [_derivative(rows, bases, i) for i in range(count)]
             firsts = [(f[:, :-1] - found[0] * f[:, -1:]) / weight for f in first]
             found.append(np.stack(firsts, axis=1))
         if order > 1:
             seconds = []
             for i, j in itertools.product(range(count), repeat=2):
-                f = derivative(i, j)
+                f = _derivative(rows, bases, i, j)
                 top = f[:, :-1] - firsts[i] * first[j][:, -1:] - firsts[j] * first[i][:, -1:] - found[0] * f[:, -1:]
                 seconds.append(top / weight)
             found.append(np.stack(seconds, axis=1).reshape(len(x), count, count, -1))
@@ -176,6 +187,11 @@ def _bases(degree: int, t: np.ndarray, order: int) -> list[np.ndarray]:
             values = n * (padded[:, :-1] - padded[:, 1:])
         found.append(values)
     return found
+
+
+def _derivative(rows: np.ndarray, bases: list[list[np.ndarray]], *axes: int) -> np.ndarray:
+    """The sums of control points times the derivatives of their polynomials in some parameters."""
+    return _contracted(rows, [b[axes.count(k)] for k, b in enumerate(bases)])
 
 
 def _contracted(rows: np.ndarray, bases: list[np.ndarray]) -> np.ndarray:

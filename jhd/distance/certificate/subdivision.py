@@ -35,8 +35,6 @@ _SURELY = 1e-13
 _ALIKE = 1e-9
 # Cells that are cut in one generation, and generations, where far places alone are looked for.
 _BEAM, _GENERATIONS = 48, 24
-# Points measured at once are filled up to powers of two from here on, for which programs are few.
-_LEAST_POINTS = 64
 # The letters of the halves of a triangle, for each pair of corners between which it is cut.
 _LETTERS = {(0, 1): "ab", (0, 2): "cd", (1, 2): "ef"}
 
@@ -167,26 +165,12 @@ def _measured(
     unique, back = np.unique(rows, axis=0, return_inverse=True)
     back = back.reshape(-1)
     points = source.points(unique[:, 0].astype(int), unique[:, 1:])
-    feet = _feet(target, points, proven=False)
-    far = np.flatnonzero(feet.distance > limit)
-    if len(far):
-        # Near feet need not be the nearest.
-        again = _feet(target, points[far], proven=True)
-        for mine, found in zip(feet, again, strict=True):
-            mine[far] = np.where(
-                (again.distance < feet.distance[far]).reshape(-1, *[1] * (found.ndim - 1)), found, mine[far]
-            )
-        worst = far[np.argmax(feet.distance[far])]
-        if feet.distance[worst] > limit * (1 + 1e-12) + 1e-14:
-            raise UncoveredError(f"piece {int(unique[worst, 0])} at {unique[worst, 1:].tolist()} is farther away.")
+    feet = target.feet_within(points, limit)
+    worst = int(np.argmax(feet.distance))
+    if feet.distance[worst] > limit * (1 + 1e-12) + 1e-14:
+        raise UncoveredError(f"piece {int(unique[worst, 0])} at {unique[worst, 1:].tolist()} is farther away.")
     shaped = NearFeet(*(rows[back].reshape(count, corners, *rows.shape[1:]) for rows in feet))
     return _Open(piece, name, x, points[back].reshape(count, corners, -1), shaped, shaped)
-
-
-def _feet(target: ShapeSide, points: np.ndarray, proven: bool) -> NearFeet:
-    size = max(_LEAST_POINTS, 1 << (len(points) - 1).bit_length())
-    found = target.feet(points[np.minimum(np.arange(size), len(points) - 1)], proven)
-    return NearFeet(*(rows[: len(points)].copy() for rows in found))
 
 
 # ---- what is proposed ----------------------------------------------------------------------------

@@ -179,7 +179,8 @@ class _Tried:
                 for foot in feet[: 1 if self.corners == 1 else 2]:
                     self._add(found, self._along_surface(place, foot))
             return found
-        near = self.target.feet(chosen)
+        # Of places that are not on the source none is too far away.
+        near = self.target.feet_within(chosen, self.upper * (1 + _SURELY) if len(places) else np.inf)
         for k, place in enumerate(chosen):
             self._look(place, float(near.distance[k]), len(places) > 0)
             self._add(found, self._along_piece(int(near.piece[k]), near.x[k]))
@@ -191,10 +192,7 @@ class _Tried:
             return
         self.met.append((distance, place))
         if distance > self.upper * (1 + _SURELY):
-            if isinstance(self.target, SurfaceSide):
-                proven = self.target.proven_distance(place)
-            else:
-                proven = float(self.target.feet(place[None], proven=True).distance[0])
+            proven = self.target.proven_distance(place) if isinstance(self.target, SurfaceSide) else distance
             if proven > self.upper * (1 + 1e-12):
                 raise UncoveredError(f"the place {place.tolist()} of piece {self.cell.piece} is farther away.")
 

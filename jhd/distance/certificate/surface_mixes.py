@@ -27,6 +27,8 @@ from jhd.solution import Decision, HausdorffSolution, MinimumSolution, NotProven
 
 # Lengths of ways across a surface that are tried, as shares of the size of its box.
 _WAYS = (0.0, *(2.0**k for k in range(-52, -24, 3)))
+# Places this near to a face of the box, as a share of its size, are looked for on it.
+_AT_FACE = 2.0**-44
 # Witnesses that are tried, and where none is known: samples, rounds of more about the farthest, and how many each.
 _WITNESSES, _SAMPLED, _ROUNDS, _EACH = 3, 200, 12, 8
 # Steps in turn from a foot on one shape to that on the other.
@@ -155,17 +157,19 @@ def _place_on_surface(side: SurfaceSide, point: np.ndarray) -> tuple[dict[str, A
     foot = side.foot(point, point)
     if foot is None:
         return None
-    # A way across a face would leave the box.
-    held = (foot.point == side.lower) | (foot.point == side.upper)
-    slope = np.where(held, 0.0, side.slopes(foot.point))
-    length = float(np.linalg.norm(slope))
-    for share in _WAYS if length > 0 else _WAYS[:1]:
-        way = share * side.size * slope / max(length, 1e-300)
-        place = {"at": side.without_tiny(foot.point).tolist(), "way": side.without_tiny(way).tolist()}
-        try:
-            return place, place_of(side.zeros, place, "witness")
-        except CertificateError:
-            continue
+    for near in (_AT_FACE * side.size, 0.0):
+        low, high = foot.point - side.lower <= near, side.upper - foot.point <= near
+        at = np.where(low, side.lower, np.where(high, side.upper, foot.point))
+        # A way across a face would leave the box.
+        slope = np.where(low | high, 0.0, side.slopes(at))
+        length = float(np.linalg.norm(slope))
+        for share in _WAYS if length > 0 else _WAYS[:1]:
+            way = share * side.size * slope / max(length, 1e-300)
+            place = {"at": side.without_tiny(at).tolist(), "way": side.without_tiny(way).tolist()}
+            try:
+                return place, place_of(side.zeros, place, "witness")
+            except CertificateError:
+                continue
     return None
 
 

@@ -10,6 +10,7 @@ import pytest
 
 import jhd
 from jhd.distance.certificate.certificate import certify
+from jhd.distance.certificate.sides import ShapeSide
 from jhd.distance.certificate.verification import CertificateError, verify
 from jhd.distance.certificate.verification.convexity import failure_in_space
 from jhd.distance.certificate.verification.polynomials import from_coefficients
@@ -57,6 +58,34 @@ def test_the_farthest_point_of_a_surface_may_lie_on_faces_of_its_box():
     solution = jhd.directed_hausdorff(bent, POINT)
     exact, proven = math.dist([1, 1, -0.15], [0.25, 0.5, 1.0]), certify(bent, POINT, solution).verify()
     assert proven.upper is not None and proven.lower <= exact <= proven.upper <= proven.lower + 10 * SLACK
+
+
+def test_a_nearest_place_may_lie_next_to_a_face_of_the_box():
+    # No way across the surface that leaves the box proves a zero; the place on the face is as near but for rounding.
+    point, bent = jhd.points([[0.25, -0.5, 1.0]]), flat(0, "z - {0} - x^2/3 - y/7")
+    nearest = jhd.minimum_distance(point, bent)
+    places = np.array([0.25, -0.5, 1.0]), np.asarray(nearest.point_b) + [0, 1e-18, 0]
+    made = certify(point, bent, claim(float(nearest.lower), float(nearest.upper), "minimum", places))
+    assert made.content["witness"]["b"]["at"][1] == 0.0
+    assert made.verify().lower <= float(nearest.value) <= made.verify().upper
+
+
+def test_of_two_feet_about_as_near_the_nearer_one_counts():
+    # Places of a face of a box, along the circle on which the middle of a curve is about as near as its end.
+    end, top = [1.0, 0.5, 0.1], [[0.5, 0.9, 0.1], [1.0, 0.5, 0.2], [0.2, 0.5, 0.2]]
+    curve = jhd.BezierCurve([end, *top], [1.7, 1.1, 0.8, 1.2])
+    x, z = np.meshgrid(np.linspace(0.7, 0.8, 41), np.linspace(0.4, 0.6, 41))
+    places = np.stack([x.ravel(), 0 * x.ravel(), z.ravel()], axis=1)
+    samples = np.asarray(curve(np.linspace(0, 1, 4001)))
+    dense = np.min(np.linalg.norm(places[:, None] - samples, axis=2), axis=1)
+    side = ShapeSide(curve, 0)
+    assert np.max(side.feet(places).distance - dense) > 1e-6
+    found = side.feet_within(places, 0.0)
+    np.testing.assert_allclose(found.distance, dense, rtol=0, atol=1e-6)
+    there = side.points(found.piece, found.x)
+    np.testing.assert_allclose(np.linalg.norm(there - places, axis=1), found.distance, rtol=1e-12)
+    # What is near enough is left as it is.
+    np.testing.assert_array_equal(side.feet_within(places, np.inf).x, side.feet(places).x)
 
 
 @pytest.mark.slow
