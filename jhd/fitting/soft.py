@@ -159,7 +159,7 @@ def _distances(of: SoftSamples, b: BezierSegments, long: bool) -> Array:
     return length(of.points - jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point)(*feet))
 
 
-def _followed(foot: Callable[[Array, CurvePlace, int], CurvePlace], points: Array, starts: CurvePlace) -> CurvePlace:
+def _followed(foot: Callable[..., CurvePlace], points: Array, starts: CurvePlace) -> CurvePlace:
     """The feet of points: a few steps for all, more for the few that still move."""
     early = jax.vmap(partial(foot, steps=_FOLLOW - 1))(points, starts)
     feet = jax.vmap(partial(foot, steps=1))(points, early)
