@@ -103,7 +103,8 @@ def shown_many(solution: Any, name: str) -> str | None:
         return f"{kind}({name}={eqx.tree_pformat(numbers)},\n  traced: known when the program runs)"
     if not shape:
         return None
-    numbers = np.asarray(numbers)
+    numbers, padded = np.asarray(numbers), getattr(solution, "valid", None)
+    numbers = numbers if padded is None else numbers[np.asarray(padded)]
     span = f", {name} from {np.min(numbers):.9g} to {np.max(numbers):.9g}" if numbers.size else ""
     counts = Counter(names_of(solution.result))
     total, good = counts.total(), counts.pop("successful", 0)

@@ -24,7 +24,7 @@ from jhd.fitting.clock import Clock
 from jhd.fitting.minimax import FitProgress
 from jhd.fitting.sampled import lengths_of
 from jhd.fitting.ways import Limits, scales_of, way_of
-from jhd.shapes.as_shape import taken_as
+from jhd.shapes.as_shape import Shape, taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface
@@ -345,7 +345,11 @@ class _Flat(eqx.Module):
     unravel: Callable
 
     def __call__(self, parameters: Array) -> Any:
-        return traceable(self.build, self.unravel(parameters))
+        found = traceable(self.build, self.unravel(parameters))
+        if not isinstance(found, Shape):
+            came = "an array" if isinstance(found, jax.Array) else type(found).__name__
+            raise TypeError(f"build(parameters) must be a shape of jhd, as jhd.BezierCurve makes one; got {came}.")
+        return found
 
 
 def _capacity(count: int) -> int:

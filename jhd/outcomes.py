@@ -13,8 +13,8 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
 
     gap_not_closed = "The bounds are true but wider than the tolerance asked for: raise max_steps, or atol or rtol."
     capacity_reached = (
-        "A queue of fixed length was full, so the answer is true but wider or incomplete: raise capacity (or max_boxes "
-        "where there is one), or atol or rtol."
+        "A queue of fixed length was full, so the answer is true but wider or incomplete: raise capacity (or max_cells "
+        "or max_boxes, where that is its name), or atol or rtol."
     )
     interrupted = "The search was interrupted: the bounds are those it had reached."
     fit_steps_exhausted = "The fit was still improving when its steps were used up: raise max_steps."

@@ -279,3 +279,17 @@ def test_a_curve_in_space_is_fitted_within_a_tolerance(smooth):
     out, into = points[:-1, -1] - points[:-1, -2], points[1:, 1] - points[1:, 0]
     lengths = np.linalg.norm(out, axis=1) * np.linalg.norm(into, axis=1)
     assert bool(np.all(np.sum(out * into, axis=1) > (1 - 1e-9) * lengths)) == smooth
+
+
+@pytest.mark.parametrize(
+    ("build", "options", "message"),
+    [
+        (lambda p: p, {}, "must be a shape of jhd, as jhd.BezierCurve makes one; got an array"),
+        (jhd.BezierCurve, {"measure": "mean"}, r"measure must be Hausdorff\(\), Mean\(\), .*; got 'mean'"),
+        (jhd.BezierCurve, {"measure": jhd.Quantile}, "got the class Quantile: call it"),
+        (jhd.BezierCurve, {"max_seconds": "5"}, "max_seconds must be a number; got '5'"),
+    ],
+)
+def test_slips_in_a_fit_are_named(as_a_user, build, options, message):
+    with pytest.raises(TypeError, match=message):
+        jhd.minimise_hausdorff(build, np.eye(2), jhd.polyline([(0, 0), (1, 0)]), **options)

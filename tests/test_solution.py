@@ -147,6 +147,13 @@ def test_every_kind_of_solution_is_a_batch_in_the_same_way():
         assert "successful" in repr(batch[1]) and "f64" not in repr(batch[1])
 
 
+def test_the_span_of_a_padded_batch_is_that_of_its_entries():
+    distance, valid = jnp.array([[2.0, jnp.inf], [1.0, 3.0]]), jnp.array([[True, False], [True, True]])
+    result = jax.tree_util.tree_map(lambda x: jnp.stack([x, x]), jhd.RESULTS.successful)
+    batch = jhd.StationaryPoints(valid.astype(int), distance, distance, distance, distance, valid, result)
+    assert "distance from 1 to 3," in repr(batch)
+
+
 def test_a_batch_holds_results_of_several_kinds():
     batch = jax.vmap(lambda full: a_solution(result_where(full, jhd.RESULTS.capacity_reached, jhd.RESULTS.successful)))
     plain = json.loads(batch(jnp.array([False, True])).to_json())

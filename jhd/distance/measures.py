@@ -71,6 +71,23 @@ class MeasureSolution(AbstractSolution):
         return f"MeasureSolution({value} in {bounds}, {name_of(self.direction)}, {name_of(self.result)})"
 
 
+def _directed(given: bool) -> bool:
+    if not isinstance(given, bool | np.bool_):
+        came = type(given).__name__
+        raise TypeError(
+            f"directed must be True or False; got {came}. Shapes come in a second call, as in Mean()(a, b)."
+        )
+    return bool(given)
+
+
+def check_measure(measure: object) -> None:
+    """Raises TypeError unless it is a measure or None."""
+    if measure is None or isinstance(measure, AbstractMeasure):
+        return
+    came = f"the class {measure.__name__}: call it" if isinstance(measure, type) else repr(measure)
+    raise TypeError(f"measure must be Hausdorff(), Mean(), RootMeanSquare() or Quantile(q); got {came}.")
+
+
 def _weights(given: Any) -> Array | None:
     return None if given is None else real_array("weights", given)
 
@@ -209,7 +226,7 @@ class _Directed(NamedTuple):
 class Hausdorff(AbstractMeasure):
     """The largest distance: `hausdorff`, or `directed_hausdorff`; weights do not matter to it."""
 
-    directed: bool = eqx.field(default=False, static=True)
+    directed: bool = eqx.field(default=False, static=True, converter=_directed)
     weights: Array | None = eqx.field(default=None, init=False)
 
     def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> _Directed:
@@ -229,7 +246,7 @@ class Hausdorff(AbstractMeasure):
 class Mean(AbstractMeasure):
     """The mean distance over the length or area of a, or its points."""
 
-    directed: bool = eqx.field(default=False, static=True)
+    directed: bool = eqx.field(default=False, static=True, converter=_directed)
     weights: Array | None = eqx.field(default=None, converter=_weights)
 
     def _bounds(self, found: Deviation) -> Bounds:
@@ -243,7 +260,7 @@ class Mean(AbstractMeasure):
 class RootMeanSquare(AbstractMeasure):
     """The root of the mean squared distance over the length or area of a, or its points."""
 
-    directed: bool = eqx.field(default=False, static=True)
+    directed: bool = eqx.field(default=False, static=True, converter=_directed)
     weights: Array | None = eqx.field(default=None, converter=_weights)
 
     def _bounds(self, found: Deviation) -> Bounds:
@@ -273,7 +290,7 @@ class Quantile(AbstractMeasure):
 
     def __init__(self, q: float, directed: bool = False, weights: Numbers | None = None):
         check_share("q", q)
-        self.q, self.directed, self.weights = float(q), directed, _weights(weights)
+        self.q, self.directed, self.weights = float(q), _directed(directed), _weights(weights)
 
     def _bounds(self, found: Deviation) -> Bounds:
         return found.quantile(self.q)

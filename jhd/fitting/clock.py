@@ -21,10 +21,13 @@ class Clock:
         seconds: of wall time from now on; None for no limit.
 
     Raises:
-        ValueError: seconds that are no positive number.
+        TypeError: seconds that are no number.
+        ValueError: seconds that are not positive.
     """
 
     def __init__(self, seconds: float | None = None):
+        if seconds is not None and not hasattr(seconds, "__float__"):
+            raise TypeError(f"max_seconds must be a number; got {seconds!r}.")
         if seconds is not None and not seconds > 0:
             raise ValueError(f"max_seconds is {seconds}; needs a positive number.")
         limit = math.inf if seconds is None else seconds

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd.distance.frame.method import AbstractHausdorffMethod
-from jhd.distance.measures import AbstractMeasure, Hausdorff
+from jhd.distance.measures import AbstractMeasure, Hausdorff, check_measure
 from jhd.fitting.bundle import minimise_by_cuts, motions
 from jhd.fitting.clock import Clock
 from jhd.fitting.measured import fit_by_measure, measured_solution
@@ -41,6 +41,7 @@ class Way(NamedTuple):
 
 def way_of(built: Any, target: Any, measure: AbstractMeasure | None, limits: Limits) -> Way:
     """How shapes of the target's kind are fitted to it by a measure."""
+    check_measure(measure)
     steps, atol, capacity, clock, method = limits
     if measure is not None and measure != Hausdorff():
         scales = scales_of(built, target)

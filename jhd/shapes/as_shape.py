@@ -51,6 +51,12 @@ def as_shape(shape: Any) -> Any:
     return found
 
 
+def check_several(name: str, shapes: object) -> None:
+    """Raises TypeError where one shape stands in the place of many."""
+    if isinstance(shapes, Shape):
+        raise TypeError(f"{name} must be a list of shapes; got one, a {type(shapes).__name__}.")
+
+
 def taken_as(name: str | None, value: Any) -> Any:
     """The shape that an object stands for, under the name that errors give it; an unknown object as it is."""
     # Every entry comes here before it computes.

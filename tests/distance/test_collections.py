@@ -253,7 +253,13 @@ def test_what_is_no_collection_is_refused(as_a_user):
     with pytest.raises(ValueError, match="shapes is empty"):
         jhd.pairwise([])
     with pytest.raises(TypeError, match=r"others\[1\]: shape must be a shape of jhd"):
+        jhd.pairwise(CURVES, [CURVES[0], 3])
+    with pytest.raises(TypeError, match=r"others\[1\]: text is no shape: jhd\.io\.load_shape"):
         jhd.pairwise(CURVES, [CURVES[0], "a"])
+    one = r"(shapes|queries) must be a list of shapes; got one, a BezierSegments\."
+    for call in (jhd.pairwise, jhd.nearest_shapes, jhd.signatures):
+        with pytest.raises(TypeError, match=one):
+            call(CURVES[0], CURVES[1])
     with pytest.raises(ValueError, match=r"shapes\[1\] has 3 coordinates and shapes\[0\] has 2"):
         jhd.pairs_within([CURVES[0], space], 1.0)
     with pytest.raises(ValueError, match="queries has shapes of 3 coordinates and shapes of 2"):

@@ -263,7 +263,7 @@ ONE, SPACE = jhd.points([[0.0, 0.0]]), jhd.points([[0.0, 0.0, 0.0]])
 
 @pytest.mark.parametrize("entry", [jhd.hausdorff, jhd.directed_hausdorff])
 @pytest.mark.parametrize(
-    ("a", "b", "name"), [(3.0, ONE, "a"), (ONE, {"a": 1}, "b"), (ONE, None, "b"), ("M0 0", ONE, "a")]
+    ("a", "b", "name"), [(3.0, ONE, "a"), (ONE, {"a": 1}, "b"), (ONE, None, "b"), (b"M0 0", ONE, "a")]
 )
 def test_what_is_no_curve_is_refused(entry, a, b, name, as_a_user):
     given_type = type(a if name == "a" else b).__name__
@@ -289,7 +289,15 @@ def test_what_is_no_method_is_refused(entry, method, as_a_user):
         entry(ONE, ONE, method)
     known = "BranchAndBound(), TwoStep(), BiarcTrimming() or AlgebraicEvents()"
     kinds = "BezierSegments and BezierSegments"
-    assert str(caught.value) == f"method must be {known} for {kinds}; got {type(method).__name__}."
+    came = "the class TwoStep: call it" if method is jhd.TwoStep else type(method).__name__
+    assert str(caught.value) == f"method must be {known} for {kinds}; got {came}."
+
+
+def test_a_tolerance_in_the_place_of_a_method_and_text_in_that_of_a_shape_are_named(as_a_user):
+    with pytest.raises(TypeError, match=r"got 0\.001: as a tolerance it is BranchAndBound\(atol=0\.001\)"):
+        jhd.hausdorff(ONE, ONE, 1e-3)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(TypeError, match=r"a: text is no shape: jhd\.io\.load_shape reads .* SVG path data"):
+        jhd.hausdorff("M0 0", ONE)
 
 
 # ---- single precision ----------------------------------------------------------------------------

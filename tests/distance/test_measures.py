@@ -98,6 +98,12 @@ def test_what_is_no_measure_is_refused():
         jhd.Mean(weights=[1.0])(points, ORIGIN)
 
 
+@pytest.mark.parametrize("measure", [jhd.Mean, jhd.RootMeanSquare, jhd.Hausdorff, lambda a: jhd.Quantile(0.5, a)])
+def test_shapes_in_the_call_that_makes_a_measure_are_named(as_a_user, measure):
+    with pytest.raises(TypeError, match="directed must be True or False; got BezierSegments. Shapes come in a second"):
+        measure(ORIGIN)
+
+
 @pytest.mark.parametrize(
     "measure",
     [jhd.Mean(True, WEIGHTS), pytest.param(jhd.Quantile(0.7, weights=WEIGHTS), marks=pytest.mark.slow)],

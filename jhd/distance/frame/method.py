@@ -60,4 +60,10 @@ def check_serves(method: Any, a: Any, b: Any, known: tuple[type[AbstractMethod],
     *names, last = [f"{kind.__name__}()" for kind in known if kind.serves(a, b)]
     serving = f"{', '.join(names)} or {last}" if names else last
     kinds = f"{type(a).__name__} and {type(b).__name__}"
-    raise TypeError(f"method must be {serving} for {kinds}; got {type(method).__name__}.")
+    if isinstance(method, type):
+        came = f"the class {method.__name__}: call it"
+    elif isinstance(method, int | float):
+        came = f"{method}: as a tolerance it is BranchAndBound(atol={method})"
+    else:
+        came = type(method).__name__
+    raise TypeError(f"method must be {serving} for {kinds}; got {came}.")

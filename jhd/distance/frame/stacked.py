@@ -10,7 +10,7 @@ import numpy as np
 from jhd.arithmetic.scaling import unit_weights
 from jhd.arrays import array_of, is_traced, on_host
 from jhd.distance.frame.curves import elevation_matrix, padded_count, trusted
-from jhd.shapes.as_shape import taken_as
+from jhd.shapes.as_shape import check_several, taken_as
 from jhd.shapes.curve import BezierSegments, check_curve
 from jhd.shapes.joints import linked
 
@@ -36,6 +36,7 @@ def stack_curves(curves: Sequence[Any]) -> BezierSegments:
         TypeError: something that is no curve.
         ValueError: no curve, or curves of the plane and of space.
     """
+    check_several("curves", curves)
     rows = [_segments(k, curve) for k, curve in enumerate(curves)]
     if not rows:
         raise ValueError("curves is empty; needs at least one.")

@@ -8,7 +8,7 @@ import numpy as np
 from jhd.arrays import is_tracing
 from jhd.distance.frame.coordinates import extremes
 from jhd.distance.many.blocks import CurveRows, PairKind, row_of
-from jhd.shapes.as_shape import as_shape
+from jhd.shapes.as_shape import as_shape, check_several
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 
 # Bytes of padded curves that a collection keeps: of ten thousand outlines those of one size, and not of all sizes.
@@ -28,6 +28,7 @@ class Collection:
     """
 
     def __init__(self, name: str, shapes: Iterable[Any]):
+        check_several(name, shapes)
         self.shapes = [_working(f"{name}[{k}]", shape) for k, shape in enumerate(shapes)]
         if not self.shapes:
             raise ValueError(f"{name} is empty; needs at least one shape.")

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -294,6 +295,13 @@ OF_MINIMA = [
 def test_what_is_wrong_with_a_least_distance_is_named(change, reason):
     with pytest.raises(CertificateError, match=reason):
         verify(changed(facing(), *change))
+
+
+def test_a_certificate_as_it_was_made_is_verified_and_a_file_name_is_named(as_a_user):
+    content = facing()
+    assert verify(SimpleNamespace(content=content)) == verify(content)
+    with pytest.raises(CertificateError, match="no certificate but text: jhd.io.load_certificate, or `opened`"):
+        verify("proof.json")
 
 
 @pytest.mark.parametrize("content", [None, [], "x", 1, {}])

@@ -85,14 +85,14 @@ def verify(content: Any, seconds: float | None = None, progress: Callable[[str],
     """What the certificate proves, after every number of it has been checked.
 
     Args:
-        content: the certificate as `opened` reads it, or Certificate.content; its lists of cells may be any iterables.
+        content: the certificate as `opened` reads it, or a Certificate; its lists of cells may be any iterables.
         seconds: after how long to give up; None never does.
         progress: called with the place in the certificate that is checked next.
 
     Raises:
         CertificateError: something is missing, of a wrong kind, or not proven, or takes too long; it says which.
     """
-    deadline, content = _Deadline(seconds, progress), current(content)
+    deadline, content = _Deadline(seconds, progress), current(getattr(content, "content", content))
     sizes = check_content(content)
     claim = content["claim"]
     sides = {name: _side_of(content[name], sizes[name]) for name in ("a", "b")}

@@ -7,6 +7,7 @@ import math
 import struct
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
+from os import PathLike
 from reprlib import repr  # of limited length and depth, whatever a file holds
 from typing import Any, NamedTuple
 
@@ -71,6 +72,8 @@ class ShapeSize(NamedTuple):
 
 def check_content(content: Any) -> dict[str, ShapeSize]:
     """The sizes of the shapes; CertificateError unless everything but the cells is as it must be."""
+    if isinstance(content, str | bytes | PathLike):
+        raise CertificateError("is no certificate but text: jhd.io.load_certificate, or `opened`, reads a file.")
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise CertificateError(f"is no certificate: it has no format {FORMAT!r}.")
     if content.get("version") != VERSION or isinstance(content["version"], bool):
