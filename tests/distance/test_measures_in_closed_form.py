@@ -156,3 +156,28 @@ def roofed(x):
 @pytest.mark.parametrize("name", MEASURES)
 def test_a_mesh_under_a_roof_of_which_it_sees_both_sides(name):
     check(under_a_roof, roofed, [name])
+
+
+def quarter_cylinder(x):
+    """About the z-axis, and a polynomial plane beside which its height falls with the sine of an angle."""
+    radius, away = 0.8 + 0.3 * x, 0.2 + 0.5 * x
+    rows = [jnp.concatenate([radius * jnp.asarray(ARC[:3]), jnp.full((3, 1), z)], axis=1) for z in (-0.5, 0.6)]
+    plane = jnp.zeros((2, 2, 2)).at[0, 1, 0].set(1.0).at[0, 0, 0].set(away)
+    return jhd.BezierPatch(jnp.stack(rows), np.stack([WEIGHTS, WEIGHTS])), jhd.ImplicitSurface(
+        plane, [-2.0] * 3, [2.0] * 3
+    )
+
+
+def above_a_plane(x):
+    radius, away = 0.8 + 0.3 * x, 0.2 + 0.5 * x
+    return {
+        "mean": 2 * radius / math.pi + away,
+        "rms": math.sqrt(0.5 * radius**2 + 4 * radius * away / math.pi + away**2),
+        "quantile": radius * math.sin(0.5 * math.pi * SHARE) + away,
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["mean", "rms"])
+def test_a_rational_cylinder_above_a_polynomial_plane(name):
+    check(quarter_cylinder, above_a_plane, [name])
