@@ -116,3 +116,13 @@ def test_values_go_to_trimesh_with_the_vertices(square):
     made = square.to_trimesh()
     np.testing.assert_allclose(made.vertex_attributes["distance"], np.array([1, 1.5, 1.5, 1]) / np.sqrt(1.25))
     assert made.faces.tolist() == np.asarray(square.a.triangles).tolist()
+
+
+def test_distances_that_are_spread_evenly_have_a_histogram_without_gaps():
+    found = jhd.deviation(jhd.polyline([(0, 0), (1, 1)]), jhd.polyline([(0, 2), (1, 2)]))
+    bars: Any = jhd.plot.histogram(found).patches
+    heights = np.array([bar.get_height() for bar in bars])
+    starts = np.array([bar.get_x() for bar in bars])
+    # From 1 to 2, evenly; the bounds of a part overlap by less than a fiftieth of a bar.
+    np.testing.assert_allclose(heights[starts > 0.99], heights[starts > 0.99].mean(), rtol=0.02)
+    assert abs(heights.sum() - 100) < 1e-9 and heights[starts < 0.94].sum() == 0

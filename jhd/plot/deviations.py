@@ -116,7 +116,7 @@ def distances(
 def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A", "B"), unit: str | None = None) -> Any:
     """Axes with the histogram of the distances: the share of a, by length, area or number, at each distance.
 
-    Each part of a counts at the middle of its bounds; mean, root mean square and maximum are marked.
+    Each part of a counts evenly between its bounds; mean, root mean square and maximum are marked.
 
     Args:
         found: what jhd.deviation found.
@@ -127,11 +127,12 @@ def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A",
     ax = axes_for(ax, 2)
     parts = found.samples
     known = np.isfinite(parts.upper)
-    middle = 0.5 * (parts.lower[known] + parts.upper[known])
     weight = parts.share[known].sum(axis=1)
     top = float(found.maximum.value)
     edges = np.linspace(0.0, top if top > 0 else 1.0, _BINS + 1)
-    heights, _ = np.histogram(np.minimum(middle, edges[-1]), edges, weights=weight)
+    lower, upper = (np.minimum(ends[known], edges[-1]) for ends in (parts.lower, parts.upper))
+    below = _weights_below(edges[1:-1], lower, upper, weight)
+    heights = np.diff(np.concatenate([[0.0], below, [weight.sum()]]))
     ax.bar(edges[:-1], 100 * heights / weight.sum(), np.diff(edges), align="edge", color=BLUE, gid="histogram_bars")
     marks = (("mean", found.mean.value, "-", "black"), ("rms", found.rms.value, "--", "black"))
     for name, value, style, colour in (*marks, ("max.", top, ":", VERMILLION)):
@@ -145,6 +146,18 @@ def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A",
     place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
     ax.legend(ncols=3, fontsize=TEXT_POINTS, frameon=False, columnspacing=0.7, handlelength=1.1, **place)
     return ax
+
+
+def _weights_below(ends: np.ndarray, lower: np.ndarray, upper: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """The weight of distances up to each of the ends, where those of a part lie evenly between its bounds."""
+    width = upper - lower
+    some = width > 0
+    return np.array(
+        [
+            weight @ np.where(some, np.clip((end - lower) / np.where(some, width, 1.0), 0.0, 1.0), lower <= end)
+            for end in ends
+        ]
+    )
 
 
 class _ColouredPair(NamedTuple):
