@@ -5,6 +5,7 @@ Numbers by certificates's experiment.
 Caption: CPU seconds of the check of a certificate in exact integers, and its cells, for ten random pairs of every mix
 of shapes, the least and the largest of each filled. At the right stands how many forgeries of a mix are refused, of two
 hundred for each certificate: bounds one digit beyond what is proven, cells gone, feet too far, other shapes.
+A decision that one place answers has no cells.
 """
 
 from typing import Any
@@ -60,9 +61,16 @@ def _draw(ax: Axes, mixes: list[dict[str, Any]], key: str) -> None:
         ax.scatter(values[1:-1], np.full(len(values[1:-1]), k), facecolors="white", zorder=2, **mark)
         ends = values[[0, -1]] if len(values) else values
         ax.scatter(ends, np.full(len(ends), k), facecolors=colour, zorder=3, **mark)
-    ax.set_xscale("log")
-    every = np.log10([found[key] for mix in mixes for found in mix["certificates"]])
-    ax.set_xlim(*10.0 ** np.array([np.floor(every.min() - 0.1), np.ceil(every.max() + 0.1)]))
+    every = np.array([found[key] for mix in mixes for found in mix["certificates"]], float)
+    if key == "cells":
+        # Where a witness answers there is none.
+        ax.set_xscale("symlog", linthresh=1.0)
+        ax.set_xlim(-0.3, 2 * every.max())
+        ticks = [0, *(10**k for k in range(3) if 10**k <= 2 * every.max())]
+        ax.set_xticks(ticks, [str(x) for x in ticks])
+    else:
+        ax.set_xscale("log")
+        ax.set_xlim(*10.0 ** np.array([np.floor(np.log10(every.min()) - 0.1), np.ceil(np.log10(every.max()) + 0.1)]))
     ax.grid(axis="y", color="#E4E4E4", linewidth=0.5, zorder=0)
     ax.set_axisbelow(True)
     ax.minorticks_off()
