@@ -67,7 +67,8 @@ def test_a_nearest_place_may_lie_next_to_a_face_of_the_box():
     places = np.array([0.25, -0.5, 1.0]), np.asarray(nearest.point_b) + [0, 1e-18, 0]
     made = certify(point, bent, claim(float(nearest.lower), float(nearest.upper), "minimum", places))
     assert made.content["witness"]["b"]["at"][1] == 0.0
-    assert made.verify().lower <= float(nearest.value) <= made.verify().upper
+    proven = made.verify()
+    assert proven.upper is not None and proven.lower <= float(nearest.value) <= proven.upper
 
 
 def test_of_two_feet_about_as_near_the_nearer_one_counts():
