@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import jhd
 from jhd import plot
-from jhd.plot.nets import quadrilaterals
+from jhd.plot.nets import quadrilaterals, quadrilaterals_of_patches
 
 # An arch over a base line: the top of the arch, at t = 1/2, is 1 above the line.
 ARCH = jhd.BezierSegments([[[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]]])
@@ -256,8 +256,27 @@ def test_surfaces_are_one_artist_with_a_key_each():
     ax.figure.canvas.draw()
     with pytest.raises(ValueError, match="projection='3d'"):
         plot.surface(BALL, axes())
-    with pytest.raises(TypeError, match="must be an ImplicitSurface; got BezierSegments"):
+    with pytest.raises(TypeError, match="must be an ImplicitSurface or a parametric surface; got BezierSegments"):
         plot.solution(BALL, SPACE, TOP, axes(3))
+
+
+def test_parametric_surfaces_are_drawn_beside_polynomial_ones():
+    flat = np.stack([*np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], indexing="ij"), np.ones((3, 3))], axis=-1)
+    patch = jhd.BezierPatch(flat)
+    ax = plot.surfaces((patch, BALL), axes(3), cells=8)
+    corners = quadrilaterals_of_patches(patch, 8)
+    assert corners.shape == (64, 4, 3) and len(artist(ax, "surface").get_facecolor()) == 64 + len(
+        quadrilaterals(BALL, 8)
+    )
+    # Squares of a quarter, in cyclic order, that cover the patch.
+    np.testing.assert_allclose(np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=-1), 0.25, atol=1e-12)
+    np.testing.assert_array_equal(corners.reshape(-1, 3).min(axis=0), [-1, -1, 1])
+    np.testing.assert_array_equal(corners.reshape(-1, 3).max(axis=0), [1, 1, 1])
+    two = jhd.BezierPatches(np.stack([flat, flat + [2, 0, 0]]))
+    assert len(quadrilaterals_of_patches(two, 8)) == 2 * 36
+    assert plot.surface(patch, axes(3)) is not None
+    with pytest.raises(TypeError, match="solution must be a HausdorffSolution; got tuple|^Type-check error"):
+        plot.solution(patch, BALL, (), axes(3))  # pyright: ignore[reportArgumentType]
 
 
 def test_a_solution_of_two_surfaces_shows_both_and_the_witness():

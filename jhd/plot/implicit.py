@@ -1,4 +1,4 @@
-"""Pictures of implicit surfaces and of the cells that hold them."""
+"""Pictures of polynomial and parametric surfaces, and of the cells that hold them."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,14 +8,15 @@ import numpy as np
 from jhd.fields.octree import Voxels
 from jhd.plot.axes import BLUE, GREY, ORANGE, PALE_BLUE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
 from jhd.plot.faces import add_faces, frame, rgb_of, shaded_shapes
-from jhd.plot.nets import quadrilaterals
+from jhd.plot.nets import quadrilaterals, quadrilaterals_of_patches
 from jhd.shapes.implicit import ImplicitSurface, check_surface
+from jhd.shapes.patch import AbstractPatch
 
 _LINES = 257  # samples along each axis of the curve in which a plane cuts a surface
 
 
 def surface(
-    shape: ImplicitSurface,
+    shape: ImplicitSurface | AbstractPatch,
     ax: Any = None,
     *,
     colour: str = BLUE,
@@ -23,15 +24,16 @@ def surface(
     alpha: float = 0.75,
     cells: int = 48,
 ) -> Any:
-    """Space axes with a surface, cut off at its box.
+    """Space axes with a surface; a polynomial one is cut off at its box.
 
     Args:
-        shape: the surface.
+        shape: the surface, polynomial or parametric.
         ax: three-dimensional axes to draw on; None makes a figure.
         colour: of the surface.
         label: name in a legend.
         alpha: opacity.
-        cells: cells along each axis that it is drawn from; finer parts of it can be missing.
+        cells: cells along each axis that a polynomial surface is drawn from, of which finer parts can be missing, or
+            along each side of a parametric one, about.
 
     Raises:
         TypeError: another kind of shape.
@@ -41,7 +43,7 @@ def surface(
 
 
 def surfaces(
-    shapes: Sequence[ImplicitSurface],
+    shapes: Sequence[ImplicitSurface | AbstractPatch],
     ax: Any = None,
     *,
     colours: Sequence[str] = (BLUE, ORANGE),
@@ -64,12 +66,25 @@ def surfaces(
         ValueError: plane axes.
     """
     for number, shape in enumerate(shapes):
-        check_surface(f"shapes[{number}]", shape)
+        check_drawn(f"shapes[{number}]", shape)
     ax = axes_for(ax, 3)
-    nets = [quadrilaterals(shape, cells) for shape in shapes]
+    nets = [_net(shape, cells) for shape in shapes]
     shaded_shapes(ax, nets, colours, labels, alpha)
     frame(ax, [np.asarray(end) for shape in shapes for end in shape.box()])
     return ax
+
+
+def check_drawn(name: str, shape: object) -> None:
+    """Raises TypeError unless a shape is a surface that `surfaces` draws."""
+    if not isinstance(shape, ImplicitSurface | AbstractPatch):
+        got = type(shape).__name__
+        raise TypeError(f"{name} must be an ImplicitSurface or a parametric surface; got {got}.")
+
+
+def _net(shape: ImplicitSurface | AbstractPatch, cells: int) -> np.ndarray:
+    return (
+        quadrilaterals(shape, cells) if isinstance(shape, ImplicitSurface) else quadrilaterals_of_patches(shape, cells)
+    )
 
 
 def voxels(cells: Voxels, ax: Any = None, *, colours: Sequence[str] = (BLUE, VERMILLION), legend: bool = True) -> Any:

@@ -1,16 +1,21 @@
-"""Quadrilaterals near the zeros of a polynomial in a box, for pictures: one vertex in each cell that has both signs.
+"""Quadrilaterals of surfaces, for pictures; of a polynomial in a box one vertex in each cell that has both signs.
 
 Source: surface nets, Gibson, Constrained elastic surface nets, MICCAI 1998. Ours: layers of flat cells on the faces of
 the box, which make the quadrilaterals end on them, and the step of the vertices onto the surface.
 """
+
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from numpy.polynomial.polynomial import polyder, polygrid3d, polyval3d
 
 from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.patch import AbstractPatch
 
 _STEPS = 3
+# Quadrilaterals along each side of a patch, at least.
+_LEAST = 4
 
 
 def quadrilaterals(surface: ImplicitSurface, cells: int) -> Float[np.ndarray, "cells corners 3"]:
@@ -30,6 +35,17 @@ def quadrilaterals(surface: ImplicitSurface, cells: int) -> Float[np.ndarray, "c
     place = np.unravel_index(used, np.array(values.shape) - 1)
     box = (np.stack([line[i + k] for line, i in zip(lines, place, strict=True)], axis=-1) for k in (0, 1))
     return _onto(coefficients, middle, *box)[np.searchsorted(used, quads)]
+
+
+def quadrilaterals_of_patches(shape: AbstractPatch, cells: int) -> Float[np.ndarray, "cells corners 3"]:
+    """Quadrilaterals of a parametric surface, about so many along each side of it, their corners in cyclic order."""
+    patches = shape.patches()
+    n = int(np.clip(np.ceil(cells / np.sqrt(patches.count)), _LEAST, cells))
+    t = np.linspace(0.0, 1.0, n + 1)
+    piece: Any = np.arange(patches.count)[:, None, None]
+    points = np.asarray(patches.point(piece, t[:, None], t), float)
+    sides = points[:, :-1, :-1], points[:, 1:, :-1], points[:, 1:, 1:], points[:, :-1, 1:]
+    return np.stack([side.reshape(-1, 3) for side in sides], axis=1)
 
 
 def _crossings(lines: list[np.ndarray], values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -8,11 +8,12 @@ import numpy as np
 
 from jhd.plot.axes import GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
 from jhd.plot.curves import check_pair, curve
-from jhd.plot.implicit import surfaces
+from jhd.plot.implicit import check_drawn, surfaces
 from jhd.plot.meshes import meshes
 from jhd.shapes.as_shape import taken_as
-from jhd.shapes.implicit import ImplicitSurface, check_surface
+from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh, check_mesh
+from jhd.shapes.patch import AbstractPatch
 from jhd.solution import HausdorffSolution
 
 
@@ -65,9 +66,9 @@ def solution(
     """Axes with both shapes, the witness, its feet and the distance between them.
 
     Args:
-        a: the first shape, blue; a curve is solid, a polynomial surface or mesh in one colour, to see through.
+        a: the first shape, blue; a curve is solid, a surface or mesh in one colour, to see through.
         b: the second shape, orange, a curve dashed; of the same kind, where points count as curves, so that they are
-            not drawn beside a surface or mesh.
+            not drawn beside a surface or mesh, and polynomial and parametric surfaces are of one kind.
         solution: their distance.
         ax: axes to draw on, three-dimensional ones for shapes in space; None makes a figure.
         labels: the names of the shapes in the legend.
@@ -80,9 +81,11 @@ def solution(
         ValueError: curves of different dimensions, a batch of solutions, or shapes in space on plane axes.
     """
     pair: Any = (taken_as("a", a), taken_as("b", b))
-    if any(isinstance(shape, ImplicitSurface) for shape in pair):
-        check_surface("a", pair[0])
-        check_surface("b", pair[1])
+    if not isinstance(solution, HausdorffSolution):
+        raise TypeError(f"solution must be a HausdorffSolution; got {type(solution).__name__}.")
+    if any(isinstance(shape, ImplicitSurface | AbstractPatch) for shape in pair):
+        check_drawn("a", pair[0])
+        check_drawn("b", pair[1])
         ax = surfaces(pair, ax, labels=labels)
     elif any(isinstance(shape, TriangleMesh) for shape in pair):
         check_mesh("a", pair[0])
