@@ -115,8 +115,8 @@ def minimise_by_cuts(
             break
         model = _model(point, cuts, scale, radius)
         slopes = model.gradient * scale
-        flat = np.zeros((*slopes.shape, slopes.shape[1]))
-        move = model_step(model.height, slopes, flat, np.full(len(scale), radius))
+        straight = np.zeros((1, 0, slopes.shape[1]))
+        move = model_step(model.height, slopes, straight, np.full(len(scale), radius))
         promised = point.value - float(np.max(model.height + slopes @ move))
         if promised <= _NO_GAIN * point.value:
             radius = 0.25 * radius

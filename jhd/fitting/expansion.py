@@ -6,8 +6,9 @@ L_theta theta - L_theta z L_zz^-1 L_z theta over the unknowns z that are not hel
 d that is orthogonal to its direction u is a a^T / d; one more unknown with the diagonal -d keeps it out of the matrices
 as d goes to zero, and at a free foot in the plane u is the normal of the curve: the close case stays well conditioned.
 
-This runs in NumPy on the host: a dozen pairs with a few unknowns each, and nothing to compile. The same derivatives are
-those of `critical_pairs` under jax.grad.
+This runs in NumPy on the host, for all pairs with as many feet at once, and nothing to compile: unknowns that are held
+have rows and columns of zeros, which the least solution leaves alone. The same derivatives are those of
+`critical_pairs` under jax.grad.
 """
 
 from typing import Any, NamedTuple
@@ -17,11 +18,13 @@ import numpy as np
 from jhd.arithmetic.bernstein import basis
 from jhd.arithmetic.rounding import smallest_normal
 from jhd.distance.frame.jets import CurveJet, polynomial_jet, quotient
-from jhd.distance.nearest.feet import stays
+from jhd.distance.nearest.feet import dot, stays
 from jhd.solution import DIRECTIONS, EVENTS, CriticalPairs
 
 # Singular values below this share of the largest are none: where they vanish nothing moves.
 _SINGULAR = 1e-12
+# Curvatures below this share of the largest are rounding.
+_FLAT = 1e-14
 
 FloatArray = Any  # np.ndarray of floats; NumPy's own generic alias says no more
 
@@ -46,119 +49,224 @@ class Expansion(NamedTuple):
     Args:
         value: (pairs,) distances, largest first.
         gradient: (pairs, parameters).
-        hessian: (pairs, parameters, parameters), but for the second derivatives of the control points.
+        rows: (pairs, unknowns, parameters), and
+        core: (pairs, unknowns, unknowns) whose products rows^T core rows are the Hessians, but for the second
+            derivatives of the control points. There are few unknowns, whatever the number of parameters.
         cotangent: (pairs, segments, points, width) gradients in the homogeneous control points of the moving curve.
     """
 
     value: FloatArray
     gradient: FloatArray
-    hessian: FloatArray
+    rows: FloatArray
+    core: FloatArray
     cotangent: FloatArray
 
+    def hessian(self, weights: FloatArray) -> FloatArray:
+        """The sum of the Hessians (parameters, parameters) times weights (pairs,)."""
+        some = np.flatnonzero(weights)
+        rows = self.rows[some]
+        inner = (self.core[some] @ rows) * np.asarray(weights)[some, None, None]
+        return np.tensordot(rows, inner, axes=((0, 1), (0, 1)))
 
-class _MovingJet(NamedTuple):
-    """A point with its derivatives in t and in the parameters."""
+    def bowls(self, scale: FloatArray, bending: FloatArray) -> FloatArray:
+        """Roots (pairs, rank, parameters) of the convex parts of all Hessians plus a matrix, in units of the scale."""
+        rows, core = self.rows * scale, self.core
+        if np.any(bending):
+            value, vector = np.linalg.eigh(bending * scale * scale[:, None])
+            count, few = len(value), core.shape[1]
+            rows = np.concatenate([rows, np.broadcast_to(vector.T, (len(rows), count, count))], axis=1)
+            both = np.zeros((len(core), few + count, few + count))
+            both[:, :few, :few], both[:, few:, few:] = core, np.diag(value)
+            core = both
+        frame, mixed = np.linalg.qr(np.swapaxes(rows, 1, 2))
+        return roots(mixed @ core @ np.swapaxes(mixed, 1, 2)) @ np.swapaxes(frame, 1, 2)
 
-    point: FloatArray
+
+def roots(matrices: FloatArray) -> FloatArray:
+    """R (count, rank, size), for which R^T R are the convex parts of symmetric matrices (count, size, size)."""
+    values, vectors = np.linalg.eigh(matrices)
+    values, vectors = values[:, ::-1], np.swapaxes(vectors, 1, 2)[:, ::-1]
+    some = values > _FLAT * np.max(np.abs(values), axis=1, initial=0.0, keepdims=True)
+    rank = int(np.max(np.sum(some, axis=1), initial=0))
+    return (np.sqrt(np.where(some, values, 0.0))[:, :, None] * vectors)[:, :rank]
+
+
+class _MovingJets(NamedTuple):
+    """Points with their derivatives in t and in the parameters, one for each pair."""
+
+    point: FloatArray  # (pairs, dim)
     first: FloatArray
     second: FloatArray
-    tangent: FloatArray  # (dim, parameters)
+    tangent: FloatArray  # (pairs, dim, parameters)
     tangent_first: FloatArray
-    weight_tangent: FloatArray  # (parameters,), relative to the weight
-    cotangent: FloatArray  # (points, width, dim): the point's derivative in the homogeneous control points
+    weight_tangent: FloatArray  # (pairs, parameters), relative to the weight
+    cotangent: FloatArray  # (pairs, points, width, dim): the points' derivatives in the homogeneous control points
+
+
+class _Places(NamedTuple):
+    """Where some pairs are: those parts of a witness that say it."""
+
+    segment: FloatArray
+    t: FloatArray
+    foot_segments: FloatArray
+    foot_params: FloatArray
+    multipliers: FloatArray
+
+
+class _Foot(NamedTuple):
+    """The feet of one kind, one for each pair: where they are, the units from there, whether held, the multipliers."""
+
+    segment: FloatArray
+    jets: _MovingJets
+    unit: FloatArray
+    held: FloatArray
+    weight: FloatArray
 
 
 def expand(pairs: CriticalPairs, fixed: Moving, moving: Moving, least: float) -> Expansion:
     """Expansion of the pairs of (fixed, moving) whose values exceed `least`."""
     values = np.asarray(pairs.value)
     keep = np.flatnonzero(np.asarray(pairs.valid) & (values > least))
-    names = ("segment", "t", "foot_segments", "foot_params", "multipliers")
-    witness = {name: np.asarray(getattr(pairs.witness, name)).tolist() for name in names}
-    events, directions = (np.asarray(x._value) for x in (pairs.witness.event, pairs.witness.direction))
+    events, directions = (np.asarray(x._value)[keep] for x in (pairs.witness.event, pairs.witness.direction))
+    ends = np.isin(events, [int(event._value) for event in (EVENTS.a_end, EVENTS.corner)])
+    turned = directions == int(DIRECTIONS.b_to_a._value)
+    two = np.min(np.asarray(pairs.witness.multipliers)[keep], axis=-1) > 0
     count = 0 if moving.tangent is None else moving.tangent.shape[-1]
-    gradient, hessian = np.zeros((len(keep), count)), np.zeros((len(keep), count, count))
-    cotangent = np.zeros((len(keep), *moving.points.shape))
-    for row, k in enumerate(keep):
-        turned = directions[k] == int(DIRECTIONS.b_to_a._value)
-        carrier, other = (moving, fixed) if turned else (fixed, moving)
-        at = witness["segment"][k], witness["t"][k]
-        feet = list(zip(witness["foot_segments"][k], witness["foot_params"][k], strict=True))
-        two = min(witness["multipliers"][k]) > 0
-        feet, weights = (feet, witness["multipliers"][k]) if two else (feet[:1], [1.0])
-        x, ys = _jet(carrier, *at, count), [_jet(other, *foot, count) for foot in feet]
-        ends = [int(event._value) for event in (EVENTS.a_end, EVENTS.corner)]
-        held_t = bool(events[k] in ends or not np.any(x.first))
-        units, held = zip(*(_direction(x, y, s) for y, (_, s) in zip(ys, feet, strict=True)), strict=True)
-        gradient[row], hessian[row] = _derivatives(x, ys, units, weights, held_t, held)
-        for (segment, _), jet, unit in (
-            [(at, x, sum(w * u for w, u in zip(weights, units, strict=True)))]
-            if turned
-            else [(foot, y, -w * u) for foot, y, w, u in zip(feet, ys, weights, units, strict=True)]
-        ):
-            cotangent[row, segment] += jet.cotangent @ unit
-    return Expansion(values[keep], gradient, hessian, cotangent)
+    # Those of two feet are the most.
+    unknowns = _unknowns(2, moving.points.shape[-1] - moving.rational) + 4 * moving.rational
+    found = Expansion(
+        values[keep],
+        np.zeros((len(keep), count)),
+        np.zeros((len(keep), unknowns, count)),
+        np.zeros((len(keep), unknowns, unknowns)),
+        np.zeros((len(keep), *moving.points.shape)),
+    )
+    for back, feet in ((False, 1), (False, 2), (True, 1), (True, 2)):
+        rows = np.flatnonzero((turned == back) & (two == (feet == 2)))
+        if len(rows):
+            witness = _Places(*(np.asarray(getattr(pairs.witness, name))[keep[rows]] for name in _Places._fields))
+            _fill(found, rows, witness, (fixed, moving), back, ends[rows], feet)
+    return found
 
 
-def _jet(curve: Moving, segment: int, t: float, count: int) -> _MovingJet:
-    points, t = curve.points[segment], float(t)
-    values, jet = basis(len(points) - 1, t)[:, None, None], polynomial_jet(points, t)
-    v = np.zeros((2, points.shape[1], count))
+def _fill(
+    found: Expansion,
+    rows: FloatArray,
+    at: _Places,
+    curves: tuple[Moving, Moving],
+    turned: bool,
+    ends: FloatArray,
+    count: int,
+) -> None:
+    """Fills rows of an expansion by the pairs of one direction with so many feet."""
+    parameters, (carrier, other) = found.gradient.shape[-1], reversed(curves) if turned else curves
+    x = _jets(carrier, at.segment, at.t, parameters)
+    feet = []
+    for i in range(count):
+        segment, s = at.foot_segments[:, i], at.foot_params[:, i]
+        y = _jets(other, segment, s, parameters)
+        weight = at.multipliers[:, i] if count == 2 else np.ones(len(rows))
+        feet.append(_Foot(segment, y, *_directions(x, y, s), weight))
+    held = ends | ~np.any(x.first, axis=-1)
+    found.gradient[rows], c, core = _derivatives(x, feet, held)
+    found.rows[rows, : c.shape[1]] = c
+    found.core[rows, : c.shape[1], : c.shape[1]] = core
+    if turned:
+        unit = sum(foot.weight[:, None] * foot.unit for foot in feet)
+        found.cotangent[rows, at.segment] += np.einsum("kpwd,kd->kpw", x.cotangent, unit)
+    else:
+        for foot in feet:
+            pull = -foot.weight[:, None] * foot.unit
+            found.cotangent[rows, foot.segment] += np.einsum("kpwd,kd->kpw", foot.jets.cotangent, pull)
+
+
+def _jets(curve: Moving, segment: FloatArray, t: FloatArray, count: int) -> _MovingJets:
+    points = curve.points[segment]
+    values = basis(points.shape[1] - 1, t)[:, :, None, None]
+    jet = polynomial_jet(np.moveaxis(points, 1, 0), t[:, None])
+    v = np.zeros((2, len(segment), points.shape[2], count))
     if curve.tangent is not None:
-        v = np.stack(polynomial_jet(curve.tangent[segment], t)[:2])
+        v = np.stack(polynomial_jet(np.moveaxis(curve.tangent[segment], 1, 0), t[:, None, None])[:2])
     if not curve.rational:
-        return _MovingJet(*jet, v[0], v[1], np.zeros(count), values * np.eye(points.shape[1]))
-    n, w = CurveJet(*(x[:-1] for x in jet)), CurveJet(*(x[-1] for x in jet))
-    weight, v = v[:, -1], v[:, :-1]
+        still = np.zeros((len(segment), count))
+        return _MovingJets(*jet, v[0], v[1], still, values * np.eye(points.shape[2]))
+    n, w = CurveJet(*(x[:, :-1] for x in jet)), CurveJet(*(x[:, -1:] for x in jet))
+    weight, v = v[:, :, -1], v[:, :, :-1]
     x, x1, x2 = quotient(n, w)
-    vx = (v[0] - np.outer(x, weight[0])) / w.point
-    vx1 = (v[1] - np.outer(x1, weight[0]) - np.outer(x, weight[1]) - vx * w.first) / w.point
-    cotangent = values / w.point * np.vstack([np.eye(len(x)), -x])
-    return _MovingJet(x, x1, x2, vx, vx1, weight[0] / w.point, cotangent)
+    over = w.point[:, :, None]
+    vx = (v[0] - x[:, :, None] * weight[0][:, None]) / over
+    vx1 = v[1] - x1[:, :, None] * weight[0][:, None] - x[:, :, None] * weight[1][:, None] - vx * w.first[:, :, None]
+    into = np.broadcast_to(np.eye(x.shape[1]), (len(x), x.shape[1], x.shape[1]))
+    cotangent = values / over[:, None] * np.concatenate([into, -x[:, None]], axis=1)[:, None]
+    return _MovingJets(x, x1, x2, vx, vx1 / over, weight[0] / w.point, cotangent)
 
 
-def _direction(x: _MovingJet, y: _MovingJet, s: float) -> tuple[FloatArray, bool]:
-    """Unit vector from the foot to the point, and whether the foot is held."""
+def _directions(x: _MovingJets, y: _MovingJets, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unit vectors from the feet to the points, and whether the feet are held."""
     c = x.point - y.point
-    length, speed = np.sqrt(c @ c), np.sqrt(y.first @ y.first)
-    held = bool(speed == 0 or stays(s, c @ y.first, length * speed))
-    if len(c) == 2 and not held:
-        normal = np.array([-y.first[1], y.first[0]]) / speed
-        return (normal if normal @ c >= 0 else -normal), held
-    return c / (length if length > 0 else 1.0), held
+    length, speed = np.sqrt(dot(c, c)), np.sqrt(dot(y.first, y.first))
+    held = (speed == 0) | stays(s, dot(c, y.first), length * speed)
+    unit = c / np.where(length > 0, length, 1.0)[:, None]
+    if c.shape[1] == 2:
+        normal = np.stack([-y.first[:, 1], y.first[:, 0]], axis=1) / np.where(held, 1.0, speed)[:, None]
+        normal = np.where(dot(normal, c)[:, None] >= 0, normal, -normal)
+        unit = np.where(held[:, None], unit, normal)
+    return unit, held
 
 
-def _derivatives(
-    x: _MovingJet, ys: list[_MovingJet], units: Any, weights: list[float], held_t: bool, held: Any
-) -> tuple[FloatArray, FloatArray]:
-    """Gradient and Hessian of one value."""
-    dim, count = x.tangent.shape
-    feet = len(ys)
-    size = 1 + feet + feet * (dim - 1) + (feet - 1)
-    k, c, m, g = np.zeros((size, size)), np.zeros((size, count)), np.zeros((count, count)), np.zeros(count)
-    for i, (y, u, weight) in enumerate(zip(ys, units, weights, strict=True)):
-        offset, change = x.point - y.point, x.tangent - y.tangent
-        across = np.linalg.svd(u[None])[2][1:]
-        extra = slice(1 + feet + i * (dim - 1), 1 + feet + (i + 1) * (dim - 1))
-        g += weight * u @ change
-        k[0, 0] += weight * u @ x.second
-        k[1 + i, 1 + i] = -weight * u @ y.second
-        c[0] += weight * u @ x.tangent_first
-        c[1 + i] = -weight * u @ y.tangent_first
-        for jet, sign in ((x, 1.0), (y, -1.0)):
-            pull = np.outer(u @ jet.tangent, jet.weight_tangent)
-            m -= sign * weight * (pull + pull.T)
-        k[extra, extra] = -np.eye(dim - 1) * (u @ offset) / max(weight, smallest_normal(k.dtype))
-        k[extra, 0] = k[0, extra] = across @ x.first
-        k[extra, 1 + i] = k[1 + i, extra] = -across @ y.first
-        c[extra] = across @ change
-    if feet == 2:
-        (u, v), (y, z) = units, ys
-        k[-1, 0] = k[0, -1] = (u - v) @ x.first
-        k[-1, 1] = k[1, -1] = -u @ y.first
-        k[-1, 2] = k[2, -1] = v @ z.first
-        c[-1] = u @ (x.tangent - y.tangent) - v @ (x.tangent - z.tangent)
+def _unknowns(feet: int, dim: int) -> int:
+    """A place, the feet, the directions across to each, and a multiplier less than feet."""
+    return 1 + feet * dim + feet - 1
+
+
+def _derivatives(x: _MovingJets, feet: list[_Foot], held: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Gradients, and rows and cores of the Hessians; `held` says where the place on the carrier is."""
+    (pairs, dim, count), some = x.tangent.shape, len(feet)
+    size = _unknowns(some, dim)
+    k, c, free = np.zeros((pairs, size, size)), np.zeros((pairs, size, count)), np.ones((pairs, size), bool)
+    g, pull = np.zeros((pairs, count)), np.zeros((pairs, count))
     # At an end the multipliers are constants.
-    free = np.array([not held_t, *(not h for h in held), *([True] * (feet * (dim - 1))), *([not held_t] * (feet - 1))])
-    k, c = k[np.ix_(free, free)], c[free]
-    hessian = m - c.T @ np.linalg.lstsq(k, c, rcond=_SINGULAR)[0]
-    return g, 0.5 * (hessian + hessian.T)
+    free[:, [0, *range(1 + some * dim, size)]] = ~held[:, None]
+    for i, (_, y, u, foot_held, weight) in enumerate(feet):
+        offset, change = x.point - y.point, x.tangent - y.tangent
+        across = np.linalg.svd(u[:, None])[2][:, 1:]
+        extra = slice(1 + some + i * (dim - 1), 1 + some + (i + 1) * (dim - 1))
+        free[:, 1 + i] = ~foot_held
+        g += weight[:, None] * _along(u, change)
+        k[:, 0, 0] += weight * dot(u, x.second)
+        k[:, 1 + i, 1 + i] = -weight * dot(u, y.second)
+        c[:, 0] += weight[:, None] * _along(u, x.tangent_first)
+        c[:, 1 + i] = -weight[:, None] * _along(u, y.tangent_first)
+        pull += weight[:, None] * _along(u, x.tangent)
+        own = dot(u, offset) / np.maximum(weight, smallest_normal(k.dtype))
+        k[:, extra, extra] = -np.eye(dim - 1) * own[:, None, None]
+        for j, speed in ((0, x.first), (1 + i, -y.first)):
+            k[:, extra, j] = k[:, j, extra] = np.einsum("kid,kd->ki", across, speed)
+        c[:, extra] = across @ change
+    if some == 2:
+        (_, y, u, _, _), (_, z, v, _, _) = feet
+        for j, rate in enumerate((dot(u - v, x.first), -dot(u, y.first), dot(v, z.first))):
+            k[:, -1, j] = k[:, j, -1] = rate
+        c[:, -1] = _along(u, x.tangent - y.tangent) - _along(v, x.tangent - z.tangent)
+    k, c = k * free[:, :, None] * free[:, None], c * free[:, :, None]
+    weights = [(pull, x.weight_tangent, -np.ones(pairs))]
+    weights += [(_along(foot.unit, foot.jets.tangent), foot.jets.weight_tangent, foot.weight) for foot in feet]
+    return g, *_with_weights(c, -np.linalg.pinv(k, rcond=_SINGULAR), [w for w in weights if np.any(w[1])])
+
+
+def _with_weights(
+    c: FloatArray, core: FloatArray, weights: list[tuple[FloatArray, FloatArray, FloatArray]]
+) -> tuple[FloatArray, FloatArray]:
+    """Rows and cores with those of moving weights: of each a pull p, the weights' change w and a factor f of p w^T."""
+    size, more = core.shape[1], 2 * len(weights)
+    both = np.zeros((len(core), size + more, size + more))
+    both[:, :size, :size] = core
+    for i, (_, _, factor) in enumerate(weights):
+        at = size + 2 * i
+        both[:, at, at + 1] = both[:, at + 1, at] = factor
+    return np.concatenate([c, *(row[:, None] for p, w, _ in weights for row in (p, w))], axis=1), both
+
+
+def _along(u: FloatArray, change: FloatArray) -> FloatArray:
+    """The components (pairs, parameters) along unit vectors (pairs, dim) of changes (pairs, dim, parameters)."""
+    return np.einsum("kd,kdp->kp", u, change)

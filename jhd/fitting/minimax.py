@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jhd.fitting.clock import OutOfTimeError
-from jhd.fitting.expansion import FloatArray
+from jhd.fitting.expansion import FloatArray, roots
 from jhd.fitting.problem import Point, Problem
 from jhd.fitting.subproblem import model_step, multipliers
 from jhd.solution import RESULTS
@@ -150,17 +150,6 @@ def _step(
     return moved, radius, stride, result
 
 
-def _convex(hessian: FloatArray) -> FloatArray:
-    """The convex parts of matrices (..., parameters, parameters), each by the parameters that it depends on."""
-    flat = hessian.reshape(-1, *hessian.shape[-2:])
-    convex = np.zeros_like(flat)
-    for found, matrix in zip(convex, flat, strict=True):
-        some = np.flatnonzero(np.any(matrix != 0, axis=0))
-        values, vectors = np.linalg.eigh(matrix[np.ix_(some, some)])
-        found[np.ix_(some, some)] = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return convex.reshape(hessian.shape)
-
-
 def _priced(point: Point, scale: FloatArray) -> FloatArray:
     """Multipliers over all pairs, those below the top at a price."""
     h = point.expansion.value
@@ -176,11 +165,11 @@ def _trusted_step(
     """
     h, g = point.expansion.value, point.expansion.gradient * scale
     mu = _priced(point, scale)
-    hessian = (point.expansion.hessian + problem.bending(point, mu)) * scale * scale[:, None]
-    models = [_convex(hessian)]
+    bending = problem.bending(point, mu)
+    models = [point.expansion.bowls(scale, bending)]
     if last < _NEAR * point.top:
         # The curvature that the pairs have together: in a valley that of each alone is too large.
-        models.append(_convex(np.tensordot(mu, hessian, axes=1)[None]))
+        models.append(roots((point.expansion.hessian(mu) + bending)[None] * scale * scale[:, None]))
     # Parameters that do not matter stay where they are.
     lazy = min(_LAZY, _LAZY * last / point.top) / len(scale) * point.top
     floor, accuracy = _ROUNDING * point.size, min(_ROUGH, _SHARE * last / point.top)
@@ -189,8 +178,8 @@ def _trusted_step(
         for model in models:
             near = _reachable(h, g, model, radius)
             own = model if len(model) == 1 else model[near]
-            d = model_step(h[near], g[near], own + lazy * np.diag(1 / radius**2), radius, accuracy)
-            predicted = point.top - float(np.max(h + g @ d + 0.5 * (model @ d) @ d))
+            d = model_step(h[near], g[near], own, radius, lazy, accuracy)
+            predicted = point.top - float(np.max(h + g @ d + 0.5 * np.sum((model @ d) ** 2, axis=1)))
             if predicted > floor:
                 tried.append((problem.at(point.parameters + scale * d), predicted, d))
         if not tried:
@@ -209,10 +198,10 @@ def _trusted_step(
     return None, radius, RESULTS.fit_at_a_kink
 
 
-def _reachable(h: FloatArray, g: FloatArray, hessian: FloatArray, radius: FloatArray) -> FloatArray:
-    """Which pairs can be the largest of the model anywhere within the radii."""
+def _reachable(h: FloatArray, g: FloatArray, model: FloatArray, radius: FloatArray) -> FloatArray:
+    """Which pairs can be the largest of the model, with its roots, anywhere within the radii."""
     slope = np.abs(g) @ radius
-    rise = slope + 0.5 * np.abs(hessian) @ radius @ radius
+    rise = slope + 0.5 * np.sum((np.abs(model) @ radius) ** 2, axis=1)
     return h + rise >= np.max(h - slope)
 
 
@@ -221,9 +210,9 @@ def _further(problem: Problem, point: Point, stride: FloatArray, scale: FloatArr
     ahead = problem.at(point.parameters + stride)
     if ahead.top > _ASTRAY * point.top:
         return point
-    hessian = ahead.expansion.hessian + problem.bending(ahead, _priced(ahead, scale))
-    model = _convex(hessian * scale * scale[:, None]) + _LAZY / len(scale) * point.top * np.diag(1 / radius**2)
-    d = model_step(ahead.expansion.value, ahead.expansion.gradient * scale, model, radius)
+    model = ahead.expansion.bowls(scale, problem.bending(ahead, _priced(ahead, scale)))
+    lazy = _LAZY / len(scale) * point.top
+    d = model_step(ahead.expansion.value, ahead.expansion.gradient * scale, model, radius, lazy)
     equal = problem.at(ahead.parameters + scale * d)
     return min((point, ahead, equal), key=lambda p: p.top)
 
@@ -241,7 +230,7 @@ def _newton(problem: Problem, point: Point, scale: FloatArray) -> Point | None:
     # Where the gradients do not nearly cancel other pairs are missing, and equal values are all that it would reach.
     if np.linalg.norm(mu[support] @ g) > _CANCELLED * np.max(np.linalg.norm(g, axis=1)):
         return None
-    hessian = np.tensordot(mu, point.expansion.hessian, axes=1) + problem.bending(point, mu)
+    hessian = point.expansion.hessian(mu) + problem.bending(point, mu)
     # Steps in units of the distance: Hessians of close curves grow with its reciprocal.
     hessian = hessian * scale * scale[:, None] * point.top
     count, active = len(scale), len(support)

@@ -19,35 +19,44 @@ FloatArray = Any
 
 
 def model_step(
-    value: FloatArray, gradient: FloatArray, hessian: FloatArray, radius: FloatArray, accuracy: float = 0.0
+    value: FloatArray,
+    gradient: FloatArray,
+    roots: FloatArray,
+    radius: FloatArray,
+    lazy: float = 0.0,
+    accuracy: float = 0.0,
 ) -> FloatArray:
-    """The d with |d_m| <= radius_m for which the largest of value_i + gradient_i d + d hessian_i d / 2 is least.
+    """The d with |d_m| <= radius_m for which the largest of value_i + gradient_i d + |roots_i d|^2 / 2 is least.
 
     Args:
         value: (pairs,) of which the largest is positive.
         gradient: (pairs, parameters).
-        hessian: (pairs, parameters, parameters), positive semidefinite; or (1, parameters, parameters), that of all.
+        roots: (pairs, rank, parameters); or (1, rank, parameters), those of all.
         radius: (parameters,) positive.
+        lazy: what moving each parameter by its radius costs, half of it, in the unit of the values.
         accuracy: how exact the least value is to be, as a share of the largest; what rounding leaves where it is less.
     """
     scale, tolerance = np.max(value), max(_TOLERANCE, accuracy)
     # In units of the radius and of the largest value: x = (d / radius, (level - scale) / scale).
-    g, h, e = gradient * radius / scale, hessian * radius[:, None] * radius / scale, value / scale - 1
-    count = len(radius)
-    x, k = np.zeros(count + 1), len(value)
-    box = np.hstack([np.vstack([np.eye(count), -np.eye(count)]), np.zeros((2 * count, 1))])
-    slack, y = np.ones(k + 2 * count), np.ones(k + 2 * count)
-    y /= len(y)
+    g, e, lazy = gradient * radius / scale, value / scale - 1, lazy / scale
+    flat = (roots * radius / np.sqrt(scale)).reshape(-1, len(radius))
+    count, k, own = len(radius), len(value), len(roots) == len(value)
+    x = np.zeros(count + 1)
+    slack, y = np.ones(k + 2 * count), np.full(k + 2 * count, 1 / (k + 2 * count))
     objective = np.append(np.zeros(count), 1.0)
     for _ in range(_STEPS):
-        curved = (h.reshape(-1, count) @ x[:-1]).reshape(-1, count)
-        rows = np.vstack([np.hstack([g + curved, -np.ones((k, 1))]), box])
-        excess = np.append(e + g @ x[:-1] + 0.5 * curved @ x[:-1] - x[-1], box @ x - 1) + slack
-        dual, gap = objective + rows.T @ y, slack @ y / len(y)
+        along = flat @ x[:-1]
+        curved = np.add.reduce((along[:, None] * flat).reshape(len(roots), -1, count), axis=1) + lazy * x[:-1]
+        rows = _Rows(np.hstack([g + curved, -np.ones((k, 1))]))
+        within = e + g @ x[:-1] + 0.5 * curved @ x[:-1] - x[-1]
+        excess = np.concatenate([within, x[:-1] - 1, -x[:-1] - 1]) + slack
+        dual, gap = objective + rows.back(y), slack @ y / len(y)
         if max(np.max(np.abs(dual)), np.max(np.abs(excess)), gap) < tolerance:
             break
-        matrix = rows.T * (y / slack) @ rows
-        matrix[:-1, :-1] += np.tensordot(y[:k] if len(h) == k else np.sum(y[:k], keepdims=True), h, axes=1)
+        matrix, total = rows.squared(y / slack), np.sum(y[:k])
+        of_rows = np.repeat(y[:k] if own else [total], len(flat) // len(roots))
+        matrix[:-1, :-1] += flat.T @ (of_rows[:, None] * flat)
+        matrix[np.diag_indices(count)] += lazy * total
         matrix[np.diag_indices(count + 1)] += 1e-15 * np.trace(matrix) / (count + 1)
         direction = _Direction(matrix, rows, slack, y, excess, dual)
         predicted = direction.towards(slack * y)
@@ -64,22 +73,45 @@ def model_step(
     return np.clip(x[:-1], -1.0, 1.0) * radius
 
 
+class _Rows:
+    """The linearised constraints: those of the pairs (pairs, parameters + 1), and both bounds of each parameter."""
+
+    def __init__(self, pairs: FloatArray):
+        self.pairs, self._few, self._count = pairs, len(pairs), pairs.shape[1] - 1
+
+    def times(self, x: FloatArray) -> FloatArray:
+        """All rows times x."""
+        return np.concatenate([self.pairs @ x, x[:-1], -x[:-1]])
+
+    def back(self, y: FloatArray) -> FloatArray:
+        """The sum of all rows times y."""
+        found = y[: self._few] @ self.pairs
+        found[:-1] += y[self._few : -self._count] - y[-self._count :]
+        return found
+
+    def squared(self, weight: FloatArray) -> FloatArray:
+        """The sum of weight row row^T."""
+        found = self.pairs.T @ (weight[: self._few, None] * self.pairs)
+        found[np.diag_indices(self._count)] += weight[self._few : -self._count] + weight[-self._count :]
+        return found
+
+
 class _Direction:
     """Newton's direction of the optimality conditions, for any complementarity residual."""
 
     def __init__(
-        self, matrix: FloatArray, rows: FloatArray, slack: FloatArray, y: FloatArray, excess: FloatArray, dual: Any
+        self, matrix: FloatArray, rows: _Rows, slack: FloatArray, y: FloatArray, excess: FloatArray, dual: FloatArray
     ):
         self.matrix, self.rows, self.slack, self.y, self.excess, self.dual = matrix, rows, slack, y, excess, dual
 
     def towards(self, product: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """Changes of the unknowns, the slacks and the multipliers; None where the matrix is singular."""
-        right = -self.dual - self.rows.T @ ((self.y * self.excess - product) / self.slack)
+        right = -self.dual - self.rows.back((self.y * self.excess - product) / self.slack)
         try:
             dx = np.linalg.solve(self.matrix, right)
         except np.linalg.LinAlgError:
             return None
-        slack = -self.excess - self.rows @ dx
+        slack = -self.excess - self.rows.times(dx)
         found = dx, slack, (-product - self.y * slack) / self.slack
         return found if all(np.all(np.isfinite(part)) for part in found) else None
 

@@ -13,17 +13,17 @@ def model(d, value, gradient, hessian):
 
 
 def test_two_lines_meet_in_the_middle():
-    step = model_step(np.array([2.0, 1.0]), np.array([[1.0], [-1.0]]), np.zeros((2, 1, 1)), np.array([10.0]))
+    step = model_step(np.array([2.0, 1.0]), np.array([[1.0], [-1.0]]), np.zeros((1, 0, 1)), np.array([10.0]))
     np.testing.assert_allclose(step, [-0.5], atol=TOLERANCE)
 
 
 def test_the_radius_bounds_each_parameter():
-    step = model_step(np.array([2.0]), np.array([[1.0, -1.0]]), np.zeros((1, 2, 2)), np.array([0.1, 0.3]))
+    step = model_step(np.array([2.0]), np.array([[1.0, -1.0]]), np.zeros((1, 0, 2)), np.array([0.1, 0.3]))
     np.testing.assert_allclose(step, [-0.1, 0.3], atol=TOLERANCE)
 
 
 def test_curvature_ends_the_step():
-    step = model_step(np.array([1.0]), np.array([[1.0]]), np.full((1, 1, 1), 4.0), np.array([1.0]))
+    step = model_step(np.array([1.0]), np.array([[1.0]]), np.full((1, 1, 1), 2.0), np.array([1.0]))
     np.testing.assert_allclose(step, [-0.25], atol=1e-6)
 
 
@@ -32,9 +32,10 @@ def test_curvature_ends_the_step():
 def test_no_sampled_step_is_better(seed, scale):
     rng = np.random.default_rng(seed)
     value, gradient = scale * rng.uniform(0.5, 1.0, 7), rng.normal(size=(7, 3))
-    root = rng.normal(size=(7, 3, 2)) / np.sqrt(scale)
-    hessian, radius = root @ np.swapaxes(root, 1, 2), scale * rng.uniform(0.1, 1.0, 3)
-    best = model(model_step(value, gradient, hessian, radius), value, gradient, hessian)
+    roots, radius = rng.normal(size=(7, 2, 3)) / np.sqrt(scale), scale * rng.uniform(0.1, 1.0, 3)
+    lazy = scale * rng.uniform(0.0, 0.1)
+    hessian = np.swapaxes(roots, 1, 2) @ roots + lazy * np.diag(1 / radius**2)
+    best = model(model_step(value, gradient, roots, radius, lazy), value, gradient, hessian)
     others = [model(radius * rng.uniform(-1, 1, 3), value, gradient, hessian) for _ in range(2000)]
     assert best <= min(others) + TOLERANCE * scale
 
