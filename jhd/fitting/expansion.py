@@ -113,8 +113,8 @@ class _Places(NamedTuple):
     multipliers: FloatArray
 
 
-class _Foot(NamedTuple):
-    """The feet of one kind, one for each pair: where they are, the units from there, whether held, the multipliers."""
+class _MovingFeet(NamedTuple):
+    """One foot of each pair: where they are, the units from there, whether held, the multipliers."""
 
     segment: FloatArray
     jets: _MovingJets
@@ -166,7 +166,7 @@ def _fill(
         segment, s = at.foot_segments[:, i], at.foot_params[:, i]
         y = _jets(other, segment, s, parameters)
         weight = at.multipliers[:, i] if count == 2 else np.ones(len(rows))
-        feet.append(_Foot(segment, y, *_directions(x, y, s), weight))
+        feet.append(_MovingFeet(segment, y, *_directions(x, y, s), weight))
     held = ends | ~np.any(x.first, axis=-1)
     found.gradient[rows], c, core = _derivatives(x, feet, held)
     found.rows[rows, : c.shape[1]] = c
@@ -219,7 +219,9 @@ def _unknowns(feet: int, dim: int) -> int:
     return 1 + feet * dim + feet - 1
 
 
-def _derivatives(x: _MovingJets, feet: list[_Foot], held: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _derivatives(
+    x: _MovingJets, feet: list[_MovingFeet], held: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Gradients, and rows and cores of the Hessians; `held` says where the place on the carrier is."""
     (pairs, dim, count), some = x.tangent.shape, len(feet)
     size = _unknowns(some, dim)

@@ -47,7 +47,7 @@ def model_step(
     for _ in range(_STEPS):
         along = flat @ x[:-1]
         curved = np.add.reduce((along[:, None] * flat).reshape(len(roots), -1, count), axis=1) + lazy * x[:-1]
-        rows = _Rows(np.hstack([g + curved, -np.ones((k, 1))]))
+        rows = _Constraints(np.hstack([g + curved, -np.ones((k, 1))]))
         within = e + g @ x[:-1] + 0.5 * curved @ x[:-1] - x[-1]
         excess = np.concatenate([within, x[:-1] - 1, -x[:-1] - 1]) + slack
         dual, gap = objective + rows.back(y), slack @ y / len(y)
@@ -73,7 +73,7 @@ def model_step(
     return np.clip(x[:-1], -1.0, 1.0) * radius
 
 
-class _Rows:
+class _Constraints:
     """The linearised constraints: those of the pairs (pairs, parameters + 1), and both bounds of each parameter."""
 
     def __init__(self, pairs: FloatArray):
@@ -100,7 +100,13 @@ class _Direction:
     """Newton's direction of the optimality conditions, for any complementarity residual."""
 
     def __init__(
-        self, matrix: FloatArray, rows: _Rows, slack: FloatArray, y: FloatArray, excess: FloatArray, dual: FloatArray
+        self,
+        matrix: FloatArray,
+        rows: _Constraints,
+        slack: FloatArray,
+        y: FloatArray,
+        excess: FloatArray,
+        dual: FloatArray,
     ):
         self.matrix, self.rows, self.slack, self.y, self.excess, self.dual = matrix, rows, slack, y, excess, dual
 
