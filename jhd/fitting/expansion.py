@@ -103,7 +103,7 @@ class _MovingJets(NamedTuple):
     cotangent: FloatArray  # (pairs, points, width, dim): the points' derivatives in the homogeneous control points
 
 
-class _Places(NamedTuple):
+class _PairPlaces(NamedTuple):
     """Where some pairs are: those parts of a witness that say it."""
 
     segment: FloatArray
@@ -144,7 +144,9 @@ def expand(pairs: CriticalPairs, fixed: Moving, moving: Moving, least: float) ->
     for back, feet in ((False, 1), (False, 2), (True, 1), (True, 2)):
         rows = np.flatnonzero((turned == back) & (two == (feet == 2)))
         if len(rows):
-            witness = _Places(*(np.asarray(getattr(pairs.witness, name))[keep[rows]] for name in _Places._fields))
+            witness = _PairPlaces(
+                *(np.asarray(getattr(pairs.witness, name))[keep[rows]] for name in _PairPlaces._fields)
+            )
             _fill(found, rows, witness, (fixed, moving), back, ends[rows], feet)
     return found
 
@@ -152,7 +154,7 @@ def expand(pairs: CriticalPairs, fixed: Moving, moving: Moving, least: float) ->
 def _fill(
     found: Expansion,
     rows: FloatArray,
-    at: _Places,
+    at: _PairPlaces,
     curves: tuple[Moving, Moving],
     turned: bool,
     ends: FloatArray,
