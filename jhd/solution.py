@@ -5,10 +5,8 @@ leaves have leading axes.
 """
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import replace
-from decimal import ROUND_CEILING, Context
 from typing import Any
 
 import equinox as eqx
@@ -28,6 +26,8 @@ from jhd.outcomes import names_of as names_of
 from jhd.outcomes import result_where as result_where
 from jhd.plain import stored_fields as stored_fields
 from jhd.plain import to_plain as to_plain
+from jhd.unproven import NotProvenError as NotProvenError
+from jhd.unproven import throw_unless_successful as throw_unless_successful
 
 
 def with_result(solution: Any, result: Any) -> Any:
@@ -370,47 +370,3 @@ class FitSolution(AbstractSolution):
             f"{float(self.error.upper):.9g}],\n  optimality={float(self.optimality):.1e}, "
             f"steps={int(self.stats['steps'])}, {name_of(self.result)})"
         )
-
-
-class NotProvenError(RuntimeError):
-    """The algorithm ended without what was asked for; `solution` holds the bounds reached, which are still true."""
-
-    def __init__(self, message: str, solution: Any):
-        super().__init__(message)
-        self.solution = solution
-
-
-# What ends a search whose bounds a wider tolerance would have taken, and how that is asked for.
-_TOO_WIDE = {int(x._value) for x in (RESULTS.gap_not_closed, RESULTS.capacity_reached, RESULTS.family_of_maxima)}
-_TOLERANCES = {"HausdorffSolution": "method=jhd.BranchAndBound(atol={:g})", "MinimumSolution": "atol={:g}"}
-
-
-def throw_unless_successful(solution: Any) -> None:
-    """Raises NotProvenError carrying the solution unless it is what its method promises, every lane; tracers pass."""
-    if is_traced(solution.result):
-        return
-    found = np.ravel(np.asarray(solution.result._value))
-    # A method that proves nothing promises no more.
-    failed = (found != int(RESULTS.successful._value)) & (found != int(RESULTS.unproven._value))
-    if failed.any():
-        first = int(np.argmax(failed))
-        raise NotProvenError(f"{RESULTS._index_to_message[int(found[first])]}{_reached(solution, first)}", solution)
-
-
-def _reached(solution: Any, lane: int) -> str:
-    """The bounds that a solution holds in one of its lanes, as a sentence; nothing where it has none."""
-    ends = [getattr(solution, name, None) for name in ("lower", "upper")]
-    if any(not isinstance(end, jax.Array | np.ndarray | float) for end in ends):
-        return ""
-    low, high = (float(np.ravel(np.asarray(end))[lane]) for end in ends)
-    if math.isnan(low) or math.isnan(high):
-        return ""
-    of = f" of number {lane} of {np.size(solution.lower)}" if np.size(solution.lower) > 1 else ""
-    reached = f" The bounds reached{of} are {low!r} and {high!r}"
-    option = _TOLERANCES.get(type(solution).__name__)
-    ended = int(np.ravel(np.asarray(solution.result._value))[lane])
-    if option is None or not 0 < high - low < math.inf or ended not in _TOO_WIDE:
-        return f"{reached}."
-    # Rounded up, so that the bounds that are there would do.
-    enough = Context(prec=2, rounding=ROUND_CEILING).create_decimal_from_float(high - low)
-    return f"{reached}, which {option.format(enough.normalize())} would take."

@@ -16,7 +16,8 @@ PACKAGE = Path(__file__).parent.parent / "jhd"
 # Inside a folder the order is free, as long as there is no cycle.
 ORDER = """
     starting
-    archives arrays sharding display files forks memory slips storage programs compiled outcomes plain batches solution
+    archives arrays sharding display files forks memory slips storage programs compiled outcomes plain batches
+        unproven solution
     arithmetic
     shapes
     triangles

@@ -30,6 +30,7 @@ from jhd.solution import (
     name_of,
     throw_unless_successful,
 )
+from jhd.unproven import relative_tolerance
 
 # Where no tolerance is asked for, gaps up to this share of the diagonal stay.
 _SHARE = 1e-6
@@ -113,7 +114,8 @@ def deviation(
     found, pair, dimension = _distributed(a, b, asked, counts, maximum, progress)
     deviation = _in_units(a, b, maximum, found, pair, dimension)
     if throw:
-        throw_unless_successful(deviation)
+        known = deviation.reached(quantile)
+        throw_unless_successful(deviation, known, relative_tolerance(known))
     return deviation
 
 

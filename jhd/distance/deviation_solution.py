@@ -116,6 +116,16 @@ class Deviation(eqx.Module):
         """
         return project(_places(self.a, places), self.b, throw=False)
 
+    def reached(self, quantile: float | None = None) -> dict[str, Bounds]:
+        """The bounds by what they are of: the mean, the root mean square, the maximum, and a quantile if it is named.
+
+        Args:
+            quantile: a share, as of `quantile`.
+        """
+        largest = Bounds(float(self.maximum.lower), float(self.maximum.upper))
+        ends = {"the mean": self.mean, "the root mean square": self.rms, "the maximum": largest}
+        return ends if quantile is None else ends | {f"the quantile {quantile:g}": self.quantile(quantile)}
+
     def to_json(self, **options: Any) -> str:
         """The bounds as JSON text, and some quantiles; what is not proven is null.
 

@@ -43,6 +43,7 @@ from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve
 from jhd.solution import DIRECTIONS, RESULTS, NotProvenError, name_of, result_where, throw_unless_successful
 from jhd.triangles.closest_point import outward
+from jhd.unproven import relative_tolerance
 
 
 class MeasureSolution(AbstractSolution):
@@ -158,9 +159,9 @@ class AbstractMeasure(eqx.Module):
         if not self.directed:
             back = self._one_way(b, a, None, atol, rtol)
             turned = eqx.tree_at(lambda x: x.direction, back.solution, DIRECTIONS.b_to_a)
-            found = _larger(found, _Directed(turned, back.value))
+            found = _larger(found, back._replace(solution=turned))
         if throw and not is_traced(found.solution.result):
-            throw_unless_successful(found.solution)
+            throw_unless_successful(found.solution, option=relative_tolerance(found.reached))
             _throw_unless_confirmed(found.value, found.solution)
         return eqx.tree_at(lambda x: x.value, found.solution, found.value.guarded())
 
@@ -205,7 +206,8 @@ class AbstractMeasure(eqx.Module):
         inside = jnp.asarray(_within(bounds, np.asarray(jax.lax.stop_gradient(value))))
         # Compiled programs take subnormal numbers for zero.
         value = carrying(inside, value) if is_traced(value) else inside
-        return _Directed(MeasureSolution(value, lower, upper, DIRECTIONS.a_to_b, found.result), Estimated(value, off))
+        solution = MeasureSolution(value, lower, upper, DIRECTIONS.a_to_b, found.result)
+        return _Directed(solution, Estimated(value, off), found.reached(getattr(self, "q", None)))
 
     @abstractmethod
     def _bounds(self, found: Deviation) -> Bounds:
@@ -217,10 +219,11 @@ class AbstractMeasure(eqx.Module):
 
 
 class _Directed(NamedTuple):
-    """A measure, and its value with what is known of its derivative."""
+    """A measure, its value with what is known of its derivative, and all bounds that were to be closed."""
 
     solution: MeasureSolution
     value: Estimated
+    reached: dict[str, Any]
 
 
 class Hausdorff(AbstractMeasure):
@@ -234,7 +237,7 @@ class Hausdorff(AbstractMeasure):
             raise ValueError("weights do not matter to the largest distance; leave out points that do not count.")
         found = directed_hausdorff(a, b, BranchAndBound(atol=atol), throw=False)
         solution = MeasureSolution(found.value, found.lower, found.upper, DIRECTIONS.a_to_b, found.result)
-        return _Directed(solution, Estimated(found.value, 0.0))
+        return _Directed(solution, Estimated(found.value, 0.0), {})
 
     def _bounds(self, found: Deviation) -> Bounds:
         return Bounds(float(found.maximum.lower), float(found.maximum.upper))
@@ -381,7 +384,8 @@ def _larger(first_way: _Directed, second_way: _Directed) -> _Directed:
     value = Estimated(jnp.where(first, there.value, back.value), 0.0)
     value = (first_way if first else second_way).value if host else value
     direction = DIRECTIONS.where(first, there.direction, back.direction)
-    return _Directed(MeasureSolution(value.value, lower, upper, direction, result), value)
+    reached = {f"{of}, {way}": ends for way, x in enumerate((first_way, second_way)) for of, ends in x.reached.items()}
+    return _Directed(MeasureSolution(value.value, lower, upper, direction, result), value, reached)
 
 
 def _distances(a: Any, b: Any, weights: Any, places: int | None) -> tuple[float, Along]:

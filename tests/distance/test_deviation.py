@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import jax
 import jax.numpy as jnp
@@ -150,6 +151,18 @@ def test_a_tolerance_that_is_not_reached_is_told_with_true_bounds():
     assert encloses(found.mean, 0.5) and encloses(found.rms, 1 / math.sqrt(3)) and not within(found, 0, 1e-9)
     found = jhd.deviation(*shapes, rtol=1e-9, atol=0, max_cells=16, throw=False)
     assert found.result == jhd.RESULTS.capacity_reached
+
+
+def test_an_unreached_tolerance_names_the_bounds_and_one_that_they_meet():
+    shapes = jhd.polyline(SEGMENT), jhd.points([(0, 0)])
+    with pytest.raises(jhd.NotProvenError) as caught:
+        jhd.deviation(*shapes, rtol=1e-9, atol=0, max_cells=16, quantile=0.5)
+    found, message = caught.value.solution, str(caught.value)
+    for of, ends in {"the mean": found.mean, "the quantile 0.5": found.quantile(0.5)}.items():
+        assert f"{ends.lower!r} and {ends.upper!r} of {of}" in message
+    named = re.search(r"which rtol=([^ ]+) would take", message)
+    assert named is not None
+    assert jhd.deviation(*shapes, rtol=float(named[1]), atol=0, max_cells=16, quantile=0.5).stats["cells"] <= 64
 
 
 @pytest.mark.slow

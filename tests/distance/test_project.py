@@ -341,6 +341,8 @@ def test_what_does_not_fit_is_said():
     assert found.valid.all()
     with pytest.raises(jhd.NotProvenError, match="raise capacity") as caught:
         jhd.stationary_points([0.0, 2.0], parabola, capacity=2)
+    # What it encloses are parameters, not the distance.
+    assert "bounds reached" not in str(caught.value)
     assert isinstance(caught.value.solution, jhd.StationaryPoints)
 
 

@@ -1,0 +1,103 @@
+"""What is raised where a computation ended without what was asked for: why, the bounds reached, and what would help."""
+
+import math
+from collections.abc import Mapping
+from decimal import ROUND_CEILING, Context
+from typing import Any
+
+import jax
+import numpy as np
+
+from jhd.arrays import is_traced
+from jhd.outcomes import RESULTS
+
+# What ends a search whose bounds a wider tolerance would have taken, and how that is asked for.
+_TOO_WIDE = {int(x._value) for x in (RESULTS.gap_not_closed, RESULTS.capacity_reached, RESULTS.family_of_maxima)}
+_TOLERANCES = {
+    "HausdorffSolution": "method=jhd.BranchAndBound(atol={:g})",
+    "MeasureSolution": "atol={:g}",
+    "MinimumSolution": "atol={:g}",
+}
+# Relative tolerances from here on say nothing.
+_COARSE = 0.5
+
+Ends = tuple[float, float]
+
+
+class NotProvenError(RuntimeError):
+    """The algorithm ended without what was asked for; `solution` holds the bounds reached, which are still true."""
+
+    def __init__(self, message: str, solution: Any):
+        super().__init__(message)
+        self.solution = solution
+
+
+def throw_unless_successful(solution: Any, known: Mapping[str, Ends] | None = None, option: str | None = None) -> None:
+    """Raises NotProvenError carrying the solution unless it is what its method promises, every lane; tracers pass.
+
+    Args:
+        solution: what was found.
+        known: the bounds reached, by what they are of, where it has several; by default its own.
+        option: what would have taken them, as it is written in the call; by default a tolerance as wide as they are.
+    """
+    if is_traced(solution.result):
+        return
+    found = np.ravel(np.asarray(solution.result._value))
+    # A method that proves nothing promises no more.
+    failed = (found != int(RESULTS.successful._value)) & (found != int(RESULTS.unproven._value))
+    if failed.any():
+        first = int(np.argmax(failed))
+        ended = int(found[first])
+        known = _bounds_of(solution, first) if known is None else known
+        option = _tolerance(solution, known) if option is None else option
+        reached = _reached(known, option if ended in _TOO_WIDE else None)
+        raise NotProvenError(f"{RESULTS._index_to_message[ended]}{reached}", solution)
+
+
+def relative_tolerance(known: Mapping[str, Ends]) -> str | None:
+    """The least `rtol`, or `atol` where bounds are far apart, that takes all bounds, as it is written in a call.
+
+    None where there are no bounds, or infinite ones.
+    """
+    if not known or not all(math.isfinite(low) and math.isfinite(high) for low, high in known.values()):
+        return None
+    share = max(((high - low) / high for low, high in known.values() if high > 0), default=0.0)
+    if share < _COARSE:
+        return f"rtol={_rounded_up(share):g}"
+    return f"atol={_rounded_up(max(high - low for low, high in known.values())):g}"
+
+
+def _bounds_of(solution: Any, lane: int) -> dict[str, Ends]:
+    """The bounds that a solution holds in one of its lanes; none where it has none, or those of something else."""
+    ends = [getattr(solution, name, None) for name in ("lower", "upper")]
+    if any(not isinstance(end, jax.Array | np.ndarray | float) for end in ends):
+        return {}
+    if np.shape(ends[0]) != np.shape(solution.result._value):
+        return {}
+    low, high = (float(np.ravel(np.asarray(end))[lane]) for end in ends)
+    of = f"number {lane} of {np.size(solution.lower)}" if np.size(solution.lower) > 1 else ""
+    return {of: (low, high)}
+
+
+def _tolerance(solution: Any, known: Mapping[str, Ends]) -> str | None:
+    option = _TOLERANCES.get(type(solution).__name__)
+    gap = max((high - low for low, high in known.values()), default=0.0)
+    return None if option is None or not 0 < gap < math.inf else option.format(_rounded_up(gap))
+
+
+def _reached(known: Mapping[str, Ends], option: str | None) -> str:
+    """The bounds as a sentence, and what would take them."""
+    parts = [
+        f"{low!r} and {high!r}{f' of {of}' if of else ''}"
+        for of, (low, high) in known.items()
+        if not math.isnan(low) and not math.isnan(high)
+    ]
+    if not parts:
+        return ""
+    would = f", which {option} would take" if option else ""
+    return f" The bounds reached are {', '.join(parts)}{would}."
+
+
+def _rounded_up(x: float) -> Any:
+    """Two digits, so that the bounds that are there would do."""
+    return Context(prec=2, rounding=ROUND_CEILING).create_decimal_from_float(x).normalize()
