@@ -13,8 +13,8 @@ from jhd.distance.quadrature import Nodes, ParameterCells
 _PARTS = 4
 # Looks for a place beyond the level where the distance turns, and steps of Newton or halvings to where it passes it.
 _TURN_STEPS, _LEVEL_STEPS = 8, 40
-# Newton's steps end where they are less than this.
-_STILL = 2.0**-50
+# Newton's steps end where they are less than this, or where the distance is the level up to such a share.
+_STILL, _REACHED = 2.0**-50, 2.0**-51
 # Halvings of cells before corners of the level are looked for, and halvings to these.
 _SHARP, _CORNER_HALVINGS = 2, 28
 
@@ -62,10 +62,12 @@ def _passed(lines: CellLines, looked: Looked, level: float) -> tuple[np.ndarray,
     each, places = parts_of(lines, _PARTS)
     seen = looked.along(each, places.ravel())
     ends = [OnLines(*(x.reshape(places.shape)[:, part].ravel() for x in seen)) for part in (slice(-1), slice(1, None))]
-    each = lines.take(np.repeat(np.arange(len(places)), _PARTS))
-    beyond = _turned(each, looked, level, *ends)
-    found = [_crossed(each, looked, level, *pair) for pair in ((ends[0], beyond), (beyond, ends[1]))]
-    place, label = (np.stack(x, axis=1).reshape(len(places), -1) for x in zip(*found, strict=True))
+    row = np.repeat(np.arange(len(places)), _PARTS)
+    beyond = _turned(lines.take(row), looked, level, *ends)
+    # Before and behind what lies beyond, both at once.
+    first, last = (OnLines(*map(np.concatenate, zip(*x, strict=True))) for x in ((ends[0], beyond), (beyond, ends[1])))
+    found = _crossed(lines.take(np.tile(row, 2)), looked, level, first, last)
+    place, label = (x.reshape(2, -1).T.reshape(len(places), -1) for x in found)
     below = ends[0].value.reshape(len(places), _PARTS)[:, :1] <= level
     count = np.sum(~np.isnan(place), axis=1, keepdims=True)
     kind = kind_of(np.concatenate([2 * label + 2, 2 * (2 * count + below) + 1], axis=1))
@@ -103,18 +105,26 @@ def _crossed(
     """Where the distance passes the level between two places, NaN where it does not, and the label there."""
     found, label = np.full(len(first.place), np.nan), np.full(len(first.place), -1)
     rows = np.flatnonzero((first.value <= level) != (last.value <= level))
-    low, high, below = first.place[rows], last.place[rows], first.value[rows] <= level
-    place = low + (high - low) * (level - first.value[rows]) / (last.value[rows] - first.value[rows])
+    low, high = (OnLines(*(x[rows] for x in end)) for end in (first, last))
+    place = low.place + (high.place - low.place) * (level - low.value) / (high.value - low.value)
     for _ in range(_LEVEL_STEPS):
         if len(rows) == 0:
             break
         at = looked.along(lines.take(rows), place)
         found[rows], label[rows] = place, at.label
-        before = (at.value <= level) == below
-        low, high = np.where(before, place, low), np.where(before, high, place)
-        newton = place + (level - at.value) / np.where(at.slope != 0, at.slope, 1.0)
-        inside = (at.slope != 0) & (newton >= low) & (newton <= high)
-        following = np.where(inside, newton, 0.5 * (low + high))
-        moves = np.abs(following - place) > _STILL
-        rows, low, high, below, place = (x[moves] for x in (rows, low, high, below, following))
+        before = (at.value <= level) == (low.value <= level)
+        low, high = _chosen(before, at, low), _chosen(before, high, at)
+        # Where a kink lies between, the tangent of the other end leads to its branch.
+        following = 0.5 * (low.place + high.place)
+        for end in (_chosen(before, high, low), at):
+            newton = end.place + (level - end.value) / np.where(end.slope != 0, end.slope, 1.0)
+            inside = (end.slope != 0) & (newton >= low.place) & (newton <= high.place)
+            following = np.where(inside, newton, following)
+        moves = (np.abs(following - place) > _STILL) & (np.abs(at.value - level) > _REACHED * abs(level))
+        rows, place = rows[moves], following[moves]
+        low, high = (OnLines(*(x[moves] for x in end)) for end in (low, high))
     return found, label
+
+
+def _chosen(which: np.ndarray, first: OnLines, second: OnLines) -> OnLines:
+    return OnLines(*(np.where(which, x, y) for x, y in zip(first, second, strict=True)))

@@ -19,7 +19,7 @@ from jhd.distance.cut_cells import CellNodes, Looked
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.level_cuts import cut_at_level
 from jhd.distance.levels import quantile_beside, quantile_of
-from jhd.distance.quadrature import Nodes, ParameterCells, along, halved, nodes_of, whole
+from jhd.distance.quadrature import Nodes, ParameterCells, along, halved, known_along, nodes_of, whole
 from jhd.distance.sight import Sight
 
 # Places of the rule along each parameter where no curve cuts, and halvings of pieces to begin with at most.
@@ -90,7 +90,7 @@ def quantile_over(net: Net, sight: Sight, b: Any, q: float) -> Estimated | None:
             first = halved(first)
     everywhere = nodes_of(first, _RULE)
     base = _looked_at(first, looked)
-    weight = everywhere.factor * np.asarray(along(known, everywhere)[1])
+    weight = everywhere.factor * known_along(known, everywhere)[1]
     at = looked.at(everywhere)
     level, total = quantile_of(at.distance, weight, q)[1], float(np.sum(weight))
     low, high = float(np.min(base.distance - base.radius)), float(np.max(base.distance + base.radius))
@@ -124,9 +124,9 @@ def _area(net: Net, nodes: Nodes) -> Array:
 
 def _looked_at(cells: ParameterCells, looked: Looked) -> _MeasuredCells:
     count, nodes = len(cells.piece), nodes_of(cells, _RULE)
-    points, density, _ = (np.asarray(x) for x in along(looked.net, nodes))
+    points, density, _ = known_along(looked.net, nodes)
     middle = Nodes(cells.piece, 0.5 * (cells.low + cells.high), np.ones(count))
-    apart = points.reshape(count, -1, points.shape[1]) - np.asarray(along(looked.net, middle)[0])[:, None]
+    apart = points.reshape(count, -1, points.shape[1]) - known_along(looked.net, middle)[0][:, None]
     radius = _BULGE * np.sqrt(np.max(np.sum(apart**2, axis=2), axis=1))
     area = np.sum((nodes.factor * density).reshape(count, -1), axis=1)
     return _MeasuredCells(cells, area, looked.at(middle).distance, radius)
@@ -190,7 +190,7 @@ def _cut(cells: ParameterCells, looked: Looked, level: float, step: int) -> _Lev
         return _LevelCells(np.zeros((0, 2 + looked.net.dim)), nothing, nothing, np.zeros(0, bool))
     across = _across(cells, looked)
     rule = cut_at_level(cells, looked, across, level, step)
-    density = np.asarray(along(looked.net, rule.below.nodes)[1])
+    density = known_along(looked.net, rule.below.nodes)[1]
     area = rule.below.sums((rule.below.nodes.factor * density)[:, None], count)
     seen = looked.at(rule.on.nodes)
     with np.errstate(divide="ignore"):

@@ -16,7 +16,7 @@ from jaxtyping import Array
 from jhd.compiled import compiled
 from jhd.distance.confirmed import Estimated
 from jhd.distance.frame.net_jets import Net, jet
-from jhd.distance.quadrature import Nodes, ParameterCells, along, nodes_of
+from jhd.distance.quadrature import Nodes, ParameterCells, along, known_along, nodes_of
 
 # Parts of a cell whose ends are looked at, and places of the rule over each for its length.
 _PARTS, _RULE = 8, 6
@@ -94,14 +94,14 @@ def _parts(known: Net, cells: ParameterCells, feet: Callable[[np.ndarray], Any])
     shares = np.arange(_PARTS + 1) / _PARTS
     ends = low[:, None] * (1 - shares) + high[:, None] * shares
     at = Nodes(np.repeat(piece, _PARTS + 1), ends.reshape(-1, 1), np.ones(ends.size))
-    values = feet(np.asarray(along(known, at)[0]))[0].reshape(ends.shape)
+    values = feet(known_along(known, at)[0])[0].reshape(ends.shape)
     rows = [np.repeat(piece, _PARTS), ends[:, :-1], ends[:, 1:], values[:, :-1], values[:, 1:]]
     return _Parts(*(x.ravel() for x in rows))
 
 
 def _lengths(known: Net, piece: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     nodes = nodes_of(ParameterCells(piece, low[:, None], high[:, None]), _RULE)
-    density = np.asarray(along(known, nodes)[1])
+    density = known_along(known, nodes)[1]
     return np.sum((nodes.factor * density).reshape(len(piece), _RULE), axis=1)
 
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import eval_context
 from jaxtyping import Array, Float, Int
 
 from jhd.arithmetic.scaling import length
@@ -158,7 +159,7 @@ def resolved(net: Net, distance: Callable[[Any], Any], most: int | None = None) 
 def _integrals(net: Net, distance: Callable[[Any], Any], cells: ParameterCells, count: int) -> np.ndarray:
     """Of one, of the distance and of its square over each cell."""
     nodes = nodes_of(cells, count)
-    points, density, _ = (np.asarray(x) for x in along(net, nodes))
+    points, density, _ = known_along(net, nodes)
     d = np.asarray(distance(points))
     w = nodes.factor * density
     rows = np.stack([w, w * d, w * d**2], axis=-1)
@@ -167,12 +168,24 @@ def _integrals(net: Net, distance: Callable[[Any], Any], cells: ParameterCells, 
 
 def along(net: Net, nodes: Nodes) -> tuple[Array, Array, Array]:
     """Points of a shape at nodes, its speed or area per parameter and its first derivatives there, differentiable."""
+    points, density, first = _along(net, *map(jnp.asarray, _padded(nodes)))
     count = len(nodes.piece)
-    padded = next((size for size in _PADDED if size >= count), count)
-    piece = np.pad(nodes.piece, (0, padded - count))
-    t = np.pad(nodes.t, ((0, padded - count), (0, 0)), constant_values=0.5)
-    points, density, first = _along(net, jnp.asarray(piece), jnp.asarray(t))
     return points[:count], density[:count], first[:count]
+
+
+def known_along(net: Net, nodes: Nodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same of a shape whose numbers are known, in NumPy, at a small part of the cost of each call."""
+    with eval_context():
+        points, density, first = (np.asarray(x)[: len(nodes.piece)] for x in _along(net, *_padded(nodes)))
+    return points, density, first
+
+
+def _padded(nodes: Nodes) -> tuple[np.ndarray, np.ndarray]:
+    """Pieces and parameters of so many nodes as programs are compiled for."""
+    count = len(nodes.piece)
+    more = next((size for size in _PADDED if size >= count), count) - count
+    t = np.pad(nodes.t, ((0, more), (0, 0)), constant_values=0.5)
+    return np.pad(nodes.piece, (0, more)), t
 
 
 @compiled

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jax.core import eval_context
 from jaxtyping import Array, Float, Int
 
 from jhd.compiled import compiled
@@ -16,7 +17,7 @@ from jhd.distance.frame.net_jets import Net, part_of
 from jhd.distance.frame.nets import net_of
 from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
 from jhd.distance.project import project
-from jhd.distance.quadrature import Nodes, along
+from jhd.distance.quadrature import Nodes, known_along
 from jhd.distance.search.on_patches import NetTarget
 from jhd.distance.search.points import is_points
 from jhd.distance.search.targets import proven_with_derivatives, target_of
@@ -79,9 +80,11 @@ class Sight:
 
     def feet(self, points: np.ndarray) -> ProvenFeet | Projection:
         """The nearest feet of points, in the unit of b."""
-        if self._target is None:
-            return project(points, self.b, throw=False)
-        found = self._target.nearest(points, close=self._close)
+        # Known numbers need nothing of a derivative that is being taken around.
+        with eval_context():
+            if self._target is None:
+                return project(points, self.b, throw=False)
+            found = self._target.nearest(points, close=self._close)
         if self._cuts == 1:
             return found
         piece, part = np.divmod(found.segment, self._cuts**2)
@@ -104,7 +107,7 @@ class Sight:
             nothing = np.zeros(0)
             shapes = np.zeros((0, net.dim)), np.zeros((0, net.parameters))
             return Seen(nothing, *shapes, nothing, np.zeros(0, int))
-        points, density, first = (np.asarray(x) for x in along(net, nodes))
+        points, density, first = known_along(net, nodes)
         own = points / self.scale
         found = self.feet(own)
         # In units in which squares are numbers.
