@@ -27,7 +27,7 @@ from jhd.comparisons import minimum as minimum
 from jhd.comparisons import project as project
 from jhd.console import busy, device, exit_status, paced, precision, print_json, timed
 from jhd.distance.certificate.verification import sentence
-from jhd.io import save_curve, save_mesh, write_svg
+from jhd.io import save_curve, save_mesh
 from jhd.io.certificates import verify_file
 from jhd.io.load import load_shape
 from jhd.io.meshes import MESH_SUFFIXES
@@ -85,8 +85,7 @@ def fit(options: Namespace) -> int:
     near = float(error.upper) <= tolerance
     status = 0 if near else max(1, exit_status(error))
     if options.out:
-        write = write_svg if options.out.endswith(".svg") else save_curve
-        write(options.out, shape)
+        save_curve(options.out, shape)
     if options.plot:
         with busy("drawing"):
             picture(options.plot, target, shape, directions_of(error))

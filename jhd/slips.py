@@ -36,6 +36,31 @@ def belongs(**places: str) -> Callable[[Called], Called]:
     return decorated
 
 
+def takes(count: int, message: str) -> Callable[[Called], Called]:
+    """A constructor that is called with fewer positional arguments, and no others, raises TypeError with the message.
+
+    >>> class Pair:
+    ...     @takes(2, "write Pair(*both)")
+    ...     def __init__(self, first, second): ...
+    >>> Pair((1, 2))
+    Traceback (most recent call last):
+    TypeError: Pair() needs 2 arguments, got one: write Pair(*both).
+    """
+
+    def decorated(function: Called) -> Called:
+        name = function.__qualname__.removesuffix(".__init__").rpartition(".")[2]
+
+        @wraps(function)
+        def called(self: Any, *args: Any, **kwargs: Any) -> Any:
+            if len(args) == 1 < count and not kwargs:
+                raise TypeError(f"{name}() needs {count} arguments, got one: {message}.")
+            return function(self, *args, **kwargs)
+
+        return cast(Called, called)
+
+    return decorated
+
+
 def refuse_tracing(name: str, *values: object) -> None:
     """Raises TypeError inside a program that is being traced, for a call that works with known numbers alone."""
     if is_tracing(*values):

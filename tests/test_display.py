@@ -1,8 +1,9 @@
 """What objects print: a person sees kinds, counts and numbers, and printing never fails."""
 
 import re
+import sys
 from html import escape
-from typing import Any
+from typing import Any, cast
 from xml.etree import ElementTree
 
 import equinox as eqx
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 import jhd
+import jhd.io
 from jhd import display
 from jhd.distance.many.signatures import Signatures
 from jhd.shapes import sketches
@@ -132,6 +134,52 @@ def test_lists_of_shapes_and_transposed_points_are_told_what_to_do():
         jhd.BezierCurve(np.zeros((2, 4)))
     with pytest.raises(ValueError, match=r"\(3, 9\).*Points are rows"):
         jhd.points(np.zeros((3, 9)))
+
+
+MESH = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+LINE = jhd.polyline([(0, 0), (1, 0)])
+# A call with a usual slip, and what is said.
+SLIPS: dict[str, tuple[Any, str]] = {
+    "project": (
+        lambda: jhd.project(cast(Any, MESH), [(0.0, 0, 0)]),
+        "points is a TriangleMesh; project takes an array .* first",
+    ),
+    "signed": (
+        lambda: jhd.signed_distance(cast(Any, MESH), [(0.0, 0, 0)]),
+        "a TriangleMesh; signed_distance takes an array",
+    ),
+    "stationary": (
+        lambda: jhd.stationary_points(cast(Any, LINE), [(0.0, 0)]),
+        "a BezierSegments; stationary_points takes",
+    ),
+    "mesh alone": (
+        lambda: cast(Any, jhd.TriangleMesh)(MESH),
+        r"TriangleMesh\(\) needs 2 arguments, got one: .*as_shape",
+    ),
+    "scipy": (lambda: jhd.io.to_scipy(cast(Any, MESH)), "shape is a TriangleMesh; SciPy's splines are curves"),
+    "svg": (lambda: jhd.io.write_svg(None, cast(Any, MESH)), "must be a curve .* got TriangleMesh"),
+    "saved": (lambda: jhd.io.save_curve("none.svg", cast(Any, MESH)), "curve must be a curve .* got TriangleMesh"),
+    "neighbours": (
+        lambda: jhd.plot.neighbours(cast(Any, None), [LINE], cast(Any, [LINE])),
+        "found is a list; needs what",
+    ),
+    "color": (lambda: cast(Any, jhd.plot.curve)(LINE, color="red"), r"curve\(\) takes no color: write colour="),
+    "colors": (lambda: cast(Any, jhd.plot.meshes)([MESH], colors=["red"]), r"takes no colors: write colours="),
+}
+
+
+@pytest.mark.parametrize("slip", SLIPS)
+def test_usual_slips_are_named_with_the_way_out(slip):
+    call, message = SLIPS[slip]
+    with pytest.raises(TypeError, match=f"{message}|^Type-check error"):
+        call()
+
+
+def test_meshes_of_other_packages_are_told_how_to_install_them(monkeypatch):
+    for name, extra in (("pyvista", "pyvista"), ("trimesh", "mesh")):
+        monkeypatch.setitem(sys.modules, name, None)
+        with pytest.raises(ImportError, match=rf"pip install jhd\[{extra}\]"):
+            getattr(MESH, f"to_{name}")()
 
 
 @pytest.mark.parametrize("text", SHOWN)

@@ -149,13 +149,9 @@ class Deviation(eqx.Module):
             TypeError: a is no mesh.
             ImportError: trimesh is not installed.
         """
-        import trimesh
-
-        mesh = self._mesh()
-        attributes: Any = {"distance": np.asarray(self.at().distance)}
-        return trimesh.Trimesh(
-            np.asarray(mesh.vertices), np.asarray(mesh.triangles), process=False, vertex_attributes=attributes
-        )
+        made = self._mesh().to_trimesh()
+        made.vertex_attributes["distance"] = np.asarray(self.at().distance)
+        return made
 
     def to_pyvista(self) -> Any:
         """A pyvista.PolyData of a mesh a, with the distances at its points as the array `distance`.
@@ -164,12 +160,7 @@ class Deviation(eqx.Module):
             TypeError: a is no mesh.
             ImportError: PyVista is not installed.
         """
-        import pyvista  # pyright: ignore[reportMissingImports]
-
-        mesh = self._mesh()
-        triangles = np.asarray(mesh.triangles)
-        faces = np.concatenate([np.full((len(triangles), 1), 3), triangles], axis=1)
-        data = pyvista.PolyData(np.asarray(mesh.vertices), faces.ravel())
+        data = self._mesh().to_pyvista()
         data.point_data["distance"] = np.asarray(self.at().distance)
         return data
 

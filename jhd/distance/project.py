@@ -37,7 +37,7 @@ from jhd.distance.search.targets import project_on_surface
 from jhd.distance.witness.active import stationary
 from jhd.distance.witness.derivative import projection_with_derivatives
 from jhd.distance.witness.mesh_feet import project_on_mesh
-from jhd.shapes.as_shape import taken_as
+from jhd.shapes.as_shape import check_rows_first, taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface
@@ -94,6 +94,7 @@ def project(
             a polynomial surface without points in its box.
         NotProvenError: bounds not closed and throw is True.
     """
+    check_rows_first("project", points)
     shape = taken_as("shape", shape)
     if isinstance(shape, TriangleMesh):
         return project_on_mesh(points, shape, method)
@@ -133,6 +134,7 @@ def stationary_points(points: Numbers, curve: Any, *, capacity: int = 32, throw:
         ValueError: points that are not finite, empty, or of another dimension than the curve.
         NotProvenError: capacity reached and throw is True; the solution holds those that fit.
     """
+    check_rows_first("stationary_points", points)
     check_whole("capacity", capacity, 1)
     queries, segments = _checked(points, curve)
     found = _in_blocks(_stationary_block, capacity, queries, segments)

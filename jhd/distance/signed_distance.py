@@ -21,7 +21,7 @@ from jhd.arrays import is_traced
 from jhd.distance.nearest.meshes import checked_points
 from jhd.distance.published.vertex_voxels import VertexVoxels
 from jhd.distance.witness.mesh_feet import project_on_mesh
-from jhd.shapes.as_shape import taken_as
+from jhd.shapes.as_shape import check_rows_first, taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.solution import Projection
@@ -58,6 +58,7 @@ def signed_distance(
         ValueError: points that are not finite, empty, or not in space; an unknown sign; normals at the nearest point of
             a mesh that is not closed and consistently oriented; a grid of VertexVoxels beyond its capacity.
     """
+    check_rows_first("signed_distance", points)
     mesh = taken_as("mesh", mesh)
     check_mesh("mesh", mesh)
     sign = ("winding" if method is None else "average") if sign is None else sign

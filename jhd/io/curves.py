@@ -16,7 +16,10 @@ of the first three. Floats are written so that the same floats are read back.
 from pathlib import Path
 from typing import Any
 
-from jhd.io.described import DescribedKind, Kinds, built, described, load_described, save_described
+from jhd.io.described import DescribedKind, Kinds, built, check_suffix, described, load_described, save_described
+from jhd.io.iges import IGES_SUFFIXES
+from jhd.io.iges_writer import save_iges
+from jhd.io.svg import read_svg, write_svg
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.bspline import BSplineCurve
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve, circle, points, polyline
@@ -58,19 +61,31 @@ def curve_from_dict(content: Any) -> AbstractCurve:
 
 
 def save_curve(file: str | Path, curve: AbstractCurve) -> None:
-    """Writes the curve as JSON, one key a line.
+    """Writes the curve; the suffix names the kind: .json, of one key a line, .svg, see `write_svg`, or .igs or .iges.
 
     Raises:
         TypeError: not a curve of a type that files hold.
+        ValueError: another suffix, or a curve that such a file cannot hold, as one in space in SVG.
     """
-    save_described(file, curve_to_dict(curve))
+    suffix = check_suffix("curve", file, (".json", ".svg", *IGES_SUFFIXES))
+    if suffix == ".json":
+        save_described(file, curve_to_dict(curve))
+    elif suffix == ".svg":
+        check_curve("curve", curve)
+        write_svg(file, curve)
+    else:
+        check_curve("curve", curve)
+        save_iges(file, curve)
 
 
 def load_curve(file: str | Path) -> AbstractCurve:
-    """The curve in a JSON file.
+    """The curve in a JSON file, or all that an SVG file draws; `load_shape` reads what other files hold.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ParseError: text that is no JSON, with line and column; or JSON that is no curve, with the file and the key.
+        ParseError: text that is no JSON, with line and column; or JSON that is no curve, with the file and the key; or
+            an SVG file that `read_svg` refuses.
     """
+    if Path(file).suffix.lower() == ".svg":
+        return read_svg(file)
     return load_described("curve", file, CURVE_KINDS)

@@ -77,6 +77,18 @@ def _check_keys(name: str, kind: DescribedKind, given: Mapping[str, Any]) -> Non
             raise ValueError(f"{key} holds true or false; needs numbers.")
 
 
+def check_suffix(what: str, file: str | Path, known: tuple[str, ...]) -> str:
+    """The suffix of a file to write, in small letters.
+
+    Raises:
+        ValueError: it is none of those known.
+    """
+    suffix = Path(file).suffix.lower()
+    if suffix not in known:
+        raise ValueError(f"the suffix of {file} is {suffix!r}; a {what} is written as {', '.join(known)}.")
+    return suffix
+
+
 def save_described(file: str | Path, content: Mapping[str, Any]) -> None:
     """Writes such a dictionary as JSON, one key a line."""
     lines = [f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in content.items()]

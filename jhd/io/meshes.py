@@ -6,6 +6,7 @@ left out. STL files name no vertices, so equal coordinates become one vertex.
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from jhd.files import replace_file
 from jhd.io.errors import ParseError, read_bytes, shown
 from jhd.io.ply import read_ply, write_ply
 from jhd.io.polygons import Polygons, coordinates_in, in_doubles, indices_in, merged, mesh_of
+from jhd.shapes.as_shape import taken_as
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 
 _STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -32,7 +34,7 @@ def load_mesh(file: str | Path) -> TriangleMesh:
     return mesh_of(file, _READERS[suffix](file, read_bytes(file)))
 
 
-def save_mesh(file: str | Path, mesh: TriangleMesh, *, text: bool = False) -> None:
+def save_mesh(file: str | Path, mesh: Any, *, text: bool = False) -> None:
     """Writes the mesh; the suffix names the kind: .obj, .stl, .ply or .off.
 
     What is read back is the same mesh to the last bit, except from STL files, which keep corners and no vertices, and
@@ -40,13 +42,14 @@ def save_mesh(file: str | Path, mesh: TriangleMesh, *, text: bool = False) -> No
 
     Args:
         file: the file; one that exists is replaced.
-        mesh: the mesh.
+        mesh: the mesh, or what jhd.as_shape takes for one.
         text: whether STL and PLY files are written as text in place of bytes; the others always are text.
 
     Raises:
         TypeError: not a mesh.
         ValueError: another suffix, or coordinates that are beyond the range of a binary STL file.
     """
+    mesh = taken_as("mesh", mesh)
     check_mesh("mesh", mesh)
     suffix = Path(file).suffix.lower()
     if suffix not in _WRITERS:

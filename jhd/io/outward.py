@@ -38,6 +38,8 @@ def to_scipy(shape: AbstractCurve | AbstractPatch, *, homogeneous: bool = False)
     """
     from scipy.interpolate import BSpline, NdBSpline
 
+    if not isinstance(shape, AbstractCurve | AbstractPatch):
+        raise TypeError(f"shape is a {type(shape).__name__}; SciPy's splines are curves and parametric surfaces.")
     if shape.weights is not None and not homogeneous:
         raise ValueError("the shape is rational, and SciPy's splines have no weights; homogeneous=True appends them.")
     points = np.asarray(shape.control_points, np.float64)

@@ -13,7 +13,9 @@ are written so that the same floats are read back.
 from pathlib import Path
 from typing import Any
 
-from jhd.io.described import DescribedKind, Kinds, built, described, load_described, save_described
+from jhd.io.described import DescribedKind, Kinds, built, check_suffix, described, load_described, save_described
+from jhd.io.iges import IGES_SUFFIXES
+from jhd.io.iges_writer import save_iges
 from jhd.shapes.bspline_surface import BSplineSurface
 from jhd.shapes.patch import AbstractPatch, BezierPatch, BezierPatches
 
@@ -51,12 +53,17 @@ def surface_from_dict(content: Any) -> AbstractPatch:
 
 
 def save_surface(file: str | Path, surface: AbstractPatch) -> None:
-    """Writes the surface as JSON, one key a line.
+    """Writes the surface; the suffix names the kind: .json, of one key a line, or .igs or .iges, see `save_iges`.
 
     Raises:
         TypeError: not a parametric surface of a type that files hold.
+        ValueError: another suffix.
     """
-    save_described(file, surface_to_dict(surface))
+    content = surface_to_dict(surface)
+    if check_suffix("surface", file, (".json", *IGES_SUFFIXES)) == ".json":
+        save_described(file, content)
+    else:
+        save_iges(file, surface)
 
 
 def load_surface(file: str | Path) -> AbstractPatch:

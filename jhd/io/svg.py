@@ -3,7 +3,7 @@
 Coordinates are those of the file: y points down, as in all of SVG, unless `y_up` asks for the mirror image.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -138,7 +138,7 @@ def write_svg(
             atol is None.
     """
     _check_atol(atol)
-    several = [curves] if isinstance(curves, AbstractCurve) else list(curves)
+    several = list(curves) if isinstance(curves, Iterable) else [curves]
     if not several:
         raise ValueError("curves is empty; needs at least one curve.")
     drawings = [_drawing(f"curves[{index}]", curve, y_up) for index, curve in enumerate(several)]

@@ -11,10 +11,12 @@ from jhd.plot.faces import add_faces, frame, rgb_of, shaded_shapes
 from jhd.plot.nets import quadrilaterals, quadrilaterals_of_patches
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.shapes.patch import AbstractPatch
+from jhd.slips import belongs
 
 _LINES = 257  # samples along each axis of the curve in which a plane cuts a surface
 
 
+@belongs(color="write colour=")
 def surface(
     shape: ImplicitSurface | AbstractPatch,
     ax: Any = None,
@@ -42,6 +44,7 @@ def surface(
     return surfaces((shape,), ax, colours=(colour,), labels=(label,), alpha=alpha, cells=cells)
 
 
+@belongs(color="write colours=, one for each", colour="write colours=, one for each", colors="write colours=")
 def surfaces(
     shapes: Sequence[ImplicitSurface | AbstractPatch],
     ax: Any = None,
@@ -68,7 +71,7 @@ def surfaces(
     for number, shape in enumerate(shapes):
         check_drawn(f"shapes[{number}]", shape)
     ax = axes_for(ax, 3)
-    nets = [_net(shape, cells) for shape in shapes]
+    nets = [net(shape, cells) for shape in shapes]
     shaded_shapes(ax, nets, colours, labels, alpha)
     frame(ax, [np.asarray(end) for shape in shapes for end in shape.box()])
     return ax
@@ -81,12 +84,14 @@ def check_drawn(name: str, shape: object) -> None:
         raise TypeError(f"{name} must be an ImplicitSurface or a parametric surface; got {got}.")
 
 
-def _net(shape: ImplicitSurface | AbstractPatch, cells: int) -> np.ndarray:
+def net(shape: ImplicitSurface | AbstractPatch, cells: int) -> np.ndarray:
+    """Quadrilaterals of a surface, polynomial or parametric (quadrilaterals, 4, 3)."""
     return (
         quadrilaterals(shape, cells) if isinstance(shape, ImplicitSurface) else quadrilaterals_of_patches(shape, cells)
     )
 
 
+@belongs(color="write colours=", colour="write colours=", colors="write colours=")
 def voxels(cells: Voxels, ax: Any = None, *, colours: Sequence[str] = (BLUE, VERMILLION), legend: bool = True) -> Any:
     """Space axes with the kept cells of a surface: those that are proven to hold a point of it, and the others.
 

@@ -8,7 +8,8 @@ import numpy as np
 from jhd.plot.axes import BLUE, ORANGE, axes_for
 from jhd.plot.faces import frame, shaded_shapes
 from jhd.shapes.as_shape import taken_as
-from jhd.shapes.mesh import check_mesh, places_of
+from jhd.shapes.mesh import TriangleMesh, check_mesh, places_of
+from jhd.slips import belongs
 
 # More triangles of all meshes together take many seconds to draw, and are smaller than a printed dot.
 _MOST = 20_000
@@ -16,6 +17,7 @@ _MOST = 20_000
 _CELLS, _COARSER = 256, 0.75
 
 
+@belongs(color="write colour=")
 def mesh(shape: Any, ax: Any = None, *, colour: str = BLUE, label: str | None = None, alpha: float = 1.0) -> Any:
     """Space axes with a triangle mesh; of one with very many triangles a coarser image.
 
@@ -33,6 +35,7 @@ def mesh(shape: Any, ax: Any = None, *, colour: str = BLUE, label: str | None = 
     return meshes((shape,), ax, colours=(colour,), labels=(label,), alpha=alpha)
 
 
+@belongs(color="write colours=, one for each", colour="write colours=, one for each", colors="write colours=")
 def meshes(
     shapes: Sequence[Any],
     ax: Any = None,
@@ -59,11 +62,15 @@ def meshes(
     for number, shape in enumerate(shapes):
         check_mesh(f"shapes[{number}]", shape)
     ax = axes_for(ax, 3)
-    corners = [_few(np.asarray(shape.corners), _MOST // len(shapes)) for shape in shapes]
-    # The last corner twice makes a quadrilateral of a triangle.
-    shaded_shapes(ax, [own[:, [0, 1, 2, 2]] for own in corners], colours, labels, alpha)
+    shaded_shapes(ax, [faces_of(shape, _MOST // len(shapes)) for shape in shapes], colours, labels, alpha)
     frame(ax, [np.asarray(end) for shape in shapes for end in shape.box()])
     return ax
+
+
+def faces_of(shape: TriangleMesh, most: int = _MOST // 2) -> np.ndarray:
+    """Its triangles, or where these are more a coarser image of it, as quadrilaterals (triangles, 4, 3)."""
+    # The last corner twice makes a quadrilateral of a triangle.
+    return _few(np.asarray(shape.corners), most)[:, [0, 1, 2, 2]]
 
 
 def _few(corners: np.ndarray, most: int) -> np.ndarray:

@@ -51,9 +51,14 @@ def neighbours(
         names: names of the shapes; by default their numbers.
 
     Raises:
-        TypeError: what is no shape.
+        TypeError: what is no shape, or a `found` that is not what jhd.nearest_shapes returned.
         ValueError: axes of another number.
     """
+    if not isinstance(found, Neighbours):
+        got = type(found).__name__
+        raise TypeError(
+            f"found is a {got}; needs what jhd.nearest_shapes returned: neighbours(queries, shapes, found)."
+        )
     chosen = list(range(min(len(queries), _ROWS)) if rows is None else rows)
     width = 1 + found.index.shape[1]
     dim = as_shape(queries[0]).dim

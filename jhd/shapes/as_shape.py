@@ -57,6 +57,12 @@ def check_several(name: str, shapes: object) -> None:
         raise TypeError(f"{name} must be a list of shapes; got one, a {type(shapes).__name__}.")
 
 
+def check_rows_first(entry: str, points: object) -> None:
+    """Raises TypeError where a shape stands in the place of the points that come before it."""
+    if isinstance(points, Shape):
+        raise TypeError(f"points is a {type(points).__name__}; {entry} takes an array of points first, then the shape.")
+
+
 def taken_as(name: str | None, value: Any) -> Any:
     """The shape that an object stands for, under the name that errors give it; an unknown object as it is."""
     # Every entry comes here before it computes.

@@ -16,6 +16,7 @@ from jhd.display import batch_text, box_text, count_text, described, is_known, o
 from jhd.shapes import sketches
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import affine_image
+from jhd.slips import takes
 
 
 class TriangleMesh(eqx.Module):
@@ -40,6 +41,7 @@ class TriangleMesh(eqx.Module):
     vertices: Float[Array, "vertices 3"]
     triangles: Int[Array, "triangles 3"]
 
+    @takes(2, "vertices and triangles; jhd.as_shape takes meshes of other packages and pairs (vertices, triangles)")
     def __init__(self, vertices: Numbers, triangles: Numbers):
         self.vertices = real_array("vertices", vertices)
         _check_rows("vertices", self.vertices.shape)
@@ -63,6 +65,34 @@ class TriangleMesh(eqx.Module):
             needed = "a TriangleMesh, or an object with vertices and faces (trimesh)"
             raise TypeError(f"mesh must be {needed}; got {type(mesh).__name__}.")
         return cls(np.asarray(vertices), np.asarray(faces))
+
+    def to_trimesh(self) -> Any:
+        """A trimesh.Trimesh of the same vertices and triangles, in their order.
+
+        Raises:
+            ImportError: trimesh is not installed.
+        """
+        try:
+            import trimesh
+        except ImportError as error:
+            raise ImportError("to_trimesh needs trimesh: pip install jhd[mesh].") from error
+
+        return trimesh.Trimesh(np.asarray(self.vertices), np.asarray(self.triangles), process=False)
+
+    def to_pyvista(self) -> Any:
+        """A pyvista.PolyData of the same vertices and triangles, in their order.
+
+        Raises:
+            ImportError: PyVista is not installed.
+        """
+        try:
+            import pyvista  # pyright: ignore[reportMissingImports]
+        except ImportError as error:
+            raise ImportError("to_pyvista needs PyVista: pip install jhd[pyvista].") from error
+
+        triangles = np.asarray(self.triangles)
+        faces = np.concatenate([np.full((len(triangles), 1), 3), triangles], axis=1)
+        return pyvista.PolyData(np.asarray(self.vertices), faces.ravel())
 
     def __repr__(self) -> str:
         if text := opaque(self):

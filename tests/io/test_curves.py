@@ -1,12 +1,14 @@
 """Curves as JSON: exact round trips, and messages that name the file and the key."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
 
 from jhd.io.curves import curve_from_dict, curve_to_dict, load_curve, save_curve
 from jhd.io.errors import ParseError
+from jhd.io.load import load_shape
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.bspline import BSplineCurve
 from jhd.shapes.curve import AbstractCurve, BezierSegments, circle, points, polyline
@@ -45,6 +47,21 @@ def test_what_is_saved_is_loaded_bit_for_bit(tmp_path, name):
         assert (ours is None) == (theirs is None)
         if ours is not None:
             np.testing.assert_array_equal(theirs, ours)
+
+
+def test_the_suffix_names_the_kind_of_file_that_is_written_and_read(tmp_path):
+    curve = BezierCurve(awkward(4, 2))
+    save_curve(tmp_path / "curve.SVG", curve)
+    assert (tmp_path / "curve.SVG").read_text(encoding="utf-8").startswith("<svg")
+    drawn: Any = load_curve(tmp_path / "curve.SVG"), load_shape(tmp_path / "curve.SVG")
+    for again in drawn:
+        np.testing.assert_array_equal(again.segments().control_points[0], curve.control_points)
+    save_curve(tmp_path / "curve.igs", curve)
+    found: Any = load_shape(tmp_path / "curve.igs")
+    np.testing.assert_array_equal(found.control_points[:, :2], curve.control_points)
+    with pytest.raises(ValueError, match=r"the suffix of .* is '.obj'; a curve is written as .json, .svg, .igs, .iges"):
+        save_curve(tmp_path / "curve.obj", curve)
+    assert not (tmp_path / "curve.obj").exists()
 
 
 def test_files_are_readable_json_with_one_key_a_line(tmp_path):

@@ -49,6 +49,14 @@ def test_a_file_can_be_named_by_text_and_replaces_one_that_exists(tmp_path):
     assert load_mesh(str(file)).count == 4
 
 
+def test_meshes_of_other_packages_are_written_too(tmp_path):
+    for name, mesh in {"a.ply": TriangleMesh(CORNER, TETRAHEDRON).to_trimesh(), "b.ply": (CORNER, TETRAHEDRON)}.items():
+        save_mesh(tmp_path / name, mesh)
+        again = load_mesh(tmp_path / name)
+        np.testing.assert_array_equal(again.vertices, CORNER)
+        np.testing.assert_array_equal(again.triangles, TETRAHEDRON)
+
+
 def test_polygons_become_fans():
     assert fans(np.arange(9), np.array([4, 5])).tolist() == [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7], [4, 7, 8]]
 

@@ -31,6 +31,15 @@ SURFACES = {
 }
 
 
+def test_the_suffix_names_the_kind_of_file_that_is_written(tmp_path):
+    surface = BezierPatch([[[0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 2.5]]])
+    save_surface(tmp_path / "a.iges", surface)
+    found: Any = jhd.io.load_shape(tmp_path / "a.iges")
+    np.testing.assert_array_equal(found.control_points, surface.control_points)
+    with pytest.raises(ValueError, match=r"is '.ply'; a surface is written as .json, .igs, .iges"):
+        save_surface(tmp_path / "a.ply", surface)
+
+
 @pytest.mark.parametrize("name", SURFACES)
 def test_what_is_saved_is_loaded_bit_for_bit(tmp_path, name):
     surface = SURFACES[name]
