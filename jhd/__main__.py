@@ -98,9 +98,13 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(argv: list[str]) -> int:
     try:
-        options = _parser().parse_args([_option_or_word(word) for word in argv])
+        options, unknown = _parser().parse_known_args([_option_or_word(word) for word in _box_as_one(argv)])
     except SystemExit:  # argparse's way out of --help and --version; of errors it is ours
         return 0
+    if unknown:
+        command = "jhd" if options.command == "demo" else f"jhd {options.command}"
+        names = " ".join(_as_given(word) for word in unknown)
+        raise ValueError(f"{command} does not know: {names} (see {command} --help)")
     _switch_cache_on()
     # Imported here, because fonts, readers and pictures would double the time of --help.
     from jhd import commands
@@ -111,6 +115,32 @@ def _run(argv: list[str]) -> int:
 def _bad_input(message: str) -> int:
     print("jhd: error:", " ".join(message.split()), file=sys.stderr)
     return 2
+
+
+def _box_as_one(argv: list[str]) -> list[str]:
+    """The numbers behind --box as one word, so that shapes may follow them."""
+    if "--box" not in argv:
+        return argv
+    start = argv.index("--box") + 1
+    stop = start
+    while stop < len(argv) and _is_number(argv[stop]):
+        stop += 1
+    return [*argv[:start], *([" ".join(argv[start:stop])] if stop > start else []), *argv[stop:]]
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(text: str) -> list[float]:
+    """The numbers of a text, apart by spaces; the name is in what argparse says of others."""
+    if not all(_is_number(word) for word in text.split()):
+        raise argparse.ArgumentTypeError(f"needs numbers, as in --box -2 2; got {text.strip()!r}")
+    return [float(word) for word in text.split()]
 
 
 def _option_or_word(word: str) -> str:
@@ -152,6 +182,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_shapes(minimum)
     minimum.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=_ATOL_HELP)
     minimum.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
+    minimum.add_argument("--plot", metavar="FILE", help="draw both and the nearest points")
     minimum.add_argument("--certificate", metavar="FILE", help="write what proves the bounds, for jhd verify")
     minimum.set_defaults(command="minimum")
 
@@ -177,7 +208,7 @@ def _parser() -> argparse.ArgumentParser:
     project = commands.add_parser("project", help="the nearest point of a shape of any kind to points")
     project.add_argument("shape", metavar="SHAPE", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
     project.add_argument("coordinates", metavar="X", nargs="*", type=float, help="the point: X Y or X Y Z")
-    project.add_argument("--box", type=float, nargs="+", metavar="X", help=_BOX_HELP)
+    project.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
     project.add_argument("--points", metavar="FILE", help="points in rows instead; without X or with -, standard input")
     project.add_argument("--method", metavar="NAME", help=_METHOD_HELP)
     project.set_defaults(command="project")
@@ -207,7 +238,7 @@ def _parser() -> argparse.ArgumentParser:
 def _add_shapes(parser: Any, other: str = "the other one") -> None:
     parser.add_argument("a", metavar="A", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
     parser.add_argument("b", metavar="B", type=_as_given, help=other)
-    parser.add_argument("--box", type=float, nargs="+", metavar="X", help=_BOX_HELP)
+    parser.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
 
 
 def _add_deviation(commands: Any) -> None:

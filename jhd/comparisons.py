@@ -39,6 +39,7 @@ from jhd.report import (
     deviation_text,
     directions_text,
     interrupted,
+    minimum_picture,
     minimum_text,
     names_of,
     picture,
@@ -153,10 +154,13 @@ def minimum(options: Namespace) -> int:
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
     atol = None if options.atol is None else options.atol.of(a, b)
+    if options.plot:
+        check_picture_file(options.plot)
     check_writable(options.certificate)
     if options.threshold is not None:
-        if options.certificate:
-            raise ValueError("--certificate: with --threshold the nearest points are not known; leave it out.")
+        if options.certificate or options.plot:
+            name = "--certificate" if options.certificate else "--plot"
+            raise ValueError(f"{name}: with --threshold the nearest points are not known; leave it out.")
         limit, method = _limit(options, a, b), jhd.BranchAndBound(atol=atol)
         with busy("computing; a first run compiles") as show:
             decided, seconds = timed(lambda: jhd.minimum_at_most(a, b, limit, method, progress=show))
@@ -164,6 +168,9 @@ def minimum(options: Namespace) -> int:
     with busy("computing; a first run compiles") as show:
         found, seconds = timed(lambda: jhd.minimum_distance(a, b, atol=atol, throw=False, progress=show))
     stopped = interrupted(found)
+    if options.plot and not stopped:
+        with busy("drawing"):
+            minimum_picture(options.plot, a, b, found)
     written = bool(options.certificate) and not stopped and _certified(options.certificate, a, b, found)
     status = 1 if options.certificate and not (written or stopped) else exit_status(found)
     if options.json:
@@ -172,8 +179,7 @@ def minimum(options: Namespace) -> int:
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     print(minimum_text(found, size), end="\n\n")
     _print_run(seconds, size)
-    if written:
-        print(f"proof      {Path(options.certificate).resolve()}")
+    print_files(picture=None if stopped else options.plot, proof=options.certificate if written else None)
     return status
 
 

@@ -283,6 +283,17 @@ def space_picture(file: str, a: Any, b: Any, solution: HausdorffSolution) -> Non
     save_figure(file, figure)
 
 
+def minimum_picture(file: str, a: Any, b: Any, found: MinimumSolution) -> None:
+    """Writes two shapes with their nearest points."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_SPACE_SIZE, layout=None if a.dim == 3 else "constrained")
+    # No layout engine sees the labels of space axes.
+    ax = figure.add_axes((0.02, 0.08, 0.88, 0.82), projection="3d") if a.dim == 3 else figure.add_subplot()
+    plot.solution(a, b, found, ax, control_polygon=False)
+    save_figure(file, figure)
+
+
 def deviation_picture(file: str, found: Any) -> None:
     """Writes the shape in the colours of its distance, with a histogram."""
     _save_and_close(file, plot.deviation(found).figure)

@@ -390,6 +390,12 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
         (["distance", SPHERES[0], "x**2 + sin(y)", "--box", "-2", "2"], "B: column 8: found 'sin'"),
         (["distance", *SPHERES[:3], "-2e400", "2"], "not finite"),
         (["distance", *SPHERES, "--method", "TwoStep"], "got TwoStep"),
+        (["distance", *SPHERES[2:], *SPHERES[:2], "--method", "TwoStep"], "got TwoStep"),
+        (["distance", "--box", *SPHERES[:2]], "--box: needs numbers, as in --box -2 2; got 'x**2 + y^2 + z**2 - 1'"),
+        (["distance", BASE, DIAGONAL, "--frob", "3"], "jhd distance does not know: --frob 3 (see jhd distance --help)"),
+        (["--frob"], "jhd does not know: --frob (see jhd --help)"),
+        (["minimum", BASE, DIAGONAL, "--plot", "a.xyz"], "a.xyz: the suffix is '.xyz'; pictures are stored as "),
+        (["minimum", BASE, DIAGONAL, "--plot", "a.png", "--threshold", "1"], "--plot: with --threshold the nearest"),
         (["project", BASE, "1"], "a point has 1 coordinates; the curve has 2"),
         (["project", BASE, "1", "2", "3"], "a point has 3 coordinates; the curve has 2"),
         (["project", BASE, "1", "nan"], "not finite"),
@@ -470,6 +476,8 @@ def test_the_minimum_distance_is_printed_with_its_bounds_and_points(run):
     status, out, err = run("minimum", BASE, "M1 2 L5 3")
     assert (status, err) == (0, "")
     assert "minimum distance\n  value    2.0\n" in out and "point    B at (1, 2)" in out
+    status, out, _ = run("minimum", BASE, "M1 2 L5 3", "--plot", "nearest.svg")
+    assert status == 0 and "nearest.svg" in out and 'id="joining_lines"' in Path("nearest.svg").read_text()
     status, out, _ = run("minimum", BASE, "M1 2 L5 3", "--json")
     stored = json.loads(out)
     assert status == 0 and stored["type"] == "MinimumSolution"

@@ -257,7 +257,7 @@ def test_surfaces_are_one_artist_with_a_key_each():
     with pytest.raises(ValueError, match="projection='3d'"):
         plot.surface(BALL, axes())
     with pytest.raises(TypeError, match="must be an ImplicitSurface or a parametric surface; got BezierSegments"):
-        plot.solution(BALL, SPACE, TOP, axes(3))
+        plot.surfaces((BALL, SPACE), axes(3))  # pyright: ignore[reportArgumentType]
 
 
 def test_parametric_surfaces_are_drawn_beside_polynomial_ones():
@@ -275,7 +275,7 @@ def test_parametric_surfaces_are_drawn_beside_polynomial_ones():
     two = jhd.BezierPatches(np.stack([flat, flat + [2, 0, 0]]))
     assert len(quadrilaterals_of_patches(two, 8)) == 2 * 36
     assert plot.surface(patch, axes(3)) is not None
-    with pytest.raises(TypeError, match="solution must be a HausdorffSolution; got tuple|^Type-check error"):
+    with pytest.raises(TypeError, match="solution must be a Hausdorff.* or Minimum.*; got tuple|^Type-check error"):
         plot.solution(patch, BALL, (), axes(3))  # pyright: ignore[reportArgumentType]
 
 
@@ -335,10 +335,35 @@ def test_meshes_are_faces_with_the_witness_of_their_distance():
     assert len(faces.get_facecolor()) == 2 * CUBE.count
     assert {"witness", "feet"} <= {line.get_gid() for line in ax.lines}
     assert plot.mesh(CUBE, axes(3), label="cube") is not None
-    with pytest.raises(TypeError, match="a must be an ImplicitSurface"):
-        plot.solution(CUBE, BALL, jhd.hausdorff(CUBE, moved), axes(3))
     with pytest.raises(TypeError, match="TriangleMesh"):
         plot.mesh(BALL, axes(3))  # pyright: ignore[reportArgumentType]
+
+
+SQUARE = jhd.polyline([(0.0, 0.0, 3.0), (1.0, 0.0, 3.0), (1.0, 1.0, 3.0)])
+# Shapes, two points of them that are nearest, and how many faces are drawn.
+NEAREST = {
+    "plane": (jhd.polyline([(0.0, 0.0), (2.0, 0.0)]), jhd.circle((1.0, 3.0), 1.0), (1.0, 0.0), (1.0, 2.0), 0),
+    "space": (SQUARE, jhd.points([(0.0, 0.0, 5.0)]), (0.0, 0.0, 3.0), (0.0, 0.0, 5.0), 0),
+    "mesh and curve": (CUBE, SQUARE, (1.0, 1.0, 1.0), (1.0, 1.0, 3.0), CUBE.count),
+    "surface and mesh": (BALL, CUBE, (0.0, 0.0, -1.0), (0.0, 0.0, 1.0), CUBE.count + len(quadrilaterals(BALL, 48))),
+}
+
+
+@pytest.mark.parametrize("name", NEAREST)
+def test_a_minimum_distance_shows_both_nearest_points_their_line_and_the_distance_proven(name):
+    a, b, first, second, faces = NEAREST[name]
+    length = np.linalg.norm(np.subtract(second, first))
+    value, *points = (jnp.asarray(x) for x in (length, first, second))
+    found = jhd.MinimumSolution(value, value, value, points[0], points[1], jhd.RESULTS.successful, {})
+    ax = plot.solution(a, b, found, axes(len(first)))
+    np.testing.assert_array_equal(data(ax, "witness"), [first])
+    np.testing.assert_array_equal(data(ax, "feet"), [second])
+    np.testing.assert_array_equal(data(ax, "joining_lines")[:2], [first, second])
+    assert "empty_circle" not in {line.get_gid() for line in ax.lines}
+    drawn = [len(artist.get_facecolor()) for artist in ax.collections if artist.get_gid() == "surface"]
+    assert drawn == ([faces] if faces else [])
+    named = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert set(named) == {"A", "B", "nearest points", "$d$ = 2"}
 
 
 def test_a_mesh_of_very_many_triangles_is_drawn_coarser():

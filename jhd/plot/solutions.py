@@ -6,19 +6,32 @@ from typing import Any
 
 import numpy as np
 
-from jhd.plot.axes import GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
-from jhd.plot.curves import check_pair, curve
-from jhd.plot.implicit import check_drawn, surfaces
-from jhd.plot.meshes import meshes
-from jhd.shapes.as_shape import taken_as
-from jhd.shapes.implicit import ImplicitSurface
-from jhd.shapes.mesh import TriangleMesh, check_mesh
-from jhd.shapes.patch import AbstractPatch
-from jhd.solution import HausdorffSolution
+from jhd.plot.axes import BLUE, GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
+from jhd.plot.curves import curve
+from jhd.plot.faces import frame, shaded_shapes
+from jhd.plot.implicit import net
+from jhd.plot.meshes import faces_of
+from jhd.shapes.as_shape import as_shape
+from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.mesh import TriangleMesh
+from jhd.solution import HausdorffSolution, MinimumSolution
+
+_COLOURS = BLUE, ORANGE
+_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.2)))
+# Opacity of surfaces and meshes, behind which the other shape may lie; cells that a surface is drawn from.
+_ALPHA, _CELLS = 0.6, 48
 
 
-def witness(solution: HausdorffSolution, ax: Any = None, *, distance: bool = True, empty_circle: bool = True) -> Any:
+def witness(
+    solution: HausdorffSolution | MinimumSolution,
+    ax: Any = None,
+    *,
+    distance: bool = True,
+    empty_circle: bool = True,
+) -> Any:
     """Axes with the witness point, its feet, the lines that join them, and the distance in writing.
+
+    Of a minimum distance these are the two nearest points and the line between them.
 
     Args:
         solution: one solution, not a batch.
@@ -26,26 +39,28 @@ def witness(solution: HausdorffSolution, ax: Any = None, *, distance: bool = Tru
         distance: whether the distance is also written beside the line to the first foot. It labels the joining lines
             in any case: `d = ` where the bounds agree in the digits shown, otherwise the inequality that is proven.
         empty_circle: whether, in the plane, the circle about the witness through its feet is drawn: the other curve
-            does not enter it.
+            does not enter it; not of a minimum distance.
 
     Raises:
         ValueError: a batch of solutions, or a witness in space on plane axes.
     """
     if np.ndim(solution.value) > 0:
         raise ValueError(f"solution is a batch of shape {np.shape(solution.value)}; draw one at a time.")
-    point = np.asarray(solution.witness.point)
-    feet = _distinct(np.asarray(solution.witness.feet))
+    nearest = isinstance(solution, MinimumSolution)
+    point, feet = _ends(solution)
     dim = point.shape[-1]
     ax = axes_for(ax, dim)
     spokes = np.concatenate([[point, foot, np.full(dim, np.nan)] for foot in feet])
-    if empty_circle and dim == 2:
+    if empty_circle and dim == 2 and not nearest:
         turn = np.linspace(0.0, 2 * np.pi, 181)
         circle = point + np.linalg.norm(feet[0] - point) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
         draw(ax, circle, "empty_circle", color=GREY, linewidth=0.6, linestyle=":", zorder=3)
     marks: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "markeredgewidth": 0.8}
-    draw(ax, point[None], "witness", marker="o", markersize=5.5, color=VERMILLION, label="witness", zorder=6, **marks)
-    name = "foot" if len(feet) == 1 else "feet"
-    draw(ax, feet, "feet", marker="s", markersize=4.5, markerfacecolor="white", label=name, zorder=5, **marks)
+    dot: dict[str, Any] = {"marker": "o", "markersize": 5.5, "color": VERMILLION, "zorder": 6} | marks
+    draw(ax, point[None], "witness", label="nearest points" if nearest else "witness", **dot)
+    square: dict[str, Any] = {"marker": "s", "markersize": 4.5, "markerfacecolor": "white", "zorder": 5} | marks
+    name = None if nearest else "foot" if len(feet) == 1 else "feet"
+    draw(ax, feet, "feet", label=name, **(dot if nearest else square))
     draw(ax, spokes, "joining_lines", color="black", linewidth=1.0, label=distance_text(solution), zorder=4)
     if distance:
         _write_distance(ax, solution, point, feet)
@@ -56,7 +71,7 @@ def witness(solution: HausdorffSolution, ax: Any = None, *, distance: bool = Tru
 def solution(
     a: Any,
     b: Any,
-    solution: HausdorffSolution,
+    solution: HausdorffSolution | MinimumSolution,
     ax: Any = None,
     *,
     labels: Sequence[str] = ("A", "B"),
@@ -67,9 +82,8 @@ def solution(
 
     Args:
         a: the first shape, blue; a curve is solid, a surface or mesh in one colour, to see through.
-        b: the second shape, orange, a curve dashed; of the same kind, where points count as curves, so that they are
-            not drawn beside a surface or mesh, and polynomial and parametric surfaces are of one kind.
-        solution: their distance.
+        b: the second shape, orange, a curve dashed; of the same dimension.
+        solution: their distance, the Hausdorff distance or the minimum one.
         ax: axes to draw on, three-dimensional ones for shapes in space; None makes a figure.
         labels: the names of the shapes in the legend.
         control_polygon: whether the control polygons of curves are drawn.
@@ -77,28 +91,40 @@ def solution(
             written beside the joining line.
 
     Raises:
-        TypeError: shapes of two kinds, or something else.
-        ValueError: curves of different dimensions, a batch of solutions, or shapes in space on plane axes.
+        TypeError: what is no shape, or no such solution.
+        ValueError: shapes of different dimensions, a batch of solutions, or shapes in space on plane axes.
     """
-    pair: Any = (taken_as("a", a), taken_as("b", b))
-    if not isinstance(solution, HausdorffSolution):
-        raise TypeError(f"solution must be a HausdorffSolution; got {type(solution).__name__}.")
-    if any(isinstance(shape, ImplicitSurface | AbstractPatch) for shape in pair):
-        check_drawn("a", pair[0])
-        check_drawn("b", pair[1])
-        ax = surfaces(pair, ax, labels=labels)
-    elif any(isinstance(shape, TriangleMesh) for shape in pair):
-        check_mesh("a", pair[0])
-        check_mesh("b", pair[1])
-        ax = meshes(pair, ax, labels=labels)
-    else:
-        check_pair(*pair)
-        ax = curve(pair[0], ax, label=labels[0], control_polygon=control_polygon)
-        curve(pair[1], ax, colour=ORANGE, linestyle=(0, (4, 1.2)), label=labels[1], control_polygon=control_polygon)
+    a, b = as_shape(a), as_shape(b)
+    if not isinstance(solution, HausdorffSolution | MinimumSolution):
+        raise TypeError(f"solution must be a HausdorffSolution or MinimumSolution; got {type(solution).__name__}.")
+    if a.dim != b.dim:
+        raise ValueError(f"a has {a.dim} coordinates; b has {b.dim}.")
+    ax = axes_for(ax, a.dim)
+    drawn = list(zip((a, b), _COLOURS, _DASHES, labels, strict=True))
+    # All faces are drawn as one, so that those in front hide others.
+    faced = [(_faces(shape), colour, name) for shape, colour, _, name in drawn if not isinstance(shape, AbstractCurve)]
+    if faced:
+        faces, colours, names = zip(*faced, strict=True)
+        shaded_shapes(ax, faces, colours, names, _ALPHA)
+        frame(ax, [np.asarray(end) for shape in (a, b) for end in shape.box()])
+    for shape, colour, dashes, name in drawn:
+        if isinstance(shape, AbstractCurve):
+            curve(shape, ax, colour=colour, linestyle=dashes, label=name, control_polygon=control_polygon)
     witness(solution, ax, distance=not legend)
     if legend:
-        legend_above(ax, 3, handlelength=2.2)
+        legend_above(ax, 2 if isinstance(solution, MinimumSolution) else 3, handlelength=2.2)
     return ax
+
+
+def _faces(shape: Any) -> np.ndarray:
+    return faces_of(shape) if isinstance(shape, TriangleMesh) else net(shape, _CELLS)
+
+
+def _ends(solution: HausdorffSolution | MinimumSolution) -> tuple[np.ndarray, np.ndarray]:
+    """The point that the distance is taken from, and those that it is taken to."""
+    if isinstance(solution, MinimumSolution):
+        return np.asarray(solution.point_a), np.asarray(solution.point_b)[None]
+    return np.asarray(solution.witness.point), _distinct(np.asarray(solution.witness.feet))
 
 
 def _distinct(feet: np.ndarray) -> np.ndarray:
@@ -106,7 +132,7 @@ def _distinct(feet: np.ndarray) -> np.ndarray:
     return np.stack([foot for k, foot in enumerate(feet) if not (feet[:k] == foot).all(axis=-1).any()])
 
 
-def distance_text(solution: HausdorffSolution) -> str:
+def distance_text(solution: HausdorffSolution | MinimumSolution) -> str:
     """The distance to four digits; as the inequality that is proven where the bounds do not agree in them."""
     return bounds_text(float(solution.lower), float(solution.upper))
 
@@ -122,7 +148,9 @@ def bounds_text(lower: float, upper: float) -> str:
     return f"{below} ≤ $d$ ≤ {above}"
 
 
-def _write_distance(ax: Any, solution: HausdorffSolution, point: np.ndarray, feet: np.ndarray) -> None:
+def _write_distance(
+    ax: Any, solution: HausdorffSolution | MinimumSolution, point: np.ndarray, feet: np.ndarray
+) -> None:
     """Writes the distance beside the first joining line, on the side that holds no other foot."""
     from matplotlib.patheffects import withStroke
 
