@@ -1,6 +1,9 @@
 """jhd: Hausdorff distances with a proof and with a gradient."""
 
 import os as _os
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
 
 # First, because all that follows takes time, in which interrupts come.
 from jhd import starting as _starting  # noqa: F401
@@ -116,6 +119,9 @@ from jhd.solution import (  # noqa: E402
 )
 from jhd.triangles import PreparedMesh, prepared  # noqa: E402
 
+if _TYPE_CHECKING:
+    from jhd import io as io
+
 __version__ = "0.1.0"
 
 __all__ = [
@@ -218,3 +224,10 @@ __all__ = [
     "verify",
     "voxelise",
 ]
+
+
+def __getattr__(name: str) -> _Any:
+    """jhd.io, imported when it is first asked for: its readers of files and fonts would double the time of all."""
+    if name == "io":
+        return _import_module("jhd.io")
+    raise AttributeError(f"module 'jhd' has no attribute {name!r}")

@@ -193,14 +193,19 @@ def test_the_init_file_of_a_folder_holds_names_and_a_docstring(path):
         assert exported, f"line {node.lineno}: {ast.unparse(node)[:60]}"
 
 
-def test_the_init_file_of_the_package_holds_names_the_version_and_the_switch_to_float64():
+def test_the_init_file_of_the_package_holds_names_the_version_the_switch_to_float64_and_what_is_imported_later():
     docstring, *body = tree(PACKAGE / "__init__.py").body
     assert isinstance(docstring, ast.Expr)
     others = [node for node in body if not isinstance(node, ast.Import | ast.ImportFrom)]
-    switches = [node for node in others if isinstance(node, ast.If)]
+    switches, known = (
+        [node for node in others if isinstance(node, ast.If)],
+        "if _TYPE_CHECKING:\n    from jhd import io as io",
+    )
+    later = [node.name for node in others if isinstance(node, ast.FunctionDef)]
     names = [ast.unparse(node.targets[0]) for node in others if isinstance(node, ast.Assign)]
-    assert len(switches) == 1 and "jax_enable_x64" in ast.unparse(switches[0])
-    assert set(names) <= {"__version__", "__all__"} and len(names) + 1 == len(others)
+    assert len(switches) == 2 and "jax_enable_x64" in ast.unparse(switches[0]) and ast.unparse(switches[1]) == known
+    assert later == ["__getattr__"]
+    assert set(names) <= {"__version__", "__all__"} and len(names) + 3 == len(others)
 
 
 def test_every_function_and_class_that_has_no_leading_underscore_has_a_docstring():

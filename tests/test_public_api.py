@@ -161,6 +161,11 @@ def test_importing_is_light():
     assert in_process(code) == "[]"
 
 
+def test_files_are_read_without_a_second_import_and_their_readers_are_loaded_then():
+    told = "hasattr(jhd, 'nothing'), 'jhd.io' in sys.modules, callable(jhd.io.load_shape), 'jhd.io' in sys.modules"
+    assert in_process(f"import jhd, sys; print({told})") == "False False True True"
+
+
 @pytest.mark.parametrize("value", [None, "1"])
 def test_importing_switches_float64_on(value):
     environment = {} if value is None else {"JAX_ENABLE_X64": value}
