@@ -7,6 +7,7 @@ leaves have leading axes.
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal, localcontext
 from typing import Any
 
 import equinox as eqx
@@ -105,11 +106,22 @@ class AbstractDistance(AbstractSolution):
     """A distance with what is proven of it."""
 
     value: eqx.AbstractVar[Array]
+    lower: eqx.AbstractVar[Array]
+    upper: eqx.AbstractVar[Array]
 
     def __float__(self) -> float:
         if is_traced(self.value):
             raise TypeError("the distance is traced: it has no number before the program runs; take its `value` here.")
         return float(self.value)
+
+    def __format__(self, spec: str) -> str:
+        """Both bounds in a format of numbers, the lower one rounded down and the upper one up; without one the repr."""
+        if not spec:
+            return str(self)
+        if is_traced(self.value) or np.ndim(self.value):
+            raise TypeError("a format of numbers is for the bounds of one distance; these are traced, or a batch.")
+        ends = zip((self.lower, self.upper), (ROUND_FLOOR, ROUND_CEILING), strict=True)
+        return f"[{', '.join(_rounded(float(end), spec, way) for end, way in ends)}]"
 
     def to_json(self, **options: Any) -> str:
         """The solution as JSON text: bounds that are not proven are null, enumerations are names.
@@ -120,13 +132,19 @@ class AbstractDistance(AbstractSolution):
         return json.dumps(to_plain(self), **options)
 
 
+def _rounded(number: float, spec: str, way: str) -> str:
+    with localcontext() as context:
+        context.rounding = way
+        return format(Decimal(number), spec)
+
+
 class HausdorffSolution(AbstractDistance):
     """A Hausdorff distance with its bounds: lower <= exact <= upper.
 
     `value` is what to differentiate. upper is inf where the method proves no upper bound, lower 0 where it proves no
     lower one. `stats` counts work (never seconds). `directed` says whether it is the distance from a to b alone; where
     it is the larger of both directed ones, `directions` holds these, from a to b and from b to a.
-    `float(solution)` is the value.
+    `float(solution)` is the value, `f"{solution:.3f}"` both bounds, rounded outward.
     """
 
     value: Float[Array, "*batch"]

@@ -212,6 +212,15 @@ def test_json_holds_every_field_and_null_for_what_is_not_proven():
     }
 
 
+def test_a_format_of_numbers_is_that_of_both_bounds_rounded_outward():
+    solution = eqx.tree_at(lambda s: (s.lower, s.upper), a_solution(), (jnp.asarray(1.2349), jnp.asarray(1.2351)))
+    assert f"{solution:.3f}" == "[1.234, 1.236]" and f"{solution:>8.1e}" == "[  1.2e+0,   1.3e+0]"
+    assert f"{eqx.tree_at(lambda s: s.upper, solution, jnp.asarray(jnp.inf)):.2f}" == "[1.23, Infinity]"
+    assert f"{solution}" == repr(solution)
+    with pytest.raises(TypeError, match="one distance"):
+        f"{jax.tree_util.tree_map(lambda x: x[None], solution):.3f}"
+
+
 def test_json_takes_the_options_of_json_dumps():
     assert a_solution().to_json(indent=2).startswith('{\n  "value": 2.0')
 
