@@ -78,12 +78,13 @@ def snapped(
     points: IsolatedPoints, places: Float[Array, "3 places"], starts: Float[Array, "3 places"]
 ) -> Float[Array, "3 places"]:
     """The places, for those that started in a cube, or ended in one, the point that is there."""
-    for where in (starts, places):
-        for k in range(_KEPT):
-            centre = jnp.asarray(points.centre)[k][:, None]
-            inside = jnp.max(jnp.abs(where - centre), axis=0) < jnp.asarray(points.half)[k]
-            places = jnp.where(inside & jnp.asarray(points.there)[k], centre, places)
-    return places
+    centre, half, there = (jnp.asarray(x)[::-1] for x in (points.centre, points.half, points.there))
+    # One question for all cubes and both: a program is as long to compile as it has parts.
+    where = jnp.stack([places, starts])
+    far = jnp.max(jnp.abs(where[:, None] - centre[..., None]), axis=2)
+    inside = ((far < half[:, None]) & there[:, None]).reshape(-1, places.shape[1])
+    first = jnp.argmax(inside, axis=0)
+    return jnp.where(jnp.any(inside, axis=0), centre[first % _KEPT].T, places)
 
 
 def on_isolated(points: IsolatedPoints, places: Float[Array, "3 places"]) -> Bool[Array, " places"]:

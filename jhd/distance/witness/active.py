@@ -62,10 +62,6 @@ def active(a: Piece, first: Piece, second: Piece, y: Array, event: Any, multipli
     return Active(a, first, second, stay, two)
 
 
-def _cross(x: Array, y: Array) -> Array:
-    return x[0] * y[1] - x[1] * y[0]
-
-
 class _Jets(NamedTuple):
     """Jets of a and of both feet."""
 
@@ -75,36 +71,59 @@ class _Jets(NamedTuple):
 
 
 def _jets(y: Array, pieces: Pieces) -> _Jets:
-    return _Jets(*(jet(*piece, s) for piece, s in zip(pieces, (y[0], y[1], y[2]), strict=True)))
+    feet = jax.tree_util.tree_map(lambda *x: jnp.stack(x), *pieces[1:])
+    both = jax.vmap(lambda piece, s: jet(*piece, s))(feet, y[1:])
+    return _Jets(jet(*pieces[0], y[0]), *(CurveJet(*(x[k] for x in both)) for k in (0, 1)))
+
+
+class _Products(NamedTuple):
+    """Scalar products (10, 10) of c, e, c + e, c - e and the derivatives at a and both feet; crossed in the plane."""
+
+    dot: Array
+    crossed: Array | None
+
+    @classmethod
+    def of(cls, jets: _Jets) -> "_Products":
+        """All at once: a program is as long to compile as it has parts, and each sum is one."""
+        a, b, d = jets
+        c, e = a.point - b.point, a.point - d.point
+        # c - e without rounding c and e.
+        rows = jnp.stack([c, e, c + e, d.point - b.point, a.first, a.second, b.first, b.second, d.first, d.second])
+        # A sum keeps the batch axis of vmap in front, where a matrix product may move it.
+        dot = jnp.sum(rows[:, None] * rows, axis=-1)
+        crossed = rows[:, None, 0] * rows[:, 1] - rows[:, None, 1] * rows[:, 0] if c.shape[0] == 2 else None
+        return cls(dot, crossed)
+
+
+# The rows of the products.
+_C, _E, _SUM, _APART, _A1, _A2, _B1, _B2, _D1, _D2 = range(10)
 
 
 def _equations(jets: _Jets, system: Active) -> Array:
     """G without the equations of the parameters that are held."""
-    a, b, d = jets
-    c, e = a.point - b.point, a.point - d.point
-    stationary = c @ a.first
-    if a.point.shape[0] == 2:
-        stationary = jnp.where(system.held[1], stationary, _cross(b.first, a.first))
-    # (c + e).(c - e) with c - e = d - b: the difference of the squares without cancellation.
-    return jnp.stack([jnp.where(system.two, (c + e) @ (d.point - b.point), stationary), c @ b.first, e @ d.first])
+    dot, crossed = _Products.of(jets)
+    stationary = dot[_C, _A1]
+    if crossed is not None:
+        stationary = jnp.where(system.held[1], stationary, crossed[_B1, _A1])
+    # (c + e).(c - e): the difference of the squares without cancellation.
+    return jnp.stack([jnp.where(system.two, dot[_SUM, _APART], stationary), dot[_C, _B1], dot[_E, _D1]])
 
 
 def _jacobian(jets: _Jets, system: Active) -> Array:
     """Rows of dG/dy; those of the parameters that are held are unit vectors."""
-    a, b, d = jets
-    c, e = a.point - b.point, a.point - d.point
-    zero = jnp.zeros((), c.dtype)
-    along = jnp.stack([a.first @ a.first + c @ a.second, -(b.first @ a.first), zero])
-    if a.point.shape[0] == 2:
-        normal = jnp.stack([_cross(b.first, a.second), _cross(b.second, a.first), zero])
+    dot, crossed = _Products.of(jets)
+    zero = jnp.zeros((), dot.dtype)
+    along = jnp.stack([dot[_A1, _A1] + dot[_C, _A2], -dot[_B1, _A1], zero])
+    if crossed is not None:
+        normal = jnp.stack([crossed[_B1, _A2], crossed[_B2, _A1], zero])
         along = jnp.where(system.held[1], along, normal)
-    equal = 2 * jnp.stack([a.first @ (d.point - b.point), -(c @ b.first), e @ d.first])
+    equal = 2 * jnp.stack([dot[_A1, _APART], -dot[_C, _B1], dot[_E, _D1]])
     rows = [
         jnp.where(system.two, equal, along),
-        jnp.stack([a.first @ b.first, c @ b.second - b.first @ b.first, zero]),
-        jnp.stack([a.first @ d.first, zero, e @ d.second - d.first @ d.first]),
+        jnp.stack([dot[_A1, _B1], dot[_C, _B2] - dot[_B1, _B1], zero]),
+        jnp.stack([dot[_A1, _D1], zero, dot[_E, _D2] - dot[_D1, _D1]]),
     ]
-    return jnp.where(system.held[:, None], jnp.eye(3, dtype=c.dtype), jnp.stack(rows))
+    return jnp.where(system.held[:, None], jnp.eye(3, dtype=dot.dtype), jnp.stack(rows))
 
 
 def _solve(rows: Array, right: Array) -> Array:
@@ -144,7 +163,8 @@ def solution(start: Array, pieces: Pieces, held: Array, two: Array) -> Array:
 @jax.custom_jvp
 def _solution(start: tuple, pieces: Pieces, held: Array, two: Array) -> tuple[Array, ...]:
     system = Active(pieces[0], pieces[1], pieces[2], held, two)
-    y = newton(newton(jnp.stack(start), system), system)
+    # Two steps, in a loop: a program is as long to compile as it has parts.
+    y = jax.lax.fori_loop(0, 2, lambda _, y: newton(y, system), varying(jnp.stack(start), pieces, held, two))
     return y[0], y[1], y[2]
 
 
