@@ -183,7 +183,7 @@ class _Kept:
                 _ask()
                 found = self._compiled(name, tree, constants, like)
                 store(name, *found)
-            _check_room(found[0])
+                _check_room(found[0])
             self._known[key] = self._named[name] = found
             make_room()
         # Not within the lock: what is compiled here may call the host, and that this function again.

@@ -36,7 +36,7 @@ try:
 except ImportError:  # another version's; programs that call LAPACK are not kept then
     lapack: Any = None
 
-_PACKAGE = "jhd"
+_PACKAGE, _FOLDER = "jhd", os.path.dirname(os.path.abspath(__file__))
 # Source that was changed after this is not what this process runs.
 _STARTED = time.time()
 # Whose classes may stand in a structure: their versions, and the source of this package, are part of a name.
@@ -224,7 +224,7 @@ def _source() -> str:
         NotKeptError: it is not there to be read, or not what this process runs.
     """
     files = _files()
-    if not files or any(file.stat().st_mtime > _STARTED for file in files):
+    if not files or any(os.stat(file).st_mtime > _STARTED for file in files):
         raise NotKeptError("source")
     return source_sum()
 
@@ -233,14 +233,17 @@ def source_sum() -> str:
     """A sum of the source of this package as it lies there now."""
     total = hashlib.sha256()
     for file in _files():
-        content = file.read_bytes()
-        total.update(f"{file.relative_to(Path(__file__).parent)} {len(content)}\n".encode())
+        with open(file, "rb") as lines:
+            content = lines.read()
+        total.update(f"{os.path.relpath(file, _FOLDER)} {len(content)}\n".encode())
         total.update(content)
     return total.hexdigest()
 
 
-def _files() -> list[Path]:
-    return sorted(Path(__file__).parent.rglob("*.py"))
+def _files() -> list[str]:
+    # Paths as texts take a fifth of the time of objects.
+    rows = [os.path.join(folder, name) for folder, _, names in os.walk(_FOLDER) for name in names]
+    return sorted(row for row in rows if row.endswith(".py"))
 
 
 def processor() -> str:
