@@ -16,7 +16,7 @@ from jhd.distance.deviation_solution import Deviation
 from jhd.distance.profile import profile
 from jhd.distance.project import project
 from jhd.plot import page_text
-from jhd.plot.axes import BLUE, ORANGE, VERMILLION
+from jhd.plot.axes import BLUE, GREY, ORANGE, VERMILLION
 from jhd.plot.coloured import DrawnPieces, pieces_of
 from jhd.shapes.as_shape import as_shape
 from jhd.shapes.curve import AbstractCurve
@@ -29,7 +29,7 @@ _WIDE, _HIGH = 640.0, 150.0
 _PLACES, _LEAST, _MOST = 1500, 4, 64
 # The room above the largest distance of a profile.
 _ABOVE = 1.06
-_OPACITY = 0.35
+_OPACITY = 0.2
 # The colour in the middle of the colour scale.
 _MIDDLE = "#21918c"
 
@@ -222,12 +222,13 @@ def _trace(drawn: DrawnPieces, name: str, values: np.ndarray | None = None, titl
         "colorscale": "Viridis",
         "cmin": 0,
         "showscale": True,
-        "colorbar": {"title": {"text": title, "side": "right"}},
+        # Below the buttons.
+        "colorbar": {"title": {"text": title, "side": "right"}, "len": 0.9, "y": 0.45},
     }
     shown = {"name": name, "legendgroup": name, "showlegend": True}
     if size == 3:
         corners = dict(zip("ijk", drawn.rows.T.tolist(), strict=True))
-        colours = {"color": ORANGE, "opacity": _OPACITY} if values is None else {"intensity": _short(values), **scale}
+        colours = {"color": GREY, "opacity": _OPACITY} if values is None else {"intensity": _short(values), **scale}
         return {"type": "mesh3d", **_places(drawn.points), **corners, **shown, **colours, "flatshading": False}
     rows = drawn.rows if size == 1 else np.concatenate([drawn.rows, drawn.rows[:, :1]], axis=1)
     points = drawn.points[rows.ravel()]
