@@ -19,6 +19,8 @@ from jhd.starting import INTERRUPTED
 
 # Seconds after which an interrupt that was dropped is sent again: what dropped it is over by then.
 _AGAIN = 0.02
+# Seconds after which the time is told anew.
+_SECOND = 1.0
 # Seconds between two that are shown of many.
 _PACE = 0.1
 
@@ -47,23 +49,39 @@ def timed(action: Callable[[], Any]) -> tuple[Any, float]:
 
 @contextmanager
 def busy(message: str) -> Iterator[Callable[[Any], None]]:
-    """Shows the message while the block runs, and the progress handed to what it yields; on a terminal only."""
+    """Shows the message while the block runs, and the progress handed to what it yields; on a terminal only.
+
+    The seconds go on while nothing is handed over: compiling reports nothing.
+    """
     if not sys.stderr.isatty():
         yield lambda _: None
         return
 
-    start = time.perf_counter()
+    start, line, shown, over = time.perf_counter(), threading.Lock(), f"{message} ...", threading.Event()
 
-    def show(text: str) -> None:
-        told = text and f"{text}, {time.perf_counter() - start:.0f} s"
+    def write(text: str) -> None:
         # A line that does not fit would be broken, and its first part stay.
-        print(f"\r\x1b[K{told[: get_terminal_size().columns - 1]}", end="", file=sys.stderr, flush=True)
+        print(f"\r\x1b[K{text[: get_terminal_size().columns - 1]}", end="", file=sys.stderr, flush=True)
 
-    show(f"{message} ...")
+    def show(text: str | None = None) -> None:
+        nonlocal shown
+        with line:
+            shown = shown if text is None else text
+            if not over.is_set():
+                write(f"{shown}, {time.perf_counter() - start:.0f} s")
+
+    def tick() -> None:
+        while not over.wait(_SECOND):
+            show()
+
+    show()
+    threading.Thread(target=tick, daemon=True).start()
     try:
         yield lambda progress: show(progress if isinstance(progress, str) else progress_text(progress))
     finally:
-        show("")
+        with line:
+            over.set()
+            write("")
 
 
 def paced(show: Callable[[Any], None]) -> Callable[[Any], None]:

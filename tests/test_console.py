@@ -8,7 +8,8 @@ import time
 
 import pytest
 
-from jhd.console import interrupts_heard
+from jhd import console
+from jhd.console import busy, interrupts_heard
 
 
 def wait():
@@ -55,3 +56,17 @@ def test_what_else_is_dropped_is_told_as_before(monkeypatch):
         wrong = [Wrong()]
         wrong.clear()
     assert [x.exc_type for x in told] == [ValueError] and sys.unraisablehook == told.append
+
+
+def test_on_a_terminal_the_seconds_go_on_while_nothing_is_reported_and_end_with_the_block(monkeypatch, capsys):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(console, "_SECOND", 0.01)
+    with busy("compiling") as show:
+        time.sleep(0.2)
+        show("halfway")
+        time.sleep(0.2)
+    shown = capsys.readouterr().err.split("\r\x1b[K")
+    assert shown.count("compiling ..., 0 s") > 2 and shown.count("halfway, 0 s") > 2
+    assert shown[-1] == ""
+    time.sleep(0.1)
+    assert capsys.readouterr().err == ""
