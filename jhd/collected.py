@@ -10,11 +10,10 @@ import numpy as np
 import jhd
 from jhd.comparisons import check_drawn, print_files
 from jhd.console import busy, exit_status, print_json
-from jhd.distance.many.tasks import CollectionProgress
 from jhd.io import load_shape, outlines
 from jhd.io.load import SHAPE_SUFFIXES
 from jhd.io.outlines import parse_font_spec
-from jhd.report import bar, neighbours_picture
+from jhd.report import neighbours_picture
 from jhd.solution import names_of, to_plain
 
 _ALL = ":*"
@@ -24,7 +23,7 @@ def pairwise(options: Namespace) -> int:
     """The distances of all pairs."""
     names, shapes = collected(options.shapes)
     with busy("computing; a first run compiles") as show:
-        found = jhd.pairwise(shapes, store=options.store, progress=lambda x: show(_told(x)))
+        found = jhd.pairwise(shapes, store=options.store, progress=show)
     results = np.reshape(names_of(found.result), found.value.shape)
     if options.json:
         print_json(found, {**_lists(found, "value", "lower", "upper"), "result": results.tolist()}, names=names)
@@ -42,7 +41,7 @@ def nearest(options: Namespace) -> int:
     queries, wanted = collected([options.query])
     names, shapes = collected(options.shapes)
     with busy("computing; a first run compiles") as show:
-        found = jhd.nearest_shapes(wanted, shapes, options.k, progress=lambda x: show(_told(x)))
+        found = jhd.nearest_shapes(wanted, shapes, options.k, progress=show)
     short = [short_name(name) for name in queries], [short_name(name) for name in names]
     for file in filter(None, (options.plot, options.html)):
         with busy("drawing"):
@@ -67,7 +66,7 @@ def duplicates(options: Namespace) -> int:
     """The pairs within a distance."""
     names, shapes = collected(options.shapes)
     with busy("computing; a first run compiles") as show:
-        found = jhd.pairs_within(shapes, options.within, progress=lambda x: show(_told(x)))
+        found = jhd.pairs_within(shapes, options.within, progress=show)
     if options.json:
         numbers = _lists(found, "index", "lower", "upper", "undecided")
         context = {"names": names, "within": options.within}
@@ -111,10 +110,6 @@ def short_name(name: str) -> str:
         letter = parse_font_spec(name)[1]
         return letter if letter.isascii() else " ".join(f"U+{ord(sign):04X}" for sign in letter)
     return Path(name).name
-
-
-def _told(progress: CollectionProgress) -> str:
-    return f"{progress.stage} {bar(progress.done, max(progress.total, 1))}"
 
 
 def _line(value: float, lower: float, upper: float) -> str:

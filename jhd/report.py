@@ -13,6 +13,7 @@ import numpy as np
 
 from jhd import plot
 from jhd.distance.deviation_solution import Bounds, Deviation
+from jhd.distance.many.tasks import CollectionProgress
 from jhd.distance.search.points import is_points
 from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.octree import VoxelProgress
@@ -195,7 +196,7 @@ def interrupted(solution: Any) -> bool:
 
 
 def progress_text(progress: Any) -> str:
-    """One line that says how far a search or a voxelisation has come."""
+    """One line that says how far something has come that reports progress."""
     if isinstance(progress, VoxelProgress):
         p = progress
         return f"cells of level {p.level} of {p.levels}: {p.kept} kept, {p.tested} tested so far"
@@ -205,6 +206,9 @@ def progress_text(progress: Any) -> str:
     if isinstance(progress, FitProgress):
         p = progress
         return f"start {p.start}, step {p.step}: distance {p.value:.9g}, optimality {p.optimality:.1e}"
+    if isinstance(progress, CollectionProgress):
+        p = progress
+        return f"{p.stage} {bar(p.done, max(p.total, 1))}"
     if isinstance(progress, dict):
         p = progress
         return f"{p['direction']}: {bar(p['cells'], max(p['cells'] + p['open'], 1))} cells"

@@ -20,6 +20,7 @@ import jhd.io
 from jhd import commands, comparisons, storage
 from jhd.__main__ import main
 from jhd.distance import pairs
+from jhd.distance.many.tasks import CollectionProgress
 from jhd.distance.search.search import Progress
 from jhd.fitting.minimax import FitProgress
 from jhd.io import load_result
@@ -219,6 +220,7 @@ def test_progress_of_every_kind_is_one_line_that_says_how_much_is_done():
         assert f" {digits}/10 digits" in progress_text(search._replace(lower=lower, upper=upper))
     assert progress_text(FitProgress(1, 2, 0.5, 0.25)) == "start 1, step 2: distance 0.5, optimality 2.5e-01"
     assert progress_text({"direction": "a_to_b", "cells": 0, "open": 0}).startswith("a_to_b: [....")
+    assert progress_text(CollectionProgress("bounds", 6, 12)) == f"bounds [{12 * '#'}{12 * '.'}] 6/12"
     assert "] 6/8 cells" in progress_text({"direction": "a_to_b", "cells": 6, "open": 2})
 
 
