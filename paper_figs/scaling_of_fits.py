@@ -3,8 +3,7 @@
 Numbers by scaling_of_fits' experiment.
 
 Caption: Seconds of a fit by cubics against the vertices of its target, to 100 000, and against its own free points. A
-step grows more slowly than the number of vertices, and beyond 120 free points faster than their number. Where a fit
-ends before its six steps, the try that failed counts with the proof, as at 15 points.
+step grows more slowly than the number of vertices, and beyond 120 free points faster than their number.
 """
 
 from typing import Any
