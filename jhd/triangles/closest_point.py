@@ -286,6 +286,26 @@ def _searched(tree: TriangleTree, points: np.ndarray, square: np.ndarray, triang
     return Nearest(square, triangle)
 
 
+def triangles_within(
+    tree: TriangleTree, points: Float[np.ndarray, "points 3"], bound: Float[np.ndarray, " points"], most: int
+) -> tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]:
+    """All triangles whose boxes are within bounds of points, in the unit of the tree: points, and sorted triangles.
+
+    Points with more of them than that have none.
+    """
+    room = 1 + gamma(64, points.dtype)
+    square = (bound * room) ** 2 * room + 64 * smallest_normal(points.dtype)
+    who, node = np.arange(len(points), dtype=np.int32), np.zeros(len(points), np.int32)
+    for level in reversed(tree.levels):
+        left = np.flatnonzero(_in_reach(tree, points[who], square[who], node + level.start))
+        who, node = who[left >> 3], node[left >> 3] * 8 + (left & 7).astype(np.int32)
+        few = np.bincount(who, minlength=len(points))[who] <= most
+        who, node = who[few], node[few]
+        if len(who) == 0:
+            break
+    return who, node
+
+
 def popped(stack: list[tuple[int, np.ndarray, np.ndarray]]) -> tuple[int, np.ndarray, np.ndarray]:
     """The pairs of points and nodes that wait last, with their level: at most a block, the rest of them stay."""
     level, who, node = stack.pop()

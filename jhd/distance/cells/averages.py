@@ -7,6 +7,11 @@ of |x - c|^2 over it, of any point p the mean of |x - p|^2 is |c - p|^2 + W.
 p on the far side of the cell from b, along the line from the foot of c, only W / (2 |c - p|) is lost. Such balls about
 far points are empty of b, and flat.
 
+Of a mesh the triangles that may be the nearest ones of the cell are known. For any w with |w| <= 1 the distance to a
+convex piece is at least w.x - max w.f over its corners f; with w along the way from its foot to c nothing is lost at c,
+with that from the nearest foot nothing over faces beside it in one plane.
+The smallest of these over the pieces is concave, so its mean over the cell is at least that of the corners.
+
 **Above.** Flat pieces F with points of b within sag of all of theirs (jhd.distance.nearest.target) give the convex
 function f(x) = d(x, F) + sag. Over the cell it is at most its largest value at a corner, and its mean is at most the
 mean of these, as each point is that mean of corners on the average. Where F is the foot q of c the mean of the squares
@@ -86,6 +91,8 @@ def distances_over(
             np.maximum(x[doubtful], y) for x, y in zip((least, least_mean), again[:2], strict=True)
         )
         after[doubtful] = again[2]
+    for known, better in zip((least, least_mean), _beside_pieces(cells.corners, target, middle, found), strict=True):
+        np.maximum(known, better, out=known)
     most, most_mean, most_square = _above(cells.corners, target, middle, found)
     size = np.max(np.abs(cells.corners), axis=(1, 2)) + _FARTHEST
     loose = cells.slack + 4 * _ROUNDINGS * size + 4 * np.finfo(dtype).eps * size
@@ -141,6 +148,37 @@ def _below(
         after[more] = np.where(there[1] > mean[more], _FARTHER * reach[more], -reach[more])
         least[more], mean[more] = np.maximum(least[more], there[0]), np.maximum(mean[more], there[1])
     return least, mean, after
+
+
+def _beside_pieces(
+    corners: np.ndarray, target: AbstractTarget, middle: np.ndarray, found: ProvenFeet
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lower bounds over the cells and of the means by all convex pieces that may be nearest, else minus infinity."""
+    spread = np.max(np.sqrt(np.sum((corners - middle[:, None]) ** 2, axis=2)), axis=1)
+    # What is farther from the middle is not the nearest of any point of the cell.
+    reach = (found.upper + 2 * spread) * (1 + _ROUNDINGS)
+    least = np.full(corners.shape[:2], np.inf)
+    pieces = target.pieces_within(middle, reach)
+    if pieces is not None:
+        held, over = pieces.corners.astype(np.float64), corners[pieces.who]
+        ways = [_towards(middle[pieces.who], pieces.foot), _towards(middle, found.foot)[pieces.who]]
+        own, common = (
+            np.sum(w[:, None] * over, axis=2) - np.max(np.sum(w[:, None] * held, axis=2), axis=1, keepdims=True)
+            for w in ways
+        )
+        # One for all corners, lest the smallest be no longer concave: that which stays above the nearest piece.
+        nearest = np.sum(ways[1][:, None] * (over - found.foot[pieces.who, None]), axis=2)
+        margins = [np.min(x - nearest, axis=1, keepdims=True) for x in (own, common)]
+        np.minimum.at(least, pieces.who, np.where(margins[1] > margins[0], common, own))
+    least = np.where(np.isfinite(least), least, -np.inf)
+    return np.min(least, axis=1), np.mean(least, axis=1)
+
+
+def _towards(points: np.ndarray, feet: np.ndarray) -> np.ndarray:
+    """Vectors from feet to points, of length one and no longer; zero where they are the same."""
+    away = points.astype(np.float64) - np.where(np.isfinite(feet), feet, points)
+    length = np.sqrt(np.sum(away**2, axis=1, keepdims=True)) * (1 + _ROUNDINGS)
+    return np.where(length > 0, away / np.where(length > 0, length, 1.0), 0.0)
 
 
 def _put(found: ProvenFeet, rows: np.ndarray, others: ProvenFeet) -> None:

@@ -16,6 +16,7 @@ from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.closest_point import (
     BLOCKS,
     TriangleTree,
+    barycentric_of,
     closest_points,
     in_unit_of,
     nearest_triangles,
@@ -23,7 +24,11 @@ from jhd.triangles.closest_point import (
     pair_squares,
     point_tree,
     triangle_tree,
+    triangles_within,
 )
+
+# Most triangles near a point that are looked at one by one.
+_FEW = 32
 
 
 class ProvenFeet(NamedTuple):
@@ -84,6 +89,20 @@ class Flats(NamedTuple):
     sag: Any
 
 
+class ConvexPieces(NamedTuple):
+    """Convex pieces of a shape beside points, any number of them, all that are near; points without any have too many.
+
+    Args:
+        who: the point that each belongs to.
+        corners: whose hulls the pieces are, (pairs, corners, 3).
+        foot: about the nearest point of each.
+    """
+
+    who: Int[np.ndarray, " pairs"]
+    corners: Float[np.ndarray, "pairs corners 3"]
+    foot: Float[np.ndarray, "pairs 3"]
+
+
 class AbstractTarget(ABC):
     """A shape that distances are taken to; all its numbers are known."""
 
@@ -125,6 +144,10 @@ class AbstractTarget(ABC):
     @abstractmethod
     def parameters(self, t: np.ndarray) -> np.ndarray:
         """The parameters of feet, from rows of them, as a Witness has them."""
+
+    def pieces_within(self, points: np.ndarray, reach: np.ndarray) -> "ConvexPieces | None":
+        """All convex pieces of the shape that may be within lengths of points; None of what is not made of few."""
+        return None
 
     def rows_of(self, found: ProvenFeet) -> FootRows:
         """The feet alone, in rows."""
@@ -235,6 +258,17 @@ class MeshTarget(AbstractTarget):
     def parameters(self, t: np.ndarray) -> np.ndarray:
         """See AbstractTarget."""
         return t
+
+    def pieces_within(self, points: np.ndarray, reach: np.ndarray) -> ConvexPieces:
+        """See AbstractTarget: the triangles."""
+        tree, scaled = in_unit_of(self.tree, points)
+        bound = np.ldexp(outward(reach, 0, scaled.dtype, 1), -tree.exponent)
+        who, row = triangles_within(tree, scaled, bound, _FEW)
+        corners = self._corners[tree.order[row]]
+        if len(row) == 0:
+            return ConvexPieces(who, corners, np.zeros((0, 3)))
+        foot = np.einsum("nk,nkd->nd", barycentric_of(tree, scaled[who], row), corners)
+        return ConvexPieces(who, corners, foot)
 
     def nearest(self, points: np.ndarray, enough: float = -np.inf, close: float = 0.0) -> ProvenFeet:
         """See AbstractTarget: the bounds are always those of rounding."""
