@@ -69,7 +69,7 @@ def relative_tolerance(known: Mapping[str, Ends]) -> str | None:
 
 def _bounds_of(solution: Any, lane: int) -> dict[str, Ends]:
     """The bounds that a solution holds in one of its lanes; none where it has none, or those of something else."""
-    ends = [getattr(solution, name, None) for name in ("lower", "upper")]
+    ends: list[Any] = [getattr(solution, name, None) for name in ("lower", "upper")]
     if any(not isinstance(end, jax.Array | np.ndarray | float) for end in ends):
         return {}
     if np.shape(ends[0]) != np.shape(solution.result._value):
