@@ -167,6 +167,34 @@ def _parser() -> argparse.ArgumentParser:
     parser.set_defaults(command="demo")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
+    _add_distances(commands)
+    _add_deviation(commands)
+    _add_collections(commands)
+
+    fit = commands.add_parser("fit", help="fewer or lower-degree segments within a proven distance")
+    fit.add_argument("target", metavar="TARGET", help=_CURVE_HELP)
+    fit.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help="how far it may be")
+    fit.add_argument("--degree", type=int, default=3, metavar="N", help="of the segments (default: 3)")
+    fit.add_argument("--smooth", action="store_true", help="one tangent at the joints inside a contour")
+    fit.add_argument("--out", metavar="FILE", help="write the fit: .svg, .json or .igs")
+    fit.add_argument("--plot", metavar="FILE", help="draw both curves, the witness and the distance profiles")
+    fit.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
+    fit.set_defaults(command="fit")
+
+    verify = commands.add_parser("verify", help="check a certificate in exact arithmetic")
+    verify.add_argument("file", metavar="FILE", help="what jhd distance --certificate wrote")
+    verify.add_argument("shapes", nargs="*", metavar="A B", type=_as_given, help="the shapes that it has to be about")
+    verify.add_argument("--seconds", type=float, metavar="S", help="give up after so long (default: never)")
+    verify.set_defaults(command="verify")
+
+    _add_others(commands)
+    for command in commands.choices.values():
+        command.add_argument("--json", action="store_true", help="print JSON and nothing else")
+    return parser
+
+
+def _add_distances(commands: Any) -> None:
+    """The largest and the smallest distance of two shapes."""
     distance = commands.add_parser("distance", help="the Hausdorff distance of two shapes of any kinds")
     _add_shapes(distance)
     distance.add_argument("--directed", action="store_true", help="only the largest distance of points of A to B")
@@ -186,25 +214,9 @@ def _parser() -> argparse.ArgumentParser:
     minimum.add_argument("--certificate", metavar="FILE", help="write what proves the bounds, for jhd verify")
     minimum.set_defaults(command="minimum")
 
-    _add_deviation(commands)
-    _add_collections(commands)
 
-    fit = commands.add_parser("fit", help="fewer or lower-degree segments within a proven distance")
-    fit.add_argument("target", metavar="TARGET", help=_CURVE_HELP)
-    fit.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help="how far it may be")
-    fit.add_argument("--degree", type=int, default=3, metavar="N", help="of the segments (default: 3)")
-    fit.add_argument("--smooth", action="store_true", help="one tangent at the joints inside a contour")
-    fit.add_argument("--out", metavar="FILE", help="write the fit: .svg or .json")
-    fit.add_argument("--plot", metavar="FILE", help="draw both curves, the witness and the distance profiles")
-    fit.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
-    fit.set_defaults(command="fit")
-
-    verify = commands.add_parser("verify", help="check a certificate in exact arithmetic")
-    verify.add_argument("file", metavar="FILE", help="what jhd distance --certificate wrote")
-    verify.add_argument("shapes", nargs="*", metavar="A B", type=_as_given, help="the shapes that it has to be about")
-    verify.add_argument("--seconds", type=float, metavar="S", help="give up after so long (default: never)")
-    verify.set_defaults(command="verify")
-
+def _add_others(commands: Any) -> None:
+    """Nearest points, fields, and what is kept on disk."""
     project = commands.add_parser("project", help="the nearest point of a shape of any kind to points")
     project.add_argument("shape", metavar="SHAPE", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
     project.add_argument("coordinates", metavar="X", nargs="*", type=float, help="the point: X Y or X Y Z")
@@ -230,9 +242,6 @@ def _parser() -> argparse.ArgumentParser:
 
     doctor = commands.add_parser("doctor", help="versions, devices, what is kept, and a check with a known answer")
     doctor.set_defaults(command="doctor")
-    for command in commands.choices.values():
-        command.add_argument("--json", action="store_true", help="print JSON and nothing else")
-    return parser
 
 
 def _add_shapes(parser: Any, other: str = "the other one") -> None:

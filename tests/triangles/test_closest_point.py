@@ -8,8 +8,16 @@ import pytest
 import jhd.triangles.closest_point as module
 from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.box_tree import WIDTH, box_tree, hints
-from jhd.triangles.closest_point import closest_points, nearest_triangles, outward, triangle_tree
+from jhd.triangles.closest_point import (
+    closest_points,
+    in_unit_of,
+    nearest_triangles,
+    outward,
+    triangle_tree,
+    triangles_within,
+)
 from jhd.triangles.point_triangle import frames
+from tests.reference import distances_to_triangles
 from tests.triangles.exact_triangles import exact_distance_sq, hard_points, hard_triangles
 
 # All meshes and batches have these sizes, so that they share programs.
@@ -175,3 +183,23 @@ def test_a_bound_that_is_no_number_does_not_become_one():
     assert np.isnan(ends[0][0]) and np.isnan(ends[1][0])
     np.testing.assert_array_equal([end[1:3] for end in ends], 0.0)
     assert ends[0][3] < 1.0 < ends[1][3]
+
+
+@pytest.mark.parametrize("exponent", [0, 200, -200])
+def test_all_triangles_within_a_bound_are_found_and_points_with_too_many_have_none(exponent):
+    random = np.random.default_rng(4)
+    corners = random.normal(size=(90, 3, 3)) * 10.0 ** random.uniform(-3, 0, (90, 1, 1))
+    points = random.normal(size=(30, 3))
+    exact = np.array([distances_to_triangles(point, corners) for point in points])
+    bound = np.sort(exact, axis=1)[np.arange(30), random.integers(0, 12, 30)]
+    tree, scaled = in_unit_of(triangle_tree(soup(np.ldexp(corners, exponent))), np.ldexp(points, exponent))
+    who, row = triangles_within(tree, scaled, np.ldexp(bound, exponent - tree.exponent), 90)
+    found = set(zip(who.tolist(), tree.order[row].tolist(), strict=True))
+    wanted = set(zip(*(x.tolist() for x in np.nonzero(exact <= bound[:, None])), strict=True))
+    assert len(found) == len(who) and wanted <= found
+    few, _ = triangles_within(tree, scaled, np.ldexp(bound, exponent - tree.exponent), 5)
+    count = np.bincount(who, minlength=30)
+    assert np.all(np.isin(np.bincount(few, minlength=30), [0, *range(6)])) and not np.any(
+        np.isin(few, np.flatnonzero(count > 5))
+    )
+    assert 0 < len(few) < len(who)
