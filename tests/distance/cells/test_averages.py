@@ -68,3 +68,14 @@ def test_bounds_beside_a_mesh_hold_and_lose_nothing_over_parallel_faces(kind):
     assert np.all(exact.mean(axis=1) - room <= found.mean[:, 1])
     if kind == "flat":
         assert np.all(0.01 - found.mean[:, 0] < 1e-12)
+
+
+def test_a_triangle_that_is_near_a_corner_alone_counts():
+    corners = np.array([[[-0.9, -0.5, 0.0], [0.9, -0.5, 0.0], [0.0, 0.9, 0.0]]])
+    far = [[-3.0, -3.0, -0.3], [3.0, -3.0, -0.3], [0.0, 5.0, -0.3]]
+    near = [[0.9, -0.5, 0.01], [0.91, -0.5, 0.01], [0.9, -0.51, 0.01]]
+    mesh = jhd.TriangleMesh(np.array([*far, *near]), np.array([[0, 1, 2], [3, 4, 5]]))
+    found = distances_over(flat_triangles(corners, 0.0), target_of(mesh), np.dtype(float), np.array([NEAR]), 1e-9)
+    assert found.lower[0] <= 0.01
+    # The part that is nearer to the small one is small.
+    assert 0.0 < found.mean[0, 0] < 0.3 <= found.upper[0]
