@@ -256,7 +256,9 @@ def test_surfaces_are_one_artist_with_a_key_each():
     ax.figure.canvas.draw()
     with pytest.raises(ValueError, match="projection='3d'"):
         plot.surface(BALL, axes())
-    with pytest.raises(TypeError, match="must be an ImplicitSurface or a parametric surface; got BezierSegments"):
+    with pytest.raises(
+        TypeError, match="must be an ImplicitSurface or a parametric surface; got BezierSegments|^Type-check error"
+    ):
         plot.surfaces((BALL, SPACE), axes(3))  # pyright: ignore[reportArgumentType]
 
 
