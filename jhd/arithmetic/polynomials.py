@@ -14,6 +14,13 @@ from jaxtyping import Array, Float
 SYMMETRIC = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
+# Orders of the derivatives along x, y, z in the order of a jet: the value, the gradient, then as SYMMETRIC counts.
+_ORDERS = np.array(
+    [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [2, 0, 0], [0, 2, 0], [0, 0, 2], [1, 1, 0], [1, 0, 1], [0, 1, 1]]
+)
+_VALUE, _SLOPE = 1, 4
+
+
 class PolynomialJet(NamedTuple):
     """Value, gradient (3, ...) and second derivatives (3, 3, ...) of a polynomial at points."""
 
@@ -24,35 +31,42 @@ class PolynomialJet(NamedTuple):
 
 def jets(coefficients: Float[Array, "i j k"], points: Float[Array, "3 ..."]) -> PolynomialJet:
     """Values and first two derivatives, from the powers of the coordinates."""
+    found = _derivatives_at(coefficients, points, 2)
+    return PolynomialJet(found[0], found[_VALUE:_SLOPE], found[_SLOPE + SYMMETRIC])
+
+
+def slopes(coefficients: Float[Array, "i j k"], points: Float[Array, "3 ..."]) -> tuple[Array, Array]:
+    """Values and gradients (3, ...) alone."""
+    found = _derivatives_at(coefficients, points, 1)
+    return found[0], found[_VALUE:]
+
+
+def _derivatives_at(coefficients: Array, points: Array, order: int) -> Array:
+    """The derivatives up to an order in the first axis, by sums along z, then y, then x, for all of them at once."""
     shape = coefficients.shape
-    # One program for the powers of all coordinates, and for the sums along z: in parts it is much longer.
-    powers = _powers(points, max(shape))
+    powers = _powers(points, max(shape), order)
     x, y, z = (powers[:, : shape[axis], axis] for axis in range(3))
+    wanted = _ORDERS[_ORDERS.sum(axis=1) <= order]
+    planes, plane = np.unique(wanted[:, 1:], axis=0, return_inverse=True)
     # Sums keep the batch axis of vmap in front, where a matrix product may move it; see jhd.distance.witness.active.
     rows = coefficients.reshape(*shape, *(1,) * (points.ndim - 1))
     along_z = jnp.sum(rows * z[:, None, None], axis=3)
-    plane = {(b, c): jnp.sum(along_z[c] * y[b], axis=1) for b, c in _upto(2)}
-    found = {(a, b, c): jnp.sum(plane[b, c] * x[a], axis=0) for b, c in _upto(2) for a in range(3 - b - c)}
-    gradient = jnp.stack([found[1, 0, 0], found[0, 1, 0], found[0, 0, 1]])
-    own = [found[2, 0, 0], found[0, 2, 0], found[0, 0, 2]]
-    second = [*own, found[1, 1, 0], found[1, 0, 1], found[0, 1, 1]]
-    hessian = jnp.stack([jnp.stack([second[k] for k in row]) for row in SYMMETRIC.tolist()])
-    return PolynomialJet(found[0, 0, 0], gradient, hessian)
+    along_y = jnp.sum(along_z[planes[:, 1]] * y[planes[:, 0]][:, None], axis=2)
+    return jnp.sum(along_y[plane.reshape(-1)] * x[wanted[:, 0]], axis=1)
 
 
-def _upto(degree: int) -> list[tuple[int, int]]:
-    return [(b, c) for b in range(degree + 1) for c in range(degree + 1 - b)]
-
-
-def _powers(x: Array, count: int) -> Array:
-    """The powers, their first and their second derivatives: (3, count, ...)."""
-    rows = [jnp.ones_like(x)]
-    for _ in range(count - 1):
-        rows.append(rows[-1] * x)
-    zero = jnp.zeros_like(x)
-    first = [i * rows[i - 1] if i else zero for i in range(count)]
-    second = [i * (i - 1) * rows[i - 2] if i > 1 else zero for i in range(count)]
-    return jnp.stack([jnp.stack(rows), jnp.stack(first), jnp.stack(second)])
+def _powers(x: Array, count: int, order: int) -> Array:
+    """The powers and their derivatives up to an order, (order + 1, count, ...): products of squares of squares."""
+    exponent = np.arange(count) - np.arange(order + 1)[:, None]
+    factor = np.ones(exponent.shape)
+    for below in range(order):
+        factor[below + 1 :] *= (np.arange(count) - below).clip(0)
+    shape = (*exponent.shape, *(1,) * x.ndim)
+    result = jnp.broadcast_to(jnp.asarray(factor.reshape(shape), x.dtype), (*exponent.shape, *x.shape))
+    for bit in range(int(exponent.max()).bit_length()):
+        result = result * jnp.where((exponent.clip(0) >> bit & 1).astype(bool).reshape(shape), x, 1.0)
+        x = x * x
+    return result
 
 
 def horner(coefficients: Float[Array, "... i j k"], points: Float[Array, "3 points"]) -> Float[Array, "... points"]:

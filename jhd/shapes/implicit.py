@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd.arithmetic import exact_polynomials
-from jhd.arithmetic.polynomials import horner, jets
+from jhd.arithmetic.polynomials import horner, slopes
 from jhd.arrays import is_traced, real_array
-from jhd.compiled import compiled
+from jhd.compiled import optimised
 from jhd.display import batch_text, between_text, described, is_known, opaque, value_text
 from jhd.shapes import polynomial_text
 from jhd.shapes.checks import Numbers
@@ -273,7 +273,7 @@ def _values_at(coefficients: Array, points: Array) -> Array:
 
 def _gradients_at(coefficients: Array, points: Array) -> Array:
     """Gradients at points (..., 3)."""
-    return jnp.moveaxis(jets(coefficients, jnp.moveaxis(points, -1, 0)).gradient, 0, -1)
+    return jnp.moveaxis(slopes(coefficients, jnp.moveaxis(points, -1, 0))[1], 0, -1)
 
 
 def _pattern(matrix: np.ndarray) -> tuple[tuple[bool, ...], ...]:
@@ -355,4 +355,4 @@ def _raised(polynomials: Array, axis: int) -> Array:
     return jnp.pad(inside, padding)
 
 
-_values, _gradients, _image = compiled(_values_at), compiled(_gradients_at), compiled(_image_of, (5, 6))
+_values, _gradients, _image = optimised(_values_at), optimised(_gradients_at), optimised(_image_of, (5, 6))

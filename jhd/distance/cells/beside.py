@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arithmetic.polynomials import jets
+from jhd.arithmetic.polynomials import slopes
 from jhd.arithmetic.rounding import gamma, round_up
 from jhd.distance.frame.net_jets import Net, eta, jet, part_of
 from jhd.distance.frame.surfaces import Side
@@ -99,7 +99,7 @@ def beside_surface(side: Side, feet: Array, radius: Array, corners: Array) -> Fl
         radius: within which one of it is proven, for each.
         corners: of the hull of a cell.
     """
-    slope = jnp.moveaxis(jets(jnp.asarray(side.coefficients), feet.T).gradient, -1, 0).reshape(feet.shape)
+    slope = jnp.moveaxis(slopes(jnp.asarray(side.coefficients), feet.T)[1], -1, 0).reshape(feet.shape)
     square = jnp.sum(slope**2, axis=-1, keepdims=True)
     # Where the gradient vanishes there is no tangent plane; any direction is true, and proves nothing there.
     some = square > 0

@@ -34,7 +34,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.balls import Ball, plus, semidefinite, times
-from jhd.arithmetic.polynomials import jets
+from jhd.arithmetic.polynomials import slopes
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.truncated import EXPONENTS, Truncated, composed, largest, product, scaled
 from jhd.arithmetic.truncated import plus as added
@@ -142,7 +142,7 @@ def _first_foot(b: Side, place: Array, start: Array, low: Array, high: Array) ->
     own = jnp.clip(place, jnp.asarray(b.lower), jnp.asarray(b.upper))
     places = jnp.stack([place, place], axis=1)
     found = local_feet(b, places, jnp.stack([own, start], axis=1), _STEPS_OF_FEET)
-    value, gradient, _ = jets(jnp.asarray(b.coefficients), found)
+    value, gradient = slopes(jnp.asarray(b.coefficients), found)
     slope = jnp.sqrt(jnp.sum(gradient**2, axis=0))
     off = jnp.abs(value) / jnp.where(slope > 0, slope, jnp.inf) + jnp.where(slope > 0, 0.0, jnp.inf)
     far = jnp.sqrt(jnp.sum((found - places) ** 2, axis=0)) + off
@@ -154,7 +154,7 @@ def _first_foot(b: Side, place: Array, start: Array, low: Array, high: Array) ->
 
 def _multipliers(b: Side, places: Array, feet: Array) -> Array:
     """About those for which L is stationary at the feet, in the coordinates that no side of the box holds."""
-    _, gradient, _ = jets(jnp.asarray(b.coefficients), feet)
+    _, gradient = slopes(jnp.asarray(b.coefficients), feet)
     lower, upper = jnp.asarray(b.lower)[:, None], jnp.asarray(b.upper)[:, None]
     free = jnp.where((feet > lower) & (feet < upper), gradient, 0.0)
     square = jnp.sum(free**2, axis=0)

@@ -11,7 +11,7 @@ Source: ours; for the Bernstein form see jhd.distance.cells.surfaces.
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jhd.arithmetic.polynomials import jets
+from jhd.arithmetic.polynomials import slopes
 from jhd.arithmetic.rounding import smallest_normal, unit_roundoff
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, Form, form, multiples
@@ -41,7 +41,7 @@ def sign_bounds(
         least: a bound that need not be undercut.
     """
     unit, reach = _direction(b, cells, place, foot, least)
-    value, gradient, _ = jets(b.coefficients, place + reach * unit)
+    value, gradient = slopes(b.coefficients, place + reach * unit)
     rate = jnp.sum(gradient * unit, axis=0)
     sign = jnp.where(rate < 0, -1.0, 1.0)
     steep = jnp.where(rate != 0, jnp.abs(rate), jnp.inf)
@@ -66,7 +66,7 @@ def sign_bounds(
 
 def _direction(b: Side, cells: Boxes, place: Array, foot: Array, least: Array) -> tuple[Array, Array]:
     """Units normal to b towards it, along the faces of its box that cells would pass, and how far b is along them."""
-    _, gradient, _ = jets(b.coefficients, foot)
+    _, gradient = slopes(b.coefficients, foot)
     apart = foot - place
     reach = jnp.maximum(jnp.sqrt(jnp.sum(apart**2, axis=0)), least)
     vector = jnp.where(jnp.sum(gradient * apart, axis=0) < 0, -gradient, gradient)

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jhd.arithmetic import exact_polynomials
-from jhd.arithmetic.polynomials import jets
+from jhd.arithmetic.polynomials import jets, slopes
 from jhd.arithmetic.rounding import like_double, round_up, smallest_normal, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.frame.coordinates import Frame
@@ -46,7 +46,7 @@ def projected(
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
 
     def step(_: Any, x: Array) -> Array:
-        value, gradient, _ = jets(jnp.asarray(side.coefficients), x)
+        value, gradient = slopes(jnp.asarray(side.coefficients), x)
         return jnp.clip(x + _back(value, jnp.where(fixed, 0.0, gradient), x, lower, upper), lower, upper)
 
     found = jax.lax.fori_loop(0, steps, step, varying(points, side))
@@ -103,7 +103,7 @@ def returned(side: Side, points: Float[Array, "3 points"], steps: int) -> Float[
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
 
     def back(_: Any, q: Array) -> Array:
-        value, gradient, _ = jets(jnp.asarray(side.coefficients), q)
+        value, gradient = slopes(jnp.asarray(side.coefficients), q)
         return jnp.clip(q + _back(value, _within(q, gradient, lower, upper), q, lower, upper), lower, upper)
 
     return snapped(side.isolated, jax.lax.fori_loop(0, steps, back, varying(points, side)), points)
@@ -155,7 +155,7 @@ def proven_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, 
     polynomial. At a face the segment stays in it, unless the surface nearly touches it.
     """
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
-    value, gradient, _ = jets(jnp.asarray(side.coefficients), points)
+    value, gradient = slopes(jnp.asarray(side.coefficients), points)
     error = signed_values(side, points)[1]
     within = _within(points, gradient, lower, upper)
     slope = positive(jnp.sqrt(jnp.sum(within**2, axis=0)))

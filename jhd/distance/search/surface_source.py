@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arithmetic.polynomials import jets
+from jhd.arithmetic.polynomials import slopes
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.compiled import compiled
 from jhd.distance.cells.flats import Hulls
@@ -84,7 +84,7 @@ class SurfaceSource(AbstractSource):
 
 @compiled
 def _slope(target: Target, x: Array) -> Array:
-    return jets(jnp.asarray(target.side.coefficients), x).gradient
+    return slopes(jnp.asarray(target.side.coefficients), x)[1]
 
 
 @compiled
@@ -112,7 +112,7 @@ def _places_of_boxes(target: Target, count: Array, low: Array, high: Array) -> A
         found = jnp.where(near, found, middle)
         radius = jnp.where(near, thorough_radius(side, found), jnp.inf)
         # Beside the first of them, for feet alone: on both sides along the surface.
-        slope = jets(jnp.asarray(side.coefficients), found[:, 0]).gradient
+        slope = slopes(jnp.asarray(side.coefficients), found[:, 0])[1]
         along = jnp.cross(slope, jnp.eye(3, dtype=low.dtype)[jnp.argmin(jnp.abs(slope))])
         across = jnp.cross(slope, along)
         size = 0.5 * jnp.max(high - low)

@@ -20,7 +20,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
-from jhd.arithmetic.polynomials import jets
+from jhd.arithmetic.polynomials import slopes
 from jhd.arithmetic.rounding import like_double, unit_roundoff
 from jhd.arrays import varying
 from jhd.distance.cells.moving_feet import moving_bounds
@@ -232,7 +232,7 @@ def _points(a: Side, cells: Boxes, free: Array) -> tuple[Array, Array, Array]:
     start = jnp.concatenate([cells.centre, jnp.where(free, cells.centre, at_face)], axis=1)
     fixed = jnp.concatenate([jnp.zeros_like(free), ~free], axis=1)
     found = projected(a, start, fixed, _STEPS_OF_POINTS)
-    value, gradient, _ = jets(a.coefficients, found)
+    value, gradient = slopes(a.coefficients, found)
     on = jnp.abs(value) <= like_double(_ON, found.dtype) * jnp.sqrt(
         jnp.sum(jnp.where(fixed, 0.0, gradient) ** 2, axis=0)
     )
@@ -254,7 +254,7 @@ def _feet(b: Target, state: SurfaceState, place: Array, parents: Array, cells: B
     count = starts.shape[0]
     flat = starts.transpose(1, 0, 2).reshape(3, -1)
     found = local_feet(b.side, jnp.tile(place, (1, count)), flat, _STEPS_OF_FEET)
-    value, gradient, _ = jets(b.side.coefficients, found)
+    value, gradient = slopes(b.side.coefficients, found)
     off = jnp.abs(value) / jnp.sqrt(jnp.sum(gradient**2, axis=0))
     off = jnp.where(on_isolated(b.side.isolated, found), 0.0, off)
     found = found.reshape(3, count, lanes).transpose(1, 0, 2)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arithmetic.polynomials import jets
+from jhd.arithmetic.polynomials import jets, slopes
 from jhd.arithmetic.scaling import common_exponent, frexp, length, scale_of
 from jhd.compiled import compiled
 from jhd.distance.frame.attach import attached
@@ -117,9 +117,9 @@ def moving_point(coefficients: Array, box: Array, point: Array) -> Array:
     point, still = jax.lax.stop_gradient((point, coefficients))
     at_low, at_high = jax.lax.stop_gradient((point <= box[0], point >= box[1]))
     moving = jnp.where(at_low, box[0], jnp.where(at_high, box[1], point))
-    free = jnp.where(at_low | at_high, 0.0, jets(still, point).gradient)
+    free = jnp.where(at_low | at_high, 0.0, slopes(still, point)[1])
     square = jnp.sum(free**2)
-    return moving - jets(coefficients, moving).value / jnp.where(square > 0, square, jnp.inf) * free
+    return moving - slopes(coefficients, moving)[0] / jnp.where(square > 0, square, jnp.inf) * free
 
 
 @compiled
@@ -149,7 +149,7 @@ def distance_from_surface(queries: Array, feet: Array, coefficients: Array, box:
             slope = jnp.where(usable, slope, jnp.eye(4, dtype=slope.dtype))
             step = jnp.linalg.solve(slope, equations(y, p, c, walls))
             y = y - jnp.where(usable, step, 0.0)
-        normal = jets(c, y[:3]).gradient
+        normal = slopes(c, y[:3])[1]
         # Where nothing moves, faces do, and the surface by its own speed along the normal.
         distance = jnp.where(usable, _length(p - y[:3], normal, ~jnp.any(held)), _length(p - y[:3], normal, False))
         return distance / scale, y[:3] / scale
