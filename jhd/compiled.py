@@ -26,9 +26,10 @@ from jhd.programs import NotKeptError, is_ours, load, name_of_program, short_nam
 
 _R = TypeVar("_R")
 
-# XLA's newer fusion emitters for CPUs make an object of its own of every loop: twice the time to compile and four times
-# the memory mappings, for programs that run no faster here (measured with jaxlib 0.10.2).
-_QUICK = {"xla_cpu_use_fusion_emitters": False}
+# Measured with jaxlib 0.10.2, whose own level is 3. Its newer fusion emitters for CPUs make an object of its own of
+# every loop: twice the time to compile and four times the memory mappings, for programs that run no faster. Level 1
+# saves a quarter of the rest, and what does not loop over large arrays runs as fast.
+_EMITTERS, _LEVEL = "xla_cpu_use_fusion_emitters", "xla_backend_optimization_level"
 # Linux ends a process at its limit of mappings, by a crash; code takes some hundreds of them for each program.
 _MAPPINGS, _LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
 _SHARE = 0.75
@@ -63,17 +64,29 @@ def _ask() -> None:
         permission()
 
 
-def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, quick: bool = True) -> Callable[..., _R]:
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Garbage waits while a program is made: to look for it takes a twentieth of the time then."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
+def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, level: int | None = 1) -> Callable[..., _R]:
     """jax.jit for what is called from the host: quick to compile; inside another trace it is traced like any other.
 
     Arguments at the positions named `static` are constants of the program. Loops over large arrays can run twice as
-    fast where they are compiled with all that XLA has: `quick=False`.
+    fast where XLA optimises at its level 3 (`optimised`), or with all that it has (None).
 
     On CPUs a function of this package is kept on disk with each program that it was compiled to (jhd.programs), and
     another process only reads it. Where the process comes near the number of memory mappings that the system allows it,
     all programs made here are dropped, to be read or compiled again when they are wanted.
     """
-    inner, plain, kept = jax.jit(function, static_argnums=static), _Plain(function, static, quick), None
+    inner, plain, kept = jax.jit(function, static_argnums=static), _Plain(function, static, level), None
 
     @functools.wraps(function)
     def call(*args: Any) -> _R:
@@ -87,17 +100,21 @@ def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, quick
             if os.getenv("JHD_CACHE") == "0":
                 return plain(*args)
             if kept is None:  # asked for here, where the function has got its name
-                kept = _Kept(function, static, quick, plain) if _context is not None and is_ours(function) else plain
+                kept = _Kept(function, static, level, plain) if _context is not None and is_ours(function) else plain
             return kept(*args)
 
     return call
 
 
+# For loops over large arrays.
+optimised = functools.partial(compiled, level=3)
+
+
 class _Plain:
     """The programs of one function as jit makes them."""
 
-    def __init__(self, function: Callable[..., Any], static: tuple[int, ...], quick: bool):
-        self._made, self._known = functools.cache(lambda: self._jitted(function, static, quick)), 0
+    def __init__(self, function: Callable[..., Any], static: tuple[int, ...], level: int | None):
+        self._made, self._known = functools.cache(lambda: self._jitted(function, static, level)), 0
         # Kinds of arguments that there are programs for; dropped ones are made anew without being asked about.
         self._static, self._kinds = static, set()
         # Sizes of large arguments of which it is known that there is room.
@@ -113,7 +130,8 @@ class _Plain:
             sizes = tuple(np.shape(x) for x in leaves)
             # Asked once: lowering for it takes as long as a search of some steps, each time.
             if sizes not in self._asked:
-                _check_room(program.lower(*args).compile())
+                with _uncollected():
+                    _check_room(program.lower(*args).compile())
                 self._asked.add(sizes)
         result = program(*args)
         self._kinds.add(kinds)
@@ -123,8 +141,8 @@ class _Plain:
         return result
 
     @staticmethod
-    def _jitted(function: Callable[..., Any], static: tuple[int, ...], quick: bool) -> Any:
-        program = jax.jit(function, static_argnums=static, compiler_options=_options() if quick else None)
+    def _jitted(function: Callable[..., Any], static: tuple[int, ...], level: int | None) -> Any:
+        program = jax.jit(function, static_argnums=static, compiler_options=_options(level))
         _programs.add(program)
         return program
 
@@ -132,8 +150,8 @@ class _Plain:
 class _Kept:
     """The programs of one function by the kinds of their arguments, read from disk where they lie there."""
 
-    def __init__(self, function: Callable[..., Any], static: tuple[int, ...], quick: bool, plain: _Plain):
-        self._function, self._static, self._quick, self._plain = function, static, quick, plain
+    def __init__(self, function: Callable[..., Any], static: tuple[int, ...], level: int | None, plain: _Plain):
+        self._function, self._static, self._level, self._plain = function, static, level, plain
         # By what is quickly told of the arguments, and by their names; two of the first may share one of the second.
         self._known: dict[Any, Any] = {}
         self._named: dict[str, Any] = {}
@@ -171,7 +189,7 @@ class _Kept:
         constants = [(i, x) for i, (_, x) in zip(self._static, fixed, strict=True)]
         try:
             kinds = [(x.shape, np.dtype(x.dtype), x.weak_type) for x in like]
-            name = name_of_program(self._function, tree, kinds, context, (constants, self._quick))
+            name = name_of_program(self._function, tree, kinds, context, (constants, self._level))
         except NotKeptError:
             self._known[key] = None
             return self._plain(*args)
@@ -202,8 +220,9 @@ class _Kept:
 
         # A cache of JAX's that knows it by this name only has no older version, which could not be kept here.
         flat.__name__ = short_name(name).replace("-", "_")
-        program = jax.jit(flat, compiler_options=_options() if self._quick else None)
-        return program.lower(*like).compile(), made
+        program = jax.jit(flat, compiler_options=_options(self._level))
+        with _uncollected():
+            return program.lower(*like).compile(), made
 
 
 def _check_room(program: Any) -> None:
@@ -309,10 +328,14 @@ def _library_call(name: str) -> Any:
 
 
 @functools.cache
-def _options() -> dict[str, Any] | None:
-    """The options, where this version of XLA has them."""
+def _options(level: int | None) -> dict[str, Any] | None:
+    """The options of a level, as far as this version of XLA has them and its flags do not name them."""
+    if level is None or jax.default_backend() != "cpu":
+        return None
+    flags = os.getenv("XLA_FLAGS", "")
+    options = {name: value for name, value in ((_EMITTERS, False), (_LEVEL, level)) if name not in flags}
     try:
-        jax.jit(lambda x: x, compiler_options=_QUICK)(0.0)
+        jax.jit(lambda x: x, compiler_options=options)(0.0)
     except jax.errors.JaxRuntimeError:
         return None
-    return _QUICK
+    return options

@@ -103,3 +103,19 @@ def test_whoever_asks_is_heard_before_a_program_is_compiled_and_not_where_it_is_
             double(np.arange(4.0))
     assert len(asked) == 2
     np.testing.assert_array_equal(double(np.arange(4.0)), [0, 2, 4, 6])
+
+
+def test_flags_that_the_user_gave_to_the_compiler_go_before_the_level_of_a_program(monkeypatch):
+    emitters, level = {"xla_cpu_use_fusion_emitters": False}, {"xla_backend_optimization_level": 2}
+    try:
+        for flags, options in (
+            ("", emitters | level),
+            ("--xla_backend_optimization_level=0", emitters),
+            ("--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=true", {}),
+        ):
+            monkeypatch.setenv("XLA_FLAGS", flags)
+            module._options.cache_clear()
+            assert module._options(2) == options
+        assert module._options(None) is None
+    finally:
+        module._options.cache_clear()

@@ -1,9 +1,11 @@
 """Programs between processes: the same bits, no name for two of them, and nothing kept that could not be read."""
 
+import gc
 import os
 import subprocess
 import sys
 import types
+from contextlib import nullcontext
 from functools import partial, wraps
 from pathlib import Path
 from typing import Any
@@ -488,3 +490,18 @@ jax.monitoring.register_event_duration_secs_listener(lambda event, *_, **__: com
     asserting = "assert not [event for event in compiled if 'backend_compile' in event], compiled"
     assert in_processes(1, counting + script + asserting, tmp_path) == [without]
     assert files(tmp_path / "programs") == before
+
+
+@pytest.mark.parametrize("fails", [False, True])
+@pytest.mark.parametrize("collecting", [False, True])
+def test_garbage_waits_while_a_program_is_made_and_is_looked_for_as_before_after_it(folder, sample, collecting, fails):
+    result = "x.nothing" if fails else "2 * x"
+    made = sample(f"import gc\ndef f(x):\n    traced.append(gc.isenabled())\n    return {result}\n")
+    (gc.enable if collecting else gc.disable)()
+    try:
+        with pytest.raises(AttributeError) if fails else nullcontext():
+            compiled(made.f)(np.arange(3.0))
+        assert made.traced == [False]
+        assert gc.isenabled() == collecting
+    finally:
+        gc.enable()

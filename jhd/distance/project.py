@@ -22,7 +22,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.scaling import unit_weights
 from jhd.arrays import check_whole, is_traced, real_array
-from jhd.compiled import compiled
+from jhd.compiled import compiled, optimised
 from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of, origin
 from jhd.distance.frame.curves import padded_count, replaced, trusted, usable
 from jhd.distance.frame.jets import jet
@@ -223,7 +223,7 @@ def _order(points: Any) -> np.ndarray:
     return np.argsort(np.asarray(_places(rows))[:count])
 
 
-@compiled
+@optimised
 def _project_block(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments, _: Any) -> Projection:
     skip = repeated(curve.control_points, curve.weights)
 
@@ -244,7 +244,7 @@ def _project_block(method: AbstractProjectionMethod, queries: Array, curve: Bezi
     return in_chunks(lambda point: at(point, *method.one(point, curve, skip)), queries, _CHUNK)
 
 
-@partial(compiled, static=(0,))
+@partial(optimised, static=(0,))
 def _stationary_block(capacity: int, queries: Array, curve: BezierSegments, used: Any) -> StationaryPoints:
     # A segment that repeats the one before it has stationary parameters of its own; only padding has none.
     skip = jnp.arange(curve.count) >= used

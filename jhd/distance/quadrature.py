@@ -18,7 +18,7 @@ from jax.core import eval_context
 from jaxtyping import Array, Float, Int
 
 from jhd.arithmetic.scaling import length
-from jhd.compiled import compiled
+from jhd.compiled import optimised
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
@@ -188,7 +188,7 @@ def _padded(nodes: Nodes) -> tuple[np.ndarray, np.ndarray]:
     return np.pad(nodes.piece, (0, more)), t
 
 
-@compiled
+@optimised
 def _along(net: Net, piece: Array, t: Array) -> tuple[Array, Array, Array]:
     def one(k: Array, t: Array) -> tuple[Array, Array, Array]:
         at = jet(net.piece(k), t)

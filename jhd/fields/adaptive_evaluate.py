@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from jhd.arithmetic.scaling import length
 from jhd.arrays import is_traced
-from jhd.compiled import compiled
+from jhd.compiled import optimised
 from jhd.triangles.closest_point import in_blocks
 
 # The eight corners and parts are numbered 4 x + 2 y + z.
@@ -82,4 +82,4 @@ def _values_of(cells: LeafCells, points: Array, depth: int) -> Array:
     return jax.vmap(lambda point: value_at(cells, point, depth))(points)
 
 
-_values = compiled(_values_of, (2,))
+_values = optimised(_values_of, (2,))

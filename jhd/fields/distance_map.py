@@ -24,7 +24,7 @@ from jhd.arithmetic import rounding
 from jhd.arithmetic.interval import Interval
 from jhd.arithmetic.scaling import common_exponent
 from jhd.arrays import is_traced, real_array
-from jhd.compiled import compiled
+from jhd.compiled import compiled, optimised
 from jhd.display import count_text, described, opaque, size_text, value_text
 from jhd.shapes.biarc import BiarcCurve, biarcs, least_tolerance
 from jhd.shapes.checks import Numbers
@@ -298,7 +298,7 @@ def _bucket(count: int) -> int:
     return 4 ** max(2, math.ceil(math.log(count, 4) - 1e-9))
 
 
-@partial(compiled, static=(0, 1))
+@partial(optimised, static=(0, 1))
 def _tiles_evaluated(
     tile: int, batch: int, step: Array, places: list[Array], rows: Array, index: Array
 ) -> tuple[Array, Array]:

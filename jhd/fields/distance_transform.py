@@ -250,7 +250,7 @@ def _integer_plane(key: Array, bits: int, count: Array) -> Array:
     return jnp.minimum(_offsets(count, step, key, on), _FAR)
 
 
-@partial(compiled, quick=False)
+@partial(compiled, level=None)
 def _by_integers(volume: Array, counts: Array) -> Array:
     bits = _bits(volume.shape) or 0
     index, found = _along_lines(volume)
@@ -303,7 +303,7 @@ def _number_plane(value: Array, count: Array, side: Array) -> tuple[Array, Array
     return _offsets(count, step, (value, rows), on)
 
 
-@partial(compiled, quick=False)
+@partial(compiled, level=None)
 def _by_numbers(volume: Array, counts: Array, sides: Array) -> Array:
     sides = sides / power_of_two(jnp.max(sides))
     z, found = _along_lines(volume)
@@ -349,7 +349,7 @@ def _scanned(offer: Callable[[Array, Array, Array], Array], here: Array, places:
     return lax.scan(step, start, (here, places), reverse=back)[1]
 
 
-@partial(compiled, quick=False)
+@partial(compiled, level=None)
 def _propagated(volume: Array, sides: Array) -> Array:
     """Features passed on by the templates: planes of the last axis, in them rows of the first, along the second.
 

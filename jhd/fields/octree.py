@@ -25,7 +25,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jhd.arithmetic import exact_polynomials, trivariate
 from jhd.arrays import is_traced
-from jhd.compiled import compiled
+from jhd.compiled import optimised
 from jhd.display import count_text, described, is_known, opaque, value_text
 from jhd.fields.boxes import CORNERS, children
 from jhd.memory import check_memory
@@ -274,9 +274,9 @@ def _opposite_of(coefficients: Array, cells: Array, origin: Array, h: Array, sig
     return jnp.where(sign > 0, found.upper < 0, found.lower > 0)
 
 
-_may_vanish = compiled(_may_vanish_of, (4,))
-_signs = compiled(_signs_of)
-_opposite = compiled(_opposite_of)
+_may_vanish = optimised(_may_vanish_of, (4,))
+_signs = optimised(_signs_of)
+_opposite = optimised(_opposite_of)
 
 
 def _proven(grid: _VoxelGrid, cells: np.ndarray) -> np.ndarray:

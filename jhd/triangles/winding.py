@@ -30,7 +30,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.compiled import compiled
+from jhd.compiled import optimised
 from jhd.shapes.mesh import TriangleMesh, edges_of
 from jhd.triangles.box_tree import WIDTH
 from jhd.triangles.closest_point import (
@@ -289,7 +289,7 @@ def _numbers(
     return number, error * (1 + 1e-9)
 
 
-@compiled
+@optimised
 def _expansions(table: Array, points: Array, node: Array) -> tuple[Array, Array]:
     """Winding numbers of nodes by the expansion, and bounds of their errors; infinity where q may be among them.
 
@@ -319,7 +319,7 @@ def _expansions(table: Array, points: Array, node: Array) -> tuple[Array, Array]
     return value / (4 * math.pi), bound / (4 * math.pi)
 
 
-@compiled
+@optimised
 def _angles(corners: Array, points: Array, triangle: Array) -> tuple[Array, Array]:
     """Winding numbers of single triangles, and bounds of their errors."""
     return solid_angles(corners[triangle] - points[:, None, :])
@@ -363,7 +363,7 @@ def _exact_number(corners: np.ndarray, point: np.ndarray) -> float:
     return float(np.sum(value))
 
 
-@compiled
+@optimised
 def _known_angles(corners: Array, point: Array) -> tuple[Array, Array]:
     return solid_angles(corners - point)
 

@@ -17,7 +17,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.scaling import unit_weights
 from jhd.arrays import varying
-from jhd.compiled import compiled
+from jhd.compiled import optimised
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of, reported
 from jhd.distance.frame.curves import elevation_matrix, raised_degree, trusted
@@ -165,10 +165,10 @@ def _shared(devices: tuple[Any, ...]) -> Any:
         return _measured(block._replace(count=block.count[0]))
 
     mesh = jax.sharding.Mesh(np.array(devices), ("pairs",))
-    return compiled(jax.shard_map(on_each, mesh=mesh, in_specs=(places,), out_specs=shares))
+    return optimised(jax.shard_map(on_each, mesh=mesh, in_specs=(places,), out_specs=shares))
 
 
-@compiled
+@optimised
 def _measured(block: Block) -> MeasuredPairs:
     # Side by side each pair would last as long as the longest one, which serves an accelerator alone.
     return _in_turn(block) if jax.default_backend() == "cpu" else _side_by_side(block)

@@ -33,7 +33,7 @@ from jaxtyping import Array, Float
 
 from jhd.arithmetic.rounding import gamma, round_down, round_up, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent
-from jhd.compiled import compiled
+from jhd.compiled import optimised
 from jhd.display import count_text, described, opaque
 from jhd.distance.frame.coordinates import Frame, common_points, frame_of
 from jhd.distance.frame.curves import preparation_error
@@ -195,7 +195,7 @@ def _chord_distances(task: Any) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(frame.length(low, 0.0)), np.asarray(frame.length(high, np.inf))
 
 
-@compiled
+@optimised
 def _distances(points: Array, ends: Array, off: Array, count: Array) -> tuple[Array, Array]:
     """Lower and upper bounds (shapes, points) of the distances from curves with these chords."""
 
@@ -265,7 +265,7 @@ def _rounded(x: np.ndarray, toward: float) -> np.ndarray:
     return moved + (nu if toward > 0 else -nu)
 
 
-@compiled
+@optimised
 def _bounds(
     low_a: Array, high_a: Array, reach_a: Array, low_b: Array, high_b: Array, reach_b: Array, count: Array
 ) -> tuple[Array, Array]:

@@ -32,7 +32,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic import rounding
 from jhd.arithmetic.rationals import float_above, float_below, root_between
-from jhd.compiled import compiled
+from jhd.compiled import optimised
 from jhd.distance.frame.directions import larger
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.fields.boxes import squared_distances
@@ -268,7 +268,7 @@ def _by_axes(p: _GridCells, q: _GridCells, proven: np.ndarray, cells: int) -> tu
     return ends[0], ends[1]
 
 
-@compiled
+@optimised
 def _two_axes(taken: Array, table: Array) -> Array:
     """For every cell the minimum of table(step in x) + table(step in y) over the taken cells of its plane in z.
 
@@ -291,7 +291,7 @@ def _two_axes(taken: Array, table: Array) -> Array:
     return lax.map(along_y, along_x)
 
 
-@compiled
+@optimised
 def _third_axis(grid: Array, table: Array, places: Array) -> Array:
     """The minimum of grid + table(step in z) for the cells at the places, an array (3, cells)."""
     x, y, z = places
@@ -316,7 +316,7 @@ def _by_tiles(p: _GridCells, q: _GridCells, proven: np.ndarray, cells: int) -> t
     return least, most
 
 
-@compiled
+@optimised
 def _tiled(
     a_lower: Array, a_upper: Array, b_lower: Array, b_upper: Array, penalty: Array, tiles: Array
 ) -> tuple[Array, Array]:

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.simplices import inner_lattice
-from jhd.compiled import compiled
+from jhd.compiled import compiled, optimised
 from jhd.distance.cells.followed import bound_between, levels_of, part_over
 from jhd.distance.cells.foot_maps import (
     BEYOND,
@@ -300,7 +300,7 @@ def _worth_trying(feet: _FeetOfParts, flat: bool) -> np.ndarray:
     return tried & (np.cumsum(tried, axis=1) <= _MOST)
 
 
-@compiled
+@optimised
 def _bounds_of(
     shapes: Any, count: Array, piece: Array, corners: Array, shares: Array, segment: Array, start: Array
 ) -> Array:
@@ -325,7 +325,7 @@ def _bounds_of(
     return in_groups(group, count, (piece, corners, shares, segment, start), _LANES_OF_PARTS)
 
 
-@compiled
+@optimised
 def _farthest_corner(shapes: Any, count: Array, piece: Array, corners: Array, segment: Array) -> Array:
     a, b = shapes
 

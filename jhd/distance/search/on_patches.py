@@ -18,7 +18,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, length, unit_weights
-from jhd.compiled import compiled
+from jhd.compiled import compiled, optimised
 from jhd.distance.cells.beside import beside_net, of_points
 from jhd.distance.cells.pairs import Cell, bound, derivatives, nearest_in, newton_step
 from jhd.distance.frame.curves import padded_count
@@ -342,7 +342,7 @@ def _mended(about: _About, x: Array, fixed: Array) -> Array:
     return x
 
 
-@compiled
+@optimised
 def _foot(net: Net, count: Array, points: Array, piece: Array, start: Array) -> Any:
     """Upper bounds, distances and parameters of points of pieces near the starts, moved towards the nearest."""
 
