@@ -17,7 +17,7 @@ from jaxtyping import Array
 
 from jhd.arrays import real_array
 from jhd.distance.frame.method import AbstractHausdorffMethod
-from jhd.distance.measures import AbstractMeasure
+from jhd.distance.measures.measures import AbstractMeasure
 from jhd.fitting.annealing import annealing
 from jhd.fitting.chain import Layout, contours, divided, from_a_corner, least_squares, longest_pieces, points_of
 from jhd.fitting.clock import Clock

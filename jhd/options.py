@@ -13,6 +13,8 @@ from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.project_methods import AbstractProjectionMethod
 from jhd.distance.search.points import is_points
 from jhd.io import load_shape
+from jhd.io.clouds import rows_in
+from jhd.io.errors import read_text
 from jhd.io.load import SHAPE_SUFFIXES
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
@@ -170,17 +172,7 @@ def points_of(options: Namespace) -> np.ndarray:
     name = options.points or "-"
     if name == "-" and sys.stdin.isatty():
         raise ValueError("no point: give X Y [Z], --points FILE, or rows on standard input.")
-    text = sys.stdin.read() if name == "-" else Path(name).read_text(encoding="utf-8-sig")
-    rows = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split("#")[0].replace(",", " ").split()
-        try:
-            row = [float(word) for word in words]
-        except ValueError as error:
-            raise ValueError(f"{name}:{number}: {error}.") from None
-        if rows and row and len(row) != len(rows[0]):
-            raise ValueError(f"{name}:{number}: {len(row)} coordinates; the rows before have {len(rows[0])}.")
-        rows += [row] if row else []
-    if not rows:
+    rows = rows_in(sys.stdin.read() if name == "-" else read_text(name), name)
+    if not len(rows):
         raise ValueError(f"{name} holds no points.")
-    return np.array(rows)
+    return rows

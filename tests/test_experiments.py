@@ -9,8 +9,6 @@ import json
 import os
 import re
 import runpy
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +16,7 @@ import pytest
 
 from experiments.claims import CLAIMS
 from tests.conftest import QUICK_FLAGS
+from tests.processes import python
 
 ROOT = Path(__file__).resolve().parent.parent
 # Modules that experiments or figures share, and what draws all figures.
@@ -40,13 +39,10 @@ def names(paths):
 
 
 def run(script, folder):
-    command = [sys.executable, str(script.relative_to(ROOT)), "--smoke", "--out", str(folder)]
     # Small matrices on several threads take many times as long where other processes run. What short runs compile runs
     # once or twice, and the quick tests have compiled much of it.
     quickly = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "XLA_FLAGS": " ".join(QUICK_FLAGS)}
-    done = subprocess.run(command, cwd=ROOT, env=quickly, capture_output=True, text=True, timeout=600, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    return done.stdout
+    return python(str(script.relative_to(ROOT)), "--smoke", "--out", str(folder), cwd=ROOT, env=quickly).stdout
 
 
 def test_every_experiment_has_a_claim_that_is_asserted():
@@ -57,9 +53,8 @@ def test_every_experiment_has_a_claim_that_is_asserted():
 def test_an_experiment_whose_claim_does_not_hold_fails_after_its_numbers_are_written(tmp_path):
     experiment = ROOT / "experiments" / "lin03_transform.py"
     save = f"from common import Run; Run({str(experiment)!r}, None).save({{'line': {{'found': [0]}}}}, 'table')"
-    command = [sys.executable, "-c", save, "--smoke", "--out", str(tmp_path)]
-    done = subprocess.run(command, cwd=experiment.parent, capture_output=True, text=True, timeout=600, check=False)
-    assert done.returncode == 1 and "AssertionError" in done.stderr and done.stdout == "table\n"
+    done = python("-c", save, "--smoke", "--out", str(tmp_path), status=1, cwd=experiment.parent)
+    assert "AssertionError" in done.stderr and done.stdout == "table\n"
     assert json.loads((tmp_path / "lin03_transform.json").read_bytes())["line"] == {"found": [0]}
 
 
@@ -159,10 +154,7 @@ def check_pictures(folder, name):
 @pytest.mark.slow
 def test_one_command_draws_what_is_missing_once_and_says_what_is_drawn_of_old_numbers(tmp_path):
     def draw(*flags):
-        command = [sys.executable, "paper_figs/all.py", "spurious_cells", "--smoke", "--out", str(tmp_path), *flags]
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
-        assert done.returncode == 0, done.stderr[-2000:]
-        return done
+        return python("paper_figs/all.py", "spurious_cells", "--smoke", "--out", str(tmp_path), *flags, cwd=ROOT)
 
     # The figure runs its experiment where numbers are missing.
     assert "spurious_cells: drawn" in draw().stdout
@@ -185,6 +177,4 @@ def test_one_command_draws_what_is_missing_once_and_says_what_is_drawn_of_old_nu
 @pytest.mark.parametrize("script", TOUR, ids=names(TOUR))
 def test_a_script_of_the_tour_says_what_it_shows_and_what_it_says_holds(script, tmp_path):
     assert len(TOUR) == 10 and ast.get_docstring(ast.parse(script.read_text(encoding="utf-8")))
-    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=600)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert done.stdout
+    assert python(str(script), cwd=tmp_path).stdout

@@ -1,8 +1,6 @@
 """A process forked from one that has computed refuses at once to compute; one forked before does as any other."""
 
 import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -10,6 +8,7 @@ import pytest
 
 import jhd
 from jhd import forks
+from tests.processes import python
 
 A, B = jhd.polyline([(0, 0), (1, 0)]), jhd.points([[0.0, 1.0]])
 MESH = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
@@ -80,8 +79,7 @@ print(float(jhd.directed_hausdorff(a, b)))
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no forks of other systems")
 def test_forked_processes_compute_refuse_or_read():
-    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
+    done = python("-c", SCRIPT)
     before, after, read, own = done.stdout.splitlines()
     assert (before, own, read) == ("5.0", "5.0", "1")
     assert after.startswith("this process was forked from one in which JAX had computed")

@@ -23,7 +23,7 @@ ORDER = """
     triangles
     fields
     distance.frame distance.nearest distance.cells distance.witness distance.search distance.published.events
-        distance.published distance.certificate distance
+        distance.published distance.certificate distance distance.measures
     fitting fit | plot | io
     lengths report options warming console comparisons collected commands __main__
 """

@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import subprocess
 import sys
 from html.parser import HTMLParser
 from typing import Any
@@ -15,6 +14,7 @@ import pytest
 
 import jhd
 from jhd.plot import pages
+from tests.processes import ran
 
 BROWSERS = "chromium", "chromium-browser", "google-chrome", "chrome"
 
@@ -163,7 +163,7 @@ def dumped(text, folder):
     file.write_text(text, encoding="utf-8")
     flags = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--virtual-time-budget=9000"]
     command = [browser, *flags, f"--user-data-dir={folder}/profile", "--dump-dom", file.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    done = ran(*command)
     return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
 

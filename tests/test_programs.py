@@ -2,7 +2,6 @@
 
 import gc
 import os
-import subprocess
 import sys
 import types
 from contextlib import nullcontext
@@ -25,6 +24,7 @@ from jhd.compiled import asking, compiled
 from jhd.distance.frame import directions
 from jhd.distance.witness import meshes, places
 from jhd.programs import NotKeptError, is_ours, name_of_program
+from tests.processes import at_once
 
 
 @pytest.fixture
@@ -412,17 +412,7 @@ def in_processes(count, script, folder, **environment):
     root = str(Path(jhd.__file__).parents[1])
     env = {**os.environ, "PYTHONPATH": root, "JHD_CACHE": str(folder), **environment}
     env.pop("JAX_COMPILATION_CACHE_DIR", None)
-    command = [sys.executable, "-c", script]
-    started = [
-        subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        for _ in range(count)
-    ]
-    outputs = []
-    for process in started:
-        out, err = process.communicate(timeout=300)
-        assert process.returncode == 0, err
-        outputs.append(out)
-    return outputs
+    return at_once([[sys.executable, "-c", script]] * count, env=env)
 
 
 def test_a_process_that_never_saw_lapack_runs_a_program_that_calls_it(tmp_path):

@@ -3,7 +3,6 @@
 import inspect
 import os
 import re
-import subprocess
 import sys
 from typing import Any
 
@@ -13,6 +12,7 @@ import jhd
 import jhd.distance
 import jhd.io
 import jhd.shapes
+from tests.processes import python
 
 # Names of the public interface that are built, with the parameters that they take.
 PARAMETERS = {
@@ -148,11 +148,7 @@ def test_the_version_is_one_of_pep_440():
 def in_process(code, **environment):
     """What a fresh interpreter prints; JAX_ENABLE_X64 is unset unless given."""
     variables = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"} | environment
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], env=variables, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout.strip()
+    return python("-W", "error", "-c", code, env=variables).stdout.strip()
 
 
 def test_importing_is_light():

@@ -2,13 +2,12 @@
 
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import jhd
+from tests.processes import python
 
 ROOT = Path(jhd.__file__).resolve().parent.parent
 # What the package imports first is one that interrupts; without its own handler a process in the background hears none.
@@ -24,7 +23,7 @@ def interrupted(folder, *command):
     (folder / "jax.py").write_text(FAKE, encoding="utf-8")
     paths = os.pathsep.join(map(str, (folder, ROOT)))
     environment = {**os.environ, "PYTHONPATH": paths}
-    done = subprocess.run([sys.executable, *command], cwd=folder, env=environment, capture_output=True, text=True)
+    done = python(*command, status=None, cwd=folder, env=environment)
     return done.returncode, done.stdout, done.stderr
 
 

@@ -3,13 +3,12 @@
 import os
 import signal
 import stat
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from jhd import storage
+from tests.processes import python
 
 BODY = b"some bytes" * 100
 posix = pytest.mark.skipif(os.name != "posix", reason="there are no modes")
@@ -152,8 +151,7 @@ storage.write(Path({str(folder)!r}), "new", {BODY!r})
     # The module alone: importing the package takes a second, and it must not need it.
     root = str(Path(storage.__file__).parents[1])
     light = f"import sys, types; jhd = sys.modules['jhd'] = types.ModuleType('jhd'); jhd.__path__ = [{root!r} + '/jhd']"
-    done = subprocess.run([sys.executable, "-c", light + script], capture_output=True, text=True, timeout=60)
-    assert done.returncode == -signal.SIGKILL, done.stderr
+    python("-c", light + script, status=-signal.SIGKILL)
     assert len(list(folder.iterdir())) == 2  # the old one, and what was begun
     assert storage.read(folder, "new") is None
     assert storage.read(folder, "old") == BODY

@@ -1,1 +1,3 @@
 """Numbers and polynomials that carry a proof."""
+
+from jhd.arithmetic.interval import Interval

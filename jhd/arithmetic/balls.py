@@ -88,11 +88,17 @@ def reciprocal(x: Ball) -> Ball:
 
 
 def semidefinite(h: Ball, fixed: Array) -> Array:
-    """Whether every symmetric matrix in the ball is proven positive semidefinite on the variables that are not fixed.
+    """Whether all symmetric matrices in the ball are proven positive semidefinite on variables that are not fixed."""
+    return normalised(h, fixed)[1] >= 0
 
-    With S = L^-T D^(-1/2) from the mid-point L D L^T, S^T h S is close to the identity; if the absolute sums of
-    S^T h S - 1 along its rows are at most one, all eigenvalues of S^T h S are at least zero (Gershgorin), and S^T h S
-    has the signature of h. Nothing depends on the accuracy of S. The two products round 2 n + 4 times at most.
+
+def normalised(h: Ball, fixed: Array) -> tuple[Array, Array]:
+    """The transpose of S with S^T h S close to one, and a lower bound of the eigenvalues of all S^T h S.
+
+    With S = L^-T D^(-1/2) from the mid-point L D L^T the absolute sums of S^T h S - 1 along its rows bound how far its
+    eigenvalues are from one (Gershgorin); where they are not negative those of h are not, as both have one signature.
+    Nothing depends on the accuracy of S. The two products round 2 n + 4 times at most. Where the mid-point is not
+    positive definite the bound is minus infinity. Fixed variables count as those of the unit matrix.
     """
     n, dtype = h.mid.shape[-1], h.mid.dtype
     held = fixed[:, None] | fixed[None, :]
@@ -103,7 +109,8 @@ def semidefinite(h: Ball, fixed: Array) -> Array:
     image = product(s, product(mid, s.T))
     spread = product(jnp.abs(s), product(rad + gamma(2 * n + 8, dtype) * jnp.abs(mid), jnp.abs(s).T))
     excess = jnp.sum(jnp.abs(image - np.eye(n)) + spread * (1 + gamma(4 * n + 8, dtype)), axis=-1)
-    return good & jnp.all(excess * (1 + gamma(2 * n + 4, dtype)) + gamma(8, dtype) <= 1)
+    least = 1 - jnp.max(excess * (1 + gamma(2 * n + 4, dtype)) + gamma(8, dtype))
+    return s, jnp.where(good & ~jnp.isnan(least), least, -jnp.inf)
 
 
 def product(x: Array, y: Array) -> Array:
@@ -119,7 +126,7 @@ def factors(matrix: Array) -> tuple[Array, Array]:
         pivot = rest[k, k]
         column = jnp.where(np.arange(n) > k, rest[:, k], 0.0) / jnp.where(pivot != 0, pivot, jnp.inf)
         rest = rest - pivot * column[:, None] * column[None, :]
-        columns.append(column + np.eye(n)[k])
+        columns.append(column + np.eye(n, dtype=matrix.dtype)[k])
         pivots.append(pivot)
     return jnp.stack(columns, axis=1), jnp.stack(pivots)
 

@@ -12,8 +12,8 @@ fused and sums reordered; a fused operation rounds once instead of twice, so sep
 
 A division counts as **two** roundings: XLA replaces x / y by x * (1 / y) where y is constant or broadcast (measured:
 one third of the results of x / 3 differ in the last bit). There 1 / y is flushed to zero for |y| > 1 / nu, so that
-x / y becomes 0. It also merges constant factors, (x * a) * b into x * (a * b), so a factor that guards against
-underflow must not be a constant.
+x / y becomes 0; `quotient` avoids that. It also merges constant factors, (x * a) * b into x * (a * b), so a factor
+that guards against underflow must not be a constant.
 
 Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), sections 2.2 and 3.1.
 """
@@ -66,6 +66,19 @@ def gamma(operations: float, dtype: DTypeLike) -> float:
             f"gamma needs 0 <= operations * u <= 0.01; operations is {operations}, dtype {np.dtype(dtype)}."
         )
     return bound
+
+
+def cast(x: ArrayLike, dtype: DTypeLike, toward: float) -> np.ndarray:
+    """Known numbers in another precision, rounded towards an infinity.
+
+    >>> float(cast(np.asarray(1 - 2.0**-40), np.float32, -np.inf)) == 1 - 2.0**-24
+    True
+    """
+    x = np.asarray(x)
+    with np.errstate(over="ignore"):
+        near = x.astype(dtype)
+    beyond = near < x if toward > 0 else near > x
+    return np.where(beyond, np.nextafter(near, np.asarray(toward, dtype)), near)
 
 
 def absolute_error(operations: int, magnitude: ArrayLike) -> Array:
@@ -163,6 +176,18 @@ def power_of_two(x: ArrayLike) -> Array:
     bits, first_normal = _bits(x)
     power = lax.bitcast_convert_type(bits & -first_normal, x.dtype)
     return jnp.where((bits >= first_normal) & (x < jnp.inf), power, 1.0).astype(x.dtype)
+
+
+def quotient(x: ArrayLike, y: ArrayLike) -> Array:
+    """The quotient x / y of normal or zero x and normal y, with at most two roundings, ready for round_down.
+
+    Where both are at least one they are divided by 16, exactly, so that 1 / y, which XLA may form, is not flushed.
+    Elsewhere it is flushed only if |y| > 1 / nu, and then |x| < 1, so the quotient is below nu. The factor depends on
+    x because XLA merges constant factors: x * (1 / 16) / (constant / 16) becomes x * (1 / constant) again.
+    """
+    x, y = jnp.asarray(x), jnp.asarray(y)
+    scale = jnp.where((jnp.abs(x) >= 1) & (jnp.abs(y) >= 1), 1 / 16, 1.0).astype(y.dtype)
+    return (x * scale) / (y * scale)
 
 
 def widen(lower: ArrayLike, upper: ArrayLike, absolute: ArrayLike = 0.0, relative: float = 0.0) -> tuple[Array, Array]:

@@ -15,11 +15,13 @@ Source: Farin, Triangular Bernstein-Bezier patches, CAGD 3 (1986); DeRose et al.
 blossoming, ACM TOG 12 (1993), of which ours is de Casteljau's algorithm on polynomials.
 """
 
+import functools
 import math
 from functools import cache
 from itertools import product
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -61,8 +63,11 @@ def constant(k: int, n: int, values: Array) -> Array:
 
 def scaled(k: int, n: int, coefficients: Array) -> Array:
     """A polynomial of degree n from its coefficients at the lattice, (indices, *values)."""
-    table = jnp.zeros(((n + 1,) * k) + coefficients.shape[1:], coefficients.dtype)
-    return table.at[_places(k, n)].set(coefficients) * like(k, multinomials(k, n), table)
+    # Where there is no coefficient the first one is taken no times.
+    index = np.zeros((n + 1,) * k, int)
+    index[_places(k, n)] = np.arange(len(lattice(k, n)))
+    table = coefficients[index]
+    return table * like(k, multinomials(k, n), table)
 
 
 def coefficients_of(k: int, f: Array) -> Array:
@@ -77,13 +82,12 @@ def multiply(k: int, f: Array, g: Array) -> Array:
     if f.shape[0] > g.shape[0]:
         return multiply(k, g, f)
     n = f.shape[0] - 1
-    return _added(k, [(at, f[at] * g) for at in zip(*_places(k, n), strict=True)], n)
+    return _sum([f[at] * part for at, part in _moved(k, n, g)])
 
 
 def dot(k: int, f: Array, g: Array) -> Array:
     """The scalar product of two polynomials whose values are vectors along the next axis."""
-    n = f.shape[0] - 1
-    return _added(k, [(at, jnp.sum(f[at] * g, axis=k)) for at in zip(*_places(k, n), strict=True)], n)
+    return jnp.sum(multiply(k, f, g), axis=k)
 
 
 def composed(k: int, rows: Array, inner: Array, complement: Array) -> Array:
@@ -98,21 +102,28 @@ def composed(k: int, rows: Array, inner: Array, complement: Array) -> Array:
     """
     g = inner.shape[0] - 1
     while rows.shape[0] > 1:
-        low, high = rows[:-1], rows[1:]
-        terms = [(at, complement[at] * low + inner[at] * high) for at in zip(*_places(k, g), strict=True)]
-        rows = _added(k, terms, g, rows.ndim - 2 - k)
+        every = _moved(k, g, rows, rows.ndim - 2 - k)
+        rows = _sum([complement[at] * x[:-1] + inner[at] * x[1:] for at, x in every])
     return rows[0]
 
 
-def _added(k: int, terms: list[tuple[Any, Array]], room: int, first: int = 0) -> Array:
-    """The sum of arrays that are moved by so much along their k axes of entries, the first of which is named."""
-    shape = list(terms[0][1].shape)
-    wide = [x + room if first <= axis < first + k else x for axis, x in enumerate(shape)]
-    out = jnp.zeros(wide, terms[0][1].dtype)
-    for at, x in terms:
-        moved = tuple(slice(int(i), int(i) + shape[first + axis]) for axis, i in enumerate(at))
-        out = out.at[(slice(None),) * first + moved].add(x)
-    return out
+def _moved(k: int, n: int, x: Array, first: int = 0) -> list[tuple[Any, Array]]:
+    """The array, with room for degrees higher by n, moved by each multi-index of degree n along its axes of entries.
+
+    Written once with zeros about it, of which the moved ones are parts: so the sum of all terms is one loop.
+    """
+    axes = range(first, first + k)
+    wide = jnp.pad(x, [(n, n) if axis in axes else (0, 0) for axis in range(x.ndim)])
+    size = [length + n if axis in axes else length for axis, length in enumerate(x.shape)]
+    found = []
+    for at in zip(*_places(k, n), strict=True):
+        start = [0] * first + [n - int(i) for i in at] + [0] * (x.ndim - first - k)
+        found.append((at, jax.lax.slice(wide, start, [a + b for a, b in zip(start, size, strict=True)])))
+    return found
+
+
+def _sum(terms: list[Array]) -> Array:
+    return functools.reduce(jnp.add, terms)
 
 
 @cache
@@ -141,3 +152,42 @@ def fitting(k: int, n: int, inset: float) -> np.ndarray:
     places, index = inner_lattice(k, n, inset), lattice(k, n)
     basis = np.prod(places[:, None] ** index[None], axis=-1) * multinomials(k, n)[_places(k, n)]
     return np.linalg.inv(basis)
+
+
+# Corners of the halves of a segment and of the quarters of a triangle, as twice their barycentric coordinates.
+_PARTS = {
+    1: np.array([[[2, 0], [1, 1]], [[1, 1], [0, 2]]]),
+    2: np.array(
+        [
+            [[2, 0, 0], [1, 1, 0], [1, 0, 1]],
+            [[1, 1, 0], [0, 2, 0], [0, 1, 1]],
+            [[1, 0, 1], [0, 1, 1], [0, 0, 2]],
+            [[0, 1, 1], [1, 0, 1], [1, 1, 0]],
+        ]
+    ),
+}
+
+
+@cache
+def dividing(k: int, n: int) -> np.ndarray:
+    """The matrices (parts, indices, indices) that take coefficients at the lattice to those on halves or quarters.
+
+    They are those of products of linear forms, one for each corner; all entries are sums of multiples of 2^-n, and the
+    sums of their rows are one.
+    """
+    places = _places(k, n)
+    return np.array([[_forms(k, corners / 2, index)[places] for index in lattice(k, n)] for corners in _PARTS[k]])
+
+
+def _forms(k: int, corners: np.ndarray, powers: np.ndarray) -> np.ndarray:
+    """Coefficients of a product of powers of linear forms."""
+    out = np.ones((1,) * k)
+    for form, power in zip(corners, powers, strict=True):
+        for _ in range(power):
+            wide = np.zeros(tuple(m + 1 for m in out.shape))
+            wide[tuple(slice(0, m) for m in out.shape)] += form[0] * out
+            for axis in range(k):
+                at = tuple(slice(int(j == axis), m + int(j == axis)) for j, m in enumerate(out.shape))
+                wide[at] += form[axis + 1] * out
+            out = wide
+    return out

@@ -153,6 +153,20 @@ def bernstein_conversion(degree: int) -> np.ndarray:
     return np.array([[x / math.comb(n, k) for k, x in enumerate(row)] for row in rows])
 
 
+def power_conversion(degree: int) -> np.ndarray:
+    """Entry [k, j]: the coefficient of e^k in Bernstein polynomial j on [-1, 1]; each is rounded once."""
+    n = degree
+    rows = [
+        [
+            math.comb(n, j)
+            * sum((-1) ** (k - i) * math.comb(j, i) * math.comb(n - j, k - i) for i in range(min(j, k) + 1))
+            for j in range(n + 1)
+        ]
+        for k in range(n + 1)
+    ]
+    return np.array([[x / 2**n for x in row] for row in rows])
+
+
 def bernstein_along(form: Array, axis: int) -> Array:
     """Power coefficients to Bernstein coefficients along one axis; j and n - j share the even and the odd powers."""
     rows = [form[(slice(None),) * axis + (i,)] for i in range(form.shape[axis])]

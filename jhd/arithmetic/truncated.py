@@ -12,7 +12,8 @@ negative, each a product of a few.
 Source: Makino & Berz, Taylor models and other validated functional inclusion methods, IJPAM 4 (2003).
 """
 
-from collections.abc import Iterator
+import math
+from functools import cache
 from itertools import product as cartesian
 from typing import NamedTuple
 
@@ -34,8 +35,12 @@ _DEGREES = np.array([i + j for i, j in EXPONENTS])
 _ROW = {powers: k for k, powers in enumerate(EXPONENTS)}
 # Row m, entry k: the term that times term m makes term k; the one after the last is zero.
 _FACTOR = np.array([[_ROW.get((k[0] - m[0], k[1] - m[1]), _COUNT) for k in EXPONENTS] for m in EXPONENTS])
-# The terms of each degree.
-_OF_DEGREE = [np.flatnonzero(_DEGREES == degree) for degree in range(DEGREE + 1)]
+# Which of the terms, and last of the rest, are of each degree; the rest counts as beyond the largest one.
+_OF_DEGREE = np.append(_DEGREES, DEGREE + 1) == np.arange(DEGREE + 2)[:, None]
+# Which products of two of these belong to the rest.
+_BEYOND = np.add.outer(np.arange(DEGREE + 2), np.arange(DEGREE + 2)) > DEGREE
+# Monomials that are formed in one step.
+_SIDE_BY_SIDE = 3
 # Roundings of a coefficient of a product, and of the sums of its rest.
 _ROUNDINGS = 4 * _COUNT + 16
 # Bernstein coefficients on the square of all terms.
@@ -66,13 +71,22 @@ def product(x: Truncated, y: Truncated) -> Truncated:
         return total + x.terms[m] * padded[jnp.asarray(_FACTOR)[m]]
 
     terms = jax.lax.fori_loop(0, _COUNT, add, varying(jnp.zeros_like(x.terms + y.terms), x, y))
-    # What is beyond the degree, by the sizes of the terms of each.
-    first, second = (jnp.stack([jnp.sum(jnp.abs(z.terms[rows]), axis=0) for rows in _OF_DEGREE]) for z in (x, y))
-    lost = sum(first[d] * jnp.sum(second[DEGREE + 1 - d :], axis=0) for d in range(1, DEGREE + 1))
-    rest = lost + x.rest * y.size + jnp.sum(first, axis=0) * y.rest
+    # What is beyond the degree, and a share of all for roundings, by the sizes of the terms of each.
     room = gamma(_ROUNDINGS, dtype)
-    rest = rest * (1 + room) + room * x.size * y.size + 16 * smallest_normal(dtype)
-    return Truncated(jnp.asarray(terms), rest)
+    first, second = _sizes(x), _sizes(y)
+    shares = np.where(_BEYOND, 1 + 2 * room, room).astype(dtype).reshape(*_BEYOND.shape, *(1,) * (second.ndim - 1))
+    return Truncated(jnp.asarray(terms), _known(jnp.sum(shares * first[:, None] * second, axis=(0, 1))))
+
+
+def _known(rest: Array) -> Array:
+    """The rest with what is flushed, and infinite where something unknown is taken no times."""
+    return jnp.where(jnp.isnan(rest), jnp.inf, rest + 16 * smallest_normal(rest.dtype))
+
+
+def _sizes(x: Truncated) -> Array:
+    """The sums of the sizes of the terms of each degree, and last the rest."""
+    rows = jnp.concatenate([jnp.abs(x.terms), x.rest[None]])
+    return jnp.sum(jnp.where(_OF_DEGREE.reshape(*_OF_DEGREE.shape, *(1,) * (rows.ndim - 1)), rows[None], 0.0), axis=1)
 
 
 def plus(x: Truncated, y: Truncated) -> Truncated:
@@ -89,43 +103,96 @@ def scaled(x: Truncated, factor: Array | float) -> Truncated:
     return Truncated(x.terms * factor, rest + 16 * smallest_normal(dtype))
 
 
+def reciprocal(x: Truncated) -> Truncated:
+    """One over functions; what they are off by is infinite where they may vanish.
+
+    With m the first term and d = x / m - 1 it is (1 - d + .. - d^5 + d^6 / (1 + d)) / m.
+    """
+    dtype = x.terms.dtype
+    middle = x.terms[0]
+    safe = jnp.where(middle != 0, middle, 1.0)
+    less = scaled(Truncated(-x.terms.at[0].set(0.0), x.rest), 1 / safe)
+    # The factor is rounded.
+    less = less._replace(rest=less.rest + gamma(4, dtype) * (1 + less.size))
+    size = less.size * (1 + gamma(_ROUNDINGS, dtype))
+    one = Truncated(jnp.zeros_like(x.terms).at[0].set(1.0), jnp.zeros_like(x.rest))
+    step = lambda _, total: plus(one, product(less, total))  # noqa: E731
+    total = jax.lax.fori_loop(0, DEGREE, step, varying(one, x))
+    near = (size < 1) & (middle != 0)
+    left = size ** (DEGREE + 1) / jnp.where(near, 1 - size, 1.0) * (1 + gamma(16, dtype))
+    found = scaled(total._replace(rest=total.rest + left), 1 / safe)
+    rest = found.rest + gamma(4, dtype) * found.size * (1 + gamma(_ROUNDINGS, dtype))
+    return Truncated(found.terms, jnp.where(near, rest, jnp.inf))
+
+
 def composed(form: Array, variables: Truncated) -> Truncated:
-    """The polynomial of x^i y^j z^k, form (i, j, k, ...), at three functions of absolute value at most one.
+    """The polynomial of x^i y^j .., form (i, j, .., ...), at as many functions of absolute value at most one.
 
     Terms of a total degree beyond DEGREE go into the rest, which suits forms whose coefficients fall with the degree.
 
     Args:
         form: the coefficients.
-        variables: the functions side by side, (terms, 3, ...).
+        variables: the functions side by side, (terms, functions, ...).
     """
-    dtype, shape = form.dtype, form.shape[:3]
-    flat = form.reshape(-1, *form.shape[3:])
+    count = variables.rest.shape[0]
+    dtype, shape = form.dtype, form.shape[:count]
+    flat = form.reshape(-1, *form.shape[count:])
     degrees = np.sum(np.indices(shape), axis=0).ravel()
-    rest, size = jnp.sum(jnp.abs(flat[np.flatnonzero(degrees > DEGREE)]), axis=0), jnp.abs(flat[0])
-    cells = jnp.broadcast_shapes(form.shape[3:], variables.rest.shape[1:])
-    terms = jnp.zeros((_COUNT, *cells), dtype).at[0].set(flat[0])
-    for degree, level in enumerate(_monomials(shape, variables), 1):
-        factors = flat[np.flatnonzero(degrees == degree)]
-        terms = terms + jnp.sum(factors * level.terms, axis=1)
-        rest = rest + jnp.sum(jnp.abs(factors) * level.rest, axis=0)
-        size = size + jnp.sum(jnp.abs(factors) * level.size, axis=0)
-    room = gamma(degrees.size + _ROUNDINGS, dtype)
-    return Truncated(terms, rest * (1 + room) + room * size + 16 * smallest_normal(dtype))
+    plan = _monomials(shape)
+
+    def step(k: Array, known: Truncated) -> Truncated:
+        x, y = (jax.tree_util.tree_map(lambda x, at=at: x[jnp.asarray(at)[k]], known) for at in (plan.lower, plan.axis))
+        put = lambda x, new: jax.lax.dynamic_update_slice_in_dim(x, new, count + k * _SIDE_BY_SIDE, 0)  # noqa: E731
+        return jax.tree_util.tree_map(put, known, jax.vmap(product)(x, y))
+
+    known = Truncated(jnp.moveaxis(variables.terms, 1, 0), variables.rest)
+    if len(plan.entry):
+        room = lambda x: jnp.pad(x, [(0, plan.entry.size)] + [(0, 0)] * (x.ndim - 1))  # noqa: E731
+        known = varying(jax.tree_util.tree_map(room, known), variables)
+        known = jax.lax.fori_loop(0, len(plan.entry), step, known)
+    # The constant one has no row; what stands for no monomial has a coefficient of zero.
+    factors = jnp.concatenate([flat, jnp.zeros_like(flat[:1])])[np.append(plan.first, plan.entry)]
+    sizes, beyond = jnp.abs(factors), jnp.abs(flat[np.flatnonzero(degrees > DEGREE)])
+    terms = jnp.sum(factors[:, None] * known.terms, axis=0).at[0].add(flat[0])
+    rest = jnp.sum(sizes * known.rest, axis=0)
+    size = rest + jnp.sum(sizes * jnp.sum(jnp.abs(known.terms), axis=1), axis=0) + jnp.abs(flat[0])
+    rest, room = rest + jnp.sum(beyond, axis=0), gamma(degrees.size + _ROUNDINGS, dtype)
+    return Truncated(terms, _known(rest * (1 + room) + room * size))
 
 
-def _monomials(shape: tuple[int, ...], variables: Truncated) -> Iterator[Truncated]:
-    """Those of degree 1, 2, .. DEGREE with powers below a shape, side by side in the order of np.ndindex."""
-    powers = [(0, 0, 1), (0, 1, 0), (1, 0, 0)]
-    level = Truncated(variables.terms[:, ::-1], variables.rest[::-1])
-    yield level
+class _Monomials(NamedTuple):
+    """How those of degree 2, 3, .. DEGREE come of others, some in a step: a loop compiles as fast as one step.
+
+    Args:
+        first: where the coefficients of the variables stand.
+        lower: rows (steps, side by side) of monomials of one degree less, after those of the variables.
+        axis: the variables that these are multiplied with.
+        entry: where the coefficients stand; one behind the last where there is none.
+    """
+
+    first: np.ndarray
+    lower: np.ndarray
+    axis: np.ndarray
+    entry: np.ndarray
+
+
+@cache
+def _monomials(shape: tuple[int, ...]) -> _Monomials:
+    """Those with powers below a shape."""
+    count, none = len(shape), math.prod(shape)
+    entry = {powers: k for k, powers in enumerate(np.ndindex(*shape))}
+    units = [tuple(int(j == axis) for j in range(count)) for axis in range(count)]
+    row, steps = {unit: axis for axis, unit in enumerate(units)}, []
     for degree in range(2, DEGREE + 1):
-        below, powers = powers, [p for p in np.ndindex(*shape) if sum(p) == degree]
-        axes = np.array([next(axis for axis in range(3) if p[axis]) for p in powers])
-        lower = [below.index(tuple(np.subtract(p, np.eye(3, dtype=int)[k]))) for p, k in zip(powers, axes, strict=True)]
-        level = product(
-            *(Truncated(x.terms[:, k], x.rest[k]) for x, k in ((level, np.array(lower)), (variables, axes)))
-        )
-        yield level
+        powers = [p for p in entry if sum(p) == degree]
+        for some in (powers[k : k + _SIDE_BY_SIDE] for k in range(0, len(powers), _SIDE_BY_SIDE)):
+            axes = [next(axis for axis, power in enumerate(p) if power) for p in some]
+            lower = [row[tuple(np.subtract(p, units[axis]).tolist())] for p, axis in zip(some, axes, strict=True)]
+            row |= {p: count + _SIDE_BY_SIDE * len(steps) + k for k, p in enumerate(some)}
+            rest = [0] * (_SIDE_BY_SIDE - len(some))
+            steps.append([lower + rest, axes + rest, [entry[p] for p in some] + [none] * len(rest)])
+    first = np.array([entry.get(unit, none) for unit in units])
+    return _Monomials(first, *np.reshape(np.array(steps, int), (-1, 3, _SIDE_BY_SIDE)).swapaxes(0, 1))
 
 
 def bernstein_form(terms: Array) -> Array:

@@ -6,8 +6,8 @@ What is attained satisfies a few equations, solved to the last digits, and the v
 (`witness`). The search keeps cells that cover a, cuts the one with the largest bound, and proves places where that
 raises the lower one, until both bounds meet; or keeps pairs of cells, for the smallest distance (`search`). The methods
 of the sources do without one or the other proof (`published`). Integers can check what was found (`certificate`). Above
-stand the entries: `hausdorff`, `minimum`, `project`, `signed_distance`, `deviation`, `measures`, which integrate what
-`project` finds (`quadrature`, `levels`), and for many shapes at once (`many`) `collections`.
+stand the entries: `hausdorff`, `minimum`, `project`, `signed_distance`, `deviation`, the `measures`, which integrate
+what `project` finds, and for many shapes at once (`many`) `collections`.
 """
 
 from jhd.distance.certificate.certificate import Certificate, certify
@@ -27,7 +27,7 @@ from jhd.distance.frame.stacked import stack_curves
 from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
 from jhd.distance.many.signatures import Signatures
 from jhd.distance.many.tasks import CollectionProgress
-from jhd.distance.measures import Hausdorff, Mean, MeasureSolution, Quantile, RootMeanSquare
+from jhd.distance.measures.measures import Hausdorff, Mean, MeasureSolution, Quantile, RootMeanSquare
 from jhd.distance.minimum import minimum_at_most, minimum_distance
 from jhd.distance.profile import Profile, profile
 from jhd.distance.project import project, stationary_points

@@ -7,15 +7,16 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jhd.arithmetic.scaling import common_exponent
 from jhd.arrays import check_scalar, check_whole, is_traced, real_array
 from jhd.distance.cells.measures import FlatCells
 from jhd.distance.deviation_solution import Bounds, Deviation, DistanceSamples, check_share
-from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.coordinates import Frame, user_length
 from jhd.distance.hausdorff import directed_hausdorff
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.distribution import COUNTS, DistanceCells, Distribution, DistributionSearch
 from jhd.distance.search.measured import AbstractMeasured, MeasuredMesh, MeasuredNet, MeasuredPoints
-from jhd.distance.search.mixes import Together, diagonal_of, dtype_of, target_in, together
+from jhd.distance.search.mixes import Together, diagonal_of, dtype_of, heights_of, target_in, together
 from jhd.distance.search.points import is_points
 from jhd.distance.search.search import Listener, Progress, drive
 from jhd.shapes.as_shape import Shape, taken_as
@@ -40,6 +41,8 @@ _ROUNDINGS = 4096
 _MAX_STEPS = 4000
 # Times that the largest cells are cut where none has a proven length or area, and so many of them.
 _LOOKS, _LOOKED_AT = 12, 16
+# Weights up to this power of two, and from its inverse on, are taken as they are: sums of their products are numbers.
+_EXTREME = 400
 
 
 class _Asked(NamedTuple):
@@ -69,10 +72,11 @@ def deviation(
     of mean and root mean square are cut on, until both are known to the tolerance. The distance is that of the stored
     numbers. What a covers twice counts twice.
 
-    What a cell leaves open is about its squared size times the curvature of either shape, so the number of cells grows
-    like 1 / gap on a surface and like its root along a curve. Where the distance is as small as that, as between a
-    surface and its triangulation, ask for a larger rtol. Quantiles and shares come from the same cells, whose bounds
-    are as wide as the distance varies in them.
+    Beside curves and parametric surfaces a cell leaves open what is of fourth order in its size, where it is small
+    beside their curvature and the distance does not change sign: a mesh of a thousand triangles beside the surface that
+    it stands for closes by default with some forty cells a triangle. Beside polynomial surfaces it is of second order,
+    so the number of cells grows like 1 / gap there; where the distance is as small as that, ask for a larger rtol.
+    Quantiles and shares come from the same cells, whose bounds are as wide as the distance varies in them.
 
     The value of `maximum` (within about the root of its gap) and the distances of `at(places)` are differentiable in
     both shapes, to first order; mean and the other bounds are plain numbers. Shapes must be known: there is no
@@ -111,8 +115,8 @@ def deviation(
     if quantile is not None:
         check_share("quantile", quantile)
     asked = _Asked(absolute, relative, quantile, max_cells)
-    found, pair, dimension = _distributed(a, b, asked, counts, maximum, progress)
-    deviation = _in_units(a, b, maximum, found, pair, dimension)
+    found, pair, measure = _distributed(a, b, asked, counts, maximum, progress)
+    deviation = _in_units(a, b, maximum, found, pair, measure)
     if throw:
         known = deviation.reached(quantile)
         throw_unless_successful(deviation, known, relative_tolerance(known))
@@ -138,7 +142,8 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
     check_scalar("atol", given)
     check_scalar("rtol", relative)
     if given is None:
-        given = _SHARE * diagonal_of(*(_working(shape) for shape in (a, b)))
+        size = diagonal_of(*(_working(shape) for shape in (a, b)))
+        given = _SHARE * min(size, np.finfo(np.asarray(size).dtype).max)
     return float(given), float(relative)
 
 
@@ -179,8 +184,10 @@ def _distributed(
     counts: np.ndarray | None,
     maximum: HausdorffSolution,
     progress: Any,
-) -> tuple[Distribution, Together, int]:
+) -> tuple[Distribution, Together, Bounds]:
+    """What is known in common coordinates, and the measure of a in the user's."""
     a, b = _working(a), _working(b)
+    counts, power = _moderate(counts)
     pair = together(a, b)
     frame, moved = pair.frame, pair.moved
     source = _measured(a, pair.a, moved, counts)
@@ -194,14 +201,27 @@ def _distributed(
         return max(atol, asked.rtol * upper)
 
     most = float(frame.common(np.asarray(maximum.upper, np.float64), np.inf)) + moved
-    search = DistributionSearch(source, target, dtype, most, allowed, asked.max_cells, _MAX_STEPS, asked.quantile)
+    limits = most, allowed, asked.max_cells, _MAX_STEPS, asked.quantile
+    search = DistributionSearch(source, target, dtype, *limits, heights_of(a, b, pair, target))
     listener = Listener(progress, frame)
     # Who interrupted the search for the maximum waits for no other.
     listener.interrupted = name_of(maximum.result) == "interrupted"
     found = drive(search, listener)
     if source.dimension and not _is_extended(source, found.cells):
         raise ValueError(f"a has no {('length', 'area')[source.dimension - 1]}: there is nothing to average over.")
-    return found, pair, source.dimension
+    return found, pair, _measure(frame, source.dimension, found.cells.flat, power)
+
+
+def _moderate(counts: np.ndarray | None) -> tuple[np.ndarray | None, int]:
+    """Weights of points times a power of two such that their sums and products neither overflow nor underflow.
+
+    What is below the smallest number then is nothing beside the largest. Others keep their digits: whole numbers count
+    exactly.
+    """
+    power = 0 if counts is None else int(common_exponent(counts))
+    if counts is None or abs(power) <= _EXTREME:
+        return counts, 0
+    return np.ldexp(counts, -power), power
 
 
 def _is_extended(source: AbstractMeasured, known: DistanceCells) -> bool:
@@ -225,7 +245,7 @@ def _measured(shape: Any, moved: Any, off: float, counts: np.ndarray | None) -> 
 
 
 def _in_units(
-    a: Any, b: Any, maximum: HausdorffSolution, found: Distribution, pair: Together, dimension: int
+    a: Any, b: Any, maximum: HausdorffSolution, found: Distribution, pair: Together, measure: Bounds
 ) -> Deviation:
     """What was found, in the user's coordinates."""
     frame, over, flat = pair.frame, found.cells.over, found.cells.flat
@@ -236,23 +256,24 @@ def _in_units(
     samples = DistanceSamples(place, lower, upper, np.stack([flat.lower, flat.upper], axis=1))
     result = maximum.result if found.result == RESULTS.successful else found.result
     counts = {name: int(count) for name, count in zip(COUNTS, (found.steps, len(lower)), strict=True)}
-    measure = _measure(frame, dimension, float(np.sum(flat.lower)), float(np.sum(flat.upper)), len(lower))
     return Deviation(a, b, maximum, mean, rms, measure, samples, result, counts)
 
 
 def _lengths(frame: Frame, moved: float, lower: Any, upper: Any) -> tuple[np.ndarray, np.ndarray]:
     below, above = np.maximum(np.asarray(lower) - moved, 0.0), np.asarray(upper) + moved
     room = 4 * np.finfo(np.float64).eps
-    low, high = frame.length(below * (1 - room), 0.0), frame.length(above * (1 + room), np.inf)
-    return np.asarray(low, np.float64), np.asarray(high, np.float64)
+    return user_length(frame, below * (1 - room), 0.0), user_length(frame, above * (1 + room), np.inf)
 
 
-def _measure(frame: Frame, dimension: int, lower: float, upper: float, count: int) -> Bounds:
-    """The measure of all cells, whose sum rounds once a cell."""
-    if dimension == 0 and lower == count:
+def _measure(frame: Frame, dimension: int, flat: FlatCells, power: int) -> Bounds:
+    """The measure of all cells in the user's unit, times a power of two: a sum, which rounds once a cell."""
+    lower, upper, count = float(np.sum(flat.lower)), float(np.sum(flat.upper)), len(flat.lower)
+    if dimension == 0 and lower == count and power == 0:
         return Bounds(lower, upper)
     room = (count + 16) * np.finfo(np.float64).eps
-    power = dimension * int(frame.first + frame.second)
+    power += dimension * int(frame.first + frame.second)
     with np.errstate(over="ignore", under="ignore"):
         low, high = (np.ldexp(x, power) for x in (lower * (1 - room), upper * (1 + room)))
-    return Bounds(float(min(low, np.finfo(np.float64).max)), float(np.nextafter(high, np.inf)))
+    # Below the normal numbers a power of two rounds too.
+    low, high = np.nextafter(min(low, np.finfo(np.float64).max), 0.0), np.nextafter(high, np.inf)
+    return Bounds(float(low), float(high))

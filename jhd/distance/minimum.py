@@ -5,10 +5,12 @@ from dataclasses import replace
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jhd.arrays import is_traced, is_tracing
 from jhd.distance.decisions import checked_limit, decided
+from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.method import check_serves
 from jhd.distance.frame.nets import net_of
 from jhd.distance.project import project
@@ -16,6 +18,7 @@ from jhd.distance.published.voxel_pairs import VoxelPairs
 from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
 from jhd.distance.search.closest_triangles import as_mesh, of_meshes
 from jhd.distance.search.mixed import with_surface
+from jhd.distance.search.mixes import diagonal_of
 from jhd.distance.search.nets import of_nets
 from jhd.distance.search.points import is_points, nearest_points, point_mesh
 from jhd.distance.search.search import Progress, Threshold
@@ -25,7 +28,7 @@ from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
-from jhd.solution import Decision, MinimumSolution, throw_unless_successful
+from jhd.solution import RESULTS, Decision, MinimumSolution, throw_unless_successful
 
 _KINDS = (
     "a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface or a TriangleMesh"
@@ -59,8 +62,9 @@ def minimum_distance(
     values are left out and `throw` is ignored: read `result`.
 
     Where nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap, and far
-    more slowly between two polynomial surfaces that stay apart; bounds are then true and wider, as
-    RESULTS.gap_not_closed.
+    more slowly outside jit between two polynomial surfaces, or two parametric ones, that stay apart; bounds are then
+    true and wider, as RESULTS.gap_not_closed. Outside jit points are projected one by one onto
+    curves and surfaces, without steps and progress, and as close as rounding leaves.
 
     A triangle mesh is a surface and not the solid that it may bound: of a mesh inside another one the distance of the
     surfaces is meant. Meshes, and a mesh with a point set or a polyline, have a search of their own from the host: the
@@ -163,8 +167,10 @@ def _method(method: BranchAndBound | VoxelPairs | None, options: dict[str, Any])
 
 
 def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None) -> MinimumSolution:
-    if _many_points(a, b):
-        return _of_many_points(a, b, method, progress)
+    if is_points(b) and not is_points(a):
+        return _turned(_searched(b, a, method, progress))
+    if is_points(a) and not is_tracing(jax.lax.stop_gradient((a, b)), method):
+        return _of_points(a, b, method, progress)
     if isinstance(a, TriangleMesh) or isinstance(b, TriangleMesh):
         first, second = as_mesh(a), as_mesh(b)
         if first is not None and second is not None:
@@ -177,8 +183,7 @@ def _of_pieces(
 ) -> MinimumSolution:
     """By the searches over pairs of pieces, one way round for both orders of the shapes: it is the same program."""
     if _order(a) > _order(b):
-        found = _of_pieces(b, a, method, progress)
-        return replace(found, point_a=found.point_b, point_b=found.point_a)
+        return _turned(_of_pieces(b, a, method, progress))
     engine = with_surface if isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface) else of_nets
     return engine(a, b, method, progress)
 
@@ -191,24 +196,40 @@ def _order(shape: Any) -> tuple[int, ...]:
     return (0, *net.points.shape[1:3], net.weights is not None, net.points.shape[0])
 
 
-def _many_points(a: Any, b: Any) -> bool:
-    """Whether one of the shapes is a large set of points; all numbers are known."""
-    known = not is_tracing(jax.lax.stop_gradient((a, b)))
-    large = any(is_points(shape) and shape.count > _FEW for shape in (a, b))
-    return known and large
+def _turned(found: MinimumSolution) -> MinimumSolution:
+    return replace(found, point_a=found.point_b, point_b=found.point_a)
 
 
-def _of_many_points(
+def _of_points(
     a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None
 ) -> MinimumSolution:
-    """Of the points those that may be nearest; points among themselves and with meshes as meshes of them, in space."""
-    first = _thinned(a, b) if is_points(a) else a
-    second = _thinned(b, first) if is_points(b) else b
-    if all(is_points(shape) or isinstance(shape, TriangleMesh) for shape in (a, b)):
-        p, q = (point_mesh(shape) if is_points(shape) else shape for shape in (first, second))
-        found = of_meshes(p, q, method, progress)
-        return replace(found, point_a=found.point_a[: a.dim], point_b=found.point_b[: b.dim])
-    return _of_pieces(first, second, method, progress)
+    """Of known points: each by itself; among themselves and with meshes as a mesh of those that may be nearest."""
+    large = [is_points(shape) and shape.count > _FEW for shape in (a, b)]
+    first = _thinned(a, b) if large[0] else a
+    if not is_points(b) and not isinstance(b, TriangleMesh):
+        return _nearest_of(first, b, method)
+    second = _thinned(b, first) if large[1] else b
+    p, q = (shape if isinstance(shape, TriangleMesh) else point_mesh(shape) for shape in (first, second))
+    found = of_meshes(p, q, method, progress)
+    return replace(found, point_a=found.point_a[: a.dim], point_b=found.point_b[: b.dim])
+
+
+def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolution:
+    """The nearest of some points, each of which is projected."""
+    rows = points.control_points[:, 0]
+    found = project(rows, shape, throw=False)
+    lower, upper = (np.asarray(jax.lax.stop_gradient(x)) for x in (found.lower, found.upper))
+    k, least = int(np.argmin(upper)), np.min(lower)
+    default = default_tolerance(diagonal_of(*jax.lax.stop_gradient((points, shape))), lower.dtype, 0.0)
+    allowed = max(float(default if method.atol is None else method.atol), float(method.rtol * upper[k]))
+    # Of those that may be nearer some may be proven less well than they could be.
+    ends = np.asarray(found.result._value)[lower <= upper[k]]
+    closed = np.all(ends == int(RESULTS.successful._value)) or upper[k] - least <= allowed
+    ended = RESULTS.gap_not_closed if np.isfinite(upper[k]) else RESULTS.unverified
+    ended = RESULTS.successful if closed else ended
+    stats = {"steps": jnp.array(1), "pairs": jnp.array(len(rows)), "waiting": jnp.array(0)}
+    bounds = jnp.asarray(least), jnp.asarray(upper[k])
+    return MinimumSolution(found.distance[k], *bounds, rows[k], found.foot[k], ended, stats)
 
 
 def _thinned(points: Any, shape: Any) -> Any:

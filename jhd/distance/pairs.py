@@ -28,6 +28,7 @@ from jhd.distance.published.two_step import TwoStep
 from jhd.distance.search.branch_and_bound import BranchAndBound, default_method, length_of_table, wanted_of
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
+from jhd.distance.search.looked_at import looked_at
 from jhd.distance.search.meshes import mesh_directed
 from jhd.distance.search.mixes import dtype_of, mixed_directed
 from jhd.distance.search.points import is_points
@@ -387,9 +388,10 @@ def _targets(a: ImplicitSurface, b: ImplicitSurface) -> tuple[_Targets, Frame]:
     return targets, frame
 
 
-@compiled
 def _looked_at(p: Side, q: Side) -> _Targets:
-    # One after the other in one program for both.
+    if not is_tracing(p, q):
+        (a, empty_a), (b, empty_b) = looked_at(p), looked_at(q)
+        return _Targets(a, b, empty_a, empty_b)
     sides = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), p, q)
     (a, b), (empty_a, empty_b) = (
         [jax.tree_util.tree_map(lambda x, i=i: x[i], part) for i in range(2)] for part in jax.lax.map(target, sides)

@@ -24,8 +24,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jhd.arithmetic.rounding import power_of_two
-from jhd.arrays import is_traced, real_array, varying
+from jhd.arithmetic.rounding import power_of_two, smallest_normal
+from jhd.arithmetic.scaling import common_exponent
+from jhd.arrays import array_of, is_traced, real_array, varying
 from jhd.compiled import compiled
 from jhd.display import described, is_known, opaque, size_text
 from jhd.shapes.checks import Numbers
@@ -81,9 +82,9 @@ def distance_transform(features: Any, spacing: Numbers = 1.0, *, method: str = "
     if method not in METHODS:
         raise ValueError(f"method is {method!r}; needs one of {', '.join(map(repr, METHODS))}.")
     grid = _checked_grid("features", features)
-    sides, equal = _checked_spacing(spacing, grid.ndim)
+    sides, power, equal = _checked_spacing(spacing, grid.ndim)
     index = _nearest(grid, sides, equal, method)
-    return DistanceTransform(_lengths(index, sides), index)
+    return DistanceTransform(_in_unit(_lengths(index, sides), power), index)
 
 
 def signed_distance_transform(inside: Any, spacing: Numbers = 1.0) -> Float[Array, "..."]:
@@ -103,9 +104,9 @@ def signed_distance_transform(inside: Any, spacing: Numbers = 1.0) -> Float[Arra
         ValueError: likewise.
     """
     grid = _checked_grid("inside", inside)
-    sides, equal = _checked_spacing(spacing, grid.ndim)
+    sides, power, equal = _checked_spacing(spacing, grid.ndim)
     there, here = (_lengths(_nearest(x, sides, equal, "exact"), sides) for x in (grid, ~grid))
-    return jnp.where(grid, -here, there)
+    return _in_unit(jnp.where(grid, -here, there), power)
 
 
 def _checked_grid(name: str, value: Any) -> Any:
@@ -119,19 +120,29 @@ def _checked_grid(name: str, value: Any) -> Any:
     return grid
 
 
-def _checked_spacing(spacing: Numbers, axes: int) -> tuple[Array, bool]:
-    """The side along each axis, and whether all are known to be equal."""
+def _checked_spacing(spacing: Numbers, axes: int) -> tuple[Array, int, bool]:
+    """The side along each axis divided by a power of two, that power, and whether all are known to be equal."""
     given = real_array("spacing", spacing)
     if given.shape not in ((), (axes,)):
         raise ValueError(f"spacing has shape {given.shape}; needs one number or ({axes},).")
-    equal = given.ndim == 0
+    equal, power = given.ndim == 0, 0
     if not is_traced(given):
         known = np.ravel(np.asarray(given))
         if not np.all(known > 0):
             i = int(np.argmin(known > 0))
             raise ValueError(f"spacing{'' if equal else f'[{i}]'} is {known[i]:g}; needs a positive number.")
         equal = bool(np.all(known == known[0]))
-    return jnp.broadcast_to(given, (axes,)), equal
+        if np.min(known) < smallest_normal(known.dtype):
+            # Compiled programs take these for zeros.
+            power = int(common_exponent(known))
+            given = np.ldexp(np.asarray(given), -power)
+    return jnp.broadcast_to(given, (axes,)), power, equal
+
+
+def _in_unit(distance: Array, power: int) -> Array:
+    if power == 0:
+        return distance
+    return jnp.ldexp(distance, power) if is_traced(distance) else array_of(np.ldexp(np.asarray(distance), power))
 
 
 def _nearest(grid: Any, sides: Array, equal: bool, method: str) -> Array:

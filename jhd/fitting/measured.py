@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd.distance.hausdorff import hausdorff
-from jhd.distance.measures import AbstractMeasure
+from jhd.distance.measures.measures import AbstractMeasure
 from jhd.fitting.clock import Clock
 from jhd.fitting.descent import Descended, descend
 from jhd.solution import RESULTS, CriticalPairs, FitSolution

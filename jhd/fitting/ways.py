@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd.distance.frame.method import AbstractHausdorffMethod
-from jhd.distance.measures import AbstractMeasure, Hausdorff, check_measure
+from jhd.distance.measures.measures import AbstractMeasure, Hausdorff, check_measure
 from jhd.fitting.bundle import minimise_by_cuts, motions
 from jhd.fitting.clock import Clock
 from jhd.fitting.measured import fit_by_measure, measured_solution

@@ -1,10 +1,11 @@
 """Point clouds: rows of coordinates in text (.xyz), an array of NumPy (.npy), or the vertices of a PLY file."""
 
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 
-from jhd.io.errors import ParseError, read_bytes, shown
+from jhd.io.errors import ParseError, read_bytes, read_text, shown
 from jhd.io.ply import read_ply
 from jhd.shapes.curve import BezierSegments, points
 
@@ -51,8 +52,17 @@ def _vertices(file: str) -> np.ndarray:
 
 
 def _rows(file: str) -> np.ndarray:
+    return rows_in(read_text(file), file)[:, :3]
+
+
+def rows_in(text: str, name: str) -> np.ndarray:
+    """The numbers of each line, (lines, numbers), apart by spaces or commas; what stands behind # is left out.
+
+    Raises:
+        ParseError: what is no number, or a line of more or fewer numbers than those before, with the name and the line.
+    """
     rows: list[list[float]] = []
-    for number, line in enumerate(Path(file).read_text(encoding="utf-8-sig").splitlines(), start=1):
+    for number, line in enumerate(StringIO(text, newline=None), start=1):
         words = line.split("#")[0].replace(",", " ").split()
         if not words:
             continue
@@ -62,8 +72,8 @@ def _rows(file: str) -> np.ndarray:
         except ValueError:
             row = []
         if len(row) < len(words):
-            raise ParseError(f"needs numbers; found {shown(line)}.", file, number)
+            raise ParseError(f"needs numbers; found {shown(line.rstrip())}.", name, number)
         if rows and len(row) != len(rows[0]):
-            raise ParseError(f"{len(row)} numbers; the lines before have {len(rows[0])}.", file, number)
+            raise ParseError(f"{len(row)} numbers; the lines before have {len(rows[0])}.", name, number)
         rows.append(row)
-    return np.array(rows)[:, :3] if rows else np.empty((0, 3))
+    return np.array(rows) if rows else np.empty((0, 3))

@@ -1,5 +1,7 @@
 """Opening files to read, and what reading them raises."""
 
+from collections.abc import Iterator
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 
@@ -66,3 +68,16 @@ def read_text(file: str | Path) -> str:
         return read_bytes(file).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ParseError(f"byte {error.start} is not UTF-8 text.", file) from error
+
+
+def numbered_lines(content: bytes, first: int = 1) -> Iterator[tuple[int, str]]:
+    """The lines of a text in any superset of ASCII, as characters of one byte each, and their numbers.
+
+    They end where editors end them: what else Python ends lines at, as byte 133, is a part of letters in UTF-8.
+
+    Args:
+        content: the text.
+        first: the number of its first line.
+    """
+    for number, line in enumerate(TextIOWrapper(BytesIO(content), "latin-1"), first):
+        yield number, line.removesuffix("\n")

@@ -1,9 +1,10 @@
 """Triangle meshes in files: OBJ, STL (text and binary), PLY (text and binary, either byte order) and OFF.
 
 Polygons become fans about their first corners. What is no surface (normals, colours, textures, lines, materials) is
-left out. STL files name no vertices, so equal coordinates become one vertex.
+left out; surfaces of other kinds are refused. STL files name no vertices, so equal coordinates become one vertex.
 """
 
+from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from jhd.files import replace_file
-from jhd.io.errors import ParseError, read_bytes, shown
+from jhd.io.errors import ParseError, numbered_lines, read_bytes, shown
 from jhd.io.ply import read_ply, write_ply
 from jhd.io.polygons import Polygons, coordinates_in, in_doubles, indices_in, merged, mesh_of
 from jhd.shapes.as_shape import taken_as
@@ -19,6 +20,8 @@ from jhd.shapes.mesh import TriangleMesh, check_mesh
 
 _STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _STL_HEADER = 80
+# Parts of a surface that OBJ files may hold beside faces: free-form ones, faces by an older name, and other files.
+_UNREAD = ("surf", "fo", "bsp", "bzp", "cdp", "call")
 
 
 def load_mesh(file: str | Path) -> TriangleMesh:
@@ -59,7 +62,7 @@ def save_mesh(file: str | Path, mesh: Any, *, text: bool = False) -> None:
 
 def _lines(content: bytes) -> Iterator[tuple[int, list[str]]]:
     """The words of each line that has some, comments left out, and the number of the line."""
-    for number, line in enumerate(content.decode("latin-1").splitlines(), 1):
+    for number, line in numbered_lines(content.removeprefix(BOM_UTF8)):
         words = (line.partition("#")[0] if "#" in line else line).split()
         if words:
             yield number, words
@@ -72,7 +75,7 @@ def _polygons(points: np.ndarray, corners: list, sizes: list, vertex_lines: list
 def _read_obj(file: object, content: bytes) -> Polygons:
     """OBJ: indices count from 1, or backwards from the last vertex so far; texture and normal are left out.
 
-    A backslash at the end of a line joins the next one to it.
+    A backslash at the end of a line joins the next one to it, but not to a comment, where it ends the name of a folder.
     """
     vertices, corners, sizes, vertex_lines, polygon_lines = [], [], [], [], []
     if b"\\" in content:
@@ -81,6 +84,8 @@ def _read_obj(file: object, content: bytes) -> Polygons:
         if words[0] == "v":
             vertices.append(words[1:4])
             vertex_lines.append(number)
+        elif words[0] in _UNREAD:
+            raise ParseError(f"holds {words[0]!r}, which is not read; needs faces, 'f'.", file, number)
         elif words[0] == "f":
             named = indices_in(file, [word.partition("/")[0] for word in words[1:]], number)
             corners.extend(_counted(file, named, len(vertices), number))
@@ -95,7 +100,7 @@ def _joined(content: bytes) -> bytes:
     joined, parts = [], []
     for line in content.splitlines():
         parts.append(line.rstrip())
-        if parts[-1].endswith(b"\\"):
+        if parts[-1].endswith(b"\\") and b"#" not in parts[-1]:
             parts[-1] = parts[-1][:-1]
             continue
         joined += [b" ".join(parts), *[b""] * (len(parts) - 1)]
@@ -156,7 +161,7 @@ def _read_stl(file: object, content: bytes) -> Polygons:
     needed = start + _STL_ROW.itemsize * count
     if size >= start and size == needed:
         return _stl_rows(content, start, count)
-    if content.lstrip()[:5].lower() == b"solid":
+    if content.removeprefix(BOM_UTF8).lstrip()[:5].lower() == b"solid":
         return _stl_text(file, content)
     if size < start:
         raise ParseError(f"byte {size}: ends within the header of {start} bytes.", file)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jhd.io.errors import ParseError, shown
+from jhd.io.errors import ParseError, numbered_lines, shown
 from jhd.io.polygons import Polygons, coordinates_in, in_doubles, indices_in
 
 _TYPES = {
@@ -92,9 +92,9 @@ def _header(file: object, content: bytes) -> tuple[str, list[_PlyElement], int, 
     end = re.search(rb"(?:^|\n|\r)end_header[ \t]*(\r\n|\n|\r)", content[: 1 << 20])
     if not content.startswith(b"ply") or end is None:
         raise ParseError("is no PLY file: needs 'ply' at its start and a line 'end_header'.", file, 1)
-    lines = content[: end.start() + 1].decode("latin-1").splitlines()
+    lines = list(numbered_lines(content[: end.start() + 1]))
     order, elements = None, []
-    for number, line in enumerate(lines[1:], 2):
+    for number, line in lines[1:]:
         words = line.split()
         if not words or words[0] in ("comment", "obj_info"):
             continue
@@ -130,9 +130,15 @@ def _check_properties(file: object, element: _PlyElement, before: set[str]) -> N
         raise ParseError(f"has two elements {shown(element.name)}.", file)
     if element.count and not element.properties:
         raise ParseError(f"the element {shown(element.name)} has {element.count} rows of no property.", file)
+    if element.count and element.name == "tristrips":
+        raise ParseError("holds 'tristrips', which are not read; needs faces.", file)
     for p in element.properties:
         if p.length and "f" in p.length:
             raise ParseError(f"the list {shown(p.name)} has a length that is no whole number.", file)
+    _check_known(file, element)
+
+
+def _check_known(file: object, element: _PlyElement) -> None:
     if element.name == "vertex":
         for axis in "xyz":
             if element.place(axis) < 0 or element.properties[element.place(axis)].length:
@@ -157,7 +163,7 @@ _Reader = tuple[Callable[[_PlyElement], _Rows], Callable[[], None]]
 
 def _text(file: object, content: bytes, start: int, header_lines: int) -> _Reader:
     """A reader of the elements in their order from lines."""
-    lines = enumerate(content[start:].decode("latin-1").splitlines(), header_lines + 1)
+    lines = numbered_lines(content[start:], header_lines + 1)
     filled = ((number, words) for number, line in lines if (words := line.split()))
 
     def rows(element: _PlyElement) -> _Rows:
@@ -229,7 +235,9 @@ def _binary(file: object, content: bytes, start: int, order: str) -> _Reader:
 
 
 def _even(content: bytes, at: int, order: str, element: _PlyElement) -> np.ndarray | None:
-    """The rows as a table where all are alike: every list as long as that of the first row; else None."""
+    """The rows as a table where all are alike: every list as long as that of the first row; else, or of none, None."""
+    if not element.count:
+        return None
     types, sizes, offset = [], [], at
     for k, p in enumerate(element.properties):
         if p.length:

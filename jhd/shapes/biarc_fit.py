@@ -87,7 +87,8 @@ def _hopeless(curve: HostCurve, pieces: Pieces, atol: float) -> np.ndarray:
     bends = [(n - 1) / n * np.imag(legs[k].conj() * legs[k + 1]) for k in (0, 2)]
     cubes = [np.abs(legs[k]) ** 3 for k in (0, 3)]
     change = np.abs(bends[1] * cubes[0] - bends[0] * cubes[1]) * np.abs(pieces.chord) ** 2
-    return change > _SHARE * _HOPELESS * np.ldexp(atol, -curve.first - curve.second) * cubes[0] * cubes[1]
+    with np.errstate(over="ignore"):
+        return change > _SHARE * _HOPELESS * np.ldexp(atol, -curve.first - curve.second) * cubes[0] * cubes[1]
 
 
 def _biarc(curve: HostCurve, spans: HostArcs, pieces: Pieces) -> tuple[HostArcs, HostArcs, np.ndarray]:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jhd.arithmetic.bernstein import binomials, product_weights
-from jhd.arithmetic.rounding import gamma, unit_roundoff
+from jhd.arithmetic.rounding import cast, gamma, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, unit_weights
 from jhd.arrays import taken
 from jhd.shapes.curve import BezierSegments
@@ -109,8 +109,7 @@ class HostCurve(NamedTuple):
         """Local lengths in the user's unit, rounded up to the precision of the curve."""
         with np.errstate(over="ignore"):
             x = np.nextafter(np.ldexp(x, self.first + self.second), np.inf)
-            rounded = x.astype(self.dtype)
-        return np.where(rounded < x, np.nextafter(rounded, np.array(np.inf, self.dtype)), rounded).astype(np.float64)
+        return cast(x, self.dtype, np.inf).astype(np.float64)
 
     def point(self, segment: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Stored points of the curve; at the ends of segments the control points themselves."""

@@ -111,6 +111,11 @@ def linked(following: Any) -> Float[Array, "*batch segments 2"]:
 
 def followed(links: Any) -> Any:
     """`following` from what `linked` made of it; whole numbers are it already. Of zeros, -1."""
+    return array_of(followed_here(links))
+
+
+def followed_here(links: Any) -> Any:
+    """The same, of known numbers as an array of NumPy."""
     if jnp.issubdtype(links.dtype, jnp.integer):
         return links
     # Where only a derivative is being taken the numbers are known.
@@ -119,7 +124,7 @@ def followed(links: Any) -> Any:
     pairs: Any = xp.asarray(links)
     some = pairs[..., 1] != 0
     quotient = xp.where(some, pairs[..., 0], 0.0) / xp.where(some, pairs[..., 1], 1.0)
-    return array_of(xp.rint(quotient).astype(int) - 1)
+    return xp.rint(quotient).astype(int) - 1
 
 
 def completed(following: Any, control_points: Array) -> Int[Array, " segments"]:

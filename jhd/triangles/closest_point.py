@@ -183,7 +183,7 @@ def closest_points(mesh: TriangleMesh, points: Float[np.ndarray, "points 3"]) ->
     corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)[triangle]]
     foot = np.einsum("nk,nkd->nd", t, np.ldexp(corners, -tree.exponent))
     return ClosestPoints(
-        distance=np.ldexp(distance, tree.exponent),
+        distance=in_unit_again(distance, tree.exponent),
         lower=outward(distance.astype(np.float64) - error, tree.exponent, dtype, -1),
         upper=outward(distance.astype(np.float64) + error, tree.exponent, dtype, 1),
         foot=np.ldexp(foot, tree.exponent),
@@ -230,6 +230,12 @@ def _shrunk(tree: TriangleTree, power: int) -> TriangleTree:
         exponent=tree.exponent + power,
         longest=float(np.ldexp(tree.longest, -power)),
     )
+
+
+def in_unit_again(length: np.ndarray, exponent: int) -> np.ndarray:
+    """Lengths in the user's unit; infinite where they are beyond all floats."""
+    with np.errstate(over="ignore"):
+        return np.ldexp(length, exponent)
 
 
 def outward(length: np.ndarray, exponent: int, dtype: Any, sign: int) -> np.ndarray:
@@ -346,10 +352,17 @@ def in_blocks_of(sizes: tuple[int, ...], program: Any, arrays: tuple[np.ndarray,
         size = len(part[0])
         length = next(b for b in sizes if b >= size)
         if length > size:
-            part = [np.concatenate([x, np.broadcast_to(x[-1:], (length - size, *x.shape[1:]))]) for x in part]
+            part = [_repeated(x, length) for x in part]
         found = program(np.asarray(size), *part)
         parts.append(jax.tree_util.tree_map(lambda x, size=size: np.asarray(x)[:size], found))
     return parts[0] if len(parts) == 1 else jax.tree_util.tree_map(lambda *x: np.concatenate(x), *parts)
+
+
+def _repeated(rows: np.ndarray, length: int) -> np.ndarray:
+    """The rows, and the last one again, up to a length; quicker than to join them."""
+    out = np.empty((length, *rows.shape[1:]), rows.dtype)
+    out[: len(rows)], out[len(rows) :] = rows, rows[-1]
+    return out
 
 
 def _in_reach(tree: TriangleTree, points: np.ndarray, bound: np.ndarray, node: np.ndarray) -> np.ndarray:

@@ -49,7 +49,12 @@ OPERATIONS = {
     "sum": (bounds(jnp.add), lambda x, y: x + y),
     "difference": (bounds(jnp.subtract), lambda x, y: x - y),
     "product": (bounds(jnp.multiply), lambda x, y: x * y),
+    "quotient": (bounds(rounding.quotient), lambda x, y: x / y),
 }
+CONSTANT_QUOTIENTS = {
+    d: bounds(lambda x, y, d=d: rounding.quotient(x, jnp.asarray(d, x.dtype))) for d in (3.0, -0.1, 3e38)
+}
+HUGE_QUOTIENT = bounds(lambda x, y: rounding.quotient(x, 1.5e308))
 SQUARE_ROOT = bounds(lambda x, y: jnp.sqrt(x))
 
 
@@ -69,9 +74,28 @@ def fractions(x: np.ndarray) -> list[Fraction]:
 @given(data=st.data())
 def test_widening_one_operation_encloses_the_exact_result(name, dtype, data):
     x, y = (np.array(rounding.flush_down(data.draw(floats(dtype)))) for _ in range(2))
+    if name == "quotient":
+        y[y == 0] = 1
     compiled, exact = OPERATIONS[name]
     lower, upper = compiled(x, y)
     assert_between(lower, [exact(a, b) for a, b in zip(fractions(x), fractions(y), strict=True)], upper)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("divisor", CONSTANT_QUOTIENTS)
+@ATTEMPTS
+@given(data=st.data())
+def test_a_constant_divisor_may_become_its_reciprocal(divisor, dtype, data):
+    x = np.array(rounding.flush_up(data.draw(floats(dtype))))
+    lower, upper = CONSTANT_QUOTIENTS[divisor](x, x)
+    assert_between(lower, [a / Fraction(float(dtype(divisor))) for a in fractions(x)], upper)
+
+
+def test_a_huge_constant_divisor_keeps_its_quotient():
+    x = np.array([1e308, -1.7e308, 3.0, 0.0])
+    lower, upper = HUGE_QUOTIENT(x, x)
+    assert_between(lower, [a / Fraction(1.5e308) for a in fractions(x)], upper)
+    assert float(upper[0]) < 0.67
 
 
 @pytest.mark.parametrize("dtype", DTYPES)

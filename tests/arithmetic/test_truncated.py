@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.arithmetic.truncated import EXPONENTS, Truncated, composed, largest, product
+from jhd.arithmetic.truncated import EXPONENTS, Truncated, composed, largest, product, reciprocal
 
 CASES = 8
-PRODUCT, COMPOSED, LARGEST = (jax.jit(f) for f in (product, composed, largest))
+PRODUCT, COMPOSED, LARGEST, RECIPROCAL = (jax.jit(f) for f in (product, composed, largest, reciprocal))
 
 
 def random_polynomials(rng, *shape):
@@ -52,6 +52,37 @@ def test_products_and_compositions_stay_within_their_rests():
             assert holds(whole, case, exact, s, t)
     # Rests fall with the size: what is lost is beyond the degree.
     assert float(np.min(square.rest)) < 1e-12
+
+
+def test_compositions_of_two_functions_stay_within_their_rests():
+    rng = np.random.default_rng(4)
+    x = random_polynomials(rng, 2)
+    # One of the degrees is zero in the last form.
+    for shape in ((4, 4), (2, 3), (7, 5), (3, 1)):
+        form = rng.normal(size=(*shape, CASES))
+        whole = COMPOSED(form, Truncated(jnp.asarray(x), jnp.zeros((2, CASES))))
+        for case in range(CASES):
+            for s, t in places(rng):
+                first, second = (value(x[:, k, case], s, t) for k in range(2))
+                exact = sum(Fraction(float(form[i, j, case])) * first**i * second**j for i, j in np.ndindex(*shape))
+                assert holds(whole, case, exact, s, t)
+
+
+def test_reciprocals_stay_within_their_rests_and_know_nothing_beside_a_zero():
+    rng = np.random.default_rng(5)
+    x = random_polynomials(rng)
+    x[0] = rng.choice([-1.0, 1.0], CASES) * rng.uniform(0.2, 3.0, CASES)
+    x[1:] *= 0.999 * np.abs(x[0]) / np.sum(np.abs(x[1:]), axis=0) * 10.0 ** -np.linspace(0, 3, CASES)
+    rest = rng.choice([0.0, 1e-12], CASES)
+    found = RECIPROCAL(Truncated(jnp.asarray(x), jnp.asarray(rest)))
+    assert np.all(np.isfinite(found.rest)) and np.min(found.rest) < 1e-10
+    for case in range(CASES):
+        for s, t in places(rng):
+            for sign in (-1, 1):
+                exact = 1 / (value(x[:, case], s, t) + sign * Fraction(float(rest[case])))
+                assert holds(found, case, exact, s, t)
+    zero = jnp.asarray(x).at[1].set(jnp.asarray(x)[0])
+    assert np.all(np.isinf(RECIPROCAL(Truncated(zero, jnp.asarray(rest))).rest))
 
 
 def test_the_largest_value_is_bounded_and_attained_at_corners():

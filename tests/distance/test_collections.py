@@ -3,15 +3,18 @@
 Curves of at most sixteen segments and degree three share one program; sets of points take none.
 """
 
+import _thread
 import itertools
 import multiprocessing
+import signal
+import threading
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.many import blocks
+from jhd.distance.many import blocks, tasks
 from jhd.solution import names_of
 
 
@@ -55,6 +58,25 @@ class InPlace(Executor):
         future = Future()
         future.set_result(fn(*args, **kwargs))
         return future
+
+
+class Interrupted(InPlace):
+    """Hears an interrupt while the fifth task is handed over."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        if self.count == 4:
+            signal.raise_signal(signal.SIGINT)
+        return super().submit(fn, *args, **kwargs)
+
+
+class Stuck(InPlace):
+    """Does four tasks, and of the fifth there is an interrupt and no end."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        if self.count < 4:
+            return super().submit(fn, *args, **kwargs)
+        threading.Timer(0.2, _thread.interrupt_main).start()
+        return Future()
 
 
 def test_all_pairs_of_squares_have_their_distances():
@@ -246,6 +268,17 @@ def test_an_interrupted_call_keeps_what_is_done_and_says_so():
         assert np.all(near.lower <= chosen) and np.all(chosen <= near.upper)
         within = jhd.pairs_within(clouds(3, 16), 2.3, executor=pool, progress=stop)
         assert names_of(within.result) == "interrupted" and len(within.undecided) > 0
+
+
+@pytest.mark.parametrize(("executor", "taken"), [(Interrupted, 5), (Stuck, 4)])
+def test_an_interrupt_is_heard_between_calls_of_an_executor_and_while_one_waits(executor, taken, monkeypatch):
+    # One task at a time.
+    monkeypatch.setattr(tasks, "_AHEAD", 1)
+    monkeypatch.setattr(tasks, "_OPEN", 1)
+    pool = executor()
+    found = jhd.pairwise(clouds(2, 12), executor=pool)
+    assert (pool.count, found.computed) == (taken, 32) and "interrupted" in names_of(found.result)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_what_is_no_collection_is_refused(as_a_user):

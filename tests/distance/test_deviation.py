@@ -2,7 +2,12 @@
 
 import json
 import math
+import os
 import re
+import subprocess
+import sys
+from fractions import Fraction
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -78,6 +83,59 @@ def test_points_are_counted_and_not_cut():
     assert encloses(found.quantile(0.5), 1.0) and encloses(found.quantile(0.75), 2.0)
     assert found.share_within(1.5).upper == pytest.approx(0.5) and found.mean.upper - found.mean.lower < 1e-11
     assert np.all(np.asarray(found.at().distance) == pytest.approx([1, 2, 4, 1]))
+
+
+@pytest.mark.parametrize("power", [-1074, -1070, -500, 0, 500, 1022])
+@pytest.mark.parametrize("weights", [(1, 1, 1), (1, 2, 3), (3, 1, 2)])
+def test_points_count_by_weights_of_any_size(weights, power):
+    given, exact = [math.ldexp(w, power) for w in weights], [Fraction(w) for w in weights]
+    assert [Fraction(x) for x in given] == [w * Fraction(2) ** power for w in exact]
+    far, total = (0, 1, 5), sum(exact)
+    found = jhd.deviation(jhd.points([(x, 0) for x in far]), jhd.points([(0, 0)]), weights=given)
+    assert encloses(found.mean, sum(w * x for w, x in zip(exact, far, strict=True)) / total)
+    square = sum(w * x * x for w, x in zip(exact, far, strict=True)) / total
+    assert Fraction(found.rms.lower) ** 2 <= square <= Fraction(found.rms.upper) ** 2
+    assert encloses(found.share_within(2), (exact[0] + exact[1]) / total)
+    assert encloses(found.quantile(0.9), 5) and encloses(found.measure, total * Fraction(2) ** power)
+    assert within(found, 1e-5)
+
+
+def test_lengths_below_the_normal_numbers_are_rounded_outward():
+    tiny = 5e-324
+    found = jhd.deviation(jhd.polyline([(0, 0, 0), (tiny, tiny, tiny)]), jhd.points([(0, 0, 0)]), throw=False)
+    assert (Fraction(found.measure.lower) / Fraction(tiny)) ** 2 <= 3 <= (Fraction(found.measure.upper) / tiny) ** 2
+
+
+SINGLE = """
+import math, jhd, numpy as np
+tiny = 2.0**-149
+far = jhd.points(np.array([(3, 0), (0, 7), (5, 5)], np.float32) * np.float32(tiny))
+found = jhd.deviation(far, jhd.points([(0, 0)]), throw=False)
+mean, median = (10 + math.sqrt(50)) / 3 * tiny, 7 * tiny
+assert found.mean.lower <= mean <= found.mean.upper, found.mean
+assert found.quantile(0.5).lower <= median <= found.quantile(0.5).upper
+assert found.quantile(1.0).lower <= math.sqrt(50) * tiny <= found.quantile(1.0).upper, found.quantile(1.0)
+for side in (1.0, 3.0, 11.0, 1e30):
+    corners = np.array([(0, 0, 0), (side, 0, 0), (0, side, 0)]) * tiny
+    a, b = (jhd.TriangleMesh(np.array(x, np.float32), [[0, 1, 2]]) for x in (corners, corners[:, [2, 0, 1]]))
+    # The corner on the axis that the other one does not reach, and its other two corners.
+    far = jhd.directed_hausdorff(a, b, throw=False)
+    assert float(far.lower) <= side * tiny <= float(far.upper), far
+print("done")
+"""
+
+
+def test_in_single_precision_bounds_below_the_normal_numbers_stay_true():
+    environment = os.environ | {"JAX_ENABLE_X64": "0"}
+    done = subprocess.run([sys.executable, "-c", SINGLE], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stdout.strip() == "done", done.stdout + done.stderr
+
+
+def test_a_box_whose_diagonal_is_no_float_has_a_default_tolerance():
+    ends = jhd.points([(-8e307, -1e308), (8e307, 1e308), (6e307, 1e308)])
+    found = jhd.deviation(ends, jhd.points([(0, 0), (0, 1e308)]))
+    assert encloses(found.maximum, math.hypot(8e307, 1e308)) and encloses(found.quantile(0.6), 8e307)
+    assert 0 < found.mean.upper - found.mean.lower < 1e303
 
 
 def test_a_square_above_a_tilted_plane():
@@ -165,6 +223,12 @@ def test_an_unreached_tolerance_names_the_bounds_and_one_that_they_meet():
     assert jhd.deviation(*shapes, rtol=float(named[1]), atol=0, max_cells=16, quantile=0.5).stats["cells"] <= 64
 
 
+def test_curves_that_end_near_and_cross_each_other_close_with_few_cells():
+    first, second = (jhd.BezierSegments(np.random.default_rng(k).normal(size=(k + 2, 4, 2))) for k in (0, 1))
+    for a, b in ((first, second), (second, first)):
+        assert jhd.deviation(a, b).stats["cells"] < 700
+
+
 @pytest.mark.slow
 def test_the_maximum_and_distances_at_places_are_differentiable():
     height = np.array([0.0, 0.0, 1.0])
@@ -212,3 +276,57 @@ def test_a_polynomial_surface_has_no_proven_area():
 def test_traced_shapes_are_refused():
     with pytest.raises(TypeError, match="needs known shapes"):
         jax.jit(lambda x: jhd.deviation(jhd.polyline(x), jhd.points([(0.0, 0.0)])).mean)(np.array(SEGMENT, float))
+
+
+def triangulated(net: np.ndarray, count: int) -> tuple[Any, jhd.TriangleMesh]:
+    """A uniform bicubic surface of a net, and a mesh of so many squares along each side whose vertices lie on it."""
+    knots = np.arange(len(net) + 4.0)
+    surface, pieces = jhd.BSplineSurface(net, knots, knots), len(net) - 3
+    u = np.arange(count + 1) * pieces / count
+    k = np.minimum(u.astype(int), pieces - 1)
+    patches: Any = surface.patches()
+    vertices = patches.point(k[:, None] * pieces + k, (u - k)[:, None], u - k)
+    index = np.arange((count + 1) ** 2).reshape(count + 1, -1)
+    sides = [index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]]
+    faces = np.concatenate([np.stack(x, axis=-1).reshape(-1, 3) for x in (sides[:3], [sides[0], *sides[2:]])])
+    return surface, jhd.TriangleMesh(np.asarray(vertices).reshape(-1, 3), faces)
+
+
+def middles_of_parts(n):
+    """Barycentric coordinates of the middles of the n^2 equal parts of a triangle."""
+    i, j = (x.ravel() for x in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    upward, downward = i + j < n, i + j < n - 1
+    rows = [np.stack([i[at], j[at]], axis=1) + k / 3 for at, k in ((upward, 1), (downward, 2))]
+    rows = np.concatenate(rows) / n
+    return np.column_stack([1 - np.sum(rows, axis=1), rows])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("back", [False, True])
+def test_a_surface_and_its_triangulation_close_and_agree_with_a_dense_sum(back):
+    x, y = np.meshgrid(*[(np.arange(6) - 1) / 3] * 2, indexing="ij")
+    surface, mesh = triangulated(np.stack([x, y, 0.15 * np.sin(4 * x + 1) * np.cos(3 * y)], axis=-1), 7)
+    a, b = (surface, mesh) if back else (mesh, surface)
+    found = jhd.deviation(a, b, rtol=0.02)
+    shares = middles_of_parts(24)
+    corners = np.asarray(mesh.corners)
+    points = np.einsum("sk,tkd->tsd", shares, corners).reshape(-1, 3)
+    sides = corners[:, 1:] - corners[:, :1]
+    weights = np.repeat(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1), len(shares))
+    if back:
+        n = 120
+        middles = (np.arange(n) + 0.5) / n
+        u, v = (z.ravel() for z in np.meshgrid(middles, middles))
+        patches: Any = surface.patches()
+        k = np.arange(patches.count)[:, None]
+        points = np.asarray(patches.point(k, u, v)).reshape(-1, 3)
+        steps = [
+            np.asarray(patches.point(k, u + i, v + j)) - np.asarray(patches.point(k, u - i, v - j))
+            for i, j in ((1e-5, 0), (0, 1e-5))
+        ]
+        weights = np.linalg.norm(np.cross(steps[0], steps[1]), axis=-1).ravel()
+    distance = np.asarray(jhd.project(points, b).distance)
+    mean = np.average(distance, weights=weights)
+    # Of so many samples the mean is good to a few thousandths.
+    assert found.mean.lower <= 1.005 * mean and 0.995 * mean <= found.mean.upper
+    assert within(found, 2e-6, 0.02) and found.stats["cells"] < (40_000 if back else 8_000)

@@ -75,6 +75,24 @@ def test_tori_and_spheres_are_as_far_from_each_other_as_their_radii():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("a", "b", "exact"), [(torus(0.3), torus(0.4), 0.1), (sphere(1.0), sphere(1.5), 0.5)], ids=["tori", "spheres"]
+)
+def test_the_minimum_distance_of_coaxial_tori_and_of_concentric_spheres_closes(a, b, exact):
+    found = jhd.minimum_distance(a, b, atol=4e-6)
+    assert_is(found, exact, 4e-6)
+    # By bounds with feet that do not move the gap of the tori is 9e-3 after 4000.
+    assert int(found.stats["steps"]) < 3600
+
+
+@pytest.mark.slow
+def test_the_minimum_distance_of_concentric_circles_closes_by_default():
+    found = jhd.minimum_distance(jhd.circle([0, 0], 1.0), jhd.circle([0, 0], 1.5))
+    assert_is(found, 0.5, 1e-9)
+    assert int(found.stats["steps"]) < 1000
+
+
+@pytest.mark.slow
 def test_triangles_between_points_of_a_cylinder_are_as_far_as_their_chords():
     count = 24
     angles = 2 * np.pi * np.arange(count) / count

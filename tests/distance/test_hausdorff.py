@@ -1,8 +1,6 @@
 """The entries: axioms of a distance, invariances, the same answer in every way of writing a curve, and refusals."""
 
 import os
-import subprocess
-import sys
 from functools import cache
 
 import jax
@@ -15,6 +13,7 @@ import jhd
 from jhd.solution import name_of
 from tests.cases import ARCH, CASES, LOOP, WAVE
 from tests.distance import pairs
+from tests.processes import python
 
 # What the method promises of its values, in diagonals.
 PROMISED = 1e-9
@@ -327,5 +326,4 @@ print("done")
 @pytest.mark.slow
 def test_in_single_precision_the_lower_bounds_stay_true():
     environment = os.environ | {"JAX_ENABLE_X64": "0"}
-    done = subprocess.run([sys.executable, "-c", SINGLE], env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and done.stdout.strip() == "done", done.stdout + done.stderr
+    assert python("-c", SINGLE, env=environment).stdout.strip() == "done"

@@ -48,3 +48,13 @@ def test_a_point_that_no_simple_fraction_names_stays_in_doubt():
     found = jhd.directed_hausdorff(jhd.ImplicitSurface.parse(text, *BOX), SPHERE, throw=False)
     assert found.lower <= 5973 / 9973 <= found.upper < 5973 / 9973 + CLOSE
     assert name_of(found.result) == "unverified"
+
+
+@pytest.mark.slow
+def test_points_of_surfaces_count_in_minimum_distances_where_all_of_the_other_is_as_near():
+    point = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2", *BOX)
+    other = jhd.ImplicitSurface.parse("x**2 + (y - 1.25)**2 + z**2", *BOX)
+    for a, b, exact in ((point, SPHERE, 1.0), (SPHERE, point, 1.0), (point, other, 1.25)):
+        assert_is(jhd.minimum_distance(a, b), exact)
+    same = jhd.minimum_distance(point, point)
+    assert same.lower == 0 and same.upper < 1e-300

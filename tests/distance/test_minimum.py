@@ -14,6 +14,7 @@ from jhd.shapes.curve import circle, points, polyline
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.patch import BezierPatch
 from jhd.solution import RESULTS, NotProvenError, name_of
+from tests.distance.test_families import sphere
 
 # A cubic that rises to 0.75 at its middle, where its curvature is 6.
 ARCH = np.array([[0.0, 0], [1, 1], [2, 1], [3, 0]]) / [3, 1]
@@ -310,6 +311,46 @@ def test_sheets_far_closer_to_each_other_than_to_a_sphere():
 def test_a_sphere_inside_of_another_surface_where_many_places_are_about_as_near(inner, outer, exact):
     a, b = (ImplicitSurface.parse(text, [-1.75] * 3, [1.75] * 3) for text in (inner, outer))
     assert holds(minimum_distance(a, b), exact, 1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("inner", "outer", "exact", "gap"),
+    [
+        ("x^2 + y^2 - 0.25", "x^2 + y^2 - 1", 0.5, 1e-8),
+        ("z^2 - 0.0001", "(z - 0.5)^2 - 0.0001 - 0.0001 * x^2", 0.49 - 0.01 * 5**0.5, 1e-8),
+        ("(x^2 + y^2 + z^2 + 0.91)^2 - 4 * x^2 - 4 * y^2", "(x^2 + y^2 + z^2 + 0.84)^2 - 4 * x^2 - 4 * y^2", 0.1, 7e-6),
+    ],
+    ids="cylinders sheets tori".split(),
+)
+def test_surfaces_inside_of_each_other_that_are_as_near_everywhere_or_along_a_line(inner, outer, exact, gap):
+    a, b = (ImplicitSurface.parse(text, [-2] * 3, [2] * 3) for text in (inner, outer))
+    assert holds(minimum_distance(a, b, BranchAndBound(atol=gap)), exact, gap)
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e-3])
+@pytest.mark.parametrize("kind", ["circle", pytest.param("sphere", marks=pytest.mark.slow), "polynomial"])
+def test_a_point_about_the_centre_of_what_is_round_is_as_far_as_the_radius(kind, shift):
+    if kind == "circle":
+        shape, place = circle([0.0, 0.0], 2.0), [shift, 0.0]
+    else:
+        shape, place = (sphere(2.0) if kind == "sphere" else SPHERES[0]), [0.0, shift, 0.0]
+    shape = ImplicitSurface.parse("x^2 + y^2 + z^2 - 4", [-3] * 3, [3] * 3) if kind == "polynomial" else shape
+    found = minimum_distance(shape, points([place, np.multiply(place, 0.5)]))
+    assert holds(found, 2.0 - shift, 1e-10)
+    assert np.array_equal(found.point_b, place)
+    assert float(np.linalg.norm(found.point_a)) == pytest.approx(2.0)
+
+
+def test_the_derivative_of_the_distance_of_the_nearest_point_is_that_of_its_foot():
+    def distance(rows):
+        return minimum_distance(points(rows), circle([0.0, 0.0], 2.0)).value
+
+    slopes = jax.grad(distance)(np.array([[0.3, 0.4], [0.1, 0.0], [0.0, -6.0]]))
+    np.testing.assert_allclose(slopes, [[-0.6, -0.8], [0, 0], [0, 0]], atol=1e-12)
+    bent = jax.hessian(distance)(np.array([[0.3, 0.4]]))[0, :, 0]
+    # 2 - |x| has the second derivatives of -|x|.
+    np.testing.assert_allclose(bent, -2 * (np.eye(2) - np.outer([0.6, 0.8], [0.6, 0.8])), atol=1e-9)
 
 
 @pytest.mark.slow

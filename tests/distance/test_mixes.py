@@ -263,3 +263,17 @@ def test_shapes_that_are_none_and_do_not_fit_are_refused():
         jhd.directed_hausdorff(jhd.ImplicitSurface.parse("x**2 + 1", [-1] * 3, [1] * 3), COARSE)
     bad = jax.jit(lambda p: jhd.directed_hausdorff(jhd.BezierPatches(p), COARSE))(jnp.full((1, 2, 2, 3), jnp.nan))
     assert name_of(bad.result) == "nonfinite_value" and np.isinf(bad.upper)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "near"), [(3, True), (4, False)])
+def test_a_polynomial_surface_farthest_where_two_feet_are_as_near_closes_with_few_cells(seed, near):
+    # About such places feet that samples lead to are not the nearest ones: of tens of thousands of cells, once.
+    random = np.random.default_rng(seed)
+    bent, plane = random.normal(size=(4, 4, 3)), np.stack([*np.mgrid[-1:1:4j, -1:1:4j], np.zeros((4, 4))], axis=-1)
+    patch = jhd.BezierPatch(plane + 0.3 * bent if near else 0.7 * random.normal(size=(4, 4, 3)))
+    ellipsoid = jhd.ImplicitSurface.parse("x**2 + y**2/2 + z**2/3 - 1", [-2] * 3, [2] * 3)
+    found = jhd.directed_hausdorff(ellipsoid, patch)
+    assert int(found.stats["cells"]) < 12_000 and name_of(found.witness.event) == "one_to_two"
+    away = np.linalg.norm(np.asarray(found.witness.feet[:2]) - found.witness.point, axis=1)
+    np.testing.assert_allclose(away, float(found.value), rtol=1e-9)

@@ -4,14 +4,13 @@ There is no tolerance and no list of exceptions: a bound that fails is an error 
 """
 
 import os
-import subprocess
-import sys
 from fractions import Fraction
 
 import numpy as np
 import pytest
 
 import jhd
+from tests.processes import python
 from tests.surface_cases import BY_NAME, CASES, Polynomial, X, Y, Z
 from tests.surface_cases import surface as surface_in
 
@@ -189,5 +188,4 @@ print("done")
 @pytest.mark.slow
 def test_in_single_precision_the_bounds_stay_true_and_close():
     environment = os.environ | {"JAX_ENABLE_X64": "0"}
-    done = subprocess.run([sys.executable, "-c", SINGLE], env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and done.stdout.strip() == "done", done.stdout + done.stderr
+    assert python("-c", SINGLE, env=environment).stdout.strip() == "done"

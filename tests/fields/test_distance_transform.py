@@ -99,6 +99,14 @@ def test_sides_near_the_ends_of_the_range(unit):
     np.testing.assert_allclose(np.asarray(transform.distance) / unit, [[0, 2, 4], [3, 13**0.5, 5]], rtol=1e-14)
 
 
+def test_sides_below_the_normal_numbers_are_no_zeros():
+    unit = 2.0**-1070
+    features = np.array([[True, False, False], [False, False, False]])
+    found = jhd.distance_transform(features, np.array([4.0, 3.0]) * unit).distance
+    assert (np.asarray(found) / unit).tolist() == [[0, 3, 6], [4, 5, 7.1875]]
+    assert (np.asarray(jhd.signed_distance_transform(features[0], unit)) / unit).tolist() == [-1, 1, 2]
+
+
 def test_the_published_templates_find_small_and_convex_cases_exactly():
     rng = np.random.default_rng(5)
     features = rng.random((12, 10, 9)) < 0.02

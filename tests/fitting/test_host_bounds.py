@@ -24,10 +24,18 @@ EXACT = {
     "the same": (LINE, LINE, None, 0.0),
 }
 CLOSED, COPIES = 1e-6, 1e-3
+# A second each; the others are as large and as small in quick tests too.
+LONG = "parallel", "a parabola"
 
 
-@pytest.mark.parametrize("exponent", [0, 300, -300])
-@pytest.mark.parametrize("name", EXACT)
+@pytest.mark.parametrize(
+    ("name", "exponent"),
+    [
+        pytest.param(name, exponent, marks=pytest.mark.slow if exponent and name in LONG else ())
+        for name in EXACT
+        for exponent in (0, 300, -300)
+    ],
+)
 def test_exact_distances_lie_between_the_bounds(name, exponent):
     first, second, weights, exact = EXACT[name]
     size = 2.0**exponent

@@ -37,6 +37,8 @@ def test_rows_of_text_and_arrays_are_points(tmp_path):
         ("a.xyz", b"1 2 3\n" + b"x" * 10_000, r"a.xyz:2: needs numbers; found 'xxx+\.\.\."),
         ("a.xyz", b"1 2 3\n1 2\n", "a.xyz:2.*2 numbers; the lines before have 3"),
         ("a.xyz", b"# nothing\n", "at least 1"),
+        ("a.xyz", b"1 2 3 # \xe9\n", "a.xyz: byte 8 is not UTF-8 text"),
+        ("a.xyz", "1 2 3 # \u2028 4 5\nx".encode(), "a.xyz:2: needs numbers; found 'x'"),
         ("a.npy", b"nothing", "no array of numbers"),
         ("a.npy", npy_header((10**12, 3)) + bytes(48), "no array of numbers"),
         (
@@ -63,12 +65,17 @@ def test_what_holds_no_points_is_refused(tmp_path, name, content, message):
     assert "\n" not in str(caught.value) and len(caught.value.reason) < 300
 
 
-@pytest.mark.parametrize("faces", [b"", b"element face 0\nproperty list uchar int vertex_indices\n"])
+NO_FACES = b"element face 0\nproperty list uchar int vertex_indices\n"
+
+
+@pytest.mark.parametrize("faces", [b"", NO_FACES, NO_FACES + b"element edge 1\nproperty uchar vertex1\n"])
 @pytest.mark.parametrize("order", ["ascii", "binary_little_endian", "binary_big_endian"])
 def test_a_ply_file_without_faces_is_a_point_cloud(tmp_path, order, faces):
     rows = np.column_stack([ROWS, [7, 8]])
     code = ">f8" if order.startswith("binary_big") else "<f8"
     content = b"0.1 2 -3 7\n0.001 4 5.5 8\n" if order == "ascii" else rows.astype(code).tobytes()
+    if b"edge" in faces:
+        content += b"0\n" if order == "ascii" else b"\0"
     file = tmp_path / "a.ply"
     file.write_bytes(PLY.replace(b"ascii", order.encode()) + faces + b"end_header\n" + content)
     for cloud in (jhd.io.load_points(file), jhd.io.load_shape(str(file))):

@@ -97,6 +97,23 @@ def test_binary_ply_of_either_byte_order_and_other_elements_are_understood(tmp_p
     assert mesh.triangles.tolist() == [[0, 1, 2], [0, 2, 3]] + ([] if even else [[3, 2, 1]])
 
 
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_marks_and_comments_in_other_letters_leave_lines_what_they_are(tmp_path, mark, end):
+    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    # Byte 133, at which Python ends lines, is a part of two of these letters.
+    comment = "# \u00c5 v 9 9 9 \u0445\x0c f 1 2 1\n# C:\\scans\\\n"
+    rows = "".join("v {} {} {}\n".format(*row) for row in corners)
+    mesh = load_mesh(written(tmp_path, "a.obj", f"{mark}{rows}{comment}f -3 -2 \\\n-1\n".replace("\n", end)))
+    assert mesh.vertices.tolist() == corners and mesh.triangles.tolist() == [[0, 1, 2]]
+    with pytest.raises(ParseError, match=r"a\.obj:6: needs a whole number"):
+        load_mesh(written(tmp_path, "a.obj", f"{mark}{rows}{comment}f x\n".replace("\n", end)))
+    assert load_mesh(written(tmp_path, "a.stl", (mark + FACET.format(1)).replace("\n", end))).count == 1
+    header = HEADER.format("ascii").replace("ascii 1.0\n", "ascii 1.0\ncomment \u00c5 \u0445\n")
+    content = (header + FACES + "0 0 0\n" * 4 + "3 0 1 2\n").replace("\n", end)
+    assert load_mesh(written(tmp_path, "a.ply", content)).count == 1
+
+
 def stl(count, *rows):
     body = b"".join(struct.pack("<12fH", 0, 0, 1, *np.ravel(row), 0) for row in rows)
     return b"solid by a program that says so".ljust(80) + struct.pack("<I", count) + body
@@ -126,6 +143,7 @@ NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
         ("a.obj", "v 0 0 0\nf 1 1 -2", r"a\.obj:2: a face names vertex -2"),
         ("a.obj", "v 0 0 0\n\nf 1 1", r"a\.obj:3: a face has 2 corners; needs at least 3"),
         ("a.obj", "v 0 0 0\nf 1 1.5 1", r"a\.obj:2: needs a whole number; found '1\.5'"),
+        ("a.obj", "v 0 0 0\nf 1 1 1\nsurf 0 1 0 1 1\n", r"a\.obj:3: holds 'surf', which is not read; needs faces, 'f'"),
         ("a.off", "", r"a\.off:1: needs OFF and text in its first line; found ''"),
         ("a.off", "OFF BINARY\n", "needs OFF and text"),
         ("a.off", "OFF\nx 1 0", r"a\.off:2: needs a whole number; found 'x'"),
@@ -154,6 +172,7 @@ NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
         ("a.ply", HEADER.format("ascii") + FACES + "0 0\n", r"a\.ply:11: has 2 numbers; 'vertex' has 3 properties"),
         ("a.ply", HEADER.format("ascii") + FACES + "0 0 0\n" * 4 + "4 0 1 2", r"a\.ply:15: ends within 'vertex_index'"),
         ("a.ply", HEADER.format("ascii") + FACES + "0 0 0\n" * 4 + "3 0 1 4", r"a\.ply:15: a face names vertex 4"),
+        ("a.ply", HEADER.format("ascii") + FACES.replace("face", "tristrips") + "0 0 0\n" * 4, "holds 'tristrips'"),
         (
             "a.ply",
             (HEADER.format("binary_big_endian") + FACES).encode() + bytes(49),

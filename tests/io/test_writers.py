@@ -20,6 +20,7 @@ from jhd.distance.many.blocks import MeasuredPairs
 from jhd.distance.many.store import Store
 from jhd.io.load import SHAPE_SUFFIXES
 from jhd.report import save_figure
+from tests.processes import started
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="there are no limits and kills of other systems")
 # The versions of a file differ in size.
@@ -137,7 +138,7 @@ def writing(folder):
     """Starts processes that write all files again and again; asked for one, kills it after the seconds."""
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent.parent)}
     command = [sys.executable, "-c", SCRIPT, str(folder)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment) as server:
+    with started(*command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment) as server:
         asked, told = server.stdin, server.stdout
         assert asked is not None and told is not None
 

@@ -204,10 +204,25 @@ def _slice(operands: list[Any], parameters: dict[str, Any], equation: Any) -> An
 
 def _dynamic_slice(operands: list[Any], parameters: dict[str, Any], equation: Any) -> Any:
     x, *starts = operands
-    sizes, shape = parameters["slice_sizes"], _parts(x)[0].shape
-    rows = zip(starts, sizes, shape, strict=True)
-    index = tuple(slice(a, a + n) for a, n in ((int(np.clip(s, 0, m - n)), int(n)) for s, n, m in rows))
+    index = _block(starts, parameters["slice_sizes"], _parts(x)[0].shape)
     return each_part(lambda x: x[index], x)
+
+
+def _updated(operands: list[Any], parameters: dict[str, Any], equation: Any) -> Any:
+    x, new, *starts = operands
+    index = _block(starts, _parts(new)[0].shape, _parts(x)[0].shape)
+
+    def one(x: np.ndarray, new: np.ndarray) -> np.ndarray:
+        changed = np.array(x)
+        changed[index] = new
+        return changed
+
+    return each_part(one, x, new)
+
+
+def _block(starts: list[Any], sizes: Any, shape: tuple[int, ...]) -> tuple[slice, ...]:
+    rows = zip(starts, sizes, shape, strict=True)
+    return tuple(slice(a, a + n) for a, n in ((int(np.clip(s, 0, m - n)), int(n)) for s, n, m in rows))
 
 
 def _padded(operands: list[Any], parameters: dict[str, Any], equation: Any) -> Any:
@@ -266,6 +281,7 @@ _MOVES: dict[str, Callable] = {
     "stack": _stacked,
     "slice": _slice,
     "dynamic_slice": _dynamic_slice,
+    "dynamic_update_slice": _updated,
     "pad": _padded,
     "gather": _gathered,
     "scatter": _set,

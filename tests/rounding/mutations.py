@@ -173,6 +173,7 @@ class Copy:
         process.join(_LONGEST)
         if process.is_alive():
             process.kill()
+            process.join()
         if process.exitcode not in (_RAN, _RAN + 1):
             raise RuntimeError(f"the tests {tests} did not run: status {process.exitcode}.")
         return process.exitcode == _RAN

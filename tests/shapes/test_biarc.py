@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd import BezierSegments, BSplineCurve, NotProvenError, circle, hausdorff, points, polyline
+from jhd import BezierCurve, BezierSegments, BSplineCurve, NotProvenError, circle, hausdorff, points, polyline
 from jhd.shapes import biarcs, deviation, least_tolerance
 from tests import reference
 
@@ -339,6 +339,10 @@ def test_the_rational_segments_are_the_arcs():
     right = np.stack([(end - start)[:, 1], -(end - start)[:, 0]], axis=1)
     expected = (start + end) / 2 + 0.5 * np.asarray(arcs.bulge)[:, None] * right
     np.testing.assert_allclose(middle, expected, rtol=0, atol=1e-14)
+
+
+def test_a_tolerance_above_all_lengths_takes_one_arc():
+    assert biarcs(BezierCurve([(0, 0), (1, 2), (2, 0)]), 1.7e308).count == 1
 
 
 def test_what_cannot_be_approximated_is_refused(as_a_user):

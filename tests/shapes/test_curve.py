@@ -1,7 +1,5 @@
 import math
 import os
-import subprocess
-import sys
 from typing import Any
 
 import equinox as eqx
@@ -17,6 +15,7 @@ import jhd
 from jhd import BezierSegments
 from jhd.shapes.curve import check_curve
 from jhd.shapes.joints import joints
+from tests.processes import python
 
 # A few roundings of numbers of size one.
 ROUNDING = 1e-14
@@ -584,8 +583,7 @@ def test_the_precision_is_double_unless_the_environment_says_otherwise():
         "assert a.segments().following.tolist() == [1, 2, 3, 0]\n"
     )
     environment = os.environ | {"JAX_ENABLE_X64": "0"}
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    python("-W", "error", "-c", code, env=environment)
 
 
 def test_joints_are_the_same_known_and_traced_and_of_many_loose_segments_found_by_sorting():

@@ -14,18 +14,21 @@ The smallest of these over the pieces is concave, so its mean over the cell is a
 
 **Above.** Flat pieces F with points of b within sag of all of theirs (jhd.distance.nearest.target) give the convex
 function f(x) = d(x, F) + sag. Over the cell it is at most its largest value at a corner, and its mean is at most the
-mean of these, as each point is that mean of corners on the average. Where F is the foot q of c the mean of the squares
-is |c - q|^2 + W itself.
+mean of these, as each point is that mean of corners on the average. Of a polynomial part, whose points are such means
+of its control points, these take the place of the corners, here and with the pieces below. Where F is the foot q of c
+the mean of the squares is |c - q|^2 + W itself.
 
 Rounding: sizes are at most `size`, and gamma(64) of it is more than the roundings of a sum of a few lengths.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from jhd.arithmetic.rounding import gamma
+from jhd.distance.cells.heights import HeightBounds, unknown_bounds
 from jhd.distance.cells.measures import FlatCells
 from jhd.distance.nearest.target import AbstractTarget, Flats, ProvenFeet
 
@@ -65,7 +68,12 @@ class OverCells(NamedTuple):
 
 
 def distances_over(
-    cells: FlatCells, target: AbstractTarget, dtype: np.dtype, reach: np.ndarray, goal: float
+    cells: FlatCells,
+    target: AbstractTarget,
+    dtype: np.dtype,
+    reach: np.ndarray,
+    goal: float,
+    heights: Callable[[FlatCells, ProvenFeet, np.ndarray], HeightBounds] | None = None,
 ) -> OverCells:
     """Bounds of the distance to a target over cells.
 
@@ -75,49 +83,74 @@ def distances_over(
         dtype: that the target takes points in.
         reach: how far away far points are looked for, for each cell; negative where farther ones did not serve.
         goal: a gap that may stay.
+        heights: bounds by heights of the cells themselves, from feet near their middles and upper bounds, where there
+            are such.
     """
     # Bounds below are for the exact number that each point is.
     middle = np.mean(cells.corners, axis=1).astype(dtype)
     # Copies: what a program gives may not be written to.
     found = ProvenFeet(*(np.array(x) for x in target.near(middle)))
-    least, least_mean, after = _below(cells.corners, target, middle, found, (reach, goal))
+    size = np.max(np.abs(cells.corners), axis=(1, 2)) + _FARTHEST
+    room = 4 * _ROUNDINGS * size + 4 * np.finfo(dtype).eps * size
+    above = _above(cells, target, middle, found, room)
+    known = unknown_bounds(len(middle)) if heights is None else heights(cells, found, above[0])
+    least, least_mean, after = np.zeros(len(middle)), np.zeros(len(middle)), reach.copy()
+    # What leaves more open than far points would is no valley, as about the end of a curve that is continued.
+    left = np.fmin(known.most_mean, above[1]) - known.least_mean
+    spread = _share(cells.corners) * _scatter(cells.corners)
+    expected = np.minimum(spread / (2 * np.abs(reach)), np.sqrt(spread))
+    rows = np.flatnonzero((known.least_mean <= 0) | (left > expected + _GAIN * goal))
+    if len(rows):
+        some, near = cells.take(rows), ProvenFeet(*(x[rows] for x in found))
+        lower = _lower(some, target, middle[rows], near, (reach[rows], goal))
+        least[rows], least_mean[rows] = (np.maximum(x - some.slack - room[rows], 0.0) for x in lower[:2])
+        after[rows] = lower[2]
+        pieces = _beside_pieces(some.controls, target, middle[rows], near)
+        for held, better in zip((least, least_mean), pieces, strict=True):
+            held[rows] = np.maximum(held[rows], better - some.off - room[rows])
+        mended = np.flatnonzero(near.upper < found.upper[rows])
+        if len(mended):
+            better = ProvenFeet(*(x[mended] for x in near))
+            again = _above(some.take(mended), target, middle[rows[mended]], better, room[rows[mended]])
+            for held, new in zip(above, again, strict=True):
+                held[rows[mended]] = np.fmin(held[rows[mended]], new)
+    ends = zip((least, least_mean, least_mean**2 * (1 - _ROUNDINGS)), (above[0], above[1], above[2]), strict=True)
+    bounds = HeightBounds(*(x for pair in ends for x in pair)).narrowed(known)
+    return OverCells(*_weighed(cells.uneven, bounds), after)
+
+
+def _lower(
+    cells: FlatCells,
+    target: AbstractTarget,
+    middle: np.ndarray,
+    found: ProvenFeet,
+    reached: tuple[np.ndarray, float],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lower bounds over flat cells and of the means, and how far away the points were; mends the feet."""
+    corners, (reach, goal) = cells.corners, reached
+    least, least_mean, after = _below(corners, target, middle, found, reached)
     doubtful = np.flatnonzero((after < 0) & (np.abs(after) < np.abs(reach)))
     if len(doubtful) and not target.sharp:
         # What is near may be far from the nearest.
         _put(found, doubtful, target.nearest(middle[doubtful]))
         mended = ProvenFeet(*(x[doubtful] for x in found))
-        again = _below(cells.corners[doubtful], target, middle[doubtful], mended, (reach[doubtful], goal))
+        again = _below(corners[doubtful], target, middle[doubtful], mended, (reach[doubtful], goal))
         least[doubtful], least_mean[doubtful] = (
             np.maximum(x[doubtful], y) for x, y in zip((least, least_mean), again[:2], strict=True)
         )
         after[doubtful] = again[2]
-    for known, better in zip((least, least_mean), _beside_pieces(cells.corners, target, middle, found), strict=True):
-        np.maximum(known, better, out=known)
-    most, most_mean, most_square = _above(cells.corners, target, middle, found)
-    size = np.max(np.abs(cells.corners), axis=(1, 2)) + _FARTHEST
-    loose = cells.slack + 4 * _ROUNDINGS * size + 4 * np.finfo(dtype).eps * size
-    least, least_mean = (np.maximum(x - loose, 0.0) for x in (least, least_mean))
-    most, most_mean = most + loose, most_mean + loose
-    most_square = (np.sqrt(most_square) * (1 + _ROUNDINGS) + loose) ** 2
-    return OverCells(*_weighed(cells.uneven, least, most, least_mean, most_mean, most_square), after)
+    return least, least_mean, after
 
 
-def _weighed(
-    uneven: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    least: np.ndarray,
-    most: np.ndarray,
-    square: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _weighed(uneven: np.ndarray, even: HeightBounds) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The bounds for points that are spread unevenly: half the unevenness of the range may be off."""
+    lower, upper = even.least, even.most
     with np.errstate(invalid="ignore"):
         off = np.where(uneven > 0, 0.5 * uneven * (upper - lower), 0.0) * (1 + _ROUNDINGS)
         off_square = np.where(uneven > 0, 0.5 * uneven * (upper**2 - lower**2), 0.0) * (1 + _ROUNDINGS)
-        square_low = least**2 * (1 - _ROUNDINGS)
-        low, high = np.fmax(least - off, lower), np.fmin(most + off, upper)
-        square_low = np.fmax(square_low - off_square, lower**2 * (1 - _ROUNDINGS))
-        square_high = np.fmin(square + off_square, upper**2 * (1 + _ROUNDINGS))
+        low, high = np.fmax(even.least_mean - off, lower), np.fmin(even.most_mean + off, upper)
+        square_low = np.fmax(even.least_square - off_square, lower**2 * (1 - _ROUNDINGS))
+        square_high = np.fmin(even.most_square + off_square, upper**2 * (1 + _ROUNDINGS))
     # A mean is at most the root of the mean of squares.
     high = np.fmin(high, np.sqrt(square_high) * (1 + _ROUNDINGS))
     square_low = np.fmax(square_low, low**2 * (1 - _ROUNDINGS))
@@ -151,22 +184,22 @@ def _below(
 
 
 def _beside_pieces(
-    corners: np.ndarray, target: AbstractTarget, middle: np.ndarray, found: ProvenFeet
+    controls: np.ndarray, target: AbstractTarget, middle: np.ndarray, found: ProvenFeet
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lower bounds over the cells and of the means by all convex pieces that may be nearest, else minus infinity."""
-    spread = np.max(np.sqrt(np.sum((corners - middle[:, None]) ** 2, axis=2)), axis=1)
+    spread = np.max(np.sqrt(np.sum((controls - middle[:, None]) ** 2, axis=2)), axis=1)
     # What is farther from the middle is not the nearest of any point of the cell.
     reach = (found.upper + 2 * spread) * (1 + _ROUNDINGS)
-    least = np.full(corners.shape[:2], np.inf)
+    least = np.full(controls.shape[:2], np.inf)
     pieces = target.pieces_within(middle, reach)
     if pieces is not None:
-        held, over = pieces.corners.astype(np.float64), corners[pieces.who]
+        held, over = pieces.corners.astype(np.float64), controls[pieces.who]
         ways = [_towards(middle[pieces.who], pieces.foot), _towards(middle, found.foot)[pieces.who]]
         own, common = (
             np.sum(w[:, None] * over, axis=2) - np.max(np.sum(w[:, None] * held, axis=2), axis=1, keepdims=True)
             for w in ways
         )
-        # One for all corners, lest the smallest be no longer concave: that which stays above the nearest piece.
+        # One for all controls, lest the smallest be no longer concave: that which stays above the nearest piece.
         nearest = np.sum(ways[1][:, None] * (over - found.foot[pieces.who, None]), axis=2)
         margins = [np.min(x - nearest, axis=1, keepdims=True) for x in (own, common)]
         np.minimum.at(least, pieces.who, np.where(margins[1] > margins[0], common, own))
@@ -225,18 +258,20 @@ def _across(corners: np.ndarray) -> np.ndarray:
 
 
 def _above(
-    corners: np.ndarray, target: AbstractTarget, middle: np.ndarray, found: ProvenFeet
+    cells: FlatCells, target: AbstractTarget, middle: np.ndarray, found: ProvenFeet, room: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Upper bounds over the cells, of the means, and of the means of squares."""
+    """Upper bounds over the cells, of the means, and of the means of squares, with room for roundings."""
     rows = target.rows_of(found).map(lambda x: x[:, None])
-    flats = target.flats(rows, corners.astype(middle.dtype))
-    far = _beside(corners, flats, target.triangles)  # (cells, flats, corners)
+    flats = target.flats(rows, cells.corners.astype(middle.dtype))
+    far = _beside(cells.controls, flats, target.triangles)  # (cells, flats, controls)
+    off, slack, corners = cells.off + room, cells.slack + room, cells.corners
     to_middle = found.upper.astype(np.float64)
     spread = np.max(np.sqrt(np.sum((corners - middle[:, None]) ** 2, axis=2)), axis=1)
-    square = to_middle**2 + _share(corners) * _scatter(corners)
-    most = np.fmin(np.min(np.max(far, axis=2), axis=1), to_middle + spread)
-    mean = np.fmin(np.min(np.mean(far, axis=2), axis=1), np.sqrt(square))
-    return most, mean, np.fmin(np.min(np.mean(far**2, axis=2), axis=1), square)
+    root = np.sqrt(to_middle**2 + _share(corners) * _scatter(corners)) * (1 + _ROUNDINGS) + slack
+    most = np.fmin(np.min(np.max(far, axis=2), axis=1) + off, to_middle + spread + slack)
+    mean = np.fmin(np.min(np.mean(far, axis=2), axis=1) + off, root)
+    by_flats = np.sqrt(np.min(np.mean(far**2, axis=2), axis=1)) * (1 + _ROUNDINGS) + off
+    return most, mean, np.fmin(by_flats, root) ** 2
 
 
 def _beside(corners: np.ndarray, flats: Flats, triangles: bool) -> np.ndarray:

@@ -58,31 +58,31 @@ def bound_of(hull: Any, flats: Flats, triangles: bool) -> Array:
     size = jnp.max(jnp.sum(jnp.abs(corners), axis=-1)) + jnp.max(
         jnp.sum(jnp.abs(flats.origin) + jnp.abs(flats.first) + jnp.abs(flats.second), axis=-1)
     )
-    squares = _squares(corners, flats, triangles)
-    middle = jnp.mean(corners, axis=0)
-    apart = jax.vmap(lambda f: middle - _nearest_of(middle, f, triangles))(flats)
-    best = jnp.asarray(jnp.inf, corners.dtype)
-    for k in range(groups):
-        group = slice(k * FEET, (k + 1) * FEET)
-        weights = trials(apart[group], tangents)
+    apart = _apart(jnp.concatenate([corners, jnp.mean(corners, axis=0, keepdims=True)]), flats, triangles)
+    squares = _squares(apart[:, :-1], flats)
+
+    def least(apart: Array, squares: Array) -> Array:
+        weights = trials(apart, tangents)
         # What is not proven counts for nothing, unless it has the weight zero.
-        terms = jnp.where(weights[:, :, None] > 0, weights[:, :, None] * squares[None, group], 0.0)
-        best = jnp.minimum(best, jnp.min(jnp.max(jnp.sum(terms, axis=1), axis=1)))
-    best = jnp.minimum(best, _by_a_cut(corners, flats, squares, triangles))
+        terms = jnp.where(weights[:, :, None] > 0, weights[:, :, None] * squares[None], 0.0)
+        return jnp.min(jnp.max(jnp.sum(terms, axis=1), axis=1))
+
+    grouped = apart[:, -1].reshape(groups, FEET, 3), squares.reshape(groups, FEET, -1)
+    best = jnp.minimum(jnp.min(jax.vmap(least)(*grouped)), _by_a_cut(corners, flats, squares, triangles))
     dtype = best.dtype
     length = jnp.sqrt(best * (1 + gamma(16, dtype)) + 16 * smallest_normal(dtype)) * (1 + gamma(4, dtype))
     return round_up(length + slack + 1.01 * gamma(64, dtype) * size)
 
 
-def _squares(points: Array, flats: Flats, triangles: bool) -> Array:
+def _apart(points: Array, flats: Flats, triangles: bool) -> Array:
+    """From about the nearest points of pieces to points (flats, points, 3)."""
+    return jax.vmap(lambda flat: points - jax.vmap(lambda x: _nearest_of(x, flat, triangles))(points))(flats)
+
+
+def _squares(apart: Array, flats: Flats) -> Array:
     """Squares of f (flats, points), NaN-free."""
-
-    def one(flat: Flats) -> Array:
-        apart = points - jax.vmap(lambda x: _nearest_of(x, flat, triangles))(points)
-        far = (jnp.sqrt(jnp.sum(apart**2, axis=-1)) + flat.sag) ** 2
-        return jnp.where(jnp.isnan(far), jnp.inf, far)
-
-    return jax.vmap(one)(flats)
+    far = (jnp.sqrt(jnp.sum(apart**2, axis=-1)) + flats.sag[:, None]) ** 2
+    return jnp.where(jnp.isnan(far), jnp.inf, far)
 
 
 def _nearest_of(x: Array, flat: Flats, triangles: bool) -> Array:
@@ -123,7 +123,7 @@ def _by_a_cut(corners: Array, flats: Flats, squares: Array, triangles: bool) -> 
     share = jnp.where(apart, h[first] / jnp.where(apart, h[first] - h[second], 1.0), 0.0)
     places = corners[first] + share[:, None] * (corners[second] - corners[first])
     two = jax.tree_util.tree_map(lambda x: x[jnp.stack([j, k])], flats)
-    there = jnp.max(jnp.where(apart, _squares(places, two, triangles), -jnp.inf))
+    there = jnp.max(jnp.where(apart, _squares(_apart(places, two, triangles), two), -jnp.inf))
     found = jnp.maximum(both[jnp.argmin(both)], there)
     return jnp.where(jnp.isnan(found), jnp.inf, found)
 

@@ -83,8 +83,10 @@ def _part_of_nets(k: int, degree: int, net: Net, inner: Array, complement: Array
         points = jnp.concatenate([points * net.weights[..., None], net.weights[..., None]], axis=-1)
     rows = jnp.moveaxis(points, 0, -1)
     rows = rows.reshape(*rows.shape[:2], *(1,) * k, *rows.shape[2:])
+    # (*entries, 2, parameters, cells), looked up at once.
+    both = scaled(k, degree, jnp.stack([inner, complement], axis=1))
     for axis in range(net.parameters):
-        rows = composed(k, rows, *(scaled(k, degree, x[:, axis]) for x in (inner, complement)))
+        rows = composed(k, rows, *(both[(*(slice(None),) * k, i, axis)] for i in range(2)))
     if net.parameters == 1:
         rows = rows[0]
     if net.weights is None:
@@ -103,7 +105,7 @@ def bound_between(k: int, part: Simplex, other: Simplex, levels: int, size: Arra
         levels: in how many both are composed together.
         size: one, or the largest coordinate where that is more.
     """
-    e, w = _difference(k, part, other)
+    e, w = difference(k, part, other)
     e, w = _of_degree_two(k, e), None if w is None else _of_degree_two(k, w)
     n = e.shape[0] - 1
     e = coefficients_of(k, e)
@@ -146,7 +148,7 @@ def _length(square: Array, off: Array | float, relative: float) -> Array:
     return round_up(jnp.where(jnp.isnan(length), jnp.inf, length))
 
 
-def _difference(k: int, a: Simplex, b: Simplex) -> tuple[Array, Array | None]:
+def difference(k: int, a: Simplex, b: Simplex) -> tuple[Array, Array | None]:
     """E = w_b a - w_a b and w = w_a w_b in one degree, scaled."""
     n, m = a.points.shape[0] - 1, b.points.shape[0] - 1
     if a.weights is None and b.weights is None:

@@ -48,6 +48,9 @@ class FlatCells(NamedTuple):
         lower: of the length or area of the cell; 1 of a point.
         upper: of the same.
         uneven: bound of the integral of |density / mean density - 1|.
+        controls: coefficients of a part, as many at each cell: convex functions are at most, concave ones at least what
+            the same polynomial with their values for coefficients says; where that is not known the corners.
+        off: how far points of the cell are from those of that polynomial; the slack where they are the corners.
     """
 
     corners: Float[np.ndarray, "cells corners 3"]
@@ -55,6 +58,12 @@ class FlatCells(NamedTuple):
     lower: Float[np.ndarray, " cells"]
     upper: Float[np.ndarray, " cells"]
     uneven: Float[np.ndarray, " cells"]
+    controls: Float[np.ndarray, "cells controls 3"]
+    off: Float[np.ndarray, " cells"]
+
+    def take(self, rows: Any) -> "FlatCells":
+        """Some of the cells."""
+        return FlatCells(*(x[rows] for x in self))
 
 
 class _Sized(NamedTuple):
@@ -295,10 +304,12 @@ def flat_triangles(corners: np.ndarray, off: float) -> FlatCells:
     doubled = _length(np.cross(u, v))
     lower, upper = np.maximum(doubled * _DOWN - error, 0.0), doubled * _UP + error
     nothing = np.zeros(len(corners))
-    return FlatCells(corners, nothing + math.sqrt(3) * off, 0.5 * lower, 0.5 * upper, nothing)
+    slack = nothing + math.sqrt(3) * off
+    return FlatCells(corners, slack, 0.5 * lower, 0.5 * upper, nothing, corners, slack)
 
 
 def single_points(points: np.ndarray, counts: np.ndarray, off: float) -> FlatCells:
     """Points, each of which counts so much."""
     nothing = np.zeros(len(points))
-    return FlatCells(points[:, None], nothing + math.sqrt(3) * off, counts, counts, nothing)
+    slack = nothing + math.sqrt(3) * off
+    return FlatCells(points[:, None], slack, counts, counts, nothing, points[:, None], slack)

@@ -10,9 +10,9 @@ is |P - q|^2 on b. Where its second derivatives are at least 2 m > 0 on a box E 
 
     L(q) >= L(Q) + R.(q - Q) + m |q - Q|^2,   R = 2 (Q - P) + (v + 2 r g(Q)) grad g(Q),
 
-and each coordinate of the last two terms takes off at most R_i^2 / 4 m; or, where R_i does not change its sign and Q_i
-is at the side of D that it points from, at most |R_i| times how far Q_i is from that side. What Q misses the true foot
-by is in R, and so counts squared. So with h the size of the cell the bound
+and each coordinate of the last two terms takes off at most R_i^2 / 4 m, or less where R_i points to D
+(jhd.distance.cells.moving_minimum). What Q misses the true foot by is in R, and so counts squared. So with h the size
+of the cell the bound
 
     min (|P - Q|^2 + v g(Q)) - sum max R_i^2 / 4 m
 
@@ -35,17 +35,18 @@ from jaxtyping import Array
 
 from jhd.arithmetic.balls import Ball, plus, semidefinite, times
 from jhd.arithmetic.polynomials import slopes
-from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.arithmetic.truncated import EXPONENTS, Truncated, composed, largest, product, scaled
+from jhd.arithmetic.rounding import gamma
+from jhd.arithmetic.truncated import Truncated, composed, largest, product, scaled
 from jhd.arithmetic.truncated import plus as added
-from jhd.distance.cells.graphs import NODES, GraphOver, S, T, beside_graph, fitted, graph_over, values_over
+from jhd.distance.cells.graphs import NODES, GraphOver, beside_graph, fitted, graph_over, values_over
 from jhd.distance.cells.implicit import between, shape_over
 from jhd.distance.cells.lagrange import WithSurface
 from jhd.distance.cells.moving_feet import displacement, piece_about
+from jhd.distance.cells.moving_minimum import least, least_of_rest
 from jhd.distance.cells.narrowed import narrowed
 from jhd.distance.cells.pairs import Cell, PairBound
 from jhd.distance.frame.surfaces import Side
-from jhd.distance.nearest.forms import boxes, form
+from jhd.distance.nearest.forms import boxes, form, slope_changes
 from jhd.distance.nearest.places import local_feet
 
 # Newton steps for the feet of the nodes.
@@ -55,19 +56,24 @@ _MIDDLE = int(np.argmin(np.sum(NODES**2, axis=0)))
 # Shares of the quadratic term, relative to the slope of g, and moduli of convexity 2 m, that are tried.
 _HEAVY = (0.0, 4.0)
 _MODULI = (1.0, 0.1, 0.01)
-# Steps from side to side towards the least value of a parabola.
-_DESCENTS = 8
 # The most that a cell of b is longer than one of a that is cut first: where a is a graph, and where it is none.
 _LONGEST, _LONGEST_OF_NONE = 512.0, 64.0
-_SS, _ST, _TT = (EXPONENTS.index(powers) for powers in ((2, 0), (1, 1), (0, 2)))
 
 
 class MovingPairBound(NamedTuple):
-    """A lower bound over a pair of cells, and what it rests on: whether a is a graph there, and L proven convex."""
+    """A lower bound over a pair of cells, and what it rests on.
+
+    Args:
+        lower: the bound.
+        graph: whether a is a graph there.
+        convex: whether L is proven convex.
+        bent: by how much the polynomial of a is not linear, along each coordinate.
+    """
 
     lower: Array
     graph: Array
     convex: Array
+    bent: Array
 
 
 class WithMovingFeet(NamedTuple):
@@ -93,9 +99,15 @@ class WithMovingFeet(NamedTuple):
 
 
 def _axis(cell: Cell, moving: MovingPairBound) -> Array:
-    """Where to cut: a, down to graphs; then b, down to where L is convex; and then a again, unless b is far longer."""
+    """Where to cut: a, down to graphs; then b, down to where L is convex; and then a again, unless b is far longer.
+
+    What is no graph yet is cut where it is bent most: sheets next to each other between them.
+    """
     extent = cell.high - cell.low
     first, second = jnp.max(extent[:3]), jnp.max(extent[3:])
+    most = jnp.max(moving.bent)
+    bent = first * jnp.sqrt(moving.bent / jnp.where(most > 0, most, 1.0))
+    extent = extent.at[:3].set(jnp.where(moving.graph | ~(most > 0), extent[:3], bent))
     useful = moving.convex & (moving.lower > 0)
     only = (first * jnp.where(moving.graph, _LONGEST, _LONGEST_OF_NONE) > second) & (~moving.graph | useful)
     return jnp.argmax(jnp.where(only & (np.arange(6) >= 3), -1.0, extent))
@@ -123,18 +135,23 @@ def moving_bound(a: Side, b: Side, low: Array, high: Array, start: Array) -> Mov
         start: a point (3,) near which feet are looked for.
     """
     cells = boxes(low[:3, None], high[:3, None])
-    over = graph_over(form(a, cells), a, cells)
+    form_a = form(a, cells)
+    over = graph_over(form_a, a, cells)
     beside = beside_graph(over.graph, over.on, values_over(over.on))[0]
     first = _first_foot(b, over.places[:, _MIDDLE], start, low[3:], high[3:])
     feet = local_feet(b, over.places, jnp.broadcast_to(first, over.places.shape), _STEPS_OF_FEET)
     moving = _moving(b, over, feet, _multipliers(b, over.places, feet))
     graph = jnp.isfinite(beside)
     modulus, heavy = _convexity(b, low[3:], high[3:], moving)
-    square = _least(moving) - _taken(moving, modulus, heavy, low[3:], high[3:])
+    square = least(_square(moving))[0]
+    rest = _rest(moving, modulus, heavy, low[3:], high[3:])
+    square = square + rest - gamma(4, low.dtype) * (jnp.abs(square) + jnp.abs(rest))
     dtype = low.dtype
     root = jnp.sqrt(jnp.maximum(square, 0.0)) * (1 - gamma(8, dtype)) - beside * (1 + gamma(4, dtype))
     valid = graph & (modulus > 0) & jnp.isfinite(root)
-    return MovingPairBound(jnp.where(valid, jnp.maximum(root, 0.0), 0.0), graph, modulus > 0)
+    return MovingPairBound(
+        jnp.where(valid, jnp.maximum(root, 0.0), 0.0), graph, modulus > 0, slope_changes(form_a)[:, 0]
+    )
 
 
 def _first_foot(b: Side, place: Array, start: Array, low: Array, high: Array) -> Array:
@@ -223,48 +240,24 @@ def _largest(x: Truncated) -> Array:
     return largest(x)[0]
 
 
-def _least(moving: _MovingFoot) -> Array:
-    """A lower bound of |P - Q|^2 + v g(Q) over the cell."""
+def _square(moving: _MovingFoot) -> Truncated:
+    """The function |P - Q|^2 + v g(Q)."""
     squares, lost = product(moving.apart, moving.apart), product(moving.multiplier, moving.value)
     total = lost
     for k in range(3):
         total = added(total, Truncated(squares.terms[:, k], squares.rest[k]))
-    below = scaled(total, -1.0)
-    return jnp.maximum(-_largest(below), -_largest(added(below, _parabola(total.terms))))
+    return total
 
 
-def _parabola(terms: Array) -> Truncated:
-    """A sum of squares of linear functions that is about what a polynomial rises by, from where it is least."""
-    a, b, c = 2 * terms[_SS], terms[_ST], 2 * terms[_TT]
-    mean, root = 0.5 * (a + c), jnp.hypot(0.5 * (a - c), b)
-    angle = 0.5 * jnp.arctan2(2 * b, a - c)
-    rates = jnp.maximum(jnp.stack([mean + root, mean - root]), 0.0)
-    along = jnp.stack([jnp.stack([jnp.cos(angle), jnp.sin(angle)]), jnp.stack([-jnp.sin(angle), jnp.cos(angle)])])
-
-    def descend(_: int, z: tuple[Array, Array]) -> tuple[Array, Array]:
-        s = jnp.clip(-(terms[S] + b * z[1]) / jnp.where(a > 0, a, jnp.inf), -1.0, 1.0)
-        return s, jnp.clip(-(terms[T] + b * s) / jnp.where(c > 0, c, jnp.inf), -1.0, 1.0)
-
-    z = jax.lax.fori_loop(0, _DESCENTS, descend, (jnp.zeros_like(a), jnp.zeros_like(a)))
-    factors = along * jnp.sqrt(0.5 * rates)[:, None]
-    shift = factors[:, 0] * z[0] + factors[:, 1] * z[1]
-    zero = jnp.zeros((terms.shape[0], *shift.shape), terms.dtype)
-    # These numbers may be chosen freely, so nothing that they are computed with counts as an error.
-    lines = Truncated(zero.at[S].set(factors[:, 0]).at[T].set(factors[:, 1]).at[0].set(-shift), jnp.zeros_like(shift))
-    squares = product(lines, lines)
-    return added(*(Truncated(squares.terms[:, k], squares.rest[k]) for k in range(2)))
-
-
-def _taken(moving: _MovingFoot, modulus: Array, heavy: Array, low: Array, high: Array) -> Array:
-    """What R takes off at most; see the module."""
+def _rest(moving: _MovingFoot, modulus: Array, heavy: Array, low: Array, high: Array) -> Array:
+    """A lower bound of R.(q - Q) + m |q - Q|^2."""
     dtype = low.dtype
     factor = added(moving.multiplier, scaled(moving.value, 2 * heavy))
     pull = product(Truncated(factor.terms[:, None], factor.rest[None]), moving.gradient)
     rest = added(pull, scaled(moving.apart, 2.0))
-    size = rest.size[:, 0] * (1 + gamma(64, dtype))
+    rest = Truncated(rest.terms[:, :, 0], rest.rest[:, 0])
+    size = gamma(4, dtype) * (jnp.abs(low) + jnp.abs(high) + jnp.abs(moving.low) + jnp.abs(moving.high))
     # With 2 m the modulus.
-    inside = size**2 / (2 * jnp.where(modulus > 0, modulus, 1.0)) * (1 + gamma(12, dtype))
-    falls, rises = largest(rest)[:, 0] <= 0, largest(scaled(rest, -1.0))[:, 0] <= 0
-    reach = jnp.where(falls, high - moving.low, jnp.where(rises, moving.high - low, jnp.inf))
-    at_side = size * jnp.maximum(reach, 0.0) * (1 + gamma(12, dtype))
-    return jnp.sum(jnp.minimum(inside, at_side)) * (1 + gamma(8, dtype)) + 64 * smallest_normal(dtype)
+    bent = 0.5 * jnp.where(modulus > 0, modulus, 1.0)
+    found = least_of_rest(rest, bent, low - moving.high - size, high - moving.low + size)
+    return jnp.sum(found - gamma(8, dtype) * jnp.abs(found))

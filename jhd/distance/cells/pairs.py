@@ -37,7 +37,10 @@ _THINNEST = 16
 
 
 class Cell(NamedTuple):
-    """A box of parameters: the pieces of both shapes, and the ends of the n = n_a + n_b parameters."""
+    """A box of parameters: the pieces of both shapes, and the ends of the n = n_a + n_b parameters.
+
+    Where the first shape is points there may be no parameters of it, instead of one that makes no difference.
+    """
 
     piece_a: Array
     piece_b: Array
@@ -105,11 +108,23 @@ def newton_step(gradient: Array, hessian: Array, fixed: Array) -> Array:
     return jnp.stack(out)
 
 
-def nearest_in(part_a: Net, part_b: Net, start: Array, fixed: Array, steps: int = _STEPS) -> Array:
-    """Parameters in [0, 1]^n where the distance of two parts is about smallest, from a start; nothing is proven."""
-    n = part_a.parameters
+def nearest_in(
+    part_a: Net, part_b: Net, start: Array, fixed: Array, steps: int = _STEPS, mending: int = 0, mended: float = 0.0
+) -> Array:
+    """Parameters in [0, 1]^n where the distance of two parts is about smallest, from a start; nothing is proven.
 
-    def step(_: Any, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    Args:
+        part_a: the one.
+        part_b: the other one.
+        start: where the steps begin.
+        fixed: parameters that are not moved.
+        steps: of Newton's method, after which the nearest of their places is taken.
+        mending: steps from there. Distances are as good as they get where the parameters are off by the root of that.
+        mended: longer steps are not taken then.
+    """
+    n = len(start) - part_b.parameters
+
+    def step(k: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         x, best, least = state
         e, g, h = derivatives(jet(part_a, x[:n]), jet(part_b, x[n:]))
         square = e @ e
@@ -117,12 +132,17 @@ def nearest_in(part_a: Net, part_b: Net, start: Array, fixed: Array, steps: int 
         nearer = square <= least
         best, least = jnp.where(nearer, x, best), jnp.where(nearer, square, least)
         held = fixed | ((x <= 0) & (g > 0)) | ((x >= 1) & (g < 0))
-        return jnp.clip(x + newton_step(g, h, held), 0.0, 1.0), best, least
+        moved = newton_step(g, h, held)
+        ahead = jnp.clip(x + moved, 0.0, 1.0)
+        if not mending:
+            return ahead, best, least
+        short = jnp.where(jnp.max(jnp.abs(moved)) < mended, ahead, x)
+        x = jnp.where(k < steps, ahead, jnp.where(k == steps, best, short))
+        return x, best, least
 
     first = (start, start, jnp.full_like(start[0], jnp.inf))
-    x, best, least = jax.lax.fori_loop(0, steps, step, first)
-    e = jet(part_a, x[:n]).point - jet(part_b, x[n:]).point
-    return jnp.where(e @ e <= least, x, best)
+    x, best, _ = jax.lax.fori_loop(0, steps + 1 + mending, step, first)
+    return x if mending else best
 
 
 class _Sides(NamedTuple):
@@ -153,11 +173,15 @@ class _Sides(NamedTuple):
     wrong: Any
 
 
+def _parameters_of_first(b: Net, cell: Cell) -> int:
+    return len(cell.low) - b.parameters
+
+
 def _sides(a: Net, b: Net, cell: Cell) -> _Sides:
-    n = a.parameters
-    part_a = part_of(a.piece(cell.piece_a), cell.low[:n], cell.high[:n])
+    n = _parameters_of_first(b, cell)
+    part_a = part_of(a.piece(cell.piece_a), cell.low[:n], cell.high[:n]) if n else a.piece(cell.piece_a)
     part_b = part_of(b.piece(cell.piece_b), cell.low[n:], cell.high[n:])
-    ball_a, ball_b = enclosed(part_a, eta(a), eta(a)), enclosed(part_b, eta(b), eta(b))
+    ball_a, ball_b = enclosed(part_a, eta(a), eta(a), n), enclosed(part_b, eta(b), eta(b))
     first = joined(ball_a.first, ball_b.first)
     apart = minus(ball_a.point, ball_b.point)
     of_f = plus(dot(expand(first, 1), expand(first, 0)), bends(ball_a.second, ball_b.second, apart))
@@ -168,7 +192,7 @@ def _sides(a: Net, b: Net, cell: Cell) -> _Sides:
 
 def bound(a: Net, b: Net, cell: Cell) -> PairBound:
     """Bounds over one pair of cells; see the module."""
-    n, dtype, low, high = a.parameters, cell.low.dtype, cell.low, cell.high
+    n, dtype, low, high = _parameters_of_first(b, cell), cell.low.dtype, cell.low, cell.high
     sides, middle = _sides(a, b, cell), jnp.full(low.shape, 0.5, dtype)
     z = nearest_in(sides.a, sides.b, middle, sides.fixed)
     jets = (
@@ -183,13 +207,22 @@ def bound(a: Net, b: Net, cell: Cell) -> PairBound:
     rising, falling = _monotone(sides, at_middle)
     excluded = jnp.any((rising & (low > 0)) | (falling & (high < 1)))
     left = Cell(cell.piece_a, cell.piece_b, jnp.where(falling, high, low), jnp.where(rising, low, high))
-    wide = left.high - left.low > _THINNEST * jnp.finfo(dtype).eps
-    extent = jnp.where(wide, jnp.max(sides.first.size, axis=-1), -1.0)
+    extent = _extents(sides, left)
     x = low + z * (high - low)
     lower = jnp.where(excluded, jnp.inf, lower)
     # A cell that has only now shrunk to a point is bounded once more, as that point.
     thin = ~jnp.any(high - low > _THINNEST * jnp.finfo(dtype).eps)
     return PairBound(lower, upper, distance, x, left, jnp.argmax(extent), thin)
+
+
+def extents(a: Net, b: Net, cell: Cell, left: Cell) -> Array:
+    """About the lengths along the parameters of what is left of a cell, negative where it is not to be cut."""
+    return _extents(_sides(a, b, cell), left)
+
+
+def _extents(sides: _Sides, left: Cell) -> Array:
+    wide = left.high - left.low > _THINNEST * jnp.finfo(left.low.dtype).eps
+    return jnp.where(wide, jnp.max(sides.first.size, axis=-1), -1.0)
 
 
 def _unit(at: tuple[NetJet, NetJet]) -> tuple[Array, Array]:

@@ -50,7 +50,9 @@ def _least_mean(weights: Weights, values: np.ndarray) -> float:
 def share_bounds(weights: Weights, surely: np.ndarray, maybe: np.ndarray) -> tuple[float, float]:
     """Bounds of the share of the weight where something holds: where it surely does, and where it may."""
     room = gamma(len(surely) + 16, np.float64)
-    return _share(weights, surely) * (1 - room), min(1.0 - _share(weights, ~maybe) * (1 - room), 1.0)
+    rest = 1.0 - _share(weights, ~maybe) * (1 - room)
+    # The difference rounds as a number of about one does.
+    return _share(weights, surely) * (1 - room), min(rest + room, 1.0)
 
 
 def _share(weights: Weights, where: np.ndarray) -> float:

@@ -65,15 +65,15 @@ class Frame(eqx.Module):
 
     def length(self, x: Any, toward: float | None = None) -> Array:
         """Lengths in the user's unit, exact but below the normal numbers, where they are rounded towards `toward`."""
-        return array_of(_length(self, x, toward))
+        return array_of(user_length(self, x, toward))
 
 
 # Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.
 def reported(frame: Frame, solution: HausdorffSolution) -> HausdorffSolution:
     """A solution found in the common coordinates, in the user's; numbers that are known are left on the host."""
     witness, good = solution.witness, frame.usable
-    value, lower = _length(frame, solution.value, None), _length(frame, solution.lower, 0.0)
-    upper = _length(frame, solution.upper, np.inf)
+    value, lower = user_length(frame, solution.value, None), user_length(frame, solution.lower, 0.0)
+    upper = user_length(frame, solution.upper, np.inf)
     if is_traced(good):
         value, lower, upper = (jnp.where(good, x, y) for x, y in ((value, jnp.inf), (lower, 0.0), (upper, jnp.inf)))
         solution = replace(solution, result=result_where(good, solution.result, RESULTS.nonfinite_value))
@@ -85,7 +85,8 @@ def _place(frame: Frame, x: Any) -> Any:
     return xp.ldexp(xp.ldexp(xp.asarray(x), frame.second) + frame.centre, frame.first)
 
 
-def _length(frame: Frame, x: Any, toward: float | None) -> Any:
+def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
+    """As `length` of the frame; numbers that are known are left on the host, in the precision that they have."""
     xp = jnp if is_traced(x, frame) else np
     given = xp.asarray(x)
     with np.errstate(over="ignore"):

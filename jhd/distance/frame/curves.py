@@ -20,6 +20,7 @@ from jhd.arrays import is_traced
 from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of
 from jhd.shapes.checks import usable_numbers
 from jhd.shapes.curve import BezierSegments
+from jhd.shapes.joints import followed_here
 
 # Numbers of segments and degrees that programs are compiled for. Small curves share one size, where the cost of the
 # repetition does not show; from 192 on, where it does, at most a third is repetition.
@@ -160,5 +161,5 @@ def _bucketed(xp: Any, curve: BezierSegments, points: Any, degree: int, rational
         weights = None if weights is None else xp.sum(raising * weights[:, None], axis=-1)
     if weights is not None:
         points, weights = (points / weights[..., None])[index], weights[index]
-        return trusted(points, weights, xp.asarray(curve.following)[index])
-    return trusted(points[index], None, xp.asarray(curve.following)[index])
+        return trusted(points, weights, xp.asarray(followed_here(curve.links))[index])
+    return trusted(points[index], None, xp.asarray(followed_here(curve.links))[index])

@@ -16,10 +16,12 @@ roundings more than its control points have: gamma(20 (p + q) + 24) in all.
 """
 
 import math
+from functools import cache
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic import bernstein
@@ -95,27 +97,49 @@ def _homogeneous(points: Array, weights: Array) -> Array:
     return jnp.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
 
 
+@cache
+def _terms(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the derivatives of the orders 0, 1, 2 of the Bernstein polynomials are made of: sums of f t^i (1 - t)^j.
+
+    Factors and both exponents, (differences, orders, degree + 1): those of order k are the k-th differences of
+    polynomials of a degree that is k less.
+    """
+    factors = np.zeros((3, 3, degree + 1))
+    powers, rest = (np.zeros(factors.shape, int) for _ in range(2))
+    for k, order, i in np.ndindex(*factors.shape):
+        below, at = degree - order, i - k
+        if k <= order and 0 <= at <= below:
+            times = math.comb(order, k) * math.perm(degree, order)
+            factors[k, order, i] = (-1) ** (order - k) * times * math.comb(below, at)
+            powers[k, order, i], rest[k, order, i] = at, below - at
+    return factors, powers, rest
+
+
 def _basis(degree: int, t: Array) -> Array:
-    """Values, first and second derivatives of the Bernstein polynomials, each from those of one degree less."""
+    """Values, first and second derivatives of the Bernstein polynomials, in fewer than 3 degree roundings each.
 
-    def raised(row: Array, before: Array | float, after: Array | float) -> Array:
-        return jnp.pad(row, (0, 1)) * before + jnp.pad(row, (1, 0)) * after
+    One sum of products of powers: the compiler makes one loop of it, and one of every step of a recurrence.
+    """
+    factors, powers, rest = _terms(degree)
+    terms = factors.astype(t.dtype) * _power(t, powers) * _power(1 - t, rest)
+    return terms[0] + terms[1] + terms[2]
 
-    rows = [jnp.ones((1,), t.dtype)]
-    for _ in range(degree):
-        rows.append(raised(rows[-1], 1 - t, t))
-    zero = jnp.zeros((degree + 1,), t.dtype)
-    first = raised(rows[-2], -degree, degree) if degree else zero
-    if degree < 2:
-        return jnp.stack([rows[-1], first, zero])
-    second = raised(raised(rows[-3], 1 - degree, degree - 1), -degree, degree)
-    return jnp.stack([rows[-1], first, second])
+
+def _power(x: Array, exponents: np.ndarray) -> Array:
+    """Powers of a number, by products of squares of squares: one rounding less than the exponent."""
+    result = jnp.ones(exponents.shape, x.dtype)
+    for bit in range(int(np.max(exponents)).bit_length()):
+        result = result * jnp.where((exponents >> bit & 1).astype(bool), x, 1.0)
+        x = x * x
+    return result
 
 
 def jet(net: Net, x: Array) -> NetJet:
-    """Point and derivatives of one piece at its parameters, not enclosed."""
+    """Point and derivatives of one piece at its parameters, not enclosed; of a point there need be no parameters."""
     p, q = net.degrees
     n = net.parameters
+    if not len(x):
+        return NetJet(net.points[0, 0], *_no_derivatives(net.points))
     h = net.points if net.weights is None else _homogeneous(net.points, net.weights)
     along = jnp.sum(_basis(p, x[0])[:, :, None, None] * h[None], axis=1)
     if n == 1:
@@ -135,8 +159,23 @@ def jet(net: Net, x: Array) -> NetJet:
     return NetJet(point, du, (second[..., :-1] - cross - jnp.swapaxes(cross, 0, 1) - point * ddw[..., None]) / w)
 
 
-def enclosed(part: Net, error: Any, relative: float) -> NetJet:
-    """Balls of the point and of its derivatives over a part, for errors of its points and relative ones of weights."""
+def _no_derivatives(points: Array) -> tuple[Array, Array]:
+    """First and second derivatives in no parameters."""
+    return jnp.zeros((0, points.shape[-1]), points.dtype), jnp.zeros((0, 0, points.shape[-1]), points.dtype)
+
+
+def enclosed(part: Net, error: Any, relative: Any, n: int | None = None) -> NetJet:
+    """Balls of the point and of its derivatives over a part.
+
+    Args:
+        part: the control points and weights.
+        error: of each control point.
+        relative: of each weight.
+        n: the number of parameters; zero is a point.
+    """
+    if n == 0:
+        none = [Ball(x, x) for x in _no_derivatives(part.points)]
+        return NetJet(hull(part.points, (0, 1), jnp.asarray(error, part.points.dtype)), *none)
     if part.weights is None:
         return _nets(part.points, jnp.asarray(error, part.points.dtype))
     # About a point of the part, so that what the weights multiply is small.

@@ -6,6 +6,7 @@ searched one after the other as jhd.hausdorff does.
 """
 
 import os
+import signal
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
@@ -29,6 +30,8 @@ from jhd.solution import HausdorffSolution
 _AHEAD = 3
 # The same for executors that do not say how many workers they have.
 _OPEN = 64
+# Seconds after which one who waits for a task looks for an interrupt, which wakes nobody there.
+_LISTENING = 0.1
 # Pairs of a task that are searched one after the other.
 _ALONE = 8
 
@@ -94,19 +97,48 @@ def completed(executor: Executor, tasks: Iterable[tuple[Any, Callable[..., Any],
     tasks, running = iter(tasks), {}
     try:
         while True:
-            while len(running) < ahead and (task := next(tasks, None)) is not None:
-                running[executor.submit(task[1], task[2])] = task[0]
+            with interrupts_held() as heard:
+                while not heard and len(running) < ahead and (task := next(tasks, None)) is not None:
+                    running[executor.submit(task[1], task[2])] = task[0]
+                finished = _finished(running, heard)
             if not running:
                 return
-            for future in _finished(running):
+            for future in finished:
                 yield running.pop(future), future.result()
     finally:
-        for future in running:
-            future.cancel()
+        with interrupts_held():
+            for future in running:
+                future.cancel()
 
 
-def _finished(running: dict[Future, Any]) -> set[Future]:
-    return wait(list(running), return_when=FIRST_COMPLETED).done
+def _finished(running: dict[Future, Any], heard: list[int]) -> set[Future]:
+    """Those that are done, at least one unless none runs or an interrupt is heard."""
+    done: set[Future] = set()
+    while running and not heard and not done:
+        done = wait(list(running), _LISTENING, FIRST_COMPLETED).done
+    return done
+
+
+@contextmanager
+def interrupts_held() -> Iterator[list[int]]:
+    """Holds an interrupt back until the block ends: until then it is in the list, and it is raised there.
+
+    Executors and futures take their locks in Python. An interrupt between two instructions of theirs leaves a lock
+    taken that nobody gives back, and a worker waits for it for ever, as does who waits for the worker. Other threads
+    are not interrupted, and a handler of the user's own is left alone.
+    """
+    heard: list[int] = []
+    ours = threading.current_thread() is threading.main_thread()
+    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield heard
+        return
+    signal.signal(signal.SIGINT, lambda number, _: heard.append(number))
+    try:
+        yield heard
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if heard:
+            raise KeyboardInterrupt
 
 
 def measured(

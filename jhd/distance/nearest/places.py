@@ -184,7 +184,11 @@ def reach(offsets: Float[Array, "3 ..."]) -> Array:
 
 def thorough_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
     """As proven_radius, but proves also points where the gradient vanishes, as at the apex of a cone."""
-    radius = proven_radius(side, points)
+    return with_singular_radius(side, points, proven_radius(side, points))
+
+
+def with_singular_radius(side: Side, points: Float[Array, "3 points"], radius: Array) -> Float[Array, " points"]:
+    """The thorough radius from that which is proven by gradients."""
 
     def both(radius: Array) -> Array:
         return jnp.minimum(radius, _singular_radius(side, points))

@@ -5,7 +5,7 @@ jhd.distance.cells.surfaces are kept, and the nearest is cut into eight. Their s
 at every moment; a proven foot ends the search when it is as near.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,14 +13,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jhd.arithmetic.rounding import gamma, like_double, round_up, smallest_normal, unit_roundoff
-from jhd.arrays import varying
+from jhd.arrays import module_of, varying
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, Form, box_distances, boxes, finite_or_zero, form, lower_bounds, positive
 from jhd.distance.nearest.places import local_feet, projected, proven_radius, reach, thorough_radius
 
 # Cells along each axis that every search starts from, and places along each axis for the points of a cloud.
 _GRID, _PLACES = 8, 12
-_CLOUD_STEPS = 7
+CLOUD_STEPS = 7
 # Open cells of one search at least, and cells cut in a step.
 CAPACITY, _LANES = 2048, 16
 # Steps at most for so many open cells, and in proportion for more.
@@ -60,26 +60,42 @@ class NearestOnSurface(NamedTuple):
 
 
 def cover(side: Side) -> Cover:
-    """A grid over the box; neighbouring cells share the floats of their common ends."""
-    lower, upper = jnp.asarray(side.lower), jnp.asarray(side.upper)
-    shares = np.arange(_GRID + 1) / _GRID
-    cuts = lower[:, None] + (upper - lower)[:, None] * shares
-    cuts = jnp.clip(cuts.at[:, 0].set(lower).at[:, -1].set(upper), lower[:, None], upper[:, None])
-    index = np.indices((_GRID,) * 3).reshape(3, -1)
-    low, high = (jnp.stack([cuts[i][index[i] + k] for i in range(3)]) for k in (0, 1))
+    """A grid over the box."""
+    low, high = (jnp.asarray(x) for x in grid(side))
     return Cover(low, high, form(side, boxes(low, high)).may_vanish)
+
+
+def grid(side: Side) -> tuple[Any, Any]:
+    """Lower and upper corners (3, cells) of cells of the box; neighbouring ones share the floats of their common ends.
+
+    In NumPy where the box is.
+    """
+    xp = module_of(side.lower)
+    lower, upper = xp.asarray(side.lower)[:, None], xp.asarray(side.upper)[:, None]
+    shares = (np.arange(_GRID + 1) / _GRID).astype(lower.dtype)
+    inside = xp.clip(lower + (upper - lower) * shares, lower, upper)
+    cuts = xp.where(shares == 0, lower, xp.where(shares == 1, upper, inside))
+    index = np.indices((_GRID,) * 3).reshape(3, -1)
+    low, high = (xp.stack([cuts[i][index[i] + k] for i in range(3)]) for k in (0, 1))
+    return low, high
 
 
 def cloud(side: Side) -> SurfaceCloud:
     """Points of the surface inside the box, on its faces and on its edges, and isolated ones."""
-    lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
-    shares, fixed = _places()
-    starts = jnp.where(shares == 0, lower, jnp.where(shares == 1, upper, lower + (upper - lower) * shares))
-    known = jnp.asarray(side.isolated.centre).T
-    starts = jnp.concatenate([starts, known], axis=1)
-    fixed = jnp.concatenate([jnp.asarray(fixed), jnp.ones_like(known, bool)], axis=1)
-    found = projected(side, starts, fixed, _CLOUD_STEPS)
+    starts, fixed = starts_of_cloud(side)
+    found = projected(side, jnp.asarray(starts), jnp.asarray(fixed), CLOUD_STEPS)
     return SurfaceCloud(found, proven_radius(side, found))
+
+
+def starts_of_cloud(side: Side) -> tuple[Any, Any]:
+    """Places (3, places) that a cloud is made from, and the coordinates that they keep; in NumPy where the box is."""
+    xp = module_of(side.lower)
+    lower, upper = xp.asarray(side.lower)[:, None], xp.asarray(side.upper)[:, None]
+    shares, fixed = _places()
+    shares = shares.astype(lower.dtype)
+    starts = xp.where(shares == 0, lower, xp.where(shares == 1, upper, lower + (upper - lower) * shares))
+    known = xp.asarray(side.isolated.centre).T
+    return xp.concatenate([starts, known], axis=1), np.concatenate([fixed, np.ones(known.shape, bool)], axis=1)
 
 
 def _places() -> tuple[np.ndarray, np.ndarray]:
@@ -94,18 +110,20 @@ def _places() -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(rows, axis=1), np.concatenate(fixed, axis=1)
 
 
-def halved(lower: Float[Array, "3 cells"], upper: Float[Array, "3 cells"]) -> tuple[Array, Array]:
+def halved(lower: Float[Any, "3 cells"], upper: Float[Any, "3 cells"]) -> tuple[Any, Any]:
     """The eight parts of each cell, arrays (3, 8 cells); the parts share the floats where they meet."""
-    middle = jnp.clip(0.5 * (lower + upper), lower, upper)
+    xp = module_of(lower)
+    middle = xp.clip(0.5 * (lower + upper), lower, upper)
     corners = np.indices((2, 2, 2)).reshape(3, 8, 1)
-    low = jnp.where(corners == 0, lower[:, None], middle[:, None])
-    high = jnp.where(corners == 0, middle[:, None], upper[:, None])
+    low = xp.where(corners == 0, lower[:, None], middle[:, None])
+    high = xp.where(corners == 0, middle[:, None], upper[:, None])
     return low.reshape(3, -1), high.reshape(3, -1)
 
 
-def inner(side: Side, lower: Array, upper: Array) -> Array:
+def inner(side: Side, lower: Any, upper: Any) -> Any:
     """The coordinates in which cells do not touch the box."""
-    return (lower > jnp.asarray(side.lower)[:, None]) & (upper < jnp.asarray(side.upper)[:, None])
+    xp = module_of(lower)
+    return (lower > xp.asarray(side.lower)[:, None]) & (upper < xp.asarray(side.upper)[:, None])
 
 
 class _SurfaceQuery(NamedTuple):
@@ -255,9 +273,14 @@ def nearest_proven(side: Side, point: Array, places: Array) -> tuple[Array, Arra
 
     A bound of that distance comes first; it is infinite where no place is proven to be near the surface.
     """
-    far = round_up(reach(places - point[:, None]) + thorough_radius(side, places))
-    far = jnp.where(jnp.isnan(far), jnp.inf, far)
+    far = proven_distances(side, point, places)
     return jnp.min(far), places[:, jnp.argmin(far)]
+
+
+def proven_distances(side: Side, point: Array, places: Array) -> Array:
+    """Upper bounds of the distance of the surface by each place near it; infinite where it is not proven to be."""
+    far = round_up(reach(places - point[:, None]) + thorough_radius(side, places))
+    return jnp.where(jnp.isnan(far), jnp.inf, far)
 
 
 def pushed(rows: Array, bound: Array, new: Array, new_bound: Array) -> tuple[Array, Array, Array]:

@@ -18,6 +18,7 @@ from jhd.triangles.closest_point import (
     TriangleTree,
     barycentric_of,
     closest_points,
+    in_unit_again,
     in_unit_of,
     nearest_triangles,
     outward,
@@ -156,12 +157,12 @@ class AbstractTarget(ABC):
         return FootRows(found.foot, self.error(found), segment, np.where(np.isnan(t), 0.0, t))
 
     @abstractmethod
-    def nearest(self, points: np.ndarray, enough: float = -np.inf, close: float = 0.0) -> ProvenFeet:
+    def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
         """Nearest points with proven bounds.
 
         Args:
             points: queries (points, dim), finite.
-            enough: the bounds of a query may stay apart where its upper one is at most this.
+            enough: the bounds of a query may stay apart where its upper one is at most this; of all, or of each.
             close: by so much bounds may stay apart.
         """
 
@@ -206,7 +207,7 @@ class PointTarget(AbstractTarget):
         """See AbstractTarget: zeros."""
         return t[:, 0]
 
-    def nearest(self, points: np.ndarray, enough: float = -np.inf, close: float = 0.0) -> ProvenFeet:
+    def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
         """See AbstractTarget: the bounds are always those of rounding."""
         tree, scaled = in_unit_of(self.tree, in_space(points))
         found = nearest_triangles(tree, scaled)
@@ -214,7 +215,7 @@ class PointTarget(AbstractTarget):
         error, index = tree.error(distance), tree.order[found.triangle]
         error = np.where(self._holds(points, index), 0.0, error)
         return ProvenFeet(
-            distance=np.ldexp(distance, tree.exponent),
+            distance=in_unit_again(distance, tree.exponent),
             lower=outward(distance.astype(np.float64) - error, tree.exponent, dtype, -1),
             upper=outward(distance.astype(np.float64) + error, tree.exponent, dtype, 1),
             foot=self.rows[index],
@@ -270,7 +271,7 @@ class MeshTarget(AbstractTarget):
         foot = np.einsum("nk,nkd->nd", barycentric_of(tree, scaled[who], row), corners)
         return ConvexPieces(who, corners, foot)
 
-    def nearest(self, points: np.ndarray, enough: float = -np.inf, close: float = 0.0) -> ProvenFeet:
+    def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
         """See AbstractTarget: the bounds are always those of rounding."""
         found = closest_points(self.mesh, points)
         return ProvenFeet(*found, closed=np.ones(len(points), bool))

@@ -6,6 +6,7 @@ the tolerance. What is asked for later (quantiles, shares) comes from the same c
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -16,6 +17,7 @@ from jhd.distance.cells.averages import NEAR, OverCells, distances_over
 from jhd.distance.cells.measures import FlatCells
 from jhd.distance.cells.weighted import Weights, mean_bounds, quantile_bounds
 from jhd.distance.nearest.target import AbstractTarget
+from jhd.distance.search.cell_heights import CellHeights
 from jhd.distance.search.measured import AbstractMeasured
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import CellRows
@@ -100,6 +102,7 @@ class DistributionSearch(AbstractSearch):
         max_cells: most cells.
         max_steps: most steps.
         share: one whose quantile is to be known to the tolerance too, or None.
+        heights: bounds of the cells by heights, where the target is a curved shape.
     """
 
     first_steps = _FIRST_STEPS
@@ -114,9 +117,11 @@ class DistributionSearch(AbstractSearch):
         max_cells: int,
         max_steps: int,
         share: float | None = None,
+        heights: CellHeights | None = None,
     ):
         self._source, self._target, self._dtype, self._most = source, target, np.dtype(dtype), most
         self._allowed, self._max_cells, self.max_steps, self._share = allowed, max_cells, max_steps, share
+        self._heights = heights
 
     def begin(self) -> _DistributionState:
         """See AbstractSearch."""
@@ -142,7 +147,8 @@ class DistributionSearch(AbstractSearch):
         if self._source.dimension == 0:
             return DistanceCells(cells, flat, self._measured(flat.corners[:, 0], flat.slack))
         reach = np.full(len(cells.piece), NEAR) if parents is None else parents.reach
-        over = distances_over(flat, self._target, self._dtype, reach, self._allowed(0.0))
+        heights = None if self._heights is None else partial(self._heights.over, cells)
+        over = distances_over(flat, self._target, self._dtype, reach, self._allowed(0.0), heights)
         upper = np.minimum(over.upper, self._most)
         lower = over.lower
         if parents is not None:

@@ -131,7 +131,7 @@ def _blank(capacity: int, dtype: str) -> CurveState:
     return on_device(CurveState(table, number, number, place, place, number, none, place, count))
 
 
-@partial(compiled, static=(6,), level=2)
+@partial(compiled, static=(6,))
 def _surface_stretch(
     pair: CoveredPair,
     wanted: Wanted,

@@ -9,24 +9,22 @@ their bound is within the tolerance of the lower one.
 
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
-from jhd.arithmetic.rounding import unit_roundoff
+from jhd.arithmetic.rounding import cast, unit_roundoff
 from jhd.distance.frame.aim import Aim
-from jhd.distance.frame.coordinates import Frame
+from jhd.distance.frame.coordinates import Frame, user_length
 from jhd.distance.nearest.target import AbstractTarget, FootRows, ProvenFeet
 from jhd.distance.search.active_feet import active_feet
 from jhd.distance.search.cell_feet import put, spread
 from jhd.distance.search.followed_cells import FollowedFeet
 from jhd.distance.search.followed_graphs import FollowedGraphs
-from jhd.distance.search.polished_place import SharpenedPlace, polished
+from jhd.distance.search.polished_place import PlaceOnPiece, SharpenedPlace, polished
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
+from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, on_device
 
 # Cells cut in a step, at most, and most that wait; each takes 400 bytes.
 _BATCH, _WAITING = 1 << 13, 1 << 20
@@ -38,8 +36,10 @@ _AS_FAR = 1e-14
 _FIRST_STEPS, _SECONDS = 24, 0.2
 # The step after which the place is first polished with all its feet; then after twice as many, and so on.
 _POLISHED_FROM = 4
-# Places that are measured in a step: of the cells with the largest bounds, and of those that seem farthest.
-_PROVEN = 8
+# Places that are measured in a step: of the cells with the largest bounds, and of those that seem farthest. Where a
+# foot that was found is not the nearest a cell and its parts keep their bounds until this shows; most searches end
+# before the step from which on that is looked for.
+_PROVEN, _MENDED_FROM = 256, 16
 # The share of the tolerance that the bounds of a measured place may take.
 _MEASURED = 0.05
 
@@ -134,8 +134,8 @@ class FarthestSearch(AbstractSearch):
             if time.perf_counter() - began > _SECONDS:
                 break
         going = self._going(state)
-        if not going and state.best is not None and self._followed is not None:
-            state = state._replace(best=self._polished(state, state.best, self._followed))
+        if not going and state.best is not None:
+            state = state._replace(best=self._polished(state, state.best))
         return state, Standing(self._solution(state), going, False, state.steps, len(state.waiting.upper))
 
     def longer(self, state: _FarthestState) -> _FarthestState:
@@ -187,10 +187,10 @@ class FarthestSearch(AbstractSearch):
         chosen = spread(candidates, places.points)
         upper = self._bounded(best, cells, upper, places.points[:, 0], candidates, chosen)
         if not self._target.sharp:
-            high = found.upper.reshape(places.radius.shape)
-            who = self._promising(best, np.where(np.isfinite(places.radius), high, -np.inf), upper)
+            high = np.where(np.isfinite(places.radius), found.upper.reshape(places.radius.shape), -np.inf)
+            who = self._promising(best, high, upper, state.steps >= _MENDED_FROM)
             if len(who):
-                proven = self._measured(best, flat[who])
+                proven = self._measured(best, flat[who], high.ravel()[who])
                 best = self._raised(best, self._better(best, cells, places, who, proven))
                 # The feet serve the parts of these cells.
                 in_cell = who // places.radius.shape[1]
@@ -199,16 +199,20 @@ class FarthestSearch(AbstractSearch):
                 k = [int(np.argmax(open_))]
                 if open_[k[0]] > max(self._goal(best), state.asked + self._close(best)):
                     # Where many points of the target are nearest that takes longer, which one place by itself may.
-                    alone = self._measured(best, flat[who[k]])
+                    alone = self._measured(best, flat[who[k]], open_[k])
                     best = self._raised(best, self._better(best, cells, places, who[k], alone))
                     state = state._replace(asked=float(open_[k[0]]))
         state = state._replace(best=best, bounded=state.bounded + len(cells.piece))
         return self._kept(state, _Waiting(cells, upper, chosen))
 
-    def _measured(self, best: PlaceFound | None, points: np.ndarray) -> ProvenFeet:
-        """Distances of places, as close as is needed where they may be farther than the best one."""
-        enough = self._level if best is None else max(best.lower, self._level)
-        return self._target.nearest(points, enough, self._close(best))
+    def _measured(self, best: PlaceFound | None, points: np.ndarray, seems: np.ndarray) -> ProvenFeet:
+        """Distances of places, as close as is needed where they may be farther than the best one, as they seem to be.
+
+        Where they do not seem so the feet may be those of a place alone, which leave its cell and the cells beside it
+        with bounds too large: the nearest ones are looked for.
+        """
+        least = self._level if best is None else max(best.lower, self._level)
+        return self._target.nearest(points, np.where(seems > least, least, -np.inf), self._close(best))
 
     def _bounded(
         self,
@@ -239,23 +243,24 @@ class FarthestSearch(AbstractSearch):
         shape = places.points.shape[:2]
         return rows.map(lambda x: x.reshape(*shape, *x.shape[1:]))
 
-    def _promising(self, best: PlaceFound | None, high: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    def _promising(self, best: PlaceFound | None, high: np.ndarray, upper: np.ndarray, mending: bool) -> np.ndarray:
         """Places worth a proof: of the cells with the largest bounds those that seem farthest, and the farthest of all.
 
         Args:
             best: the farthest place so far.
             high: upper bounds of the distances of the places, -inf of those that may not be of the source.
             upper: those of the cells.
+            mending: whether cells whose places do not seem farther count too: their feet may not be the nearest.
         """
-        place = np.argmax(high, axis=1)
-        rows = np.arange(len(high))
-        seems = high[rows, place]
+        place, seems = np.argmax(high, axis=1), np.max(high, axis=1)
         least = -np.inf if best is None else best.lower
-        worth = np.flatnonzero((seems > least) & (upper > self._goal(best)))
+        matters = np.flatnonzero(upper > self._goal(best))
+        worth = matters[seems[matters] > least]
         if best is None and not len(worth):
             # Some place is always measured: the witness is the farthest of those that were.
             worth = np.flatnonzero(seems == np.max(seems))[:1]
-        by_bound = worth[np.argsort(-upper[worth], kind="stable")[:_PROVEN]]
+        open_ = matters if mending and best is not None else worth
+        by_bound = open_[np.argsort(-upper[open_], kind="stable")[:_PROVEN]]
         by_place = worth[np.argsort(-seems[worth], kind="stable")[:_PROVEN]]
         chosen = np.union1d(by_bound, by_place)
         return chosen * high.shape[1] + place[chosen]
@@ -290,23 +295,19 @@ class FarthestSearch(AbstractSearch):
         """A new place moved to where its distance is largest, as long as the same foot is the nearest."""
         if best is None or best is before or self._followed is None:
             return best
-        return self._moved_to(best, polished(self._followed.shapes, best.piece, best.x, best.foot, np.ones(1)))
+        return self._moved_to(best, polished(self._followed.about(best), best.foot, np.ones(1)))
 
     def _moved_to(self, best: PlaceFound, found: SharpenedPlace | None) -> PlaceFound:
         """The place that was found, proven; the one that is known where that is not farther."""
         if found is None:
             return best
+        found, radius = self._source.proven(found, best.radius)
         there = self._target.nearest(found.point[None], close=self._close(best))
-        if not float(there.distance[0]) >= best.distance * (1 - _AS_FAR):
+        if not (float(there.distance[0]) >= best.distance * (1 - _AS_FAR) and np.isfinite(radius)):
             return best
-        lower = max((float(there.lower[0]) - best.radius) * (1 - 4e-16), best.lower)
-        return best._replace(
-            x=found.x,
-            point=found.point,
-            foot=self._target.rows_of(there),
-            lower=lower,
-            distance=float(there.distance[0]),
-        )
+        lower = max((float(there.lower[0]) - radius) * (1 - 4e-16), best.lower)
+        foot, distance = self._target.rows_of(there), float(there.distance[0])
+        return PlaceFound(best.piece, found.x, found.point, foot, lower, distance, radius)
 
     def _solution(self, state: _FarthestState) -> HausdorffSolution:
         """The solution in the user's coordinates."""
@@ -321,17 +322,16 @@ class FarthestSearch(AbstractSearch):
         failed = RESULTS.capacity_reached if full else RESULTS.gap_not_closed
         result = RESULTS.successful if closed else failed
         lower = max(place.lower - self._moved, 0.0)
-        ends = self._frame.length(lower, 0.0), self._frame.length(upper + self._moved if known else np.inf, np.inf)
         distance = place.distance if place.lower > 0 else 0.0
         counts = state.steps, state.bounded, len(state.waiting.upper)
-        return HausdorffSolution(
-            value=jnp.clip(self._frame.length(np.asarray(distance, dtype)), *ends).astype(dtype),
-            lower=ends[0].astype(dtype),
-            upper=ends[1].astype(dtype),
-            witness=self._witness(place, distance, upper - place.lower),
-            result=result if known else RESULTS.unverified,
-            stats={name: jnp.asarray(count) for name, count in zip(COUNTS, counts, strict=True)},
-        )
+        high = upper + self._moved if known else np.inf
+        ends = cast(user_length(self._frame, lower, 0.0), dtype, -np.inf)
+        ends = ends, cast(user_length(self._frame, high, np.inf), dtype, np.inf)
+        value = np.clip(user_length(self._frame, np.asarray(distance, dtype), None), *ends).astype(dtype)
+        stats = {name: np.asarray(count) for name, count in zip(COUNTS, counts, strict=True)}
+        witness = self._witness(place, distance, upper - place.lower)
+        value, low, high, stats = on_device((value, *ends, stats))
+        return HausdorffSolution(value, low, high, witness, result if known else RESULTS.unverified, stats)
 
     def _upper(self, state: _FarthestState) -> float:
         return max(state.settled, float(np.max(state.waiting.upper, initial=-np.inf)))
@@ -343,23 +343,30 @@ class FarthestSearch(AbstractSearch):
         distance falls off as fast: without this cells had to be as small as the gap.
         """
         due = state.steps >= _POLISHED_FROM and state.steps & (state.steps - 1) == 0
-        if not due or state.best is None or self._followed is None or not self._going(state):
+        if not due or state.best is None or not self._going(state):
             return state
-        return state._replace(best=self._polished(state, state.best, self._followed))
+        return state._replace(best=self._polished(state, state.best))
 
-    def _polished(self, state: _FarthestState, best: PlaceFound, followed: FollowedFeet) -> PlaceFound:
+    def _polished(self, state: _FarthestState, best: PlaceFound) -> PlaceFound:
         """The farthest place to full precision, proven again; the one that is known where that is not farther."""
-        if best.lower <= 0 or not np.isfinite(self._upper(state)):
+        about = self._about(best)
+        if about is None or best.lower <= 0 or not np.isfinite(self._upper(state)):
             return best
         feet, shares = self._active(best, self._upper(state) - best.lower)[:2]
-        return self._moved_to(best, polished(followed.shapes, best.piece, best.x, feet, shares))
+        return self._moved_to(best, polished(about, feet, shares))
+
+    def _about(self, place: PlaceFound) -> PlaceOnPiece | None:
+        """The place on a parametric piece, where its feet are followed."""
+        follows = self._graphs if self._followed is None else self._followed
+        return None if follows is None or not np.all(np.isfinite(place.x)) else follows.about(place)
 
     def _active(self, place: PlaceFound, gap: float) -> tuple[FootRows, np.ndarray, bool]:
         """The feet that count at a place, their multipliers, and whether it lies on a border."""
         nowhere = np.zeros((0, 3))
         known = np.all(np.isfinite(place.x))
         free, into = self._source.rays(place.piece, place.x) if known else (nowhere, nowhere)
-        follow = partial(self._followed.moved, place) if self._followed is not None and known else None
+        about = self._about(place)
+        follow = None if about is None else about.moved
         feet, shares = active_feet(self._target, place.point, place.foot, gap, (free, into), follow)
         return feet, shares, len(into) < len(free)
 
@@ -376,14 +383,18 @@ class FarthestSearch(AbstractSearch):
         feet, shares, at_border = self._active(place, gap)
         several = np.count_nonzero(shares) > 1
         event = EVENTS.one_to_two if several else EVENTS.a_end if at_border else EVENTS.b_end
+        t, params = self._source.parameters(place.x), self._target.parameters(feet.t)
+        numbers = (np.asarray(x, dtype) for x in (t, params, shares))
+        segments = np.asarray(place.piece), np.asarray(feet.segment)
+        t, params, shares, segment, foot_segments = on_device((*numbers, *segments))
         return Witness(
-            segment=jnp.asarray(place.piece),
-            t=jnp.asarray(self._source.parameters(place.x), dtype),
+            segment=segment,
+            t=t,
             point=self._frame.place(place.point),
             feet=self._frame.place(feet.point),
-            foot_segments=jnp.asarray(feet.segment),
-            foot_params=jnp.asarray(self._target.parameters(feet.t), dtype),
-            multipliers=jnp.asarray(shares, dtype),
+            foot_segments=foot_segments,
+            foot_params=params,
+            multipliers=shares,
             event=event if distance > 0 else EVENTS.coincident,
             direction=DIRECTIONS.a_to_b,
         )

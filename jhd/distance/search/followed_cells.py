@@ -37,7 +37,7 @@ from jhd.distance.frame.curves import padded_count
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.nets import repeated
 from jhd.distance.nearest.target import AbstractTarget, FootRows
-from jhd.distance.search.polished_place import moved_feet
+from jhd.distance.search.polished_place import PlaceOnPiece
 from jhd.distance.search.rows import each, in_blocks, in_groups
 from jhd.distance.search.sources import CellRows
 
@@ -60,22 +60,24 @@ _PARTS_OF_TRIANGLE = np.array([[0, 3, 4], [3, 1, 2], [3, 2, 4]])
 _PARTS_OF_SEGMENT = np.array([[0, 2], [2, 1]])
 
 
-class _Simplices(NamedTuple):
+class Simplices(NamedTuple):
     """Segments or triangles of parameters: the piece, its corners, and the corners of the part that counts in it.
 
     Args:
         piece: of a.
         corners: parameters of the corners (cells, corners, parameters of a).
         shares: rows of non-negative numbers whose sum is one, (cells, corners, corners); see the module.
+        points: of a at the corners of the part and last in its middle, about, (cells, corners + 1, 3).
     """
 
     piece: np.ndarray
     corners: np.ndarray
     shares: np.ndarray
+    points: np.ndarray
 
-    def take(self, rows: Any) -> "_Simplices":
+    def take(self, rows: Any) -> "Simplices":
         """Some of them."""
-        return _Simplices(*(x[rows] for x in self))
+        return Simplices(*(x[rows] for x in self))
 
     @property
     def places(self) -> np.ndarray:
@@ -83,15 +85,15 @@ class _Simplices(NamedTuple):
         return self.shares @ self.corners
 
 
-class _FeetOfParts(NamedTuple):
+class FeetOfParts(NamedTuple):
     """Feet of each part: their pieces (parts, feet), -1 for none, and parameters there."""
 
     segment: np.ndarray
     t: np.ndarray
 
-    def take(self, rows: Any) -> "_FeetOfParts":
+    def take(self, rows: Any) -> "FeetOfParts":
         """Those of some of the parts."""
-        return _FeetOfParts(self.segment[rows], self.t[rows])
+        return FeetOfParts(self.segment[rows], self.t[rows])
 
 
 class FollowedFeet:
@@ -121,25 +123,20 @@ class FollowedFeet:
             feet: of each, on pieces of b, in the order in which they are tried.
             goal: what is below it need not be any better; of all cells, or of each.
         """
-        corners = self._corners(cells)
+        corners = corners_of(cells, isinstance(self.shapes[0], Triangles))
         many, count = corners.shape[1:3]
         whole = np.broadcast_to(np.eye(count, dtype=corners.dtype), (len(corners) * many, count, count))
-        parts = _Simplices(np.repeat(cells.piece, many), corners.reshape(-1, *corners.shape[2:]), whole)
+        parts = self.parts(np.repeat(cells.piece, many), corners.reshape(-1, *corners.shape[2:]), whole)
         goals = np.repeat(np.broadcast_to(goal, len(corners)), many)
-        every = _FeetOfParts(feet.segment, feet.t).take(np.repeat(np.arange(len(corners)), many))
+        every = FeetOfParts(feet.segment, feet.t).take(np.repeat(np.arange(len(corners)), many))
         bound = self._bounded(parts, every, goals)
         return np.max(bound.reshape(-1, many), axis=1)
 
-    def moved(self, place: Any, feet: FootRows) -> FootRows:
-        """Feet on the pieces where they are, as those of a place of a."""
-        known = feet.segment >= 0
-        new = moved_feet(self.shapes, place.piece, place.x, feet.map(lambda x: x[known]))
-        feet = feet.map(np.array)
-        for held, rows in zip(feet, new, strict=True):
-            held[known] = rows
-        return feet
+    def about(self, place: Any) -> PlaceOnPiece:
+        """A place of a, with what moves its feet and itself."""
+        return PlaceOnPiece(self.shapes, place.piece, place.x)
 
-    def _bounded(self, parts: _Simplices, feet: _FeetOfParts, goal: np.ndarray, cuts: int = 0) -> np.ndarray:
+    def _bounded(self, parts: Simplices, feet: FeetOfParts, goal: np.ndarray, cuts: int = 0) -> np.ndarray:
         """Bounds of parts, which are cut so often already."""
         tried = _worth_trying(feet, isinstance(self.shapes[1], Triangles))
         bound = self._by_any(parts, feet, self._hopeful(parts, feet, tried, goal), goal)
@@ -149,88 +146,88 @@ class FollowedFeet:
             bound[rows] = np.fmin(bound[rows], by_cuts)
         return bound
 
-    def _hopeful(self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    def _hopeful(self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Which feet are tried: of triangles not those that are too far from a corner of the part."""
         if not isinstance(self.shapes[1], Triangles) or not np.all(goal > 0):
             return tried
         rows, k = np.nonzero(tried)
-        far = in_blocks(_farthest_corner, self.shapes, parts.piece[rows], parts.places[rows], feet.segment[rows, k])
+        far = in_blocks(_farthest_corner, self.shapes[1], parts.points[rows], feet.segment[rows, k])
         hopeful = np.zeros_like(tried)
         hopeful[rows, k] = far <= _HOPELESS * goal[rows]
         return hopeful
 
-    def _by_any(self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Bounds by one foot after the other."""
-        bound = np.full(len(parts.piece), np.inf)
-        for k in range(tried.shape[1]):
-            rows = np.flatnonzero(tried[:, k] & (bound > goal))
-            if len(rows):
-                found = self._bounds(parts.take(rows), feet.segment[rows, k], feet.t[rows, k])
-                bound[rows] = np.fmin(bound[rows], found)
-        return bound
-
-    def _corners(self, cells: CellRows) -> np.ndarray:
-        """The corners (cells, simplices, corners, parameters) of what cells are made of."""
-        low, high = cells.low, cells.high
-        if low.shape[1] == 1:
-            return np.stack([low, high], axis=1)[:, None]
-        mixed = [np.stack([low[:, 0], high[:, 1]], axis=1), np.stack([high[:, 0], low[:, 1]], axis=1)]
-        first = np.stack([low, mixed[1], mixed[0]], axis=1)
-        if isinstance(self.shapes[0], Triangles):
-            # Multiples of a power of two, so that the third coordinate is exact.
-            return np.concatenate([1 - np.sum(first, axis=-1, keepdims=True), first], axis=-1)[:, None]
-        return np.stack([first, np.stack([high, *mixed], axis=1)], axis=1)
+    def _by_any(self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        """Bounds by one foot after the other, by some at once where lanes have room for them."""
+        bound, left = np.full(len(parts.piece), np.inf), tried.copy()
+        while True:
+            rows, k = np.nonzero(left & (bound > goal)[:, None])
+            if not len(rows):
+                return bound
+            # As many as there are lanes for these parts.
+            groups = -(-np.count_nonzero(np.diff(rows, prepend=-1)) // _LANES_OF_PARTS)
+            some = np.argsort(k, kind="stable")[: groups * _LANES_OF_PARTS]
+            rows, k = rows[some], k[some]
+            left[rows, k] = False
+            np.fmin.at(bound, rows, self._bounds(parts.take(rows), feet.segment[rows, k], feet.t[rows, k]))
 
     def _start(self, t: np.ndarray, like: np.ndarray) -> np.ndarray:
         return t[:, : self.shapes[1].parameters].astype(like.dtype)
 
-    def _bounds(self, parts: _Simplices, segment: np.ndarray, t: np.ndarray) -> np.ndarray:
+    def _bounds(self, parts: Simplices, segment: np.ndarray, t: np.ndarray) -> np.ndarray:
         start = self._start(t, parts.corners)
-        return in_blocks(_bounds_of, self.shapes, *parts, segment, start).astype(np.float64)
+        return in_blocks(_bounds_of, self.shapes, *parts[:3], segment, start).astype(np.float64)
 
     def _by_cuts(
-        self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray, goal: np.ndarray, cuts: int
+        self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray, goal: np.ndarray, cuts: int
     ) -> np.ndarray:
         """Bounds of cells that are cut where the foot leaves a piece; infinite where none are."""
         bound = np.full(len(parts.piece), np.inf)
-        cut = self._cuts(parts, feet, tried)
-        rows = np.flatnonzero(cut.score > _LEAST)
+        rows, smaller, every = self.cut(parts, feet, tried)
         if len(rows):
-            smaller = self._divided(parts.take(rows), _Cuts(*(x[rows] for x in cut)))
             many = len(smaller.piece) // len(rows)
-            new = self._target.rows_of(self._target.near(self._middles(smaller)))
-            both = zip((new.segment[:, None], new.t[:, None]), feet.take(np.repeat(rows, many)), strict=True)
-            every = _FeetOfParts(*(np.concatenate(x, axis=1) for x in both))
-            goals = np.repeat(goal[rows], many)
-            bound[rows] = np.max(self._bounded(smaller, every, goals, cuts + 1).reshape(-1, many), axis=1)
+            found = self._bounded(smaller, every, np.repeat(goal[rows], many), cuts + 1)
+            bound[rows] = np.max(found.reshape(-1, many), axis=1)
         return bound
 
-    def _middles(self, parts: _Simplices) -> np.ndarray:
-        x = np.mean(parts.places, axis=1)
-        return in_blocks(_places_of, self.shapes[0], parts.piece, x)
+    def cut(self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray) -> tuple[np.ndarray, Simplices, FeetOfParts]:
+        """Which cells are cut where the foot leaves a piece, their parts, one after the other, and feet of these.
 
-    def _cuts(self, parts: _Simplices, feet: _FeetOfParts, tried: np.ndarray) -> "_Cuts":
+        Args:
+            parts: the cells.
+            feet: of each.
+            tried: which of the feet count.
+        """
+        cut = self._cuts(parts, feet, tried)
+        rows = np.flatnonzero(cut.score > _LEAST)
+        if not len(rows):
+            return rows, parts.take(rows), feet.take(rows)
+        smaller = self._divided(parts.take(rows), _Cuts(*(x[rows] for x in cut)))
+        new = self._target.rows_of(self._target.near(smaller.points[:, -1]))
+        held = feet.take(np.repeat(rows, len(smaller.piece) // len(rows)))
+        both = zip((new.segment[:, None], new.t[:, None]), held, strict=True)
+        return rows, smaller, FeetOfParts(*(np.concatenate(x, axis=1) for x in both))
+
+    def parts(self, piece: np.ndarray, corners: np.ndarray, shares: np.ndarray) -> Simplices:
+        """Parts of cells with their points."""
+        places = shares @ corners
+        x = np.concatenate([places, np.mean(places, axis=1, keepdims=True)], axis=1)
+        many = x.shape[1]
+        points = in_blocks(_places_of, self.shapes[0], np.repeat(piece, many), x.reshape(-1, x.shape[2]))
+        return Simplices(piece, corners, shares, points.reshape(-1, many, 3))
+
+    def _cuts(self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray) -> "_Cuts":
         """For each cell the side that divides it best, of the pieces its feet lie on."""
-        count, corners, places = len(parts.piece), parts.corners.shape[1], parts.places
-        best = _Cuts(
-            np.zeros(count),
-            np.zeros(count, int),
-            np.zeros(count, feet.segment.dtype),
-            np.zeros_like(self._start(feet.t[:, 0], parts.corners)),
-            np.zeros((count, corners), parts.corners.dtype),
-        )
-        for k in range(tried.shape[1]):
-            rows = np.flatnonzero(tried[:, k])
-            if not len(rows):
-                continue
-            segment, start = feet.segment[rows, k], self._start(feet.t[rows, k], parts.corners)
-            sides = in_blocks(_beyond, self.shapes, parts.piece[rows], places[rows], segment, start)
-            score, side = self._scores(sides)
-            values = np.take_along_axis(sides[:, :-1], side[:, None, None], axis=2)[:, :, 0]
-            better = score > best.score[rows]
-            for held, new in zip(best, (score, side, segment, start, values), strict=True):
-                held[rows[better]] = new[better]
-        return best
+        # A cell without feet takes part in this with what is of no piece; its score stays zero.
+        scores, index = np.zeros(tried.shape), np.zeros(tried.shape, int)
+        tried = tried | (np.arange(tried.shape[1]) == 0)
+        rows, k = np.nonzero(tried)
+        segment, start = feet.segment[rows, k], self._start(feet.t[rows, k], parts.corners)
+        sides = in_blocks(_beyond, self.shapes[1], parts.points[rows], segment, start)
+        score, side = self._scores(sides)
+        scores[rows, k], index[rows, k] = np.where(segment >= 0, score, 0.0), np.arange(len(rows))
+        best = index[np.arange(len(index)), np.argmax(scores, axis=1)]
+        values = np.take_along_axis(sides[best, :-1], side[best, None, None], axis=2)[:, :, 0]
+        return _Cuts(np.max(scores, axis=1), side[best], segment[best], start[best], values)
 
     def _scores(self, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How well the best side divides each cell, a share of its length, and which one it is."""
@@ -246,7 +243,7 @@ class FollowedFeet:
         side = np.argmax(score, axis=1)
         return score[np.arange(len(side)), side], side
 
-    def _divided(self, parts: _Simplices, cut: "_Cuts") -> _Simplices:
+    def _divided(self, parts: Simplices, cut: "_Cuts") -> Simplices:
         """The parts of each cell, one after the other."""
         count, corners = parts.corners.shape[:2]
         index, places = np.arange(count), parts.places
@@ -254,19 +251,21 @@ class FollowedFeet:
         # The corner that is alone on its side comes first.
         alone = np.argmax(below == (np.sum(below, axis=1, keepdims=True) == 1), axis=1)
         turned = (alone[:, None] + np.arange(corners)) % corners
-        rows = [parts.shares[index, turned[:, k]] for k in range(corners)]
-        for k in range(1, corners):
-            ends = np.stack([places[index, turned[:, j]] for j in (0, k)], axis=1)
-            values = np.stack([cut.values[index, turned[:, j]] for j in (0, k)], axis=1)
-            share = in_blocks(_shares, self.shapes, parts.piece, ends, cut.segment, cut.start, cut.side, values)
-            # Their sum is exactly one: this difference is a multiple of the unit of roundoff.
-            rest = 1 - share
-            share = 1 - rest
-            rows.append(rest[:, None] * rows[0] + share[:, None] * rows[k])
-        every = np.stack(rows, axis=1)
+        # Both ends of each edge that leaves it.
+        edges = turned[:, [[0, k] for k in range(1, corners)]]
+        ends, values = places[index[:, None, None], edges], cut.values[index[:, None, None], edges]
+        of_edges = (np.repeat(x, corners - 1, axis=0) for x in (parts.piece, cut.segment, cut.start, cut.side))
+        piece, *where = of_edges
+        rows = (piece, ends.reshape(-1, *ends.shape[2:]), *where, values.reshape(-1, 2))
+        share = in_blocks(_shares, self.shapes, *rows).reshape(count, corners - 1, 1)
+        # Their sum is exactly one: this difference is a multiple of the unit of roundoff.
+        rest = 1 - share
+        share = 1 - rest
+        shares = parts.shares[index[:, None], turned]
+        every = np.concatenate([shares, rest * shares[:, :1] + share * shares[:, 1:]], axis=1)
         of = _PARTS_OF_TRIANGLE if corners == 3 else _PARTS_OF_SEGMENT
         shares = every[:, of].reshape(-1, corners, corners)
-        return _Simplices(np.repeat(parts.piece, len(of)), np.repeat(parts.corners, len(of), axis=0), shares)
+        return self.parts(np.repeat(parts.piece, len(of)), np.repeat(parts.corners, len(of), axis=0), shares)
 
 
 class _Cuts(NamedTuple):
@@ -279,6 +278,19 @@ class _Cuts(NamedTuple):
     values: np.ndarray
 
 
+def corners_of(cells: CellRows, flat: bool) -> np.ndarray:
+    """The corners (cells, simplices, corners, parameters) of what cells are made of, `flat` ones of a mesh."""
+    low, high = cells.low, cells.high
+    if low.shape[1] == 1:
+        return np.stack([low, high], axis=1)[:, None]
+    mixed = [np.stack([low[:, 0], high[:, 1]], axis=1), np.stack([high[:, 0], low[:, 1]], axis=1)]
+    first = np.stack([low, mixed[1], mixed[0]], axis=1)
+    if flat:
+        # Multiples of a power of two, so that the third coordinate is exact.
+        return np.concatenate([1 - np.sum(first, axis=-1, keepdims=True), first], axis=-1)[:, None]
+    return np.stack([first, np.stack([high, *mixed], axis=1)], axis=1)
+
+
 def _padded(shape: Net | Triangles) -> Net | Triangles:
     """The shape with as many pieces as programs are compiled for."""
     if isinstance(shape, Net):
@@ -287,7 +299,7 @@ def _padded(shape: Net | Triangles) -> Net | Triangles:
     return Triangles(np.asarray(shape.corners)[np.minimum(np.arange(padded_count(count, small=False)), count - 1)])
 
 
-def _worth_trying(feet: _FeetOfParts, flat: bool) -> np.ndarray:
+def _worth_trying(feet: FeetOfParts, flat: bool) -> np.ndarray:
     """Which feet are on a piece, or a place of it where it is not flat, that none before are; not more than some."""
     columns = [feet.segment[:, 0] >= 0]
     for k in range(1, feet.segment.shape[1]):
@@ -326,23 +338,16 @@ def _bounds_of(
 
 
 @optimised
-def _farthest_corner(shapes: Any, count: Array, piece: Array, corners: Array, segment: Array) -> Array:
-    a, b = shapes
+def _farthest_corner(b: Any, count: Array, points: Array, segment: Array) -> Array:
+    def one(points: Array, segment: Array) -> Array:
+        return jnp.max(jax.vmap(lambda p: distance_to(b.piece(segment), p))(points[:-1]))
 
-    def one(k: Array, corners: Array, segment: Array) -> Array:
-        return jnp.max(jax.vmap(lambda x: distance_to(b.piece(segment), place_on(a.piece(k), x)))(corners))
-
-    return each(one, count, (piece, corners, segment), _LANES)
+    return each(one, count, (points, segment), _LANES)
 
 
 @compiled
-def _beyond(shapes: Any, count: Array, piece: Array, corners: Array, segment: Array, start: Array) -> Array:
-    a, b = shapes
-
-    def one(k: Array, corners: Array, segment: Array, start: Array) -> Array:
-        return beyond_sides(a.piece(k), b.piece(segment), corners, start)
-
-    return each(one, count, (piece, corners, segment, start), _LANES)
+def _beyond(b: Any, count: Array, points: Array, segment: Array, start: Array) -> Array:
+    return each(lambda p, k, x: beyond_sides(b.piece(k), p, x), count, (points, segment, start), _LANES)
 
 
 @compiled

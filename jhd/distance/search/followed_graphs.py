@@ -19,6 +19,7 @@ from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import boxes, form
 from jhd.distance.nearest.target import AbstractTarget, FootRows
 from jhd.distance.search.followed_cells import FollowedFeet
+from jhd.distance.search.polished_place import PlaceOnPiece
 from jhd.distance.search.rows import BLOCK, in_blocks, in_groups
 from jhd.distance.search.sources import CellRows
 
@@ -26,6 +27,8 @@ from jhd.distance.search.sources import CellRows
 _LANES = 64
 # A graph serves where it is this close, as a share of the size of the cell.
 _CLOSE = 1e-2
+# Half the sides of boxes about a place whose graph is looked for, as shares of the box of the surface.
+_ABOUT = 2.0 ** -np.arange(6.0, 16, 3)
 
 
 class FollowedGraphs:
@@ -61,6 +64,26 @@ class FollowedGraphs:
             found = self._feet.instead(net).over(parts, feet.map(lambda x, rows=rows: x[rows]), goal - away)
             bound[rows] = (found + away) * (1 + 4 * unit_roundoff(np.float64))
         return bound
+
+    def about(self, place: Any) -> PlaceOnPiece | None:
+        """A place of the surface on the graph about it, if there is one; see FollowedFeet.about."""
+        lower, upper = (np.asarray(end) for end in (self._side.lower, self._side.upper))
+        for share in _ABOUT:
+            half = (share * np.max(upper - lower)).astype(lower.dtype)
+            low, high = np.maximum(place.point - half, lower), np.minimum(place.point + half, upper)
+            points, beside = in_blocks(_graphs, self._side, low[None], high[None])
+            if beside[0] <= _CLOSE * half:
+                x = _parameters(points[0], low, high, place.point)
+                return PlaceOnPiece((Net(points, None), self._feet.shapes[1]), 0, x)
+        return None
+
+
+def _parameters(points: np.ndarray, low: np.ndarray, high: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Those of a graph, of which two coordinates are linear functions of one parameter each, at a place in the box."""
+    ends = [(points[0, 0], points[-1, 0]), (points[0, 0], points[0, -1])]
+    # The coordinate that goes from end to end of the box.
+    axes = [np.argmin(np.abs(first - low) + np.abs(last - high)) for first, last in ends]
+    return np.array([(place[k] - low[k]) / (high[k] - low[k]) for k in axes], points.dtype)
 
 
 @compiled

@@ -1,8 +1,8 @@
-"""A search for the minimum distance by two kinds of bounds in turn, where it is not known which of them closes it.
+"""A search for the minimum distance by two kinds of bounds, the second where the first does not soon close it.
 
-The first kind closes most pairs; the second takes longer to compile and to compute, and closes families of nearest
-pairs. Each has a table of its own, gets as much time as the other, and is told what the other has found. Turns double,
-so beyond the first one a search takes at most some three times as long as with the better kind alone.
+The first kind closes most pairs. The second does what the first one does and closes families of nearest pairs too, but
+takes longer to compile and to compute. It begins with a table of its own, since its cells are others, is told what the
+first kind has found, and goes on to the end.
 """
 
 from collections.abc import Callable
@@ -14,16 +14,17 @@ from jhd.arrays import array_of
 from jhd.distance.search.closest import ClosestState, longer, lower_of, may_grow
 from jhd.distance.search.search import AbstractSearch, Standing
 
-# Steps of the first turn, and how many of these take as long as one of the second kind.
-_FIRST_TURN, _WORTH = 512, 2
+# Steps of the first kind.
+_FIRST_TURN = 512
+# How often the table of the second kind is made longer at once: its program compiles for seconds for each length.
+_LONGER = 2
 
 
-class _Turns(NamedTuple):
-    """The table of the turn, that of the other kind (None before it has had one), and the number of turns before."""
+class _Turn(NamedTuple):
+    """The table, and which kind it is of: 0 or 1."""
 
     table: ClosestState
-    other: ClosestState | None
-    turn: int
+    kind: int
 
 
 class InTurn(AbstractSearch):
@@ -39,40 +40,32 @@ class InTurn(AbstractSearch):
     first_steps = 64
 
     def __init__(
-        self,
-        begun: Callable[[], ClosestState],
-        first: Callable[..., Any],
-        second: Callable[..., Any],
-        max_steps: int,
+        self, begun: Callable[[], ClosestState], first: Callable[..., Any], second: Callable[..., Any], max_steps: int
     ):
         self._begun, self._kinds, self.max_steps = begun, (first, second), max_steps
 
-    def begin(self) -> _Turns:
+    def begin(self) -> _Turn:
         """See AbstractSearch."""
-        return _Turns(self._begun(), None, 0)
+        return _Turn(self._begun(), 0)
 
-    def advance(self, state: _Turns, limit: int, growing: bool) -> tuple[_Turns, Standing]:
+    def advance(self, state: _Turn, limit: int, growing: bool) -> tuple[_Turn, Standing]:
         """See AbstractSearch."""
-        end = _end(state.turn)
-        if end <= int(state.table.steps) < limit:
-            other = self._begun() if state.other is None else state.other
-            state = _Turns(_told(other, state.table), state.table, state.turn + 1)
-            end = _end(state.turn)
+        if state.kind == 0 and _FIRST_TURN <= int(state.table.steps) < limit:
+            state = _Turn(_told(self._second_table(), state.table), 1)
+        end = limit if state.kind else min(limit, _FIRST_TURN)
         room = np.asarray(growing and may_grow(state.table))
-        stretch = self._kinds[state.turn % 2]
-        table, found, news = stretch(state.table, np.asarray(min(limit, end)), room)
+        table, found, news = self._kinds[state.kind](state.table, np.asarray(end), room)
         return state._replace(table=table), Standing(found, *np.asarray(news))
 
-    def longer(self, state: _Turns) -> _Turns:
+    def longer(self, state: _Turn) -> _Turn:
         """See AbstractSearch."""
         return state._replace(table=longer(state.table))
 
-
-def _end(turn: int) -> int:
-    """The steps up to the end of a turn: 512 of the first kind, 256 of the second, 512, 256, 1024, 512, ..."""
-    turns = np.arange(turn + 1)
-    lengths = _FIRST_TURN << np.maximum(turns // 2 - 1, 0)
-    return int(np.sum(np.where(turns % 2, lengths // _WORTH, lengths)))
+    def _second_table(self) -> ClosestState:
+        table = self._begun()
+        for _ in range(_LONGER):
+            table = longer(table)
+        return table
 
 
 def _told(table: ClosestState, other: ClosestState) -> ClosestState:

@@ -118,8 +118,12 @@ class MeasuredNet(AbstractMeasured):
         rows = restricted(self._rows[cells.piece], cells.low, cells.high)
         weights = None if self._weights is None else rows[..., 3:]
         beside = flat_parts(rows[..., :3], weights, self._off)
-        ends = cells.low, cells.high
-        return FlatCells(*beside, *measured_parts(self._form, cells.piece, ends, weights, self._off))
+        measured = measured_parts(self._form, cells.piece, (cells.low, cells.high), weights, self._off)
+        controls = beside
+        if weights is None:
+            # Each coordinate of a coefficient is off by so much.
+            controls = rows.reshape(len(rows), -1, 3), np.full(len(rows), 2 * self._off)
+        return FlatCells(*beside, *measured, *controls)
 
 
 class MeasuredMesh(AbstractMeasured):

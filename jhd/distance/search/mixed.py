@@ -48,6 +48,7 @@ from jhd.distance.search.closest import (
 )
 from jhd.distance.search.from_program import from_program
 from jhd.distance.search.in_turn import InTurn
+from jhd.distance.search.isolated_pairs import isolated_pairs
 from jhd.distance.search.near_pairs import Crossing, NearPairs, around, crossing, near_pairs
 from jhd.distance.search.queued import PART, QueuedSearch
 from jhd.distance.search.search import AbstractSearch, Listener, Progress, drive
@@ -142,11 +143,15 @@ def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: 
     elif near is not None:
         pairs, best = near.pairs, _first(task, pieces, near.first, room)
     else:
-        begun = partial(_begun, problem, np.asarray(pieces), capacity)
         if isinstance(net, Side):
-            first, second = partial(_stretch, task), partial(_stretch, task, following=True)
+            known = isolated_pairs(problem)
+            left = task._replace(problem=known.problem)
+            first, second = partial(_stretch, left), partial(_stretch, left, following=True)
+            begun = lambda: known.told(_begun(known.problem, np.asarray(pieces), capacity))  # noqa: E731
             return InTurn(begun, first, second, method.max_steps)
-        return ClosestSearch(begun, partial(_stretch, task), method.max_steps)
+        return ClosestSearch(
+            partial(_begun, problem, np.asarray(pieces), capacity), partial(_stretch, task), method.max_steps
+        )
 
     def filled(start: int) -> ClosestState:
         return _filled(problem, pairs.part(start, PART), best, room)

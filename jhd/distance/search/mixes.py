@@ -19,16 +19,18 @@ from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.nearest.target import AbstractTarget, MeshTarget, PointTarget
 from jhd.distance.search import farthest_place, from_points
 from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.cell_heights import CellHeights
 from jhd.distance.search.closest_triangles import as_mesh
 from jhd.distance.search.farthest_place import FarthestSearch
 from jhd.distance.search.followed_cells import FollowedFeet
 from jhd.distance.search.followed_graphs import FollowedGraphs
 from jhd.distance.search.from_points import PointSearch
 from jhd.distance.search.from_program import AnswerForm, from_program
+from jhd.distance.search.looked_at import looked_at
 from jhd.distance.search.mesh_source import MeshSource
 from jhd.distance.search.meshes import mesh_directed
 from jhd.distance.search.on_patches import NetTarget
-from jhd.distance.search.on_surfaces import SurfaceTarget, looked_at
+from jhd.distance.search.on_surfaces import SurfaceTarget
 from jhd.distance.search.points import is_points
 from jhd.distance.search.search import AbstractSearch, Listener, drive
 from jhd.distance.search.sources import AbstractSource, NetSource
@@ -150,6 +152,13 @@ def _followed(
     if isinstance(pair.a, Side):
         return None, FollowedGraphs(pair.a, second, target)
     return (None if first is None else FollowedFeet(first, second, target)), None
+
+
+def heights_of(a: Any, b: Any, pair: Together, target: AbstractTarget) -> CellHeights | None:
+    """Bounds over cells of a by heights above b, where one of them is curved."""
+    first, second = _pieces(a, pair.a), _pieces(b, pair.b)
+    curved = isinstance(first, Net) or isinstance(second, Net)
+    return None if first is None or second is None or not curved else CellHeights(first, second, target)
 
 
 def _pieces(shape: Any, moved: Any) -> Net | Triangles | None:

@@ -12,15 +12,16 @@ from jaxtyping import Array
 from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_tracing
 from jhd.compiled import compiled
+from jhd.distance.cells.moving_nets import WithMovingParameters
 from jhd.distance.frame.coordinates import extremes
 from jhd.distance.frame.net_jets import Net, jet, point_error
 from jhd.distance.frame.nets import net_of, prepare_nets
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest import (
-    ClosestSearch,
     ClosestState,
     Outcome,
     Parametric,
+    Problem,
     WantedGap,
     advance,
     begin,
@@ -32,6 +33,7 @@ from jhd.distance.search.closest import (
     room_for,
     wanted_gap,
 )
+from jhd.distance.search.in_turn import InTurn
 from jhd.distance.search.search import Listener, Progress, drive
 from jhd.distance.witness.nets import polished, with_net_derivatives
 from jhd.solution import MinimumSolution
@@ -50,7 +52,8 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress
     else:
         pairs, valid = _near_pairs(p, q, counts)
         begun = partial(_begun, problem, pairs, valid, room_for(len(pairs), method.capacity))
-        search = ClosestSearch(begun, partial(_stretch, problem, wanted), method.max_steps)
+        first, second = (partial(_stretch, x, wanted) for x in (problem, WithMovingParameters(*problem)))
+        search = InTurn(begun, first, second, method.max_steps)
         found = drive(search, Listener(progress, frame))
     return with_net_derivatives(found.solution(frame), *nets, frame, found.best)
 
@@ -60,7 +63,7 @@ def _all_pairs(counts: tuple[int, int], capacity: int, problem: Parametric) -> C
     return begin(problem, jnp.asarray(pairs), jnp.ones(len(pairs), bool), room_for(len(pairs), capacity))
 
 
-def _outcome(problem: Parametric, wanted: WantedGap, state: ClosestState) -> Outcome:
+def _outcome(problem: Problem, wanted: WantedGap, state: ClosestState) -> Outcome:
     """Bounds and points of the search as it stands, the nearest pair polished."""
     a, b, error = problem
     dtype, n = state.lower.dtype, a.parameters
@@ -78,7 +81,7 @@ _begun = compiled(begin, (3,))
 
 @compiled
 def _stretch(
-    problem: Parametric, wanted: WantedGap, state: ClosestState, limit: Array, growing: Array
+    problem: Problem, wanted: WantedGap, state: ClosestState, limit: Array, growing: Array
 ) -> tuple[ClosestState, Outcome, Array]:
     """Goes on for some steps, and says how the search stands, in four numbers."""
     state = advance(problem, wanted, state, limit, growing)

@@ -20,20 +20,24 @@ from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, length, unit_weights
 from jhd.compiled import compiled, optimised
 from jhd.distance.cells.beside import beside_net, of_points
-from jhd.distance.cells.pairs import Cell, bound, derivatives, nearest_in, newton_step
+from jhd.distance.cells.pairs import Cell, bound, nearest_in
+from jhd.distance.cells.squares import distances_by_squares
 from jhd.distance.frame.curves import padded_count
 from jhd.distance.frame.net_jets import Net, jet, point_error
 from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
-from jhd.distance.search.patch_samples import samples_of, starts_among
+from jhd.distance.search.patch_samples import SampledStarts, samples_of, starts_among
 from jhd.distance.search.rows import BLOCK, each, in_blocks
-from jhd.triangles.closest_point import TriangleTree, in_unit_of, nearest_triangles, outward, point_tree
+from jhd.triangles.closest_point import outward
 
 # Samples of a piece along each parameter from which feet are looked for, and Newton steps for feet.
 _SAMPLES, _FOOT_STEPS = 6, 10
 # Queries or cells that are bounded side by side: few, since often there are no more.
 _LANES = 8
-# A larger change of the parameters by one more Newton step is no mending.
-_MENDED = 1e-6
+# Newton steps that mend feet, and how much they may change parameters.
+_MENDING, _MENDED = 2, 1e-6
+# Cells of a query from which on squares bound them too: few queries need so many, as those about centres do. So many
+# more for each time that this was in vain, less the times that it was not.
+_HARD, _VAIN = 64, 16
 # Pairs of queries and boxes of pieces that are formed at once.
 _PAIRS = 1 << 20
 # A query that needs more cells than this keeps the bounds it has; where there are few, those of all together.
@@ -59,12 +63,22 @@ class _Cells(NamedTuple):
 
 
 class _Feet(NamedTuple):
-    """The best foot of every query: proven upper bound, computed distance, piece, parameters."""
+    """The best foot of every query: proven upper bound, computed distance, piece, parameters, point."""
 
     upper: np.ndarray
     distance: np.ndarray
     piece: np.ndarray
     x: np.ndarray
+    point: np.ndarray
+
+    def take(self, rows: Any) -> "_Feet":
+        """Some of the feet."""
+        return _Feet(*(x[rows] for x in self))
+
+    def put(self, rows: np.ndarray, new: "_Feet") -> None:
+        """Exchanges some of them."""
+        for held, found in zip(self, new, strict=True):
+            held[rows] = found
 
 
 class NetTarget(AbstractTarget):
@@ -86,9 +100,10 @@ class NetTarget(AbstractTarget):
         self._padded = Net(points[index], None if weights is None else weights[index])
         places = np.linspace(0.0, 1.0, _SAMPLES).astype(points.dtype)
         samples = samples_of(self.net, places)
-        self._places = places
+        # Samples are numbered by their places along each parameter.
+        self._places, self._strides = places, _SAMPLES ** np.arange(self.net.parameters)[::-1]
         found = starts_among(samples.reshape(self.count, *[_SAMPLES] * self.net.parameters, 3))
-        self._tree: TriangleTree = point_tree(samples.reshape(-1, 3)[found.rows])
+        self._samples = SampledStarts(samples.reshape(-1, 3)[found.rows])
         self._rows, self._beside = found
         self._off = float(np.ldexp(point_error(self.net), self.exponent))
 
@@ -125,12 +140,12 @@ class NetTarget(AbstractTarget):
         """See AbstractTarget."""
         return t if self.net.parameters == 2 else t[:, 0]
 
-    def nearest(self, points: np.ndarray, enough: float = -np.inf, close: float = 0.0) -> ProvenFeet:
+    def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
         """See AbstractTarget."""
         scaled, shift = self._scaled(points)
         unit = self.exponent + shift
         with np.errstate(over="ignore"):
-            least = np.ldexp(max(enough, -1.0), -unit) if np.isfinite(enough) else -np.inf
+            least = np.ldexp(np.broadcast_to(enough, len(points)), -unit)
             close = float(np.ldexp(close, -unit))
         feet, lower, closed = self._searched(scaled, shift, least, close)
         return self._placed(feet, shift, lower, closed, points.dtype)
@@ -138,14 +153,13 @@ class NetTarget(AbstractTarget):
     def _placed(self, feet: _Feet, shift: int, lower: np.ndarray, closed: np.ndarray, dtype: Any) -> ProvenFeet:
         """The feet in the user's coordinates."""
         unit = self.exponent + shift
-        foot = in_blocks(_points, self._shrunk(shift), feet.piece, feet.x)
         x = feet.x if feet.x.shape[1] == 2 else np.concatenate([feet.x, np.zeros_like(feet.x)], axis=1)
         low, high = outward(lower, unit, dtype, -1), outward(feet.upper, unit, dtype, 1)
         return ProvenFeet(
             distance=np.clip(np.ldexp(feet.distance, unit), low, high),
             lower=low,
             upper=high,
-            foot=np.ldexp(foot, unit),
+            foot=np.ldexp(feet.point, unit),
             segment=feet.piece,
             t=x,
             closed=closed,
@@ -172,46 +186,33 @@ class NetTarget(AbstractTarget):
     def _near(self, points: np.ndarray, shift: int) -> _Feet:
         """Feet near the nearest samples, and what is left of the distance after some steps from there."""
         # Where the queries are in a larger unit than the samples they only start elsewhere.
-        tree, rows = in_unit_of(self._tree, points)
-        sample = self._rows[tree.order[nearest_triangles(tree, rows).triangle]]
-        n = self.net.parameters
-        piece, place = np.divmod(sample, _SAMPLES**n)
-        places = np.stack(np.unravel_index(place, (_SAMPLES,) * n), axis=1)
-        feet = self._moved(points, shift, piece, self._places[places])
-        return self._beyond(points, shift, feet)
-
-    def _beyond(self, points: np.ndarray, shift: int, feet: _Feet) -> _Feet:
-        """The same inside of a piece; on its border the nearest of that and of those on its neighbours."""
+        feet = self._from_samples(points, shift, self._rows[self._samples.nearest(points)])
+        # Inside of a piece that is all; on its border the nearest of that and of those on its neighbours counts.
         rows = np.flatnonzero(np.any((feet.x <= 0) | (feet.x >= 1), axis=1))
-        shape = (_SAMPLES,) * self.net.parameters
         place = np.rint(feet.x[rows] * (_SAMPLES - 1)).astype(int)
-        beside = self._beside[feet.piece[rows] * _SAMPLES ** len(shape) + np.ravel_multi_index(tuple(place.T), shape)]
-        for sample in beside.T:
-            some = sample >= 0
-            who, sample = rows[some], sample[some]
-            if not len(who):
-                break
-            piece, place = np.divmod(sample, _SAMPLES ** len(shape))
-            found = self._moved(
-                points[who], shift, piece, self._places[np.stack(np.unravel_index(place, shape), axis=1)]
-            )
-            better = found.upper < feet.upper[who]
-            feet = _Feet(*(_written(held, who[better], new[better]) for held, new in zip(feet, found, strict=True)))
+        sample = self._beside[feet.piece[rows] * _SAMPLES ** place.shape[1] + place @ self._strides]
+        who, column = np.nonzero(sample >= 0)
+        if len(who):
+            _take_over(feet, rows[who], self._from_samples(points[rows[who]], shift, sample[who, column]))
         return feet
 
+    def _from_samples(self, points: np.ndarray, shift: int, sample: np.ndarray) -> _Feet:
+        piece, place = np.divmod(sample, _SAMPLES**self.net.parameters)
+        return self._moved(points, shift, piece, self._places[place[:, None] // self._strides % _SAMPLES])
+
     def _moved(self, points: np.ndarray, shift: int, piece: np.ndarray, x: np.ndarray) -> _Feet:
-        upper, distance, x = in_blocks(_foot, self._shrunk(shift), points, piece, x)
-        return _Feet(upper.astype(np.float64), distance, piece, x)
+        upper, distance, x, point = in_blocks(_foot, self._shrunk(shift), points, piece, x)
+        return _Feet(*(np.array(y) for y in (upper.astype(np.float64), distance, piece, x, point)))
 
     def _searched(
-        self, points: np.ndarray, shift: int, enough: float, apart: float
+        self, points: np.ndarray, shift: int, enough: np.ndarray, apart: float
     ) -> tuple[_Feet, np.ndarray, np.ndarray]:
         """The best feet, proven lower bounds, and whether these are close enough."""
         feet, dtype = self._near(points, shift), points.dtype
         net, u = self._shrunk(shift), float(np.finfo(dtype).eps)
-        settled, work = np.full(len(points), np.inf), np.zeros(len(points), int)
+        settled, work, vain = np.full(len(points), np.inf), *(np.zeros(len(points), int) for _ in range(2))
         most = max(_MOST, _MOST_OF_ALL // len(points))
-        feet = _Feet(*(np.array(x) for x in feet))
+        polished_at = feet.x.copy()
 
         def goal() -> np.ndarray:
             """Cells with bounds from here on need not be looked at."""
@@ -233,18 +234,25 @@ class NetTarget(AbstractTarget):
                 cells = cells.take(slice(None, BLOCK))
             np.add.at(work, cells.who, 1)
             found = in_blocks(_bounded, net, points[cells.who], *cells[1:4])
-            _take_over(feet, cells, *found[1:4])
+            upper = np.where(np.isnan(found[1]), np.inf, found[1].astype(np.float64))
+            _take_over(feet, cells.who, _Feet(upper, found[2], cells.piece, *found[3:5]))
             lower = np.maximum(cells.lower, np.nan_to_num(found[0].astype(np.float64), nan=0.0, posinf=np.inf))
-            low, high, axis, thin = found[4:]
+            hard = np.flatnonzero((work > _HARD + _VAIN * vain)[cells.who])
+            if len(hard):
+                some = cells.take(hard)
+                squares = distances_by_squares(net, points[some.who], *some[1:4])
+                np.add.at(vain, some.who, np.where(squares > lower[hard], -1, 1))
+                lower[hard] = np.maximum(lower[hard], squares)
+            low, high, axis, thin = found[5:]
             np.minimum.at(settled, cells.who[thin], lower[thin])
             stack.append(_halved(_Cells(cells.who, cells.piece, low, high, lower).take(~thin), axis[~thin]))
         lower = np.minimum(settled, feet.upper)
         closed = (lower >= goal()) | (feet.upper <= enough)
-        polished = self._moved(points, shift, feet.piece, feet.x)
-        better = polished.upper <= feet.upper
-        feet = _Feet(
-            *(np.where(better.reshape(-1, *[1] * (x.ndim - 1)), y, x) for x, y in zip(feet, polished, strict=True))
-        )
+        new = np.flatnonzero(np.any(feet.x != polished_at, axis=1))
+        if len(new):
+            polished = self._moved(points[new], shift, feet.piece[new], feet.x[new])
+            better = polished.upper <= feet.upper[new]
+            feet.put(new[better], polished.take(better))
         return feet, np.minimum(lower, feet.upper), closed
 
     def _whole(self, points: np.ndarray, net: Net, upper: np.ndarray) -> _Cells:
@@ -277,22 +285,12 @@ def _halved(cells: _Cells, axis: np.ndarray) -> _Cells:
     return _Cells(*(np.concatenate(x) for x in zip(first, second, strict=True)))
 
 
-def _take_over(feet: _Feet, cells: _Cells, upper: np.ndarray, distance: np.ndarray, x: np.ndarray) -> None:
-    """The feet found in cells, where they are nearer than those known."""
-    upper = np.where(np.isnan(upper), np.inf, upper.astype(np.float64))
-    order = np.lexsort((-upper, cells.who))
+def _take_over(feet: _Feet, who: np.ndarray, found: _Feet) -> None:
+    """The feet found, of any queries, where they are nearer than those known."""
+    order = np.lexsort((-found.upper, who))
     # Of each query the nearest is written last.
-    rows = order[upper[order] < feet.upper[cells.who[order]]]
-    who = cells.who[rows]
-    feet.upper[who], feet.distance[who], feet.piece[who] = upper[rows], distance[rows], cells.piece[rows]
-    feet.x[who] = x[rows]
-
-
-def _written(held: np.ndarray, rows: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """A copy with some rows exchanged."""
-    held = np.array(held)
-    held[rows] = new
-    return held
+    rows = order[found.upper[order] < feet.upper[who[order]]]
+    feet.put(who[rows], found.take(rows))
 
 
 class _About(NamedTuple):
@@ -327,34 +325,18 @@ def _lengths(about: _About, lower: Array, upper: Array, distance: Array) -> tupl
     return low, jnp.ldexp(high, about.unit) + tiny, jnp.ldexp(distance, about.unit)
 
 
-def _fixed(n: int) -> np.ndarray:
-    """The query has one parameter, which has one value only."""
-    return np.arange(1 + n) == 0
-
-
-def _mended(about: _About, x: Array, fixed: Array) -> Array:
-    """Distances are as good as they get where the parameters are off by the root of that; two more steps mend it."""
-    for _ in range(2):
-        _, slope, bent = derivatives(jet(about.point, x[:1]), jet(about.piece, x[1:]))
-        held = fixed | ((x <= 0) & (slope > 0)) | ((x >= 1) & (slope < 0))
-        step = newton_step(slope, bent, held)
-        x = jnp.where(jnp.max(jnp.abs(step)) < _MENDED, jnp.clip(x + step, 0.0, 1.0), x)
-    return x
-
-
 @optimised
 def _foot(net: Net, count: Array, points: Array, piece: Array, start: Array) -> Any:
-    """Upper bounds, distances and parameters of points of pieces near the starts, moved towards the nearest."""
+    """Upper bounds, distances, parameters and points of pieces near the starts, moved towards the nearest."""
 
     def one(point: Array, k: Array, x: Array) -> Any:
         about = _about(net, point, k)
-        x = jnp.concatenate([jnp.zeros((1,), x.dtype), x])
-        fixed = jnp.asarray(_fixed(net.parameters))
-        x = _mended(about, nearest_in(about.point, about.piece, x, fixed, _FOOT_STEPS), fixed)
-        distance = length(jet(about.piece, x[1:]).point)
+        fixed = jnp.zeros(x.shape, bool)
+        x = nearest_in(about.point, about.piece, x, fixed, _FOOT_STEPS, _MENDING, _MENDED)
+        distance = length(jet(about.piece, x).point)
         upper = distance * (1 + gamma(12, distance.dtype)) + point_error(about.piece)
         _, upper, distance = _lengths(about, jnp.zeros_like(upper), upper, distance)
-        return upper, distance, x[1:]
+        return upper, distance, x, jet(net.piece(k), x).point
 
     return each(one, count, (points, piece, start), _LANES)
 
@@ -365,22 +347,16 @@ def _bounded(net: Net, count: Array, points: Array, piece: Array, low: Array, hi
 
     def one(point: Array, k: Array, low: Array, high: Array) -> Any:
         about = _about(net, point, k)
-        zero = jnp.zeros((1,), low.dtype)
         a, b = jax.tree_util.tree_map(lambda x: x[None], (about.point, about.piece))
         first = jnp.zeros((), int)
-        cell = Cell(first, first, jnp.concatenate([zero, low]), jnp.concatenate([zero, high]))
-        found = bound(a, b, cell)
+        found = bound(a, b, Cell(first, first, low, high))
         # An excluded cell has an infinite bound.
         lower, upper, distance = _lengths(about, found.lower, found.upper, found.distance)
-        left = found.cell
-        return lower, upper, distance, found.x[1:], left.low[1:], left.high[1:], found.axis - 1, found.thin
+        left, x = found.cell, found.x
+        point = jet(net.piece(k), x).point
+        return lower, upper, distance, x, point, left.low, left.high, found.axis, found.thin
 
     return each(one, count, (points, piece, low, high), _LANES)
-
-
-@compiled
-def _points(net: Net, count: Array, piece: Array, x: Array) -> Array:
-    return each(lambda k, x: jet(net.piece(k), x).point, count, (piece, x), _LANES)
 
 
 @compiled

@@ -15,12 +15,12 @@ from jhd.compiled import compiled
 from jhd.distance.cells.beside import beside_surface, of_points
 from jhd.distance.frame.coordinates import Frame, common_points
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
-from jhd.distance.nearest.places import local_feet, proven_radius, reach, thorough_radius
-from jhd.distance.nearest.surfaces import nearest, nearest_places, nearest_proven
+from jhd.distance.nearest.places import local_feet, proven_radius, reach, with_singular_radius
+from jhd.distance.nearest.surfaces import nearest, nearest_places, proven_distances
 from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
 from jhd.distance.search.candidates import Target
+from jhd.distance.search.looked_at import looked_at
 from jhd.distance.search.rows import each, in_blocks, in_groups
-from jhd.distance.search.solutions import target
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.triangles.closest_point import outward
 
@@ -112,11 +112,11 @@ class SurfaceTarget(AbstractTarget):
         """See AbstractTarget: there are none."""
         return np.full(len(t), np.nan)
 
-    def nearest(self, points: np.ndarray, enough: float = -np.inf, close: float = 0.0) -> ProvenFeet:
+    def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
         """See AbstractTarget."""
         x, far = self._scaled(points)
-        least = np.ldexp(enough, -self.exponent) if np.isfinite(enough) else -np.inf
-        leasts = np.full(len(x), least, x.dtype)
+        least = np.ldexp(enough, -self.exponent)
+        leasts = np.broadcast_to(least, len(x)).astype(x.dtype)
         lower, upper, foot = in_blocks(_nearest, self.target, x, leasts)
         lower, upper = lower.astype(np.float64) - _moved(x), upper.astype(np.float64) + _moved(x)
         distance = np.sqrt(np.sum((foot - x) ** 2, axis=1))
@@ -130,9 +130,7 @@ class SurfaceTarget(AbstractTarget):
         places = np.where(far[:, None], np.asarray(self.frame.place(self._point)), places)
         known = np.isfinite(high)
         # Of a query far away the box is one place, which is as far as the bounds say.
-        closed = np.where(
-            far, (high - low <= share * high) | (high <= (enough if np.isfinite(enough) else least)), closed
-        )
+        closed = np.where(far, (high - low <= share * high) | (high <= enough), closed)
         distance = np.where(far, 0.5 * low + 0.5 * high, np.ldexp(distance, self.exponent))
         distance = np.where(known, np.clip(distance, low, high), np.inf)
         return ProvenFeet(
@@ -198,16 +196,13 @@ def _moved(x: np.ndarray) -> np.ndarray:
     return gamma(4, x.dtype) * np.sqrt(3) * np.max(np.abs(x), axis=1).astype(np.float64) + 64 * smallest_normal(x.dtype)
 
 
-looked_at = compiled(target)
-
-
 def _mended(target: Target, point: Array, place: Array) -> tuple[Array, Array]:
     """A foot after some more Newton steps, with the proven distance, which is that of the place where it is less.
 
     Of two as near but for rounding the mended one is the foot: the distance hardly changes where the foot does.
     """
     found = local_feet(target.side, point[:, None], place[:, None], _FOOT_STEPS)
-    mended, there = (nearest_proven(target.side, point, places)[0] for places in (found, place[:, None]))
+    mended, there = proven_distances(target.side, point, jnp.concatenate([found, place[:, None]], axis=1))
     room = 8 * unit_roundoff(point.dtype) * (1 + there)
     return jnp.minimum(mended, there), jnp.where(mended <= there + room, found[:, 0], place)
 
@@ -223,7 +218,7 @@ def _feet(target: Target, count: Array, points: Array) -> Any:
         found = local_feet(target.side, queries, lanes, _FOOT_STEPS)
         places = jnp.concatenate([found, lanes], axis=1)
         radius = proven_radius(target.side, places)
-        far = reach(places - jnp.tile(queries, 2)) + radius
+        far = reach(places - jnp.tile(queries, 2))
 
         def nearest_of(far: Array) -> tuple[Array, Array]:
             each_of = lambda x: x.reshape(2, len(points), _STARTS).transpose(1, 0, 2).reshape(len(points), -1)  # noqa: E731
@@ -232,9 +227,9 @@ def _feet(target: Target, count: Array, points: Array) -> Any:
             place = [jnp.take_along_axis(each_of(x), best, axis=1)[:, 0] for x in places]
             return jnp.min(far, axis=1), jnp.stack(place, axis=1)
 
-        upper, foot = nearest_of(far)
+        upper, foot = nearest_of(far + radius)
         # Where no place is proven the search for signs is a longer one.
-        again = lambda: nearest_of(reach(places - jnp.tile(queries, 2)) + thorough_radius(target.side, places))  # noqa: E731
+        again = lambda: nearest_of(far + with_singular_radius(target.side, places, radius))  # noqa: E731
         return jax.lax.cond(jnp.any(jnp.isinf(upper)), again, lambda: (upper, foot))
 
     return in_groups(group, count, (points,), _LANES)

@@ -1,11 +1,17 @@
 """Samples of parametric shapes, from which feet are looked for, and which are at one place; nothing is proven."""
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from jhd.arithmetic.bernstein import binomials
 from jhd.distance.frame.net_jets import Net
+from jhd.triangles.closest_point import TriangleTree, in_unit_of, nearest_triangles, point_tree
+
+# Pairs of queries and samples of which all are looked at, which takes no longer than to make a tree of some thousand
+# samples; and how many of them at once, few enough for the cache of a processor.
+_FEW, _AT_ONCE = 1 << 21, 1 << 16
 
 # Samples of pieces that count as neighbours, and in how many units a length of one is divided to tell whether samples
 # are at one place.
@@ -74,6 +80,42 @@ def _apart_from_others(samples: np.ndarray) -> np.ndarray:
     place = place.reshape(count, -1)
     elsewhere = np.all(np.isin(place, place[~collapsed]), axis=1)
     return np.flatnonzero(~(collapsed & elsewhere))
+
+
+class SampledStarts:
+    """Which of some points is about nearest to queries: by all of them, or by a tree of them where there are many.
+
+    Args:
+        points: (points, 3), with coordinates of at most one.
+    """
+
+    def __init__(self, points: np.ndarray):
+        self._points = points
+
+    @cached_property
+    def _tree(self) -> TriangleTree:
+        return point_tree(self._points)
+
+    @cached_property
+    def _columns(self) -> np.ndarray:
+        return np.ascontiguousarray(self._points.T)
+
+    def nearest(self, queries: np.ndarray) -> np.ndarray:
+        """The number of a point for each query (queries, 3); queries from afar only get some point."""
+        if len(queries) * len(self._points) > _FEW:
+            tree, rows = in_unit_of(self._tree, queries)
+            return tree.order[nearest_triangles(tree, rows).triangle]
+        step = max(1, _AT_ONCE // len(self._points))
+        return np.concatenate([self._among_all(queries[k : k + step]) for k in range(0, len(queries), step)])
+
+    def _among_all(self, queries: np.ndarray) -> np.ndarray:
+        square = np.zeros((len(queries), len(self._points)), self._points.dtype)
+        with np.errstate(over="ignore"):
+            for sample, query in zip(self._columns, queries.T, strict=True):
+                step = sample - query[:, None]
+                step *= step
+                square += step
+        return np.argmin(square, axis=1)
 
 
 def samples_of(net: Net, places: np.ndarray) -> np.ndarray:

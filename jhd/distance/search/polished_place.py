@@ -40,11 +40,28 @@ class _Followed(NamedTuple):
     t: np.ndarray
 
 
-def moved_feet(shapes: Any, piece: int, x: np.ndarray, feet: FootRows) -> FootRows:
-    """Feet that are moved on their pieces to where they are nearest to one place."""
-    found = _followed(shapes, piece, x[None], feet)
-    t = np.concatenate([found.t[0], feet.t[:, found.t.shape[2] :]], axis=1)
-    return feet._replace(point=found.foot[0], t=t)
+class PlaceOnPiece(NamedTuple):
+    """A place on a piece of a parametric shape or a mesh.
+
+    Args:
+        shapes: that one and the other one, nets or triangles.
+        piece: which piece.
+        x: its parameters; of triangles the last two barycentric coordinates.
+    """
+
+    shapes: Any
+    piece: int
+    x: np.ndarray
+
+    def moved(self, feet: FootRows) -> FootRows:
+        """Feet on the pieces where they are, moved to where they are nearest to the place."""
+        known = feet.segment >= 0
+        there = feet.map(lambda x: x[known])
+        found = _followed(self.shapes, self.piece, self.x[None], there)
+        feet = feet.map(np.array)
+        feet.point[known] = found.foot[0]
+        feet.t[known, : found.t.shape[2]] = found.t[0]
+        return feet
 
 
 class SharpenedPlace(NamedTuple):
@@ -54,31 +71,29 @@ class SharpenedPlace(NamedTuple):
     point: np.ndarray
 
 
-def polished(shapes: Any, piece: int, x: np.ndarray, feet: FootRows, shares: np.ndarray) -> SharpenedPlace | None:
+def polished(place: PlaceOnPiece, feet: FootRows, shares: np.ndarray) -> SharpenedPlace | None:
     """The maximum of the distance to the nearest of some feet, or None where none is found.
 
     Args:
-        shapes: a and b, nets or triangles.
-        piece: the piece of a.
-        x: parameters near the maximum; of triangles the last two barycentric coordinates.
+        place: near the maximum.
         feet: near its feet.
         shares: their multipliers; feet whose multiplier is zero do not count.
     """
+    shapes, piece, x = place
     used = np.flatnonzero(shares > 0)
     feet, shares = feet.map(lambda y: y[used]), shares[used]
     x, dtype = x.astype(np.float64), x.dtype
+    steps = np.concatenate([np.zeros((1, len(x))), _STEP * np.eye(len(x)), -_STEP * np.eye(len(x))])
     for _ in range(_STEPS):
-        here = _followed(shapes, piece, x[None].astype(dtype), feet)
-        gradient = here.gradient[0]
+        found = _followed(shapes, piece, (x + steps).astype(dtype), feet)
+        gradient, (ahead, behind) = found.gradient[0], np.split(found.gradient[1:], 2)
         along = _along(shapes[0], x, shares @ gradient, np.max(np.abs(gradient), initial=0.0))
         if along.shape[1] < len(used) - 1:
             return None
         if not along.shape[1]:
             break
-        places = np.concatenate([x + s * _STEP * along.T for s in (1, -1)])
-        ahead, behind = np.split(_followed(shapes, piece, places.astype(dtype), feet).gradient, 2)
-        bent = np.einsum("ikn,k,nj->ij", ahead - behind, shares, along) / (2 * _STEP)
-        step, shares = _newton(0.5 * (bent + bent.T), gradient @ along, here.distance[0])
+        bent = along.T @ np.einsum("ikn,k->in", ahead - behind, shares) @ along / (2 * _STEP)
+        step, shares = _newton(0.5 * (bent + bent.T), gradient @ along, found.distance[0])
         step = along @ step
         if not np.all(np.isfinite(step)) or np.max(np.abs(step)) > _LONGEST:
             return None

@@ -31,6 +31,8 @@ def each(function: Any, count: Array, rows: tuple[Array, ...], lanes: int) -> An
 
 def in_groups(function: Any, count: Array, rows: tuple[Array, ...], lanes: int) -> Any:
     """The same of a function that takes `lanes` rows at once."""
+    # Traced once, for its shapes and for the loop.
+    function = jax.jit(function)
     shapes = jax.eval_shape(function, *(x[:lanes] for x in rows))
     shapes = jax.tree_util.tree_map(lambda x: jax.ShapeDtypeStruct((len(rows[0]), *x.shape[1:]), x.dtype), shapes)
     start = jax.tree_util.tree_map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)

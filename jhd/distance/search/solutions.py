@@ -41,12 +41,17 @@ class _Look(NamedTuple):
 
 
 def target(side: Side) -> tuple[Target, Bool[Array, ""]]:
-    """A side with its cover and its cloud, and whether it is proven to have no point in its box.
+    """A side with its cover and its cloud, and whether it is proven to have no point in its box."""
+    return with_some_point(Target(side, cover(side), cloud(side)))
+
+
+def with_some_point(known: Target) -> tuple[Target, Bool[Array, ""]]:
+    """The same with a proven point in its cloud, if one is found, and whether there is proven to be none.
 
     Where no point of the cloud is proven, smaller and smaller cells are looked at until one holds a proven point or
     none is left; the point takes the first place of the cloud.
     """
-    covering, points = cover(side), cloud(side)
+    side, covering, points = known
     none = ~jnp.any(jnp.isfinite(points.radius))
 
     def going(look: _Look) -> Array:

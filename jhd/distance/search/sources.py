@@ -22,6 +22,7 @@ from jhd.compiled import compiled
 from jhd.distance.cells.flats import Hulls, bound_of
 from jhd.distance.frame.net_jets import Net, eta, jet, part_of, point_error
 from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows
+from jhd.distance.search.polished_place import SharpenedPlace
 from jhd.distance.search.rows import each, in_blocks
 
 # Cells done side by side: few, since often there are no more.
@@ -96,6 +97,10 @@ class AbstractSource(ABC):
     @abstractmethod
     def rays(self, piece: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit vectors at a place: those along it as if it had no border, and of these the ones into it."""
+
+    def proven(self, place: SharpenedPlace, radius: float) -> tuple[SharpenedPlace, float]:
+        """A place of it near one that was found, with its error, by default that of those known."""
+        return place, radius
 
     @abstractmethod
     def parameters(self, x: np.ndarray) -> np.ndarray:

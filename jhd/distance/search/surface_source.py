@@ -1,30 +1,32 @@
 """Polynomial surfaces as what distances are maximised over; see jhd.distance.search.sources."""
 
+from itertools import product
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arithmetic.polynomials import slopes
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.compiled import compiled
 from jhd.distance.cells.flats import Hulls
 from jhd.distance.cells.surfaces import upper_bounds
-from jhd.distance.nearest.forms import boxes, form
-from jhd.distance.nearest.places import projected, thorough_radius
+from jhd.distance.frame.surfaces import Side
+from jhd.distance.nearest.forms import Boxes, Form, boxes, form
 from jhd.distance.nearest.surfaces import halved, inner
 from jhd.distance.nearest.target import AbstractTarget, FootRows, PointTarget
 from jhd.distance.search.candidates import Target
+from jhd.distance.search.looked_at import may_vanish, places_near
+from jhd.distance.search.polished_place import SharpenedPlace
 from jhd.distance.search.rows import each, in_blocks
 from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells, over_hulls, units
 
 # Cells done side by side.
 _LANES = 64
-# Newton steps for the points of cells of a polynomial surface.
-_STEPS_OF_POINTS = 6
-# The twelve edges of a box, by the axis and the signs of the other two coordinates.
-_EDGES = [(axis, (-1.0, 1.0)[k & 1], (-1.0, 1.0)[k >> 1]) for axis in range(3) for k in range(4)]
+# The twelve edges of a box: the axis of each, and the other two coordinates, as rows with a zero at the axis.
+_AXIS = np.repeat(np.arange(3), 4)
+_OTHERS = np.array([np.insert(signs, axis, 0) for axis in range(3) for signs in product((-1, 1), repeat=2)])
 
 
 class SurfaceSource(AbstractSource):
@@ -32,6 +34,7 @@ class SurfaceSource(AbstractSource):
 
     def __init__(self, target: Target):
         self._target = target
+        self._side: Any = jax.tree_util.tree_map(np.asarray, target.side)
 
     def cover(self) -> CellRows:
         """See AbstractSource."""
@@ -41,31 +44,46 @@ class SurfaceSource(AbstractSource):
 
     def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
         """See AbstractSource: each into eight."""
-        low, high, alive = in_blocks(_eighths, self._target, cells.low, cells.high)
-        parent = np.repeat(np.arange(len(cells.piece)), 8)
-        rows = np.flatnonzero(alive.ravel())
-        parts = CellRows(np.full(8 * len(cells.piece), -1), low.reshape(-1, 3), high.reshape(-1, 3))
-        return parts.take(rows), parent[rows]
+        low, high = (x.reshape(3, 8, -1).T.reshape(-1, 3) for x in halved(cells.low.T, cells.high.T))
+        rows = np.flatnonzero(may_vanish(self._side, low, high))
+        return CellRows(np.full(len(rows), -1), low[rows], high[rows]), rows // 8
 
     def places(self, cells: CellRows) -> PlacesOfCells:
         """See AbstractSource: one inside, one on the faces that the cell touches, and four about it, not proven."""
-        points, radius = in_blocks(_places_of_boxes, self._target, cells.low, cells.high)
-        return PlacesOfCells(points, radius, points)
+        side, low, high = self._side, cells.low, cells.high
+        middle, free = 0.5 * (low + high), inner(side, low.T, high.T).T
+        face = np.where(free, middle, np.where(low <= side.lower, low, high))
+        starts, fixed = np.stack([middle, face], axis=1), np.stack([np.zeros_like(free), ~free], axis=1)
+        found = places_near(side, starts.reshape(-1, 3), fixed.reshape(-1, 3), thorough=True)
+        points, size = found.points.reshape(starts.shape), np.max(high - low, axis=1)
+        # A point far from the cell belongs to another one.
+        near = np.all(np.abs(points - middle[:, None]) <= 3 * size[:, None, None], axis=2)
+        points = np.where(near[..., None], points, middle[:, None])
+        radius = np.where(near, found.radius.reshape(near.shape), np.inf)
+        # Beside the first of them, for feet alone: on both sides along the surface.
+        slope = found.slope[::2]
+        along = np.cross(slope, np.eye(3, dtype=low.dtype)[np.argmin(np.abs(slope), axis=1)])
+        steps = np.stack([along, np.cross(slope, along)], axis=1)
+        longest = np.maximum(np.max(np.abs(steps), axis=2, keepdims=True), smallest_normal(low.dtype))
+        steps = 0.5 * size[:, None, None] * steps / longest
+        beside = points[:, :1] + np.concatenate([-steps, steps], axis=1)
+        points = np.concatenate([points, beside], axis=1)
+        return PlacesOfCells(points, np.pad(radius, ((0, 0), (0, 4)), constant_values=np.inf), points)
 
     def over(self, cells: CellRows, target: AbstractTarget, feet: FootRows) -> np.ndarray:
         """See AbstractSource."""
         point = np.where(np.isfinite(feet.point), feet.point, 0.0)
-        found = in_blocks(_over_boxes, self._target, cells.low, cells.high, point, feet.error)
+        rows = cells.low, cells.high, point, feet.error
         if isinstance(target, PointTarget):
-            return found
-        hulls = Hulls(*in_blocks(_hulls_of_boxes, self._target, cells.low, cells.high))
-        return np.fmin(found, over_hulls(hulls, target, feet))
+            return in_blocks(_over_boxes, self._side, *rows)
+        found, *hulls = in_blocks(_over_boxes_in_hulls, self._side, *rows)
+        return np.fmin(found, over_hulls(Hulls(*hulls), target, feet))
 
     def rays(self, piece: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See AbstractSource; at an edge of the box the directions along its faces, of which one may leave."""
-        side = self._target.side
+        side = self._side
         low, high = x <= np.asarray(side.lower), x >= np.asarray(side.upper)
-        slope = np.asarray(_slope(self._target, x), np.float64)
+        slope = places_near(side, x[None], np.ones((1, 3), bool), thorough=False).slope[0].astype(np.float64)
         if not np.any(low | high):
             frame = np.linalg.svd(slope[None])[2][1:]
             return np.concatenate([frame, -frame]), np.concatenate([frame, -frame])
@@ -77,100 +95,69 @@ class SurfaceSource(AbstractSource):
         leaving = np.any((low & (free < -1e-9)) | (high & (free > 1e-9)), axis=1)
         return free, free[~leaving]
 
+    def proven(self, place: SharpenedPlace, radius: float) -> tuple[SharpenedPlace, float]:
+        """See AbstractSource: of the surface where it is proven, on the faces that the place is on."""
+        point = np.clip(place.point, self._side.lower, self._side.upper)
+        fixed = (point <= self._side.lower) | (point >= self._side.upper)
+        found = places_near(self._side, point[None], fixed[None], thorough=True)
+        return SharpenedPlace(found.points[0], found.points[0]), float(found.radius[0])
+
     def parameters(self, x: np.ndarray) -> np.ndarray:
         """See AbstractSource: there are none."""
         return np.asarray(np.nan)
 
 
 @compiled
-def _slope(target: Target, x: Array) -> Array:
-    return slopes(jnp.asarray(target.side.coefficients), x)[1]
-
-
-@compiled
-def _eighths(target: Target, count: Array, low: Array, high: Array) -> Any:
-    def one(low: Array, high: Array) -> Any:
-        lows, highs = halved(low[:, None], high[:, None])
-        return lows.T, highs.T, form(target.side, boxes(lows, highs)).may_vanish
-
-    return each(one, count, (low, high), _LANES)
-
-
-@compiled
-def _places_of_boxes(target: Target, count: Array, low: Array, high: Array) -> Any:
-    side = target.side
-
-    def one(low: Array, high: Array) -> Any:
-        free = inner(side, low[:, None], high[:, None])
-        middle = 0.5 * (low + high)[:, None]
-        face = jnp.where(low[:, None] <= jnp.asarray(side.lower)[:, None], low[:, None], high[:, None])
-        starts = jnp.concatenate([middle, jnp.where(free, middle, face)], axis=1)
-        fixed = jnp.concatenate([jnp.zeros_like(free), ~free], axis=1)
-        found = projected(side, starts, fixed, _STEPS_OF_POINTS)
-        # A point far from the cell belongs to another one.
-        near = jnp.all(jnp.abs(found - middle) <= 3 * jnp.max(high - low), axis=0)
-        found = jnp.where(near, found, middle)
-        radius = jnp.where(near, thorough_radius(side, found), jnp.inf)
-        # Beside the first of them, for feet alone: on both sides along the surface.
-        slope = slopes(jnp.asarray(side.coefficients), found[:, 0])[1]
-        along = jnp.cross(slope, jnp.eye(3, dtype=low.dtype)[jnp.argmin(jnp.abs(slope))])
-        across = jnp.cross(slope, along)
-        size = 0.5 * jnp.max(high - low)
-        steps = [size * x / jnp.maximum(jnp.max(jnp.abs(x)), smallest_normal(low.dtype)) for x in (along, across)]
-        beside = jnp.stack([found[:, 0] + sign * x for x in steps for sign in (-1.0, 1.0)])
-        return jnp.concatenate([found.T, beside]), jnp.concatenate([radius, jnp.full(4, jnp.inf, radius.dtype)])
-
-    return each(one, count, (low, high), _LANES)
-
-
-@compiled
-def _over_boxes(target: Target, count: Array, low: Array, high: Array, feet: Array, radius: Array) -> Array:
-    def one(low: Array, high: Array, feet: Array, radius: Array) -> Array:
-        cells = boxes(low[:, None], high[:, None])
-        free = inner(target.side, low[:, None], high[:, None])
-        return upper_bounds(form(target.side, cells), cells, feet[:, :, None], radius[:, None], free)[0]
-
+def _over_boxes(side: Side, count: Array, low: Array, high: Array, feet: Array, radius: Array) -> Array:
+    one = lambda *row: _over_box(side, *row)[0]  # noqa: E731
     return each(one, count, (low, high, feet, radius), _LANES)
 
 
 @compiled
-def _hulls_of_boxes(target: Target, count: Array, low: Array, high: Array) -> Any:
-    """What is left of boxes where |f| = |value + slope.e + rest| may vanish, by the ends of their edges there."""
+def _over_boxes_in_hulls(side: Side, count: Array, low: Array, high: Array, feet: Array, radius: Array) -> Any:
+    def one(*row: Array) -> Any:
+        bound, f, cells = _over_box(side, *row)
+        return bound, *_hull_of_box(f, cells)
 
-    def one(low: Array, high: Array) -> Any:
-        cells = boxes(low[:, None], high[:, None])
-        f = form(target.side, cells)
-        value, slope, centre, half = f.value[0], f.slope[:, 0], cells.centre[:, 0], cells.half[:, 0]
-        size = jnp.abs(value) + jnp.sum(jnp.abs(slope)) + f.rest[0]
-        most = (f.rest[0] + f.error[0] + gamma(32, low.dtype) * size) * (1 + gamma(8, low.dtype))
-        ends = [_ends_on_edge(value, slope, most, *edge) for edge in _EDGES]
-        places, there = (jnp.concatenate(x) for x in zip(*ends, strict=True))
-        # Ends that are not there stand where another one does, or anywhere where the box holds no point.
-        places = jnp.where(there[:, None], places, places[jnp.argmax(there)])
-        corners = jnp.where(jnp.any(there), centre + half * places, centre + half * jnp.sign(places))
-        slack = gamma(16, low.dtype) * jnp.max(jnp.abs(centre) + half)
-        least = jnp.argmin(jnp.abs(slope / half))
-        along = jnp.cross(slope / half, jnp.eye(3, dtype=low.dtype)[least])
-        return Hulls(corners, slack, jnp.stack([along, jnp.cross(slope / half, along)]))
-
-    return each(one, count, (low, high), _LANES)
+    return each(one, count, (low, high, feet, radius), _LANES)
 
 
-def _ends_on_edge(
-    value: Array, slope: Array, most: Array, axis: int, first: float, second: float
-) -> tuple[Array, Array]:
-    """Both ends (2, 3) of where |value + slope.e| <= most on an edge of [-1, 1]^3, and whether there are any."""
-    others = [k for k in range(3) if k != axis]
-    rest = value + first * slope[others[0]] + second * slope[others[1]]
-    along = slope[axis]
+def _over_box(side: Side, low: Array, high: Array, feet: Array, radius: Array) -> tuple[Array, Form, Boxes]:
+    """The bound over a cell, and its polynomial there."""
+    cells = boxes(low[:, None], high[:, None])
+    free = inner(side, low[:, None], high[:, None])
+    f = form(side, cells)
+    return upper_bounds(f, cells, feet[:, :, None], radius[:, None], free)[0], f, cells
+
+
+def _hull_of_box(f: Form, cells: Boxes) -> Hulls:
+    """What is left of a box where |f| = |value + slope.e + rest| may vanish, by the ends of its edges there."""
+    value, rest, error = f.value[0], f.rest[0], f.error[0]
+    slope, centre, half = f.slope[:, 0], cells.centre[:, 0], cells.half[:, 0]
+    size, dtype = jnp.abs(value) + jnp.sum(jnp.abs(slope)) + rest, half.dtype
+    most = (rest + error + gamma(32, dtype) * size) * (1 + gamma(8, dtype))
+    places, there = _ends_on_edges(value, slope, most)
+    # Ends that are not there stand where another one does, or anywhere where the box holds no point.
+    places = jnp.where(there[:, None], places, places[jnp.argmax(there)])
+    corners = jnp.where(jnp.any(there), centre + half * places, centre + half * jnp.sign(places))
+    slack = gamma(16, dtype) * jnp.max(jnp.abs(centre) + half)
+    least = jnp.argmin(jnp.abs(slope / half))
+    along = jnp.cross(slope / half, jnp.eye(3, dtype=dtype)[least])
+    return Hulls(corners, slack, jnp.stack([along, jnp.cross(slope / half, along)]))
+
+
+def _ends_on_edges(value: Array, slope: Array, most: Array) -> tuple[Array, Array]:
+    """Both ends of where |value + slope.e| <= most on each edge of [-1, 1]^3, (24, 3), and whether there are any."""
+    others = _OTHERS.astype(slope.dtype)
+    rest = value + jnp.sum(others * slope, axis=1)
+    along = slope[_AXIS]
     safe = jnp.where(along != 0, along, 1.0)
     ends = jnp.stack([(-most - rest) / safe, (most - rest) / safe])
-    within = jnp.abs(rest) <= most
-    ends = jnp.where(along != 0, ends, jnp.where(within, jnp.asarray([-1.0, 1.0], ends.dtype), 2.0))
-    low, high = jnp.min(ends), jnp.max(ends)
+    whole = jnp.where(jnp.abs(rest) <= most, np.array([[-1.0], [1.0]], slope.dtype), 2.0)
+    ends = jnp.where(along != 0, ends, whole)
+    low, high = jnp.min(ends, axis=0), jnp.max(ends, axis=0)
     room = 1 + gamma(8, ends.dtype)
     there = (low <= room) & (high >= -room)
-    clipped = jnp.clip(jnp.stack([low, high]), -1.0, 1.0)
-    rows = jnp.zeros((2, 3), ends.dtype).at[:, axis].set(clipped)
-    rows = rows.at[:, others[0]].set(first).at[:, others[1]].set(second)
-    return rows, jnp.stack([there, there])
+    clipped = jnp.clip(jnp.stack([low, high], axis=1), -1.0, 1.0)
+    rows = jnp.where(others[:, None] == 0, clipped[..., None], others[:, None])
+    return rows.reshape(-1, 3), jnp.repeat(there, 2)

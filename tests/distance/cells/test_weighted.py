@@ -1,5 +1,7 @@
 """Means, shares and quantiles enclose what weights and values within their bounds can give."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,18 @@ def test_shares_and_quantiles_of_all_choices_are_within_the_bounds(seed):
             exact = x[order][np.argmax(np.cumsum(w[order]) >= q * np.sum(w) * (1 - 1e-13))]
             low, high = quantile_bounds(weights, lower, upper, q)
             assert low <= exact <= high
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_upper_bound_of_a_share_counts_the_rounding_of_a_difference(seed):
+    random = np.random.default_rng(seed)
+    weights, holds = (
+        np.append(1.0, random.uniform(size=2) * 10.0 ** -random.uniform(1, 4)),
+        np.array([True, True, False]),
+    )
+    exact = sum(map(Fraction, weights[holds].tolist())) / sum(map(Fraction, weights.tolist()))
+    low, high = share_bounds(Weights(weights, weights), holds, holds)
+    assert low <= exact <= high
 
 
 def test_what_has_no_upper_bound_leaves_the_mean_without():

@@ -2,8 +2,6 @@
 
 import dataclasses
 import os
-import subprocess
-import sys
 
 import equinox as eqx
 import jax
@@ -15,6 +13,7 @@ import jhd
 from jhd.distance.certificate.certificate import Certificate, certify
 from tests.cases import CASES
 from tests.distance.pairs import BY_NAME, both, is_quick
+from tests.processes import python
 
 # Pairs of the few programs that quick tests compile, one of each kind of difficulty.
 QUICK = ["arch_and_wave", "circle_in_ellipse", "segment_to_points", "halved_wave", "arch_and_wave_small"]
@@ -154,8 +153,7 @@ def test_single_precision_has_certificates_too():
         "print(p.lower == float(s.lower), p.upper == float(s.upper), c.matches(a, b))"
     )
     environment = {**os.environ, "JAX_ENABLE_X64": "0"}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
-    assert (done.stdout.split(), done.returncode) == (["True"] * 3, 0), done.stderr
+    assert python("-c", code, env=environment).stdout.split() == ["True"] * 3
 
 
 @pytest.mark.slow

@@ -2,8 +2,6 @@
 
 import dataclasses
 import os
-import subprocess
-import sys
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +14,7 @@ from jhd.distance.certificate.host import plain_shape
 from jhd.distance.certificate.multipliers import multipliers
 from jhd.distance.certificate.sides import ShapeSide
 from tests.distance.certificate.made import sampled, sampled_distance
+from tests.processes import python
 
 KINDS = ("points", "curve", "mesh", "patch", "rational")
 # Pairs of meshes and points, whose searches are quick.
@@ -57,10 +56,9 @@ def test_points_and_a_mesh_have_a_certificate_both_ways(tmp_path):
     a, b = shape("points", 1), shape("mesh", 2)
     certificate = checked(a, b, jhd.hausdorff(a, b))
     certificate.save(tmp_path / "proof.json.gz")
-    command = [sys.executable, "-I", "-S", os.path.dirname(verification.__file__), str(tmp_path / "proof.json.gz")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env={})
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == f"proven: {command[-1]}: {verification.sentence(certificate.verify())}\n"
+    file = str(tmp_path / "proof.json.gz")
+    done = python("-I", "-S", os.path.dirname(verification.__file__), file, env={})
+    assert done.stderr == "" and done.stdout == f"proven: {file}: {verification.sentence(certificate.verify())}\n"
 
 
 def test_a_witness_on_the_third_side_of_a_triangle_is_one_of_it():

@@ -60,6 +60,7 @@ def test_the_farthest_point_of_a_surface_may_lie_on_faces_of_its_box():
     assert proven.upper is not None and proven.lower <= exact <= proven.upper <= proven.lower + 10 * SLACK
 
 
+@pytest.mark.slow  # programs of its own
 def test_a_nearest_place_may_lie_next_to_a_face_of_the_box():
     # No way across the surface that leaves the box proves a zero; the place on the face is as near but for rounding.
     point, bent = jhd.points([[0.25, -0.5, 1.0]]), flat(0, "z - {0} - x^2/3 - y/7")

@@ -5,7 +5,6 @@ import gzip
 import json
 import math
 import shutil
-import subprocess
 import sys
 from fractions import Fraction
 from pathlib import Path
@@ -33,6 +32,7 @@ from tests.distance.certificate.made import (
     sampled_distance,
     square,
 )
+from tests.processes import python
 
 FOLDER = Path(verification.__file__).parent
 # What every number of a certificate is moved by in turn.
@@ -397,8 +397,7 @@ def test_the_checker_imports_nothing_but_the_standard_library_and_itself():
 
 def run(folder, *arguments):
     """The checker in a copy of its folder that stands alone, without any other package."""
-    command = [sys.executable, "-I", "-S", str(folder / "checker"), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+    return python("-I", "-S", str(folder / "checker"), *map(str, arguments), status=None, cwd=folder)
 
 
 def test_the_checker_is_a_program_that_runs_by_itself(tmp_path):
@@ -433,5 +432,5 @@ def test_its_process_holds_nothing_of_the_package(tmp_path):
         f"try: runpy.run_path({str(FOLDER)!r}, run_name='__main__')\n"
         "except SystemExit as end: print(end.code, any(x in sys.modules for x in ('jax', 'numpy', 'jhd.arrays')))"
     )
-    done = subprocess.run([sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=False)
+    done = python("-I", "-S", "-c", code)
     assert (done.stdout.split()[-2:], done.stderr) == (["0", "False"], "")

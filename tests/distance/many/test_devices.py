@@ -2,7 +2,6 @@
 
 import os
 import socket
-import subprocess
 import sys
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 
 import jhd
 from jhd.distance.many.blocks import Block, CurveRows, _shares
+from tests.processes import at_once
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 8])
@@ -53,19 +53,13 @@ def free_port():
 @pytest.mark.slow
 def test_two_processes_of_three_devices_share_a_table_with_the_bits_of_one():
     env = os.environ | {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": "3"}
-    run = [sys.executable, "-c", _SCRIPT]
     address = f"127.0.0.1:{free_port()}"
-    both = [
-        subprocess.Popen([*run, str(rank), address], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        for rank in range(2)
-    ]
-    answers = [process.communicate(timeout=400) for process in both]
-    assert [process.returncode for process in both] == [0, 0], answers
+    answers = at_once([[sys.executable, "-c", _SCRIPT, str(rank), address] for rank in range(2)], env=env)
     random = np.random.default_rng(1)
     curves = [jhd.BezierSegments(random.standard_normal((1 + k % 5, 4, 2)).cumsum(axis=0)) for k in range(8)]
     alone = jhd.pairwise(curves, curves[:])
     expected = np.stack([alone.value, alone.lower, alone.upper])
-    for out, _ in answers:
+    for out in answers:
         # What connects the processes may print lines of its own.
         (table,) = (line.split()[1] for line in out.splitlines() if line.startswith("table "))
         np.testing.assert_array_equal(np.frombuffer(bytes.fromhex(table)).reshape(3, 8, 8), expected)

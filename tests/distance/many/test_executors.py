@@ -9,6 +9,8 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
+from tests.processes import LONGEST, Terminal, python, started
+
 POSIX = pytest.mark.skipif(os.name != "posix", reason="there is no signal that a process cannot refuse")
 
 # Sets of points take no program of curves, so that a worker is there as soon as it has imported the package.
@@ -92,8 +94,7 @@ def check_same_bytes(tmp_path, body):
     """Runs the script, which leaves two stores, one of threads alone: they hold the same."""
     script = tmp_path / "run.py"
     script.write_text(_BEGIN + body + _END)
-    done = subprocess.run([sys.executable, str(script), str(tmp_path)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-3000:]
+    python(str(script), str(tmp_path))
     whole, other = ({file.name: file.read_bytes() for file in (tmp_path / x).iterdir()} for x in ("whole", "killed"))
     assert len(whole) == 1 + 24 and whole == other
 
@@ -126,21 +127,17 @@ def test_workers_of_mpi_find_the_same_bytes(tmp_path):
 @pytest.mark.slow
 @POSIX
 def test_the_command_line_shows_a_bar_and_ctrl_c_keeps_what_is_done(tmp_path):
-    import pty
-
     random = np.random.default_rng(1)
     for k in range(60):
         np.save(tmp_path / f"{k:02d}.npy", random.standard_normal((20_000, 2)))
-    terminal, behind = pty.openpty()
     command = [sys.executable, "-m", "jhd", "pairwise", str(tmp_path)]
-    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=behind, text=True)
-    os.close(behind)
-    shown = b""
-    while b"distances [" not in shown:
-        shown += os.read(terminal, 1024)
-    running.send_signal(signal.SIGINT)
-    out, _ = running.communicate(timeout=120)
-    os.close(terminal)
+    with (
+        Terminal("distances [") as terminal,
+        started(*command, stdout=subprocess.PIPE, stderr=terminal.theirs) as running,
+    ):
+        assert terminal.seen()
+        running.send_signal(signal.SIGINT)
+        out, _ = running.communicate(timeout=LONGEST)
     lines = out.splitlines()
     undone = [line for line in lines if line.endswith("\tinterrupted")]
     assert running.returncode == 130 and len(lines) == 60 * 59 // 2

@@ -2,8 +2,6 @@
 
 import json
 import os
-import signal
-import subprocess
 import sys
 import time
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
@@ -15,6 +13,7 @@ import jhd
 from jhd.distance import collections
 from jhd.distance.many import store
 from jhd.solution import names_of
+from tests.processes import LONGEST, ran, started
 
 
 def clouds(seed, count):
@@ -155,15 +154,12 @@ def test_a_group_of_processes_that_is_killed_leaves_a_store_that_ends_with_the_s
     script, killed, whole = tmp_path / "run.py", tmp_path / "killed", tmp_path / "whole"
     script.write_text(_SCRIPT)
     run = [sys.executable, str(script)]
-    began = subprocess.Popen([*run, str(killed)], start_new_session=True)
-    until = time.monotonic() + 240
-    while len(list(killed.glob("part-*.npy"))) < 3 and began.poll() is None and time.monotonic() < until:
-        time.sleep(0.02)
-    os.killpg(began.pid, signal.SIGKILL)
-    began.wait()
+    with started(*run, str(killed)) as began:
+        until = time.monotonic() + LONGEST
+        while len(list(killed.glob("part-*.npy"))) < 3 and began.poll() is None and time.monotonic() < until:
+            time.sleep(0.02)
     done = len(list(killed.glob("part-*.npy")))
     assert 3 <= done < 40
-    again = subprocess.run([*run, str(killed)], capture_output=True, text=True, check=True)
-    assert 0 < int(again.stdout) < 40 * 39 // 2
-    subprocess.run([*run, str(whole)], capture_output=True, check=True)
+    assert 0 < int(ran(*run, str(killed)).stdout) < 40 * 39 // 2
+    ran(*run, str(whole))
     assert contents(killed) == contents(whole)

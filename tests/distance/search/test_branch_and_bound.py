@@ -1,8 +1,6 @@
 """Certified distances: lower <= exact <= upper with no tolerance and no exception, and what the search costs."""
 
 import os
-import subprocess
-import sys
 from fractions import Fraction
 from functools import cache
 
@@ -17,6 +15,7 @@ from jhd.solution import name_of
 from tests import reference
 from tests.cases import CASES, EVENTS
 from tests.distance import exact, pairs
+from tests.processes import python
 
 # The default tolerance, in diagonals.
 GAP = 1e-10
@@ -196,10 +195,7 @@ for name in {names!r}:
 @pytest.mark.slow
 def test_bounds_hold_in_single_precision():
     environment = {**os.environ, "JAX_ENABLE_X64": "0"}
-    program = [sys.executable, "-c", SINGLE.format(names=SAME)]
-    done = subprocess.run(program, env=environment, capture_output=True, text=True, timeout=500)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert len(done.stdout.split()) >= 20
+    assert len(python("-c", SINGLE.format(names=SAME), env=environment).stdout.split()) >= 20
 
 
 # Input on which several cells followed one wrong foot until they could not be cut any more.

@@ -6,7 +6,6 @@ import pytest
 
 import jhd
 from jhd.distance.search import farthest_place
-from jhd.distance.search.closest import ClosestSearch
 from jhd.distance.search.closest_triangles import TriangleSearch
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd.distance.search.farthest_place import FarthestSearch
@@ -75,10 +74,11 @@ FARTHEST = {
 }
 # From points the first block of them is always measured.
 FEWEST = {"to points": 1}
-KINDS = [pytest.param(kind, marks=pytest.mark.slow if kind == "from points" else ()) for kind in FARTHEST]
+# Quick tests of polynomial surfaces alone interrupt their search too.
+KINDS = [pytest.param(kind, marks=pytest.mark.slow if kind in ("from points", "surfaces") else ()) for kind in FARTHEST]
 APART = [5.0, 1.0, 0.5]
 CLOSEST = {
-    "nets": (ClosestSearch, (jhd.BezierCurve(ARCH), jhd.BezierCurve(ARCH * [1, -1] + [0.1, 2.5]))),
+    "nets": (InTurn, (jhd.BezierCurve(ARCH), jhd.BezierCurve(ARCH * [1, -1] + [0.1, 2.5]))),
     "surfaces": (InTurn, spheres()),
     "meshes": (TriangleSearch, (torus(12, 8), torus(10, 7).transform(np.eye(3), APART))),
 }

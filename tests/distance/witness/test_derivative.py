@@ -1,8 +1,6 @@
 """Derivatives of values, witnesses and projections against central differences, away from ties and at them."""
 
 import os
-import subprocess
-import sys
 from collections import Counter
 
 import equinox as eqx
@@ -14,6 +12,7 @@ import pytest
 import jhd
 from jhd.distance.witness import derivative
 from jhd.solution import name_of
+from tests.processes import python
 
 # Step of the differences, and what is allowed of their error: h^2 times third derivatives, and 1e-15 / h of rounding.
 STEP, FIRST = 1e-5, 1e-6
@@ -289,9 +288,5 @@ def test_two_devices_share_a_batch_and_programs_come_from_the_persistent_cache(t
         "JAX_PLATFORMS": "cpu",
         "XLA_FLAGS": "--xla_force_host_platform_device_count=2",
     }
-    counts = []
-    for _ in range(2):
-        done = subprocess.run([sys.executable, "-c", DEVICES], env=env, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        counts.append(int(done.stdout))
+    counts = [int(python("-c", DEVICES, env=env).stdout) for _ in range(2)]
     assert counts[0] > 0 == counts[1]

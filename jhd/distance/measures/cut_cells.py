@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jhd.distance.frame.net_jets import Net
-from jhd.distance.kinks import OnLines, kinks
-from jhd.distance.quadrature import Nodes, ParameterCells
-from jhd.distance.sight import Seen, Sight
+from jhd.distance.measures.kinks import OnLines, kinks
+from jhd.distance.measures.quadrature import Nodes, ParameterCells
+from jhd.distance.measures.sight import Seen, Sight
 
 # Places of a rule over each part along each parameter, after an even and an odd number of halvings: between the same
 # cuts lines would be the same in a cell and in its part.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.confirmed import Estimated
+from jhd.distance.measures.confirmed import Estimated
 
 
 def chosen(first, second):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.measures import _rounded_outward
+from jhd.distance.measures.measures import _rounded_outward
 from jhd.solution import name_of
 
 ORIGIN = jhd.points([(0.0, 0.0)])

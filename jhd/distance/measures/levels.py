@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.compiled import compiled
-from jhd.distance.confirmed import Estimated
 from jhd.distance.frame.net_jets import Net, jet
-from jhd.distance.quadrature import Nodes, ParameterCells, along, known_along, nodes_of
+from jhd.distance.measures.confirmed import Estimated
+from jhd.distance.measures.quadrature import Nodes, ParameterCells, along, known_along, nodes_of
 
 # Parts of a cell whose ends are looked at, and places of the rule over each for its length.
 _PARTS, _RULE = 8, 6

@@ -15,9 +15,9 @@ from jaxtyping import Array, Float, Int
 from jhd.compiled import compiled
 from jhd.distance.frame.net_jets import Net, part_of
 from jhd.distance.frame.nets import net_of
+from jhd.distance.measures.quadrature import Nodes, known_along
 from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
 from jhd.distance.project import project
-from jhd.distance.quadrature import Nodes, known_along
 from jhd.distance.search.on_patches import NetTarget
 from jhd.distance.search.points import is_points
 from jhd.distance.search.targets import proven_with_derivatives, target_of

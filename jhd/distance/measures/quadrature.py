@@ -3,8 +3,8 @@
 The parameter cells of a are halved until a Lobatto rule over a cell and over its parts agree, for the distance and for
 its square. Where the foot jumps the distance has a kink; cells about it are cut until what they can err by vanishes, so
 on curves value and derivatives come out nearly to rounding. A rule without places at the ends of a cell would not see a
-kink beside them. On surfaces, where kinks are whole curves (jhd.distance.surface_quadrature), this is for a given
-number of places, which ends it; where there is no room for parts, rules of Gauss do with fewer places.
+kink beside them. On surfaces, where kinks are whole curves (jhd.distance.measures.surface_quadrature), this is for a
+given number of places, which ends it; where there is no room for parts, rules of Gauss do with fewer places.
 """
 
 from collections.abc import Callable

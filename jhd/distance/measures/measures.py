@@ -2,7 +2,7 @@
 
 Each has proven bounds, from the cells of jhd.distance.deviation, and a value with a derivative. On points the value is
 that of the distances of all points. Along curves, surfaces and meshes it is an integral over places with fixed
-parameters (jhd.distance.quadrature), and so is its derivative.
+parameters (jhd.distance.measures.quadrature), and so is its derivative.
 
 Source: the partial Hausdorff distance by a quantile is that of Huttenlocher, Klanderman & Rucklidge, Comparing Images
 Using the Hausdorff Distance (1993); the larger of both means is the modified Hausdorff distance of Dubuisson & Jain
@@ -22,22 +22,22 @@ from jaxtyping import Array, Float
 from jhd.arithmetic.scaling import common_exponent, scale_of
 from jhd.arrays import is_traced, is_tracing, real_array
 from jhd.batches import AbstractSolution
-from jhd.distance.confirmed import Estimated
 from jhd.distance.deviation import checked_weights, deviation
 from jhd.distance.deviation_solution import Bounds, Deviation, check_share
 from jhd.distance.frame.attach import carrying
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.hausdorff import directed_hausdorff
-from jhd.distance.level_sets import quantile_over
-from jhd.distance.levels import quantile_along, quantile_beside, quantile_of
-from jhd.distance.measures_in_programs import answer_in_program
+from jhd.distance.measures.confirmed import Estimated
+from jhd.distance.measures.in_programs import answer_in_program
+from jhd.distance.measures.level_sets import quantile_over
+from jhd.distance.measures.levels import quantile_along, quantile_beside, quantile_of
+from jhd.distance.measures.quadrature import along, net_of, nodes_of, resolved
+from jhd.distance.measures.sight import Sight
+from jhd.distance.measures.surface_quadrature import resolved_on_surface
 from jhd.distance.project import project
-from jhd.distance.quadrature import along, net_of, nodes_of, resolved
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.mixes import dtype_of
 from jhd.distance.search.points import is_points
-from jhd.distance.sight import Sight
-from jhd.distance.surface_quadrature import resolved_on_surface
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve

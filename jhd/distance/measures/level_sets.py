@@ -3,8 +3,8 @@
 With M(Q) the area where d <= Q and L all of it, the quantile solves M(Q) = q L. The curve d = Q moves with the shapes
 by the change of d over its slope, so each place where a line of a cut rule passes the level counts with w = density /
 slope, and dQ = (q dL - dM + sum w dd) / sum w, where dM is that of the area below at fixed parameters, as along curves
-(jhd.distance.levels). Only cells that the level may pass are looked at closely: the distance changes by no more than
-the place does.
+(jhd.distance.measures.levels). Only cells that the level may pass are looked at closely: the distance changes by no
+more than the place does.
 """
 
 from typing import Any, NamedTuple
@@ -14,13 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.distance.confirmed import Estimated
-from jhd.distance.cut_cells import CellNodes, Looked
 from jhd.distance.frame.net_jets import Net
-from jhd.distance.level_cuts import cut_at_level
-from jhd.distance.levels import quantile_beside, quantile_of
-from jhd.distance.quadrature import Nodes, ParameterCells, along, halved, known_along, nodes_of, whole
-from jhd.distance.sight import Sight
+from jhd.distance.measures.confirmed import Estimated
+from jhd.distance.measures.cut_cells import CellNodes, Looked
+from jhd.distance.measures.level_cuts import cut_at_level
+from jhd.distance.measures.levels import quantile_beside, quantile_of
+from jhd.distance.measures.quadrature import Nodes, ParameterCells, along, halved, known_along, nodes_of, whole
+from jhd.distance.measures.sight import Sight
 
 # Places of the rule along each parameter where no curve cuts, and halvings of pieces to begin with at most.
 _RULE, _FIRST = 6, 3

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int
 
-from jhd.distance.cut_cells import CellLines, CellNodes, Looked, cut_lines, kind_of, parts_of, ruled
-from jhd.distance.kinks import OnLines, meeting
-from jhd.distance.quadrature import Nodes, ParameterCells
+from jhd.distance.measures.cut_cells import CellLines, CellNodes, Looked, cut_lines, kind_of, parts_of, ruled
+from jhd.distance.measures.kinks import OnLines, meeting
+from jhd.distance.measures.quadrature import Nodes, ParameterCells
 
 # Parts of a line at whose ends the distance is looked at.
 _PARTS = 4

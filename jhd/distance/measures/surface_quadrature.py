@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jhd.distance.cut_cells import CellNodes, Looked, cut_at_kinks
 from jhd.distance.frame.net_jets import Net
-from jhd.distance.quadrature import Nodes, ParameterCells, halved, nodes_of, whole
-from jhd.distance.sight import Seen, Sight
+from jhd.distance.measures.cut_cells import CellNodes, Looked, cut_at_kinks
+from jhd.distance.measures.quadrature import Nodes, ParameterCells, halved, nodes_of, whole
+from jhd.distance.measures.sight import Seen, Sight
 
 # Places of the rule along each parameter.
 _RULE = 6
