@@ -21,7 +21,7 @@ from jhd.distance.search.active_feet import active_feet
 from jhd.distance.search.cell_feet import put, spread
 from jhd.distance.search.followed_cells import FollowedFeet
 from jhd.distance.search.followed_graphs import FollowedGraphs
-from jhd.distance.search.polished_place import PlaceOnPiece, SharpenedPlace, polished
+from jhd.distance.search.polished_place import About, PlaceOnPiece, SharpenedPlace, polished
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, on_device
@@ -96,6 +96,7 @@ class FarthestSearch(AbstractSearch):
         max_steps: most steps.
         followed: bounds that cost more and are closer, or None.
         graphs: the same of polynomial surfaces, or None.
+        about: a place with what follows its feet, or None.
     """
 
     first_steps = _FIRST_STEPS
@@ -111,8 +112,9 @@ class FarthestSearch(AbstractSearch):
         max_steps: int,
         followed: FollowedFeet | None = None,
         graphs: FollowedGraphs | None = None,
+        about: About | None = None,
     ):
-        self._followed, self._graphs = followed, graphs
+        self._followed, self._graphs, self._on_piece = followed, graphs, about
         self._source, self._target, self._frame, self._moved, self._allowed = source, target, frame, moved, allowed
         level, ceiling = (np.asarray(x, float) for x in aim)
         # Bounds here are off by as much as the coordinates are.
@@ -357,8 +359,7 @@ class FarthestSearch(AbstractSearch):
 
     def _about(self, place: PlaceFound) -> PlaceOnPiece | None:
         """The place on a parametric piece, where its feet are followed."""
-        follows = self._graphs if self._followed is None else self._followed
-        return None if follows is None or not np.all(np.isfinite(place.x)) else follows.about(place)
+        return self._on_piece(place) if self._on_piece is not None and np.all(np.isfinite(place.x)) else None
 
     def _active(self, place: PlaceFound, gap: float) -> tuple[FootRows, np.ndarray, bool]:
         """The feet that count at a place, their multipliers, and whether it lies on a border."""

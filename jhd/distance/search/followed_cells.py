@@ -37,7 +37,7 @@ from jhd.distance.frame.curves import padded_count
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.nets import repeated
 from jhd.distance.nearest.target import AbstractTarget, FootRows
-from jhd.distance.search.polished_place import PlaceOnPiece
+from jhd.distance.search.polished_place import PlaceOnPiece, place_of
 from jhd.distance.search.rows import each, in_blocks, in_groups
 from jhd.distance.search.sources import CellRows
 
@@ -106,7 +106,7 @@ class FollowedFeet:
     """
 
     def __init__(self, a: Net | Triangles, b: Net | Triangles, target: AbstractTarget):
-        self._target, self.shapes = target, (_padded(a), _padded(b))
+        self._target, self.shapes = target, (padded_pieces(a), padded_pieces(b))
         self._long, self._most_cuts = _LONG[type(b)], _CUTS[type(b)]
 
     def instead(self, a: Net) -> "FollowedFeet":
@@ -134,7 +134,7 @@ class FollowedFeet:
 
     def about(self, place: Any) -> PlaceOnPiece:
         """A place of a, with what moves its feet and itself."""
-        return PlaceOnPiece(self.shapes, place.piece, place.x)
+        return place_of(self.shapes, place)
 
     def _bounded(self, parts: Simplices, feet: FeetOfParts, goal: np.ndarray, cuts: int = 0) -> np.ndarray:
         """Bounds of parts, which are cut so often already."""
@@ -291,7 +291,7 @@ def corners_of(cells: CellRows, flat: bool) -> np.ndarray:
     return np.stack([first, np.stack([high, *mixed], axis=1)], axis=1)
 
 
-def _padded(shape: Net | Triangles) -> Net | Triangles:
+def padded_pieces(shape: Net | Triangles) -> Net | Triangles:
     """The shape with as many pieces as programs are compiled for."""
     if isinstance(shape, Net):
         return repeated(shape)

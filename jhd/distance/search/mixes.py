@@ -1,5 +1,6 @@
 """Directed distances of shapes of any two kinds: which search serves, its frame and its tolerance."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -22,7 +23,7 @@ from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.cell_heights import CellHeights
 from jhd.distance.search.closest_triangles import as_mesh
 from jhd.distance.search.farthest_place import FarthestSearch
-from jhd.distance.search.followed_cells import FollowedFeet
+from jhd.distance.search.followed_cells import FollowedFeet, padded_pieces
 from jhd.distance.search.followed_graphs import FollowedGraphs
 from jhd.distance.search.from_points import PointSearch
 from jhd.distance.search.from_program import AnswerForm, from_program
@@ -32,6 +33,7 @@ from jhd.distance.search.meshes import mesh_directed
 from jhd.distance.search.on_patches import NetTarget
 from jhd.distance.search.on_surfaces import SurfaceTarget
 from jhd.distance.search.points import is_points
+from jhd.distance.search.polished_place import About, place_of
 from jhd.distance.search.search import AbstractSearch, Listener, drive
 from jhd.distance.search.sources import AbstractSource, NetSource
 from jhd.distance.search.surface_source import SurfaceSource
@@ -144,14 +146,21 @@ def _farthest(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> FarthestSearc
 
 def _followed(
     a: Any, b: Any, pair: Together, target: AbstractTarget
-) -> tuple[FollowedFeet | None, FollowedGraphs | None]:
-    """Bounds by feet that are followed on pieces of b, over those of a or over graphs, as both shapes allow it."""
+) -> tuple[FollowedFeet | None, FollowedGraphs | None, About | None]:
+    """Bounds by feet followed on pieces of b, over those of a or over graphs, and places with feet that are followed.
+
+    Each as both shapes allow it.
+    """
     first, second = _pieces(a, pair.a), _pieces(b, pair.b)
-    if second is None:
-        return None, None
     if isinstance(pair.a, Side):
-        return None, FollowedGraphs(pair.a, second, target)
-    return (None if first is None else FollowedFeet(first, second, target)), None
+        graphs = None if second is None else FollowedGraphs(pair.a, second, target)
+        return None, graphs, None if graphs is None else graphs.about
+    if first is not None and second is not None:
+        followed = FollowedFeet(first, second, target)
+        return followed, None, followed.about
+    # A polynomial surface has no pieces, but feet.
+    both = None if first is None or not isinstance(pair.b, Side) else (padded_pieces(first), pair.b)
+    return None, None, None if both is None else partial(place_of, both)
 
 
 def heights_of(a: Any, b: Any, pair: Together, target: AbstractTarget) -> CellHeights | None:

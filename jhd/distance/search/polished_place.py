@@ -1,15 +1,16 @@
-"""The farthest place to full precision, where both shapes are parametric or triangles: a proposal, nothing is proven.
+"""The farthest place to full precision, on a parametric piece or a triangle: a proposal, nothing is proven.
 
 A search knows its place to about the root of the gap. Let d_k be the distances of a(x) to the feet that count, each
-followed on its piece of b, g_k their gradients in the parameters x of a, and Z directions along the sides of the domain
-that hold x. At the maximum of the smallest of them all d_k are equal and sum l_k Z g_k = 0 with multipliers l_k of sum
-one. Newton's method takes the second derivatives of sum l_k d_k from differences of the gradients, which the envelope
-theorem gives without any derivatives of the feet.
+followed on its piece of b, or on a polynomial surface, g_k their gradients in the parameters x of a, and Z directions
+along the sides of the domain that hold x. At the maximum of the smallest of them all d_k are equal and
+sum l_k Z g_k = 0 with multipliers l_k of sum one. Newton's method takes the second derivatives of sum l_k d_k from
+differences of the gradients, which the envelope theorem gives without any derivatives of the feet.
 
 Source: conditions of Karush, Kuhn and Tucker, and Newton's method on them, as in Nocedal & Wright, Numerical
 Optimization (2006), chapters 12 and 18.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -19,11 +20,15 @@ from jaxtyping import Array
 from jhd.compiled import compiled
 from jhd.distance.cells.foot_maps import Triangles, foot_near, place_on
 from jhd.distance.frame.net_jets import Net, jet
+from jhd.distance.frame.surfaces import Side
+from jhd.distance.nearest.places import local_feet
 from jhd.distance.nearest.target import FootRows
 from jhd.distance.search.rows import each, in_blocks
 
 # Newton steps; the first that is longer than this share of the domain ends them, and the first that is shorter.
 _STEPS, _LONGEST, _SHORTEST = 6, 0.05, 1e-15
+# Newton steps towards a foot on a polynomial surface.
+_FOOT_STEPS = 8
 # Of the domain, the steps of differences of gradients.
 _STEP = 1e-4
 # Slopes outwards of this share of the longest gradient hold a place at a side.
@@ -44,7 +49,7 @@ class PlaceOnPiece(NamedTuple):
     """A place on a piece of a parametric shape or a mesh.
 
     Args:
-        shapes: that one and the other one, nets or triangles.
+        shapes: that one and the other one: nets or triangles, the latter a polynomial surface too.
         piece: which piece.
         x: its parameters; of triangles the last two barycentric coordinates.
     """
@@ -55,13 +60,23 @@ class PlaceOnPiece(NamedTuple):
 
     def moved(self, feet: FootRows) -> FootRows:
         """Feet on the pieces where they are, moved to where they are nearest to the place."""
-        known = feet.segment >= 0
+        known = np.isfinite(feet.error)
         there = feet.map(lambda x: x[known])
         found = _followed(self.shapes, self.piece, self.x[None], there)
         feet = feet.map(np.array)
         feet.point[known] = found.foot[0]
-        feet.t[known, : found.t.shape[2]] = found.t[0]
+        if not isinstance(self.shapes[1], Side):
+            feet.t[known, : found.t.shape[2]] = found.t[0]
         return feet
+
+
+# A place that a search has found with what follows its feet, if there is anything to follow them on.
+About = Callable[[Any], PlaceOnPiece | None]
+
+
+def place_of(shapes: Any, found: Any) -> PlaceOnPiece:
+    """A place that a search has found, on its piece of the first of two shapes."""
+    return PlaceOnPiece(shapes, found.piece, found.x)
 
 
 class SharpenedPlace(NamedTuple):
@@ -143,7 +158,8 @@ def _followed(shapes: Any, piece: int, x: np.ndarray, feet: FootRows) -> _Follow
     count, many = len(x), len(feet.segment)
     rows = np.repeat(x, many, axis=0)
     segment = np.tile(feet.segment, count)
-    start = np.tile(feet.t[:, : shapes[1].parameters].astype(x.dtype), (count, 1))
+    t = feet.point if isinstance(shapes[1], Side) else feet.t[:, : shapes[1].parameters]
+    start = np.tile(t.astype(x.dtype), (count, 1))
     found = in_blocks(_followed_to, shapes, np.full(len(rows), piece), rows, segment, start)
     point, tangents, foot, t = (np.reshape(y, (count, many, *y.shape[1:])) for y in found)
     apart = point.astype(np.float64) - foot
@@ -158,6 +174,9 @@ def _followed_to(shapes: Any, count: Array, piece: Array, x: Array, segment: Arr
 
     def one(k: Array, x: Array, segment: Array, start: Array) -> tuple[Array, ...]:
         point, tangents = _point_and_tangents(a.piece(k), x)
+        if isinstance(b, Side):
+            foot = local_feet(b, point[:, None], start[:, None], _FOOT_STEPS)[:, 0]
+            return point, tangents, foot, foot
         foot = foot_near(b.piece(segment), point, start)
         return point, tangents, place_on(b.piece(segment), foot), foot
 

@@ -10,6 +10,7 @@ import pytest
 import jhd
 from jhd.distance.search.targets import target_of
 from jhd.solution import RESULTS, name_of
+from tests.differences import differences
 
 RNG = np.random.default_rng(20)
 # A square of side 3 in the plane z = 0: these floats are exact.
@@ -131,20 +132,6 @@ def test_surfaces_are_refused_where_they_have_no_point_and_methods_where_they_se
 
 
 STEP = 1e-4
-# Of the differences over one and two steps such that their terms of third order cancel: where feet are known to 1e-13,
-# differences of second order know a derivative to 1e-8 at best, these to 1e-9.
-CENTRAL = {1: 2 / 3, 2: -1 / 12}
-
-
-def differences(function, arrays, directions):
-    """The derivatives of what the function returns, to fourth order in the step."""
-
-    def at(steps):
-        moved = [x + steps * STEP * d for x, d in zip(arrays, directions, strict=True)]
-        return [np.asarray(x) for x in function(*moved)]
-
-    pairs = [(share, at(steps), at(-steps)) for steps, share in CENTRAL.items()]
-    return [sum(share * (x[k] - y[k]) for share, x, y in pairs) / STEP for k in range(len(pairs[0][1]))]
 
 
 def on_patch(points, net):
@@ -172,7 +159,7 @@ def test_derivatives_of_nearest_points_are_those_of_differences_and_the_same_und
     arrays = [jnp.asarray(x) for x in arrays]
     directions = [jnp.asarray(RNG.normal(size=x.shape)) for x in arrays]
     value, change = jax.jvp(function, arrays, directions)
-    for moved, seen in zip(change, differences(function, arrays, directions), strict=True):
+    for moved, seen in zip(change, differences(function, arrays, directions, STEP), strict=True):
         np.testing.assert_allclose(moved, seen, atol=1e-10)
     compiled = jax.jit(jax.value_and_grad(lambda *x: jnp.sum(function(*x)[0]), tuple(range(len(arrays)))))(*arrays)
     np.testing.assert_allclose(compiled[0], np.sum(value[0]), rtol=1e-14)
@@ -182,7 +169,7 @@ def test_derivatives_of_nearest_points_are_those_of_differences_and_the_same_und
     np.testing.assert_allclose(alone, value[0], rtol=1e-14)
     gradient = jax.grad(lambda p: function(p, *arrays[1:])[0])
     bent = jax.jvp(gradient, (arrays[0][0],), (directions[0][0],))[1]
-    (seen,) = differences(lambda p: [gradient(p)], [arrays[0][0]], [directions[0][0]])
+    (seen,) = differences(lambda p: [gradient(p)], [arrays[0][0]], [directions[0][0]], STEP)
     np.testing.assert_allclose(bent, seen, atol=1e-9)
 
 
