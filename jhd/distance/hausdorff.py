@@ -41,8 +41,7 @@ def directed_hausdorff(
 
     The value is differentiable in all arrays of both shapes: twice between curves, between implicit surfaces, and from
     points to anything but a mesh; once (first derivatives) between meshes, between parametric surfaces and for other
-    shapes of two kinds. There the gradient is good to about the root of the gap (1e-5 by default), as the farthest
-    place is not polished. CubeIntervals() has no derivatives.
+    shapes of two kinds. CubeIntervals() has no derivatives.
 
     Between parametric surfaces, and shapes of two kinds, the cost grows like diagonal / gap where the distance is
     constant over a whole part of a (a shape and its offset); the bounds are then true and wider, as

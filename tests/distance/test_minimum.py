@@ -125,6 +125,15 @@ def test_derivatives_are_the_same_under_jit_and_in_a_batch_and_zero_where_curves
 
 
 @pytest.mark.slow
+def test_derivatives_are_zero_where_a_patch_crosses_a_surface_and_points_meet_but_for_rounding():
+    saddle = ImplicitSurface.parse("z - x*y", [-1, -1, -1], [1, 1, 1])
+    corners = 0.7 * jnp.array([[[-1, -1, -0.5], [-1, 1, 0.3]], [[1, -1, 0.4], [1, 1, -0.7]]])
+    value, slope = jax.value_and_grad(lambda x: minimum_distance(BezierPatch(x), saddle).value)(corners)
+    assert 0 <= float(value) < 1e-14
+    np.testing.assert_array_equal(slope, 0.0)
+
+
+@pytest.mark.slow
 def test_second_derivatives_follow_the_nearest_points():
     def distance(x):
         return minimum_distance(BezierCurve(ARCH), points(jnp.stack([x, jnp.asarray(1.5)])[None])).value

@@ -236,6 +236,41 @@ def test_two_feet_on_one_patch_that_are_equally_near_share_the_derivative(seed):
     assert_derivative_is(change, distance, nets, towards)
 
 
+@pytest.mark.slow
+def test_a_foot_with_a_small_multiplier_is_found_where_the_place_leads_to_it():
+    # At the farthest place, on a side of the patch, another triangle counts with a share of 0.024.
+    rng = np.random.default_rng(1)
+    ends = np.linspace(0, 1, 3), np.linspace(0, 1, 4)
+    grids = [np.stack([*np.meshgrid(x, x, indexing="ij"), 0 * x[:, None] * x], axis=-1) for x in ends]
+    vertices, net = (grid + 0.25 * rng.normal(size=grid.shape) * [0.3, 0.3, 1] for grid in grids)
+    triangles = [[0, 1, 3], [1, 4, 3], [1, 2, 4], [2, 5, 4], [3, 4, 6], [4, 7, 6], [4, 5, 7], [5, 8, 7]]
+
+    def found(net, vertices):
+        return jhd.directed_hausdorff(jhd.BezierPatch(net), jhd.TriangleMesh(vertices, triangles))
+
+    nets = jnp.asarray(net), jnp.asarray(vertices.reshape(-1, 3))
+    np.testing.assert_allclose(np.sort(found(*nets).witness.multipliers)[-2:], [0.024, 0.976], atol=1e-3)
+    towards = tuple(jnp.asarray(np.random.default_rng(4).normal(size=x.shape)) for x in nets)
+    change = jax.jvp(lambda *x: found(*x).value, nets, towards)[1]
+    assert_derivative_is(change, lambda *x: found(*x).value, nets, towards)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 7])
+def test_a_place_on_a_face_of_the_box_is_as_far_from_two_points(seed):
+    surface = jhd.ImplicitSurface.parse("x**2 + 2*y**2 + z**2 + x*y*z/2 - 1", [-2, -2, -0.5], [2, 2, 0.5])
+
+    def found(points):
+        return jhd.directed_hausdorff(surface, jhd.points(points))
+
+    points = jnp.asarray(np.random.default_rng(seed).normal(size=(5, 3)))
+    witness = found(points).witness
+    assert float(witness.point[2]) == 0.5 and np.count_nonzero(np.asarray(witness.multipliers)) == 2
+    towards = (jnp.asarray(np.random.default_rng(4).normal(size=points.shape)),)
+    change = jax.jvp(lambda x: found(x).value, (points,), towards)[1]
+    assert_derivative_is(change, lambda x: found(x).value, (points,), towards)
+
+
 def test_triangles_that_meet_at_a_small_angle_share_the_derivative():
     # Two patches above a valley; the slope of the one is a quarter of that of the other.
     high, along, up = 6e-4, 0.005, 0.02

@@ -17,11 +17,11 @@ from jhd.arithmetic.rounding import cast, unit_roundoff
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame, user_length
 from jhd.distance.nearest.target import AbstractTarget, FootRows, ProvenFeet
-from jhd.distance.search.active_feet import active_feet
 from jhd.distance.search.cell_feet import put, spread
+from jhd.distance.search.farther_places import FartherPlaces, PlaceFound
 from jhd.distance.search.followed_cells import FollowedFeet
 from jhd.distance.search.followed_graphs import FollowedGraphs
-from jhd.distance.search.polished_place import About, PlaceOnPiece, SharpenedPlace, polished
+from jhd.distance.search.polished_place import About
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, on_device
@@ -30,8 +30,6 @@ from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 _BATCH, _WAITING = 1 << 13, 1 << 20
 # What is counted: steps, cells bounded, and cells that wait.
 COUNTS = "steps", "cells", "waiting"
-# A place counts as farther where only this share of the distance is missing.
-_AS_FAR = 1e-14
 # Steps of the first stretch, and the seconds after which any of them ends with the step that it is in.
 _FIRST_STEPS, _SECONDS = 24, 0.2
 # The step after which the place is first polished with all its feet; then after twice as many, and so on.
@@ -42,18 +40,6 @@ _POLISHED_FROM = 4
 _PROVEN, _MENDED_FROM = 256, 16
 # The share of the tolerance that the bounds of a measured place may take.
 _MEASURED = 0.05
-
-
-class PlaceFound(NamedTuple):
-    """The farthest place found: piece, parameters, point and its error, foot (one row), proven bound, distance."""
-
-    piece: int
-    x: np.ndarray
-    point: np.ndarray
-    foot: FootRows
-    lower: float
-    distance: float
-    radius: float
 
 
 class _Waiting(NamedTuple):
@@ -94,9 +80,9 @@ class FarthestSearch(AbstractSearch):
         allowed: the gap that may stay at a lower bound.
         aim: what of the distance matters.
         max_steps: most steps.
+        about: see FartherPlaces.
         followed: bounds that cost more and are closer, or None.
         graphs: the same of polynomial surfaces, or None.
-        about: a place with what follows its feet, or None.
     """
 
     first_steps = _FIRST_STEPS
@@ -110,11 +96,11 @@ class FarthestSearch(AbstractSearch):
         allowed: Callable[[float], float],
         aim: Aim,
         max_steps: int,
+        about: About,
         followed: FollowedFeet | None = None,
         graphs: FollowedGraphs | None = None,
-        about: About | None = None,
     ):
-        self._followed, self._graphs, self._on_piece = followed, graphs, about
+        self._places, self._followed, self._graphs = FartherPlaces(source, target, about), followed, graphs
         self._source, self._target, self._frame, self._moved, self._allowed = source, target, frame, moved, allowed
         level, ceiling = (np.asarray(x, float) for x in aim)
         # Bounds here are off by as much as the coordinates are.
@@ -297,19 +283,7 @@ class FarthestSearch(AbstractSearch):
         """A new place moved to where its distance is largest, as long as the same foot is the nearest."""
         if best is None or best is before or self._followed is None:
             return best
-        return self._moved_to(best, polished(self._followed.about(best), best.foot, np.ones(1)))
-
-    def _moved_to(self, best: PlaceFound, found: SharpenedPlace | None) -> PlaceFound:
-        """The place that was found, proven; the one that is known where that is not farther."""
-        if found is None:
-            return best
-        found, radius = self._source.proven(found, best.radius)
-        there = self._target.nearest(found.point[None], close=self._close(best))
-        if not (float(there.distance[0]) >= best.distance * (1 - _AS_FAR) and np.isfinite(radius)):
-            return best
-        lower = max((float(there.lower[0]) - radius) * (1 - 4e-16), best.lower)
-        foot, distance = self._target.rows_of(there), float(there.distance[0])
-        return PlaceFound(best.piece, found.x, found.point, foot, lower, distance, radius)
+        return self._places.with_its_foot(best, self._close(best))
 
     def _solution(self, state: _FarthestState) -> HausdorffSolution:
         """The solution in the user's coordinates."""
@@ -351,25 +325,7 @@ class FarthestSearch(AbstractSearch):
 
     def _polished(self, state: _FarthestState, best: PlaceFound) -> PlaceFound:
         """The farthest place to full precision, proven again; the one that is known where that is not farther."""
-        about = self._about(best)
-        if about is None or best.lower <= 0 or not np.isfinite(self._upper(state)):
-            return best
-        feet, shares = self._active(best, self._upper(state) - best.lower)[:2]
-        return self._moved_to(best, polished(about, feet, shares))
-
-    def _about(self, place: PlaceFound) -> PlaceOnPiece | None:
-        """The place on a parametric piece, where its feet are followed."""
-        return self._on_piece(place) if self._on_piece is not None and np.all(np.isfinite(place.x)) else None
-
-    def _active(self, place: PlaceFound, gap: float) -> tuple[FootRows, np.ndarray, bool]:
-        """The feet that count at a place, their multipliers, and whether it lies on a border."""
-        nowhere = np.zeros((0, 3))
-        known = np.all(np.isfinite(place.x))
-        free, into = self._source.rays(place.piece, place.x) if known else (nowhere, nowhere)
-        about = self._about(place)
-        follow = None if about is None else about.moved
-        feet, shares = active_feet(self._target, place.point, place.foot, gap, (free, into), follow)
-        return feet, shares, len(into) < len(free)
+        return self._places.with_all_feet(best, self._upper(state) - best.lower, self._close(best))
 
     def _nowhere(self, dtype: Any) -> PlaceFound:
         cells = self._source.cover().take(slice(0, 1))
@@ -381,7 +337,7 @@ class FarthestSearch(AbstractSearch):
     def _witness(self, place: PlaceFound, distance: float, gap: float) -> Witness:
         """All points that are nearest to the place, with multipliers, and how the maximum arises."""
         dtype = self._frame.centre.dtype
-        feet, shares, at_border = self._active(place, gap)
+        feet, shares, at_border = self._places.active(place, gap)
         several = np.count_nonzero(shares) > 1
         event = EVENTS.one_to_two if several else EVENTS.a_end if at_border else EVENTS.b_end
         t, params = self._source.parameters(place.x), self._target.parameters(feet.t)

@@ -37,7 +37,6 @@ from jhd.distance.frame.curves import padded_count
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.nets import repeated
 from jhd.distance.nearest.target import AbstractTarget, FootRows
-from jhd.distance.search.polished_place import PlaceOnPiece, place_of
 from jhd.distance.search.rows import each, in_blocks, in_groups
 from jhd.distance.search.sources import CellRows
 
@@ -131,10 +130,6 @@ class FollowedFeet:
         every = FeetOfParts(feet.segment, feet.t).take(np.repeat(np.arange(len(corners)), many))
         bound = self._bounded(parts, every, goals)
         return np.max(bound.reshape(-1, many), axis=1)
-
-    def about(self, place: Any) -> PlaceOnPiece:
-        """A place of a, with what moves its feet and itself."""
-        return place_of(self.shapes, place)
 
     def _bounded(self, parts: Simplices, feet: FeetOfParts, goal: np.ndarray, cuts: int = 0) -> np.ndarray:
         """Bounds of parts, which are cut so often already."""

@@ -28,7 +28,7 @@ _LANES = 64
 # A graph serves where it is this close, as a share of the size of the cell.
 _CLOSE = 1e-2
 # Half the sides of boxes about a place whose graph is looked for, as shares of the box of the surface.
-_ABOUT = 2.0 ** -np.arange(6.0, 16, 3)
+_ABOUT = 2.0 ** -np.arange(15.0, 5, -3)
 
 
 class FollowedGraphs:
@@ -65,17 +65,19 @@ class FollowedGraphs:
             bound[rows] = (found + away) * (1 + 4 * unit_roundoff(np.float64))
         return bound
 
-    def about(self, place: Any) -> PlaceOnPiece | None:
-        """A place of the surface on the graph about it, if there is one; see FollowedFeet.about."""
-        lower, upper = (np.asarray(end) for end in (self._side.lower, self._side.upper))
-        for share in _ABOUT:
-            half = (share * np.max(upper - lower)).astype(lower.dtype)
-            low, high = np.maximum(place.point - half, lower), np.minimum(place.point + half, upper)
-            points, beside = in_blocks(_graphs, self._side, low[None], high[None])
-            if beside[0] <= _CLOSE * half:
-                x = _parameters(points[0], low, high, place.point)
-                return PlaceOnPiece((Net(points, None), self._feet.shapes[1]), 0, x)
-        return None
+
+def places_on_graphs(side: Side, b: Any, found: Any) -> list[PlaceOnPiece]:
+    """A place of the surface that a search has found on the graphs about it, and the other shape; see PlaceOnPiece.
+
+    The smaller the graph the closer it is to the surface, and the fewer places it leads to.
+    """
+    lower, upper, x = np.asarray(side.lower), np.asarray(side.upper), found.point
+    half = (_ABOUT * np.max(upper - lower)).astype(lower.dtype)[:, None]
+    low, high = np.maximum(x - half, lower), np.minimum(x + half, upper)
+    points, beside = in_blocks(_graphs, side, low, high)
+    close = np.flatnonzero(beside <= _CLOSE * half[:, 0])
+    # Programs take one graph.
+    return [PlaceOnPiece((Net(points[[k]], None), b), 0, _parameters(points[k], low[k], high[k], x)) for k in close]
 
 
 def _parameters(points: np.ndarray, low: np.ndarray, high: np.ndarray, place: np.ndarray) -> np.ndarray:

@@ -53,6 +53,7 @@ from jhd.distance.search.near_pairs import Crossing, NearPairs, around, crossing
 from jhd.distance.search.queued import PART, QueuedSearch
 from jhd.distance.search.search import AbstractSearch, Listener, Progress, drive
 from jhd.distance.search.targets import usable
+from jhd.distance.witness.nets import apart
 from jhd.distance.witness.places import NetRows, moving_place, parts_of
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -385,7 +386,7 @@ def _moving(rows: tuple[Any, Any], constants: tuple[Outcome, MinimumSolution]) -
     """
     found, solution = constants
     n = Net(*rows[0]).parameters if isinstance(rows[0], NetRows) else 3
-    usable = (solution.value > 0) & jnp.isfinite(solution.value)
+    usable = apart(solution, found.best.distance)
     e = jnp.where(usable, found.point_a - found.point_b, 1.0)
     first = moving_place(rows[0], found.best.x[:n], solution.point_a)
     second = moving_place(rows[1], found.best.x[n:], solution.point_b)

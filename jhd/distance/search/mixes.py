@@ -24,7 +24,7 @@ from jhd.distance.search.cell_heights import CellHeights
 from jhd.distance.search.closest_triangles import as_mesh
 from jhd.distance.search.farthest_place import FarthestSearch
 from jhd.distance.search.followed_cells import FollowedFeet, padded_pieces
-from jhd.distance.search.followed_graphs import FollowedGraphs
+from jhd.distance.search.followed_graphs import FollowedGraphs, places_on_graphs
 from jhd.distance.search.from_points import PointSearch
 from jhd.distance.search.from_program import AnswerForm, from_program
 from jhd.distance.search.looked_at import looked_at
@@ -146,21 +146,15 @@ def _farthest(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> FarthestSearc
 
 def _followed(
     a: Any, b: Any, pair: Together, target: AbstractTarget
-) -> tuple[FollowedFeet | None, FollowedGraphs | None, About | None]:
-    """Bounds by feet followed on pieces of b, over those of a or over graphs, and places with feet that are followed.
-
-    Each as both shapes allow it.
-    """
+) -> tuple[About, FollowedFeet | None, FollowedGraphs | None]:
+    """What follows feet of places, and bounds by feet that are followed on pieces of b, over those of a or graphs."""
     first, second = _pieces(a, pair.a), _pieces(b, pair.b)
-    if isinstance(pair.a, Side):
+    feet_on = pair.b if isinstance(pair.b, Side) else None if second is None else padded_pieces(second)
+    if first is None:
         graphs = None if second is None else FollowedGraphs(pair.a, second, target)
-        return None, graphs, None if graphs is None else graphs.about
-    if first is not None and second is not None:
-        followed = FollowedFeet(first, second, target)
-        return followed, None, followed.about
-    # A polynomial surface has no pieces, but feet.
-    both = None if first is None or not isinstance(pair.b, Side) else (padded_pieces(first), pair.b)
-    return None, None, None if both is None else partial(place_of, both)
+        return partial(places_on_graphs, pair.a, feet_on), None, graphs
+    followed = None if second is None else FollowedFeet(first, second, target)
+    return partial(place_of, (padded_pieces(first), feet_on)), followed, None
 
 
 def heights_of(a: Any, b: Any, pair: Together, target: AbstractTarget) -> CellHeights | None:

@@ -1,8 +1,8 @@
 """The farthest place to full precision, on a parametric piece or a triangle: a proposal, nothing is proven.
 
 A search knows its place to about the root of the gap. Let d_k be the distances of a(x) to the feet that count, each
-followed on its piece of b, or on a polynomial surface, g_k their gradients in the parameters x of a, and Z directions
-along the sides of the domain that hold x. At the maximum of the smallest of them all d_k are equal and
+followed on its piece of b or on a polynomial surface (a point stays), g_k their gradients in the parameters x of a, and
+Z directions along the sides of the domain that hold x. At the maximum of the smallest of them all d_k are equal and
 sum l_k Z g_k = 0 with multipliers l_k of sum one. Newton's method takes the second derivatives of sum l_k d_k from
 differences of the gradients, which the envelope theorem gives without any derivatives of the feet.
 
@@ -20,19 +20,19 @@ from jaxtyping import Array
 from jhd.compiled import compiled
 from jhd.distance.cells.foot_maps import Triangles, foot_near, place_on
 from jhd.distance.frame.net_jets import Net, jet
-from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.places import local_feet
 from jhd.distance.nearest.target import FootRows
 from jhd.distance.search.rows import each, in_blocks
 
 # Newton steps; the first that is longer than this share of the domain ends them, and the first that is shorter.
-_STEPS, _LONGEST, _SHORTEST = 6, 0.05, 1e-15
+_STEPS, _LONGEST, _SHORTEST = 8, 0.05, 1e-15
 # Newton steps towards a foot on a polynomial surface.
 _FOOT_STEPS = 8
 # Of the domain, the steps of differences of gradients.
 _STEP = 1e-4
-# Slopes outwards of this share of the longest gradient hold a place at a side.
-_OUTWARD = 1e-6
+# A side this near holds a place where the slope towards it is more than minus this share of the longest gradient; what
+# is nearer lies on it but for rounding.
+_BESIDE, _OUTWARD, _ROUNDED = 1e-6, 1e-6, 1e-15
 
 
 class _Followed(NamedTuple):
@@ -49,7 +49,7 @@ class PlaceOnPiece(NamedTuple):
     """A place on a piece of a parametric shape or a mesh.
 
     Args:
-        shapes: that one and the other one: nets or triangles, the latter a polynomial surface too.
+        shapes: that one, a net or triangles, and the other one, which may be a polynomial surface too; None for points.
         piece: which piece.
         x: its parameters; of triangles the last two barycentric coordinates.
     """
@@ -65,18 +65,18 @@ class PlaceOnPiece(NamedTuple):
         found = _followed(self.shapes, self.piece, self.x[None], there)
         feet = feet.map(np.array)
         feet.point[known] = found.foot[0]
-        if not isinstance(self.shapes[1], Side):
+        if isinstance(self.shapes[1], Net | Triangles):
             feet.t[known, : found.t.shape[2]] = found.t[0]
         return feet
 
 
-# A place that a search has found with what follows its feet, if there is anything to follow them on.
-About = Callable[[Any], PlaceOnPiece | None]
+# A place that a search has found on pieces about it, with what follows its feet; those that are closest come first.
+About = Callable[[Any], list[PlaceOnPiece]]
 
 
-def place_of(shapes: Any, found: Any) -> PlaceOnPiece:
+def place_of(shapes: Any, found: Any) -> list[PlaceOnPiece]:
     """A place that a search has found, on its piece of the first of two shapes."""
-    return PlaceOnPiece(shapes, found.piece, found.x)
+    return [PlaceOnPiece(shapes, found.piece, found.x)]
 
 
 class SharpenedPlace(NamedTuple):
@@ -102,7 +102,7 @@ def polished(place: PlaceOnPiece, feet: FootRows, shares: np.ndarray) -> Sharpen
     for _ in range(_STEPS):
         found = _followed(shapes, piece, (x + steps).astype(dtype), feet)
         gradient, (ahead, behind) = found.gradient[0], np.split(found.gradient[1:], 2)
-        along = _along(shapes[0], x, shares @ gradient, np.max(np.abs(gradient), initial=0.0))
+        x, along = _held(shapes[0], x, shares @ gradient, np.max(np.abs(gradient), initial=0.0))
         if along.shape[1] < len(used) - 1:
             return None
         if not along.shape[1]:
@@ -112,12 +112,10 @@ def polished(place: PlaceOnPiece, feet: FootRows, shares: np.ndarray) -> Sharpen
         step = along @ step
         if not np.all(np.isfinite(step)) or np.max(np.abs(step)) > _LONGEST:
             return None
-        x = x + step
+        # A side that is met holds the place from the next step on, if it still would leave.
+        x = _within(shapes[0], x + step)
         if np.max(np.abs(step)) < _SHORTEST:
             break
-    sides, room = _domain(shapes[0], len(x))
-    if not np.all(sides @ x <= room):
-        return None
     x = x.astype(dtype)
     return SharpenedPlace(x, _followed(shapes, piece, x[None], feet).point[0, 0])
 
@@ -143,14 +141,21 @@ def _domain(a: Net | Triangles, n: int) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([-eye, eye]), np.append(np.zeros(n), np.ones(n))
 
 
-def _along(a: Net | Triangles, x: np.ndarray, slope: np.ndarray, size: float) -> np.ndarray:
-    """Orthonormal directions (parameters, directions) along the sides that hold a place."""
+def _within(a: Net | Triangles, x: np.ndarray) -> np.ndarray:
+    """Parameters moved into the domain, and onto sides that only rounding keeps them from."""
+    x = np.where(np.abs(x - np.round(x)) <= _ROUNDED, np.round(x), np.clip(x, 0.0, 1.0))
+    return np.array([x[0], 1 - x[0]]) if isinstance(a, Triangles) and np.sum(x) > 1 - _ROUNDED else x
+
+
+def _held(a: Net | Triangles, x: np.ndarray, slope: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """The place moved onto the sides that hold it, and orthonormal directions (parameters, directions) along these."""
     sides, room = _domain(a, len(x))
-    held = (room - sides @ x <= 1e-12) & (sides @ slope > -_OUTWARD * size)
+    held = (room - sides @ x <= _BESIDE) & (sides @ slope > -_OUTWARD * size)
     if not np.any(held):
-        return np.eye(len(x))
+        return x, np.eye(len(x))
     values, frame = np.linalg.svd(sides[held])[1:]
-    return frame[np.count_nonzero(values > 1e-9) :].T
+    onto = np.linalg.lstsq(sides[held], (room - sides @ x)[held], rcond=1e-9)[0]
+    return _within(a, x + onto), frame[np.count_nonzero(values > 1e-9) :].T
 
 
 def _followed(shapes: Any, piece: int, x: np.ndarray, feet: FootRows) -> _Followed:
@@ -158,7 +163,7 @@ def _followed(shapes: Any, piece: int, x: np.ndarray, feet: FootRows) -> _Follow
     count, many = len(x), len(feet.segment)
     rows = np.repeat(x, many, axis=0)
     segment = np.tile(feet.segment, count)
-    t = feet.point if isinstance(shapes[1], Side) else feet.t[:, : shapes[1].parameters]
+    t = feet.t[:, : shapes[1].parameters] if isinstance(shapes[1], Net | Triangles) else feet.point
     start = np.tile(t.astype(x.dtype), (count, 1))
     found = in_blocks(_followed_to, shapes, np.full(len(rows), piece), rows, segment, start)
     point, tangents, foot, t = (np.reshape(y, (count, many, *y.shape[1:])) for y in found)
@@ -174,11 +179,11 @@ def _followed_to(shapes: Any, count: Array, piece: Array, x: Array, segment: Arr
 
     def one(k: Array, x: Array, segment: Array, start: Array) -> tuple[Array, ...]:
         point, tangents = _point_and_tangents(a.piece(k), x)
-        if isinstance(b, Side):
-            foot = local_feet(b, point[:, None], start[:, None], _FOOT_STEPS)[:, 0]
-            return point, tangents, foot, foot
-        foot = foot_near(b.piece(segment), point, start)
-        return point, tangents, place_on(b.piece(segment), foot), foot
+        if isinstance(b, Net | Triangles):
+            foot = foot_near(b.piece(segment), point, start)
+            return point, tangents, place_on(b.piece(segment), foot), foot
+        foot = start if b is None else local_feet(b, point[:, None], start[:, None], _FOOT_STEPS)[:, 0]
+        return point, tangents, foot, foot
 
     return each(one, count, (piece, x, segment, start), 8)
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arithmetic.rounding import gamma, smallest_normal
+from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.compiled import compiled
 from jhd.distance.cells.flats import Hulls
 from jhd.distance.cells.surfaces import upper_bounds
@@ -24,6 +24,8 @@ from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, Pl
 
 # Cells done side by side.
 _LANES = 64
+# A place so many roundings from a face of the box is on it.
+_ROUNDED = 64
 # The twelve edges of a box: the axis of each, and the other two coordinates, as rows with a zero at the axis.
 _AXIS = np.repeat(np.arange(3), 4)
 _OTHERS = np.array([np.insert(signs, axis, 0) for axis in range(3) for signs in product((-1, 1), repeat=2)])
@@ -97,8 +99,10 @@ class SurfaceSource(AbstractSource):
 
     def proven(self, place: SharpenedPlace, radius: float) -> tuple[SharpenedPlace, float]:
         """See AbstractSource: of the surface where it is proven, on the faces that the place is on."""
-        point = np.clip(place.point, self._side.lower, self._side.upper)
-        fixed = (point <= self._side.lower) | (point >= self._side.upper)
+        lower, upper, point = self._side.lower, self._side.upper, place.point
+        near = _ROUNDED * unit_roundoff(point.dtype)
+        point = np.where(point <= lower + near, lower, np.where(point >= upper - near, upper, point))
+        fixed = (point <= lower) | (point >= upper)
         found = places_near(self._side, point[None], fixed[None], thorough=True)
         return SharpenedPlace(found.points[0], found.points[0]), float(found.radius[0])
 

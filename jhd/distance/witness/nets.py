@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array
 
+from jhd.arithmetic.rounding import unit_roundoff
 from jhd.arithmetic.scaling import length
 from jhd.arrays import is_traced
 from jhd.distance.cells.pairs import BestPair, derivatives, newton_step
@@ -18,6 +19,8 @@ from jhd.distance.nearest.feet import presses
 from jhd.solution import MinimumSolution
 
 _POLISH = 16
+# Of points in common coordinates, in units of roundoff, what their distance is known to.
+_NOISE = 256
 _NEWTON = optx.Newton(rtol=1e-14, atol=1e-14)
 
 
@@ -49,6 +52,19 @@ def _held(a: Net, b: Net, x: Array) -> Array:
     return presses(x, slope, jnp.sum(jnp.abs(jnp.concatenate([p.first, q.first])), axis=-1))
 
 
+def apart(solution: MinimumSolution, distance: Array) -> Array:
+    """Whether the shapes are proven to be apart, or their nearest points are by more than rounding moves these.
+
+    Elsewhere the direction from one to the other is noise, and derivatives are zero as where shapes meet.
+
+    Args:
+        solution: the distance with its bounds.
+        distance: the same in common coordinates, where both shapes have about the size one.
+    """
+    told = (solution.lower > 0) | (distance > _NOISE * unit_roundoff(distance.dtype))
+    return told & (solution.value > 0) & jnp.isfinite(solution.value)
+
+
 def with_net_derivatives(solution: MinimumSolution, a: Net, b: Net, frame: Frame, best: BestPair) -> MinimumSolution:
     """The solution with its derivatives in both shapes, in the user's coordinates.
 
@@ -60,7 +76,7 @@ def with_net_derivatives(solution: MinimumSolution, a: Net, b: Net, frame: Frame
         return solution
     numbers = {"value": solution.value, "point_a": solution.point_a, "point_b": solution.point_b}
     parts = _piece(a, best.piece_a), _piece(b, best.piece_b)
-    return replace(solution, **following(_moving, numbers, parts, (solution.value, frame, best.x)))
+    return replace(solution, **following(_moving, numbers, parts, (solution, frame, best.x)))
 
 
 def _piece(net: Net, k: Array) -> Net:
@@ -68,9 +84,9 @@ def _piece(net: Net, k: Array) -> Net:
     return Net(*rows)
 
 
-def _moving(pieces: tuple[Net, Net], constants: tuple[Array, Frame, Array]) -> MovingNumbers:
+def _moving(pieces: tuple[Net, Net], constants: tuple[MinimumSolution, Frame, Array]) -> MovingNumbers:
     """Distance and nearest points as functions of both pieces."""
-    value, frame, at = constants
+    solution, frame, at = constants
     n = pieces[0].parameters
     a, b = (Net(frame.moved(piece.points), piece.weights) for piece in pieces)
     pieces = a, b
@@ -82,4 +98,5 @@ def _moving(pieces: tuple[Net, Net], constants: tuple[Array, Frame, Array]) -> M
     p, q = jet(pieces[0], x[:n]).point, jet(pieces[1], x[n:]).point
     scale = frame.scale(p.dtype)
     moving = {"value": length(p - q) / scale, "point_a": p / scale, "point_b": q / scale}
-    return MovingNumbers(moving, dict.fromkeys(moving, value > 0))
+    usable = apart(solution, jax.lax.stop_gradient(length(p - q)))
+    return MovingNumbers(moving, dict.fromkeys(moving, usable))
