@@ -2,8 +2,9 @@
 
 At such a point the polynomial does not change its sign, so neither signs nor enclosures tell whether it is there. About
 a point p write f as v + g.t + t.H t / 2 + G.n + the rest, with t the free coordinates from p, and n >= 0 inward those
-in which p is on a face of the box. With H - m 1 positive definite the rest takes at most m |t|^2 / 4, and less than
-G.n, where the sums of its coefficients say so, in all of a cube about p; there
+in which p is on a face of the box and f rises from it (the other ones are free on a face too). With H - m 1 positive
+definite the rest takes at most m |t|^2 / 4, and less than G.n, where the sums of its coefficients say so, in all of a
+cube about p; there
 
     f >= v - |g| |t| + c |t|^2 + K.n,   c = m / 4,   K > 0.
 
@@ -88,8 +89,10 @@ def _at_first(
     """What is about the first of some places if it is a zero itself."""
     for guess in guesses:
         here = exact_polynomials.substituted(polynomial, guess, [Fraction(1)] * 3)
-        if here[0, 0, 0] == 0 and all(s or _entry(here, axis, 1) == 0 for axis, s in enumerate(inward)):
-            return _about(polynomial, guess, inward, lower, upper)
+        slopes = [_entry(here, axis, 1) for axis in range(3)]
+        if here[0, 0, 0] == 0 and all(s or slope == 0 for s, slope in zip(inward, slopes, strict=True)):
+            rising = [s if slope else 0 for s, slope in zip(inward, slopes, strict=True)]
+            return _about(polynomial, guess, rising, lower, upper)
     return None
 
 
@@ -136,7 +139,8 @@ def _about(
 ) -> IsolatedZero | None:
     """What the expansion about a place proves, see the module; None where that is nothing."""
     free = [axis for axis in range(3) if not inward[axis]]
-    if any(not float(lower[k]) < place[k] < float(upper[k]) for k in free):
+    ends = [(Fraction(float(lower[k])), Fraction(float(upper[k]))) for k in range(3)]
+    if any(not ends[k][0] <= place[k] <= ends[k][1] for k in free):
         return None
     here = exact_polynomials.substituted(polynomial, place, [Fraction(1)] * 3)
     rising = [_entry(here, k, 1) * inward[k] for k in range(3) if inward[k]]
@@ -158,7 +162,8 @@ def _about(
     value = Fraction(int(here[0, 0, 0]), unit)
     slopes = [Fraction(_entry(here, k, 1), unit) for k in free]
     radius = _radius(value, slopes, least / 4, [x / 2 for x in rising])
-    inside = all(min(float(place[k]) - lower[k], upper[k] - float(place[k])) > 2 * radius for k in free)
+    # From a place on a face the box goes on to the other side.
+    inside = all(place[k] in ends[k] or min(place[k] - ends[k][0], ends[k][1] - place[k]) > 2 * radius for k in free)
     thick = all(upper[k] - lower[k] > 2 * radius for k in range(3))
     if radius >= 0.25 * float(half) or not (inside and thick):
         return None

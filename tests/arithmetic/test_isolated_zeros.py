@@ -63,7 +63,20 @@ def test_spheres_that_touch_a_face_an_edge_or_a_corner_of_their_box_from_outside
     assert zero.place == [-1, -1, -1] and zero.there and zero.radius == 0
 
 
+@pytest.mark.parametrize("place", [(1, 0, 0), (1, -1, 0), (1, -1, 1), (-1, 0.25, 0)])
+@pytest.mark.parametrize(
+    "rest", ["", "+ (x - {0}) * (y - {1})", "+ (z - {2}) * (x**2 + 1) * (z - {2}) - (y - {1})**3 / 8"]
+)
+def test_a_point_on_faces_from_which_the_polynomial_rises_by_its_curvature(place, rest):
+    text = ("(x - {0})**2 + (y - {1})**2 + 2*(z - {2})**2" + rest).format(*place)
+    (zero,) = found_in(text, [-1] * 3, [1] * 3)
+    assert zero.place == list(place) and zero.there and zero.radius == 0 and zero.half > 0.05
+
+
 def test_what_is_no_single_point_is_not_taken_for_one():
     box = [-SIDE] * 3, [SIDE] * 3
     for text in ("x**2 + y**2 - z**2", "(x**2 + y**2 - 1)**2 + z**2", "x**2 + y**2 + z**2 - 1", "x * y * z", "z"):
         assert found_in(text, *box) == []
+    # On a face it falls from, or does not rise from.
+    for text in ("(z - 1)**2 + x**2 - (y - 1)**2", "(z - 1)**2 + x**2", "x**2 + y**2 + (z - 1)"):
+        assert found_in(text, [-1] * 3, [1] * 3) == []

@@ -58,3 +58,10 @@ def test_points_of_surfaces_count_in_minimum_distances_where_all_of_the_other_is
         assert_is(jhd.minimum_distance(a, b), exact)
     same = jhd.minimum_distance(point, point)
     assert same.lower == 0 and same.upper < 1e-300
+
+
+def test_points_on_a_face_an_edge_and_a_corner_of_their_box_count():
+    for count in (1, 2, 3):
+        text = " + ".join(f"({x} - {2 if k < count else 0})**2" for k, x in enumerate("xyz"))
+        point = jhd.ImplicitSurface.parse(text, [-2] * 3, [2] * 3)
+        assert_is(jhd.minimum_distance(point, SPHERE), 2 * np.sqrt(count) - 1)
