@@ -38,6 +38,7 @@ from jhd.distance.witness.derivative import with_derivatives
 from jhd.distance.witness.meshes import with_mesh_derivatives
 from jhd.distance.witness.surfaces import with_surface_derivatives
 from jhd.shapes.as_shape import Shape, taken_as
+from jhd.shapes.checks import empty_surface
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.shapes.mesh import TriangleMesh, check_mesh
@@ -384,7 +385,7 @@ def _targets(a: ImplicitSurface, b: ImplicitSurface) -> tuple[_Targets, Frame]:
     targets = _looked_at(p, q)
     for name, empty in (("a", targets.empty_a), ("b", targets.empty_b)):
         if not is_traced(empty) and bool(empty):
-            raise ValueError(f"{name}: the surface is empty: the polynomial is proven to have no zero in the box.")
+            raise empty_surface(name)
     return targets, frame
 
 

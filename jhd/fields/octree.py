@@ -29,6 +29,7 @@ from jhd.compiled import optimised
 from jhd.display import count_text, described, is_known, opaque, value_text
 from jhd.fields.boxes import CORNERS, children
 from jhd.memory import check_memory
+from jhd.shapes.checks import empty_surface
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 
 # Numbers in one array of forms: what fits into the cache of a core; and most cells in one.
@@ -122,7 +123,7 @@ def voxelise(
     grid = _grid(surface, cells)
     found = _descend(grid, ranges, progress)
     if not len(found):
-        raise ValueError("the surface is empty: the polynomial is proven to have no zero in the box.")
+        raise empty_surface()
     sides = [high - low for low, high in grid.box]
     spacing = jnp.asarray([float(side / cells) for side in sides], surface.lower.dtype)
     return Voxels(jnp.asarray(found), surface.lower, spacing, jnp.asarray(_proven(grid, found)))

@@ -100,3 +100,9 @@ def usable_numbers(control_points: Array, weights: Array | None) -> Array:
         return good
     least, most = jnp.min(weights), jnp.max(weights)
     return good & (least > 0) & (most < jnp.inf) & (most / largest_weight_ratio(weights.dtype) <= least)
+
+
+def empty_surface(name: str = "") -> ValueError:
+    """What to raise for a polynomial surface without points in its box; `name` says which one, where there are two."""
+    of = f"{name}: " if name else ""
+    return ValueError(f"{of}the surface is empty: the polynomial is proven to have no zero in the box.")

@@ -6,6 +6,7 @@ import numpy as np
 
 from jhd.arithmetic.rounding import unit_roundoff
 from jhd.arithmetic.scaling import common_exponent
+from jhd.shapes.checks import empty_surface
 from jhd.shapes.implicit_cells import BoxedPolynomial, deviations, near_zero
 from jhd.shapes.marching import march, nodes_of
 
@@ -84,7 +85,7 @@ def triangulate(
     while True:
         cells = _cells(polynomial, counts)
         if len(cells) == 0:
-            raise ValueError("the surface is empty: the polynomial is proven to have no zero in the box.")
+            raise empty_surface()
         if not box.in_user_units(box.off) <= atol:
             raise ValueError(f"atol is {atol:g}; the rounding of the vertices alone may be more.")
         if len(cells) > most:
@@ -140,7 +141,7 @@ def _marched(
     nodes, corners = nodes_of(cells)
     found = march(nodes, corners, polynomial.at(nodes / counts))
     if len(found.triangles) == 0:
-        raise ValueError("the surface is empty: the polynomial is proven to have no zero in the box.")
+        raise empty_surface()
     if len(found.triangles) > most:
         raise ValueError(f"max_triangles is {most}; {len(found.triangles)} triangles are needed.")
     low, high = found.low / counts, found.high / counts

@@ -289,8 +289,9 @@ def test_surfaces_that_are_cut_that_meet_and_that_are_empty():
     found = minimum_distance(SPHERES[0], across)
     assert found.lower == 0 and found.upper <= 1e-8
     empty = ImplicitSurface.parse("x^2 + y^2 + z^2 + 1", [-3, -3, -3], [3, 3, 3])
-    with pytest.raises(ValueError, match="without points in its box"):
-        minimum_distance(empty, SPHERES[1])
+    for pair, name in (((empty, SPHERES[1]), "a: "), ((SPHERES[1], empty), "b: ")):
+        with pytest.raises(ValueError, match=f"{name}the surface is empty"):
+            minimum_distance(*pair)
 
 
 @pytest.mark.slow

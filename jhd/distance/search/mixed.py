@@ -49,12 +49,14 @@ from jhd.distance.search.closest import (
 from jhd.distance.search.from_program import from_program
 from jhd.distance.search.in_turn import InTurn
 from jhd.distance.search.isolated_pairs import isolated_pairs
+from jhd.distance.search.looked_at import looked_at
 from jhd.distance.search.near_pairs import Crossing, NearPairs, around, crossing, near_pairs
 from jhd.distance.search.queued import PART, QueuedSearch
 from jhd.distance.search.search import AbstractSearch, Listener, Progress, drive
 from jhd.distance.search.targets import usable
 from jhd.distance.witness.nets import apart
 from jhd.distance.witness.places import NetRows, moving_place, parts_of
+from jhd.shapes.checks import empty_surface
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import RESULTS, MinimumSolution
@@ -127,8 +129,14 @@ def _from_here(
     task = _task_of(tuple(repeated(shape) if isinstance(shape, Net) else shape for shape in shapes), method)
     found = drive(_search(task, pieces, method, is_mesh), Listener(progress, task.frame))
     if np.isinf(np.asarray(found.lower)):
-        raise ValueError("a or b is a surface without points in its box: its polynomial is proven to have no zero.")
+        raise empty_surface(_empty_of(task.problem))
     return _FoundBoth(found, found.solution(task.frame))
+
+
+def _empty_of(problem: WithSurface) -> str:
+    """The name of the shape without points, where both are surfaces."""
+    sides = [side for side in problem[:2] if isinstance(side, Side)]
+    return next((name for name, side in zip("ab", sides, strict=True) if looked_at(side)[1]), "") if sides[1:] else ""
 
 
 def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: bool) -> AbstractSearch:

@@ -40,6 +40,7 @@ from jhd.distance.search.surface_source import SurfaceSource
 from jhd.distance.search.targets import target_of, usable
 from jhd.distance.witness.meshes import with_mesh_derivatives
 from jhd.distance.witness.places import with_place_derivatives
+from jhd.shapes.checks import empty_surface
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -232,7 +233,7 @@ def target_in(shape: Any, moved: Any) -> tuple[AbstractTarget, float]:
 def _known(side: Side) -> Any:
     target, empty = looked_at(side)
     if bool(empty):
-        raise ValueError("the surface is empty: the polynomial is proven to have no zero in the box.")
+        raise empty_surface()
     return target
 
 

@@ -21,6 +21,7 @@ from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenF
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.looked_at import looked_at
 from jhd.distance.search.rows import each, in_blocks, in_groups
+from jhd.shapes.checks import empty_surface
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.triangles.closest_point import outward
 
@@ -52,7 +53,7 @@ class SurfaceTarget(AbstractTarget):
             side, _, self.frame = prepare_surfaces(surface, surface)
         self.target, empty = looked_at(side)
         if bool(empty):
-            raise ValueError("the surface is empty: the polynomial is proven to have no zero in the box.")
+            raise empty_surface()
         cloud = self.target.cloud
         radius = np.asarray(cloud.radius)
         self.proven = bool(np.any(np.isfinite(radius)))
