@@ -22,6 +22,7 @@ from jhd.distance.search.mixes import diagonal_of
 from jhd.distance.search.nets import of_nets
 from jhd.distance.search.points import is_points, nearest_points, point_mesh
 from jhd.distance.search.search import Progress, Threshold
+from jhd.distance.witness.nets import apart
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments
@@ -220,7 +221,8 @@ def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolut
     found = project(rows, shape, throw=False)
     lower, upper = (np.asarray(jax.lax.stop_gradient(x)) for x in (found.lower, found.upper))
     k, least = int(np.argmin(upper)), np.min(lower)
-    default = default_tolerance(diagonal_of(*jax.lax.stop_gradient((points, shape))), lower.dtype, 0.0)
+    size = diagonal_of(*jax.lax.stop_gradient((points, shape)))
+    default = default_tolerance(size, lower.dtype, 0.0)
     allowed = max(float(default if method.atol is None else method.atol), float(method.rtol * upper[k]))
     # Of those that may be nearer some may be proven less well than they could be.
     ends = np.asarray(found.result._value)[lower <= upper[k]]
@@ -229,7 +231,9 @@ def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolut
     ended = RESULTS.successful if closed else ended
     stats = {"steps": jnp.array(1), "pairs": jnp.array(len(rows)), "waiting": jnp.array(0)}
     bounds = jnp.asarray(least), jnp.asarray(upper[k])
-    return MinimumSolution(found.distance[k], *bounds, rows[k], found.foot[k], ended, stats)
+    solution = MinimumSolution(found.distance[k], *bounds, rows[k], found.foot[k], ended, stats)
+    told = apart(jax.lax.stop_gradient(solution), jax.lax.stop_gradient(solution.value) / size)
+    return replace(solution, value=jnp.where(told, solution.value, jax.lax.stop_gradient(solution.value)))
 
 
 def _thinned(points: Any, shape: Any) -> Any:

@@ -131,6 +131,24 @@ def test_derivatives_are_zero_where_a_patch_crosses_a_surface_and_points_meet_bu
     value, slope = jax.value_and_grad(lambda x: minimum_distance(BezierPatch(x), saddle).value)(corners)
     assert 0 <= float(value) < 1e-14
     np.testing.assert_array_equal(slope, 0.0)
+    place = BezierPatch(corners)(0.3, 1 / 3) + 2e-17
+    value, slope = jax.value_and_grad(lambda x: minimum_distance(points(place[None]), BezierPatch(x)).value)(corners)
+    assert 0 <= float(value) < 1e-14
+    np.testing.assert_array_equal(slope, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gap", [1e-5, 1e-7, 1e-9])
+def test_ends_and_borders_that_nearly_touch_hold_their_place(gap):
+    flat = BezierPatch(np.array([[[-1.0, -1, 0], [-1, 1, 0]], [[1, -1, 0], [1, 1, 0]]]))
+    segment, tip = np.array([[0.1, 0.2, 0], [1, 0.5, 1]]), np.array([[0.3, 1, 0], [0.4, 1.5, 0.3]])
+    up, along = jnp.array([0, 0, 1.0]), jnp.array([0, 0.6, 0.8])
+    over = jax.grad(lambda t: minimum_distance(BezierCurve(segment + t * up), flat).value)(gap)
+    np.testing.assert_allclose(over, 1.0, rtol=1e-6)
+    for shape in (BezierCurve, lambda x: points(x[:1])):
+        # The foot is on a side of the patch.
+        beside = jax.grad(lambda t, shape=shape: minimum_distance(shape(tip + t * along), flat).value)(gap)
+        np.testing.assert_allclose(beside, 1.0, rtol=1e-6)
 
 
 @pytest.mark.slow

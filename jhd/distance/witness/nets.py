@@ -48,8 +48,8 @@ def _jets(a: Net, b: Net, x: Array) -> tuple[NetJet, NetJet]:
 def _held(a: Net, b: Net, x: Array) -> Array:
     """Which parameters are kept at the border of their piece by the slope of the distance."""
     p, q = _jets(a, b, x)
-    slope = derivatives(p, q)[1]
-    return presses(x, slope, jnp.sum(jnp.abs(jnp.concatenate([p.first, q.first])), axis=-1))
+    e, slope = derivatives(p, q)[:2]
+    return presses(x, slope, length(e) * jnp.sum(jnp.abs(jnp.concatenate([p.first, q.first])), axis=-1))
 
 
 def apart(solution: MinimumSolution, distance: Array) -> Array:
@@ -98,5 +98,5 @@ def _moving(pieces: tuple[Net, Net], constants: tuple[MinimumSolution, Frame, Ar
     p, q = jet(pieces[0], x[:n]).point, jet(pieces[1], x[n:]).point
     scale = frame.scale(p.dtype)
     moving = {"value": length(p - q) / scale, "point_a": p / scale, "point_b": q / scale}
-    usable = apart(solution, jax.lax.stop_gradient(length(p - q)))
+    usable = apart(solution, solution.value * scale)
     return MovingNumbers(moving, dict.fromkeys(moving, usable))

@@ -75,7 +75,7 @@ def _held(piece: Net, x: Array) -> Array:
     at = jet(piece, x)
     slope = at.first @ at.point
     lengths = jnp.sqrt(jnp.sum(at.first**2, axis=-1))
-    held = presses(x, slope, lengths * jnp.max(jnp.abs(piece.points)))
+    held = presses(x, slope, lengths * length(at.point))
     held = held | (lengths <= _COLLAPSED * jnp.max(jnp.abs(piece.points - piece.points[0, 0])))
     hessian = _hessian(at, held)
     size = jnp.prod(jnp.sum(jnp.abs(hessian), axis=-1))
