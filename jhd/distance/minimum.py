@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd.arithmetic.rounding import smallest_normal
 from jhd.arrays import is_traced, is_tracing
 from jhd.distance.decisions import checked_limit, decided
 from jhd.distance.frame.aim import default_tolerance
@@ -232,7 +233,9 @@ def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolut
     stats = {"steps": jnp.array(1), "pairs": jnp.array(len(rows)), "waiting": jnp.array(0)}
     bounds = jnp.asarray(least), jnp.asarray(upper[k])
     solution = MinimumSolution(found.distance[k], *bounds, rows[k], found.foot[k], ended, stats)
-    told = apart(jax.lax.stop_gradient(solution), jax.lax.stop_gradient(solution.value) / size)
+    told = apart(
+        jax.lax.stop_gradient(solution), jax.lax.stop_gradient(solution.value) / max(size, smallest_normal(lower.dtype))
+    )
     return replace(solution, value=jnp.where(told, solution.value, jax.lax.stop_gradient(solution.value)))
 
 

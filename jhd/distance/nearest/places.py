@@ -33,9 +33,9 @@ _TANGENT = 0.1
 # A change of sign farther away than this proves nothing about the point itself; near singular points it is about the
 # root of the roundoff.
 _FARTHEST = 1e-6
-# Where the gradient vanishes, changes of sign are looked for this far away.
 # Steps of signs in integers, as powers of two of the roundoff of the largest coordinate.
 _RADII = (-2, 1, 4, 8)
+# Where the gradient vanishes, changes of sign are looked for this far away.
 _DISTANCES = [2.0**-48, 2.0**-40, 2.0**-32, 2.0**-28, 2.0**-26, 2.0**-24, 2.0**-22, 2.0**-20]
 
 
