@@ -6,11 +6,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from common import Run
 from scipy.spatial import KDTree
 
 import jhd
 from jhd.plot.nets import quadrilaterals
 
+# Most samples of a smoke run: of each number of them a program is made.
+_SMOKE_SAMPLES = 2000
 # Weight of the middle control points of a quarter circle, and the full circle in four quarters, with weights.
 _HALF = np.sqrt(0.5)
 _CIRCLE = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0]], float)
@@ -95,9 +98,9 @@ def cpu(action: Callable[[], Any]) -> tuple[Any, float]:
     return value, time.process_time() - start
 
 
-def beside(action: Callable[[int], float], seconds: float, first: int = 1000, most: int = 1_000_000) -> dict[str, Any]:
+def beside(run: Run, action: Callable[[int], float], seconds: float, most: int = 1_000_000) -> dict[str, Any]:
     """Samples, twice as many again and again until they take these seconds: what the last ones say."""
-    count = first
+    count, most = 1000, _SMOKE_SAMPLES if run.smoke else most
     while True:
         value, taken = cpu(partial(action, count))
         if taken >= seconds or 2 * count > most:

@@ -42,7 +42,7 @@ def main() -> None:
     """Computes, saves and prints."""
     run = Run(__file__, __doc__)
     target = surface(SURFACE, -BOX, BOX)
-    meshes = [_measured(target, cells) for cells in (_SMOKE_CELLS if run.smoke else _CELLS)]
+    meshes = [_measured(run, target, cells) for cells in (_SMOKE_CELLS if run.smoke else _CELLS)]
     header = ["cells", "triangles", "mesh to surface", "gap", "seconds", "surface to mesh", "gap", "seconds"]
     header += ["at middles", "samples: mesh to surface", "surface to mesh", "seconds"]
     rows = []
@@ -62,10 +62,10 @@ def main() -> None:
     run.save(numbers | {"mesh": stored(shown)}, markdown(header, rows) + "\n\n" + text)
 
 
-def _measured(target: jhd.ImplicitSurface, cells: int) -> dict[str, Any]:
+def _measured(run: Run, target: jhd.ImplicitSurface, cells: int) -> dict[str, Any]:
     mesh = _marched(target, cells)
     ways = {"to_surface": (mesh, target), "to_mesh": (target, mesh)}
-    found = {name: _directed(*pair) for name, pair in ways.items()}
+    found = {name: _directed(run, *pair) for name, pair in ways.items()}
     upper = max(way["upper"] for way in found.values())
     numbers = {"cells": cells, "count": mesh.count, "width": 2 * BOX / cells, "upper": upper}
     return numbers | {"middles": _at_middles(target, mesh)} | found
@@ -80,11 +80,11 @@ def _marched(target: jhd.ImplicitSurface, cells: int) -> jhd.TriangleMesh:
     return jhd.TriangleMesh(vertices.astype(float) - BOX, triangles)
 
 
-def _directed(a: Any, b: Any) -> dict[str, Any]:
+def _directed(run: Run, a: Any, b: Any) -> dict[str, Any]:
     method = jhd.BranchAndBound(atol=1e-9, rtol=_SHARE)
     jhd.directed_hausdorff(a, b, method, throw=False)
     solution, seconds = cpu(lambda: jhd.directed_hausdorff(a, b, method, throw=False))
-    tree = beside(lambda count: sampled_directed(a, b, count), seconds, most=_MOST_SAMPLES)
+    tree = beside(run, lambda count: sampled_directed(a, b, count), seconds, most=_MOST_SAMPLES)
     ends = {"lower": float(solution.lower), "upper": float(solution.upper), "result": name_of(solution.result)}
     return {**ends, "seconds": seconds, "samples": tree, "solution": solution}
 

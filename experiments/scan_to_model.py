@@ -45,7 +45,7 @@ def main() -> None:
     net = truth + [0, 0, _OFF] * run.random.uniform(-1, 1, size=truth.shape)
     fitted, steps, seconds = _fitted(scan if run.smoke else scan[::_EVERY], net, run.smoke)
     models = {"before": net, "after": fitted, "the scanned sheet": truth}
-    ends = {name: _measured(scan, bicubic(model)) for name, model in models.items()}
+    ends = {name: _measured(run, scan, bicubic(model)) for name, model in models.items()}
     header = ["model", "lower", "upper - lower", "result", "root mean square", "seconds", "samples say", "seconds"]
     table = []
     for name, found in ends.items():
@@ -83,11 +83,11 @@ def _fitted(scan: np.ndarray, net: np.ndarray, smoke: bool) -> tuple[np.ndarray,
     return np.concatenate([net[..., :2], np.asarray(found.parameters)[..., None]], axis=-1), steps, seconds
 
 
-def _measured(scan: np.ndarray, model: jhd.BSplineSurface) -> dict[str, Any]:
+def _measured(run: Run, scan: np.ndarray, model: jhd.BSplineSurface) -> dict[str, Any]:
     cloud = jhd.points(scan)
     jhd.directed_hausdorff(cloud, model)
     solution, seconds = cpu(lambda: jhd.directed_hausdorff(cloud, model))
-    tree = beside(lambda count: sampled_directed(cloud, model, count), seconds)
+    tree = beside(run, lambda count: sampled_directed(cloud, model, count), seconds)
     distance = np.asarray(jhd.project(scan, model).distance)
     ends = {"lower": float(solution.lower), "upper": float(solution.upper), "result": name_of(solution.result)}
     ends |= {"seconds": seconds, "samples": tree, "rms": float(np.sqrt(np.mean(distance**2)))}

@@ -46,7 +46,7 @@ class ShapePair(NamedTuple):
 def main() -> None:
     """Computes, saves and prints."""
     run = Run(__file__, __doc__)
-    found = [_measured(pair) for pair in _pairs(run)]
+    found = [_measured(run, pair) for pair in _pairs(run)]
     header = ["pair", "lower", "upper - lower", "of the diagonal", "result", "seconds", "first call", "cells"]
     header += ["samples of each", "seconds", "say", "off by"]
     rows = []
@@ -82,7 +82,7 @@ def _pairs(run: Run) -> list[ShapePair]:
     ]
 
 
-def _measured(pair: ShapePair) -> dict[str, Any]:
+def _measured(run: Run, pair: ShapePair) -> dict[str, Any]:
     size = diagonal(pair.a, pair.b)
     method = jhd.BranchAndBound(atol=pair.share * size)
     entry = jhd.directed_hausdorff if pair.directed else jhd.hausdorff
@@ -90,7 +90,7 @@ def _measured(pair: ShapePair) -> dict[str, Any]:
     solution, again = cpu(lambda: entry(pair.a, pair.b, method, throw=False))
     lower, upper = float(solution.lower), float(solution.upper)
     guess = sampled_directed if pair.directed else sampled
-    tree = beside(lambda count: guess(pair.a, pair.b, count), again)
+    tree = beside(run, lambda count: guess(pair.a, pair.b, count), again)
     tree["off"] = max(lower - tree["value"], tree["value"] - upper, 0.0)
     numbers = {"name": pair.name, "directed": pair.directed, "share": pair.share, "diagonal": size}
     numbers |= {"solution": solution, "seconds": again, "first": first, "samples": tree}

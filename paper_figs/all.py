@@ -22,8 +22,6 @@ from PIL import Image
 _HERE = Path(__file__).resolve().parent
 # Lines of what a script that failed has written which are shown.
 _LAST_LINES = 5
-# Short runs mostly compile, and what they compile runs once: it need not be fast.
-_QUICKLY = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
 
 
 def main() -> int:
@@ -91,8 +89,6 @@ def _run(name: str, flags: list[str]) -> tuple[str, float]:
     start = time.perf_counter()
     command = [sys.executable, str(_HERE / f"{name}.py"), *flags]
     environment = {**os.environ, "MPLBACKEND": "Agg"}
-    if "--smoke" in flags:
-        environment["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_QUICKLY}".strip()
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     failure = "\n".join(done.stderr.strip().splitlines()[-_LAST_LINES:]) or f"exit status {done.returncode}"
     return failure if done.returncode else "", time.perf_counter() - start
