@@ -122,6 +122,17 @@ def test_minimum_distances_have_certificates():
             certify(a, b, false)
 
 
+@pytest.mark.parametrize("other", [jhd.polyline([(-1.0, 3.0), (1.0, 4.0)]), jhd.points([(0.3, 3.0), (2.0, 5.0)])])
+def test_minimum_distances_of_plane_curves_have_certificates(other):
+    curve = jhd.BezierCurve([(0.0, 0.0), (1.0, 2.0), (2.0, -1.0), (3.0, 0.0)])
+    for pair in ((curve, other), (other, curve)):
+        solution = jhd.minimum_distance(*pair)
+        proven = certify(*pair, solution).verify()
+        assert proven.kind == "minimum" and proven.upper is not None
+        # The box of both has a diagonal below 6.5, and the bounds of the solution are apart by 1e-10 of it.
+        assert proven.lower <= float(solution.value) <= proven.upper <= proven.lower + 6.5 * 2.1 * SLACK
+
+
 def test_shapes_that_meet_have_a_certificate_of_the_upper_bound_alone():
     a = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     b = jhd.TriangleMesh([[0.2, 0.2, -1], [0.3, 0.2, 1], [0.2, 0.4, 1]], [[0, 1, 2]])
