@@ -256,10 +256,10 @@ class StationaryPoints(AbstractSolution):
     Args:
         segment: the segment of each.
         t: a parameter inside the enclosure.
-        lower: proven lower end of the parameter.
-        upper: proven upper end of the parameter.
+        lower: lower end of the enclosure; every stationary parameter is proven to lie in one.
+        upper: upper end of it.
         distance: distance of the point at t.
-        valid: which entries hold a stationary parameter.
+        valid: which entries are enclosures of a stationary parameter.
         result: capacity_reached where some did not fit.
     """
 

@@ -1,5 +1,6 @@
 """Foot points: the global methods never miss, bounds hold, every stationary parameter is found, and refusals."""
 
+import math
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -317,6 +318,15 @@ def test_a_set_of_points_has_no_stationary_parameter_that_moves():
     found = jhd.stationary_points([0.0, 0.0], jhd.points([[3.0, 4.0]]))
     valid = np.asarray(found.valid)
     np.testing.assert_allclose(np.asarray(found.distance)[valid], 5.0)
+
+
+def test_distances_of_stationary_points_are_right_beside_a_query_that_is_very_far():
+    curve = jhd.BezierCurve([(0.0, 0.0), (1.0, 2.0), (3.0, 0.0)])
+    found = jhd.stationary_points([(1.0, 0.3), (1e160, 0.0)], curve)
+    for k in np.flatnonzero(found.valid[0]):
+        point = np.asarray(curve(found.t[0, k]))
+        assert float(found.distance[0, k]) == pytest.approx(math.dist(point, (1.0, 0.3)), rel=1e-12)
+    assert np.any(found.valid[0])
 
 
 @pytest.mark.slow
