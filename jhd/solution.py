@@ -259,7 +259,7 @@ class StationaryPoints(AbstractSolution):
         lower: lower end of the enclosure; every stationary parameter is proven to lie in one.
         upper: upper end of it.
         distance: distance of the point at t.
-        valid: which entries are enclosures of a stationary parameter.
+        valid: which entries are enclosures; the others are padding.
         result: capacity_reached where some did not fit.
     """
 
