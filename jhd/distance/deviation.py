@@ -13,6 +13,7 @@ from jhd.distance.cells.measures import FlatCells
 from jhd.distance.deviation_solution import Bounds, Deviation, DistanceSamples, check_share
 from jhd.distance.frame.coordinates import Frame, user_length
 from jhd.distance.hausdorff import directed_hausdorff
+from jhd.distance.nearest.target import curve_in_space
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.distribution import COUNTS, DistanceCells, Distribution, DistributionSearch
 from jhd.distance.search.measured import AbstractMeasured, MeasuredMesh, MeasuredNet, MeasuredPoints
@@ -21,7 +22,7 @@ from jhd.distance.search.points import is_points
 from jhd.distance.search.search import Listener, Progress, drive
 from jhd.shapes.as_shape import Shape, taken_as
 from jhd.shapes.checks import Numbers
-from jhd.shapes.curve import AbstractCurve, BezierSegments
+from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
@@ -169,12 +170,7 @@ def _working(shape: Any) -> Any:
         return shape.patches()
     if not isinstance(shape, AbstractCurve):
         return shape
-    segments = shape.segments()
-    if segments.dim == 3:
-        return segments
-    points = np.asarray(segments.control_points)
-    weights = None if segments.weights is None else np.asarray(segments.weights)
-    return BezierSegments(np.concatenate([points, np.zeros_like(points[..., :1])], axis=-1), weights)
+    return curve_in_space(shape.segments())
 
 
 def _distributed(

@@ -14,10 +14,9 @@ from jhd.arithmetic.bernstein import basis
 from jhd.arithmetic.scaling import unit_weights
 from jhd.distance.certificate.host import plain_shape
 from jhd.distance.certificate.verification.pieces import pieces_of
-from jhd.distance.nearest.target import in_space
-from jhd.distance.search.on_patches import NetTarget
+from jhd.distance.nearest.target import curve_in_space, in_space
 from jhd.distance.search.targets import target_of
-from jhd.shapes.curve import AbstractCurve, BezierSegments
+from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
 
 # Steps of Newton's method for a foot, and the shares of a step that are tried.
@@ -49,9 +48,8 @@ class ShapeSide:
         self.exponent = exponent
         self.exact = pieces_of(plain)
         self.corners, self.degrees = self.exact[0].corners, self.exact[0].degrees
-        working = shape.segments() if isinstance(shape, AbstractCurve) else shape
         # Feet are looked for in space, also of plane curves.
-        self._target = target_of(_in_space(working))
+        self._target = target_of(curve_in_space(shape.segments()) if isinstance(shape, AbstractCurve) else shape)
         self._triangles = isinstance(shape, TriangleMesh)
         if self._triangles:
             points = np.asarray(plain["vertices"], float)[np.asarray(plain["triangles"])]
@@ -90,8 +88,7 @@ class ShapeSide:
         """Feet of points: near ones, or the nearest, which takes longer."""
         count = len(points)
         rows = points[np.minimum(np.arange(max(_LEAST_POINTS, 1 << (count - 1).bit_length())), count - 1)]
-        user = np.ldexp(rows, self.exponent)
-        user = in_space(user) if isinstance(self._target, NetTarget) else user
+        user = in_space(np.ldexp(rows, self.exponent))
         found = self._target.nearest(user) if proven else self._target.near(user)
         t = np.asarray(found.t, float).reshape(len(rows), np.size(found.t) // len(rows))[:count]
         x = t[:, 1:] if self._triangles else t[:, : self.parameters]
@@ -168,14 +165,6 @@ class ShapeSide:
                 seconds.append(top / weight)
             found.append(np.stack(seconds, axis=1).reshape(len(x), count, count, -1))
         return found
-
-
-def _in_space(shape: Any) -> Any:
-    """A plane curve as one in space, of which the last coordinate is zero; other shapes as they are."""
-    if not isinstance(shape, BezierSegments) or shape.degree == 0 or shape.dim == 3:
-        return shape
-    points = np.asarray(shape.control_points)
-    return BezierSegments(np.concatenate([points, np.zeros_like(points[..., :1])], axis=-1), shape.weights)
 
 
 def on_triangle(x: np.ndarray) -> np.ndarray:

@@ -295,3 +295,12 @@ def _hinted(tree: TriangleTree, points: np.ndarray) -> tuple[np.ndarray, np.ndar
 def in_space(points: np.ndarray) -> np.ndarray:
     """Points of the plane as points of space, of which the last coordinate is zero; others as they are."""
     return points if points.shape[1] == 3 else np.concatenate([points, np.zeros_like(points[:, :1])], axis=1)
+
+
+def curve_in_space(curve: BezierSegments) -> BezierSegments:
+    """A plane curve, its numbers known, as one of space, of which the last coordinate is zero; others as they are."""
+    if curve.dim == 3:
+        return curve
+    points = np.asarray(curve.control_points)
+    weights = None if curve.weights is None else np.asarray(curve.weights)
+    return BezierSegments(np.concatenate([points, np.zeros_like(points[..., :1])], axis=-1), weights)
