@@ -23,6 +23,7 @@ import common_parameters
 import jax
 import numpy as np
 
+from jhd.compiled import _options
 from jhd.io import load_shape
 from jhd.solution import to_plain
 from jhd.storage import chosen_folder
@@ -89,6 +90,16 @@ class Run:
         _use_cache()
         self.cores = _keep_to_one_core() if one_core and not options.smoke else os.cpu_count()
 
+    @property
+    def options(self) -> dict[str, Any] | None:
+        """Options for programs of an experiment: a short run compiles quickly what it calls a few times."""
+        return _options(0) if self.smoke else None
+
+    def warm(self, action: Callable[[], Any]) -> None:
+        """Calls what is measured afterwards, so that it is compiled; a short run compiles within what it measures."""
+        if not self.smoke:
+            jax.block_until_ready(action())
+
     def save(self, numbers: dict[str, Any], table: str) -> None:
         """Writes NAME.json and NAME.md, prints the table, and asserts what the experiment claims of its own shapes."""
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -131,7 +142,9 @@ def _use_cache() -> None:
     ours = chosen_folder()
     folder = os.environ.get("JAX_COMPILATION_CACHE_DIR") or (None if ours is None else str(ours / "jax"))
     jax.config.update("jax_compilation_cache_dir", folder)
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    # Of any program, unless the environment says how long one must take to compile.
+    least = os.environ.get("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", float(least))
 
 
 def _keep_to_one_core() -> int | None:
@@ -152,14 +165,13 @@ def plain(value: Any) -> Any:
 
 
 def seconds(function: Callable[[], Any], repeats: int) -> float:
-    """Median wall time of a call, after one that is not counted."""
-    jax.block_until_ready(function())
+    """Median wall time of so many calls, after one that is not counted; with none of them, of this one."""
     times = []
-    for _ in range(repeats):
+    for _ in range(repeats + 1):
         start = time.perf_counter()
         jax.block_until_ready(function())
         times.append(time.perf_counter() - start)
-    return float(np.median(times))
+    return float(np.median(times[1:] or times))
 
 
 def bounds_text(lower: float, upper: float, digits: int) -> tuple[str, str]:

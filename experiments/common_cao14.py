@@ -81,8 +81,8 @@ class Example:
         steps = float(solution.witness.segment + solution.witness.t)
         t = (self.t[around[0]] + steps * (self.t[1] - self.t[0])) % (self.a.count if self.closed else np.inf)
         return {
-            "sample": k,
-            "around": around,
+            "sample": k + 1,
+            "around": [j + 1 for j in around],
             "distance": self.distance[k],
             "t": t,
             "solution": solution,
@@ -99,10 +99,13 @@ class Example:
         return jhd.BezierSegments.join(parts)
 
     def record(self, shown: int, candidates: int, unit: str = "mm") -> dict[str, Any]:
-        """All numbers: samples, stationary points of sample `shown`, candidates and both directed distances."""
-        shown = min(shown, len(self.t) - 1)
-        valid = np.asarray(self.stationary.valid)[shown]
-        places = (np.asarray(x)[shown][valid] for x in (self.stationary.segment, self.stationary.t))
+        """All numbers: samples, stationary points of sample `shown`, candidates and both directed distances.
+
+        Samples are numbered from one, as in the source.
+        """
+        shown = min(shown, len(self.t))
+        valid = np.asarray(self.stationary.valid)[shown - 1]
+        places = (np.asarray(x)[shown - 1][valid] for x in (self.stationary.segment, self.stationary.t))
         stationary = np.asarray(self.b.point(*places))
         return {
             "unit": unit,
@@ -112,7 +115,7 @@ class Example:
             "stationary": {
                 "sample": shown,
                 "points": stationary,
-                "distance": np.asarray(self.stationary.distance)[shown][valid],
+                "distance": np.asarray(self.stationary.distance)[shown - 1][valid],
             },
             "candidates": [self.candidate(int(k)) for k in self.peaks()[:candidates]],
             "directions": {

@@ -13,7 +13,7 @@ import jhd
 from jhd.plot.nets import quadrilaterals
 
 # Most samples of a smoke run: of each number of them a program is made.
-_SMOKE_SAMPLES = 2000
+_SMOKE_SAMPLES = 1000
 # Weight of the middle control points of a quarter circle, and the full circle in four quarters, with weights.
 _HALF = np.sqrt(0.5)
 _CIRCLE = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0]], float)

@@ -19,6 +19,10 @@ BARTH = (
     f"4*({GOLDEN_SQ}*x^2 - y^2)*({GOLDEN_SQ}*y^2 - z^2)*({GOLDEN_SQ}*z^2 - x^2)"
     " - 4.23606797749979*(x^2 + y^2 + z^2 - 1)^2"
 )
+# A rounded box without symmetry, in [-1.5, 1.5]^3, and an ellipsoid in its place for short runs: programs are compiled
+# for each degree, most surfaces of short runs are of degree two, and distances of this one close in few steps.
+ROUNDED = "x^4 + 2.2*y^4 + 4*z^4 + 0.5*x^2*y^2 + 0.4*x^2*y - 0.3*y^2*z + 0.2*x - 0.15*z - 1"
+ROUND = "x^2 + 2.2*y^2 + 4*z^2 + 1.2*x*y - 1.5*y*z + 0.2*x - 0.15*z - 1"
 # Circles of radius 0.4 about one of radius 1.1.
 TORUS = "(x^2 + y^2 + z^2 + 1.05)^2 - 4.84*(x^2 + y^2)"
 

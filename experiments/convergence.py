@@ -90,8 +90,6 @@ _DATA = {
     ),
 }
 
-_kernel = jax.jit(cell_upper_bound)
-
 
 class Pair:
     """Two segments in the package's common coordinates; gaps are in units of the diagonal of their box.
@@ -100,9 +98,10 @@ class Pair:
         rows: control points of both curves.
         weights: their weights.
         known: the directed distance and the parameter of its maximum.
+        kernel: the package's bound over a cell, compiled.
     """
 
-    def __init__(self, rows: tuple, weights: tuple, known: tuple[float, float]):
+    def __init__(self, rows: tuple, weights: tuple, known: tuple[float, float], kernel: Callable[..., Any]):
         curves = (jhd.BezierCurve(x, w).segments() for x, w in zip(rows, weights, strict=True))
         self.p, self.q, frame = prepare(*curves)
         self.a, self.b = (
@@ -111,6 +110,7 @@ class Pair:
         )
         points = np.concatenate(rows)
         self.unit = float(frame.length(1.0)) / float(np.linalg.norm(np.ptp(points, axis=0)))
+        self.kernel = kernel
         self.exact, self.t = float(frame.common(known[0])), known[1]
 
     def gap(self, upper: float) -> float:
@@ -144,7 +144,7 @@ def _of_branches(kind: str, bound: Callable[[list[np.ndarray]], float]) -> Calla
 
 def _ours(pair: Pair, cell: Interval) -> Bound:
     """The package's bound; the cell is cut at its peak where that is inside."""
-    found = _kernel(pair.p, pair.q, CurveCell(*map(jnp.asarray, (0, cell.t0, cell.t1, 0, cell.s0, 0, cell.s1))))
+    found = pair.kernel(pair.p, pair.q, CurveCell(*map(jnp.asarray, (0, cell.t0, cell.t1, 0, cell.s0, 0, cell.s1))))
     share = (float(found.t) - cell.t0) / (cell.t1 - cell.t0)
     inside = _NEAR_END < share < 1 - _NEAR_END
     return Bound(float(found.upper), float(found.t) if inside else _middle(cell))
@@ -185,7 +185,8 @@ def main() -> None:
     run = Run(__file__, __doc__)
     halvings, most = (6, 40) if run.smoke else (14, 1500)
     widths = 2.0 ** -(np.arange(2, 2 * halvings + 1) / 2)
-    pairs = {name: Pair(data[:2], *data[2:]) for name, data in _DATA.items()}
+    kernel = jax.jit(cell_upper_bound, compiler_options=run.options)
+    pairs = {name: Pair((data[0], data[1]), data[2], data[3], kernel) for name, data in _DATA.items()}
     local = {
         name: {family: _local(pair, family, widths, order) for family, order in _LOCAL[name].items()}
         for name, pair in pairs.items()

@@ -49,7 +49,7 @@ COARSE, FINE = (64, 2000), (256, 4000)
 AGAIN = 2
 # Steps between two searches of the nearest samples, which are followed in between.
 BLOCK = 20
-SAMPLES, ROUNDS, SETTLED = 400, 1000, 1e-9
+SAMPLES, ROUNDS, SMOKE_ROUNDS, SETTLED = 400, 1000, 50, 1e-9
 
 
 class _Setting(NamedTuple):
@@ -105,8 +105,8 @@ def _timed(function: Any) -> tuple[Any, float]:
 
 def _case(points: np.ndarray, k: int, degree: int, smoke: bool) -> dict[str, Any]:
     """All methods on one curve."""
-    ours = _ours(points, degree)
-    squares, guess = _least_squares(points, degree)
+    ours = _ours(points, degree, smoke)
+    squares, guess = _least_squares(points, degree, SMOKE_ROUNDS if smoke else ROUNDS)
     methods = {"ours": ours, **squares, **_descent(points, degree, guess, smoke)}
     for entry in methods.values():
         entry["ratio"] = entry["value"] / ours["value"]
@@ -114,13 +114,14 @@ def _case(points: np.ndarray, k: int, degree: int, smoke: bool) -> dict[str, Any
     return {"curve": k, "degree": degree, "methods": methods, "not_proven_farther": beaten}
 
 
-def _ours(points: np.ndarray, degree: int) -> dict[str, Any]:
+def _ours(points: np.ndarray, degree: int, smoke: bool) -> dict[str, Any]:
     curve = jhd.BezierCurve(points)
 
     def call() -> jhd.FitSolution:
         return jhd.fit_curve(curve, degree=degree, ends="fixed")
 
-    call()
+    if not smoke:
+        call()
     fit, took = _timed(call)
     values = np.asarray(fit.pairs.value)
     slack = max(1e-8 * values[0], 4e-16 * np.max(np.ptp(points, axis=0)))
@@ -157,7 +158,7 @@ def _best(points: np.ndarray, ends: list[_End], searched: float) -> dict[str, An
     return {**entry, "search_seconds": searched, "runs": len(ends)}
 
 
-def _least_squares(points: np.ndarray, degree: int) -> tuple[dict[str, Any], np.ndarray]:
+def _least_squares(points: np.ndarray, degree: int, most: int) -> tuple[dict[str, Any], np.ndarray]:
     """Least squares over samples of the target, at equal parameters and with feet; and the nearest of them."""
     u = np.linspace(0, 1, SAMPLES + 1)
     rows = _basis(DEGREE, u) @ points
@@ -167,7 +168,7 @@ def _least_squares(points: np.ndarray, degree: int) -> tuple[dict[str, Any], np.
     entry = _best(points, [_End(plain, {}, _error(points, plain), took)], took)
     ends = []
     for name, guess in guesses.items():
-        (free, rounds), took = _timed(lambda guess=guess: _projected(points, rows, degree, guess))
+        (free, rounds), took = _timed(lambda guess=guess: _projected(points, rows, degree, guess, most))
         ends.append(_End(free, {"first": name, "rounds": rounds}, _error(points, free), took))
     best = min(ends, key=lambda end: float(end.error.upper))
     found = _best(points, ends, sum(end.seconds for end in ends))
@@ -184,14 +185,14 @@ def _solve(points: np.ndarray, rows: np.ndarray, degree: int, t: np.ndarray) -> 
     return np.linalg.lstsq(basis[:, 1:-1], rows - basis[:, [0, -1]] @ points[[0, -1]], rcond=None)[0]
 
 
-def _projected(points: np.ndarray, rows: np.ndarray, degree: int, t: np.ndarray) -> tuple[np.ndarray, int]:
+def _projected(points: np.ndarray, rows: np.ndarray, degree: int, t: np.ndarray, most: int) -> tuple[np.ndarray, int]:
     """Least squares and feet in turn, until the points move no more.
 
     That alone converges slowly; where it is better, a step lets the feet slide along the tangents (Gauss-Newton).
     """
     free, rounds, moved = _solve(points, rows, degree, t), 0, np.inf
     t, least = _feet(_whole(points, free), rows, t)
-    while rounds < ROUNDS and moved > SETTLED:
+    while rounds < most and moved > SETTLED:
         tries = [_solve(points, rows, degree, t), _slid(_whole(points, free), rows, degree, t)]
         ends = [(*_feet(_whole(points, new), rows, t), new) for new in tries]
         t, value, new = min(ends, key=lambda end: end[1])
@@ -228,13 +229,13 @@ def _descent(points: np.ndarray, degree: int, guess: np.ndarray, smoke: bool) ->
     noise = np.random.default_rng(degree).normal(size=(STARTS, *guess.shape))
     noise[0] = 0.0
     starts = guess + NOISE * size * noise
-    coarse, fine = ((32, 100), (48, 100)) if smoke else (COARSE, FINE)
+    coarse, fine, count = ((32, 100), (32, 200), 1) if smoke else (COARSE, FINE, STARTS)
     everything = [
         _Setting(start, rate, powers)
         for choices in POWERS.values()
         for powers in choices
         for rate in RATES
-        for start in range(STARTS)
+        for start in range(count)
     ]
 
     def runs(settings: list[_Setting], samples: int, steps: int) -> np.ndarray:

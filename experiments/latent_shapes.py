@@ -28,6 +28,7 @@ from common import Run, markdown, seconds
 from jaxtyping import Array
 
 import jhd
+from jhd.compiled import _options
 
 DRAWN, TARGET, BATCH, SAMPLES = 12, 24, 16, 128
 STEPS, EVERY = 200, 20
@@ -38,8 +39,8 @@ FIRST, LAST, COLD = 0.1, 0.002, 1e-12
 MOVED = 1e-3
 # Under the root of a squared distance, which has no slope at zero.
 TINY = 1e-24
-# Less time to compile; a smoke run runs its programs a few times only.
-QUICK, SMOKE = {"xla_cpu_use_fusion_emitters": False}, {"xla_backend_optimization_level": 0}
+# Of XLA's optimisation of a program; a smoke run runs it a few times only.
+LEVEL, SMOKE_LEVEL = 3, 0
 
 
 class Drawing(eqx.Module):
@@ -84,7 +85,7 @@ def main() -> None:
         found[name] = _trained(step, by_distance, start, temperatures, unseen, every, jax.random.fold_in(key, 2))
         state = ADAM.init(start)
         call = partial(step, start, state, unseen, temperatures[0])
-        times[name] = seconds(lambda call=call: call().losses, 1 if run.smoke else 15)
+        times[name] = seconds(lambda call=call: call().losses, 0 if run.smoke else 15)
     numbers = {"unseen": unseen, "targets": jax.vmap(shape)(unseen), "ways": found, "seconds_of_a_step": times}
     numbers |= {"batch": batch, "drawn": DRAWN, "cold": COLD, "first": FIRST, "last": LAST}
     run.save(numbers, _table(found, times))
@@ -126,7 +127,8 @@ def _program(loss: Callable[..., Array], network: Drawing, smoke: bool) -> Step:
         updates, state = ADAM.update(back(slopes / len(latents))[0], state, weights)
         return Stepped(optax.apply_updates(weights, updates), state, losses, slopes)
 
-    return jax.jit(step, compiler_options=QUICK | SMOKE if smoke else QUICK)
+    # Options of the package, which has those that take less time to compile on this version of XLA.
+    return jax.jit(step, compiler_options=_options(SMOKE_LEVEL if smoke else LEVEL))
 
 
 def _trained(
@@ -137,7 +139,8 @@ def _trained(
     idle = state
 
     def distances() -> list[float]:
-        return np.asarray(measure(weights, idle, unseen, COLD).losses).tolist()
+        # Of the type that the steps get, so that it is the same program.
+        return np.asarray(measure(weights, idle, unseen, np.float64(COLD)).losses).tolist()
 
     for k, temperature in enumerate(temperatures):
         if k % every == 0:

@@ -81,16 +81,16 @@ def _case(run: Run, count: int, sizes: _Sizes) -> dict[str, Any]:
         return jhd.fit_curve(target, degree=3, segments=segments, max_steps=max_steps, progress=note).shape
 
     start = fitted(0)
-    methods = {"least squares": (start, 0.0), "minimax fit": _timed(fitted, lambda: fitted(1))}
+    methods = {"least squares": (start, 0.0), "minimax fit": _timed(run, fitted, lambda: fitted(1))}
     steps_taken = list(history)
     free = jnp.asarray(start.control_points)[:, :-1]
     samples = jnp.asarray(points[:: max(1, count // TARGET_SAMPLES)])
     for loss in LOSSES:
-        runs = [_timed(partial(_adam, free, samples, loss, rate, sizes.steps)) for rate in sizes.rates]
+        runs = [_timed(run, partial(_adam, free, samples, loss, rate, sizes.steps)) for rate in sizes.rates]
         shapes = [(_loop(found), seconds) for found, seconds in runs]
         nearest = min(shapes, key=lambda found: float(jhd.hausdorff(target, found[0], throw=False).upper))
         methods[f"Adam, {loss}"] = (nearest[0], sum(seconds for _, seconds in shapes))
-    methods["smoothing spline"] = _timed(lambda: _smoothed(points, segments))
+    methods["smoothing spline"] = _timed(run, lambda: _smoothed(points, segments))
     found = {name: _measured(target, *entry) for name, entry in methods.items()}
     for entry in found.values():
         entry["ratio"] = entry["upper"] / found["minimax fit"]["upper"]
@@ -104,9 +104,9 @@ def _case(run: Run, count: int, sizes: _Sizes) -> dict[str, Any]:
     }
 
 
-def _timed(function: Callable[[], Any], before: Callable[[], Any] | None = None) -> tuple[Any, float]:
+def _timed(run: Run, function: Callable[[], Any], before: Callable[[], Any] | None = None) -> tuple[Any, float]:
     """What a function gives, and its seconds of the processor once what it needs is compiled."""
-    (function if before is None else before)()
+    run.warm(function if before is None else before)
     began = time.process_time()
     return jax.block_until_ready(function()), time.process_time() - began
 

@@ -218,8 +218,7 @@ def _case(run: Run, degree: int, segments: int) -> dict[str, Any]:
     target = jhd.io.outline(*OUTLINE, size=1)
     steps = 8 if run.smoke else 60
     runs = {} if run.smoke else {"cold": _in_a_fresh_process(degree, segments)}
-    # The first one of this process compiles.
-    fit(degree, segments, 1)
+    run.warm(lambda: fit(degree, segments, 1))
     runs["warm"] = fit(degree, segments, steps)
     end = np.asarray(runs["warm"]["control_points"])[:, :-1]
     for number in range(2 if run.smoke else DISPLACED + 1):

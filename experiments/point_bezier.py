@@ -40,15 +40,18 @@ WRONG = 1e-6
 # Coordinates are divided by it for the kernels, which want them of order one; a power of two changes no digit.
 SCALE = 16.0
 
+Solver = Callable[[np.ndarray, np.ndarray], dict[str, np.ndarray]]
+
 
 def main() -> None:
     """Computes, saves and prints."""
     run = Run(__file__, __doc__, one_core=True)
-    numbers = {"wrong": WRONG, "path": _path(run), "random": _random(run), "speed": _speed(run)}
+    solvers = {_name(method): _solver(method, run.options) for method in METHODS}
+    numbers = {"wrong": WRONG, "path": _path(run, solvers), "random": _random(run, solvers), "speed": _speed(run)}
     run.save(numbers, "\n\n".join([_path_table(numbers), _random_table(numbers), _speed_table(numbers)]))
 
 
-def _solver(method: Any) -> Callable[[np.ndarray, np.ndarray], dict[str, np.ndarray]]:
+def _solver(method: Any, options: dict[str, Any] | None) -> Solver:
     """Projections of points (count, 2), each to its own cubic (count, 4, 2), by the kernel under vmap and one jit."""
 
     def one(point: jax.Array, cubic: jax.Array) -> dict[str, jax.Array]:
@@ -56,7 +59,7 @@ def _solver(method: Any) -> Callable[[np.ndarray, np.ndarray], dict[str, np.ndar
         found, _ = method.one(point, curve, jnp.zeros(1, bool))
         return {"distance": found.distance, "lower": found.lower, "t": found.t, "steps": found.steps}
 
-    @jax.jit
+    @partial(jax.jit, compiler_options=options)
     def many(points: jax.Array, cubics: jax.Array) -> dict[str, jax.Array]:
         return jax.lax.map(lambda pair: jax.vmap(one)(*pair), (points, cubics))
 
@@ -102,16 +105,13 @@ def _proven(method: Any) -> bool:
     return isinstance(method, jhd.ProjectedPolyhedron | jhd.NearestSearch)
 
 
-_SOLVERS = {_name(method): _solver(method) for method in METHODS}
-
-
-def _path(run: Run) -> dict[str, Any]:
+def _path(run: Run, solvers: dict[str, Solver]) -> dict[str, Any]:
     """Every method on every frame."""
     count = 24 if run.smoke else 121
     points = np.stack([np.linspace(START, STOP, count), np.full(count, HEIGHT)], axis=-1)
     cubics = np.broadcast_to(CUBIC, (count, 4, 2))
     distance = exact(points, cubics)
-    found = {name: solve(points, cubics) for name, solve in _SOLVERS.items()}
+    found = {name: solve(points, cubics) for name, solve in solvers.items()}
     errors = {name: entry["distance"] - distance for name, entry in found.items()}
     return {"control_points": CUBIC, "points": points, "distance": distance, "methods": found, "errors": errors}
 
@@ -128,7 +128,7 @@ def _path_table(numbers: dict[str, Any]) -> str:
     return markdown(header, rows)
 
 
-def _random(run: Run) -> dict[str, Any]:
+def _random(run: Run, solvers: dict[str, Solver]) -> dict[str, Any]:
     """Shares of wrong feet, and the worst error of the proven methods and of their lower bounds."""
     count = 500 if run.smoke else 10_000
     cubics, queries = run.random.standard_normal((count, 4, 2)), run.random.standard_normal((count, 2))
@@ -138,7 +138,7 @@ def _random(run: Run) -> dict[str, Any]:
         entries = []
         for spread in spreads:
             points = spread * queries
-            distance, answer = exact(points, cubics), _SOLVERS[_name(method)](points, cubics)
+            distance, answer = exact(points, cubics), solvers[_name(method)](points, cubics)
             excess = answer["distance"] - distance
             entries.append(
                 {

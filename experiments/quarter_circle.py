@@ -50,8 +50,9 @@ def main() -> None:
         "parameter": _one_parameter(STARTS[1]),
         "fixed": jhd.fit_curve(QUARTER, degree=3, method=PROOF),
         "free": jhd.fit_curve(QUARTER, degree=3, ends="free", method=PROOF),
-        "quintic": jhd.fit_curve(QUARTER, degree=5, method=PROOF, max_steps=3 if run.smoke else 60),
     }
+    if not run.smoke:  # of higher degree than the others: programs of its own
+        solutions["quintic"] = jhd.fit_curve(QUARTER, degree=5, method=PROOF)
     samples = 101 if run.smoke else 1001
     fits = {name: _described(name, solution, samples) for name, solution in solutions.items()}
     numbers = {"best": str(BEST), "within": WITHIN, "runs": runs, "fits": fits}

@@ -35,10 +35,11 @@ import jhd
 import jhd.io
 from jhd.solution import name_of
 
-FONTS, LETTER = ("DejaVu Sans", "STIXGeneral"), "S"
+# The letter of a short run has few segments.
+FONTS, LETTER, SMOKE_LETTER = ("DejaVu Sans", "STIXGeneral"), "S", "z"
 ANGLES = 8
-# Angle (radians) and shift (x-heights) of the copy.
-MOVED = (0.4, 0.3, -0.2)
+# Angle (radians) and shift (x-heights) of the copy; that of a short run is found from the first start.
+MOVED, SMOKE_MOVED = (0.4, 0.3, -0.2), (0.1, 0.1, -0.1)
 SAMPLES, ROUNDS = 2000, 500
 SAME = 1e-6
 METHODS = {"ours": "jhd", "icp": "ICP", "icp_then_ours": "jhd from the end of ICP"}
@@ -64,15 +65,17 @@ class Motion(eqx.Module):
 def main() -> None:
     """Computes, saves and prints."""
     run = Run(__file__, __doc__)
-    to, source = (letter(font, LETTER) for font in FONTS)
-    copy = Motion(source)(jnp.array(MOVED))
+    text = SMOKE_LETTER if run.smoke else LETTER
+    to, source = (letter(font, text) for font in FONTS)
+    moved = SMOKE_MOVED if run.smoke else MOVED
+    copy = Motion(source)(jnp.array(moved))
     angles = 2 * np.pi * np.arange(1 if run.smoke else ANGLES) / ANGLES
-    problems = {"rigid": _problem(source, to, angles, 3), "similarity": _problem(source, to, angles, 4)}
-    problems["copy"] = _problem(source, copy, angles, 3)
+    problems = {"rigid": _problem(run, source, to, angles, 3), "similarity": _problem(run, source, to, angles, 4)}
+    problems["copy"] = _problem(run, source, copy, angles, 3)
     for method in METHODS:
         for entry in problems["copy"][method]:
-            entry.update(_off(entry["parameters"]))
-    numbers = {"fonts": FONTS, "letter": LETTER, "angles": angles, "moved": MOVED, "unit": "x-height"}
+            entry.update(_off(entry["parameters"], moved))
+    numbers = {"fonts": FONTS, "letter": text, "angles": angles, "moved": moved, "unit": "x-height"}
     run.save({**numbers, "source": source.control_points, "problems": problems}, _table(problems, angles))
 
 
@@ -85,13 +88,14 @@ def letter(font: str, text: str) -> jhd.BezierSegments:
     return jhd.BezierSegments(points - (rows.min(axis=0) + rows.max(axis=0)) / 2, None, curve.following)
 
 
-def _problem(source: jhd.BezierSegments, to: jhd.BezierSegments, angles: np.ndarray, count: int) -> dict[str, Any]:
+def _problem(
+    run: Run, source: jhd.BezierSegments, to: jhd.BezierSegments, angles: np.ndarray, count: int
+) -> dict[str, Any]:
     """Both methods from all starting angles, and the best end of ours with its active pairs."""
     build = Motion(source)
     starts = [np.append(angle, np.zeros(count - 1)) for angle in angles]
     icp = [_icp(build, to, start) for start in starts]
-    # The first call compiles.
-    jhd.minimise_hausdorff(build, starts[0], to)
+    run.warm(lambda: jhd.minimise_hausdorff(build, starts[0], to))
     fits = [_fit(build, to, start) for start in starts]
     after = [_fit(build, to, entry["parameters"]) for entry in icp]
     found = {"ours": [_record(*fit) for fit in fits], "icp": icp, "icp_then_ours": [_record(*fit) for fit in after]}
@@ -179,9 +183,9 @@ def samples(curve: jhd.BezierSegments) -> np.ndarray:
     return np.asarray(curve(np.interp(np.linspace(0, along[-1], SAMPLES, endpoint=False), along, t)))
 
 
-def _off(parameters: Any) -> dict[str, float]:
+def _off(parameters: Any, moved: tuple[float, ...]) -> dict[str, float]:
     """How far a motion is from the one that made the copy: angle in radians, shift in x-heights."""
-    off = np.asarray(parameters) - MOVED
+    off = np.asarray(parameters) - moved
     return {"angle_off": abs((off[0] + np.pi) % (2 * np.pi) - np.pi), "shift_off": float(np.hypot(*off[1:3]))}
 
 

@@ -79,14 +79,14 @@ def main() -> None:
     buckets, sizes, draws, budget = _BUCKETS, _SIZES, _DRAWS, _SECONDS
     if run.smoke:
         buckets, sizes, draws, budget = (4,), (1, 4), 1, 0.0
-    cold = _compiled(_directed, buckets, cached=run.smoke)
-    both = _compiled(_two_sided, buckets, cached=True)
+    cold = _compiled(_directed, buckets, run.smoke, run.options)
+    both = _compiled(_two_sided, buckets, True, run.options)
     programs = {count: (cold[count][0], both[count][0]) for count in buckets}
     kinds = {
         "refined": [_measured([_refined(count)], programs, budget) for count in sizes],
         "noisy": [_measured([_noisy(count, run.random) for _ in range(draws)], programs, budget) for count in sizes],
     }
-    memory = [{**cold[count][1], **_memory(programs[count]), **_peaks(count)} for count in buckets]
+    memory = [{**cold[count][1], **_memory(programs[count]), **_peaks(count, run.options)} for count in buckets]
     numbers = {"cold": not run.smoke, "kinds": kinds, "programs": memory, "exponents": _exponents(kinds)}
     tables = [*(_table(name, entries) for name, entries in kinds.items()), _program_table(memory)]
     run.save(numbers, "\n\n".join([*tables, _exponent_table(numbers["exponents"])]))
@@ -117,7 +117,9 @@ def _tracing(count: int, random: np.random.Generator) -> jhd.BSplineCurve:
     return jhd.BSplineCurve.uniform(points, closed=True)
 
 
-def _compiled(function: Callable[..., Any], buckets: tuple[int, ...], cached: bool) -> dict[int, tuple[Any, dict]]:
+def _compiled(
+    function: Callable[..., Any], buckets: tuple[int, ...], cached: bool, options: dict[str, Any] | None
+) -> dict[int, tuple[Any, dict]]:
     """One program for each number of segments, and how long tracing and compiling took."""
     # JAX looks at this option once, before it compiles for the first time, and again after a reset.
     jax.config.update("jax_enable_compilation_cache", cached)
@@ -125,7 +127,7 @@ def _compiled(function: Callable[..., Any], buckets: tuple[int, ...], cached: bo
     found = {}
     for count in buckets:
         start = time.perf_counter()
-        lowered = jax.jit(function).lower(*_refined(count))
+        lowered = jax.jit(function, compiler_options=options).lower(*_refined(count))
         traced = time.perf_counter()
         program = lowered.compile()
         found[count] = (program, {"trace": traced - start, "compile": time.perf_counter() - traced})
@@ -191,9 +193,9 @@ def _memory(programs: tuple[Any, Any]) -> dict[str, Any]:
     return dict(zip(("directed, reserved", "both, reserved"), sizes, strict=True))
 
 
-def _peaks(count: int) -> dict[str, Any]:
+def _peaks(count: int, options: dict[str, Any] | None) -> dict[str, Any]:
     """The peaks of a process of its own for this size."""
-    command = [sys.executable, "-c", f"import scaling; scaling.report_peaks({count})"]
+    command = [sys.executable, "-c", f"import scaling; scaling.report_peaks({count}, {options})"]
     environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir)}  # pyright: ignore
     done = subprocess.run(
         command, cwd=Path(__file__).parent, env=environment, capture_output=True, text=True, check=True
@@ -201,12 +203,12 @@ def _peaks(count: int) -> dict[str, Any]:
     return {"padded": count, **json.loads(done.stdout)}
 
 
-def report_peaks(count: int) -> None:
+def report_peaks(count: int, options: dict[str, Any] | None = None) -> None:
     """Prints by how many bytes a plain call, and then the program for both directions, raise this process's peak."""
     before, pair = _peak(), _refined(count)
     _two_sided(*pair)
     plain = _peak()
-    jax.block_until_ready(jax.jit(_two_sided)(*pair))
+    jax.block_until_ready(jax.jit(_two_sided, compiler_options=options)(*pair))
     print(json.dumps({"plain, peak": plain - before, "both, peak": _peak() - before}))
 
 

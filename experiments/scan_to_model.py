@@ -85,7 +85,7 @@ def _fitted(scan: np.ndarray, net: np.ndarray, smoke: bool) -> tuple[np.ndarray,
 
 def _measured(run: Run, scan: np.ndarray, model: jhd.BSplineSurface) -> dict[str, Any]:
     cloud = jhd.points(scan)
-    jhd.directed_hausdorff(cloud, model)
+    run.warm(lambda: jhd.directed_hausdorff(cloud, model))
     solution, seconds = cpu(lambda: jhd.directed_hausdorff(cloud, model))
     tree = beside(run, lambda count: sampled_directed(cloud, model, count), seconds)
     distance = np.asarray(jhd.project(scan, model).distance)

@@ -70,7 +70,7 @@ def main() -> None:
     found = {}
     for name, draw in kinds.items():
         pairs = [(draw(run.random), draw(run.random)) for _ in range(batches[-1])]
-        found[name] = _measured(pairs, batches)
+        found[name] = _measured(run, pairs, batches)
     device = {"platform": platform, "kind": jax.devices()[0].device_kind}
     run.save({**device, "claimed": _CLAIMED, "kinds": found}, _tables(found, "{kind} ({platform})".format(**device)))
 
@@ -96,24 +96,21 @@ def _answer(a: jhd.BezierSegments, b: jhd.BezierSegments) -> Answer:
     return Answer(found.value, found.lower, found.upper, found.stats["a_to_b_steps"] + found.stats["b_to_a_steps"])
 
 
-_one = jax.jit(_answer)
-_batch = jax.jit(jax.vmap(_answer))
-
-
-def _measured(pairs: list[Pair], batches: tuple[int, ...]) -> dict[str, Any]:
+def _measured(run: Run, pairs: list[Pair], batches: tuple[int, ...]) -> dict[str, Any]:
     """Seconds a pair of all batches and of what goes one by one, and whether the answers agree."""
+    one, batch = (jax.jit(function, compiler_options=run.options) for function in (_answer, jax.vmap(_answer)))
     few = pairs[:_CLAIMED]
     samples = [[sample(np.asarray(curve.control_points), _SAMPLES) for curve in pair] for pair in few]
     parts = {n: [_stacked(pairs[k : k + n]) for k in range(0, max(n, len(few)), n)] for n in batches}
     calls: dict[Any, Callable[[], Any]] = {
-        **{n: lambda stacked=stacked: [_batch(*part) for part in stacked] for n, stacked in parts.items()},
+        **{n: lambda stacked=stacked: [batch(*part) for part in stacked] for n, stacked in parts.items()},
         # Answers are waited for at the end alone, which serves a device that works while Python goes on.
-        "one by one": lambda: [_one(*pair) for pair in few],
+        "one by one": lambda: [one(*pair) for pair in few],
         "plain": lambda: [jhd.hausdorff(*pair) for pair in few],
         "k-d tree": lambda: [_trees(*rows) for rows in samples],
     }
     found = {name: jax.block_until_ready(call()) for name, call in calls.items()}
-    rounds = [[_seconds(call) for call in calls.values()] for _ in range(_ROUNDS)]
+    rounds = [[_seconds(call) for call in calls.values()] for _ in range(1 if run.smoke else _ROUNDS)]
     counts = [max(name, len(few)) if name in parts else len(few) for name in calls]
     each = dict(zip(calls, np.median(rounds, axis=0) / counts, strict=True))
     return {

@@ -5,8 +5,13 @@ from importlib import import_module as _import_module
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
-# First, because all that follows takes time, in which interrupts come.
+__version__ = "0.1.0"
+
+# First, because all that follows takes time, in which interrupts come and for which help does not wait.
 from jhd import starting as _starting  # noqa: F401
+
+# isort: split
+from jhd import helping as _helping  # noqa: F401
 
 # isort: split
 import jax as _jax
@@ -121,8 +126,6 @@ from jhd.triangles import PreparedMesh, prepared  # noqa: E402
 
 if _TYPE_CHECKING:
     from jhd import io as io
-
-__version__ = "0.1.0"
 
 __all__ = [
     "ANSWERS",

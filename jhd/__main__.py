@@ -12,16 +12,14 @@ import os
 import sys
 from typing import Any, NoReturn
 
-import jax
-
+# Light alone: this module answers --help while the package is not imported yet.
 import jhd
 from jhd import lengths
-from jhd.console import INTERRUPTED, interrupts_heard
-from jhd.fields.adaptive_build import MODES
-from jhd.fields.adaptive_samples import SIGNS
-from jhd.storage import chosen_folder, made
-from jhd.warming import KINDS as _KINDS
+from jhd.starting import INTERRUPTED
 
+# Those of jhd.warming and jhd.fields, written out, as their import takes seconds.
+_KINDS = "plane", "space", "rational", "surfaces", "meshes"
+_MODES, _SIGNS = ("band", "full"), ("winding", "pseudonormal", "none")
 _FULL = errno.ENOSPC, errno.EFBIG, errno.EDQUOT
 _CURVE_HELP = "a curve: a JSON or SVG file, or font:NAME:LETTER"
 _SHAPE_HELP = (
@@ -70,10 +68,9 @@ def main(argv: list[str] | None = None) -> int:
         argv: the arguments without the name of the program; those of the process by default.
     """
     try:
-        with interrupts_heard():
-            status = _run(sys.argv[1:] if argv is None else argv)
-            sys.stdout.flush()  # here, so that a reader who went away is noticed while it can be answered
-            return status
+        status = _run(sys.argv[1:] if argv is None else argv)
+        sys.stdout.flush()  # here, so that a reader who went away is noticed while it can be answered
+        return status
     except KeyboardInterrupt:
         print("jhd: interrupted", file=sys.stderr)
         return INTERRUPTED
@@ -105,11 +102,13 @@ def _run(argv: list[str]) -> int:
         command = "jhd" if options.command == "demo" else f"jhd {options.command}"
         names = " ".join(_as_given(word) for word in unknown)
         raise ValueError(f"{command} does not know: {names} (see {command} --help)")
-    _switch_cache_on()
-    # Imported here, because fonts, readers and pictures would double the time of --help.
-    from jhd import commands
+    from jhd.console import interrupts_heard
 
-    return getattr(commands, options.command)(options)
+    with interrupts_heard():
+        from jhd import commands
+
+        _switch_cache_on()
+        return getattr(commands, options.command)(options)
 
 
 def _bad_input(message: str) -> int:
@@ -229,8 +228,8 @@ def _add_others(commands: Any) -> None:
     field.add_argument("mesh", metavar="MESH", help="an OBJ, OFF, PLY or STL file")
     field.add_argument("--atol", type=lengths.length, required=True, metavar="LENGTH", help="tolerance")
     field.add_argument("--out", required=True, metavar="FILE", help="where to: a name in .npz")
-    field.add_argument("--mode", choices=MODES, default="band", help="refine at the surface (default) or everywhere")
-    field.add_argument("--sign", choices=SIGNS, default="winding", help="how inside is told from outside")
+    field.add_argument("--mode", choices=_MODES, default="band", help="refine at the surface (default) or everywhere")
+    field.add_argument("--sign", choices=_SIGNS, default="winding", help="how inside is told from outside")
     field.add_argument("--surface", metavar="FILE", help="write the zero set of the field: .obj, .off, .ply or .stl")
     field.add_argument("--resolution", type=int, metavar="N", help="cells along the longest side for that surface")
     field.set_defaults(command="field")
@@ -283,6 +282,10 @@ def _add_collections(commands: Any) -> None:
 
 def _switch_cache_on() -> None:
     """Lets JAX keep what it compiles around jhd's own programs too, beside them, unless it has a folder already."""
+    import jax
+
+    from jhd.storage import chosen_folder, made
+
     folder = chosen_folder()
     if folder is None or jax.config.jax_compilation_cache_dir:  # pyright: ignore[reportAttributeAccessIssue]
         return

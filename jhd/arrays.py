@@ -6,12 +6,14 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax._src import core
 from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 
+from jhd.jax_internals import is_trace_clean, varying_axes
+
 Rows = TypeVar("Rows", bound=tuple)
+Values = TypeVar("Values")
 
 
 def is_traced(*values: object) -> bool:
@@ -22,7 +24,7 @@ def is_traced(*values: object) -> bool:
 def is_tracing(*values: object) -> bool:
     """Whether any leaf is a tracer, or operations on known numbers are traced, as all are inside jit."""
     # Asking JAX takes a hundredth of the time of an operation.
-    return not _is_clean() and is_traced(values, jnp.zeros(()))
+    return not is_trace_clean() and is_traced(values, jnp.zeros(()))
 
 
 def array_of(values: ArrayLike, dtype: DTypeLike | None = None) -> Array:
@@ -34,7 +36,12 @@ def array_of(values: ArrayLike, dtype: DTypeLike | None = None) -> Array:
     return jnp.asarray(values, dtype=dtype)
 
 
-_is_clean = getattr(core, "trace_state_clean", lambda: False)
+def undifferentiated(values: Values) -> Values:
+    """The values without their derivatives: tracers through `stop_gradient`, known ones as they are.
+
+    Under a trace every operation gives a tracer, `stop_gradient` of known arrays too. These are to stay known.
+    """
+    return jax.tree_util.tree_map(lambda x: jax.lax.stop_gradient(x) if isinstance(x, Tracer) else x, values)
 
 
 def on_host(*arrays: Any) -> tuple[Any, ...]:
@@ -47,6 +54,16 @@ def on_host(*arrays: Any) -> tuple[Any, ...]:
     return tuple(None if x is None else np.asarray(x) for x in arrays)
 
 
+def same_arrays(a: Any, b: Any) -> bool:
+    """Whether two trees of arrays are known and equal, number by number."""
+    (first, structure), (second, other) = (jax.tree_util.tree_flatten(x) for x in (a, b))
+    if structure != other or is_traced(first, second):
+        return False
+    if not all(isinstance(x, np.ndarray | jax.Array | float | int) for x in (*first, *second)):
+        return False
+    return all(np.array_equal(x, y) for x, y in zip(first, second, strict=True))
+
+
 def module_of(x: Any) -> Any:
     """NumPy for its arrays, else jax.numpy: for formulas that serve the host and compiled programs."""
     return np if isinstance(x, np.ndarray) else jnp
@@ -57,20 +74,36 @@ def varying(values: Any, *sources: object) -> Any:
 
     A loop keeps the marks of its start, so a start made of constants needs those of the arrays that the loop works on.
     """
-    axes = frozenset().union(*(_differing(x) for x in jax.tree_util.tree_leaves(sources) if isinstance(x, Tracer)))
+    axes = frozenset().union(*(varying_axes(x) for x in jax.tree_util.tree_leaves(sources) if isinstance(x, Tracer)))
     if not axes:
         return values
 
     def marked(x: Any) -> Array:
-        lacking = tuple(axes - _differing(x))
+        lacking = tuple(axes - varying_axes(x))
         return jax.lax.pcast(x, lacking, to="varying") if lacking else x
 
     return jax.tree_util.tree_map(marked, values)
 
 
-def _differing(x: Any) -> frozenset[str]:
-    """The axes of a mesh along which an array differs."""
-    return getattr(getattr(jax.typeof(x), "manual_axis_type", None), "varying", frozenset())
+def bare_array(name: str, value: Any) -> np.ndarray:
+    """`np.asarray`, which would drop a mask or a unit without a word.
+
+    Raises:
+        ValueError: an array with masked entries, or rows of which one has some; an array with a unit; ragged nesting.
+    """
+    for rows in value if isinstance(value, list | tuple) else (value,):
+        if isinstance(rows, np.ma.MaskedArray) and np.ma.is_masked(rows):
+            count = int(np.ma.count_masked(rows))
+            raise ValueError(
+                f"{name} has a mask with {count} hidden entries; leave them out before (np.ma.compress_rows)."
+            )
+        unit = getattr(rows, "unit", getattr(rows, "units", None)) if isinstance(rows, np.ndarray) else None
+        if unit is not None:
+            raise ValueError(f"{name} has the unit {unit}, which is not read; needs its numbers alone.")
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{name} must be a rectangular array of numbers; its rows differ in length.") from error
 
 
 def real_array(name: str, value: Any) -> Array:
@@ -78,7 +111,7 @@ def real_array(name: str, value: Any) -> Array:
 
     Raises:
         TypeError: not numbers, or complex ones.
-        ValueError: ragged nesting, or an entry that is not finite (not checked under tracing).
+        ValueError: ragged nesting, a mask, a unit, or an entry that is not finite (not checked under tracing).
     """
     if isinstance(value, Tracer):
         if jnp.issubdtype(value.dtype, jnp.complexfloating):
@@ -86,10 +119,7 @@ def real_array(name: str, value: Any) -> Array:
         return value.astype(float)
     if is_traced(value):
         return jnp.asarray(value, dtype=float)
-    try:
-        given = np.asarray(value)
-    except ValueError as error:
-        raise ValueError(f"{name} must be a rectangular array of numbers; its rows differ in length.") from error
+    given = bare_array(name, value)
     if given.dtype.kind not in "fiub" and given.dtype.name != "bfloat16":
         raise TypeError(f"{name} must be real numbers; its dtype is {given.dtype}.")
     # An array of ours already: making another one costs more than all of the checks.

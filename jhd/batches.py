@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arrays import is_traced
+from jhd.decimals import lower_text, upper_text
 from jhd.outcomes import RESULTS, names_of
 
 # What a notebook shows of a solution, as far as it has it.
@@ -20,6 +21,8 @@ _SHOWN = (
     *("answer", "value", "distance", "lower", "upper", "error", "measured", "optimality", "event", "direction"),
     *("witness", "point_a", "point_b", "foot", "segment", "t", "result"),
 )
+# How the bounds among them are written.
+_ENDS = {"lower": lower_text, "upper": upper_text}
 
 
 class AbstractSolution(eqx.Module):
@@ -57,7 +60,7 @@ class AbstractSolution(eqx.Module):
         if is_traced(self) or np.shape(_result(self)._value):
             return f"<pre>{escape(repr(self))}</pre>"
         known = {name: getattr(self, name, None) for name in _SHOWN}
-        rows = {name: _cell(value) for name, value in known.items() if value is not None}
+        rows = {name: _cell(name, value) for name, value in known.items() if value is not None}
         cells = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in rows.items() if text)
         picture = getattr(getattr(self, "shape", None), "_repr_svg_", lambda: None)() or ""
         return f"<table><caption>{type(self).__name__}</caption>{cells}</table>{picture}"
@@ -67,18 +70,17 @@ def _result(solution: Any) -> Any:
     return solution.result
 
 
-def _cell(value: Any) -> str:
-    """A number in full, so that a bound is still one; the place of a witness; the name of how something ended."""
+def _cell(name: str, value: Any) -> str:
+    """A number in full, a bound rounded outward; the place of a witness; the name of how something ended."""
     if hasattr(value, "_enumeration"):
         return names_of(value)
     if hasattr(value, "point"):
-        return f"at {_cell(value.point)}"
+        return f"at {_cell('point', value.point)}"
     if isinstance(value, AbstractSolution):
-        bounds = getattr(value, "lower", None), getattr(value, "upper", None)
-        return " to ".join(_cell(bound) for bound in bounds if bound is not None)
+        return " to ".join(_cell(end, getattr(value, end)) for end in _ENDS if getattr(value, end, None) is not None)
     numbers = np.asarray(value)
     if numbers.ndim == 0:
-        return repr(numbers.item())
+        return _ENDS.get(name, repr)(numbers.item())
     return f"({', '.join(f'{x:.9g}' for x in numbers.tolist())})" if numbers.ndim == 1 else ""
 
 
@@ -105,7 +107,9 @@ def shown_many(solution: Any, name: str) -> str | None:
         return None
     numbers, padded = np.asarray(numbers), getattr(solution, "valid", None)
     numbers = numbers if padded is None else numbers[np.asarray(padded)]
-    span = f", {name} from {np.min(numbers):.9g} to {np.max(numbers):.9g}" if numbers.size else ""
+    span = ""
+    if numbers.size:
+        span = f", {name} from {lower_text(np.min(numbers), '.9g')} to {upper_text(np.max(numbers), '.9g')}"
     counts = Counter(names_of(solution.result))
     total, good = counts.total(), counts.pop("successful", 0)
     why = ", ".join(f"{count} {end}" for end, count in counts.most_common())

@@ -10,6 +10,7 @@ import numpy as np
 import jhd
 from jhd.comparisons import check_drawn, print_files
 from jhd.console import busy, exit_status, print_json
+from jhd.decimals import interval_text
 from jhd.io import load_shape, outlines
 from jhd.io.load import SHAPE_SUFFIXES
 from jhd.io.outlines import parse_font_spec
@@ -73,7 +74,7 @@ def duplicates(options: Namespace) -> int:
         print_json(found, {**numbers, "result": names_of(found.result), "computed": found.computed}, **context)
     else:
         for (i, j), lower, upper in zip(found.index, found.lower, found.upper, strict=True):
-            print(f"[{lower:.9g}, {upper:.9g}]", names[i], names[j], sep="\t")
+            print(interval_text(lower, upper, ".9g"), names[i], names[j], sep="\t")
         for i, j in found.undecided:
             print("undecided", names[i], names[j], sep="\t")
     return exit_status(found)
@@ -113,7 +114,7 @@ def short_name(name: str) -> str:
 
 
 def _line(value: float, lower: float, upper: float) -> str:
-    return f"{value:.9g} [{lower:.9g}, {upper:.9g}]"
+    return f"{value:.9g} {interval_text(lower, upper, '.9g')}"
 
 
 def _unless_successful(result: str) -> list[str]:

@@ -1,7 +1,6 @@
 """What the commands of the command line do: each takes the parsed options, prints, and returns the exit status.
 
-Those that measure shapes stand in jhd.comparisons and are named here. Numbers are printed in full, so that a bound that
-is read back is still the bound that was proven.
+Those that measure shapes stand in jhd.comparisons and are named here.
 """
 
 import json
@@ -26,12 +25,14 @@ from jhd.comparisons import distance as distance
 from jhd.comparisons import minimum as minimum
 from jhd.comparisons import project as project
 from jhd.console import busy, device, exit_status, paced, precision, print_json, timed
+from jhd.decimals import upper_text
 from jhd.distance.certificate.verification import sentence
 from jhd.io import save_curve, save_mesh
 from jhd.io.certificates import verify_file
 from jhd.io.load import load_shape
 from jhd.io.meshes import MESH_SUFFIXES
 from jhd.options import check_writable, curve_of, mesh_of
+from jhd.programs import refused
 from jhd.report import bar, names_of, picture, shape_line, solution_text
 from jhd.solution import HausdorffSolution
 from jhd.warming import KINDS, preparations
@@ -97,7 +98,7 @@ def fit(options: Namespace) -> int:
         return status
     print(shape_line("A", options.target, target), shape_line("B", "fit", shape), sep="\n", end="\n\n")
     print(solution_text("Hausdorff distance", error, *names_of(error)), end="\n\n")
-    print(f"within     {tolerance:g}" if near else f"farther than {tolerance:g}")
+    print(f"within     {tolerance!r}" if near else f"not proven to be within {tolerance!r}")
     print(f"time       {seconds:.2f} s with compilation")
     print_files(fit=options.out, picture=options.plot, page=options.html)
     return status
@@ -149,9 +150,9 @@ def field(options: Namespace) -> int:
         print(json.dumps({"mesh": options.mesh, "atol": atol, **asked, **facts}, indent=2))
         return status
     print(shape_line("A", options.mesh, mesh), end="\n\n")
-    print(f"leaves     {made.leaves}, of them {made.unresolved} off by more than {atol:g} where they were tested")
+    print(f"leaves     {made.leaves}, of them {made.unresolved} off by more than {atol!r} where they were tested")
     where = "near the surface" if options.mode == "band" else "in the box"
-    print(f"error      {error!r} at most at random points {where}")
+    print(f"error      {upper_text(error)} at most at random points {where}")
     print(f"time       {seconds:.2f} s with compilation")
     for name, file in (("field", options.out), ("surface", options.surface)):
         if file:
@@ -174,6 +175,9 @@ def doctor(options: Namespace) -> int:
     base, diagonal = jhd.polyline([(0.0, 0.0), (4.0, 0.0)]), jhd.polyline([(0.0, 0.0), (4.0, 3.0)])
     solution = jhd.hausdorff(base, diagonal, throw=False)
     good = bool(float(solution.lower) <= 3.0 <= float(solution.upper)) and abs(float(solution) - 3.0) <= 1e-5
+    if refused:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in sorted(refused.items()))
+        facts["not kept"] = f"WARNING: compiled again in each process, since this JAX is not known ({reasons})"
     facts["self-check"] = f"{'passed' if good else 'FAILED'}: the distance is 3, found {float(solution)!r}"
     if options.json:
         print(json.dumps({**facts, "passed": good}, indent=2))

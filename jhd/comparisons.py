@@ -15,6 +15,7 @@ import numpy as np
 
 import jhd
 from jhd.console import INTERRUPTED, busy, device, exit_status, precision, print_json, timed
+from jhd.decimals import lower_text, upper_text
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.files import replace_file
 from jhd.lengths import rounded_diagonal
@@ -230,10 +231,11 @@ def project(options: Namespace) -> int:
     where = [kind, *parameters] if kind else []
     feet = [f"foot {axis}" for axis in "xyz"[: shape.dim]]
     print("\t".join(["distance", "lower", "upper", *where, *feet, "result"]))
-    rows = [found.distance, found.lower, found.upper, found.segment, np.asarray(found.t), found.foot]
-    for *numbers, segment, t, foot, result in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
+    rows = [found.distance, found.lower, found.upper, found.segment, found.t, found.foot]
+    for value, low, high, segment, t, foot, end in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
         place = (segment, *np.atleast_1d(t)) if kind else ()
-        print("\t".join([*(repr(x.item()) for x in (*numbers, *place, *foot)), result]))
+        bounds = lower_text(low), upper_text(high)
+        print(repr(value.item()), *bounds, *(repr(x.item()) for x in (*place, *foot)), end, sep="\t")
     return status
 
 

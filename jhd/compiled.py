@@ -1,8 +1,13 @@
-"""Programs compiled quickly, kept between processes, and not more of them than a process can hold."""
+"""Programs compiled quickly, kept between processes, and not more of them than a process can hold.
+
+A process holds at most `MOST` executables, about 1.7 MB each. If there are more, the functions that were called longest
+ago lose theirs; they are read from disk, or compiled, if the function is called again.
+"""
 
 import ctypes
 import functools
 import gc
+import itertools
 import os
 import threading
 from collections.abc import Callable, Iterator
@@ -14,15 +19,15 @@ from weakref import WeakSet
 
 import jax
 import numpy as np
-from jax._src import config as jax_config
 from jax.core import eval_context
 from jax.sharding import SingleDeviceSharding
 from jax.tree_util import tree_flatten, tree_unflatten
 
 from jhd.arrays import is_tracing
 from jhd.forks import check_process
+from jhd.jax_internals import count_executables, is_literal, trace_context
 from jhd.memory import check_memory
-from jhd.programs import NotKeptError, is_ours, load, name_of_program, short_name, store
+from jhd.programs import NotKeptError, is_ours, load, name_of_program, refused, short_name, store
 
 _R = TypeVar("_R")
 
@@ -33,6 +38,8 @@ _EMITTERS, _LEVEL = "xla_cpu_use_fusion_emitters", "xla_backend_optimization_lev
 # Linux ends a process at its limit of mappings, by a crash; code takes some hundreds of them for each program.
 _MAPPINGS, _LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
 _SHARE = 0.75
+# Executables that a process holds at most: half a gigabyte. All kinds of shapes in every mix take some hundred.
+MOST = 300
 
 # Bytes of arguments from which on it is asked how much memory a program takes: asking takes a third of a millisecond.
 _LARGE = 1 << 20
@@ -40,10 +47,10 @@ _LARGE = 1 << 20
 _ALWAYS = 1 << 28
 _LESS = "fewer points or segments at once, or a smaller capacity of the method, take less"
 
-# What a trace depends on beside its arguments; where JAX does not say, nothing is kept on disk.
-_context: Callable[[], Any] | None = getattr(jax_config, "trace_context", None)
-
+# Those that hold executables, and a counter that orders their calls.
 _programs: WeakSet[Any] = WeakSet()
+_changing = threading.Lock()
+_calls = itertools.count()
 # Asked before a program is compiled.
 _permission: ContextVar[Callable[[], object] | None] = ContextVar("permission", default=None)
 
@@ -100,7 +107,8 @@ def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, level
             if os.getenv("JHD_CACHE") == "0":
                 return plain(*args)
             if kept is None:  # asked for here, where the function has got its name
-                kept = _Kept(function, static, level, plain) if _context is not None and is_ours(function) else plain
+                keeps = trace_context is not None and is_ours(function)
+                kept = _Kept(function, static, level, plain) if keeps else plain
             return kept(*args)
 
     return call
@@ -114,14 +122,17 @@ class _Plain:
     """The programs of one function as jit makes them."""
 
     def __init__(self, function: Callable[..., Any], static: tuple[int, ...], level: int | None):
-        self._made, self._known = functools.cache(lambda: self._jitted(function, static, level)), 0
+        self._made = functools.cache(lambda: jax.jit(function, static_argnums=static, compiler_options=_options(level)))
+        self.count, self.last = 0, 0
         # Kinds of arguments that there are programs for; dropped ones are made anew without being asked about.
         self._static, self._kinds = static, set()
         # Sizes of large arguments of which it is known that there is room.
         self._asked: set[Any] = set()
+        with _changing:
+            _programs.add(self)
 
     def __call__(self, *args: Any) -> Any:
-        program = self._made()
+        program, self.last = self._made(), next(_calls)
         leaves, tree = tree_flatten(tuple([x for i, x in enumerate(args) if i not in self._static]))
         kinds = tree, tuple([args[i] for i in self._static]), tuple([(np.shape(x), _type(x)) for x in leaves])
         if kinds not in self._kinds:
@@ -135,16 +146,18 @@ class _Plain:
                 self._asked.add(sizes)
         result = program(*args)
         self._kinds.add(kinds)
-        if program._cache_size() != self._known:
+        count = count_executables(program)
+        if count != self.count:
+            self.count = count
             make_room()
-            self._known = program._cache_size()
         return result
 
-    @staticmethod
-    def _jitted(function: Callable[..., Any], static: tuple[int, ...], level: int | None) -> Any:
-        program = jax.jit(function, static_argnums=static, compiler_options=_options(level))
-        _programs.add(program)
-        return program
+    def clear(self) -> None:
+        """Drop all executables."""
+        if self.count:
+            program: Any = self._made()
+            program.clear_cache()
+            self.count = 0
 
 
 class _Kept:
@@ -155,17 +168,19 @@ class _Kept:
         # By what is quickly told of the arguments, and by their names; two of the first may share one of the second.
         self._known: dict[Any, Any] = {}
         self._named: dict[str, Any] = {}
+        self.last = 0
         self._lock = threading.RLock()
-        _programs.add(self)
+        with _changing:
+            _programs.add(self)
 
     def __call__(self, *args: Any) -> Any:
         # Where results are looked at one by one, that is left to jit.
         if jax.config.jax_debug_nans or jax.config.jax_debug_infs:  # pyright: ignore[reportAttributeAccessIssue]
             return self._plain(*args)
-        static = self._static
+        static, self.last = self._static, next(_calls)
         fixed = tuple([(type(args[i]), args[i]) for i in static])
         leaves, tree = tree_flatten(tuple([x for i, x in enumerate(args) if i not in static]) if static else args)
-        key = (_context(), tree, fixed, tuple([_kind(x) for x in leaves]))  # pyright: ignore[reportOptionalCall]
+        key = (trace_context(), tree, fixed, tuple([_kind(x) for x in leaves]))  # pyright: ignore[reportOptionalCall]
         found = self._known.get(key)
         if found is not None:
             return tree_unflatten(found[1], found[0](*leaves))
@@ -174,12 +189,14 @@ class _Kept:
             return self._plain(*args)
         return self._first(key, leaves, args)
 
-    def clear_cache(self) -> None:
-        """Drops all programs."""
+    def clear(self) -> None:
+        """Drop all executables."""
         self._known.clear()
         self._named.clear()
 
-    def _cache_size(self) -> int:
+    @property
+    def count(self) -> int:
+        """How many executables there are."""
         return len(self._named)
 
     def _first(self, key: Any, leaves: list[Any], args: tuple) -> Any:
@@ -190,7 +207,8 @@ class _Kept:
         try:
             kinds = [(x.shape, np.dtype(x.dtype), x.weak_type) for x in like]
             name = name_of_program(self._function, tree, kinds, context, (constants, self._level))
-        except NotKeptError:
+        except NotKeptError as error:
+            refused[self._function.__qualname__] = str(error)
             self._known[key] = None
             return self._plain(*args)
         with self._lock:  # several threads may want one program, and none of them is to compile what another does
@@ -255,7 +273,7 @@ def _kind(x: Any) -> Any:
         return x.shape, x.dtype
     if of in (bool, int, float):
         return of
-    if _is_literal(x):
+    if is_literal(x):
         return x.shape, x.dtype, x.weak_type  # pyright: ignore[reportAttributeAccessIssue]
     return (x.aval, x.sharding, x.committed) if isinstance(x, jax.Array) else (of, getattr(x, "dtype", None))
 
@@ -277,15 +295,10 @@ def _usual(leaves: list[Any]) -> bool:
 def _is_usual(x: Any, home: Any, alone: bool) -> bool:
     if type(x) in (bool, int, float):
         return True
-    if type(x) is not np.ndarray and not isinstance(x, jax.Array | np.generic) and not _is_literal(x):
+    if type(x) is not np.ndarray and not isinstance(x, jax.Array | np.generic) and not is_literal(x):
         return False
     number = isinstance(x.dtype, np.dtype) and x.dtype.isnative and x.dtype.kind in "biuf"
     return number and (not isinstance(x, jax.Array) or (x.sharding == home and (alone or not x.committed)))
-
-
-def _is_literal(x: Any) -> bool:
-    """Whether it is an array of NumPy as JAX hands on the known numbers of what it differentiates."""
-    return isinstance(x, np.ndarray) and hasattr(x, "weak_type")
 
 
 def _like(x: Any) -> jax.ShapeDtypeStruct:
@@ -294,8 +307,19 @@ def _like(x: Any) -> jax.ShapeDtypeStruct:
 
 
 def make_room() -> None:
-    """Gives back what compiling or reading a program took, and drops all programs near the limit of mappings."""
+    """Give back what compiling or reading a program took, and drop those that are too many.
+
+    All go near the system's limit of memory mappings, else the least recently used ones beyond `MOST`.
+    """
     give_back()
+    with _changing:
+        holders = sorted(_programs, key=lambda holder: holder.last)
+    excess = sum(holder.count for holder in holders) - MOST
+    for holder in holders:
+        if excess <= 0:
+            break
+        excess -= holder.count
+        holder.clear()
     try:
         limit = int(_LIMIT.read_text())
         with _MAPPINGS.open("rb") as lines:
@@ -303,8 +327,8 @@ def make_room() -> None:
     except OSError:  # not Linux: no such limit
         return
     if count > _SHARE * limit:
-        for program in _programs:
-            program.clear_cache()
+        for holder in holders:
+            holder.clear()
         gc.collect()
 
 
@@ -329,13 +353,18 @@ def _library_call(name: str) -> Any:
 
 @functools.cache
 def _options(level: int | None) -> dict[str, Any] | None:
-    """The options of a level, as far as this version of XLA has them and its flags do not name them."""
+    """Return the compile options of a level that this version of XLA knows and that XLA_FLAGS does not set."""
     if level is None or jax.default_backend() != "cpu":
         return None
     flags = os.getenv("XLA_FLAGS", "")
-    options = {name: value for name, value in ((_EMITTERS, False), (_LEVEL, level)) if name not in flags}
+    options = ((_EMITTERS, False), (_LEVEL, level))
+    return {name: value for name, value in options if name not in flags and _is_option(name, value)}
+
+
+@functools.cache
+def _is_option(name: str, value: Any) -> bool:
     try:
-        jax.jit(lambda x: x, compiler_options=options)(0.0)
+        jax.jit(lambda x: x, compiler_options={name: value}).lower(0.0).compile()
     except jax.errors.JaxRuntimeError:
-        return None
-    return options
+        return False
+    return True

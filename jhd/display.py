@@ -4,17 +4,24 @@ Objects pass through JAX with leaves that are no numbers (tracers, shapes, marke
 without what is not known of them.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import jax
 import numpy as np
 
 from jhd.arrays import is_traced
+from jhd.decimals import lower_text, upper_text
+
+BoundText = Callable[..., str]
 
 # Arrays of so many entries are shown in full.
 _FEW = 6
+_DIGITS = ".4g"
 _SPACES = {2: "in the plane", 3: "in space"}
+# Fields that are bounds.
+_BOUNDS: dict[str, BoundText] = {"lower": lower_text, "upper": upper_text}
 
 
 def described(thing: Any, *parts: str) -> str:
@@ -32,20 +39,25 @@ def opaque(thing: Any) -> str | None:
 def fields_shown(thing: Any, *names: str) -> str:
     """The object with the named fields of it that are not None."""
     pairs = ((name, getattr(thing, name)) for name in names)
-    shown = (f"{name}={value_text(value)}" for name, value in pairs if value is not None)
+    shown = (f"{name}={value_text(value, _BOUNDS.get(name))}" for name, value in pairs if value is not None)
     return opaque(thing) or described(thing, *shown)
 
 
-def value_text(value: Any) -> str:
-    """A value in a few characters: numbers, the sizes of long arrays, whatever prints itself."""
+def value_text(value: Any, bound: BoundText | None = None) -> str:
+    """A value in a few characters: numbers, the sizes of long arrays, whatever prints itself.
+
+    Args:
+        value: the value.
+        bound: `lower_text` or `upper_text` if the entries of an array are bounds.
+    """
     if not hasattr(value, "shape"):
         return f"{value:.6g}" if isinstance(value, float) else repr(value)
     if is_traced(value):
         return f"traced {size_text(value.shape)}".rstrip()
     if not is_known(value) or np.size(value) > _FEW or 0 in value.shape:
         return f"{size_text(value.shape)} array"
-    entries = np.asarray(value)
-    return _number(entries) if entries.ndim == 0 else f"[{', '.join(map(_number, entries.ravel()))}]"
+    entries, number = np.asarray(value), _number if bound is None else partial(bound, spec=_DIGITS)
+    return number(entries) if entries.ndim == 0 else f"[{', '.join(map(number, entries.ravel()))}]"
 
 
 def size_text(shape: Iterable[int]) -> str:
@@ -89,6 +101,11 @@ def between_text(lower: Any, upper: Any, name: str = "box") -> str:
     return f"{name} ({low}) to ({high})"
 
 
+def most_text(name: str, bounds: Any) -> str:
+    """The largest of upper bounds after a name, rounded up; nothing of unknown ones."""
+    return f"{name} {upper_text(np.max(np.asarray(bounds)), '.6g')}" if is_known(bounds) and np.size(bounds) else ""
+
+
 def is_known(value: Any) -> bool:
     """Whether the entries of an array can be looked at here."""
     if is_traced(value) or not isinstance(value, np.ndarray | np.generic | jax.Array):
@@ -97,4 +114,4 @@ def is_known(value: Any) -> bool:
 
 
 def _number(value: Any) -> str:
-    return f"{value:.4g}" if np.issubdtype(np.asarray(value).dtype, np.floating) else str(value)
+    return format(value, _DIGITS) if np.issubdtype(np.asarray(value).dtype, np.floating) else str(value)

@@ -75,7 +75,7 @@ def minimise_hausdorff(
     Where the product of both curves' numbers of segments is above 1024 the maxima near the top alone take part, found
     with trees of samples: the search of a step grows like the sum of both numbers, its model at most like the cube of
     the number of parameters. Such a fit ends where four steps together gain less than a thousandth, named
-    fit_in_a_valley. Where the proven distance shows that a maximum was missed the samples are doubled and it goes on.
+    fit_in_a_valley. If the proven distance shows that a maximum was missed, it looks closer and goes on.
 
     By another measure any shapes are fitted, points among the targets: a quantile or
     a mean of the distances from a scan, `Quantile(0.9, directed=True)`, leaves its outliers out.

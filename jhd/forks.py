@@ -1,9 +1,8 @@
 """Processes that are forked from one that has computed: what JAX would wait for there for ever."""
 
 import os
-from typing import Any
 
-from jax._src import xla_bridge
+from jhd.jax_internals import is_initialized
 
 _MESSAGE = (
     "this process was forked from one in which JAX had computed, so the threads that JAX waits for are not there. "
@@ -20,9 +19,7 @@ def check_process() -> None:
 
 def _after_fork() -> None:
     global _forked
-    # Where JAX does not say, nothing is refused.
-    known: Any = getattr(xla_bridge, "backends_are_initialized", None)
-    _forked = _forked or (known is not None and known())
+    _forked = _forked or is_initialized()
 
 
 if hasattr(os, "register_at_fork"):  # POSIX

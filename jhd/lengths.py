@@ -6,8 +6,6 @@ The diagonal and its shares are rounded to four digits, so that they are read an
 import math
 from typing import Any, NamedTuple
 
-from jhd.distance.search.mixes import diagonal_of
-
 _DIGITS = 4
 
 
@@ -47,6 +45,9 @@ def rounded_diagonal(*shapes: Any) -> float:
     Raises:
         ValueError: shapes of different dimensions.
     """
+    # Help names lengths before the package is imported.
+    from jhd.distance.search.mixes import diagonal_of
+
     first = shapes[0].dim
     for shape in shapes[1:]:
         if shape.dim != first:

@@ -34,7 +34,10 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     fit_at_rounding = (
         "What is left to gain is below the rounding of the coordinates: scale or centre them, or be content with it."
     )
-    unproven = "The interval is that of a published rule which can miss the exact value: take rule='safe'."
+    unproven = (
+        "The answer is that of a published method which can miss the exact value and proves no bound: take the default "
+        "method for bounds."
+    )
     unverified = (
         "No cell, or none of those that count, could be proven to hold a point of one of the surfaces, so a bound is "
         "missing or wide: raise cells. Where a polynomial does not change its sign only single points that simple "
@@ -44,6 +47,10 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "The bounds are true but wider than asked for: a whole curve or region of points is about as far as the "
         "farthest one, or about as near as the nearest, and the work grows like the inverse of the gap: raise atol, or "
         "max_steps."
+    )
+    many_nearest_points = (
+        "The bounds are true but not closed: a whole curve or region of the shape is about as near as its nearest "
+        "point, or a surface has a cuspidal edge there. Use lower and upper, or move the query."
     )
     empty_surface = "A surface is proven to have no point in its box, so there is no distance: check its box."
     nonfinite_value = (

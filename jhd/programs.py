@@ -30,17 +30,17 @@ import optimistix as optx
 from jax.experimental import serialize_executable
 
 from jhd import storage
-
-try:
-    from jaxlib import lapack
-except ImportError:  # another version's; programs that call LAPACK are not kept then
-    lapack: Any = None
+from jhd.jax_internals import has_lapack, is_missing_field, prepare_lapack, settings
 
 _PACKAGE, _FOLDER = "jhd", os.path.dirname(os.path.abspath(__file__))
 # Source that was changed after this is not what this process runs.
 _STARTED = time.time()
 # Whose classes may stand in a structure: their versions, and the source of this package, are part of a name.
 _KNOWN = ("jhd", "jax", "jaxlib", "equinox", "lineax", "optimistix", "numpy", "builtins")
+# The methods by which a class says how its objects are pickled.
+_PICKLED = {"__reduce__", "__reduce_ex__", "__getnewargs__", "__getnewargs_ex__"}
+# How Python prints an object that has no text of its own: another one in each process.
+_ADDRESS = re.compile(r" at 0x[0-9a-f]+>")
 # Settings that change no program.
 _ASIDE = re.compile(
     "jax_(enable_|raise_)?(compilation|persistent)_cache|jax_log|jax_debug_log|jax_explain|jax_traceback"
@@ -53,6 +53,9 @@ _INSIDE, _LAPACK = ("TopK",), "lapack_"
 _CODE = b"\x7fELF", b"\xcf\xfa\xed\xfe"
 _TARGETS = re.compile(r'custom_call_target="([^"]*)"')
 
+
+# Why no program of a function was kept, by the name of the function, for `jhd doctor`.
+refused: dict[str, str] = {}
 
 # Of each module the constants that were there last, and their sum.
 _LAST: dict[str, tuple[list[Any], str]] = {}
@@ -91,17 +94,16 @@ def name_of_program(function: Callable[..., Any], tree: Any, kinds: Any, context
         _structure(tree),
         *map(_plain, (kinds, context, options)),
     ]
-    settings = {key: value for key, value in _settings().items() if not _ASIDE.match(key)}
-    current = [f"{key}={getattr(jax.config, key, value)!r}" for key, value in sorted(settings.items())]
+    # All settings as the process has them; a thread may have others.
+    known = settings()
+    if not known:
+        raise NotKeptError("the settings of JAX")
+    asked_for = sorted((key, value) for key, value in known.items() if not _ASIDE.match(key))
+    current = [f"{key}={getattr(jax.config, key, value)!r}" for key, value in asked_for]
+    for text in current:
+        if _ADDRESS.search(text):
+            raise NotKeptError(text)
     return "\n".join([*asked, *_surroundings(), _constants(function.__module__), *current])
-
-
-def _settings() -> dict[str, Any]:
-    """All settings of JAX as the process has them; a thread may have others."""
-    found = getattr(jax.config, "values", None)
-    if not found:
-        raise NotKeptError("settings")
-    return found
 
 
 def load(name: str) -> tuple[Callable[..., Any], Any] | None:
@@ -115,8 +117,7 @@ def load(name: str) -> tuple[Callable[..., Any], Any] | None:
         if known != name:
             return None
         if any(target.startswith(_LAPACK) for target in targets):
-            # Lowering does it otherwise: without it the addresses of LAPACK are zero.
-            lapack.prepare_lapack_call("gesdd", np.dtype(np.float64))
+            prepare_lapack()
         # A structure cannot be pickled (equinox tells a field that is missing by its identity), an example of it can.
         given, made = (((0,) * count, {}), jax.tree_util.tree_structure(example))
         run = serialize_executable.deserialize_and_load(
@@ -137,7 +138,7 @@ def store(name: str, run: Any, made: Any) -> bool:
         return False
     try:
         targets = sorted(set(_TARGETS.findall(run.as_text())))
-        if not all(target in _INSIDE or (lapack is not None and target.startswith(_LAPACK)) for target in targets):
+        if not all(target in _INSIDE or (has_lapack and target.startswith(_LAPACK)) for target in targets):
             return False
         example = jax.tree_util.tree_unflatten(made, [0] * made.num_leaves)
         if jax.tree_util.tree_structure(pickle.loads(pickle.dumps(example))) != made:
@@ -166,26 +167,60 @@ def _structure(tree: Any) -> str:
 
 
 def _plain(value: Any) -> str:
-    """The value as a text that no other value has."""
+    """Return a text that no other value has.
+
+    A class that says itself how its objects are pickled (`__reduce__`, `__getnewargs__`) names all that its objects
+    consist of. The default object of a class is that class: JAX and equinox have single objects for what is absent.
+
+    Raises:
+        NotKeptError: if there is no such text.
+    """
     if value is None or isinstance(value, bool | int | float | str | bytes) and type(value).__module__ == "builtins":
         return f"{type(value).__name__}:{value!r}"
     if isinstance(value, type):
         return _class(value)
     if isinstance(value, np.dtype):
         return f"dtype:{value.str}:{value.name}"
-    if isinstance(value, tuple | list) and type(value) in (tuple, list):
-        return f"{type(value).__name__}({','.join(map(_plain, value))})"
-    if type(value) is dict:
-        return f"dict({','.join(f'{_plain(key)}={_plain(item)}' for key, item in value.items())})"
+    if type(value) in (tuple, list, dict, set, frozenset):
+        items: Any = value
+        parts = [_plain(x) for x in (items.items() if type(value) is dict else items)]
+        return f"{type(value).__name__}({','.join(sorted(parts) if isinstance(value, set | frozenset) else parts)})"
     if isinstance(value, enum.Enum):
         return f"{_class(type(value))}.{value.name}"
-    # Single objects: what equinox has for a field that is missing, and the axes that JAX maps over where it does not.
-    kind = type(value)
-    if kind.__name__ == "_Missing" or kind.__name__ == "AxisEnv" and value is kind():
-        return _class(kind)
     if isinstance(value, types.FunctionType) and is_ours(value):
         return f"function:{value.__module__}.{value.__qualname__}:{_constants(value.__module__)}"
-    raise NotKeptError(f"{type(value).__name__} {value!r}")
+    return _object(value)
+
+
+def _object(value: Any) -> str:
+    kind = type(value)
+    if is_missing_field(value) or _is_default(value):
+        return _class(kind)
+    made = _pickled(value)
+    if isinstance(made, tuple):
+        return f"{_class(kind)}{_plain(tuple(made[1:]))}"
+    raise NotKeptError(f"{kind.__name__} {value!r}")
+
+
+def _pickled(value: Any) -> Any:
+    """Return how pickle makes the value again; None if its class does not say, or its objects change."""
+    try:
+        hash(value)
+        explicit = any(vars(base).keys() & _PICKLED for base in type(value).__mro__[:-1])
+        return value.__reduce_ex__(4) if explicit else None
+    except Exception:
+        return None
+
+
+def _is_default(value: Any) -> bool:
+    """Return whether a class of JAX's gives this very object if it is called without arguments."""
+    kind = type(value)
+    if kind.__module__.partition(".")[0] != "jax":
+        return False
+    try:
+        return kind() is value
+    except Exception:  # a class that needs arguments
+        return False
 
 
 def _class(kind: type) -> str:

@@ -1,6 +1,6 @@
 """What the command line shows: lines about shapes and solutions, and pictures.
 
-Numbers are written in full, so that a bound that is read back is still the bound that was proven.
+Numbers are written in full: a bound that is read back is the one that was proven, and its digits are rounded outward.
 """
 
 import io
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from jhd import plot
+from jhd.decimals import interval_text, lower_text, upper_text
 from jhd.distance.deviation_solution import Bounds, Deviation
 from jhd.distance.many.tasks import CollectionProgress
 from jhd.distance.search.points import is_points
@@ -58,12 +59,10 @@ def names_of(solution: HausdorffSolution) -> tuple[str, str]:
 def solution_text(title: str, solution: HausdorffSolution, name: str, other: str, diagonal: float | None = None) -> str:
     """One solution in lines; the point lies on the shape `name`, its feet on `other`."""
     w = solution.witness
-    upper = repr(float(solution.upper)) if np.isfinite(solution.upper) else "not proven by this method"
     lines = [
         title,
         f"  value    {_number(solution)}",
-        f"  lower    {float(solution.lower)!r}",
-        f"  upper    {upper}",
+        *_bound_lines(solution, "not proven by this method"),
         *_share_line("  share    ", solution.value, diagonal),
         f"  event    {name_of(solution.event)}",
         f"  witness  {_place(name, w.segment, w.t, w.point)}",
@@ -79,22 +78,24 @@ def solution_text(title: str, solution: HausdorffSolution, name: str, other: str
 
 
 def deviation_text(found: Deviation, threshold: float | None, diagonal: float) -> str:
-    """Bounds of the numbers of a deviation in a table; numbers in full, so that they are still bounds."""
+    """Bounds of the numbers of a deviation in a table."""
     largest = Bounds(float(found.maximum.lower), float(found.maximum.upper))
     rows = {"maximum": largest, "rms": found.rms, "mean": found.mean}
     rows |= {f"{q:.0%} within": found.quantile(q) for q in (0.5, 0.9, 0.99)}
     lengths = len(rows)
     if threshold is not None:
-        rows[f"share within {threshold:g}"] = found.share_within(threshold)
+        rows[f"share within {threshold!r}"] = found.share_within(threshold)
     kind = "points" if is_points(found.a) else "length" if isinstance(found.a, AbstractCurve) else "area"
     rows[f"{kind} of A"] = found.measure
     width = max(map(len, rows))
-    head = f"distance from A to B\n  {'':<{width}}  {'lower':<24}{'upper':<24}of the diagonal"
+    ends = [(lower_text(known.lower), upper_text(known.upper)) for known in rows.values()]
+    wide = 2 + max(len(text) for row in ends for text in row)
+    head = f"distance from A to B\n  {'':<{width}}  {'lower':<{wide}}{'upper':<{wide}}of the diagonal"
     shares = [share_text(known.upper, diagonal) for known in list(rows.values())[:lengths]]
     shares += [""] * (len(rows) - lengths)
     lines = [
-        f"  {name:<{width}}  {low!r:<24}{high!r:<24}{share}".rstrip()
-        for (name, (low, high)), share in zip(rows.items(), shares, strict=True)
+        f"  {name:<{width}}  {low:<{wide}}{high:<{wide}}{share}".rstrip()
+        for name, (low, high), share in zip(rows, ends, shares, strict=True)
     ]
     told = [] if successful(found) else [f"  {'result':<{width}}  {_with_sentence(found.result)}"]
     return "\n".join([head, *lines, *told])
@@ -102,12 +103,10 @@ def deviation_text(found: Deviation, threshold: float | None, diagonal: float) -
 
 def decision_text(title: str, found: Decision, threshold: float, diagonal: float) -> str:
     """The answer to whether a distance is at most a threshold, with the bounds that were reached."""
-    upper = repr(float(found.upper)) if np.isfinite(found.upper) else "not proven"
     return "\n".join(
         [
             f"{title} at most {threshold!r}: {name_of(found.answer)}",
-            f"  lower    {float(found.lower)!r}",
-            f"  upper    {upper}",
+            *_bound_lines(found),
             *_share_line("  asked    ", threshold, diagonal),
             f"  answer   {found.answer._enumeration._index_to_message[int(found.answer._value)]}",
         ]
@@ -116,9 +115,8 @@ def decision_text(title: str, found: Decision, threshold: float, diagonal: float
 
 def minimum_text(found: MinimumSolution, diagonal: float) -> str:
     """The minimum distance in lines, with the nearest points."""
-    upper = repr(float(found.upper)) if np.isfinite(found.upper) else "not proven"
-    lines = ["minimum distance", f"  value    {float(found.value)!r}", f"  lower    {float(found.lower)!r}"]
-    lines += [f"  upper    {upper}", *_share_line("  share    ", found.value, diagonal)]
+    lines = ["minimum distance", f"  value    {float(found.value)!r}", *_bound_lines(found)]
+    lines += _share_line("  share    ", found.value, diagonal)
     for name, point in (("A", found.point_a), ("B", found.point_b)):
         lines.append(f"  point    {name} at ({', '.join(f'{float(x):.9g}' for x in point)})")
     if not successful(found):
@@ -130,9 +128,16 @@ def directions_text(there: HausdorffSolution, back: HausdorffSolution) -> str:
     """The bounds of both directed distances; those from B to A are wide where only the other ones matter."""
     lines = []
     for way, solution in (("A to B", there), ("B to A", back)):
-        upper = repr(float(solution.upper)) if np.isfinite(solution.upper) else "not proven"
-        lines.append(f"{way}     {float(solution.lower)!r} to {upper}")
+        lines.append(f"{way}     {lower_text(solution.lower)} to {_upper(solution)}")
     return "\n".join(lines)
+
+
+def _bound_lines(solution: Any, unproven: str = "not proven") -> list[str]:
+    return [f"  lower    {lower_text(solution.lower)}", f"  upper    {_upper(solution, unproven)}"]
+
+
+def _upper(solution: Any, unproven: str = "not proven") -> str:
+    return upper_text(solution.upper) if np.isfinite(solution.upper) else unproven
 
 
 def _share_line(title: str, distance: Any, diagonal: float | None) -> list[str]:
@@ -167,7 +172,7 @@ def shape_line(name: str, spec: str, shape: Any) -> str:
     shown = spec if len(spec) <= _SPEC_WIDTH else f"{spec[: _SPEC_WIDTH - 3]}..."
     if isinstance(shape, ImplicitSurface):
         ends = zip(*(np.asarray(end) for end in shape.box()), strict=True)
-        box = " x ".join(f"[{low:.9g}, {high:.9g}]" for low, high in ends)
+        box = " x ".join(interval_text(low, high, ".9g") for low, high in ends)
         return f"{name}  {shown}: surface of degree {shape.degree} in {box}"
     if isinstance(shape, TriangleMesh):
         kind = "closed mesh" if shape.is_closed else "open mesh"
@@ -215,7 +220,8 @@ def progress_text(progress: Any) -> str:
     p = progress
     name = "" if p.direction is None else f"{p.direction}: "
     digits = f"{bar(_digits(p.lower, p.upper), _DIGITS)} digits"
-    return f"{name}{digits}, {p.lower:.9g} to {p.upper:.9g}, step {p.steps}, {p.waiting} cells wait"
+    ends = f"{lower_text(p.lower, '.9g')} to {upper_text(p.upper, '.9g')}"
+    return f"{name}{digits}, {ends}, step {p.steps}, {p.waiting} cells wait"
 
 
 def _digits(lower: float, upper: float) -> int:

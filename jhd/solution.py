@@ -7,7 +7,6 @@ leaves have leading axes.
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal, localcontext
 from typing import Any
 
 import equinox as eqx
@@ -18,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jhd.arrays import is_traced
 from jhd.batches import AbstractSolution, shown_many
 from jhd.batches import on_device as on_device
+from jhd.decimals import interval_text, lower_text, upper_text
 from jhd.outcomes import ANSWERS as ANSWERS
 from jhd.outcomes import DIRECTIONS as DIRECTIONS
 from jhd.outcomes import EVENTS as EVENTS
@@ -120,8 +120,7 @@ class AbstractDistance(AbstractSolution):
             return str(self)
         if is_traced(self.value) or np.ndim(self.value):
             raise TypeError("a format of numbers is for the bounds of one distance; these are traced, or a batch.")
-        ends = zip((self.lower, self.upper), (ROUND_FLOOR, ROUND_CEILING), strict=True)
-        return f"[{', '.join(_rounded(float(end), spec, way) for end, way in ends)}]"
+        return interval_text(self.lower, self.upper, spec)
 
     def to_json(self, **options: Any) -> str:
         """The solution as JSON text: bounds that are not proven are null, enumerations are names.
@@ -130,12 +129,6 @@ class AbstractDistance(AbstractSolution):
             options: handed to json.dumps, for example indent=2.
         """
         return json.dumps(to_plain(self), **options)
-
-
-def _rounded(number: float, spec: str, way: str) -> str:
-    with localcontext() as context:
-        context.rounding = way
-        return format(Decimal(number), spec)
 
 
 class HausdorffSolution(AbstractDistance):
@@ -175,8 +168,8 @@ class HausdorffSolution(AbstractDistance):
             return many
         place = ", ".join(f"{x:.6g}" for x in np.asarray(self.witness.point))
         return (
-            f"HausdorffSolution(value={float(self.value)!r}, lower={float(self.lower)!r}, "
-            f"upper={float(self.upper)!r},\n  {name_of(self.event)} at ({place}), {name_of(self.direction)}, "
+            f"HausdorffSolution(value={float(self.value)!r}, lower={lower_text(self.lower)}, "
+            f"upper={upper_text(self.upper)},\n  {name_of(self.event)} at ({place}), {name_of(self.direction)}, "
             f"{name_of(self.result)})"
         )
 
@@ -211,8 +204,8 @@ class MinimumSolution(AbstractDistance):
             return many
         places = [", ".join(f"{x:.6g}" for x in np.asarray(point)) for point in (self.point_a, self.point_b)]
         return (
-            f"MinimumSolution(value={float(self.value)!r}, lower={float(self.lower)!r}, "
-            f"upper={float(self.upper)!r},\n  between ({places[0]}) and ({places[1]}), {name_of(self.result)})"
+            f"MinimumSolution(value={float(self.value)!r}, lower={lower_text(self.lower)}, "
+            f"upper={upper_text(self.upper)},\n  between ({places[0]}) and ({places[1]}), {name_of(self.result)})"
         )
 
 
@@ -244,7 +237,7 @@ class Projection(AbstractSolution):
         if many is not None:
             return many
         foot = ", ".join(f"{x:.6g}" for x in np.asarray(self.foot))
-        bounds = f"lower={float(self.lower)!r}, upper={float(self.upper)!r}"
+        bounds = f"lower={lower_text(self.lower)}, upper={upper_text(self.upper)}"
         return f"Projection(distance={float(self.distance)!r}, {bounds},\n  foot ({foot}), {name_of(self.result)})"
 
 
@@ -337,7 +330,7 @@ class Decision(AbstractSolution):
         if np.ndim(self.lower):
             raise ValueError(f"there are {np.size(self.lower)} decisions; look at `answer`, or index or vmap them.")
         if bool(self.answer == ANSWERS.undecided):
-            bounds = f"between {float(self.lower)!r} and {float(self.upper)!r}"
+            bounds = f"between {lower_text(self.lower)} and {upper_text(self.upper)}"
             raise ValueError(f"undecided: the distance lies {bounds}; ask for a smaller atol, or read `answer`.")
         return bool(self.answer == ANSWERS.yes)
 
@@ -345,7 +338,7 @@ class Decision(AbstractSolution):
         many = shown_many(self, "lower")
         if many is not None:
             return many
-        ends = f"lower={float(self.lower)!r}, upper={float(self.upper)!r}"
+        ends = f"lower={lower_text(self.lower)}, upper={upper_text(self.upper)}"
         return f"Decision({name_of(self.answer)}, {ends}, {name_of(self.result)}, distance={self.distance})"
 
 
@@ -384,7 +377,6 @@ class FitSolution(AbstractSolution):
     def __repr__(self) -> str:
         measured = "" if self.measured is None else f"{self.measured!r},\n  "
         return (
-            f"FitSolution({measured}error={float(self.error.value):.9g} in [{float(self.error.lower):.9g}, "
-            f"{float(self.error.upper):.9g}],\n  optimality={float(self.optimality):.1e}, "
-            f"steps={int(self.stats['steps'])}, {name_of(self.result)})"
+            f"FitSolution({measured}error={float(self.error.value):.9g} in {self.error:.9g},\n  "
+            f"optimality={float(self.optimality):.1e}, steps={int(self.stats['steps'])}, {name_of(self.result)})"
         )

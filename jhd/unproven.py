@@ -2,21 +2,21 @@
 
 import math
 from collections.abc import Mapping
-from decimal import ROUND_CEILING, Context
 from typing import Any
 
 import jax
 import numpy as np
 
 from jhd.arrays import is_traced
+from jhd.decimals import lower_text, upper_text
 from jhd.outcomes import RESULTS
 
 # What ends a search whose bounds a wider tolerance would have taken, and how that is asked for.
 _TOO_WIDE = {int(x._value) for x in (RESULTS.gap_not_closed, RESULTS.capacity_reached, RESULTS.family_of_maxima)}
 _TOLERANCES = {
-    "HausdorffSolution": "method=jhd.BranchAndBound(atol={:g})",
-    "MeasureSolution": "atol={:g}",
-    "MinimumSolution": "atol={:g}",
+    "HausdorffSolution": "method=jhd.BranchAndBound(atol={})",
+    "MeasureSolution": "atol={}",
+    "MinimumSolution": "atol={}",
 }
 # Relative tolerances from here on say nothing.
 _COARSE = 0.5
@@ -63,8 +63,8 @@ def relative_tolerance(known: Mapping[str, Ends]) -> str | None:
         return None
     share = max(((high - low) / high for low, high in known.values() if high > 0), default=0.0)
     if share < _COARSE:
-        return f"rtol={_rounded_up(share):g}"
-    return f"atol={_rounded_up(max(high - low for low, high in known.values())):g}"
+        return f"rtol={_least(share)}"
+    return f"atol={_least(max(high - low for low, high in known.values()))}"
 
 
 def _bounds_of(solution: Any, lane: int) -> dict[str, Ends]:
@@ -82,13 +82,13 @@ def _bounds_of(solution: Any, lane: int) -> dict[str, Ends]:
 def _tolerance(solution: Any, known: Mapping[str, Ends]) -> str | None:
     option = _TOLERANCES.get(type(solution).__name__)
     gap = max((high - low for low, high in known.values()), default=0.0)
-    return None if option is None or not 0 < gap < math.inf else option.format(_rounded_up(gap))
+    return None if option is None or not 0 < gap < math.inf else option.format(_least(gap))
 
 
 def _reached(known: Mapping[str, Ends], option: str | None) -> str:
     """The bounds as a sentence, and what would take them."""
     parts = [
-        f"{low!r} and {high!r}{f' of {of}' if of else ''}"
+        f"{lower_text(low)} and {upper_text(high)}{f' of {of}' if of else ''}"
         for of, (low, high) in known.items()
         if not math.isnan(low) and not math.isnan(high)
     ]
@@ -98,6 +98,6 @@ def _reached(known: Mapping[str, Ends], option: str | None) -> str:
     return f" The bounds reached are {', '.join(parts)}{would}."
 
 
-def _rounded_up(x: float) -> Any:
+def _least(tolerance: float) -> str:
     """Two digits, so that the bounds that are there would do."""
-    return Context(prec=2, rounding=ROUND_CEILING).create_decimal_from_float(x).normalize()
+    return upper_text(tolerance, ".2g")

@@ -110,11 +110,12 @@ def _draw_kept(ax: Axes, levels: dict[str, Any]) -> None:
 
 
 def _draw_rates(ax: Axes, numbers: dict[str, Any]) -> None:
-    """Pairs of cells a second of the published rule, at the cells of the paper."""
+    """Pairs of cells a second of the published rule; the paper's only for the cells that its time is printed for."""
     found = _by_rule(numbers, "paper")
-    shown = [x for x in found if x["cells"] == numbers["paper"]["cells"]] or found[-1:]
+    same = [x for x in found if x["cells"] == numbers["paper"]["cells"]]
+    shown = same or found[-1:]
     pairs = shown[0]["pairs"]
-    bars = [("paper", pairs / numbers["paper"]["seconds"], GREY, "")]
+    bars = [("paper", pairs / numbers["paper"]["seconds"], GREY, "")] if same else []
     for way, name, colour, hatch in (("tiles", "in tiles", ORANGE, "////"), ("separable", "separable", PURPLE, "....")):
         bars.append((name, pairs / max(shown[0][way], 1e-9), colour, hatch))
     for k, (_, height, colour, hatch) in enumerate(bars):

@@ -57,7 +57,7 @@ def four_panels(numbers: dict[str, Any], bar: tuple[float, float]) -> Figure:
         freeze(figure)
         scale_bar(axes[0, 0], _round_length(axes[0, 0]), numbers["unit"], bar)
         for rank, candidate in enumerate(numbers["candidates"], 1):
-            place_label(axes[1, 0], numbers["samples"]["points"][candidate["sample"]], f"{rank}")
+            place_label(axes[1, 0], numbers["samples"]["points"][candidate["sample"] - 1], f"{rank}")
             place_label(axes[1, 1], candidate["solution"]["witness"]["point"], f"{rank}")
     return figure
 
@@ -110,7 +110,7 @@ def _samples(ax: Axes, samples: dict[str, Any]) -> None:
 def _stationary(ax: Axes, numbers: dict[str, Any]) -> None:
     stationary = numbers["stationary"]
     points, distance = np.array(stationary["points"]), np.array(stationary["distance"])
-    sample = np.array(numbers["samples"]["points"])[stationary["sample"]]
+    sample = np.array(numbers["samples"]["points"])[stationary["sample"] - 1]
     nearest = int(np.argmin(distance))
     others = np.delete(points, nearest, axis=0)
     _spokes(ax, np.broadcast_to(sample, others.shape), others, color=GREY, linewidth=0.6)
@@ -124,7 +124,7 @@ def _stationary(ax: Axes, numbers: dict[str, Any]) -> None:
 def _candidates(ax: Axes, numbers: dict[str, Any]) -> None:
     points, feet = (np.array(numbers["samples"][name]) for name in ("points", "feet"))
     for candidate, kind in zip(numbers["candidates"], _RANKS, strict=False):
-        around = candidate["around"]
+        around = np.array(candidate["around"]) - 1
         _spokes(ax, points[around], feet[around], color=kind["color"], linewidth=1.0)
         ax.plot(*points[around].T, **{**_SAMPLE, "markersize": 2.4})
         ax.plot(*feet[around].T, **_FOOT)

@@ -144,6 +144,8 @@ def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
             ("later calls", case["build"], BLUE),
         )
         for j, (label, value, colour) in enumerate(bars):
+            if value is None:  # a short run has the first call of one mesh alone
+                continue
             ax.barh(4 * k + j, value, color=colour, height=0.8)
             ax.text(value, 4 * k + j, f" {label}, {value:.1f} s".replace(".0 s", " s"), va="center")
         names.append(f"{case['triangles']:,}\n({count:,})".replace(",", "\N{THIN SPACE}"))

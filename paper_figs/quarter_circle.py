@@ -36,9 +36,9 @@ def _figure(numbers: dict[str, Any]) -> Figure:
     with style():
         figure = Figure(figsize=(175 * MM, 105 * MM), layout="constrained")
         axes = figure.subplot_mosaic([["parameter", "c", "fixed"], ["free", "quintic", "excess"]])
-        for name, (panel, title) in _TITLES.items():
-            _draw_error(axes[name], numbers["fits"][name])
-            letter(axes[name], panel, title)
+        for name, fit in numbers["fits"].items():
+            _draw_error(axes[name], fit)
+            letter(axes[name], *_TITLES[name])
         _draw_parameter(axes["c"], numbers)
         letter(axes["c"], "b", "its $c$, from three starts")
         _draw_excess(axes["excess"], numbers["fits"])
@@ -87,7 +87,8 @@ def _draw_parameter(ax: Axes, numbers: dict[str, Any]) -> None:
 
 def _draw_excess(ax: Axes, fits: dict[str, Any]) -> None:
     """By how much the distance is above that of the end, as a share of it."""
-    for name, (colour, marker, line) in _FITS.items():
+    for name in [name for name in _FITS if name in fits]:
+        colour, marker, line = _FITS[name]
         history = np.array(fits[name]["history"])
         excess = history[:-1] / history[-1] - 1
         every = ((len(excess) - 1) % 3, 3) if len(excess) > 20 else 1

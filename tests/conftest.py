@@ -6,6 +6,8 @@ The type checks of jaxtyping must be switched on before the package is imported,
 import gc
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +41,11 @@ _WIDER = {int: int | jax.Array, float: float | int | jax.Array, jax.Array: jax.A
 _FROZEN: Any = getattr(beartype, "FrozenDict", None) or beartype.BeartypeHintOverrides
 
 
-# A third less of the time that a search takes to compile.
+# They take a third less of the time that a search needs to compile. XLA ends a process that names a flag it does not
+# know, and the first one is gone from jaxlib 0.11.2 on.
 QUICK_FLAGS = ("--xla_cpu_use_fusion_emitters=false", "--xla_backend_optimization_level=0")
+# Bytes of a process from which on its programs are dropped, so that two processes fit into a laptop of 4 GB.
+_ROOM = 1100 << 20
 # Those that take longest when nothing is compiled yet, quick and slow tests together. Files that share large programs
 # do not stand beside each other: two processes that begin with them would compile the same.
 _LONGEST = (
@@ -94,12 +99,21 @@ def pytest_configure(config):
     """
     # What is started in the background ignores interrupts, and so does all that it starts; some tests send them.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    quick = config.option.markexpr == "not slow"
-    if quick:
-        os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *QUICK_FLAGS])
+    quick = config.option.markexpr == "not slow and not exhaustive"
+    flags = os.environ.get("XLA_FLAGS", "").split()
+    # Worker processes inherit the flags.
+    if quick and not set(flags) & set(QUICK_FLAGS):
+        os.environ["XLA_FLAGS"] = " ".join([*flags, *filter(_is_flag, QUICK_FLAGS)])
     if not quick or os.environ.get("CHECK_ANNOTATIONS") == "1":
         # The hook takes the name of a checker, not the checker.
         jaxtyping.install_import_hook("jhd", f"{__name__}.checked")
+
+
+def _is_flag(flag):
+    """Return whether the installed XLA knows a flag, which only a process of its own can survive asking."""
+    start = "from jaxlib import xla_client; xla_client.make_cpu_client()"
+    asked = subprocess.run([sys.executable, "-c", start], env={**os.environ, "XLA_FLAGS": flag}, capture_output=True)
+    return asked.returncode == 0
 
 
 def pytest_collection_modifyitems(items):
@@ -114,16 +128,19 @@ hypothesis.settings.load_profile("jhd")
 
 @pytest.fixture(autouse=True, scope="module")
 def room_for_programs():
-    """Some hundred programs stay under the system's limit of memory mappings only if old ones go.
+    """Drop all programs if a file of tests begins in a process that holds much memory, nearly all of it programs.
 
-    What is there when a file of tests begins mostly stays: to look through all of it again and again for garbage takes
-    a fifteenth of the time.
+    What is there when a file begins mostly stays: to look through all of it again and again for garbage takes a
+    fifteenth of the time.
     """
-    maps = Path("/proc/self/maps")
-    if maps.exists() and len(maps.read_bytes().splitlines()) > 40_000:
+    pages = Path("/proc/self/statm")
+    if pages.exists() and int(pages.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > _ROOM:
+        from jhd.compiled import give_back
+
         gc.unfreeze()
         jax.clear_caches()
         gc.collect()
+        give_back()
     gc.freeze()
 
 

@@ -607,3 +607,8 @@ CASES = (
     *_CLOSED,
 )
 BY_NAME = {case.name: case for case in CASES}
+# One of each tag, of all degrees, for the slow tests of searches, which share them out.
+SLOW = (
+    *("paper_cones", "barth_sphere", "plane_in_a_prism", "sphere_ghost_plane", "near_spheres"),
+    *("far_sphere_ellipsoid", "tiny_sphere_ellipsoid", "concentric_spheres", "one_sphere"),
+)

@@ -55,6 +55,31 @@ def test_what_is_no_real_number_is_refused_with_its_type(value, dtype):
     assert str(caught.value) == f"weights must be real numbers; its dtype is {dtype}."
 
 
+class InMetres(np.ndarray):
+    """An array that knows its unit, as those of astropy and unyt."""
+
+    unit = "m"
+
+
+HIDDEN = np.ma.masked_array([[0, 0], [1, 1e20]], mask=np.array([[0, 0], [0, 1]], bool))
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (HIDDEN, "x has a mask with 1 hidden entries; leave them out before (np.ma.compress_rows)."),
+        ([HIDDEN[0], HIDDEN[1]], "x has a mask with 1 hidden entries; leave them out before (np.ma.compress_rows)."),
+        (np.ones(2).view(InMetres), "x has the unit m, which is not read; needs its numbers alone."),
+    ],
+    ids=["mask", "mask of a row", "unit"],
+)
+def test_masks_and_units_are_not_dropped_without_a_word(value, message):
+    with pytest.raises(ValueError) as caught:
+        real_array("x", value)
+    assert str(caught.value) == message
+    assert real_array("x", np.ma.masked_array([1, 2])).tolist() == [1, 2]
+
+
 def test_ragged_rows_are_refused():
     with pytest.raises(ValueError) as caught:
         real_array("points", [[1.0, 2.0], [3.0]])

@@ -6,9 +6,10 @@ And the scripts of the tour, which check themselves what they say.
 import argparse
 import ast
 import json
-import os
 import re
 import runpy
+import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -37,11 +38,31 @@ def names(paths):
     return [path.stem for path in paths]
 
 
-def run(script, folder):
-    # Small matrices on several threads take many times as long where other processes run. Programs have all of XLA's
-    # optimisations, as in other slow tests: fewer are compiled, and searches take half of the time.
-    alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    return python(str(script.relative_to(ROOT)), "--smoke", "--out", str(folder), cwd=ROOT, env=alone).stdout
+# Modules that the scripts of a folder share, by the folder: experiments and figures have one `common` each.
+_LOADED = {}
+
+
+@contextmanager
+def modules_of(folder):
+    """Lets a script import the modules of its folder; they are loaded once, and so are the programs that they make."""
+    own = _LOADED.setdefault(folder, {})
+    before = sys.modules.copy()
+    sys.path.insert(0, str(folder))
+    sys.modules.update(own)
+    try:
+        yield
+    finally:
+        sys.path.remove(str(folder))
+        for name, module in sys.modules.copy().items():
+            if name not in before and Path(getattr(module, "__file__", None) or "/").is_relative_to(folder):
+                own[name] = sys.modules.pop(name)
+
+
+def run(script, monkeypatch, *words):
+    """Runs a script in this process, as Python runs it: what others compiled need not be compiled again."""
+    monkeypatch.setattr(sys, "argv", [str(script), *map(str, words)])
+    with modules_of(script.parent):
+        runpy.run_path(str(script), run_name="__main__")
 
 
 def test_every_experiment_has_a_claim_that_is_asserted():
@@ -129,15 +150,15 @@ def check_origin(numbers, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("script", EXPERIMENTS, ids=names(EXPERIMENTS))
-def test_an_experiment_runs_small_its_claims_hold_and_its_figure_is_drawn(script, tmp_path):
+def test_an_experiment_runs_small_its_claims_hold_and_its_figure_is_drawn(script, tmp_path, monkeypatch, capsys):
     name = script.stem
-    printed = run(script, tmp_path)
-    assert (tmp_path / f"{name}.md").read_text(encoding="utf-8").strip() == printed.strip()
+    run(script, monkeypatch, "--smoke", "--out", tmp_path)
+    assert (tmp_path / f"{name}.md").read_text(encoding="utf-8").strip() == capsys.readouterr().out.strip()
     written = (tmp_path / f"{name}.json").read_bytes()
     numbers = json.loads(written)
     check_origin(numbers, name)
     CLAIMS[name](numbers)
-    run(ROOT / "paper_figs" / script.name, tmp_path)
+    run(ROOT / "paper_figs" / script.name, monkeypatch, "--smoke", "--out", tmp_path)
     check_pictures(tmp_path, name)
     # A figure takes the numbers that are there.
     assert (tmp_path / f"{name}.json").read_bytes() == written
@@ -151,29 +172,33 @@ def check_pictures(folder, name):
 
 
 @pytest.mark.slow
-def test_one_command_draws_what_is_missing_once_and_says_what_is_drawn_of_old_numbers(tmp_path):
-    def draw(*flags):
-        return python("paper_figs/all.py", "spurious_cells", "--smoke", "--out", str(tmp_path), *flags, cwd=ROOT)
+def test_one_command_draws_what_is_missing_once_and_says_what_is_drawn_of_old_numbers(tmp_path, monkeypatch, capsys):
+    def draw():
+        with pytest.raises(SystemExit, match="^0$"):
+            run(ROOT / "paper_figs" / "all.py", monkeypatch, "spurious_cells", "--smoke", "--out", tmp_path)
+        return capsys.readouterr()
 
-    # The figure runs its experiment where numbers are missing.
-    assert "spurious_cells: drawn" in draw().stdout
+    # The figure, a process of its own, runs its experiment where numbers are missing.
+    assert "spurious_cells: drawn" in draw().out
     file = tmp_path / "spurious_cells.json"
     numbers = json.loads(file.read_text(encoding="utf-8"))
     CLAIMS["spurious_cells"](numbers)
     check_pictures(tmp_path, "spurious_cells")
     done = draw()
-    assert "1 of 1 are up to date" in done.stdout and "drawn" not in done.stdout and done.stderr == ""
+    assert "1 of 1 are up to date" in done.out and "drawn" not in done.out and done.err == ""
     numbers["context"]["code"]["package"] = "another"
     file.write_text(json.dumps(numbers), encoding="utf-8")
     before = (tmp_path / "spurious_cells.png").read_bytes()
     done = draw()
-    assert "spurious_cells: drawn" in done.stdout and "old numbers: the package changed since" in done.stderr
+    assert "spurious_cells: drawn" in done.out and "old numbers: the package changed since" in done.err
     assert (tmp_path / "spurious_cells.png").read_bytes() != before
     assert "old numbers" in (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("script", TOUR, ids=names(TOUR))
-def test_a_script_of_the_tour_says_what_it_shows_and_what_it_says_holds(script, tmp_path):
+def test_a_script_of_the_tour_says_what_it_shows_and_what_it_says_holds(script, tmp_path, monkeypatch, capsys):
     assert len(TOUR) == 10 and ast.get_docstring(ast.parse(script.read_text(encoding="utf-8")))
-    assert python(str(script), cwd=tmp_path).stdout
+    monkeypatch.chdir(tmp_path)
+    run(script, monkeypatch)
+    assert capsys.readouterr().out

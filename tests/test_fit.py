@@ -1,5 +1,7 @@
 """Fits: known best curves are reached, errors are proven, maxima are equal, stops are named, input is checked."""
 
+from functools import cache
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from matplotlib.textpath import TextPath
 
 import jhd
 from jhd.solution import name_of
+from tests.sweeps import swept
 
 # The best c of the cubic quarter circle (1, 0), (1, c), (c, 1), (0, 1), and its error, by Newton's method in 40 digits.
 BEST, ERROR = 0.551915024493510570743562722793, 1.9607646987687817401874512914923e-4
@@ -44,9 +47,15 @@ def random_curve(seed):
     return jhd.BezierCurve(np.stack([np.linspace(0, 1, 8), np.zeros(8)], axis=1) + (0.12, 0.3)[seed % 2] * noise)
 
 
-@pytest.mark.parametrize("start", [0.3, 0.5, 0.8])
+@cache
+def fitted(start):
+    """The fit of one parameter to the quarter circle, made once."""
+    return jhd.minimise_hausdorff(symmetric, start, quarter())
+
+
+@pytest.mark.parametrize("start", swept([0.8, 0.3, 0.5], 0, 1))
 def test_the_best_quarter_circle_of_one_parameter_is_found(start):
-    solution = jhd.minimise_hausdorff(symmetric, start, quarter())
+    solution = fitted(start)
     assert name_of(solution.result) == "successful"
     assert abs(float(solution.parameters) - BEST) <= 1e-12
     assert int(solution.stats["steps"]) <= STEPS
@@ -54,7 +63,7 @@ def test_the_best_quarter_circle_of_one_parameter_is_found(start):
 
 
 def test_the_error_is_proven_and_the_history_falls():
-    solution = jhd.minimise_hausdorff(symmetric, 0.8, quarter())
+    solution = fitted(0.8)
     assert name_of(solution.error.result) == "successful"
     assert np.all(np.diff(solution.history) <= ROUNDING)
     assert len(solution.history) == int(solution.stats["steps"]) + 1
@@ -153,19 +162,19 @@ def test_the_quintic_quarter_circle_reaches_the_floor_of_rounding_or_says_that_i
         assert value <= 1.05 * QUINTIC
 
 
-@pytest.mark.slow
-def test_an_outline_of_thirty_segments_is_fitted_with_sixty_parameters():
+@pytest.mark.parametrize(("segments", "error"), swept([(6, 0.086), (15, 1.51e-3)], 0, 1))
+def test_an_outline_of_thirty_segments_is_fitted_with_sixty_parameters(segments, error):
     path = TextPath((0, 0), "S", size=1, prop=FontProperties(family="DejaVu Serif"))
     outline = jhd.BezierSegments.from_path(path)
-    solution = jhd.fit_curve(outline, degree=2, segments=15, max_steps=100)
-    assert outline.count == 30 and solution.parameters.size == 60
+    solution = jhd.fit_curve(outline, degree=2, segments=segments, max_steps=100)
+    assert outline.count == 30 and solution.parameters.size == 4 * segments
     # Two dozen maxima are equal then; which of two neighbouring optima it is hangs on rounding.
     assert name_of(solution.result) in ("successful", "fit_at_rounding")
-    assert float(solution.error.value) < 1.51e-3
+    assert float(solution.error.value) < error
     assert solution.history[-2] - solution.history[-1] <= 1e-6 * solution.history[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_smooth_joints_have_one_tangent():
     wave = jhd.BezierCurve([[0, 0], [1, 3], [2, -4], [3, 5], [4, -2], [5, 0]])
     solution = jhd.fit_curve(wave, degree=3, segments=3, smooth=True)
@@ -176,27 +185,31 @@ def test_smooth_joints_have_one_tangent():
     assert float(solution.optimality) <= STATIONARY
 
 
-@pytest.mark.slow
-def test_most_random_degree_reductions_are_stationary_and_the_others_are_named():
+@cache
+def reduced(seed, degree, ends):
+    """The fit to a random curve, made once."""
+    return jhd.fit_curve(random_curve(seed), degree=degree, ends=ends)
+
+
+@pytest.mark.parametrize("count", swept([2, 10], 0, 1))
+def test_most_random_degree_reductions_are_stationary_and_the_others_are_named(count):
     stationary = 0
-    for seed in range(10):
-        curve = random_curve(seed)
+    for seed in range(count):
         errors = []
         for degree in (3, 4):
-            solution = jhd.fit_curve(curve, degree=degree)
+            solution = reduced(seed, degree, "fixed")
             errors.append(float(solution.error.value))
             equal = spread(solution) <= max(1e-8 * errors[-1], ROUNDING)
             stationary += bool(solution.optimality <= STATIONARY and equal)
             assert (name_of(solution.result) == "successful") == bool(solution.optimality <= STATIONARY)
         assert errors[1] <= errors[0] * (1 + 1e-9)
-    assert stationary >= 16
+    assert stationary >= 1.6 * count
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_free_ends_are_never_farther(seed):
-    curve = random_curve(seed)
-    fixed, free = (jhd.fit_curve(curve, degree=3, ends=ends) for ends in ("fixed", "free"))
+    fixed, free = (reduced(seed, 3, ends) for ends in ("fixed", "free"))
     assert float(free.error.value) <= float(fixed.error.value) * (1 + 1e-9)
 
 
@@ -269,8 +282,7 @@ def test_an_end_that_is_held_where_it_is_farthest_cannot_be_improved():
     assert float(fit.optimality) == 0 and float(fit.error.value) == pytest.approx(1, rel=1e-12)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("smooth", swept([True, False], 0, 1))
 def test_a_curve_in_space_is_fitted_within_a_tolerance(smooth):
     fit = jhd.fit_curve(jhd.BezierCurve(QUINTIC_IN_SPACE), degree=3, tolerance=0.02, smooth=smooth)
     assert float(fit.error.upper) <= 0.02 and fit.shape.count <= 3

@@ -6,8 +6,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 PACKAGE = Path(__file__).parent.parent / "jhd"
 
 
@@ -16,8 +14,8 @@ PACKAGE = Path(__file__).parent.parent / "jhd"
 # Inside a folder the order is free, as long as there is no cycle.
 ORDER = """
     starting
-    archives arrays sharding display files forks memory slips storage programs compiled outcomes plain batches
-        unproven solution
+    jax_internals archives arrays sharding decimals display files forks memory slips storage programs compiled outcomes
+        plain batches unproven solution
     arithmetic
     shapes
     triangles
@@ -25,11 +23,11 @@ ORDER = """
     distance.frame distance.nearest distance.cells distance.witness distance.search distance.published.events
         distance.published distance.certificate distance distance.measures
     fitting fit | plot | io
-    lengths report options warming console comparisons collected commands __main__
+    lengths report options warming console comparisons collected commands __main__ helping
 """
 # The checker of certificates runs by itself, and is its own command line.
 CHECKER = "distance.certificate.verification.__main__"
-COMMAND_LINE = (CHECKER, "starting", "console", "comparisons", "collected", "commands", "__main__")
+COMMAND_LINE = (CHECKER, "starting", "lengths", "console", "comparisons", "collected", "commands", "__main__")
 # Their import takes a tenth of a second and more, so they may be imported where they are used.
 HEAVY = {"matplotlib", "mpl_toolkits", "fontTools", "scipy", "shapely", "trimesh", "pyvista", "skimage"} | {
     "svgelements",
@@ -55,6 +53,11 @@ PLACES = places()
 @cache
 def tree(path):
     return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
+def nodes_of(path) -> list[Any]:
+    return list(ast.walk(tree(path)))
 
 
 def name_of(path):
@@ -90,9 +93,10 @@ def of_package(path, nodes):
     return [(line, name[4:]) for line, name in names if name == "jhd" or name.startswith("jhd.")]
 
 
+@cache
 def function_nodes(path) -> list[Any]:
     """Every node inside a function."""
-    functions = [n for n in ast.walk(tree(path)) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)]
+    functions = [n for n in nodes_of(path) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)]
     return [inner for function in functions for inner in ast.walk(function) if inner is not function]
 
 
@@ -110,15 +114,16 @@ def is_below(other, name):
     return line < mine or (line == mine and part == beside and position <= own)
 
 
-@pytest.mark.parametrize("path", MODULES, ids=by_name)
-def test_a_module_imports_from_lower_folders_or_its_own_only(path):
-    name = name_of(path)
-    for line, other in of_package(path, ast.walk(tree(path))):
-        # The command line talks to the package as a user does.
-        if other == "" and PLACES[owner_of(name)][0] == max(place[0] for place in PLACES.values()):
-            continue
-        assert other, f"{name}:{line} imports the package itself"
-        assert is_below(owner_of(other), owner_of(name)), f"{name}:{line} imports {other}"
+def test_a_module_imports_from_lower_folders_or_its_own_only():
+    top = max(place[0] for place in PLACES.values())
+    wrong = []
+    for path in MODULES:
+        own = owner_of(name_of(path))
+        for line, other in of_package(path, nodes_of(path)):
+            # The command line talks to the package as a user does.
+            allowed = PLACES[own][0] == top if other == "" else is_below(owner_of(other), own)
+            wrong += [] if allowed else [f"{by_name(path)}:{line} imports {other or 'the package itself'}"]
+    assert not wrong
 
 
 def test_an_upward_import_between_folders_is_found():
@@ -128,7 +133,7 @@ def test_an_upward_import_between_folders_is_found():
 
 
 def test_no_modules_import_each_other_in_a_circle():
-    imports = {name_of(path): {other for _, other in of_package(path, ast.walk(tree(path)))} for path in MODULES}
+    imports = {name_of(path): {other for _, other in of_package(path, nodes_of(path))} for path in MODULES}
     done: set[str] = set()
 
     def visit(name, above):
@@ -142,21 +147,24 @@ def test_no_modules_import_each_other_in_a_circle():
         visit(name, [])
 
 
-@pytest.mark.parametrize("path", MODULES, ids=by_name)
-def test_only_heavy_packages_are_imported_inside_functions(path):
-    for node in function_nodes(path):
-        for other in imported(node):
-            own = other.split(".")[0] == "jhd"
-            # The command line loads what a command needs, so that its help comes at once.
-            allowed = name_of(path) in COMMAND_LINE if own else other.split(".")[0] in HEAVY
-            assert allowed or name_of(path) in COMMAND_LINE, f"{by_name(path)}:{node.lineno} imports {other}"
+def test_only_heavy_packages_are_imported_inside_functions():
+    # The command line loads what a command needs, so that its help comes at once.
+    found = [
+        f"{by_name(path)}:{node.lineno} imports {other}"
+        for path in MODULES
+        if name_of(path) not in COMMAND_LINE
+        for node in function_nodes(path)
+        for other in imported(node)
+        if other.split(".")[0] not in HEAVY
+    ]
+    assert not found
 
 
 def test_heavy_packages_that_are_optional_are_never_imported_with_a_module():
     optional = {"trimesh", "skimage", "svgelements", "sympy", "shapely"}
     for path in MODULES:
         inside = set(map(id, function_nodes(path)))
-        outer = [node for node in ast.walk(tree(path)) if id(node) not in inside]
+        outer = [node for node in nodes_of(path) if id(node) not in inside]
         found = {name.split(".")[0] for node in outer for name in imported(node)} & optional
         assert not found, f"{by_name(path)} imports {found}"
 
@@ -174,23 +182,23 @@ def forbidden(node):
     return None
 
 
-@pytest.mark.parametrize("path", [path for path in MODULES if name_of(path) not in COMMAND_LINE], ids=by_name)
-def test_nothing_is_printed_warned_of_asserted_or_set_globally_below_the_command_line(path):
-    nodes: list[Any] = [node for node in ast.walk(tree(path)) if forbidden(node)]
-    found = [(node.lineno, forbidden(node)) for node in nodes]
-    assert not found, f"{by_name(path)}: {found}"
+def test_nothing_is_printed_warned_of_asserted_or_set_globally_below_the_command_line():
+    below = [path for path in MODULES if name_of(path) not in COMMAND_LINE]
+    nodes: list[tuple[Path, Any]] = [(path, node) for path in below for node in nodes_of(path)]
+    found = [f"{by_name(path)}:{node.lineno} {what}" for path, node in nodes if (what := forbidden(node))]
+    assert not found
 
 
-@pytest.mark.parametrize("path", [path for path in INITS if path.parent != PACKAGE], ids=by_name)
-def test_the_init_file_of_a_folder_holds_names_and_a_docstring(path):
-    if path.read_text(encoding="utf-8") == "":
-        return
-    assert ast.get_docstring(tree(path)), "no docstring"
-    for node in tree(path).body[1:]:
-        exported = isinstance(node, ast.ImportFrom) or (
-            isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
-        )
-        assert exported, f"line {node.lineno}: {ast.unparse(node)[:60]}"
+def test_the_init_file_of_a_folder_holds_names_and_a_docstring():
+    for path in INITS:
+        if path.parent == PACKAGE or path.read_text(encoding="utf-8") == "":
+            continue
+        assert ast.get_docstring(tree(path)), f"{by_name(path)} has no docstring"
+        for node in tree(path).body[1:]:
+            exported = isinstance(node, ast.ImportFrom) or (
+                isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+            )
+            assert exported, f"{by_name(path)}:{node.lineno}: {ast.unparse(node)[:60]}"
 
 
 def test_the_init_file_of_the_package_holds_names_the_version_the_switch_to_float64_and_what_is_imported_later():
@@ -221,7 +229,7 @@ def test_a_class_name_stands_once_in_the_package():
     """Underscores in front set names of one word no farther apart."""
     found = defaultdict(list)
     for path in MODULES:
-        for node in ast.walk(tree(path)):
+        for node in nodes_of(path):
             if isinstance(node, ast.ClassDef):
                 found[node.name.lstrip("_")].append(name_of(path))
     assert not {name: places for name, places in found.items() if len(places) > 1}

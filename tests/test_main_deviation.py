@@ -36,8 +36,7 @@ def numbers_of(out, name):
 
 
 def test_the_table_holds_proven_bounds_and_the_picture_is_written(run):
-    files = "--plot", "picture.png", "--html", "page.html"
-    status, out, _ = run("deviation", "square.ply", "plane.obj", "--within", "1.118", *files)
+    status, out, _ = run("deviation", "square.ply", "plane.obj", "--within", "1.118", "--plot", "picture.png")
     assert plt.get_fignums() == []
     cosine = 1 / np.sqrt(1.25)
     exact = {"mean": 1.25 * cosine, "rms": cosine * np.sqrt(1.25**2 + 1 / 48), "maximum": 1.5 * cosine}
@@ -46,6 +45,11 @@ def test_the_table_holds_proven_bounds_and_the_picture_is_written(run):
         lower, upper = numbers_of(out, name)
         assert lower <= value <= upper, name
     assert status == 0 and imread("picture.png").std() > 0.01
+
+
+def test_the_page_shows_the_mesh(run):
+    pytest.importorskip("plotly")
+    assert run("deviation", "square.ply", "plane.obj", "--html", "page.html")[0] == 0
     assert "mesh3d" in Path("page.html").read_text(encoding="utf-8")
 
 

@@ -27,11 +27,14 @@ def test_what_is_free_is_the_least_of_what_the_system_the_group_and_the_process_
         assert memory.free_memory() == free
 
 
-def test_the_limit_of_a_process_counts(monkeypatch):
+def test_the_limit_of_a_process_counts(tmp_path, monkeypatch):
+    # Nothing else is known.
+    monkeypatch.setattr(memory, "_SYSTEM", tmp_path / "meminfo")
+    monkeypatch.setattr(memory, "_GROUP", tmp_path)
     limit = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (1 << 45, limit[1]))
     try:
-        assert 0 < memory._of_the_process() < 1 << 45
+        assert 0 < memory.free_memory() < 1 << 45
     finally:
         resource.setrlimit(resource.RLIMIT_AS, limit)
 

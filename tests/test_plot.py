@@ -153,7 +153,7 @@ def test_a_witness_in_space_has_two_feet_and_no_circle():
 @pytest.mark.parametrize(
     ("lower", "upper", "text"),
     [
-        (2.0, 2.0 + 1e-12, "$d$ = 2"),
+        (2.0, 2.0 + 1e-12, "$d$ ≈ 2"),
         (61.806132, np.inf, "$d$ ≥ 61.80"),
         (0.123456, 0.126543, "0.1234 ≤ $d$ ≤ 0.1266"),
         (0.0, 0.0, "$d$ = 0"),

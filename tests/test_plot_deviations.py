@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.plot.coloured import pieces_of, section
+from jhd.plot.coloured import distances_at, pieces_of, section
 from jhd.solution import name_of
 
 
@@ -29,6 +29,7 @@ def by_gid(figure: Any, gid: str) -> list[Any]:
     return [artist for artist in figure.findobj() if artist.get_gid() == gid]
 
 
+@pytest.mark.slow
 def test_faces_have_the_colour_of_their_distance_and_the_witness_is_in_front(square):
     ax = jhd.plot.deviation(square, labels=("square", "plane"), unit="mm")
     (faces,) = by_gid(ax.figure, "deviation")
@@ -80,6 +81,7 @@ def test_labels_of_a_whole_figure_do_not_run_into_each_other(square):
         assert box.x0 >= -1 and box.x1 <= figure.bbox.width + 1 and box.y0 >= -1
 
 
+@pytest.mark.slow
 def test_curves_and_points_are_coloured_on_axes_of_ones_own(square):
     found = jhd.deviation(jhd.polyline([(0, 0, 1), (1, 0, 1)]), square.b)
     ax = jhd.plot.deviation(found, plt.figure().add_subplot(projection="3d"), colour_bar=False)
@@ -88,6 +90,15 @@ def test_curves_and_points_are_coloured_on_axes_of_ones_own(square):
     assert len(ax.figure.axes) == 1
     figure = jhd.plot.deviation(jhd.deviation(jhd.points([(0, 1, 1), (1, 1, 1)]), square.b)).figure
     assert all(len(by_gid(figure, gid)) == 1 for gid in ("deviation", "histogram", "inset", "witness"))
+
+
+def test_distances_that_are_known_are_not_searched_for_again(square, monkeypatch):
+    rows = np.random.default_rng(4).uniform(0, 1, (300, 3))
+    found = jhd.deviation(jhd.points(rows), square.b, rtol=1e-4)
+    exact = np.asarray(jhd.project(rows, square.b).distance)
+    monkeypatch.setattr("jhd.plot.coloured.project", lambda *_, **__: pytest.fail("a search"))
+    seen = distances_at(rows, square.b, float(found.maximum.value), found.samples)
+    np.testing.assert_allclose(seen, exact, atol=float(found.maximum.value) / 256)
 
 
 def test_the_shape_that_holds_the_witness_is_coloured_without_a_search(square):
@@ -118,11 +129,10 @@ def test_values_go_to_trimesh_with_the_vertices(square):
     assert made.faces.tolist() == np.asarray(square.a.triangles).tolist()
 
 
-def test_distances_that_are_spread_evenly_have_a_histogram_without_gaps():
-    found = jhd.deviation(jhd.polyline([(0, 0), (1, 1)]), jhd.polyline([(0, 2), (1, 2)]))
-    bars: Any = jhd.plot.histogram(found).patches
+def test_distances_that_are_spread_evenly_have_a_histogram_without_gaps(square):
+    bars: Any = jhd.plot.histogram(square).patches
     heights = np.array([bar.get_height() for bar in bars])
-    starts = np.array([bar.get_x() for bar in bars])
-    # From 1 to 2, evenly; the bounds of a part overlap by less than a fiftieth of a bar.
+    starts = np.array([bar.get_x() for bar in bars]) * np.sqrt(1.25)
+    # From 1 to 1.5, evenly; the bounds of a part overlap by less than a fiftieth of a bar.
     np.testing.assert_allclose(heights[starts > 0.99], heights[starts > 0.99].mean(), rtol=0.02)
     assert abs(heights.sum() - 100) < 1e-9 and heights[starts < 0.94].sum() == 0

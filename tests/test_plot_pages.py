@@ -69,6 +69,7 @@ def square():
     return a, b, jhd.hausdorff(a, b)
 
 
+@pytest.mark.slow
 def test_a_page_of_plane_curves_holds_walks_with_bounds_feet_and_the_farthest_place(lines):
     page = Page(jhd.plot.page(*lines, labels=("A<1>", "B"), unit="mm"))
     assert {"shapes", "a", "b", "marker", "feet", "spokes", "told", "farthest"} < page.ids.keys()
@@ -76,13 +77,13 @@ def test_a_page_of_plane_curves_holds_walks_with_bounds_feet_and_the_farthest_pl
     there, back = page.data["walks"]
     top = there["farthest"]
     assert there["point"][top] == [2, 0] and there["feet"][top] == [[1, 1]]
-    assert (there["lower"][top], there["upper"][top]) == tuple(float(getattr(lines[2], x)) for x in ("lower", "upper"))
+    assert [float(there[x][top]) for x in ("lower", "upper")] == [float(lines[2].lower), float(lines[2].upper)]
     assert there["event"] == "a end" and page.data["first"] == 0 and page.data["unit"] == "mm"
     for walk in (there, back):
         assert len({len(walk[name]) for name in ("t", "point", "distance", "lower", "upper", "feet")}) == 1
         assert walk["t"] == sorted(walk["t"])
-        assert np.all(np.array(walk["lower"]) <= walk["distance"])
-        assert np.all(walk["distance"] <= np.array(walk["upper"]))
+        assert np.all(np.array(walk["lower"], float) <= walk["distance"])
+        assert np.all(walk["distance"] <= np.array(walk["upper"], float))
     # The straight line of B, in pixels: one unit above A's.
     frame = page.data
     numbers = re.findall(r"-?[\d.]+", page.ids["b"]["d"])

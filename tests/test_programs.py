@@ -1,5 +1,6 @@
 """Programs between processes: the same bits, no name for two of them, and nothing kept that could not be read."""
 
+import dataclasses
 import gc
 import os
 import sys
@@ -22,7 +23,7 @@ from jhd import compiled as compiled_module
 from jhd import programs
 from jhd.compiled import asking, compiled
 from jhd.distance.frame import directions
-from jhd.distance.witness import meshes, places
+from jhd.distance.witness import balance, meshes, places
 from jhd.programs import NotKeptError, is_ours, name_of_program
 from tests.processes import at_once
 
@@ -235,7 +236,7 @@ def test_functions_as_constants_are_told_by_their_names_and_the_constants_of_the
     def name(function):
         return name_of_program(directions.larger.__wrapped__, jax.tree_util.tree_structure(0), [], (), function)
 
-    assert name(places._from_place) != name(places._from_point)
+    assert name(balance.from_place) != name(places._from_point)
     before = name(meshes._moving)
     monkeypatch.setattr(meshes, "_ON_EDGE", 0.5)
     assert name(meshes._moving) != before
@@ -335,12 +336,51 @@ def test_structures_of_others_are_not_kept(folder, sample, argument):
     assert files(folder) == []
 
 
-@pytest.mark.parametrize("value", [np.ones(3), object(), lambda: 0, jnp.ones(()), {1, 2}, Strange(1, 2)])
+@pytest.mark.parametrize("value", [np.ones(3), object(), lambda: 0, jnp.ones(()), {1, object()}, Strange(1, 2)])
 def test_what_has_no_unique_text_has_no_name(sample, value):
     module = sample(SQUARE)
     tree = jax.tree_util.tree_structure(((1.0,), {}))
     with pytest.raises(NotKeptError):
         name_of_program(module.square, tree, (), (), value)
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """A part of a context in a form that only a future version of JAX has."""
+
+    value: int
+
+    def __reduce__(self):
+        return Setting, (self.value,)
+
+
+def test_an_unknown_part_of_a_context_has_a_text_if_its_class_says_how_it_is_pickled(sample, monkeypatch):
+    module, tree = sample(SQUARE), jax.tree_util.tree_structure(((1.0,), {}))
+    monkeypatch.setattr(Setting, "__module__", "jhd.sample")
+    module.Setting = Setting
+    names = {name_of_program(module.square, tree, (), (Setting(i), frozenset("abc"[:i])), ()) for i in (1, 2, 1)}
+    assert len(names) == 2
+    # Equal sets can differ in their order.
+    sets = frozenset((0, 8)), frozenset((8, 0))
+    assert len({name_of_program(module.square, tree, (), (given,), ()) for given in sets}) == 1
+
+
+def test_a_plain_distance_is_kept_on_disk_with_the_installed_jax(folder):
+    before = dict(programs.refused)
+    for program in compiled_module._programs:
+        program.clear()
+    jhd.hausdorff(jhd.points(np.zeros((1, 2))), jhd.points(np.ones((1, 2))))
+    assert files(folder)
+    assert programs.refused == before
+
+
+def test_a_program_that_is_not_kept_says_why(folder, sample):
+    module = sample(SQUARE)
+    in_a_new_process(module.square)(1.0)
+    assert "square" not in programs.refused
+    with pytest.raises(TypeError):
+        in_a_new_process(module.square)(Strange(1.0, 1))
+    assert "Strange" in programs.refused.pop("square")
 
 
 @pytest.mark.parametrize("source", ["edited since", "not there"])
@@ -398,11 +438,11 @@ def test_what_is_kept_is_dropped_with_all_programs_and_read_again(folder, sample
     module = sample(SQUARE)
     program = in_a_new_process(module.square)
     program(jnp.ones(3))
-    assert sum(p._cache_size() for p in compiled_module._programs) > 0
+    assert sum(p.count for p in compiled_module._programs) > 0
     (tmp_path / "limit").write_text("10\n")
     monkeypatch.setattr(compiled_module, "_LIMIT", tmp_path / "limit")
     compiled_module.make_room()
-    assert sum(p._cache_size() for p in compiled_module._programs) == 0
+    assert sum(p.count for p in compiled_module._programs) == 0
     assert program(jnp.ones(3))["twice"][0] == 2.0
     assert module.traced == [1]
 
@@ -415,6 +455,7 @@ def in_processes(count, script, folder, **environment):
     return at_once([[sys.executable, "-c", script]] * count, env=env)
 
 
+@pytest.mark.slow
 def test_a_process_that_never_saw_lapack_runs_a_program_that_calls_it(tmp_path):
     store = """
 import jax, jax.numpy as jnp

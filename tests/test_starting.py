@@ -1,4 +1,4 @@
-"""An interrupt while the package is imported: one line and a status of the command line, Python's own of programs."""
+"""The command line before the package is imported: interrupts end it with one line, and help comes at once."""
 
 import os
 import signal
@@ -20,7 +20,8 @@ time.sleep(60)
 
 
 def interrupted(folder, *command):
-    (folder / "jax.py").write_text(FAKE, encoding="utf-8")
+    for name in ("jax", "numpy"):
+        (folder / f"{name}.py").write_text(FAKE, encoding="utf-8")
     paths = os.pathsep.join(map(str, (folder, ROOT)))
     environment = {**os.environ, "PYTHONPATH": paths}
     done = python(*command, status=None, cwd=folder, env=environment)
@@ -36,6 +37,18 @@ def script(folder):
 @pytest.mark.parametrize("command", [lambda _: ["-m", "jhd", "doctor"], lambda _: ["-W", "error", "-m", "jhd"], script])
 def test_an_interrupt_during_the_import_ends_the_command_line_with_one_line(command, tmp_path):
     assert interrupted(tmp_path, *command(tmp_path)) == (130, "", "jhd: interrupted\n")
+
+
+def test_help_and_the_version_are_answered_before_the_package_is_imported(tmp_path):
+    status, out, err = interrupted(tmp_path, *script(tmp_path), "--help")
+    assert (status, err) == (0, "") and all(command in out for command in ("distance", "project", "doctor"))
+    status, out, err = interrupted(tmp_path, "-W", "error", "-m", "jhd", "distance", "--help")
+    assert (status, err) == (0, "") and out.startswith("usage: jhd distance ")
+    assert interrupted(tmp_path, "-m", "jhd", "--version") == (0, f"jhd {jhd.__version__}\n", "")
+    status, out, err = interrupted(tmp_path, "-m", "jhd", "draw", "--help")
+    assert (status, out) == (2, "") and err.startswith("jhd: error: argument COMMAND: invalid choice: 'draw'")
+    # A shape that is named like the option is none.
+    assert interrupted(tmp_path, "-m", "jhd", "minimum", "--", "a.svg", "--help")[0] == 130
 
 
 @pytest.mark.parametrize("code", ["import jhd", "import sys; sys.argv = ['-m']; import jhd"])

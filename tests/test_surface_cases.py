@@ -2,6 +2,7 @@
 
 from decimal import Decimal
 from functools import partial
+from math import comb
 
 import jax.numpy as jnp
 import numpy as np
@@ -93,9 +94,8 @@ def recentred(surface, case):
     with mp.workdps(60):
         for powers in np.ndindex(3, 3, 3):
             grid[powers] = float(
-                mp.fsum(
-                    c
-                    * mp.fprod(mp.binomial(n, k) * mpf(t) ** (n - k) for n, k, t in zip(q, powers, offset, strict=True))
+                mp.fsum(  # pyright: ignore[reportArgumentType]
+                    c * mp.fprod(comb(n, k) * mpf(t) ** (n - k) for n, k, t in zip(q, powers, offset, strict=True))
                     for q, c in exact.items()
                     if all(n >= k for n, k in zip(q, powers, strict=True))
                 )

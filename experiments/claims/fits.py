@@ -15,7 +15,8 @@ def check_active_set(numbers):
     assert last["spread"] < 1e-14 and np.all(np.diff([step["distance"] for step in numbers["steps"]]) < 0)
     error = numbers["error"]
     assert error["lower"] <= 0.281167221 + 5e-10 and 0.281167221 - 5e-10 <= error["upper"] <= error["lower"] + 1e-9
-    assert len(numbers["steps"]) == 11 and 0.4 < first["optimality"] and last["optimality"] < 1e-15
+    assert numbers["stats"]["steps"] == 10 and len(numbers["steps"]) == (2 if numbers["context"]["smoke"] else 11)
+    assert 0.4 < first["optimality"] and last["optimality"] < 1e-15
 
 
 def check_quarter_circle(numbers):
@@ -25,7 +26,6 @@ def check_quarter_circle(numbers):
         assert last < 1e-15 and last / second < 0.01 * second / third
         assert run["steps_within"] == run["stats"]["steps"] <= 9
     fits = numbers["fits"]
-    # The quintic of a small run is cut short.
     for name, maxima in (("parameter", 3), ("fixed", 5), ("free", 7)):
         fit, error = fits[name], fits[name]["error"]
         # Two distances of points of size one, each rounded twice at least: that is all they differ by.
@@ -34,7 +34,8 @@ def check_quarter_circle(numbers):
         assert abs(error["value"] - fit["known"]) < 1e-5 * fit["known"]
         # The error curve, in rational arithmetic, stays below what is proven.
         assert np.max(np.abs(fit["curve"]["error"])) <= error["upper"]
-    assert fits["quintic"]["error"]["value"] < fits["free"]["error"]["value"]
+    # A short run has no quintic.
+    assert numbers["context"]["smoke"] or fits["quintic"]["error"]["value"] < fits["free"]["error"]["value"]
 
 
 def check_registration(numbers):

@@ -21,6 +21,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from jhd.arithmetic import rounding
+from jhd.decimals import lower_text, upper_text
 from jhd.display import described, fields_shown, is_known
 
 Operand = Union["Interval", ArrayLike]
@@ -77,7 +78,8 @@ class Interval(eqx.Module):
 
     @classmethod
     def _of_ends(cls, lower: Array, upper: Array) -> "Interval":
-        top = rounding.largest(lower.dtype)
+        # Comparisons take subnormal numbers for zeros, so these move outward first.
+        lower, upper, top = rounding.flush_down(lower), rounding.flush_up(upper), rounding.largest(lower.dtype)
         return cls(jnp.minimum(lower, top), jnp.maximum(upper, -top))
 
     @classmethod
@@ -108,12 +110,16 @@ class Interval(eqx.Module):
         return self.lower > self.upper
 
     def contains(self, x: ArrayLike) -> Bool[Array, "..."]:
-        """Whether lower <= x <= upper; exact for every float, subnormal ones included."""
-        return (self.lower <= rounding.flush_down(x)) & (rounding.flush_up(x) <= self.upper)
+        """Whether lower <= x <= upper; exact for every float, subnormal ones included.
+
+        Other numbers count as what `exact` encloses them in.
+        """
+        known = Interval.exact(x)
+        return (self.lower <= known.lower) & (known.upper <= self.upper)
 
     def __repr__(self) -> str:
         if is_known(self.lower) and self.lower.ndim == 0:
-            return described(self, repr(self.lower.item()), repr(self.upper.item()))
+            return described(self, lower_text(self.lower), upper_text(self.upper))
         return fields_shown(self, "lower", "upper")
 
     def __getitem__(self, index: object) -> "Interval":

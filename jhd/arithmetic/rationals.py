@@ -9,11 +9,11 @@ import numpy as np
 from jhd.arithmetic.rounding import smallest_normal
 
 
-def root_between(x: Fraction) -> tuple[Fraction, Fraction]:
-    """Bounds of the square root, the same where it is a fraction of few bits; apart by less than 2^-63 of it."""
+def root_between(x: Fraction, bits: int = 64) -> tuple[Fraction, Fraction]:
+    """Bounds of the square root, the same where it is a fraction of few bits; apart by less than 2^(1 - bits) of it."""
     if x == 0:
         return x, x
-    shift = 64 + (x.denominator.bit_length() - x.numerator.bit_length()) // 2
+    shift = bits + (x.denominator.bit_length() - x.numerator.bit_length()) // 2
     whole = x * Fraction(4) ** shift
     root = math.isqrt(whole.numerator // whole.denominator)
     low = Fraction(root) / Fraction(2) ** shift

@@ -13,7 +13,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array
 
-from jhd.arrays import is_traced
+from jhd.arrays import is_traced, undifferentiated
 
 # Below all exponents: that of zero, which no number has.
 _NONE = -(10**6)
@@ -89,7 +89,7 @@ def length(vectors: Any) -> Any:
     """Lengths along the last axis, whose squares neither overflow nor vanish; zero has the derivative zero."""
     xp: Any = jnp if is_traced(vectors) else np
     size = xp.max(abs(vectors), axis=-1, keepdims=True)
-    size = lax.stop_gradient(size) if is_traced(size) else size
+    size = undifferentiated(size)
     square = xp.sum((vectors / xp.where(size > 0, size, 1.0)) ** 2, axis=-1)
     # What is no number stays none.
     some = square != 0

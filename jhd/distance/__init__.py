@@ -6,8 +6,8 @@ What is attained satisfies a few equations, solved to the last digits, and the v
 (`witness`). The search keeps cells that cover a, cuts the one with the largest bound, and proves places where that
 raises the lower one, until both bounds meet; or keeps pairs of cells, for the smallest distance (`search`). The methods
 of the sources do without one or the other proof (`published`). Integers can check what was found (`certificate`). Above
-stand the entries: `hausdorff`, `minimum`, `project`, `signed_distance`, `deviation`, the `measures`, which integrate
-what `project` finds, and for many shapes at once (`many`) `collections`.
+stand the entries: `hausdorff`, `critical_pairs`, `minimum`, `project`, `signed_distance`, `deviation`, the `measures`,
+which integrate what `project` finds, and for many shapes at once (`many`) `collections`.
 """
 
 from jhd.distance.certificate.certificate import Certificate, certify
@@ -21,6 +21,7 @@ from jhd.distance.collections import (
     pairwise,
     signatures,
 )
+from jhd.distance.critical_pairs import critical_pairs
 from jhd.distance.deviation import deviation
 from jhd.distance.deviation_solution import Bounds, Deviation, DistanceSamples
 from jhd.distance.frame.stacked import stack_curves
@@ -48,4 +49,3 @@ from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.search import Progress
 from jhd.distance.search.search import Progress as MinimumProgress
 from jhd.distance.signed_distance import signed_distance
-from jhd.distance.witness.critical import critical_pairs

@@ -14,7 +14,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jhd.arrays import check_whole, real_array
+from jhd.arrays import check_whole, real_array, same_arrays
 from jhd.compiled import give_back
 from jhd.distance.decisions import checked_limit
 from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
@@ -273,6 +273,10 @@ def pairs_within(
                 _tell(progress, "distances", computed, len(open_))
         except KeyboardInterrupt:
             pass
+    # Rounding leaves the distance of a copy open; it is zero if the shape is proven to have a point.
+    between = np.flatnonzero((lower <= limit) & (upper > limit) & np.isfinite(upper))
+    copies = [k for k in between if same_arrays(a.shapes[rows[k]], b.shapes[columns[k]])]
+    lower[copies] = upper[copies] = 0.0
     yes, no = upper <= limit, lower > limit
     index = np.stack([rows, columns], axis=1)
     unsure = RESULTS.interrupted if computed < len(open_) else RESULTS.gap_not_closed

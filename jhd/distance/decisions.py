@@ -1,5 +1,7 @@
 """Whether a distance is at most a threshold: what its bounds say."""
 
+import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import ordered
@@ -15,6 +17,12 @@ def checked_limit(threshold: Numbers) -> Array:
     if limit.shape != () or (not is_traced(limit) and float(limit) < 0):
         raise ValueError(f"threshold is {limit}; needs one number of at least 0.")
     return limit
+
+
+def of_copies(solution: HausdorffSolution) -> HausdorffSolution:
+    """The solution for a shape and a copy of it: the distance is zero if the shape is proven to have a point."""
+    upper = jnp.where(jnp.isfinite(solution.upper), 0.0, solution.upper)
+    return eqx.tree_at(lambda x: (x.lower, x.upper), solution, (jnp.zeros_like(upper), upper))
 
 
 @compiled

@@ -1,15 +1,18 @@
 """The distance to one shape along another, as a distribution: largest, mean, root mean square, quantiles, shares."""
 
 from collections.abc import Callable
+from fractions import Fraction
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
+from jhd.arithmetic.rationals import float_near
 from jhd.arithmetic.scaling import common_exponent
-from jhd.arrays import check_scalar, check_whole, is_traced, real_array
+from jhd.arrays import check_scalar, check_whole, is_traced, real_array, undifferentiated
 from jhd.distance.cells.measures import FlatCells
+from jhd.distance.cells.weighted import exact_sum
 from jhd.distance.deviation_solution import Bounds, Deviation, DistanceSamples, check_share
 from jhd.distance.frame.coordinates import Frame, user_length
 from jhd.distance.hausdorff import directed_hausdorff
@@ -20,7 +23,7 @@ from jhd.distance.search.measured import AbstractMeasured, MeasuredMesh, Measure
 from jhd.distance.search.mixes import Together, diagonal_of, dtype_of, heights_of, target_in, together
 from jhd.distance.search.points import is_points
 from jhd.distance.search.search import Listener, Progress, drive
-from jhd.shapes.as_shape import Shape, taken_as
+from jhd.shapes.as_shape import check_shape, taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
@@ -79,6 +82,10 @@ def deviation(
     so the number of cells grows like 1 / gap there; where the distance is as small as that, ask for a larger rtol.
     Quantiles and shares come from the same cells, whose bounds are as wide as the distance varies in them.
 
+    Between two meshes nothing is left open over a face of b that is the nearest one, whether they cross or not: the
+    distance there is the absolute value of an affine function, whose mean, mean square and quantiles are known. The
+    cells are cut where the nearest face changes and where the meshes cross.
+
     The value of `maximum` (within about the root of its gap) and the distances of `at(places)` are differentiable in
     both shapes, to first order; mean and the other bounds are plain numbers. Shapes must be known: there is no
     deviation under jit or vmap.
@@ -129,11 +136,10 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
     if isinstance(a, ImplicitSurface):
         raise TypeError("a is an ImplicitSurface, whose area is not proven; take a mesh or a parametric surface.")
     for name, shape in (("a", a), ("b", b)):
-        if not isinstance(shape, Shape):
-            raise TypeError(f"{name} must be a shape of jhd; got {type(shape).__name__}.")
+        check_shape(name, shape)
     if isinstance(a, AbstractPatch) and min(a.patches().degrees) == 0:
         raise ValueError("a has no area: there is nothing to average over; a patch of degree zero is a curve.")
-    if is_traced(*jax.tree_util.tree_leaves(jax.lax.stop_gradient((a, b)))):
+    if is_traced(*jax.tree_util.tree_leaves(undifferentiated((a, b)))):
         raise TypeError(
             "deviation needs known shapes: its cells depend on them. Under tracing take directed_hausdorff."
         )
@@ -155,17 +161,18 @@ def checked_weights(a: Any, weights: Any) -> Any:
     if not is_points(a):
         raise TypeError(f"weights are for points; a is {type(a).__name__}.")
     rows, count = real_array("weights", weights), a.segments().count
-    hidden = is_traced(rows)
-    rows = rows if hidden else np.asarray(rows, np.float64)
-    usable = rows.shape == (count,) and (hidden or bool(np.all(np.isfinite(rows) & (rows >= 0)) and np.any(rows > 0)))
-    if not usable:
-        raise ValueError(f"weights has shape {rows.shape}; needs ({count},), finite, none negative and some positive.")
-    return rows
+    known = undifferentiated(rows)
+    hidden = is_traced(known)
+    known = known if hidden else np.asarray(known, np.float64)
+    sound = hidden or bool(np.all(np.isfinite(known) & (known >= 0)) and np.any(known > 0))
+    if not (known.shape == (count,) and sound):
+        raise ValueError(f"weights has shape {known.shape}; needs ({count},), finite, none negative and some positive.")
+    return rows if is_traced(rows) else known
 
 
 def _working(shape: Any) -> Any:
     """A shape as searches take it, nothing of it traced; of the plane at height zero."""
-    shape = jax.lax.stop_gradient(shape)
+    shape = undifferentiated(shape)
     if isinstance(shape, AbstractPatch):
         return shape.patches()
     if not isinstance(shape, AbstractCurve):
@@ -183,10 +190,9 @@ def _distributed(
 ) -> tuple[Distribution, Together, Bounds]:
     """What is known in common coordinates, and the measure of a in the user's."""
     a, b = _working(a), _working(b)
-    counts, power = _moderate(counts)
     pair = together(a, b)
     frame, moved = pair.frame, pair.moved
-    source = _measured(a, pair.a, moved, counts)
+    source = _measured(a, pair.a, moved, _moderate(counts))
     target, size = target_in(b, pair.b)
     dtype = dtype_of(a)
     # Less than this cannot be told: bounds err by some hundred roundings to both sides.
@@ -205,19 +211,17 @@ def _distributed(
     found = drive(search, listener)
     if source.dimension and not _is_extended(source, found.cells):
         raise ValueError(f"a has no {('length', 'area')[source.dimension - 1]}: there is nothing to average over.")
-    return found, pair, _measure(frame, source.dimension, found.cells.flat, power)
+    flat = found.cells.flat
+    return found, pair, _measure(frame, source.dimension, flat) if source.dimension else _size(len(flat.lower), counts)
 
 
-def _moderate(counts: np.ndarray | None) -> tuple[np.ndarray | None, int]:
+def _moderate(counts: np.ndarray | None) -> np.ndarray | None:
     """Weights of points times a power of two such that their sums and products neither overflow nor underflow.
 
-    What is below the smallest number then is nothing beside the largest. Others keep their digits: whole numbers count
-    exactly.
+    What is below the smallest number then is nothing beside the largest. Others keep their digits.
     """
     power = 0 if counts is None else int(common_exponent(counts))
-    if counts is None or abs(power) <= _EXTREME:
-        return counts, 0
-    return np.ldexp(counts, -power), power
+    return counts if counts is None or abs(power) <= _EXTREME else np.ldexp(counts, -power)
 
 
 def _is_extended(source: AbstractMeasured, known: DistanceCells) -> bool:
@@ -249,7 +253,8 @@ def _in_units(
     mean, rms = (Bounds(*(float(x) for x in ends(*known))) for known in ((found.lower, found.upper), found.rms))
     lower, upper = ends(over.lower, over.upper)
     place = np.asarray(frame.place(np.mean(flat.corners, axis=1)))[:, : a.dim]
-    samples = DistanceSamples(place, lower, upper, np.stack([flat.lower, flat.upper], axis=1))
+    affine = np.stack(_affine_lengths(frame, pair.moved, over.ends), axis=2)
+    samples = DistanceSamples(place, lower, upper, np.stack([flat.lower, flat.upper], axis=1), affine)
     result = maximum.result if found.result == RESULTS.successful else found.result
     counts = {name: int(count) for name, count in zip(COUNTS, (found.steps, len(lower)), strict=True)}
     return Deviation(a, b, maximum, mean, rms, measure, samples, result, counts)
@@ -261,13 +266,27 @@ def _lengths(frame: Frame, moved: float, lower: Any, upper: Any) -> tuple[np.nda
     return user_length(frame, below * (1 - room), 0.0), user_length(frame, above * (1 + room), np.inf)
 
 
-def _measure(frame: Frame, dimension: int, flat: FlatCells, power: int) -> Bounds:
-    """The measure of all cells in the user's unit, times a power of two: a sum, which rounds once a cell."""
-    lower, upper, count = float(np.sum(flat.lower)), float(np.sum(flat.upper)), len(flat.lower)
-    if dimension == 0 and lower == count and power == 0:
-        return Bounds(lower, upper)
-    room = (count + 16) * np.finfo(np.float64).eps
-    power += dimension * int(frame.first + frame.second)
+def _affine_lengths(frame: Frame, moved: float, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same of values of affine functions, of which lower ones may be negative."""
+    lower, upper = _lengths(frame, moved, ends[..., 0], ends[..., 1])
+    beyond = _lengths(frame, moved, 0.0, np.maximum(-ends[..., 0], 0.0))[1]
+    return np.where(ends[..., 0] < moved, -beyond, lower), upper
+
+
+def _size(count: int, counts: np.ndarray | None) -> Bounds:
+    """The number of points, or the sum of what each counts: one float where it is one, else two neighbours."""
+    total = Fraction(count) if counts is None else exact_sum(counts)
+    near = float_near(total, np.dtype(np.float64))
+    low = np.nextafter(near, 0.0) if near > total else near
+    high = np.nextafter(near, np.inf) if near < total else near
+    return Bounds(float(low), float(high))
+
+
+def _measure(frame: Frame, dimension: int, flat: FlatCells) -> Bounds:
+    """The length or area of all cells in the user's unit: a sum, which rounds once a cell."""
+    lower, upper = float(np.sum(flat.lower)), float(np.sum(flat.upper))
+    room = (len(flat.lower) + 16) * np.finfo(np.float64).eps
+    power = dimension * int(frame.first + frame.second)
     with np.errstate(over="ignore", under="ignore"):
         low, high = (np.ldexp(x, power) for x in (lower * (1 - room), upper * (1 + room)))
     # Below the normal numbers a power of two rounds too.

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd.arrays import real_array
-from jhd.distance.cells.weighted import Weights, quantile_bounds, share_bounds
+from jhd.decimals import interval_text
+from jhd.distance.cells.weighted import Values, Weights, quantile_bounds, share_bounds
 from jhd.distance.project import project
 from jhd.distance.search.points import is_points
 from jhd.shapes.checks import Numbers
@@ -42,12 +43,15 @@ class DistanceSamples(NamedTuple):
         lower: proven lower bounds of the distance everywhere in the part.
         upper: proven upper bounds.
         share: bounds of the share of a that it is, as length, area or number, (parts, 2), up to one common factor.
+        ends: bounds by two affine functions of the place, by their values at the corners of a part; both are constant
+            where none are known that say more.
     """
 
     place: Float[np.ndarray, "parts dim"]
     lower: Float[np.ndarray, " parts"]
     upper: Float[np.ndarray, " parts"]
     share: Float[np.ndarray, "parts 2"]
+    ends: Float[np.ndarray, "parts corners 2"]
 
 
 class Deviation(eqx.Module):
@@ -87,7 +91,7 @@ class Deviation(eqx.Module):
             ValueError: another q.
         """
         check_share("q", q)
-        lower, upper = quantile_bounds(self._weights(), self.samples.lower, self.samples.upper, float(q))
+        lower, upper = quantile_bounds(self._weights(), self._values(), float(q))
         return Bounds(lower, min(upper, float(self.maximum.upper)))
 
     def share_within(self, threshold: float) -> Bounds:
@@ -101,8 +105,7 @@ class Deviation(eqx.Module):
         """
         if not threshold >= 0:
             raise ValueError(f"threshold is {threshold}; needs a length of at least 0.")
-        surely, maybe = self.samples.upper <= threshold, self.samples.lower <= threshold
-        return Bounds(*share_bounds(self._weights(), surely, maybe))
+        return Bounds(*share_bounds(self._weights(), *self._values().within(threshold)))
 
     def at(self, places: Numbers | None = None) -> Projection:
         """Distances to b, with bounds and feet, at places of a; differentiable as `project` is.
@@ -172,13 +175,16 @@ class Deviation(eqx.Module):
     def _weights(self) -> Weights:
         return Weights(self.samples.share[:, 0], self.samples.share[:, 1])
 
+    def _values(self) -> Values:
+        return Values(self.samples.lower, self.samples.upper, self.samples.ends)
+
     def __float__(self) -> float:
         return self.mean.value
 
     def __repr__(self) -> str:
         largest = Bounds(float(self.maximum.lower), float(self.maximum.upper))
         rows = {"maximum": largest, "rms": self.rms, "mean": self.mean, "median": self.quantile(0.5)}
-        text = ", ".join(f"{name} in [{x.lower:.6g}, {x.upper:.6g}]" for name, x in rows.items())
+        text = ", ".join(f"{name} in {interval_text(*x, '.6g')}" for name, x in rows.items())
         return f"Deviation({text},\n  {len(self.samples.lower)} parts, {name_of(self.result)})"
 
 

@@ -4,7 +4,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from jhd.distance.decisions import checked_limit, decided
+from jhd.arrays import same_arrays
+from jhd.distance.decisions import checked_limit, decided, of_copies
 from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
 from jhd.distance.pairs import pair_of
 from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
@@ -39,13 +40,11 @@ def directed_hausdorff(
     and vmap, where checks of values are left out and `throw` is ignored: read `result`. Meshes, parametric surfaces,
     and shapes of two kinds are searched from the host, there too.
 
-    The value is differentiable in all arrays of both shapes: twice between curves, between implicit surfaces, and from
-    points to anything but a mesh; once (first derivatives) between meshes, between parametric surfaces and for other
-    shapes of two kinds. CubeIntervals() has no derivatives.
+    The value is differentiable in all arrays of both shapes, twice. CubeIntervals() has no derivatives.
 
     Between parametric surfaces, and shapes of two kinds, the cost grows like diagonal / gap where the distance is
     constant over a whole part of a (a shape and its offset); the bounds are then true and wider, as
-    RESULTS.gap_not_closed.
+    RESULTS.family_of_maxima.
 
     Args:
         a: the shape whose farthest point is looked for: points (jhd.points), a curve, an ImplicitSurface, a mesh, a
@@ -117,7 +116,8 @@ def hausdorff_at_most(
     """Whether the Hausdorff distance is at most the threshold: proven yes, proven no, or undecided at the tolerance.
 
     The same search as for the distance, ended as soon as the bounds are on one side of the threshold, which takes a few
-    steps where the threshold is not close to the distance.
+    steps where the threshold is not close to the distance. A shape and itself, or a copy of its numbers, are at the
+    distance 0.
 
     Args:
         a: points (jhd.points), a curve, an ImplicitSurface, a mesh, a parametric surface (BezierPatch, BezierPatches,
@@ -142,9 +142,11 @@ def hausdorff_at_most(
     # Inward, so that bounds cut off at the level are not above the threshold, nor at the ceiling below it.
     level, ceiling = pair.length(limit, 0.0), pair.length(limit, math.inf)
     if directed:
-        return decided(pair.reported(pair.measured(level=level, ceiling=ceiling)), limit)
-    there, back = pair.both(level, ceiling)
-    return decided(pair.larger(pair.reported(there), pair.reported(back)), limit)
+        found = pair.reported(pair.measured(level=level, ceiling=ceiling))
+    else:
+        there, back = pair.both(level, ceiling)
+        found = pair.larger(pair.reported(there), pair.reported(back))
+    return decided(of_copies(found) if same_arrays(a, b) else found, limit)
 
 
 def _finish(solution: HausdorffSolution, throw: bool) -> HausdorffSolution:

@@ -4,12 +4,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jhd.arithmetic.rounding import smallest_normal
-from jhd.arrays import is_traced, is_tracing
+from jhd.arrays import is_traced, is_tracing, undifferentiated
 from jhd.distance.decisions import checked_limit, decided
 from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.method import check_serves
@@ -24,17 +23,13 @@ from jhd.distance.search.nets import of_nets
 from jhd.distance.search.points import is_points, nearest_points, point_mesh
 from jhd.distance.search.search import Progress, Threshold
 from jhd.distance.witness.nets import apart
-from jhd.shapes.as_shape import taken_as
+from jhd.shapes.as_shape import check_shape, taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
 from jhd.solution import RESULTS, Decision, MinimumSolution, throw_unless_successful
-
-_KINDS = (
-    "a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface or a TriangleMesh"
-)
 
 # From this many points on a set of them is searched by a tree, or thinned out before the search.
 _FEW = 256
@@ -65,7 +60,7 @@ def minimum_distance(
 
     Where nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap, and far
     more slowly outside jit between two polynomial surfaces, or two parametric ones, that stay apart; bounds are then
-    true and wider, as RESULTS.gap_not_closed. Outside jit points are projected one by one onto
+    true and wider, as RESULTS.family_of_maxima. Outside jit points are projected one by one onto
     curves and surfaces, without steps and progress, and as close as rounding leaves.
 
     A triangle mesh is a surface and not the solid that it may bound: of a mesh inside another one the distance of the
@@ -85,8 +80,8 @@ def minimum_distance(
         a: points, a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, which
             is clipped to its box, a TriangleMesh, or what jhd.as_shape takes for one.
         b: another of these, of the same dimension.
-        method: BranchAndBound(...), by default with the options below; or VoxelPairs(...) for implicit surfaces, whose
-            answer is RESULTS.unproven and is never raised.
+        method: BranchAndBound(...), by default with the options below; or VoxelPairs(...) for surfaces and meshes,
+            whose answer is RESULTS.unproven and is never raised.
         atol: as for BranchAndBound, like the next three; not together with a method.
         rtol: tolerance relative to upper.
         max_steps: most steps, of sixteen pairs of cells each; of meshes, of a block of pairs or an exact pair.
@@ -109,8 +104,7 @@ def minimum_distance(
     """
     a, b = taken_as("a", a), taken_as("b", b)
     for name, shape in (("a", a), ("b", b)):
-        if not isinstance(shape, AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh):
-            raise TypeError(f"{name} must be {_KINDS}; got {type(shape).__name__}.")
+        check_shape(name, shape)
     method = _method(method, {"atol": atol, "rtol": rtol, "max_steps": max_steps, "capacity": capacity})
     check_serves(method, a, b, (BranchAndBound, VoxelPairs))
     if a.dim != b.dim:
@@ -171,7 +165,7 @@ def _method(method: BranchAndBound | VoxelPairs | None, options: dict[str, Any])
 def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None) -> MinimumSolution:
     if is_points(b) and not is_points(a):
         return _turned(_searched(b, a, method, progress))
-    if is_points(a) and not is_tracing(jax.lax.stop_gradient((a, b)), method):
+    if is_points(a) and not is_tracing(undifferentiated((a, b)), method):
         return _of_points(a, b, method, progress)
     if isinstance(a, TriangleMesh) or isinstance(b, TriangleMesh):
         first, second = as_mesh(a), as_mesh(b)
@@ -220,9 +214,9 @@ def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolut
     """The nearest of some points, each of which is projected."""
     rows = points.control_points[:, 0]
     found = project(rows, shape, throw=False)
-    lower, upper = (np.asarray(jax.lax.stop_gradient(x)) for x in (found.lower, found.upper))
+    lower, upper = (np.asarray(undifferentiated(x)) for x in (found.lower, found.upper))
     k, least = int(np.argmin(upper)), np.min(lower)
-    size = diagonal_of(*jax.lax.stop_gradient((points, shape)))
+    size = diagonal_of(*undifferentiated((points, shape)))
     default = default_tolerance(size, lower.dtype, 0.0)
     allowed = max(float(default if method.atol is None else method.atol), float(method.rtol * upper[k]))
     # Of those that may be nearer some may be proven less well than they could be.
@@ -233,18 +227,16 @@ def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolut
     stats = {"steps": jnp.array(1), "pairs": jnp.array(len(rows)), "waiting": jnp.array(0)}
     bounds = jnp.asarray(least), jnp.asarray(upper[k])
     solution = MinimumSolution(found.distance[k], *bounds, rows[k], found.foot[k], ended, stats)
-    told = apart(
-        jax.lax.stop_gradient(solution), jax.lax.stop_gradient(solution.value) / max(size, smallest_normal(lower.dtype))
-    )
-    return replace(solution, value=jnp.where(told, solution.value, jax.lax.stop_gradient(solution.value)))
+    told = apart(undifferentiated(solution), undifferentiated(solution.value) / max(size, smallest_normal(lower.dtype)))
+    return replace(solution, value=jnp.where(told, solution.value, undifferentiated(solution.value)))
 
 
 def _thinned(points: Any, shape: Any) -> Any:
     """The points that may be nearest to a shape; of a curve by its nearest points, each place once."""
     if not isinstance(shape, AbstractCurve) or is_points(shape):
         return nearest_points(points, _patches(shape))
-    rows = np.asarray(jax.lax.stop_gradient(points).control_points)[:, 0]
-    found = project(rows, jax.lax.stop_gradient(shape), throw=False)
+    rows = np.asarray(undifferentiated(points).control_points)[:, 0]
+    found = project(rows, undifferentiated(shape), throw=False)
     near = np.flatnonzero(np.asarray(found.lower) <= np.min(np.asarray(found.upper)))
     first = np.unique(rows[near], axis=0, return_index=True)[1]
     return BezierSegments(points.control_points[near[np.sort(first)]])

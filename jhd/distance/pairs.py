@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arrays import is_traced, is_tracing
+from jhd.arrays import is_traced, is_tracing, undifferentiated
 from jhd.compiled import compiled
 from jhd.distance.frame.aim import Aim, aim_at
 from jhd.distance.frame.coordinates import Frame, reported
@@ -37,11 +37,11 @@ from jhd.distance.search.solutions import CoveredPair, target
 from jhd.distance.witness.derivative import with_derivatives
 from jhd.distance.witness.meshes import with_mesh_derivatives
 from jhd.distance.witness.surfaces import with_surface_derivatives
-from jhd.shapes.as_shape import Shape, taken_as
+from jhd.shapes.as_shape import check_shape, taken_as
 from jhd.shapes.checks import empty_surface
-from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
-from jhd.shapes.implicit import ImplicitSurface, check_surface
-from jhd.shapes.mesh import TriangleMesh, check_mesh
+from jhd.shapes.curve import AbstractCurve, BezierSegments
+from jhd.shapes.implicit import ImplicitSurface
+from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
 from jhd.solution import DIRECTIONS, HausdorffSolution, in_direction
 
@@ -106,7 +106,8 @@ def pair_of(a: Any, b: Any, method: AbstractHausdorffMethod | None, progress: Re
     """
     method = default_method() if method is None else method
     a, b = taken_as("a", a), taken_as("b", b)
-    _check_shapes(a, b)
+    for name, shape in (("a", a), ("b", b)):
+        check_shape(name, shape)
     check_serves(method, a, b, METHODS)
     return _pair_for(a, b, method)(a, b, method, progress)
 
@@ -122,7 +123,7 @@ class CurvePair(AbstractPair):
             raise ValueError(f"a has {p.dim} coordinates a point and b has {q.dim}; needs the same.")
         # The two-step method takes fewer samples of a segment where there are more of them.
         sharing = isinstance(method, BranchAndBound)
-        self._a, self._b, self._frame = prepare(*jax.lax.stop_gradient(self._given), sharing=sharing)
+        self._a, self._b, self._frame = prepare(*undifferentiated(self._given), sharing=sharing)
         self._listener = Listener(progress, self._frame)
 
     def length(self, value: Array, toward: float | None = None) -> Any:
@@ -222,8 +223,8 @@ class MeshPair(AbstractPair):
 
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """See AbstractPair."""
-        a, b = jax.lax.stop_gradient(self._meshes[::-1] if turned else self._meshes)
-        aim = jax.lax.stop_gradient(aim_at(level, ceiling, a.vertices.dtype))
+        a, b = undifferentiated(self._meshes[::-1] if turned else self._meshes)
+        aim = undifferentiated(aim_at(level, ceiling, a.vertices.dtype))
         direction = _direction(turned)
         return in_direction(mesh_directed(a, b, self._method, aim, self._listener, direction), direction)
 
@@ -260,7 +261,7 @@ class MixedPair(AbstractPair):
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         """See AbstractPair."""
         a, b = self._given[::-1] if turned else self._given
-        aim = jax.lax.stop_gradient(aim_at(level, ceiling, dtype_of(a)))
+        aim = undifferentiated(aim_at(level, ceiling, dtype_of(a)))
         direction = _direction(turned)
         return in_direction(mixed_directed(a, b, self._method, aim, self._listener, direction), direction)
 
@@ -320,18 +321,6 @@ _ENGINES: tuple[tuple[type, Callable[..., AbstractPair]], ...] = (
     (ImplicitSurface, SurfacePair),
     (TriangleMesh, MeshPair),
 )
-_CHECKS: tuple[tuple[type, Callable[[str, Any], None]], ...] = (
-    (TriangleMesh, check_mesh),
-    (ImplicitSurface, check_surface),
-)
-
-
-def _check_shapes(a: Any, b: Any) -> None:
-    """Raises TypeError for what is no shape, naming what goes with the other one."""
-    kind = next((check for known, check in _CHECKS if isinstance(a, known) or isinstance(b, known)), check_curve)
-    for name, shape in (("a", a), ("b", b)):
-        if not isinstance(shape, Shape):
-            kind(name, shape)
 
 
 def _pair_for(a: Any, b: Any, method: Any) -> Callable[..., AbstractPair]:
@@ -340,7 +329,7 @@ def _pair_for(a: Any, b: Any, method: Any) -> Callable[..., AbstractPair]:
         return CubePair
     # Points among themselves are searched by trees where they are known, else as curves in one program.
     if is_points(a) and is_points(b) and isinstance(method, BranchAndBound):
-        return CurvePair if is_tracing(jax.lax.stop_gradient((a, b)), method) else MixedPair
+        return CurvePair if is_tracing(undifferentiated((a, b)), method) else MixedPair
     return next((pair for kind, pair in _ENGINES if isinstance(a, kind) and isinstance(b, kind)), MixedPair)
 
 
@@ -381,7 +370,7 @@ class _Targets(NamedTuple):
 
 def _targets(a: ImplicitSurface, b: ImplicitSurface) -> tuple[_Targets, Frame]:
     """Both surfaces in common coordinates, where nothing is differentiated, and the way back."""
-    p, q, frame = prepare_surfaces(*jax.lax.stop_gradient((a, b)))
+    p, q, frame = prepare_surfaces(*undifferentiated((a, b)))
     targets = _looked_at(p, q)
     for name, empty in (("a", targets.empty_a), ("b", targets.empty_b)):
         if not is_traced(empty) and bool(empty):

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd.arrays import check_whole
-from jhd.display import count_text, described, is_known, opaque
+from jhd.display import count_text, described, most_text, opaque
 from jhd.distance.project import project
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import check_curve
@@ -36,8 +36,7 @@ class Profile(NamedTuple):
         if text := opaque(self):
             return text
         places = count_text(self.distance.shape[-1], "place")
-        most = f"distances up to {np.max(self.upper):.6g}" if is_known(self.upper) and self.upper.size else ""
-        return described(self, places, most)
+        return described(self, places, most_text("distances up to", self.upper))
 
 
 def profile(a: Any, b: Any, samples: int = 64) -> Profile:

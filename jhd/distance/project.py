@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.scaling import length, unit_weights
-from jhd.arrays import check_whole, is_traced, real_array
+from jhd.arrays import array_of, check_whole, is_traced, real_array, undifferentiated
 from jhd.compiled import compiled, optimised
 from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of, origin
 from jhd.distance.frame.curves import padded_count, replaced, trusted, usable
@@ -37,7 +37,7 @@ from jhd.distance.search.targets import project_on_surface
 from jhd.distance.witness.active import stationary
 from jhd.distance.witness.derivative import projection_with_derivatives
 from jhd.distance.witness.mesh_feet import project_on_mesh
-from jhd.shapes.as_shape import check_rows_first, taken_as
+from jhd.shapes.as_shape import check_rows_first, check_shape, taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface
@@ -71,6 +71,8 @@ def project(
     equally near that of the foot named is taken, at distance zero the derivative is zero, and at an end or corner of
     the shape that holds the foot the parameter does not move, nor does the foot leave the face, edge or vertex of a
     mesh that holds it, or the face of the box of a polynomial surface.
+    At a pole of a parametric surface, where an edge of a patch is one point, derivatives of the foot and second ones of
+    the distance are NaN.
 
     Works under jit and vmap, where checks of values are left out and `throw` is ignored: read `result`. Surfaces are
     searched from the host there too.
@@ -96,6 +98,7 @@ def project(
     """
     check_rows_first("project", points)
     shape = taken_as("shape", shape)
+    check_shape("shape", shape)
     if isinstance(shape, TriangleMesh):
         return project_on_mesh(points, shape, method)
     if isinstance(shape, AbstractPatch | ImplicitSurface):
@@ -107,7 +110,7 @@ def project(
         accepted = "NearestSearch, ProjectedPolyhedron, IntervalHalving, NewtonProjection, HybridProjection"
         raise TypeError(f"method must be one of {accepted} for curves; got {type(method).__name__}.")
     queries, curve = _checked(points, shape)
-    projection = _in_blocks(_project_block, method, *jax.lax.stop_gradient((queries, curve)))
+    projection = _in_blocks(_project_block, method, *undifferentiated((queries, curve)))
     return _finished(projection_with_derivatives(projection, queries, curve), throw)
 
 
@@ -193,7 +196,7 @@ def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: B
         back = np.argsort(order)
         joined = jax.tree_util.tree_map(lambda x: x[back], joined)
     joined = jax.tree_util.tree_map(lambda x: x.reshape((*batch, *x.shape[1:])), joined)
-    return jax.tree_util.tree_map(jnp.asarray, _unscaled(joined, frame))
+    return jax.tree_util.tree_map(array_of, _unscaled(joined, frame))
 
 
 def _marked(found: Any, good: Array) -> Any:

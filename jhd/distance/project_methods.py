@@ -5,6 +5,11 @@ The nearest point is one of the roots of f(s) = (P - B).B' or an end of a segmen
 point that is nearest to P and are kept for comparison: they miss the nearest point on 3 to 16 % of random queries,
 prove nothing, and no bound rests on them.
 
+Changes to the source of the local methods: they serve any number of segments of any degree, rational ones too, and keep
+parameters in [0, 1]. Interval halving stops when the interval is at most its tolerance; the source stops when the
+differences of the three distances are, which depends on the unit and ends early at a flat minimum. Newton's method
+stops at a step of at most its tolerance; the source names no criterion.
+
 Source: Shortest distance from a point to a Bezier curve (halving, Newton, hybrid); Patrikalakis & Maekawa, Shape
 Interrogation (2002), chapter 4.
 """
@@ -68,9 +73,11 @@ class ProjectedPolyhedron(AbstractProjectionMethod):
 class IntervalHalving(AbstractProjectionMethod):
     """Steps left and right by an interval that is halved when the middle is best; a local method.
 
+    Change to the source: it stops on the interval. The source stops on the differences of the three distances.
+
     Args:
         interval: first interval of the parameter.
-        tolerance: the interval at which it stops.
+        tolerance: the interval of the parameter at which it stops.
         max_steps: limit on steps.
     """
 
@@ -91,6 +98,8 @@ class IntervalHalving(AbstractProjectionMethod):
 class NewtonProjection(AbstractProjectionMethod):
     """Newton's method on (P - B).B' = 0 from the nearest control point's parameter; a local method.
 
+    Changes to the source: parameters stay in [0, 1], and it stops on the step; the source names no criterion.
+
     Args:
         tolerance: the step at which it stops.
         max_steps: limit on steps.
@@ -110,6 +119,8 @@ class NewtonProjection(AbstractProjectionMethod):
 
 class HybridProjection(AbstractProjectionMethod):
     """Interval halving to a rough parameter, then Newton's method; a local method.
+
+    The source suggests it without numbers; the intervals and the criterion are ours.
 
     Args:
         interval: first interval of the halving.

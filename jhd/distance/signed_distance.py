@@ -13,11 +13,10 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array
 
 from jhd.arithmetic.scaling import common_exponent, ldexp
-from jhd.arrays import is_traced
+from jhd.arrays import is_traced, undifferentiated
 from jhd.distance.nearest.meshes import checked_points
 from jhd.distance.published.vertex_voxels import VertexVoxels
 from jhd.distance.witness.mesh_feet import project_on_mesh
@@ -66,7 +65,7 @@ def signed_distance(
         raise ValueError(f"sign is {sign!r}; needs one of {', '.join(map(repr, _SIGNS))}.")
     queries = checked_points(points)
     found = project_on_mesh(queries, mesh, method)
-    fixed, still, foot = lax.stop_gradient((queries, mesh, found))
+    fixed, still, foot = undifferentiated((queries, mesh, found))
     if sign != "winding":
         inside = _beyond(fixed, foot, still, sign)
     elif is_traced(fixed, still):

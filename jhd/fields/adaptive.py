@@ -22,11 +22,11 @@ from jhd.archives import read_arrays
 from jhd.arithmetic.scaling import common_exponent
 from jhd.arrays import is_traced, real_array
 from jhd.display import count_text, described, opaque, value_text
-from jhd.fields.adaptive_build import DEEPEST, MODES, FieldProgress, Task, build_octree, first_grid
+from jhd.fields.adaptive_build import DEEPEST, MODES, FieldProgress, Task, bounding_cube, build_octree, first_grid
 from jhd.fields.adaptive_error import LeafBoxes, largest_error, meeting
 from jhd.fields.adaptive_evaluate import LeafCells, values_at
 from jhd.fields.adaptive_extract import Leaves, extracted
-from jhd.fields.adaptive_samples import SIGNS, Surface, is_inner, surface_of
+from jhd.fields.adaptive_samples import PUBLISHED_SIGN, SIGNS, Surface, is_inner, surface_of
 from jhd.fields.adaptive_surfaces import MESH_SHARE, meshed
 from jhd.fields.checks import one_of, positive, whole
 from jhd.files import replace_file
@@ -60,7 +60,7 @@ class AdaptiveDistanceField(eqx.Module):
         atol: the tolerance of the construction.
         depth: how often a cell of the coarsest grid is halved to give a finest one.
         mode: "band" or "full".
-        sign: "winding", "pseudonormal" or "none".
+        sign: "winding", "pseudonormal" or "none"; "average" of the published method.
         unresolved: leaves that are off by more than the tolerance at one of their 19 points, because the largest depth
             or number of cells was reached.
     """
@@ -94,10 +94,11 @@ class AdaptiveDistanceField(eqx.Module):
         atol: Numbers,
         mode: str = "band",
         *,
-        sign: str = "winding",
+        sign: str | None = None,
         max_depth: int = 12,
         max_cells: int = 1_500_000,
         progress: Callable[[FieldProgress], object] | None = None,
+        method: Any = None,
     ) -> "AdaptiveDistanceField":
         """The field of a surface, refined until the interpolation is within the tolerance at 19 points of each cell.
 
@@ -110,31 +111,41 @@ class AdaptiveDistanceField(eqx.Module):
             mesh: the surface: a mesh, a parametric or polynomial surface, or what jhd.as_shape takes for one.
             atol: the tolerance, positive, in the unit of the mesh.
             mode: "band" refines only cells that may meet the surface; "full" all of them, as published.
-            sign: as for jhd.signed_distance: "winding", for all meshes (where one is not closed the field jumps across
-                its holes), or "pseudonormal", for closed ones without self-intersections; or "none": distances are at
-                least 0, for open surfaces. These bend at the surface, so cells there are about as wide as twice atol.
+            sign: as for jhd.signed_distance: "winding", the default, for all meshes (where one is not closed the field
+                jumps across its holes), or "pseudonormal", for closed ones without self-intersections; or "none":
+                distances are at least 0, for open surfaces. These bend at the surface, so cells there are about as wide
+                as twice atol.
             max_depth: most halvings of the cells of the first grid, 9 to 16 of which are as long as the box.
             max_cells: cells beyond which none is split; a million take 1.3 gigabytes while the field is
                 built.
             progress: called with a FieldProgress after each level.
+            method: None for exact distances. With mode="full", jhd.VertexVoxels(transform="vector_propagation") makes
+                this algorithm 1 of Lin & Wang (2003) as published: it starts from the one cube about the mesh, takes
+                the distances of the local search, which can be too large, and signs by averaged normals, which can be
+                wrong. Where either jumps by more than the tolerance, cells are split to `max_depth`.
 
         Raises:
             TypeError: no surface, one that is traced, or numbers of another kind.
             ValueError: a tolerance that is not positive and finite, an unknown mode or sign, a depth or number out of
-                range, pseudonormals of a mesh that is not closed and consistently oriented, a parametric or polynomial
-                surface that is open where a sign is asked for, or one of which `to_mesh` makes no mesh.
+                range, normals of a mesh that is not closed and consistently oriented, a parametric or polynomial
+                surface that is open where a sign is asked for, or one of which `to_mesh` makes no mesh; a method
+                together with another mode or a sign.
         """
         shape, tolerance = taken_as("mesh", mesh), positive("atol", atol)
+        if method is not None and (mode != "full" or sign is not None):
+            raise ValueError(f"mode is {mode!r} and sign {sign!r}; a method needs mode='full' and has its own signs.")
+        sign = "winding" if sign is None else sign
         mesh = meshed(shape, tolerance, one_of("sign", sign, SIGNS))[0]
-        surface, power = _surface("mesh", mesh, sign)
+        surface, power = _surface("mesh", mesh, sign, method)
         depth = whole("max_depth", max_depth, 0, DEEPEST)
         most = whole("max_cells", max_cells, 1, 1 << 27)
-        grid = first_grid(mesh, tolerance)
+        grid = first_grid(mesh, tolerance) if method is None else bounding_cube(mesh)
         # What is beyond floats there asks for all cells, or for none.
         asked = _scaled(tolerance if mesh is shape else (1 - MESH_SHARE) * tolerance, -power)
-        unit_grid = grid._replace(side=float(np.ldexp(grid.side, -power)))
-        tree = build_octree(Task(surface, unit_grid, asked, one_of("mode", mode, MODES), depth, most, progress))
-        numbers = (grid.start * grid.side, np.ldexp(grid.side, -tree.depth), _scaled(tree.values, power), tolerance)
+        tree = build_octree(
+            Task(surface, grid.scaled(-power), asked, one_of("mode", mode, MODES), depth, most, progress)
+        )
+        numbers = (grid.lower, np.ldexp(grid.side, -tree.depth), _scaled(tree.values, power), tolerance)
         lower, spacing, values, atol_ = (jnp.asarray(x, surface.dtype) for x in numbers)
         names = ("roots", "nodes", "places", "widths", "corners")
         integers = {name: jnp.asarray(getattr(tree, name), jnp.int32) for name in names}
@@ -145,7 +156,7 @@ class AdaptiveDistanceField(eqx.Module):
             atol=atol_,
             depth=tree.depth,
             mode=mode,
-            sign=sign,
+            sign=surface.sign,
             unresolved=tree.unresolved,
             **integers,
         )
@@ -344,7 +355,7 @@ def _checked(content: Mapping[str, np.ndarray]) -> dict[str, Any]:
     known: dict[str, Any] = {"depth": int(content["depth"]), "unresolved": int(content["unresolved"])}
     known |= {
         "mode": one_of("mode", str(content["mode"]), MODES),
-        "sign": one_of("sign", str(content["sign"]), SIGNS),
+        "sign": one_of("sign", str(content["sign"]), (*SIGNS, PUBLISHED_SIGN)),
     }
     for name in ("lower", "spacing", "values", "atol"):
         known[name] = real_array(name, content[name])
@@ -384,13 +395,13 @@ def _check_leaves(known: dict[str, Any]) -> None:
         raise ValueError(f"spacing is {known['spacing']:g} and atol {known['atol']:g}; needs positive lengths.")
 
 
-def _surface(name: str, mesh: Any, sign: str = "winding") -> tuple[Surface, int]:
+def _surface(name: str, mesh: Any, sign: str = "winding", method: Any = None) -> tuple[Surface, int]:
     """The mesh prepared in a unit of its own, and the power of two of that."""
     check_mesh(name, mesh)
     if is_traced(mesh):
         raise TypeError(f"{name} must be known: the cells depend on its numbers, so it cannot be traced.")
     unit, power = in_unit(mesh)
-    return surface_of(unit, sign), power
+    return surface_of(unit, sign, None if method is None else method.search), power
 
 
 def _scaled(x: Any, power: int) -> Any:

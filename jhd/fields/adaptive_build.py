@@ -71,17 +71,28 @@ class Grid(NamedTuple):
         shape: number of cells along each axis.
         side: of a cell.
         deepest: halvings after which corners and middles are still floats.
+        origin: what places are counted from.
     """
 
     start: Int[np.ndarray, "3"]
     shape: tuple[int, ...]
     side: float
     deepest: int
+    origin: Float[np.ndarray, "3"] = np.zeros(3)
+
+    @property
+    def lower(self) -> Float[np.ndarray, "3"]:
+        """The lower corner of the first cell."""
+        return self.origin + self.start * self.side
+
+    def scaled(self, power: int) -> "Grid":
+        """The same grid in a unit that is 2^-power as large."""
+        return self._replace(side=float(np.ldexp(self.side, power)), origin=np.ldexp(self.origin, power))
 
     def points(self, places: np.ndarray, level: int, dtype: Any) -> np.ndarray:
-        """Coordinates of places counted in half sides of cells of a level; exact."""
+        """Coordinates of places counted in half sides of cells of a level; exact if the origin is zero."""
         half = np.ldexp(self.side, -level - 1)
-        return ((places + (self.start.astype(np.int64) << (level + 1))) * half).astype(dtype)
+        return (self.origin + (places + (self.start.astype(np.int64) << (level + 1))) * half).astype(dtype)
 
 
 class Octree(NamedTuple):
@@ -190,6 +201,15 @@ def first_grid(mesh: TriangleMesh, atol: float) -> Grid:
     room = (1 << info.nmant) / np.max(np.abs([start, end]))
     deepest = int(np.clip(np.floor(np.log2(room)) - 1, 0, DEEPEST))
     return Grid(start.astype(np.int64), tuple(int(n) for n in end - start), side, deepest)
+
+
+def bounding_cube(mesh: TriangleMesh) -> Grid:
+    """The published first level: the one cube about the box of a mesh, from its lower corner."""
+    lower, upper = (np.asarray(end, np.float64) for end in mesh.box())
+    side, reach = float(np.max(upper - lower)) or 1.0, float(np.max(np.abs([lower, upper])))
+    room = side / (max(reach, side) * float(np.finfo(np.asarray(mesh.vertices).dtype).eps))
+    deepest = int(np.clip(np.floor(np.log2(room)) - 2, 0, DEEPEST))
+    return Grid(np.zeros(3, np.int64), (1, 1, 1), side, deepest, lower)
 
 
 def _begin(task: Task, grid: Grid) -> tuple[Samples, _OctreeLevel]:

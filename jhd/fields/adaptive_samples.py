@@ -6,6 +6,7 @@ the open balls about them that are free of the mesh meet. So few winding numbers
 from points to their neighbours, with distances rounded down.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,11 @@ from jhd.triangles.closest_point import (
 from jhd.triangles.pseudonormal import is_behind, pseudonormals
 from jhd.triangles.winding import is_inside
 
+# How nearest points of a mesh are found: as the search of jhd.VertexVoxels.
+Search = Callable[[np.ndarray, TriangleMesh], ClosestPoints]
 SIGNS = ("winding", "pseudonormal", "none")
+# Published averages of normals go with the published search alone.
+PUBLISHED_SIGN = "average"
 # Times that a point is moved away from the mesh, which doubles the room about it at best.
 _LIFTS = 5
 
@@ -73,12 +78,14 @@ class Surface(NamedTuple):
         sign: one of SIGNS.
         linked: whether the distances have no jumps: those by the winding number where it is constant off the mesh, and
             those without a sign.
+        search: how nearest points are found; None for the exact search.
     """
 
     mesh: TriangleMesh
     tree: TriangleTree
     sign: str
     linked: bool
+    search: Search | None = None
 
     @property
     def dtype(self) -> np.dtype:
@@ -86,12 +93,15 @@ class Surface(NamedTuple):
         return np.asarray(self.mesh.vertices).dtype
 
 
-def surface_of(mesh: TriangleMesh, sign: str = "winding") -> Surface:
-    """The prepared mesh.
+def surface_of(mesh: TriangleMesh, sign: str = "winding", search: Search | None = None) -> Surface:
+    """The prepared mesh; with a search its distances are those of the search, and its signs published averages.
 
     Raises:
-        ValueError: an unknown sign, or pseudonormals of a mesh that is not closed and consistently oriented.
+        ValueError: an unknown sign, or normals of a mesh that is not closed and consistently oriented.
     """
+    if search is not None:
+        pseudonormals(mesh, PUBLISHED_SIGN)
+        return Surface(mesh, triangle_tree(mesh), PUBLISHED_SIGN, False, search)
     if sign not in SIGNS:
         raise ValueError(f"sign is {sign!r}; needs one of {', '.join(map(repr, SIGNS))}.")
     if sign == "pseudonormal":
@@ -110,6 +120,11 @@ def unsigned(
         points: in its unit and precision, one at least.
         near: a near triangle for each point, in the order of the tree; else they are searched for.
     """
+    if surface.search is not None:
+        local = surface.search(points, surface.mesh)
+        behind = is_behind(surface.mesh, points, local.triangle, local.t, surface.sign)
+        # No other point is searched for near these triangles, so they need no numbers of the tree.
+        return Samples(local.distance, local.lower, local.triangle, np.where(behind, -1, 1).astype(np.int8))
     tree, scaled = in_unit_of(surface.tree, points)
     found = nearest_triangles(tree, scaled, near)
     distance = np.sqrt(found.square)

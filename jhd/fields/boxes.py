@@ -1,5 +1,7 @@
 """Boxes: their children, and the distances between the points of two of them."""
 
+from functools import reduce
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
@@ -33,4 +35,25 @@ def squared_distances(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[A
         gaps.append(jnp.maximum(jnp.maximum(before, after), 0))
         reaches.append(jnp.minimum(before, after))
     least, most = (x * x + y * y + z * z for x, y, z in (gaps, reaches))
+    return least, most
+
+
+def squared_vertex_distances(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Smallest and largest squared distance of a vertex of box a from a vertex of box b, of 64; boxes broadcast.
+
+    The differences along each axis take four values, whichever they are along the others, so the extremes add up. The
+    largest is that of `squared_distances`. The smallest is larger where the boxes overlap along an axis and share no
+    end there, and then it is no bound of the distances of their points.
+
+    Args:
+        a: lower and upper corners, the three coordinates in front: arrays (3, ...).
+        b: the same.
+
+    Source: AlgSurf, section 2, step 4, the second way.
+    """
+    ends = []
+    for axis in range(3):
+        four = [jnp.abs(x[axis] - y[axis]) for x in a for y in b]
+        ends.append((reduce(jnp.minimum, four), reduce(jnp.maximum, four)))
+    least, most = (x * x + y * y + z * z for x, y, z in zip(*ends, strict=True))
     return least, most

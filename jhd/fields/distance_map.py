@@ -25,6 +25,7 @@ from jhd.arithmetic.interval import Interval
 from jhd.arithmetic.scaling import common_exponent
 from jhd.arrays import is_traced, real_array
 from jhd.compiled import compiled, optimised
+from jhd.decimals import upper_text
 from jhd.display import count_text, described, opaque, size_text, value_text
 from jhd.shapes.biarc import BiarcCurve, biarcs, least_tolerance
 from jhd.shapes.checks import Numbers
@@ -73,7 +74,7 @@ class DistanceMap(eqx.Module):
             return text
         pixels, arcs = f"{size_text(self.distance.shape)} pixels", count_text(self.arcs.count, "arc")
         sides = (f"lower={value_text(self.lower)}", f"spacing={value_text(self.spacing)}")
-        return described(self, pixels, *sides, f"error={value_text(self.error)}", arcs)
+        return described(self, pixels, *sides, f"error={value_text(self.error, upper_text)}", arcs)
 
     @property
     def centres(self) -> tuple[Float[Array, " columns"], Float[Array, " rows"]]:

@@ -8,7 +8,12 @@ the index share one integer, so that one minimum finds both.
 The published one passes vectors to neighbours ("3-D signed Euclidean distance transform", where "signed" means the
 signs of the components of these vectors). It is kept for comparison: a nearest feature is lost where none of the
 neighbours has it, so some distances are too large by a fraction of a voxel. The figure with its templates is lost; the
-counts of its operations, and the only template printed, fit the templates below, whose errors are small.
+counts of its shifts and comparisons (not that of its additions, which is two more), and the only template printed, fit
+the templates below, whose errors are small.
+
+Changes to the source of "vector_propagation": planes of constant k are swept, and in them rows of constant i. The text
+sweeps planes of constant i and rows of constant k, which does not fit templates that "act in the k plane". Voxels at
+the border of the grid are processed too; the text leaves them out.
 
 Sources: C. Lin, C. Wang, "3-D signed Euclidean distance transform and its applications" (2003), section 2; the
 separable minimum after Saito & Toriwaki, Pattern Recognition 27 (1994).
@@ -28,7 +33,7 @@ from jhd.arithmetic.rounding import power_of_two, smallest_normal
 from jhd.arithmetic.scaling import common_exponent
 from jhd.arrays import array_of, is_traced, real_array, varying
 from jhd.compiled import compiled
-from jhd.display import described, is_known, opaque, size_text
+from jhd.display import described, most_text, opaque, size_text
 from jhd.shapes.checks import Numbers
 
 METHODS = ("exact", "vector_propagation")
@@ -55,7 +60,7 @@ class DistanceTransform(eqx.Module):
     def __repr__(self) -> str:
         if text := opaque(self):
             return text
-        most = f"distances up to {np.max(self.distance):.6g}" if is_known(self.distance) and self.distance.size else ""
+        most = most_text("distances up to", self.distance)
         return described(self, f"{size_text(self.distance.shape)} voxels", most)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from jhd.arithmetic.bernstein import basis
 from jhd.arithmetic.rounding import smallest_normal
 from jhd.distance.frame.jets import CurveJet, polynomial_jet, quotient
-from jhd.distance.nearest.feet import dot, stays
+from jhd.distance.nearest.feet import by_normal, dot, stands_still, stays
 from jhd.solution import DIRECTIONS, EVENTS, CriticalPairs
 
 # Singular values below this share of the largest are none: where they vanish nothing moves.
@@ -41,6 +41,11 @@ class Moving(NamedTuple):
     points: FloatArray
     tangent: FloatArray | None
     rational: bool
+
+    def places(self, segment: FloatArray) -> FloatArray:
+        """The control points (segments, points, dim) of some segments."""
+        points = self.points[segment]
+        return points[..., :-1] / points[..., -1:] if self.rational else points
 
 
 class Expansion(NamedTuple):
@@ -167,8 +172,9 @@ def _fill(
     for i in range(count):
         segment, s = at.foot_segments[:, i], at.foot_params[:, i]
         y = _jets(other, segment, s, parameters)
+        still = stands_still(y.first, other.places(segment))
         weight = at.multipliers[:, i] if count == 2 else np.ones(len(rows))
-        feet.append(_MovingFeet(segment, y, *_directions(x, y, s), weight))
+        feet.append(_MovingFeet(segment, y, *_directions(x, y, s, still), weight))
     held = ends | ~np.any(x.first, axis=-1)
     found.gradient[rows], c, core = _derivatives(x, feet, held)
     found.rows[rows, : c.shape[1]] = c
@@ -203,16 +209,17 @@ def _jets(curve: Moving, segment: FloatArray, t: FloatArray, count: int) -> _Mov
     return _MovingJets(x, x1, x2, vx, vx1 / over, weight[0] / w.point, cotangent)
 
 
-def _directions(x: _MovingJets, y: _MovingJets, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors from the feet to the points, and whether the feet are held."""
+def _directions(x: _MovingJets, y: _MovingJets, s: FloatArray, still: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unit vectors from the feet to the points, and whether the feet are held, as those are where b stands still."""
     c = x.point - y.point
     length, speed = np.sqrt(dot(c, c)), np.sqrt(dot(y.first, y.first))
-    held = (speed == 0) | stays(s, dot(c, y.first), length * speed)
+    held = (speed == 0) | ((s <= 0) | (s >= 1)) & still | stays(s, dot(c, y.first), length * speed)
+    known = ~held & by_normal(length, speed)
     unit = c / np.where(length > 0, length, 1.0)[:, None]
     if c.shape[1] == 2:
-        normal = np.stack([-y.first[:, 1], y.first[:, 0]], axis=1) / np.where(held, 1.0, speed)[:, None]
+        normal = np.stack([-y.first[:, 1], y.first[:, 0]], axis=1) / np.where(known, speed, 1.0)[:, None]
         normal = np.where(dot(normal, c)[:, None] >= 0, normal, -normal)
-        unit = np.where(held[:, None], unit, normal)
+        unit = np.where(known[:, None], normal, unit)
     return unit, held
 
 

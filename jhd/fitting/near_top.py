@@ -82,8 +82,16 @@ def near_top(carrier: SampledCurve, other: SampledCurve, share: float) -> NearTo
     slope[looked] = dot(carrier.points[looked] - feet.point, carrier.jets(carrier.samples.take(looked)).first)
     inside = _inside(carrier, other, distance, slope, places, least)
     held = _held(carrier, other, np.flatnonzero(_held_samples(carrier, slope) & (distance >= least)))
-    found = NearTop(*(_joined(x, y) for x, y in zip(inside, held, strict=True)))
+    found = _both(inside, held)
+    # The largest sample counts where it exceeds all maxima: along a flat stretch.
+    best = np.argmax(distance)
+    if not np.max(found.value, initial=-np.inf) >= distance[best] * (1 - _NEARER):
+        found = _both(found, _held(carrier, other, np.array([best])))
     return found.take(found.value >= share * np.max(found.value, initial=0.0))
+
+
+def _both(first: NearTop, second: NearTop) -> NearTop:
+    return NearTop(*(_joined(x, y) for x, y in zip(first, second, strict=True)))
 
 
 def _joined(x: Any, y: Any) -> Any:
@@ -106,7 +114,7 @@ def _widened(carrier: SampledCurve, wanted: FloatArray) -> FloatArray:
 
 
 def _held_samples(carrier: SampledCurve, slope: FloatArray) -> FloatArray:
-    """Which samples are corners or ends from which the distance does not rise."""
+    """Which samples are corners or ends from which the distance does not rise; one that stands still has no slope."""
     held = np.zeros(len(slope), bool)
     start, end = carrier.first[:-1], carrier.first[1:] - 1
     if carrier.degree == 0:
@@ -114,16 +122,19 @@ def _held_samples(carrier: SampledCurve, slope: FloatArray) -> FloatArray:
     on = carrier.following
     falls = np.where(on >= 0, slope[start[on]] <= 0, True)
     held[end] = (slope[end] > 0) & falls
-    held[start] |= (carrier.preceding < 0) & (slope[start] < 0)
+    starts = (slope[start] < 0) | (slope[start] == 0) & (slope[start + 1] <= 0)
+    held[start] |= (carrier.preceding < 0) & starts
     return held
 
 
 def _held(carrier: SampledCurve, other: SampledCurve, samples: FloatArray) -> NearTop:
-    """Maxima at ends and corners: their nearest foot."""
+    """Maxima at samples, which are ends and corners but for one along a flat stretch: their nearest foot."""
     at = carrier.samples.take(samples)
     found = other.feet(carrier.points[samples])
     corner = (at.t == 1) & (carrier.following[at.segment] >= 0)
-    event = np.where(corner, int(EVENTS.corner._value), int(EVENTS.a_end._value))
+    end = (at.t == 1) | (at.t == 0) & (carrier.preceding[at.segment] < 0)
+    free = np.where(end, int(EVENTS.a_end._value), int(EVENTS.antipodal._value))
+    event = np.where(corner, int(EVENTS.corner._value), free)
     two = CurvePlaces(*(np.stack([x, x], axis=1) for x in found.at))
     weights = np.tile([1.0, 0.0], (len(samples), 1))
     feet = np.stack([found.point, found.point], axis=1)
@@ -253,7 +264,7 @@ def pairs_near_top(a: SampledCurve, b: SampledCurve, share: float, capacity: int
     clock.check()
     back = near_top(b, a, share)
     back = back.take(~_repeated(there, back))
-    both = NearTop(*(_joined(x, y) for x, y in zip(there, back, strict=True)))
+    both = _both(there, back)
     order = np.argsort(-both.value, kind="stable")[:capacity]
     turned = order >= len(there.value)
     found = both.take(order)

@@ -1,7 +1,7 @@
 """A target and a family of curves: the critical pairs at parameters, with derivatives, and counts of the work.
 
-Curves of few segments are searched by `critical_pairs`, all of whose maxima take part. Its work grows with the product
-of both numbers of segments, so beyond some of it the maxima near the top are looked for with trees (near_top), in a
+Curves of few segments are searched for all local maxima, which all take part. Their work grows with the product of both
+numbers of segments, so beyond some of it the maxima near the top are looked for with trees (near_top), in a
 time that grows with the sum of both numbers; so they are where the time is too short to compile that search.
 """
 
@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jhd.compiled import asking
-from jhd.distance.witness.critical import critical_pairs
+from jhd.distance.critical_pairs import critical_pairs
+from jhd.distance.witness.critical import local_pairs
 from jhd.fitting.clock import Clock, OutOfTimeError
 from jhd.fitting.expansion import Expansion, FloatArray, Moving, expand
 from jhd.fitting.near_top import pairs_near_top
@@ -96,7 +97,7 @@ class Problem:
         self._size = float(np.max(np.ptp(np.asarray(self.target.control_points).reshape(-1, self.target.dim), axis=0)))
         self._length = float(np.sum(lengths_of(points, self._fixed.rational)))
         self._sampled: dict[tuple[int, float], SampledCurve] = {}
-        self._hurried = False
+        self._hurried = self._proving = False
 
     def at(self, parameters: FloatArray) -> Point:
         """The critical pairs at the parameters."""
@@ -113,6 +114,11 @@ class Problem:
             pairs = self._near_top(moving, np.asarray(following), clock)
         return Point(parameters, shape, pairs, self._fixed, moving, many, float(pairs.value[0]), self._size)
 
+    def look_closer(self) -> None:
+        """Let no maximum be missed again: of few segments the largest is proven, of many there are more samples."""
+        self.density *= 2
+        self._proving = True
+
     def has_many(self, count: int) -> bool:
         """Whether maxima near the top alone take part, for so many segments of the shape."""
         return self._hurried or count * self.target.count > _MANY
@@ -121,7 +127,9 @@ class Problem:
         """All maxima; None, now and from now on, where the time does not allow to compile their search."""
         try:
             with asking(self.clock.compiling):
-                return critical_pairs(self.target, shape, self.capacity)
+                if self._proving:
+                    return critical_pairs(self.target, shape, self.capacity)
+                return local_pairs(self.target, shape, self.capacity)[0]
         except OutOfTimeError:
             self._hurried = True
             return None

@@ -15,6 +15,8 @@ from jhd.distance.nearest.feet import dot, equation_of, gauss_newton
 
 # Samples from which the foot of a query is looked for.
 _NEAR = 3
+# A sample that is nearer than the feet by this share is none of them up to rounding.
+_NEARER = 1e-9
 # Steps of Newton's method, some of them lost where it goes over a joint; on straight segments the first one is exact.
 _STEPS, _STRAIGHT_STEPS = 6, 2
 # Samples of a segment are this many at least, where it is curved, and this many at most.
@@ -84,14 +86,20 @@ class SampledCurve:
         return quotient(CurveJet(*(x[:, :-1] for x in jet)), CurveJet(*(x[:, -1:] for x in jet)))
 
     def feet(self, points: FloatArray, *starts: CurvePlaces) -> SampledFeet:
-        """The nearest of the feet reached from the nearest samples of each point (points, dim), and from the starts."""
+        """The nearest of the feet reached from the nearest samples of each point (points, dim), and from the starts.
+
+        A sample that is nearer than all feet is taken itself: at a cusp Newton's method leads anywhere.
+        """
         count = min(_NEAR, len(self.points))
-        near = self.tree.query(points, k=count)[1].reshape(len(points), count)
+        gaps, near = (x.reshape(len(points), count) for x in self.tree.query(points, k=count))
         begin = [self.samples.take(column) for column in near.T] + list(starts)
         many = np.tile(points, (len(begin), 1))
         found = self.followed(many, CurvePlaces(*(np.concatenate(x) for x in zip(*begin, strict=True))))
         best = np.argmin(found.distance.reshape(len(begin), -1), axis=0) * len(points) + np.arange(len(points))
-        return SampledFeet(found.at.take(best), found.point[best], found.distance[best])
+        lost, sample = gaps[:, 0] < found.distance[best] * (1 - _NEARER), self.samples.take(near[:, 0])
+        at = CurvePlaces(*(np.where(lost, x, y) for x, y in zip(sample, found.at.take(best), strict=True)))
+        point = np.where(lost[:, None], self.points[near[:, 0]], found.point[best])
+        return SampledFeet(at, point, np.where(lost, gaps[:, 0], found.distance[best]))
 
     def followed(self, points: FloatArray, at: CurvePlaces) -> SampledFeet:
         """The feet of the points (points, dim) that Newton's method reaches, across joints too."""

@@ -25,7 +25,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd.arithmetic.scaling import length
-from jhd.arrays import check_scalar, real_array
+from jhd.arrays import check_scalar, real_array, undifferentiated
 from jhd.compiled import compiled
 from jhd.distance.frame.attach import carrying
 from jhd.distance.frame.coordinates import Frame, extremes, frame_of
@@ -98,7 +98,7 @@ def soft_hausdorff(a: Any, b: Any, temperature: Numbers, method: AbstractHausdor
     p, q = a.segments(), b.segments()
     found = hausdorff(p, q, method)
     hard = carrying(found.upper, found.value)
-    known = jax.lax.stop_gradient((p, q))
+    known = undifferentiated((p, q))
     good = usable(known[0]) & usable(known[1])
     frame = frame_of([extremes(replaced(curve, good).control_points) for curve in known], good)
     pair = (replaced(curve.pad(padded_count(curve.count, small=True)), good) for curve in (p, q))

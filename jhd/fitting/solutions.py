@@ -42,13 +42,13 @@ def minimise_and_prove(
     method: AbstractHausdorffMethod | None,
     report: Callable[[int, float, float], object],
 ) -> ProvenEnd:
-    """A fit by all maxima, taken up again with more samples where curves of many segments had hidden a maximum."""
+    """A fit by all maxima, taken up again with a closer look at the maxima if one was missed."""
     found = _proven(problem, minimise(problem, start, max_steps, atol, report), method)
     for _ in range(_DENSER):
         before, steps = found.ended, problem.counts["steps"]
-        if not (found.missed and before.point.many) or steps >= max_steps or problem.clock.is_over():
+        if not found.missed or steps >= max_steps or problem.clock.is_over():
             break
-        problem.density *= 2
+        problem.look_closer()
 
         def later(step: int, value: float, optimality: float, steps: int = steps) -> None:
             if step:

@@ -25,7 +25,7 @@ def load_certificate(file: str | Path) -> Certificate:
     """
     with _read(file) as content:
         if isinstance(content, dict) and isinstance(content.get("cells"), dict):
-            content["cells"] = {name: list(cells) for name, cells in content["cells"].items()}
+            content["cells"] = {name: list(iter(cells)) for name, cells in content["cells"].items()}
         return Certificate(content)
 
 

@@ -59,11 +59,12 @@ def rows_in(text: str, name: str) -> np.ndarray:
     """The numbers of each line, (lines, numbers), apart by spaces or commas; what stands behind # is left out.
 
     Raises:
-        ParseError: what is no number, or a line of more or fewer numbers than those before, with the name and the line.
+        ParseError: what is no number, as 0,5 among spaces or nothing between two commas, or a line of more or fewer
+            numbers than those before, with the name and the line.
     """
     rows: list[list[float]] = []
     for number, line in enumerate(StringIO(text, newline=None), start=1):
-        words = line.split("#")[0].replace(",", " ").split()
+        words = _words(line.split("#")[0])
         if not words:
             continue
         try:
@@ -77,3 +78,13 @@ def rows_in(text: str, name: str) -> np.ndarray:
             raise ParseError(f"{len(row)} numbers; the lines before have {len(rows[0])}.", name, number)
         rows.append(row)
     return np.array(rows) if rows else np.empty((0, 3))
+
+
+def _words(line: str) -> list[str]:
+    """The numbers of a line, empty ones where commas have nothing between them; a last comma separates nothing."""
+    words = line.split()
+    if "," not in line or (len(words) > 1 and any("," in word.strip(",") for word in words)):
+        # Among spaces, commas within words are decimal ones, and such words are no numbers.
+        return words
+    parts = " ".join(words).removesuffix(",").split(",")
+    return [word for part in parts for word in part.split() or [""]]

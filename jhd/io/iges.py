@@ -2,8 +2,8 @@
 
 What is read, after IGES 5.3 (US PRO/IPO-100, 1996): splines, 126, in section 4.23 and 128 in 4.24, lines, 110, in 4.13,
 arcs, 100, in 4.3, composite curves, 102, in 4.4, each placed by its transformation matrix, 124 in section 4.21. Form
-numbers say what a spline looks like and are not needed. Coordinates are those of the model in the unit of the file;
-nothing is scaled.
+numbers say what a spline looks like and are not needed. Coordinates are converted to millimetres from the unit that the
+file names, which rounds them where that is another one.
 
 Left out is what is no shape of its own: hidden entities, annotation, definitions, curves in the parameters of a
 surface, parts of other entities, and what holds no geometry (colours, properties, groups, views). All other entities
@@ -14,10 +14,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 
+from jhd.arrays import array_of
 from jhd.io.errors import ParseError, read_bytes
-from jhd.io.iges_file import IgesEntry, IgesFile, IgesRecord, read_iges
+from jhd.io.iges_file import UNITS, IgesEntry, IgesFile, IgesRecord, read_iges
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.bspline import BSplineCurve
 from jhd.shapes.bspline_surface import BSplineSurface
@@ -35,6 +37,8 @@ _SILENT = frozenset((0, 123, MATRIX, 302, 304, 308, 310, 312, 314, 316, 320, 322
 _USES = (0, 3, 6)
 # By how much the distances of the ends of an arc from its centre may differ, as a share: files of few digits are read.
 _OUT_OF_ROUND = 1e-4
+# By how much the ends of a spline may be beyond its knots, as a share of their domain: programs write ten digits.
+_ROUNDED = 1e-9
 _NAMES = {
     104: "conic arc", 106: "copious data", 108: "plane",
     112: "parametric spline curve", 114: "parametric spline surface", 116: "point", 118: "ruled surface",
@@ -48,7 +52,7 @@ _NAMES = {
 }  # fmt: skip
 
 
-def load_iges(file: str | Path) -> list[IgesShape]:
+def load_iges(file: str | Path, unit: str | None = "MM") -> list[IgesShape]:
     """The curves and surfaces of an IGES file in the order of its directory; all but single splines as segments.
 
     Curves are curves in space, also those that lie in a plane. Circular arcs are rational quadratics of a quarter turn
@@ -58,18 +62,32 @@ def load_iges(file: str | Path) -> list[IgesShape]:
 
     Args:
         file: a file in the fixed format of IGES 5.3 or before, of lines of 80 columns.
+        unit: the unit of the coordinates: IN, MM, FT, MI, M, KM, MIL, UM, CM or UIN, to which those of the file are
+            converted, each with a rounding or two. None takes the numbers of the file, whatever its unit.
 
     Raises:
         FileNotFoundError: there is no such file.
         ParseError: a file that cannot be read, with the line and the entity; an entity that is not one of these, by
-            name, trimmed surfaces too; or there is no curve and no surface.
+            name, trimmed surfaces too; an unknown unit; or there is no curve and no surface.
+        ValueError: another unit.
     """
+    if unit is not None and unit not in UNITS:
+        raise ValueError(f"unit is {unit!r}; needs one of {', '.join(UNITS)}, or None.")
     found = read_iges(file, read_bytes(file))
     reader = _IgesReader(found)
     shapes = [reader.shape(entry) for entry in found.entries.values() if _is_shape(entry) and not entry.dependent]
     if not shapes:
         raise ParseError("holds no curve or surface (entities 100, 102, 110, 126 and 128) that stands by itself.", file)
-    return shapes
+    factor = 1.0 if unit is None else UNITS[found.unit()][1] / UNITS[unit][1]
+    return shapes if factor == 1 else [_scaled(found, shape, factor) for shape in shapes]
+
+
+def _scaled(found: IgesFile, shape: Any, factor: float) -> Any:
+    with np.errstate(over="ignore"):
+        points = np.asarray(shape.control_points) * factor
+    if not np.isfinite(points).all():
+        raise ParseError("holds coordinates beyond the range of doubles in the unit that is asked for.", found.name)
+    return eqx.tree_at(lambda known: known.control_points, shape, array_of(points))
 
 
 def united(shapes: Sequence[IgesShape]) -> BezierSegments | BezierPatches:
@@ -213,11 +231,13 @@ def _weights(record: IgesRecord, weights: np.ndarray, polynomial: bool) -> np.nd
 
 
 def _ends(record: IgesRecord, ends: Sequence[float], knots: Sequence[float], degree: int) -> tuple[float, float]:
-    """First and last parameter, within the domain of the knots."""
+    """First and last parameter, within the domain of the knots; what is beyond it by rounding is put on its end."""
     lower, upper = knots[degree], knots[len(knots) - 1 - degree]
-    start, stop = ends
+    room = _ROUNDED * (upper - lower)
+    start, stop = (min(max(end, lower), upper) if lower - room <= end <= upper + room else end for end in ends)
     if not lower <= start < stop <= upper:
-        raise record.error(f"runs from {start:g} to {stop:g}; its knots have the domain {lower:g} to {upper:g}.")
+        first, last, low, high = (f"{x:.12g}" for x in (*ends, lower, upper))
+        raise record.error(f"runs from {first} to {last}; its knots have the domain {low} to {high}.")
     return start, stop
 
 

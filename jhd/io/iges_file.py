@@ -15,7 +15,16 @@ _SECTIONS = "SGDPT"
 _NAMES = {"S": "start", "G": "global", "D": "directory", "P": "parameter", "T": "terminate"}
 _WIDTH, _FIELD, _PARAMETERS = 80, 8, 64
 _INTEGER = re.compile(r"[+-]?[0-9]{1,10}", re.ASCII)
-_REAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[EDed][+-]?[0-9]{1,4})?", re.ASCII)
+_REAL = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[EDed][+-]?[0-9]{1,4})?", re.ASCII)
+# Unit flags of the global section (2.2.4.3.14) and millimetres, by the names of the units (2.2.4.3.15).
+UNITS = {
+    "IN": (1, 25.4), "MM": (2, 1.0), "FT": (4, 304.8), "MI": (5, 1609344.0), "M": (6, 1000.0), "KM": (7, 1e6),
+    "MIL": (8, 0.0254), "UM": (9, 0.001), "CM": (10, 10.0), "UIN": (11, 2.54e-5),
+}  # fmt: skip
+# The flag of a unit that only has a name; inches, which a file without a flag is in.
+_NAMED, _INCHES = 3, 1
+# Places of the scale of the model, the flag and the name of the unit in the global section, from 0.
+_SCALE, _FLAG, _NAME = 12, 13, 14
 # IGES 5.3, section 2.2.4.2: what may stand in numbers and strings separates nothing.
 _NO_DELIMITERS = frozenset("0123456789+-.DEH ")
 
@@ -43,12 +52,34 @@ class IgesEntry(NamedTuple):
 
 
 class IgesFile(NamedTuple):
-    """What a file holds: its entries by their sequence numbers, the parameter section, and both delimiters."""
+    """What a file holds: the words of the global section, entries by sequence numbers, parameters and delimiters."""
 
     name: object
+    line: int
+    header: Sequence[str]
     entries: dict[int, IgesEntry]
     parameters: Sequence[IgesLine]
     delimiters: tuple[str, str]
+
+    def unit(self) -> str:
+        """The unit of the coordinates, one of `UNITS`.
+
+        Raises:
+            ParseError: another unit, a flag and a name that differ, or a model that is drawn to a scale.
+        """
+        scale, flag, name = (self.header[k].strip() if k < len(self.header) else "" for k in (_SCALE, _FLAG, _NAME))
+        if scale and not (_REAL.fullmatch(scale) and _float(scale) == 1):
+            raise ParseError(f"the model space scale is {shown(scale)}; needs 1.", self.name, self.line)
+        number = int(flag or _INCHES) if _INTEGER.fullmatch(flag or "1") else 0
+        name = name.partition("H")[2].strip().upper()
+        name = "IN" if name == "INCH" else name
+        unit = name if number == _NAMED else next((unit for unit, (own, _) in UNITS.items() if own == number), "")
+        if unit not in UNITS or name in UNITS and name != unit:
+            message = (
+                f"the unit has the flag {shown(flag)} and the name {shown(name)}; needs one of {', '.join(UNITS)}."
+            )
+            raise ParseError(message, self.name, self.line)
+        return unit
 
     def record(self, entry: IgesEntry) -> "IgesRecord":
         """The parameters of an entry.
@@ -113,8 +144,12 @@ class IgesRecord(NamedTuple):
             return 0.0
         if not _REAL.fullmatch(word):
             raise self.error(f"has parameter {index} {shown(word)}; needs a number.")
-        # D marks double precision.
-        return float(word.replace("D", "E").replace("d", "e"))
+        return _float(word)
+
+
+def _float(word: str) -> float:
+    # D marks double precision.
+    return float(word.replace("D", "E").replace("d", "e"))
 
 
 def read_iges(file: object, content: bytes) -> IgesFile:
@@ -127,14 +162,13 @@ def read_iges(file: object, content: bytes) -> IgesFile:
     start = sections["G"][0].number
     text = "".join(line.text for line in sections["G"])
     delimiters = _delimiters(file, start, text)
-    # The record of the global section is read to its end, so that what is no record is found.
-    split_record(file, start, text, delimiters)
+    words = split_record(file, start, text, delimiters)
     directory = sections["D"]
     if len(directory) % 2:
         raise ParseError("a directory entry has two lines; the last one has one.", file, directory[-1].number)
     pairs = zip(directory[::2], directory[1::2], strict=True)
     entries = [_entry(file, 2 * k + 1, *pair) for k, pair in enumerate(pairs)]
-    return IgesFile(file, {entry.sequence: entry for entry in entries}, sections["P"], delimiters)
+    return IgesFile(file, start, words, {entry.sequence: entry for entry in entries}, sections["P"], delimiters)
 
 
 def _sections(file: object, content: bytes) -> dict[str, list[IgesLine]]:

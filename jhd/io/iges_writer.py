@@ -13,6 +13,7 @@ import numpy as np
 
 from jhd.files import replace_file
 from jhd.io.iges import COMPOSITE, CURVE, SURFACE
+from jhd.io.iges_file import UNITS
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.bspline import BSplineCurve
 from jhd.shapes.bspline_surface import BSplineSurface
@@ -20,8 +21,6 @@ from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.knots import unrolled
 from jhd.shapes.patch import AbstractPatch, BezierPatch
 
-# Unit flags of the global section (2.2.4.3.14) by the names of the units (2.2.4.3.15).
-_UNITS = {"IN": 1, "MM": 2, "FT": 4, "MI": 5, "M": 6, "KM": 7, "MIL": 8, "UM": 9, "CM": 10, "UIN": 11}
 # Columns of data in the global and in the parameter section.
 _GLOBAL, _PARAMETERS = 72, 64
 # Numbers of lines have seven digits.
@@ -61,8 +60,8 @@ def save_iges(
         TypeError: something that is no curve and no parametric surface.
         ValueError: no shape, points (degree 0), another unit, or more lines than a file can have.
     """
-    if unit not in _UNITS:
-        raise ValueError(f"unit is {unit!r}; needs one of {', '.join(_UNITS)}.")
+    if unit not in UNITS:
+        raise ValueError(f"unit is {unit!r}; needs one of {', '.join(UNITS)}.")
     several: Sequence[Any] = [shapes] if isinstance(shapes, AbstractCurve | AbstractPatch) else list(shapes)
     if not several:
         raise ValueError("shapes is empty; needs at least one curve or surface.")
@@ -203,7 +202,7 @@ def _global_words(name: str, largest: float, unit: str) -> list[str]:
     numbers = ["32", "38", "6", "308", "15"]
     resolution = _RESOLUTION * largest or _RESOLUTION
     texts = [f"{len(x)}H{x}" for x in ("jhd", plain, "jhd", "1")]
-    scale = ["1.", str(_UNITS[unit]), f"{len(unit)}H{unit}", "1", "1."]
+    scale = ["1.", str(UNITS[unit][0]), f"{len(unit)}H{unit}", "1", "1."]
     sizes = [f"15H{now}", _real(resolution), _real(largest)]
     return ["1H,", "1H;", *texts, *numbers, "3Hjhd", *scale, *sizes, "3Hjhd", "3Hjhd", "11", "0", f"15H{now}", ""]
 

@@ -1,7 +1,8 @@
 """Triangle meshes in files: OBJ, STL (text and binary), PLY (text and binary, either byte order) and OFF.
 
-Polygons become fans about their first corners. What is no surface (normals, colours, textures, lines, materials) is
-left out; surfaces of other kinds are refused. STL files name no vertices, so equal coordinates become one vertex.
+Polygons become triangles between their corners, convex ones fans about the first. What is no surface (normals, colours,
+textures, lines, materials) is left out; surfaces of other kinds are refused. STL files name no vertices, so equal
+coordinates become one vertex.
 """
 
 from codecs import BOM_UTF8
@@ -155,13 +156,12 @@ def _read_off(file: object, content: bytes) -> Polygons:
 
 
 def _read_stl(file: object, content: bytes) -> Polygons:
-    """STL of either kind. Binary files may begin with "solid" too, so their length decides."""
+    """STL of either kind. Binary files may begin with "solid" too: letters as a number of triangles are billions."""
     size, start = len(content), _STL_HEADER + 4
     count = int(np.frombuffer(content, "<u4", 1, _STL_HEADER)[0]) if size >= start else 0
     needed = start + _STL_ROW.itemsize * count
-    if size >= start and size == needed:
-        return _stl_rows(content, start, count)
-    if content.removeprefix(BOM_UTF8).lstrip()[:5].lower() == b"solid":
+    is_text = size < needed and b"\0" not in content[:start]
+    if is_text and content.removeprefix(BOM_UTF8).lstrip()[:5].lower() == b"solid":
         return _stl_text(file, content)
     if size < start:
         raise ParseError(f"byte {size}: ends within the header of {start} bytes.", file)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from jhd.io.contours import Contour, unit_direction
 from jhd.io.errors import ParseError, place_in
 
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 _SEPARATOR = re.compile(r"[ \t\r\n\f]*,?[ \t\r\n\f]*")
 _SPACE = re.compile(r"[ \t\r\n\f]*")
 _ARGUMENTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
@@ -229,7 +229,9 @@ def draw_arc(
     half = (end - contour.end) / 2 * axis.conjugate()
     sine = min(1.0, math.hypot(half.real / rx, half.imag / ry))
     cosine = math.sqrt((1 - sine) * (1 + sine))
-    _append_arc(contour, end, turned, (1 + cosine) / sine if large else sine / (1 + cosine))
+    # Of a chord that is nothing beside the radii, the far side is beyond the range of doubles, and refused as such.
+    far = (1 + cosine) / sine if sine else math.inf
+    _append_arc(contour, end, turned, far if large else sine / (1 + cosine))
 
 
 def _append_arc(contour: Contour, end: complex, turned: Callable[[complex], complex], tangent: float) -> None:

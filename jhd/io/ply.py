@@ -110,8 +110,10 @@ def _header(file: object, content: bytes) -> tuple[str, list[_PlyElement], int, 
             raise ParseError(f"cannot read {shown(line)} in the header.", file, number)
     if order is None:
         raise ParseError("has no line 'format'.", file, 1)
-    for k, element in enumerate(elements):
-        _check_properties(file, element, {other.name for other in elements[:k]})
+    before: set[str] = set()
+    for element in elements:
+        _check_properties(file, element, before)
+        before.add(element.name)
     return order, elements, len(lines) + 1, end.end()
 
 
@@ -132,6 +134,8 @@ def _check_properties(file: object, element: _PlyElement, before: set[str]) -> N
         raise ParseError(f"the element {shown(element.name)} has {element.count} rows of no property.", file)
     if element.count and element.name == "tristrips":
         raise ParseError("holds 'tristrips', which are not read; needs faces.", file)
+    if len({p.name for p in element.properties}) < len(element.properties):
+        raise ParseError(f"the element {shown(element.name)} has two properties of one name.", file)
     for p in element.properties:
         if p.length and "f" in p.length:
             raise ParseError(f"the list {shown(p.name)} has a length that is no whole number.", file)

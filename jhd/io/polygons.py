@@ -5,11 +5,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd.io.ears import are_fans, ears
 from jhd.io.errors import ParseError, shown
 from jhd.shapes.mesh import TriangleMesh, places_of
 
 # Of indices and counts; less than 64 bits hold.
 _MOST = 1 << 62
+# Corners of a polygon that is no fan: ears are looked for among all of them, in a second or two.
+_MOST_CORNERS = 1_000
 
 
 class Polygons(NamedTuple):
@@ -33,11 +36,12 @@ class Polygons(NamedTuple):
 
 
 def mesh_of(file: object, found: Polygons) -> TriangleMesh:
-    """The mesh of the polygons; each of more than three corners becomes a fan about its first one.
+    """The mesh of the polygons; those of more than three corners become triangles between their corners, see `ears`.
 
     Raises:
         ParseError: no vertex, no polygon, a coordinate that is no finite number, a polygon of fewer than three corners,
-            or one that names a vertex that is not there.
+            or one that names a vertex that is not there, that crosses itself, or that is not convex and has very many
+            corners.
     """
     vertices, corners, sizes = found.vertices, found.corners, found.sizes
     for name, rows in (("vertices", vertices), ("faces", sizes)):
@@ -56,7 +60,27 @@ def mesh_of(file: object, found: Polygons) -> TriangleMesh:
         polygon = int(np.searchsorted(np.cumsum(sizes), bad[0], side="right"))
         message = f"a face names vertex {corners[bad[0]]}, counted from 0; there are {len(vertices)}."
         raise _refusal(file, message, found.polygon_places[polygon], found.by_line)
-    return TriangleMesh(vertices, fans(corners, sizes))
+    triangles, starts = fans(corners, sizes), np.cumsum(sizes) - sizes
+    for polygon in _no_fans(vertices, corners, sizes):
+        first, size = int(starts[polygon]), int(sizes[polygon])
+        own = corners[first : first + size]
+        cut = ears(vertices[own]) if size <= _MOST_CORNERS else None
+        if cut is None:
+            fault = "crosses itself" if size <= _MOST_CORNERS else f"is not convex and has more than {_MOST_CORNERS}"
+            message = f"a face of {size} corners {fault}: cut it into triangles."
+            raise _refusal(file, message, found.polygon_places[polygon], found.by_line)
+        start = first - 2 * polygon
+        triangles[start : start + size - 2] = own[np.array(cut)]
+    return TriangleMesh(vertices, triangles)
+
+
+def _no_fans(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> list[int]:
+    """The polygons whose fans are not proven to be them."""
+    several = np.flatnonzero(sizes > 3)
+    if not len(several):
+        return []
+    own = np.repeat(sizes > 3, sizes)
+    return several[~are_fans(vertices[corners[own]], sizes[several])].tolist()
 
 
 def fans(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:

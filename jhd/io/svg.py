@@ -51,7 +51,8 @@ def read_svg(file: str | Path, ids: str | Sequence[str] | None = None, *, y_up: 
 
     Coordinates are user units of the root element: transforms of groups and elements are applied; viewBox and size of
     the root are not, so a drawing without groups keeps its numbers. Nested viewBoxes are. Absolute units become
-    pixels of 1/96 inch. Lengths relative to a font, style sheets, text, images, clipping and masks are not read.
+    pixels of 1/96 inch. Lengths relative to a font, text, images, clipping and masks are not read. `display` and
+    `visibility` are heeded; places and sizes in styles and style sheets are refused.
 
     Args:
         file: the file.

@@ -1,8 +1,8 @@
 """SVG documents: which shapes are drawn, and where.
 
 Read: groups, links, `switch` (all of its children), nested `svg` and `use` (also of symbols) with viewBox and
-preserveAspectRatio, and the shapes of `svg_shapes`; `display: none` on the element is heeded. Not read: text, images,
-style sheets, stroke widths, clipping and masks.
+preserveAspectRatio, and the shapes of `svg_shapes`; `display` and `visibility` are heeded in attributes and styles. Not
+read: text, images, stroke widths, clipping and masks. Style sheets and styles that place shapes are refused.
 """
 
 import re
@@ -20,7 +20,9 @@ from jhd.io.svg_shapes import SHAPES, contours_of_shape
 _TIMES_DRAWN, _ALWAYS_DRAWN = 10, 100_000
 # Uses inside of what is used.
 _MOST_USES = 8
-_CONTAINERS = frozenset(("svg", "g", "a", "switch"))
+_DRAWN = frozenset(("svg", "g", "a", "switch", "use", *SHAPES))
+# Other values are those of the element around.
+_VISIBLE = {"visible": True, "initial": True, "hidden": False, "collapse": False}
 
 
 class Drawn(NamedTuple):
@@ -37,6 +39,7 @@ class _DrawnPlace(NamedTuple):
     viewport: Viewport
     ids: frozenset[str]
     uses: tuple[str, ...]
+    visible: bool
     # How many elements may still be drawn in all, counted down.
     left: list[int]
 
@@ -50,15 +53,19 @@ def drawn_shapes(root: Element) -> Iterator[Drawn]:
     Raises:
         ParseError: whatever cannot be placed exactly, with the line and column of its element.
     """
+    if root.property("display") == "none":
+        return
+    # Its size is that of the paper.
+    root.check_placed_by_attributes(sizes=False)
     named: dict[str, Element] = {}
     left = [_ALWAYS_DRAWN + _TIMES_DRAWN * _collect_ids(root, named)]
     box = _view_box(root)
     viewport = (box[2], box[3]) if box else None
-    if box is None and {"width", "height"} <= root.attributes.keys():
+    if box is None and {"width", "height"} <= root.attributes.keys() and not {"width", "height"} & root.style.keys():
         width, height = root.attributes["width"], root.attributes["height"]
         if "%" not in width + height:
             viewport = (root.length("width", None), root.length("height", None))
-    place = _enter(root, _DrawnPlace(translation(0.0, 0.0), viewport, frozenset(), (), left))
+    place = _enter(root, _DrawnPlace(translation(0.0, 0.0), viewport, frozenset(), (), True, left))
     for child in root.children:
         yield from _draw(child, place, named)
 
@@ -77,12 +84,14 @@ def _enter(element: Element, place: _DrawnPlace) -> _DrawnPlace:
     """The place inside an element: its transform applied, its id added."""
     name = element.attributes.get("id")
     ids = place.ids if name is None else place.ids | {name}
-    return place._replace(matrix=compose(place.matrix, element.transform()), ids=ids)
+    visible = _VISIBLE.get(element.property("visibility"), place.visible)
+    return place._replace(matrix=compose(place.matrix, element.transform()), ids=ids, visible=visible)
 
 
 def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> Iterator[Drawn]:
-    if element.tag not in _CONTAINERS and element.tag not in SHAPES and element.tag != "use" or _is_off(element):
+    if element.tag not in _DRAWN or element.property("display") == "none":
         return
+    element.check_placed_by_attributes()
     place.left[0] -= 1
     if place.left[0] < 0:
         raise element.error("is drawn after too many others: by <use>, elements are drawn again far beyond the file.")
@@ -90,6 +99,8 @@ def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> It
         raise element.error(f"is inside {_MOST_USES} uses of uses; deeper ones are not read.")
     place = _enter(element, place)
     if element.tag in SHAPES:
+        if not place.visible:
+            return
         contours = contours_of_shape(element, place.viewport)
         yield Drawn([contour.transformed(place.matrix) for contour in contours], place.ids)
         return
@@ -101,12 +112,6 @@ def _draw(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> It
         place = _enter_viewport(element, place)
     for child in element.children:
         yield from _draw(child, place, named)
-
-
-def _is_off(element: Element) -> bool:
-    # As CSS has it, names and values are the same in capitals.
-    style = re.search(r"(?:^|;)\s*display\s*:\s*([a-z-]+)", element.attributes.get("style", "").lower())
-    return (style.group(1) if style else element.attributes.get("display", "").strip().lower()) == "none"
 
 
 def _used(element: Element, place: _DrawnPlace, named: dict[str, Element]) -> tuple[Element, _DrawnPlace]:

@@ -42,6 +42,8 @@ def _rect(element: Element, viewport: Viewport) -> list[Contour]:
     rx, ry = _radii(element, viewport)
     rx, ry = min(rx, width / 2), min(ry, height / 2)
     right, bottom = x + width, y + height
+    if not (math.isfinite(right) and math.isfinite(bottom)):
+        raise element.error("draws points beyond the range of doubles.")
     if rx == 0 or ry == 0:
         return parse_path(f"M{x!r} {y!r}H{right!r}V{bottom!r}H{x!r}Z")
     # One number where opposite corners meet: rounding would leave a side of an ulp.

@@ -4,6 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd.distance.deviation_solution import DistanceSamples
+from jhd.distance.project import project
 from jhd.plot.nets import quadrilaterals
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
@@ -11,6 +13,8 @@ from jhd.shapes.mesh import TriangleMesh
 
 # Triangles and lines of a picture, about; more take many seconds to draw.
 _TRIANGLES, _LINES = 16_000, 3_000
+# Colours that can be told from each other between none and the largest distance.
+_COLOURS = 256
 # Cells along each axis of a polynomial surface.
 _CELLS = 48
 
@@ -38,6 +42,30 @@ def pieces_of(shape: Any) -> DrawnPieces:
     if isinstance(shape, AbstractCurve):
         return _of_curve(shape)
     return _of_patches(shape.patches())
+
+
+def distances_at(points: np.ndarray, b: Any, top: float, samples: DistanceSamples | None = None) -> np.ndarray:
+    """The distances of drawn points to a shape, in the colours of a picture exact.
+
+    Distances differ by no more than the points are apart, so those of samples are taken where they tell the colour.
+
+    Args:
+        points: points on the shape that is coloured, (points, dim).
+        b: the shape that distances are taken to.
+        top: the largest distance.
+        samples: what is known of the distances already.
+    """
+    values, known = np.empty(len(points)), np.zeros(len(points), bool)
+    if samples is not None:
+        from scipy.spatial import KDTree
+
+        away, nearest = KDTree(samples.place).query(points)
+        width = samples.upper[nearest] - samples.lower[nearest]
+        known = away + 0.5 * width <= top / _COLOURS
+        values[known] = (samples.lower[nearest] + 0.5 * width)[known]
+    if not known.all():
+        values[~known] = np.asarray(project(points[~known], b, throw=False).distance)
+    return values
 
 
 def _of_mesh(mesh: TriangleMesh) -> DrawnPieces:

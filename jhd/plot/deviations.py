@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd.distance.deviation_solution import Deviation
-from jhd.distance.project import project
+from jhd.distance.cells.affine import shares_below
+from jhd.distance.deviation_solution import Deviation, DistanceSamples
 from jhd.plot.axes import BLUE, COLUMN_INCHES, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
-from jhd.plot.coloured import DrawnPieces, pieces_of, section
+from jhd.plot.coloured import DrawnPieces, distances_at, pieces_of, section
 from jhd.plot.faces import frame
 from jhd.plot.solutions import distance_text
 from jhd.shapes.as_shape import as_shape
@@ -60,11 +60,12 @@ def deviation(
         ValueError: a shape in space on plane axes.
     """
     if ax is None:
-        ax = _whole(_ColouredPair(found.a, found.b, found.maximum, labels, unit), witness, colour_bar, _SECTION)
+        shown = _ColouredPair(found.a, found.b, found.maximum, labels, unit, found.samples)
+        ax = _whole(shown, witness, colour_bar, _SECTION)
         histogram(found, ax.figure.add_axes(_HISTOGRAM, gid="histogram"), labels=labels, unit=unit)
         return ax
     ax = axes_for(ax, found.a.dim)
-    shown = _ColouredPair(found.a, found.b, found.maximum, labels, unit)
+    shown = _ColouredPair(found.a, found.b, found.maximum, labels, unit, found.samples)
     _coloured(shown, ax, witness, ax if colour_bar else None)
     return ax
 
@@ -116,7 +117,8 @@ def distances(
 def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A", "B"), unit: str | None = None) -> Any:
     """Axes with the histogram of the distances: the share of a, by length, area or number, at each distance.
 
-    Each part of a counts evenly between its bounds; mean, root mean square and maximum are marked.
+    Each part of a counts by the mean of the affine functions that bound its distance, or evenly between its bounds. The
+    mean, the root mean square and the maximum are marked.
 
     Args:
         found: what jhd.deviation found.
@@ -131,7 +133,10 @@ def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A",
     top = float(found.maximum.value)
     edges = np.linspace(0.0, top if top > 0 else 1.0, _BINS + 1)
     lower, upper = (np.minimum(ends[known], edges[-1]) for ends in (parts.lower, parts.upper))
-    below = _weights_below(edges[1:-1], lower, upper, weight)
+    middle = np.mean(parts.ends[known], axis=2)
+    affine = np.max(middle, axis=1) > np.min(middle, axis=1)
+    below = _weights_below(edges[1:-1], lower[~affine], upper[~affine], weight[~affine])
+    below += [weight[affine] @ np.mean(shares_below(middle[affine], end), axis=0) for end in edges[1:-1]]
     heights = np.diff(np.concatenate([[0.0], below, [weight.sum()]]))
     ax.bar(edges[:-1], 100 * heights / weight.sum(), np.diff(edges), align="edge", color=BLUE, gid="histogram_bars")
     marks = (("mean", found.mean.value, "-", "black"), ("rms", found.rms.value, "--", "black"))
@@ -161,13 +166,14 @@ def _weights_below(ends: np.ndarray, lower: np.ndarray, upper: np.ndarray, weigh
 
 
 class _ColouredPair(NamedTuple):
-    """A shape to colour, the one that distances are taken to, and where the first is farthest from it."""
+    """A shape to colour, the one that distances are taken to, the largest one, and what is known of the others."""
 
     a: Any
     b: Any
     maximum: HausdorffSolution
     labels: Sequence[str]
     unit: str | None
+    samples: DistanceSamples | None = None
 
 
 def _whole(shown: _ColouredPair, witness: bool, colour_bar: bool, section: tuple[float, ...]) -> Any:
@@ -192,8 +198,8 @@ def _coloured(shown: _ColouredPair, ax: Any, witness: bool, beside: Any, bar: An
     from matplotlib.colors import Normalize
 
     pieces = pieces_of(shown.a)
-    values = np.asarray(project(pieces.points, shown.b, throw=False).distance)
     top = float(shown.maximum.value)
+    values = distances_at(pieces.points, shown.b, top, shown.samples)
     colours = ScalarMappable(Normalize(0.0, top if top > 0 else 1.0), _COLOURS)
     rgba: Any = colours.to_rgba(np.mean(values[pieces.rows], axis=1))
     {1: _as_points, 2: _as_lines, 3: _as_faces}[pieces.rows.shape[1]](ax, pieces, rgba)

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from jhd.distance.deviation_solution import Deviation
+from jhd.decimals import lower_text, upper_text
+from jhd.distance.deviation_solution import Deviation, DistanceSamples
 from jhd.distance.profile import profile
-from jhd.distance.project import project
 from jhd.plot import page_text
 from jhd.plot.axes import BLUE, GREY, ORANGE, VERMILLION
-from jhd.plot.coloured import DrawnPieces, pieces_of
+from jhd.plot.coloured import DrawnPieces, distances_at, pieces_of
 from jhd.shapes.as_shape import as_shape
 from jhd.shapes.curve import AbstractCurve
 from jhd.solution import HausdorffSolution, name_of
@@ -76,10 +76,11 @@ def page(
     if np.ndim(solution.value) > 0:
         raise ValueError(f"solution is a batch of shape {np.shape(solution.value)}; show one at a time.")
     a, b = as_shape(a), as_shape(b)
-    title = f"{labels[0]} and {labels[1]}: distance {float(solution.value):.6g} {unit}"
-    body = _in_plane(a, b, solution, labels, unit) if a.dim == 2 else _in_space(a, b, solution, labels, unit)
+    title = f"{labels[0]} and {labels[1]}: distance {float(solution)!r} {unit}"
+    samples = told.samples if isinstance(told, Deviation) else None
+    drawn = _in_plane(a, b, solution, labels, unit) if a.dim == 2 else _in_space(a, b, solution, labels, unit, samples)
     head = f"<h1>{html.escape(title)}</h1>\n<pre>{html.escape(repr(told))}</pre>"
-    return page_text.PAGE.format(title=html.escape(title), head=head, body=body)
+    return page_text.PAGE.format(title=html.escape(title), head=head, body=drawn)
 
 
 def page_of_figure(figure: Any, title: str) -> str:
@@ -156,6 +157,9 @@ def _walk(a: AbstractCurve, b: Any, solution: HausdorffSolution) -> dict[str, An
     farthest = (place, w.point, solution.value, solution.lower, solution.upper, feet)
     for name, value in zip(("t", "point", "distance", "lower", "upper", "feet"), farthest, strict=True):
         walk[name].insert(index, np.asarray(value).tolist())
+    # As text: what a browser makes of a number is rounded to the nearest.
+    walk["lower"] = [lower_text(x) for x in walk["lower"]]
+    walk["upper"] = [upper_text(x) if np.isfinite(x) else None for x in walk["upper"]]
     return {**walk, "farthest": index, "event": name_of(solution.event).replace("_", " ")}
 
 
@@ -190,14 +194,16 @@ def _key(labels: Sequence[str]) -> str:
     return " ".join(f'<b style="color:{colour}">{html.escape(label)}</b>' for label, colour in pairs)
 
 
-def _in_space(a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str], unit: str) -> str:
+def _in_space(
+    a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str], unit: str, samples: DistanceSamples | None
+) -> str:
     """Both shapes as plotly draws them, the one with the farthest place in the colours of its distance."""
     script = _plotly()
     names = list(labels)
     if name_of(solution.direction) == "b_to_a":
         a, b, names = b, a, names[::-1]
     drawn = pieces_of(a)
-    values = np.asarray(project(drawn.points, b, throw=False).distance)
+    values = distances_at(drawn.points, b, float(solution), samples)
     traces = [
         _trace(drawn, names[0], values, f"distance to {names[1]} ({unit})"),
         _trace(pieces_of(b), names[1]),

@@ -1,11 +1,11 @@
 """Pictures of a distance: the witness, its feet, and the shapes they are on."""
 
 from collections.abc import Sequence
-from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import Any
 
 import numpy as np
 
+from jhd.decimals import lower_text, upper_text
 from jhd.plot.axes import BLUE, GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
 from jhd.plot.curves import curve
 from jhd.plot.faces import frame, shaded_shapes
@@ -37,7 +37,8 @@ def witness(
         solution: one solution, not a batch.
         ax: axes to draw on; None makes a figure.
         distance: whether the distance is also written beside the line to the first foot. It labels the joining lines
-            in any case: `d = ` where the bounds agree in the digits shown, otherwise the inequality that is proven.
+            in any case: `d = ` if that is exact, `d ≈ ` if the bounds agree in the digits shown, otherwise the
+            inequality that is proven.
         empty_circle: whether, in the plane, the circle about the witness through its feet is drawn: the other curve
             does not enter it; not of a minimum distance.
 
@@ -133,19 +134,16 @@ def _distinct(feet: np.ndarray) -> np.ndarray:
 
 
 def distance_text(solution: HausdorffSolution | MinimumSolution) -> str:
-    """The distance to four digits; as the inequality that is proven where the bounds do not agree in them."""
+    """The distance to four digits, or the inequality that is proven if the bounds do not agree in these."""
     return bounds_text(float(solution.lower), float(solution.upper))
 
 
 def bounds_text(lower: float, upper: float) -> str:
     """The same of a distance of which there are bounds alone."""
-    if f"{lower:.4g}" == f"{upper:.4g}":
-        return f"$d$ = {lower:.4g}"
-    below = f"{Context(prec=4, rounding=ROUND_FLOOR).create_decimal_from_float(lower):g}"
-    if not np.isfinite(upper):
-        return f"$d$ ≥ {below}"
-    above = f"{Context(prec=4, rounding=ROUND_CEILING).create_decimal_from_float(upper):g}"
-    return f"{below} ≤ $d$ ≤ {above}"
+    below, above, near = lower_text(lower, ".4g"), upper_text(upper, ".4g"), f"{lower:.4g}"
+    if near == f"{upper:.4g}":
+        return f"$d$ {'=' if below == above else '≈'} {near}"
+    return f"{below} ≤ $d$ ≤ {above}" if np.isfinite(upper) else f"$d$ ≥ {below}"
 
 
 def _write_distance(

@@ -10,12 +10,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from jhd.arrays import is_traced, real_array
+from jhd.arrays import bare_array, is_traced, real_array
 from jhd.forks import check_process
 from jhd.shapes.curve import AbstractCurve, BezierSegments, points
 from jhd.shapes.foreign_splines import spline_of
 from jhd.shapes.implicit import ImplicitSurface
-from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.mesh import TriangleMesh, kind_of
 from jhd.shapes.patch import AbstractPatch
 
 Shape = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
@@ -46,9 +46,14 @@ def as_shape(shape: Any) -> Any:
         ValueError: an object of these that is no shape: empty, not finite, trimmed, with faces that are not triangles.
     """
     found = taken_as(None, shape)
-    if not isinstance(found, Shape):
-        raise TypeError(f"shape must be {_ACCEPTED}; got {type(shape).__name__}.")
+    check_shape("shape", found)
     return found
+
+
+def check_shape(name: str, value: object) -> None:
+    """Raises TypeError unless the value is a shape of jhd."""
+    if not isinstance(value, Shape):
+        raise TypeError(f"{name} must be {_ACCEPTED}; got {kind_of(value)}.")
 
 
 def check_several(name: str, shapes: object) -> None:
@@ -121,7 +126,8 @@ def _is_rows(value: Any) -> bool:
 
 def _array(value: Any) -> np.ndarray:
     """An array of another package on the host; tensors of some say so themselves."""
-    return np.asarray(value.numpy() if hasattr(value, "numpy") and not hasattr(value, "__array__") else value)
+    made = hasattr(value, "numpy") and not hasattr(value, "__array__")
+    return bare_array("the array", value.numpy() if made else value)
 
 
 def _parts_of(value: Any) -> tuple[Any, Any, Any] | None:

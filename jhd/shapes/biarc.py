@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jhd.arrays import is_traced, real_array
-from jhd.display import box_text, count_text, described, is_known, opaque
+from jhd.display import box_text, count_text, described, most_text, opaque
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.biarc_fit import fitted
 from jhd.shapes.checks import Numbers
@@ -51,8 +51,7 @@ class BiarcCurve(eqx.Module):
     def __repr__(self) -> str:
         if text := opaque(self):
             return text
-        deviation = self.deviation
-        most = f"deviation at most {np.max(deviation):.4g}" if is_known(deviation) and np.size(deviation) else ""
+        most = most_text("deviation at most", self.deviation)
         return described(self, count_text(self.count, "arc"), most, box_text(self.start, "ends in"))
 
     @property

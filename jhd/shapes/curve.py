@@ -224,8 +224,9 @@ class BezierSegments(AbstractCurve):
 
     def __call__(self, t: Numbers) -> Array:
         """Points at global parameters in [0, segments]: segment k carries [k, k + 1]."""
-        t = real_array("t", t)
-        segment = jnp.clip(jnp.floor(t), 0, self.count - 1)
+        (t,) = on_host(real_array("t", t))
+        xp = module_of(t)
+        segment = xp.clip(xp.floor(t), 0, self.count - 1)
         return evaluate(self.control_points, self.weights, segment.astype(int), t - segment)
 
     def segments(self) -> "BezierSegments":
@@ -355,6 +356,7 @@ def _approximated(curve: AbstractCurve, degree: int, atol: Numbers, most: int) -
     return CurveApproximation(BezierSegments(found.control_points, None, following), found.deviation)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def affine_image(points: Array, matrix: Numbers, offset: Numbers) -> Array:
     """Rows x of `points` mapped to matrix x + offset.
 
@@ -367,7 +369,8 @@ def affine_image(points: Array, matrix: Numbers, offset: Numbers) -> Array:
     if offset.ndim > 1 or offset.shape not in ((), (1,), (matrix.shape[0],)):
         raise ValueError(f"offset has shape {offset.shape}; needs ({matrix.shape[0]},).")
     # A sum of products in full precision: matrix products may run in reduced precision on accelerators.
-    return jnp.sum(points[..., None, :] * matrix, axis=-1) + offset
+    rows, columns, shift = on_host(points, matrix, offset)
+    return array_of((rows[..., None, :] * columns).sum(axis=-1) + shift)
 
 
 def points(array: Numbers) -> BezierSegments:

@@ -1,7 +1,10 @@
 """Straight lines and cubics for Bezier segments of any degree, rational or not, with a proven deviation.
 
 A piece of a segment N / w is compared with its line or cubic Q at equal parameters: the coefficients of N - w Q, in the
-sum of both degrees, divided by those of w in that degree bound |N / w - Q|, and so the distance both ways. Pieces that
+sum of both degrees, divided by those of w in that degree bound |N / w - Q|, and so the distance both ways. Of a line
+the parts of these coefficients across it do too, where the control points are between its ends: each point of the piece
+is as far from the line as it is across, and as the piece runs from end to end, each point of the line has one of the
+piece across. Control points that lie beyond an end, and ends that are rounded, add by how much. Pieces that
 are farther off than asked are halved. Cubics have the ends and the tangents of the piece (Hermite), and halving divides
 their deviation by about 16, that of lines by 4.
 
@@ -176,12 +179,33 @@ def _pieces(
         share = shares[:, j, None, None] * own[j]
         total[j : j + n + 1] += share * (h[..., :-1] - w * q[j])
         weight[j : j + n + 1] += share * w
-    bound = np.sqrt(np.sum((total / weight) ** 2, axis=-1)).max(axis=0) + _error(curve, np.abs(q).max(axis=(0, 2)))
+    apart, room = total / weight, _error(curve, np.abs(q).max(axis=(0, 2)))
+    bound = np.sqrt(np.sum(apart**2, axis=-1)).max(axis=0) + room
+    if degree == 1:
+        bound = np.minimum(bound, _across(apart, p, q) + 3 * room)
     if arcs is not None:
         off = np.sqrt(np.sum((q - arcs.cubic) ** 2, axis=-1)).max(axis=0)
         along = arcs.deviation + off + _error(curve, np.abs(q).max(axis=(0, 2)))
         bound = np.where(arcs.round[:, 0], along, bound)
     return stored.swapaxes(0, 1), bound * (1 + 1e-14)
+
+
+def _across(apart: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """How far pieces are off across their lines, and beyond the ends; infinite for lines of no length.
+
+    Args:
+        apart: coefficients (coefficients, pieces, dim) of the differences from the lines.
+        p: the control points of the pieces.
+        q: the ends of the lines.
+    """
+    chord = q[1] - q[0]
+    length = np.sqrt(np.sum(chord**2, axis=-1))
+    along = chord / np.where(length > 0, length, 1.0)[:, None]
+    across = apart - np.sum(apart * along, axis=-1, keepdims=True) * along
+    at = np.sum((p - q[0]) * along, axis=-1)
+    beyond = np.maximum(np.maximum(-at, at - length).max(axis=0), np.maximum(at[0], length - at[-1]))
+    off = np.hypot(np.sqrt(np.sum(across**2, axis=-1)).max(axis=0), np.maximum(beyond, 0.0))
+    return np.where(length > 0, off, np.inf)
 
 
 class _EllipseArcs(NamedTuple):

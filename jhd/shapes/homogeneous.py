@@ -15,7 +15,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.scaling import common_exponent
-from jhd.arrays import is_traced, module_of
+from jhd.arrays import is_traced, module_of, undifferentiated
 
 
 def homogeneous(control_points: Any, weights: Any) -> Any:
@@ -43,7 +43,7 @@ def in_unit(control_points: Array, weights: Array | None) -> tuple[Any, Any, Any
     """
     xp: Any = jnp if is_traced(control_points, weights) else np
     parts = [None if x is None else xp.asarray(x) for x in (control_points, weights)]
-    powers = [0 if x is None else common_exponent(jax.lax.stop_gradient(x)) for x in parts]
+    powers = [0 if x is None else common_exponent(undifferentiated(x)) for x in parts]
     points, divided = (None if x is None else xp.ldexp(x, -k) for x, k in zip(parts, powers, strict=True))
     return points, divided, powers[0], powers[1]
 

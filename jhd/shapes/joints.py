@@ -7,10 +7,9 @@ from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jhd.arrays import array_of, is_traced
+from jhd.arrays import array_of, is_traced, undifferentiated
 
 # Ends that agree to this many ulp of the largest coordinate are one joint: conversions between curve formats and knot
 # insertion leave differences of one to four.
@@ -28,7 +27,7 @@ def joints(control_points: Array) -> Int[Array, " segments"]:
     A segment that is one point follows none but the one before it in the list: it is no way on from an end.
     """
     # Whole numbers have no derivatives: where only these are traced, the points are known.
-    control_points = lax.stop_gradient(control_points)
+    control_points = undifferentiated(control_points)
     count, points = control_points.shape[-3], control_points.shape[-2]
     if points == 1:
         return array_of(np.full((count,), -1))
@@ -119,7 +118,7 @@ def followed_here(links: Any) -> Any:
     if jnp.issubdtype(links.dtype, jnp.integer):
         return links
     # Where only a derivative is being taken the numbers are known.
-    links = lax.stop_gradient(links) if is_traced(links) else links
+    links = undifferentiated(links)
     xp = jnp if is_traced(links) else np
     pairs: Any = xp.asarray(links)
     some = pairs[..., 1] != 0

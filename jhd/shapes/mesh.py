@@ -11,12 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jhd.arrays import is_traced, real_array
+from jhd.arrays import array_of, bare_array, is_traced, module_of, on_host, real_array
 from jhd.display import batch_text, box_text, count_text, described, is_known, opaque
 from jhd.shapes import sketches
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import affine_image
 from jhd.slips import takes
+
+# Scenes of trimesh, grids of PyVista.
+_WAYS_TO_MESHES = ("to_mesh", "extract_surface")
 
 
 class TriangleMesh(eqx.Module):
@@ -63,8 +66,8 @@ class TriangleMesh(eqx.Module):
         vertices, faces = getattr(mesh, "vertices", None), getattr(mesh, "faces", getattr(mesh, "triangles", None))
         if vertices is None or faces is None:
             needed = "a TriangleMesh, or an object with vertices and faces (trimesh)"
-            raise TypeError(f"mesh must be {needed}; got {type(mesh).__name__}.")
-        return cls(np.asarray(vertices), np.asarray(faces))
+            raise TypeError(f"mesh must be {needed}; got {kind_of(mesh)}.")
+        return cls(bare_array("vertices", vertices), bare_array("faces", faces))
 
     def to_trimesh(self) -> Any:
         """A trimesh.Trimesh of the same vertices and triangles, in their order.
@@ -120,29 +123,34 @@ class TriangleMesh(eqx.Module):
     @property
     def corners(self) -> Float[Array, "triangles corners 3"]:
         """The corners of each triangle."""
-        return self.vertices[self.triangles]
+        vertices, triangles = on_host(self.vertices, self.triangles)
+        return array_of(vertices[triangles])
 
     @property
+    @np.errstate(over="ignore", invalid="ignore")
     def normals(self) -> Float[Array, "triangles 3"]:
         """Unit normals; the zero vector where a triangle has no area."""
         doubled, length = self._doubled_areas()
-        return doubled / jnp.where(length > 0, length, 1.0)
+        return array_of(doubled / module_of(length).where(length > 0, length, 1.0))
 
     @property
+    @np.errstate(over="ignore", invalid="ignore")
     def area(self) -> Float[Array, ""]:
         """Sum of the areas of the triangles."""
-        return 0.5 * jnp.sum(self._doubled_areas()[1])
+        return array_of(0.5 * self._doubled_areas()[1].sum())
 
     @property
+    @np.errstate(over="ignore", invalid="ignore")
     def volume(self) -> Float[Array, ""]:
         """Enclosed volume of a closed mesh, positive where the normals point outwards.
 
         The sum of the signed volumes of the cones over all triangles from the middle of the box; of a mesh that is not
         closed it says little.
         """
-        lower, upper = self.box()
-        a, b, c = jnp.moveaxis(self.corners - (lower + 0.5 * (upper - lower)), -2, 0)
-        return jnp.sum(a * jnp.cross(b, c)) / 6
+        corners, lower, upper = on_host(self.corners, *self.box())
+        xp = module_of(corners)
+        a, b, c = xp.moveaxis(corners - (lower + 0.5 * (upper - lower)), -2, 0)
+        return array_of((a * xp.cross(b, c)).sum() / 6)
 
     @property
     def is_closed(self) -> bool:
@@ -166,14 +174,15 @@ class TriangleMesh(eqx.Module):
 
     def box(self) -> tuple[Array, Array]:
         """Lower and upper corner of the box of all triangles."""
-        corners = self.corners
-        return jnp.min(corners, axis=(-3, -2)), jnp.max(corners, axis=(-3, -2))
+        (corners,) = on_host(self.corners)
+        return array_of(corners.min(axis=(-3, -2))), array_of(corners.max(axis=(-3, -2)))
 
     def point(self, triangle: Numbers, t: Numbers) -> Array:
         """Points of the named triangles at barycentric coordinates t (..., 3): the sum of t_i times corner i."""
         corners = self.vertices[self.triangles[jnp.asarray(triangle)]]
         return jnp.sum(real_array("t", t)[..., None] * corners, axis=-2)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "TriangleMesh":
         """The image under x -> matrix x + offset; differentiable in both.
 
@@ -185,19 +194,24 @@ class TriangleMesh(eqx.Module):
         matrix = real_array("matrix", matrix)
         if matrix.shape != (3, 3):
             raise ValueError(f"matrix has shape {matrix.shape}; needs (3, 3).")
-        mirrored = jnp.sum(matrix[0] * jnp.cross(matrix[1], matrix[2])) < 0
-        triangles = jnp.where(mirrored, self.triangles[:, np.array([0, 2, 1])], self.triangles)
+        rows, triangles = on_host(matrix, self.triangles)
+        xp = module_of(rows)
+        mirrored = (rows[0] * xp.cross(rows[1], rows[2])).sum() < 0
+        triangles = array_of(xp.where(mirrored, triangles[:, np.array([0, 2, 1])], triangles))
         return TriangleMesh(affine_image(self.vertices, matrix, offset), triangles)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def _doubled_areas(self) -> tuple[Array, Array]:
         """Normals as long as twice the area, and these lengths."""
-        a, b, c = jnp.moveaxis(self.corners, -2, 0)
-        doubled = jnp.cross(b - a, c - a)
-        size = jnp.max(jnp.abs(doubled), axis=-1, keepdims=True)
+        (corners,) = on_host(self.corners)
+        xp = module_of(corners)
+        a, b, c = xp.moveaxis(corners, -2, 0)
+        doubled = xp.cross(b - a, c - a)
+        size = xp.abs(doubled).max(axis=-1, keepdims=True)
         # Tiny and huge normals would leave the range of floats when squared.
-        scaled = doubled / jnp.where(size > 0, size, 1.0)
-        square = jnp.sum(scaled * scaled, axis=-1, keepdims=True)
-        return doubled, jnp.where(size > 0, size * jnp.sqrt(jnp.where(size > 0, square, 1.0)), 0.0)
+        scaled = doubled / xp.where(size > 0, size, 1.0)
+        square = (scaled * scaled).sum(axis=-1, keepdims=True)
+        return doubled, xp.where(size > 0, size * xp.sqrt(xp.where(size > 0, square, 1.0)), 0.0)
 
 
 class Edges(NamedTuple):
@@ -249,10 +263,16 @@ def places_of(points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " points
     return numbers
 
 
+def kind_of(value: object) -> str:
+    """What an object is, for messages; of one that holds a mesh also how it is asked for."""
+    way = next((f": take its {way}()" for way in _WAYS_TO_MESHES if hasattr(value, way)), "")
+    return type(value).__name__ + way
+
+
 def check_mesh(name: str, value: object) -> None:
     """Raises TypeError unless the value is a triangle mesh."""
     if not isinstance(value, TriangleMesh):
-        raise TypeError(f"{name} must be a TriangleMesh (see TriangleMesh.of); got {type(value).__name__}.")
+        raise TypeError(f"{name} must be a TriangleMesh (see TriangleMesh.of); got {kind_of(value)}.")
 
 
 def _check_rows(name: str, shape: tuple[int, ...]) -> None:
@@ -269,10 +289,7 @@ def _checked_triangles(triangles: Numbers, count: int) -> Array:
         array = jnp.asarray(triangles)
         kind = "i" if jnp.issubdtype(array.dtype, jnp.integer) else "f"
     else:
-        try:
-            array = np.asarray(triangles)
-        except ValueError as error:
-            raise ValueError("triangles must be a rectangular array of integers; its rows differ in length.") from error
+        array = bare_array("triangles", triangles)
         kind = array.dtype.kind
     # An empty list has no type of its own.
     if array.size and kind not in "iu":

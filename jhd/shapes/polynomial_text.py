@@ -19,7 +19,7 @@ import numpy as np
 # Terms by their exponents.
 Terms = dict[tuple[int, int, int], Fraction]
 
-_TOKENS = re.compile(r"\s*(?:((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|([A-Za-z_]\w*)|(\*\*|[-+*/^()]))", re.ASCII)
+_TOKENS = re.compile(r"\s*(?:((?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)|([A-Za-z_]\w*)|(\*\*|[-+*/^()]))", re.ASCII)
 _VARIABLES = ("x", "y", "z")
 # A dense array of this degree has 36 000 coefficients; larger exponents than that of ten are no doubles; numbers of
 # more bits come from powers of powers, which would fill the memory.

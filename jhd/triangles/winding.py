@@ -29,6 +29,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from jhd.arithmetic.rationals import root_between
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.compiled import optimised
 from jhd.shapes.mesh import TriangleMesh, edges_of
@@ -58,6 +59,8 @@ _STEPS_AWAY = [2.0**-k for k in (3, 5, 7, 10, 13, 16, 20)]
 _PAIRS = 1 << 16
 # What underflow takes off the sums of a node at most, in smallest normal numbers: triangles lose fractions of one.
 _LOST = 64
+# Triangles whose errors add up to this are left as they are where others are taken exactly.
+_ROOM = 0.1
 
 
 class _Moments(NamedTuple):
@@ -353,14 +356,43 @@ def solid_angles(offsets: Float[Array, "*batch corners 3"]) -> tuple[Float[Array
 
 
 def _exact_number(corners: np.ndarray, point: np.ndarray) -> float:
-    """The winding number from all triangles, where the sides of planes that rounding leaves open are found exactly."""
+    """The winding number from all triangles, those of the largest errors exactly until the others err by little."""
     value, bound = (np.array(x) for x in _known_angles(jnp.asarray(corners), jnp.asarray(point)))
-    for k in np.flatnonzero(bound >= 0.25):
+    order = np.argsort(bound)
+    for k in order[np.cumsum(bound[order]) > _ROOM]:
         p, *abc = ([Fraction(float(x)) for x in row] for row in (point, *corners[k]))
-        a, b, c = ([x - y for x, y in zip(row, p, strict=True)] for row in abc)
-        volume = sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
-        value[k] = (-1 if volume < 0 else 1) * abs(value[k]) if volume else 0.0
+        value[k] = _exact_angle(*([x - y for x, y in zip(row, p, strict=True)] for row in abc))
     return float(np.sum(value))
+
+
+def _exact_angle(a: list[Fraction], b: list[Fraction], c: list[Fraction]) -> float:
+    """The solid angle over 4 pi of a triangle seen from the origin, to single precision; zero from its own plane.
+
+    V is exact, and the roots in D get as many digits as that takes: it ends, as V is not zero.
+    """
+    volume = sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
+    if not volume:
+        return 0.0
+    bits = 64
+    low, high = _below(a, b, c, bits)
+    while high - low > max(abs(volume), abs(low), abs(high)) / 2**24:
+        bits *= 2
+        low, high = _below(a, b, c, bits)
+    size = max(abs(volume), abs(low), abs(high))
+    return math.atan2(float(volume / size), float(low / size)) / (2 * math.pi)
+
+
+def _below(a: list[Fraction], b: list[Fraction], c: list[Fraction], bits: int) -> tuple[Fraction, Fraction]:
+    """Bounds of D, with roots to so many bits."""
+    lengths = [root_between(_dot(v, v), bits) for v in (a, b, c)]
+    factors = _dot(b, c), _dot(c, a), _dot(a, b)
+    terms = [sorted(factor * end for end in ends) for factor, ends in zip(factors, lengths, strict=True)]
+    least, most = (Fraction(math.prod(x[k] for x in lengths) + sum(x[k] for x in terms)) for k in (0, 1))
+    return least, most
+
+
+def _dot(u: list[Fraction], v: list[Fraction]) -> Fraction:
+    return sum((x * y for x, y in zip(u, v, strict=True)), Fraction(0))
 
 
 @optimised

@@ -71,6 +71,10 @@ def compiled(name: str, *static: int):
     return jax.jit(lambda *args: function(*args, *static))
 
 
+enclosed = jax.jit(lambda c, error: bernstein.enclose(c, tuple(range(c.ndim)), error))
+quotient = jax.jit(lambda f, g, *errors: bernstein.enclose_quotient(f, g, -1, *errors))
+
+
 @pytest.mark.parametrize("dtype", PRECISIONS)
 @pytest.mark.parametrize("degree", DEGREES)
 @ATTEMPTS
@@ -124,7 +128,7 @@ def test_the_hull_of_the_coefficients_holds_every_value(variables, data):
         rows = np.array([value(list(row), t) for row in np.moveaxis(rows, 0, -1).reshape(-1, rows.shape[0])])
         shape = shape[1:]
         rows = rows.reshape(shape)
-    enclosure = bernstein.enclose(jnp.asarray(c), tuple(range(c.ndim)), error)
+    enclosure = enclosed(c, error)
     exact = Fraction(rows.item() if isinstance(rows, np.ndarray) else rows)
     assert Fraction(float(enclosure.lower)) <= exact - Fraction(error)
     assert exact + Fraction(error) <= Fraction(float(enclosure.upper))
@@ -140,7 +144,7 @@ def test_the_hull_of_the_coefficients_holds_every_value(variables, data):
 )
 def test_a_quotient_holds_every_value(data, weights, errors, t, signs):
     numerator = data.draw(forms(3))
-    enclosure = bernstein.enclose_quotient(jnp.array(numerator), jnp.array(weights), -1, *errors)
+    enclosure = quotient(np.array(numerator), np.array(weights), *errors)
     top = value([x + signs[0] * Fraction(errors[0]) for x in exactly(numerator)], t)
     bottom = value([x + signs[1] * Fraction(errors[1]) for x in exactly(weights)], t)
     assert Fraction(float(enclosure.lower)) <= top / bottom <= Fraction(float(enclosure.upper))
@@ -148,13 +152,20 @@ def test_a_quotient_holds_every_value(data, weights, errors, t, signs):
 
 @pytest.mark.parametrize("weights", ([1.0, 0.0], [1.0, -1.0], [1.0, 1e-310], [1.0, np.nan]))
 def test_a_quotient_by_weights_that_are_not_positive_is_the_whole_line(weights):
-    enclosure = bernstein.enclose_quotient(jnp.array([1.0, 2.0]), jnp.array(weights))
+    enclosure = quotient(np.array([1.0, 2.0]), np.array(weights))
     assert float(enclosure.lower) == -np.inf and float(enclosure.upper) == np.inf
+
+
+def test_errors_of_weights_widen_a_quotient_on_both_sides_of_zero():
+    # Weights anywhere between 1/2 and 3/2.
+    for sign in (1.0, -1.0):
+        enclosure = bernstein.enclose_quotient(sign * jnp.ones(2), jnp.ones(2), weight_error=0.5)
+        assert bool(enclosure.contains(sign * 2.0)) and bool(enclosure.contains(sign * 2 / 3))
 
 
 def test_a_quotient_of_points_broadcasts_the_weights():
     points, weights = jnp.array([[1.0, 0.0], [1.0, 1.0], [0.0, 2.0]]), jnp.array([1.0, 1.0, 2.0])
-    enclosure = bernstein.enclose_quotient(points, weights[:, None], axes=-2)
+    enclosure = jax.jit(lambda f, g: bernstein.enclose_quotient(f, g, axes=-2))(points, weights[:, None])
     assert enclosure.shape == (2,) and bool(jnp.all(enclosure.contains(jnp.array([0.5, 0.5]))))
 
 
@@ -163,6 +174,8 @@ def test_enclose_is_exact_where_the_coefficients_are():
     assert float(enclosure.lower) == -2.0 and float(enclosure.upper) == 1.0
     tiny = bernstein.enclose(jnp.array([0.0, -5e-324]))
     assert float(tiny.lower) < 0.0 == float(tiny.upper)
+    for order in ([0.0, 5e-324], [5e-324, 0.0]):
+        assert float(jax.jit(bernstein.enclose)(jnp.array(order)).upper) > 0.0
 
 
 def test_the_tables_of_binomials_are_exact_as_far_as_promised():
@@ -173,22 +186,24 @@ def test_the_tables_of_binomials_are_exact_as_far_as_promised():
 
 
 def test_axes_are_those_asked_for():
-    c = jnp.asarray(np.random.default_rng(3).uniform(-1, 1, (4, 4, 4)))
+    c = np.random.default_rng(3).uniform(-1, 1, (4, 4, 4))
     for axis in (-3, -2, -1):
-        last = jnp.moveaxis(c, axis, -1)
+        last = np.moveaxis(c, axis, -1)
         for name, args in (("evaluate", (0.3,)), ("derivative", ()), ("elevate", (5,)), ("restrict", (0.2, 0.7))):
             function = getattr(bernstein, name)
-            found, expected = function(c, *args, axis=axis), function(last, *args)
-            np.testing.assert_allclose(
-                found, expected if name == "evaluate" else jnp.moveaxis(expected, -1, axis), rtol=1e-14
+            found, expected = jax.jit(lambda c, last, f=function, a=args, k=axis: (f(c, *a, axis=k), f(last, *a)))(
+                c, last
             )
-        assert bernstein.degree(c, axis) == c.shape[axis] - 1
+            np.testing.assert_allclose(
+                found, expected if name == "evaluate" else np.moveaxis(expected, -1, axis), rtol=1e-14
+            )
+        assert bernstein.degree(jnp.asarray(c), axis) == c.shape[axis] - 1
 
 
 def test_the_scalar_product_is_the_sum_of_products_of_coordinates():
-    f, g = (jnp.asarray(np.random.default_rng(k).uniform(-1, 1, (3 + k, 2))) for k in (0, 1))
-    expected = sum(bernstein.multiply(f[:, k], g[:, k]) for k in range(2))
-    np.testing.assert_allclose(bernstein.dot(f, g), jnp.asarray(expected), rtol=1e-14)
+    f, g = (np.random.default_rng(k).uniform(-1, 1, (3 + k, 2)) for k in (0, 1))
+    expected = sum(np.asarray(compiled("multiply")(f[:, k], g[:, k])) for k in range(2))
+    np.testing.assert_allclose(compiled("dot")(f, g), expected, rtol=1e-14)
 
 
 def test_a_form_is_not_elevated_downward():
@@ -198,4 +213,4 @@ def test_a_form_is_not_elevated_downward():
 
 def test_mixed_precisions_keep_the_finer_one():
     f, g = np.array([1, 2, 3], np.float32), np.array([1 / 3, 1 / 7])
-    assert_within(bernstein.multiply(jnp.asarray(f), jnp.asarray(g)), product(exactly(f), exactly(g)), Fraction(1e-15))
+    assert_within(compiled("multiply")(f, g), product(exactly(f), exactly(g)), Fraction(1e-15))

@@ -54,6 +54,8 @@ OPERATIONS = {
 CONSTANT_QUOTIENTS = {
     d: bounds(lambda x, y, d=d: rounding.quotient(x, jnp.asarray(d, x.dtype))) for d in (3.0, -0.1, 3e38)
 }
+FLUSHED_DOWN, FLUSHED_UP = jax.jit(rounding.flush_down), jax.jit(rounding.flush_up)
+WIDENED, POWER = jax.jit(rounding.widen), jax.jit(rounding.power_of_two)
 HUGE_QUOTIENT = bounds(lambda x, y: rounding.quotient(x, 1.5e308))
 SQUARE_ROOT = bounds(lambda x, y: jnp.sqrt(x))
 
@@ -69,26 +71,25 @@ def fractions(x: np.ndarray) -> list[Fraction]:
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", OPERATIONS)
 @ATTEMPTS
 @given(data=st.data())
-def test_widening_one_operation_encloses_the_exact_result(name, dtype, data):
-    x, y = (np.array(rounding.flush_down(data.draw(floats(dtype)))) for _ in range(2))
-    if name == "quotient":
-        y[y == 0] = 1
-    compiled, exact = OPERATIONS[name]
-    lower, upper = compiled(x, y)
-    assert_between(lower, [exact(a, b) for a, b in zip(fractions(x), fractions(y), strict=True)], upper)
+def test_widening_one_operation_encloses_the_exact_result(dtype, data):
+    x, y = (np.array(FLUSHED_DOWN(data.draw(floats(dtype)))) for _ in range(2))
+    for name, (compiled, exact) in OPERATIONS.items():
+        if name == "quotient":
+            y[y == 0] = 1
+        lower, upper = compiled(x, y)
+        assert_between(lower, [exact(a, b) for a, b in zip(fractions(x), fractions(y), strict=True)], upper)
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("divisor", CONSTANT_QUOTIENTS)
 @ATTEMPTS
 @given(data=st.data())
-def test_a_constant_divisor_may_become_its_reciprocal(divisor, dtype, data):
-    x = np.array(rounding.flush_up(data.draw(floats(dtype))))
-    lower, upper = CONSTANT_QUOTIENTS[divisor](x, x)
-    assert_between(lower, [a / Fraction(float(dtype(divisor))) for a in fractions(x)], upper)
+def test_a_constant_divisor_may_become_its_reciprocal(dtype, data):
+    x = np.array(FLUSHED_UP(data.draw(floats(dtype))))
+    for divisor, compiled in CONSTANT_QUOTIENTS.items():
+        lower, upper = compiled(x, x)
+        assert_between(lower, [a / Fraction(float(dtype(divisor))) for a in fractions(x)], upper)
 
 
 def test_a_huge_constant_divisor_keeps_its_quotient():
@@ -102,7 +103,7 @@ def test_a_huge_constant_divisor_keeps_its_quotient():
 @ATTEMPTS
 @given(data=st.data())
 def test_widening_a_square_root_encloses_it(dtype, data):
-    x = np.abs(np.array(rounding.flush_up(data.draw(floats(dtype)))))
+    x = np.abs(np.array(FLUSHED_UP(data.draw(floats(dtype)))))
     lower, upper = (np.asarray(end) for end in SQUARE_ROOT(x, x))
     for low, z, high in zip(lower, fractions(x), upper, strict=True):
         below, above = exact_root(z)
@@ -127,7 +128,7 @@ def test_the_ends_of_the_number_line(dtype):
 @given(data=st.data())
 def test_flushing_moves_outward_to_the_nearest_number_that_survives(dtype, data):
     x, nu = data.draw(floats(dtype)), Fraction(rounding.smallest_normal(dtype))
-    down, up = rounding.flush_down(x), rounding.flush_up(x)
+    down, up = FLUSHED_DOWN(x), FLUSHED_UP(x)
     for z, low, high in zip(fractions(x), fractions(np.asarray(down)), fractions(np.asarray(up)), strict=True):
         assert low <= z <= high
         assert (low == z == high) if abs(z) >= nu or z == 0 else (high - low == nu and 0 in (low, high))
@@ -137,8 +138,8 @@ def test_flushing_moves_outward_to_the_nearest_number_that_survives(dtype, data)
 @ATTEMPTS
 @given(data=st.data())
 def test_the_power_of_two_leaves_a_number_between_one_and_two(dtype, data):
-    x = np.array(rounding.flush_down(data.draw(floats(dtype))))
-    for z, power in zip(fractions(x), fractions(np.asarray(rounding.power_of_two(x))), strict=True):
+    x = np.array(FLUSHED_DOWN(data.draw(floats(dtype))))
+    for z, power in zip(fractions(x), fractions(np.asarray(POWER(x))), strict=True):
         assert power == 1 if z == 0 else power <= abs(z) < 2 * power
 
 
@@ -146,9 +147,9 @@ def test_the_power_of_two_leaves_a_number_between_one_and_two(dtype, data):
 @ATTEMPTS
 @given(data=st.data(), relative=st.floats(2**-20, 0.5, width=32))
 def test_a_priori_bounds_are_widened_by_at_least_what_is_asked(dtype, data, relative):
-    lower, upper = (np.array(rounding.flush_down(data.draw(floats(dtype)))) for _ in range(2))
+    lower, upper = (np.array(FLUSHED_DOWN(data.draw(floats(dtype)))) for _ in range(2))
     absolute = np.abs(data.draw(floats(dtype)))
-    down, up = rounding.widen(lower, upper, absolute, relative)
+    down, up = WIDENED(lower, upper, absolute, relative)
     rows = zip(fractions(lower), fractions(upper), fractions(absolute), strict=True)
     exact = [(a - w - Fraction(relative) * abs(a), b + w + Fraction(relative) * abs(b)) for a, b, w in rows]
     assert_between(down, [low for low, _ in exact], np.full(COUNT, np.inf))

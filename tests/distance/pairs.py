@@ -5,18 +5,20 @@ from fractions import Fraction
 from functools import cache
 
 import numpy as np
-import pytest
 
 import jhd
 from jhd.distance.frame.curves import padded_count, raised_degree
 from tests import reference
 from tests.cases import CASES
+from tests.sweeps import swept
 
 BY_NAME = {case.name: case for case in CASES}
 # Sizes whose programs the quick tests compile: segments of at most degree 3, at most four of them.
 QUICK_DEGREE, QUICK_COUNT = 3, 4
 # Numbers of segments of curves that take programs of their own: each method compiles one for each of these.
-SIZES = (QUICK_COUNT, 16, 96)
+SIZES = (QUICK_COUNT, 96)
+# One pair of each kind that needs programs of its own: contours, weights in space at a higher degree, long splines.
+FURTHER = ("letter_contours", "rational_space_curves", "splines_90")
 
 
 def curve(shape, rational=False):
@@ -44,14 +46,15 @@ def is_quick(case):
 
 
 def parameters(cases, directions=("ab", "ba")):
-    """Pairs of a name and a direction, slow where they need a program of their own."""
-    return [
-        pytest.param(
-            case.name, direction, id=f"{case.name}-{direction}", marks=() if is_quick(case) else pytest.mark.slow
-        )
-        for case in cases
-        for direction in directions
-    ]
+    """Pairs of a name and a direction; of those that need a program of their own one of each kind is slow."""
+    ways = [(case.name, direction) for case in cases for direction in directions]
+    return swept(ways, [w for w in ways if is_quick(BY_NAME[w[0]])], [w for w in ways if w[0] in FURTHER])
+
+
+def of_each_tag(cases):
+    """The names of the first of these cases that has a tag, for all tags."""
+    tags = sorted(set().union(*(case.tags for case in cases)))
+    return {next(case.name for case in cases if tag in case.tags) for tag in tags}
 
 
 def in_order(name, direction):
@@ -68,7 +71,7 @@ def bounds(exact):
 
 
 def of_one_size(case):
-    """The two curves, which repeat their last segments up to one of three numbers: few programs for the whole table."""
+    """The two curves, which repeat their last segments up to one of two numbers: few programs for the whole table."""
     a, b = both(case)
     count = next(size for size in SIZES if size >= max(a.count, b.count))
     return a.pad(count), b.pad(count)

@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.decimals import lower_text
 from jhd.distance.search.search import Listener, Progress, Threshold
 from jhd.solution import name_of
 from tests.distance import pairs
+from tests.sweeps import swept
 
 SOME = ("segment_over_parabola", "cusp_over_chord", "arch_and_wave", "loop_and_line", "degrees_3_and_3", "hook")
 # The larger of both exact distances, as a float: thresholds keep away from it by far more than its rounding.
@@ -17,7 +19,7 @@ EXACT = {
 }
 
 
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("name", swept(SOME, 2, 4))
 @pytest.mark.parametrize(("factor", "answer"), [(0.5, "no"), (1 - 1e-6, "no"), (1 + 1e-6, "yes"), (2.0, "yes")])
 def test_answers_are_right_on_both_sides(name, factor, answer):
     decision = jhd.hausdorff_at_most(*pairs.both(pairs.BY_NAME[name]), EXACT[name] * factor)
@@ -41,7 +43,7 @@ def test_a_decision_counts_as_what_it_answers_and_an_undecided_one_as_nothing():
     assert not jhd.hausdorff_at_most(a, b, EXACT["degrees_3_and_3"] / 2)
     undecided = jhd.hausdorff_at_most(a, b, EXACT["degrees_3_and_3"])
     with pytest.raises(
-        ValueError, match=f"undecided: the distance lies between {float(undecided.lower)!r} and .* atol"
+        ValueError, match=f"undecided: the distance lies between {lower_text(undecided.lower)} and .* atol"
     ):
         bool(undecided)
     batch = jax.tree_util.tree_map(lambda x: jax.numpy.stack([x, x]), undecided)
@@ -71,6 +73,15 @@ def test_zero_is_an_answer():
 def steps(found):
     """Steps of both directions."""
     return int(found.stats["a_to_b_steps"]) + int(found.stats["b_to_a_steps"])
+
+
+def test_a_shape_is_within_zero_of_its_copy():
+    # The bounds of a search leave the rounding of coordinates open.
+    curve = lambda: jhd.BezierCurve([(0, 0), (1, 2), (2, -1), (3, 1)])  # noqa: E731
+    assert jhd.hausdorff_at_most(curve(), curve(), 0) and jhd.hausdorff_at_most(curve(), curve(), 0, directed=True)
+    other = curve().transform(np.eye(2), (0, 1e-13))
+    found = jhd.pairs_within([curve(), other, curve()], 0)
+    assert found.index.tolist() == [[0, 2]] and not len(found.undecided)
 
 
 def test_far_thresholds_take_far_fewer_steps():

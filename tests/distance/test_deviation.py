@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.decimals import lower_text, upper_text
+from tests.sweeps import swept
 
 SEGMENT = [(0, 0), (1, 0)]
 # A square, and below it a plane that falls by half.
@@ -100,6 +102,13 @@ def test_points_count_by_weights_of_any_size(weights, power):
     assert within(found, 1e-5)
 
 
+def test_the_size_of_weighted_points_is_the_exact_sum_of_the_weights():
+    # As floats the sums are whole.
+    for weights in ([0.1, 1.9, 1.0], [0.3, 1.7, 1.0], [1 / 3, 5 / 3, 1.0], [1 + 2**-52, 1 - 2**-53, 1.0]):
+        found = jhd.deviation(jhd.points([(x, 0) for x in (0, 1, 5)]), jhd.points([(0, 0)]), weights=weights).measure
+        assert encloses(found, sum(map(Fraction, weights))) and found.upper == math.nextafter(found.lower, math.inf)
+
+
 def test_lengths_below_the_normal_numbers_are_rounded_outward():
     tiny = 5e-324
     found = jhd.deviation(jhd.polyline([(0, 0, 0), (tiny, tiny, tiny)]), jhd.points([(0, 0, 0)]), throw=False)
@@ -125,6 +134,7 @@ print("done")
 """
 
 
+@pytest.mark.slow
 def test_in_single_precision_bounds_below_the_normal_numbers_stay_true():
     environment = os.environ | {"JAX_ENABLE_X64": "0"}
     done = subprocess.run([sys.executable, "-c", SINGLE], env=environment, capture_output=True, text=True, check=False)
@@ -145,6 +155,63 @@ def test_a_square_above_a_tilted_plane():
     assert encloses(found.mean, 1.25 * cosine) and encloses(found.rms, cosine * math.sqrt(1.25**2 + 1 / 48))
     assert encloses(found.measure, 1.0) and encloses(found.quantile(0.5), 1.25 * cosine) and within(found, 1e-5)
     assert np.asarray(found.at().distance) == pytest.approx(cosine * np.array([1, 1.5, 1.5, 1]))
+
+
+def test_a_triangle_that_crosses_a_plane_is_known_up_to_rounding():
+    # Its heights are -1/2, 1/4 and 3/4 at the corners, and below zero over 4/15 of it.
+    tilted = jhd.TriangleMesh([[1, 0, -0.5], [0, 0, 0.25], [0, 1, 0.75]], [[0, 1, 2]])
+    plane = jhd.TriangleMesh(PLANE * [1, 1, 0], TRIANGLES)
+    found = jhd.deviation(tilted, plane)
+    exact = {found.mean: 23 / 90, found.rms: math.sqrt(3 / 32), found.share_within(0.25): 8 / 15}
+    for bounds, value in exact.items():
+        assert encloses(bounds, value) and bounds.upper - bounds.lower < 1e-11
+    # Up to 1/4 the share is (16 / 15) ((1/2 + t)^2 - (1/2 - t)^2) = 32 t / 15.
+    level = found.quantile(0.4)
+    assert encloses(level, 3 / 16) and level.upper - level.lower < 1e-7
+    assert encloses(found.measure, math.sqrt(0.25 + 0.75**2 + 1) / 2) and found.stats["cells"] < 12
+
+
+def ball(levels: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices on the unit sphere, and the triangles of an octahedron that is divided so often."""
+    corners = np.array([[[x, 0, 0], [0, y, 0], [0, 0, z]] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    for _ in range(levels):
+        a, b, c = np.moveaxis(corners, 1, 0)
+        ab, bc, ca = ((x + y) / 2 for x, y in ((a, b), (b, c), (c, a)))
+        corners = np.concatenate([np.stack(x, axis=1) for x in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+    vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), index.reshape(-1, 3)
+
+
+def test_meshes_that_cross_each_other_close_with_few_cells_and_agree_with_a_dense_sum():
+    vertices, triangles = ball(3)
+    a = jhd.TriangleMesh(vertices * (1 + 0.02 * np.sin(9 * vertices[:, :1])), triangles)
+    b = jhd.TriangleMesh(vertices, triangles)
+    found = jhd.deviation(a, b)
+    shares, corners = middles_of_parts(13), np.asarray(a.corners)
+    points = np.einsum("sk,tkd->tsd", shares, corners).reshape(-1, 3)
+    sides = corners[:, 1:] - corners[:, :1]
+    areas = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    weights, distance = np.repeat(areas, len(shares)), np.asarray(jhd.project(points, b).distance)
+    # Of so many samples the mean and the shares are good to a few thousandths.
+    assert found.mean.value == pytest.approx(np.average(distance, weights=weights), rel=3e-3)
+    for level in (0.003, 0.01, 0.016):
+        share = found.share_within(level)
+        assert share.upper - share.lower < 3e-3
+        assert share.value == pytest.approx(np.sum(weights[distance <= level]) / np.sum(weights), abs=3e-3)
+    assert encloses(found.measure, np.sum(areas)) and within(found, 1e-5) and found.stats["cells"] < 3000
+    median = found.quantile(0.5)
+    assert median.upper - median.lower < 5e-3 * float(found.maximum.upper)
+
+
+def test_a_square_beside_points_closes_with_few_cells_where_the_nearest_one_changes():
+    # The nearest point changes at 1/3, so that all of the square is three rectangles beside a corner of each.
+    square, width = jhd.TriangleMesh(SQUARE * [1, 1, 0], TRIANGLES), 1 / 3
+    found = jhd.deviation(square, jhd.points([(0, 0, 0), (2 * width, 0, 0)]))
+    mean = (math.hypot(1, width) + width**2 / 2 * math.asinh(1 / width) + math.asinh(width) / (2 * width)) / 3
+    assert encloses(found.mean, mean) and encloses(found.rms, math.sqrt((1 + width**2) / 3)) and within(found, 1e-5)
+    assert found.stats["cells"] < 2000
+    share = found.share_within(width)
+    assert encloses(share, math.pi / 4 * width) and share.upper - share.lower < 1e-3
 
 
 def test_a_shape_deviates_from_itself_by_nothing():
@@ -217,12 +284,13 @@ def test_an_unreached_tolerance_names_the_bounds_and_one_that_they_meet():
         jhd.deviation(*shapes, rtol=1e-9, atol=0, max_cells=16, quantile=0.5)
     found, message = caught.value.solution, str(caught.value)
     for of, ends in {"the mean": found.mean, "the quantile 0.5": found.quantile(0.5)}.items():
-        assert f"{ends.lower!r} and {ends.upper!r} of {of}" in message
+        assert f"{lower_text(ends.lower)} and {upper_text(ends.upper)} of {of}" in message
     named = re.search(r"which rtol=([^ ]+) would take", message)
     assert named is not None
     assert jhd.deviation(*shapes, rtol=float(named[1]), atol=0, max_cells=16, quantile=0.5).stats["cells"] <= 64
 
 
+@pytest.mark.slow
 def test_curves_that_end_near_and_cross_each_other_close_with_few_cells():
     first, second = (jhd.BezierSegments(np.random.default_rng(k).normal(size=(k + 2, 4, 2))) for k in (0, 1))
     for a, b in ((first, second), (second, first)):
@@ -301,8 +369,7 @@ def middles_of_parts(n):
     return np.column_stack([1 - np.sum(rows, axis=1), rows])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("back", swept([False, True], slow=[True]))
 def test_a_surface_and_its_triangulation_close_and_agree_with_a_dense_sum(back):
     x, y = np.meshgrid(*[(np.arange(6) - 1) / 3] * 2, indexing="ij")
     surface, mesh = triangulated(np.stack([x, y, 0.15 * np.sin(4 * x + 1) * np.cos(3 * y)], axis=-1), 7)

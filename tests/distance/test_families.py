@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.search import farthest_place
 from jhd.solution import name_of
 
 ARC = np.sqrt(0.5)
@@ -74,9 +75,12 @@ def test_tori_and_spheres_are_as_far_from_each_other_as_their_radii():
     assert int(found.stats["cells"]) < 6000
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("a", "b", "exact"), [(torus(0.3), torus(0.4), 0.1), (sphere(1.0), sphere(1.5), 0.5)], ids=["tori", "spheres"]
+    ("a", "b", "exact"),
+    [
+        pytest.param(torus(0.3), torus(0.4), 0.1, marks=pytest.mark.exhaustive, id="tori"),
+        pytest.param(sphere(1.0), sphere(1.5), 0.5, marks=pytest.mark.slow, id="spheres"),
+    ],
 )
 def test_the_minimum_distance_of_coaxial_tori_and_of_concentric_spheres_closes(a, b, exact):
     found = jhd.minimum_distance(a, b, atol=4e-6)
@@ -90,6 +94,17 @@ def test_the_minimum_distance_of_concentric_circles_closes_by_default():
     found = jhd.minimum_distance(jhd.circle([0, 0], 1.0), jhd.circle([0, 0], 1.5))
     assert_is(found, 0.5, 1e-9)
     assert int(found.stats["steps"]) < 1000
+
+
+@pytest.mark.slow
+def test_nearest_points_of_a_circle_and_its_axis_are_given_up_with_steps_to_spare():
+    # All points of the circle are as near to the one in the middle of the axis.
+    circle = jhd.circle([0, 0], 1.0)
+    ring = jhd.BezierSegments(np.pad(np.asarray(circle.control_points), ((0, 0), (0, 0), (0, 1))), circle.weights)
+    found = jhd.minimum_distance(ring, jhd.polyline([(0, 0, -1.0), (0, 0, 1.0)]), throw=False)
+    assert name_of(found.result) == "family_of_maxima"
+    assert float(found.lower) <= 1 + EXACT and 1 - EXACT <= float(found.upper)
+    assert int(found.stats["steps"]) < 2500
 
 
 @pytest.mark.slow
@@ -114,6 +129,17 @@ def over_rectangle(x, z, height):
     (u, uu), (v, vv) = ((np.mean(rows, axis=1), np.prod(rows, axis=1)) for rows in ends)
     u, uu = (np.broadcast_to(rows[:, None], (3, 3)) for rows in (u, uu))
     return jhd.BezierPatch(np.stack([u, height(u, uu, vv), np.broadcast_to(v, (3, 3))], axis=-1))
+
+
+@pytest.mark.slow
+def test_a_family_of_farthest_places_ends_long_before_there_is_no_room(monkeypatch):
+    monkeypatch.setattr(farthest_place, "_FAMILY", 1000)
+    outer = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1.5625", [-2] * 3, [2] * 3)
+    found = jhd.directed_hausdorff(sphere(1.0), outer, jhd.BranchAndBound(max_steps=50), throw=False)
+    assert name_of(found.result) == "family_of_maxima"
+    assert float(found.lower) <= 0.25 + EXACT and 0.25 - EXACT <= float(found.upper)
+    # With steps to spare and far fewer cells than the search has room for.
+    assert int(found.stats["steps"]) < 20 and int(found.stats["waiting"]) < 20000
 
 
 @pytest.mark.slow

@@ -28,7 +28,8 @@ def test_a_sphere_with_a_point_inside_is_as_far_as_the_point():
 @pytest.mark.slow
 def test_where_the_polynomial_is_just_above_zero_there_is_no_point():
     text = "((x - 0.5)**2 + y**2 + z**2 + 1 / 1125899906842624) * (x**2 + y**2 + z**2 - 1)"
-    found = jhd.directed_hausdorff(jhd.ImplicitSurface.parse(text, *BOX), SPHERE, throw=False)
+    surface, method = jhd.ImplicitSurface.parse(text, *BOX), jhd.BranchAndBound(atol=5e-7)
+    found = jhd.directed_hausdorff(surface, SPHERE, method, throw=False)
     assert found.lower == 0 and found.upper < 1e-6
 
 
@@ -60,6 +61,7 @@ def test_points_of_surfaces_count_in_minimum_distances_where_all_of_the_other_is
     assert same.lower == 0 and same.upper < 1e-300
 
 
+@pytest.mark.slow
 def test_points_on_a_face_an_edge_and_a_corner_of_their_box_count():
     for count in (1, 2, 3):
         text = " + ".join(f"({x} - {2 if k < count else 0})**2" for k, x in enumerate("xyz"))

@@ -1,5 +1,7 @@
 """Minimum distances: bounds hold the exact value, shapes meet, derivatives, refusals, the published voxel method."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +17,7 @@ from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.patch import BezierPatch
 from jhd.solution import RESULTS, NotProvenError, name_of
 from tests.distance.test_families import sphere
+from tests.sweeps import swept
 
 # A cubic that rises to 0.75 at its middle, where its curvature is 6.
 ARCH = np.array([[0.0, 0], [1, 1], [2, 1], [3, 0]]) / [3, 1]
@@ -137,8 +140,7 @@ def test_derivatives_are_zero_where_a_patch_crosses_a_surface_and_points_meet_bu
     np.testing.assert_array_equal(slope, 0.0)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("gap", [1e-5, 1e-7, 1e-9])
+@pytest.mark.parametrize("gap", swept([1e-5, 1e-7, 1e-9], slow=[1e-9]))
 def test_ends_and_borders_that_nearly_touch_hold_their_place(gap):
     flat = BezierPatch(np.array([[[-1.0, -1, 0], [-1, 1, 0]], [[1, -1, 0], [1, 1, 0]]]))
     segment, tip = np.array([[0.1, 0.2, 0], [1, 0.5, 1]]), np.array([[0.3, 1, 0], [0.4, 1.5, 0.3]])
@@ -171,7 +173,7 @@ def test_numbers_that_are_known_late_and_unusable_are_reported():
 @pytest.mark.parametrize(
     ("a", "options", "error", "message"),
     [
-        (3, {}, TypeError, "a must be a curve, a parametric surface"),
+        (3, {}, TypeError, "a must be a shape of jhd, an array of points"),
         (BezierCurve(np.zeros((2, 3))), {}, ValueError, "a has 3 coordinates a point and b has 2"),
         (BezierCurve(ARCH), {"atol": -1.0}, ValueError, "atol is -1; needs a number of at least 0"),
         (BezierCurve(ARCH), {"rtol": np.zeros(2)}, ValueError, r"rtol has shape \(2,\)"),
@@ -220,9 +222,9 @@ def test_the_solution_prints_and_becomes_json():
     assert '"result": "successful"' in found.to_json() and abs(float(found) - 0.5) < 1e-12
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("rational", [False, True])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("seed", "rational"), swept(itertools.product(range(4), [False, True]), slow=[(0, False), (1, True)])
+)
 def test_bounds_of_random_patches_are_on_both_sides_of_local_minima(seed, rational):
     random = np.random.default_rng(seed)
     weights = [np.exp(0.7 * random.normal(size=(4, 4))) if rational else None for _ in range(2)]
@@ -286,9 +288,9 @@ BOXES = [
 ]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("boxes", BOXES)
-def test_the_papers_spheres_are_two_apart_in_any_boxes(boxes):
+@pytest.mark.parametrize("k", swept(range(len(BOXES)), slow=[0, 3, 4]))
+def test_the_papers_spheres_are_two_apart_in_any_boxes(k):
+    boxes = BOXES[k]
     a = ImplicitSurface.parse("x^2 + y^2 + z^2 - 9", *boxes[:2])
     b = ImplicitSurface.parse("x^2 + (y - 7)^2 + z^2 - 4", *boxes[2:])
     found = minimum_distance(a, b, atol=1e-12)
@@ -312,8 +314,7 @@ def test_surfaces_that_are_cut_that_meet_and_that_are_empty():
             minimum_distance(*pair)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("axis", "xyz")
+@pytest.mark.parametrize("axis", swept("xyz", slow=["y"]))
 def test_a_sphere_that_touches_faces_of_its_box_where_it_is_nearest(axis):
     # The side of the box holds the place, so that its multiplier does not follow from what is free.
     sphere = ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [-1] * 3, [1] * 3)
@@ -341,23 +342,33 @@ def test_a_sphere_inside_of_another_surface_where_many_places_are_about_as_near(
     assert holds(minimum_distance(a, b), exact, 1e-8)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("inner", "outer", "exact", "gap"),
-    [
-        ("x^2 + y^2 - 0.25", "x^2 + y^2 - 1", 0.5, 1e-8),
-        ("z^2 - 0.0001", "(z - 0.5)^2 - 0.0001 - 0.0001 * x^2", 0.49 - 0.01 * 5**0.5, 1e-8),
-        ("(x^2 + y^2 + z^2 + 0.91)^2 - 4 * x^2 - 4 * y^2", "(x^2 + y^2 + z^2 + 0.84)^2 - 4 * x^2 - 4 * y^2", 0.1, 7e-6),
-    ],
-    ids="cylinders sheets tori".split(),
-)
-def test_surfaces_inside_of_each_other_that_are_as_near_everywhere_or_along_a_line(inner, outer, exact, gap):
+INSIDE = {
+    "cylinders": ("x^2 + y^2 - 0.25", "x^2 + y^2 - 1", 0.5, 1e-8),
+    "sheets": ("z^2 - 0.0001", "(z - 0.5)^2 - 0.0001 - 0.0001 * x^2", 0.49 - 0.01 * 5**0.5, 1e-8),
+    "tori": (
+        "(x^2 + y^2 + z^2 + 0.91)^2 - 4 * x^2 - 4 * y^2",
+        "(x^2 + y^2 + z^2 + 0.84)^2 - 4 * x^2 - 4 * y^2",
+        0.1,
+        7e-6,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", swept(INSIDE, slow=["cylinders", "sheets"]))
+def test_surfaces_inside_of_each_other_that_are_as_near_everywhere_or_along_a_line(name):
+    inner, outer, exact, gap = INSIDE[name]
     a, b = (ImplicitSurface.parse(text, [-2] * 3, [2] * 3) for text in (inner, outer))
     assert holds(minimum_distance(a, b, BranchAndBound(atol=gap)), exact, gap)
 
 
-@pytest.mark.parametrize("shift", [0.0, 1e-3])
-@pytest.mark.parametrize("kind", ["circle", pytest.param("sphere", marks=pytest.mark.slow), "polynomial"])
+@pytest.mark.parametrize(
+    ("kind", "shift"),
+    swept(
+        itertools.product(["circle", "sphere", "polynomial"], [0.0, 1e-3]),
+        quick=[("circle", 0.0), ("circle", 1e-3)],
+        slow=[("sphere", 1e-3), ("polynomial", 0.0), ("polynomial", 1e-3)],
+    ),
+)
 def test_a_point_about_the_centre_of_what_is_round_is_as_far_as_the_radius(kind, shift):
     if kind == "circle":
         shape, place = circle([0.0, 0.0], 2.0), [shift, 0.0]
@@ -370,15 +381,18 @@ def test_a_point_about_the_centre_of_what_is_round_is_as_far_as_the_radius(kind,
     assert float(np.linalg.norm(found.point_a)) == pytest.approx(2.0)
 
 
+@pytest.mark.slow
 def test_the_derivative_of_the_distance_of_the_nearest_point_is_that_of_its_foot():
     def distance(rows):
         return minimum_distance(points(rows), circle([0.0, 0.0], 2.0)).value
 
-    slopes = jax.grad(distance)(np.array([[0.3, 0.4], [0.1, 0.0], [0.0, -6.0]]))
+    rows = np.array([[0.3, 0.4], [0.1, 0.0], [0.0, -6.0]])
+    slopes = jax.grad(distance)(rows)
     np.testing.assert_allclose(slopes, [[-0.6, -0.8], [0, 0], [0, 0]], atol=1e-12)
-    bent = jax.hessian(distance)(np.array([[0.3, 0.4]]))[0, :, 0]
     # 2 - |x| has the second derivatives of -|x|.
-    np.testing.assert_allclose(bent, -2 * (np.eye(2) - np.outer([0.6, 0.8], [0.6, 0.8])), atol=1e-9)
+    expected = np.zeros((3, 2, 3, 2))
+    expected[0, :, 0] = -2 * (np.eye(2) - np.outer([0.6, 0.8], [0.6, 0.8]))
+    np.testing.assert_allclose(jax.hessian(distance)(rows), expected, atol=1e-9)
 
 
 @pytest.mark.slow
@@ -402,6 +416,8 @@ def test_a_curve_and_a_patch_against_a_surface():
 def test_the_voxel_method_is_unproven_and_its_samples_are_on_the_surfaces():
     found = minimum_distance(*SPHERES, VoxelPairs(0.5, 6))
     assert found.result == RESULTS.unproven and found.lower == 0 and np.isinf(found.upper)
+    # VoxelPairs has no rules to choose from.
+    assert "rule" not in RESULTS[found.result]
     # Any two points of the surfaces are at least as far apart as the nearest.
     assert 2 - 1e-12 <= float(found.value) <= 2.5
     for shape, point in zip(SPHERES, (found.point_a, found.point_b), strict=True):

@@ -12,6 +12,7 @@ import pytest
 
 import jhd
 from jhd.distance.minimum import minimum_distance
+from tests.sweeps import swept
 
 # The default tolerance in diagonals is 1e-10 of the box of both shapes; what a family of nearest pairs leaves open.
 GAP = 1e-9
@@ -47,7 +48,7 @@ def between_circles(p, r, q, s):
     return max(centres - r - s, abs(r - s) - centres, 0.0)
 
 
-@pytest.mark.parametrize("scale", [1.0, 2.0**-30, 2.0**30])
+@pytest.mark.parametrize("scale", swept([2.0**-30, 1.0, 2.0**30], 1))
 @pytest.mark.parametrize("name", CIRCLES)
 def test_circles(name, scale):
     p, r, q, s = CIRCLES[name]
@@ -196,8 +197,7 @@ CURVES = {
 }
 
 
-@pytest.mark.parametrize("name", CURVES)
-@pytest.mark.slow
+@pytest.mark.parametrize("name", swept(CURVES, slow=CURVES))
 def test_a_curve_and_a_patch(name):
     curve, surface, exact = CURVES[name]
     check(curve, surface, exact, slack=2e-15)
@@ -223,10 +223,7 @@ TO_SPHERE = {
 
 
 # Inside, where the distance is nearly the same all along, the table grows, which compiles again.
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name == "inside" else ()) for name in TO_SPHERE]
-)
-@pytest.mark.slow
+@pytest.mark.parametrize("name", swept(TO_SPHERE, slow=set(TO_SPHERE) - {"inside"}))
 def test_a_curve_and_a_sphere(name):
     curve, exact = TO_SPHERE[name]
     check(curve, SPHERE, exact, slack=2e-15, gap=1e-8)

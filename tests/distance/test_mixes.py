@@ -8,6 +8,7 @@ import pytest
 import jhd
 from jhd.solution import name_of
 from tests.differences import differences
+from tests.sweeps import swept
 
 RNG = np.random.default_rng(12)
 GRID = np.stack([*np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij"), np.zeros((4, 4))], axis=-1)
@@ -40,8 +41,9 @@ SADDLE = jhd.ImplicitSurface.parse("z - 0.1*x*y + 0.2*x - 0.03*y**3", [0, 0, -3]
 BENT = jhd.BezierPatches(BUMPY.control_points + 0.3 * RNG.normal(size=(2, 4, 4, 3)))
 SHAPES = {"patches": BUMPY, "others": BENT, "mesh": COARSE, "curve": CURVE, "polynomial": SADDLE}
 MIXES = [("patches", "others"), *[(a, b) for a in SHAPES for b in SHAPES if a != b and "others" not in (a, b)]]
-# Those that the quick tests measure: each kind but polynomials once on either side.
-QUICK = [("mesh", "curve")]
+# The quick tests measure one of them. With the slow ones each kind is on either side; patches as targets have
+# derivatives in a test of their own.
+QUICK, SLOW = [("mesh", "curve")], [("patches", "mesh"), ("curve", "polynomial"), ("polynomial", "curve")]
 
 
 def assert_is(solution, exact):
@@ -52,8 +54,7 @@ def assert_is(solution, exact):
     assert solution.lower <= solution.value <= solution.upper
 
 
-@pytest.mark.parametrize("plane", [pytest.param(x, marks=() if x == "mesh" else pytest.mark.slow) for x in PLANES])
-@pytest.mark.slow
+@pytest.mark.parametrize("plane", swept(PLANES, slow=["polynomial"]))
 def test_curves_and_planes_are_as_far_as_their_formulas_say(plane):
     flat = PLANES[plane]
     found = jhd.directed_hausdorff(TILTED, flat)
@@ -66,8 +67,7 @@ def test_curves_and_planes_are_as_far_as_their_formulas_say(plane):
     assert_is(jhd.hausdorff(flat, WIDE), np.sqrt(5.0))
 
 
-@pytest.mark.parametrize("plane", [pytest.param("patch", marks=pytest.mark.slow), "mesh"])
-@pytest.mark.slow
+@pytest.mark.parametrize("plane", swept(["patch", "mesh"], slow=["mesh"]))
 def test_spheres_and_cylinders_are_as_far_from_planes_as_their_formulas_say(plane):
     flat = PLANES[plane]
     assert_is(jhd.directed_hausdorff(SPHERE, flat), 6.0)
@@ -89,8 +89,13 @@ def test_flat_shapes_beside_a_plane_as_large_as_its_box_are_bounded_in_few_cells
         assert int(found.stats["cells"]) < 10
 
 
-@pytest.mark.parametrize(("a", "b"), [("patch", "mesh"), ("mesh", "patch"), ("patch", "patch"), ("polynomial", "mesh")])
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("a", "b"),
+    swept(
+        [("patch", "mesh"), ("mesh", "patch"), ("patch", "patch"), ("polynomial", "mesh")],
+        slow=[("patch", "patch"), ("polynomial", "mesh")],
+    ),
+)
 def test_the_same_square_in_three_forms_is_nowhere_far_from_itself(a, b):
     found = jhd.directed_hausdorff(PLANES[a], PLANES[b])
     assert float(found.lower) == 0.0 and float(found.upper) < 1e-9
@@ -132,11 +137,7 @@ def samples_of(shape, count=3000):
     return points[np.all((points >= np.asarray(shape.lower)) & (points <= np.asarray(shape.upper)), axis=1)]
 
 
-@pytest.mark.parametrize(
-    ("a", "b"),
-    [pytest.param(*pair, marks=() if pair in QUICK else pytest.mark.slow) for pair in MIXES],
-    ids=["-".join(pair) for pair in MIXES],
-)
+@pytest.mark.parametrize(("a", "b"), swept(MIXES, QUICK, [*SLOW, ("curve", "patches")]))
 def test_bounds_hold_of_samples_and_close(a, b):
     first, second = SHAPES[a], SHAPES[b]
     rough = jhd.directed_hausdorff(first, second, jhd.BranchAndBound(max_steps=2), throw=False)
@@ -194,11 +195,7 @@ def assert_derivative_is(change, function, arrays, directions):
     np.testing.assert_allclose(change, expected, rtol=DERIVATIVE, atol=DERIVATIVE)
 
 
-@pytest.mark.parametrize(
-    ("a", "b"),
-    [pytest.param(*pair, marks=() if pair == ("mesh", "curve") else pytest.mark.slow) for pair in MIXES],
-    ids=["-".join(pair) for pair in MIXES],
-)
+@pytest.mark.parametrize(("a", "b"), swept(MIXES, QUICK, SLOW))
 def test_derivatives_in_both_shapes_are_those_of_differences(a, b):
     given = [jax.tree_util.tree_flatten(SHAPES[name]) for name in (a, b)]
 
@@ -218,8 +215,46 @@ def test_derivatives_in_both_shapes_are_those_of_differences(a, b):
     np.testing.assert_allclose(gradient, jax.grad(distance)(*arrays), atol=1e-12)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 5, 10])
+# Steps of differences of first derivatives, and what these know of second ones.
+_STEP, _KNOWN = 1e-4, 1e-6
+POINTED = {**SHAPES, "points": jhd.points(RNG.normal(size=(3, 3)) + [2, 1, 2.5])}
+KINDS = [(a, b) for a in POINTED for b in POINTED if a != "others"]
+
+
+@pytest.mark.parametrize(
+    ("entry", "a", "b"),
+    swept(
+        [(entry, a, b) for entry in ("directed_hausdorff", "minimum_distance") for a, b in KINDS],
+        slow=[
+            ("directed_hausdorff", "mesh", "patches"),
+            ("directed_hausdorff", "curve", "polynomial"),
+            ("directed_hausdorff", "polynomial", "mesh"),
+            ("minimum_distance", "curve", "polynomial"),
+        ],
+    ),
+)
+def test_second_derivatives_of_all_kinds_are_those_of_differences(entry, a, b):
+    shapes = [POINTED[a], POINTED[b if b != a else "others" if a == "patches" else b]]
+    given = [jax.tree_util.tree_flatten(shape) for shape in shapes]
+    rng = np.random.default_rng(4)
+    # A shape and itself are apart after its numbers have moved.
+    start = [np.asarray(leaves[0]) for leaves, _ in given]
+    start = [x + (0.4 * rng.normal(size=x.shape) * (x != 0) if a == b and k else 0.0) for k, x in enumerate(start)]
+    speeds = [0.3 * rng.normal(size=x.shape) * (x != 0) for x in start]
+
+    @jax.grad
+    def slope(s):
+        moved = [
+            jax.tree_util.tree_unflatten(tree, [x + s * speed, *leaves[1:]])
+            for x, speed, (leaves, tree) in zip(start, speeds, given, strict=True)
+        ]
+        return getattr(jhd, entry)(*moved).value
+
+    (expected,) = differences(lambda s: [slope(s)], [0.0], [1.0], _STEP)
+    np.testing.assert_allclose(jax.jacfwd(slope)(0.0), expected, rtol=_KNOWN, atol=_KNOWN)
+
+
+@pytest.mark.parametrize("seed", swept([0, 5, 10], slow=[10]))
 def test_two_feet_on_one_patch_that_are_equally_near_share_the_derivative(seed):
     def bumpy(k):
         rng = np.random.default_rng(k)
@@ -255,8 +290,7 @@ def test_a_foot_with_a_small_multiplier_is_found_where_the_place_leads_to_it():
     assert_derivative_is(change, lambda *x: found(*x).value, nets, towards)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [2, 7])
+@pytest.mark.parametrize("seed", swept([2, 7], slow=[7]))
 def test_a_place_on_a_face_of_the_box_is_as_far_from_two_points(seed):
     surface = jhd.ImplicitSurface.parse("x**2 + 2*y**2 + z**2 + x*y*z/2 - 1", [-2, -2, -0.5], [2, 2, 0.5])
 
@@ -271,6 +305,7 @@ def test_a_place_on_a_face_of_the_box_is_as_far_from_two_points(seed):
     assert_derivative_is(change, lambda x: found(x).value, (points,), towards)
 
 
+@pytest.mark.slow
 def test_triangles_that_meet_at_a_small_angle_share_the_derivative():
     # Two patches above a valley; the slope of the one is a quarter of that of the other.
     high, along, up = 6e-4, 0.005, 0.02

@@ -1,5 +1,6 @@
 """Sets of points and every other kind of shape, either way: against whole numbers, closed forms, and differences."""
 
+import itertools
 from fractions import Fraction
 
 import jax
@@ -11,6 +12,7 @@ from scipy.spatial import KDTree
 import jhd
 from jhd.distance.search.farthest_place import FarthestSearch
 from jhd.solution import name_of
+from tests.sweeps import swept
 
 RNG = np.random.default_rng(31)
 # A square of side 3 in the plane z = 0, as a patch and as a mesh, and the unit sphere.
@@ -63,7 +65,9 @@ def test_points_to_a_square_are_measured_as_its_formula_says(square):
 
 
 @pytest.mark.parametrize("square", [SQUARE, FLAT], ids=["patch", "mesh"])
-@pytest.mark.parametrize(("points", "exact"), [(CORNERS, Fraction(9, 2)), (CORNERS[:1], 18), (GRID, Fraction(1, 2))])
+@pytest.mark.parametrize(
+    ("points", "exact"), swept([(CORNERS[:1], 18), (GRID, Fraction(1, 2)), (CORNERS, Fraction(9, 2))], 2)
+)
 def test_a_square_is_as_far_from_points_as_its_formula_says(square, points, exact):
     found = jhd.directed_hausdorff(square, jhd.points(points.reshape(-1, 3)))
     assert_encloses(found, exact)
@@ -137,15 +141,15 @@ def test_an_interruption_in_one_direction_keeps_the_bounds_of_both(monkeypatch):
 STEP = 1e-5
 
 
+MOVED = {"patches": BUMPY, "polynomial": UNEVEN, "mesh": FLAT}
+
+
 @pytest.mark.parametrize(
-    "shape",
-    [pytest.param(BUMPY, marks=pytest.mark.slow), pytest.param(UNEVEN, marks=pytest.mark.slow), FLAT],
-    ids=["patches", "polynomial", "mesh"],
+    ("name", "turned"),
+    swept(itertools.product(MOVED, [False, True]), slow=[("patches", False), ("polynomial", True), ("mesh", True)]),
 )
-@pytest.mark.parametrize("turned", [False, True], ids=["from", "to"])
-@pytest.mark.slow
-def test_derivatives_in_points_and_shape_are_those_of_differences(shape, turned):
-    leaves, tree = jax.tree_util.tree_flatten(shape)
+def test_derivatives_in_points_and_shape_are_those_of_differences(name, turned):
+    leaves, tree = jax.tree_util.tree_flatten(MOVED[name])
     points = RNG.normal(size=(12, 3)) * [1.5, 1, 1] + [1, 1, 0]
     method = jhd.BranchAndBound(atol=1e-11)
 
@@ -210,8 +214,7 @@ def test_the_smallest_distance_of_many_mingled_points_looks_at_few_pairs():
     assert int(found.stats["exact"]) <= 4
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("height", [1e-170, 1e-160, 1e-100])
+@pytest.mark.parametrize("height", swept([1e-170, 1e-160, 1e-100], slow=[1e-170]))
 def test_a_point_nearly_on_a_plane_has_a_true_upper_bound_where_squares_vanish(height):
     plane = jhd.ImplicitSurface.parse("x", [-1.0] * 3, [1.0] * 3)
     found = jhd.project(np.array([[height, 0.0, 0.0]]), plane)

@@ -14,6 +14,7 @@ import jhd
 from jhd.solution import name_of
 from tests import reference
 from tests.distance import exact
+from tests.sweeps import swept
 
 # Distances of the global methods, in sizes of the coordinates of curve and query.
 PROMISED = 1e-12
@@ -29,6 +30,10 @@ ARCH = jhd.BezierCurve([[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]])
 
 def kind(method):
     return type(method).__name__
+
+
+def name_in_ids(value):
+    return str(value) if isinstance(value, int) else kind(value)
 
 
 def size_of(points, control_points):
@@ -65,10 +70,6 @@ def bounds_hold(found, rows, control_points, weights=None):
         assert Fraction(float(lower)) ** 2 <= least
 
 
-QUICK_DEGREES = (3,)
-DEGREES = [pytest.param(d, marks=() if d in QUICK_DEGREES else pytest.mark.slow) for d in range(1, 9)]
-
-
 @cache
 def random_curves(degree):
     """Curves with queries and the true distances, for both methods."""
@@ -81,9 +82,13 @@ def random_curves(degree):
     return curves
 
 
-@pytest.mark.parametrize("method", GLOBAL, ids=kind)
-@pytest.mark.parametrize("degree", DEGREES)
-@pytest.mark.slow
+# The methods of the quick tests' cubics, for a degree between and for the highest.
+SLOW = [(GLOBAL[1], 5), (GLOBAL[0], 8)]
+
+
+@pytest.mark.parametrize(
+    ("method", "degree"), swept([(m, d) for m in GLOBAL for d in range(1, 9)], slow=SLOW, ids=name_in_ids)
+)
 def test_random_queries_never_miss_the_nearest_point(degree, method):
     for control_points, rows, expected in random_curves(degree):
         found = jhd.project(rows, jhd.BezierSegments(control_points), method)
@@ -91,10 +96,9 @@ def test_random_queries_never_miss_the_nearest_point(degree, method):
 
 
 @pytest.mark.parametrize(
-    "degree", [pytest.param(2, marks=pytest.mark.slow), 3, pytest.param(5, marks=pytest.mark.slow)]
+    ("method", "degree"),
+    swept([(m, d) for m in GLOBAL for d in (2, 3, 5)], slow=[(GLOBAL[0], 5), (GLOBAL[1], 2)], ids=name_in_ids),
 )
-@pytest.mark.parametrize("method", GLOBAL, ids=kind)
-@pytest.mark.slow
 def test_random_queries_never_miss_the_nearest_point_of_a_rational_curve(method, degree):
     rng = np.random.default_rng(degree)
     for _ in range(CURVES // 4):
@@ -264,7 +268,7 @@ def simple_roots(point, control_points):
     return inside[np.abs(f.deriv()(inside)) > 1e-3], f
 
 
-@pytest.mark.parametrize("degree", [3, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("degree", swept([3, 5], quick=[3]))
 def test_every_stationary_parameter_is_found_and_in_order(degree):
     rng = np.random.default_rng(degree)
     for _ in range(8):
@@ -400,7 +404,7 @@ def test_what_is_no_curve_is_refused(entry, shape, as_a_user):
     with pytest.raises(TypeError) as caught:
         entry([0.0, 0.0], shape)
     expected = (
-        ("shape: text is no shape",) if isinstance(shape, str) else ("shape must be a curve", "curve must be a curve")
+        ("shape: text is no shape",) if isinstance(shape, str) else ("shape must be a shape", "shape must be a curve")
     )
     assert str(caught.value).startswith(expected)
     assert str(caught.value).endswith(f"got {type(shape).__name__}.")

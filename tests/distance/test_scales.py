@@ -11,6 +11,7 @@ import jhd
 from jhd.distance.cells.pairs import newton_step
 from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.fields.adaptive import AdaptiveDistanceField
+from tests.sweeps import swept
 
 RANDOM = np.random.default_rng(0)
 # An octahedron, closed, its normals outward; and points inside and outside of it.
@@ -25,7 +26,7 @@ def octahedron(power):
 
 
 @pytest.mark.parametrize("sign", ["winding", "pseudonormal"])
-@pytest.mark.parametrize("power", POWERS)
+@pytest.mark.parametrize("power", swept(POWERS, 2))
 def test_signs_do_not_depend_on_the_unit(sign, power):
     expected = np.where(np.abs(QUERIES / VERTICES.max(axis=0)).sum(axis=1) < 1, -1, 1)
     # What is rounded there is as far from the surface as it was.
@@ -43,7 +44,7 @@ def test_points_of_any_size_are_asked_for_at_once():
     assert np.all(near.lower <= length * (1 + 1e-15)) and np.all(near.upper >= length * (1 - 1e-15))
 
 
-@pytest.mark.parametrize("power", POWERS[1:])
+@pytest.mark.parametrize("power", swept(POWERS[1:], 1))
 def test_an_adaptive_field_and_its_proven_error_do_not_depend_on_the_unit(power):
     fields = [AdaptiveDistanceField.build(octahedron(k), np.ldexp(0.05, k), max_depth=2) for k in (0, power)]
     plain, scaled = (np.ldexp(np.asarray(f(np.ldexp(QUERIES, k))), -k) for f, k in zip(fields, (0, power), strict=True))
@@ -54,6 +55,7 @@ def test_an_adaptive_field_and_its_proven_error_do_not_depend_on_the_unit(power)
     assert fields[0].to_mesh(8).count == fields[1].to_mesh(8).count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_tiny_triangle_does_not_loosen_what_is_known_of_others(compiled):
     tiny = [[0.1, 0.1, 0.0], [0.1, 0.1, 3e-170], [0.1, 0.1, 1e-171]]

@@ -3,6 +3,7 @@
 There is no tolerance and no list of exceptions: a bound that fails is an error of the theory or of the code.
 """
 
+import itertools
 import os
 from fractions import Fraction
 
@@ -11,8 +12,9 @@ import pytest
 
 import jhd
 from tests.processes import python
-from tests.surface_cases import BY_NAME, CASES, Polynomial, X, Y, Z
+from tests.surface_cases import BY_NAME, CASES, SLOW, Polynomial, X, Y, Z
 from tests.surface_cases import surface as surface_in
+from tests.sweeps import swept
 
 # The cones of the source have quick tests of their own, beside those of the search.
 QUICK = ["hyperboloid_cylinder"]
@@ -57,9 +59,9 @@ def test_bounds_of_quadrics_enclose_the_distance(name):
     check(surfaces(case), (case.ab, case.ba), jhd.BranchAndBound(atol=tolerance_of(case, FINE)), name)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("rtol", [COARSE, FINE])
-@pytest.mark.parametrize("name", [case.name for case in CASES])
+@pytest.mark.parametrize(
+    ("name", "rtol"), swept(itertools.product(BY_NAME, [COARSE, FINE]), slow=[(name, FINE) for name in SLOW[1::2]])
+)
 def test_bounds_enclose_the_distance(name, rtol):
     case = BY_NAME[name]
     check(surfaces(case), (case.ab, case.ba), jhd.BranchAndBound(atol=tolerance_of(case, rtol)), name)
@@ -83,9 +85,7 @@ def images(case, generator):
 MOVED = ["paper_cones", "sphere_ellipsoid", "plane_at_a_corner", "clebsch_cayley", "plane_in_a_prism", "saddle_plane"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("name", MOVED)
+@pytest.mark.parametrize(("name", "seed"), swept(itertools.product(MOVED, range(2)), slow=[("paper_cones", 0)]))
 def test_bounds_enclose_the_distance_after_mirrors_exchanged_axes_and_scalings(name, seed):
     case = BY_NAME[name]
     a, b, scale, _ = images(case, np.random.default_rng(seed))
@@ -94,8 +94,7 @@ def test_bounds_enclose_the_distance_after_mirrors_exchanged_axes_and_scalings(n
     check((a, b), scaled, jhd.BranchAndBound(atol=wanted * float(scale)), name)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["sphere_ellipsoid", "plane_at_a_corner"])
+@pytest.mark.parametrize("name", swept(["sphere_ellipsoid", "plane_at_a_corner"], slow=["sphere_ellipsoid"]))
 def test_bounds_enclose_the_distance_after_translations(name):
     """Dyadic translations of dyadic quadrics round nothing."""
     case = BY_NAME[name]
@@ -138,19 +137,20 @@ def check_turned(name, seed):
     check(pair, (case.ab, case.ba), jhd.BranchAndBound(atol=tolerance_of(case, FINE)), name)
 
 
+@pytest.mark.slow
 def test_bounds_enclose_the_distance_after_a_turn():
     check_turned("sphere_ellipsoid", 1)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2, 8))
-@pytest.mark.parametrize("name", CLOSED)
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    swept(itertools.product(CLOSED, range(2, 8)), slow=[("spheres_apart", 2)]),
+)
 def test_bounds_enclose_the_distance_after_turns(name, seed):
     check_turned(name, seed)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [case.name for case in CASES if "degenerate" not in case.tags])
+@pytest.mark.parametrize("name", swept([c.name for c in CASES if "degenerate" not in c.tags], slow=SLOW[1::3]))
 def test_a_witness_lies_on_its_surface_and_its_feet_on_the_other(name):
     case = BY_NAME[name]
     a, b = surfaces(case)

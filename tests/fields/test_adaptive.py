@@ -16,6 +16,7 @@ from jhd.fields.adaptive import AdaptiveDistanceField
 from jhd.fields.adaptive_build import may_meet
 from jhd.fields.boxes import CORNERS
 from jhd.shapes.mesh import TriangleMesh
+from tests.sweeps import swept
 
 # Roundings of distances of about one.
 ROUNDING = 1e-14
@@ -110,7 +111,7 @@ def test_a_cell_that_holds_a_point_of_the_surface_is_never_left_out():
     assert not np.any(may_meet(np.full((1, 8), 0.9), 1.0))
 
 
-@pytest.mark.parametrize("sign", ["winding", "pseudonormal"])
+@pytest.mark.parametrize("sign", swept(["pseudonormal", "winding"], 1, 1))
 def test_samples_of_a_curved_mesh_have_the_exact_signed_distance(sign):
     mesh = torus(12)
     field = AdaptiveDistanceField.build(mesh, 2e-2, sign=sign)
@@ -127,6 +128,7 @@ def test_signs_are_right_where_sheets_cross_lie_in_each_other_or_are_turned():
     np.testing.assert_allclose(values.ravel(), signed_distance(places, mesh), rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_few_winding_numbers_are_asked_for(monkeypatch):
     asked, reports = [], []
     ask = samples_module.is_inside
@@ -154,7 +156,8 @@ def test_details_far_from_the_origin_are_kept():
 
 
 @pytest.mark.parametrize(
-    "mesh", [[[0.3, 1, 2]] * 3, [[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]]]
+    "mesh",
+    swept([[[0.3, 1, 2]] * 3, [[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]]], 1, 2),
 )
 def test_meshes_without_volume_have_fields(mesh):
     mesh = TriangleMesh(mesh, [[0, 1, 2]])
@@ -280,6 +283,7 @@ def test_a_missing_scikit_image_is_named(field, monkeypatch):
         field.to_mesh(8)
 
 
+@pytest.mark.slow
 def test_an_open_mesh_has_a_field_but_no_proof():
     mesh = holed()
     field = AdaptiveDistanceField.build(mesh, 0.1, max_depth=3)
@@ -420,8 +424,7 @@ def test_building_under_tracing_is_refused():
         jax.jit(distance)(block().vertices)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", swept(range(4), 0, 1))
 def test_the_proven_error_is_true_on_rough_meshes(seed):
     mesh = torus(10)
     rough = np.random.default_rng(seed).normal(0, 0.03, mesh.vertices.shape)

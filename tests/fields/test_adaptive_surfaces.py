@@ -5,6 +5,7 @@ import pytest
 
 import jhd
 from jhd.fields.adaptive import AdaptiveDistanceField
+from tests.sweeps import swept
 
 
 def near_sphere(count):
@@ -16,8 +17,7 @@ def near_sphere(count):
     return points, height
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("text", ["x^2 + y^2 + z^2 - 1", "1 - x^2 - y^2 - z^2"])
+@pytest.mark.parametrize("text", swept(["x^2 + y^2 + z^2 - 1", "1 - x^2 - y^2 - z^2"], 0, 1))
 def test_a_polynomial_sphere_is_negative_inside_whatever_the_sign_of_the_polynomial(text):
     sphere = jhd.ImplicitSurface.parse(text, [-2, -2, -2], [2, 2, 2])
     field = AdaptiveDistanceField.build(sphere, 0.1)

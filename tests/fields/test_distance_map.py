@@ -16,6 +16,7 @@ from jhd.fields import distance_map
 from jhd.shapes import BiarcCurve, biarcs
 from tests import reference
 from tests.shapes.test_biarc import CASES, exact_distance, spline
+from tests.sweeps import swept
 
 module = importlib.import_module("jhd.fields.distance_map")
 
@@ -85,8 +86,7 @@ def test_the_nearest_arc_attains_the_distance_and_no_other_is_nearer():
     assert len(np.unique(found.nearest)) > 0.8 * arcs.count
 
 
-@pytest.mark.parametrize("tile", [1, 7, 32, 128])
-@pytest.mark.slow
+@pytest.mark.parametrize("tile", swept([1, 128, 7, 32], 0, 2))
 def test_tiles_leave_no_trace(tile):
     arcs = biarcs(spline(12), 1e-4)
     size = (40, 24) if tile == 1 else (100, 60)

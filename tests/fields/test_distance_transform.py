@@ -10,6 +10,7 @@ from scipy.ndimage import distance_transform_edt
 
 import jhd
 from jhd.fields.distance_transform import _room
+from tests.sweeps import swept
 
 
 def reference(features, spacing: Any = 1.0) -> np.ndarray:
@@ -41,20 +42,20 @@ def check_attained(features, spacing, transform):
     np.testing.assert_allclose(transform.distance, np.sqrt((steps**2).sum(-1)), rtol=1e-14)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", swept(range(6), 1, 1))
 def test_distances_are_those_of_scipy_and_every_index_attains_its_distance(seed):
     rng = np.random.default_rng(seed)
     check_against_scipy(*random_grid(rng, largest=16))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", swept(range(40), 0, 5))
 def test_distances_are_those_of_scipy_on_larger_grids(seed):
     check_against_scipy(*random_grid(np.random.default_rng(1000 + seed)))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("shape", [(1, 2000, 3), (700, 2, 40), (2500,), (1, 1, 1), (129, 65, 33)])
+@pytest.mark.parametrize(
+    "shape", swept([(x,) for x in ((1, 2000, 3), (2500,), (129, 65, 33), (700, 2, 40), (1, 1, 1))], 0, 3)
+)
 def test_long_grids_need_more_bits(shape):
     rng = np.random.default_rng(7)
     features = rng.random(shape) < 0.001

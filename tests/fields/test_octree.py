@@ -11,6 +11,7 @@ from jhd.arithmetic.trivariate import RANGES
 from jhd.fields import octree
 from jhd.fields.octree import VoxelProgress, voxelise
 from jhd.shapes.implicit import ImplicitSurface
+from tests.sweeps import swept
 
 LOWER, UPPER = [-2.0, -2.0, -2.0], [2.0, 2.0, 2.0]
 
@@ -95,9 +96,13 @@ def test_the_cells_of_a_sphere_are_kept_and_no_others_are_proven(case):
     check_sphere(case, "bernstein")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("ranges", [name for name in RANGES if name != "bernstein"])
-@pytest.mark.parametrize("case", SPHERES)
+# Each range in a few cases, and each case in one range; then all pairs.
+OTHER_RANGES = [name for name in RANGES if name != "bernstein"]
+PAIRED = [(case, OTHER_RANGES[k % len(OTHER_RANGES)]) for k, case in enumerate(SPHERES)]
+REST = [(case, name) for case in SPHERES for name in OTHER_RANGES if (case, name) not in PAIRED]
+
+
+@pytest.mark.parametrize(("case", "ranges"), swept(PAIRED + REST, 0, len(PAIRED)))
 def test_all_ranges_keep_the_cells_of_a_sphere(case, ranges):
     check_sphere(case, ranges)
 
@@ -218,8 +223,7 @@ def lattice_signs(surface, cells):
     return np.vectorize(lambda x: (x > 0) - (x < 0), otypes=[int])(a)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", swept(range(8), 0, 4))
 def test_cells_of_any_polynomial_agree_with_exact_signs(seed):
     rng = np.random.default_rng(seed)
     shape, cells = [(4, 3, 2), (2, 2, 2), (7, 1, 4), (5, 2, 3)][seed % 4], int(rng.integers(5, 14))

@@ -46,6 +46,7 @@ def test_a_mesh_between_two_others_ends_where_its_maxima_cancel():
     assert float(fit.history[0]) > float(fit.error.value) > 0.1
 
 
+@pytest.mark.slow
 def test_the_pairs_of_a_fit_are_both_directions():
     fit = jhd.minimise_hausdorff(scaled, np.array([1.2, 1.0, 0.9]), TETRAHEDRON, max_steps=2)
     assert fit.pairs.value.shape == fit.multipliers.shape == (2,)

@@ -52,6 +52,7 @@ def test_few_pieces_lie_within_a_tolerance_of_a_noisy_circle():
     assert len(pieces) == len(joints) - 1 < 12
 
 
+@pytest.mark.slow
 def test_one_narrow_feature_takes_fewer_pieces_that_are_laid_by_error_than_even_ones():
     x = np.linspace(0, 4, 801)
     target = jhd.polyline(np.stack([x, 0.3 * np.exp(-(((x - 1.3) / 0.03) ** 2))], axis=1))

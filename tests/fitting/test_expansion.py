@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.distance.witness.critical import local_pairs
 from jhd.fitting.expansion import Moving, expand
 from tests.distance.pairs import BY_NAME, curve
+from tests.sweeps import swept
 
 # Step along a line of homogeneous control points; third and fourth derivatives and rounding leave these errors.
 STEP, GRADIENT, HESSIAN = 1e-4, 1e-6, 1e-4
@@ -19,8 +21,7 @@ def rational(homogeneous, following):
     return jhd.BezierSegments(homogeneous[..., :-1] / weights[..., None], weights, following)
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("which", ["a", "b"])
+@pytest.mark.parametrize(("name", "which"), swept([(name, which) for which in "ab" for name in NAMES], 2, 8))
 def test_derivatives_of_all_pairs_agree_with_differences(name, which):
     case = BY_NAME[name]
     fixed, moving = curve(case.b, True), curve(case.a, True)
@@ -51,3 +52,17 @@ def test_derivatives_of_all_pairs_agree_with_differences(name, which):
     np.testing.assert_allclose(
         np.sum(found.cotangent * direction, axis=(1, 2, 3)), found.gradient[:, 0], rtol=0, atol=1e-12
     )
+
+
+def test_a_foot_stays_at_an_end_that_stands_still_up_to_rounding():
+    # The start of a is farthest, straight above the end of b, where the rounding of b' is across.
+    a = jhd.BezierSegments([[[1, 1], [1, 0.9], [0.95, 0.3], [1, 0.1]]], np.ones((1, 4)))
+    b = jhd.BezierSegments([[[0.8, -0.3], [0.9, -0.2], [np.nextafter(1, 0), 0], [1, 0]]], np.ones((1, 4)))
+    tangent = np.zeros((1, 4, 3, 1))
+    # Upwards, so that the foot is at the end still.
+    tangent[0, 3, :2, 0] = [0.3, 1.0]
+    pairs, _ = local_pairs(a, b, CAPACITY)
+    moving = [Moving(np.asarray(x.homogeneous), t, True) for x, t in ((a, None), (b, tangent))]
+    found = expand(pairs, moving[0], moving[1], 1e-3)
+    bend = found.hessian(np.eye(len(found.value))[0])[0, 0]
+    np.testing.assert_allclose([found.value[0], found.gradient[0, 0], bend], [1, -1, 0.09], rtol=1e-12)

@@ -11,6 +11,7 @@ from jhd.fitting import problem, solutions
 from jhd.fitting.clock import Clock, OutOfTimeError
 from jhd.fitting.host_bounds import host_bounds
 from jhd.solution import name_of
+from tests.sweeps import swept
 
 LINE = [[[0.0, 0], [1, 0]]]
 # Control points, weights of the first curve, and distances that are numbers of double precision.
@@ -24,18 +25,13 @@ EXACT = {
     "the same": (LINE, LINE, None, 0.0),
 }
 CLOSED, COPIES = 1e-6, 1e-3
-# A second each; the others are as large and as small in quick tests too.
-LONG = "parallel", "a parabola"
+# One of each kind first; then with weights at the ends of the range as well.
+FIRST = [("a parabola", 0), ("a hyperbola", 0), ("points", 300), ("in space", -300), ("the same", 0)]
+FIRST += [("parallel", 0), ("a hyperbola", 300), ("a hyperbola", -300), ("the same", 300)]
+OTHERS = [(name, exponent) for name in EXACT for exponent in (0, 300, -300) if (name, exponent) not in FIRST]
 
 
-@pytest.mark.parametrize(
-    ("name", "exponent"),
-    [
-        pytest.param(name, exponent, marks=pytest.mark.slow if exponent and name in LONG else ())
-        for name in EXACT
-        for exponent in (0, 300, -300)
-    ],
-)
+@pytest.mark.parametrize(("name", "exponent"), swept(FIRST + OTHERS, 5, 4))
 def test_exact_distances_lie_between_the_bounds(name, exponent):
     first, second, weights, exact = EXACT[name]
     size = 2.0**exponent
@@ -52,7 +48,7 @@ def test_what_is_too_large_or_too_small_to_be_squared_has_no_bounds():
         assert host_bounds(jhd.BezierSegments(size * np.array(LINE)), jhd.points([(0, 0)]), Clock()) == (0, math.inf)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", swept(range(4), 1))
 def test_distances_of_dense_samples_are_between_the_bounds(seed):
     random = np.random.default_rng(seed)
     curves = [random.normal(size=(3, 4, 2)), random.normal(size=(2, 5, 2))]
@@ -72,13 +68,14 @@ def test_distances_of_dense_samples_are_between_the_bounds(seed):
     assert upper - lower <= CLOSED * upper
 
 
+@pytest.mark.slow
 def test_a_fit_without_time_to_compile_has_wider_bounds_that_hold(monkeypatch):
     def refuse(_):
         raise OutOfTimeError
 
     # As if no program were at hand, and too late.
     monkeypatch.setattr(Clock, "compiling", refuse)
-    for module, name in ((problem, "critical_pairs"), (solutions, "hausdorff")):
+    for module, name in ((problem, "local_pairs"), (solutions, "hausdorff")):
         monkeypatch.setattr(module, name, lambda *_, **__: compiled._ask())
     quarter = jhd.BezierSegments([[[1, 0], [1, 1], [0, 1]]], [[1, 0.5**0.5, 1]])
     fit = jhd.fit_curve(quarter, degree=3)

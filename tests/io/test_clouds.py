@@ -22,7 +22,7 @@ def npy_header(shape):
 
 def test_rows_of_text_and_arrays_are_points(tmp_path):
     text, array = tmp_path / "a.xyz", tmp_path / "a.npy"
-    text.write_text("# x y z and a normal\n0.1 2 -3 0 0 1\n\n1e-3, 4, 5.5, 0, 1, 0  # last\n")
+    text.write_text("# x y z and a normal\n0.1 2 -3 0 0 1\n\n1e-3, 4 ,5.5, 0, 1, 0, # last\n")
     np.save(array, ROWS)
     for file in (text, array):
         cloud: Any = jhd.io.load_shape(str(file))
@@ -36,6 +36,10 @@ def test_rows_of_text_and_arrays_are_points(tmp_path):
         ("a.xyz", b"1 2 3\n1 two 3\n", "a.xyz:2.*two"),
         ("a.xyz", b"1 2 3\n" + b"x" * 10_000, r"a.xyz:2: needs numbers; found 'xxx+\.\.\."),
         ("a.xyz", b"1 2 3\n1 2\n", "a.xyz:2.*2 numbers; the lines before have 3"),
+        ("a.xyz", b"0,5 1,25 2,75\n", "a.xyz:1: needs numbers; found '0,5 1,25 2,75'"),
+        ("a.xyz", b"0,5, 1,25, 2,75\n", "a.xyz:1: needs numbers"),
+        ("a.xyz", b"1,2,3\n1,,3,4\n", "a.xyz:2: needs numbers; found '1,,3,4'"),
+        ("a.xyz", b"1, , 3, 4\n", "a.xyz:1: needs numbers"),
         ("a.xyz", b"# nothing\n", "at least 1"),
         ("a.xyz", b"1 2 3 # \xe9\n", "a.xyz: byte 8 is not UTF-8 text"),
         ("a.xyz", "1 2 3 # \u2028 4 5\nx".encode(), "a.xyz:2: needs numbers; found 'x'"),

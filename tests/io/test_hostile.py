@@ -71,6 +71,10 @@ REFUSED = {
     "f.ply": (CLOUD.format("", 2_000_000_000) + "end_header\n" + "\0" * 12, "ends after 1 of 2000000000 rows"),
     "g.ply": (CLOUD.format("", 1) + "element vertex 1\nproperty float x\nend_header\n", "g.ply: .*'vertex'"),
     "h.ply": (CLOUD.format("", 1) + "end_header\n" + "a" * 24, "12 bytes are left behind the last element"),
+    "j.ply": (
+        "ply\nformat ascii 1.0\n" + "".join(f"element e{k} 0\n" for k in range(50_000)) + "end_header\n",
+        "j.ply: has no element 'vertex'",
+    ),
     "a.stl": ("solid a\nfacet\n" + CORNERS.replace("v ", "vertex ") + "endfacet\n", "a.stl:6: ends without 'endsolid'"),
     "a.json": (
         json.dumps({"type": "BezierSegments", "control_points": [[[0, 0], [1, 1]]], "following": [10**20]}),
@@ -88,6 +92,15 @@ REFUSED = {
     "g.svg": (svg('<path transform="' + "scale(2)" * 2_000 + '" d="M0 0L1 1"/>'), "beyond the range of doubles"),
     "h.svg": (svg('<path d="M0 0A1e308 1e-20 0 0 1 1 1"/>'), "beyond the range of doubles"),
     "i.svg": (svg('<path transform="matrix(1e308 1e308 1e308 1e308 0 0)" d="M0 0L1 1e5"/>'), "beyond the range"),
+    "l.svg": (svg('<circle r="' + "1" * 60_000 + '!"/>'), "has r '111.*needs a number"),
+    "m.svg": (svg('<path d="M0 0A1e308 1e308 0 1 1 1e-20 0"/>'), "beyond the range of doubles"),
+    "n.svg": (
+        svg('<path d="M0 0&f;"/>', '<!DOCTYPE svg [<!ENTITY a "l1 1">' + "".join(
+            f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in zip("abcde", "bcdef", strict=True)
+        ) + "]>"),
+        "n.svg:1:.*<path> grows the file to more than 10 times its length, by entities",
+    ),
+    "o.svg": (svg("<path/>" * 20_000, '<!DOCTYPE svg [<!ATTLIST path d CDATA "M0 0' + "l1 1" * 100 + '">]>'), "grows"),
     "j.svg": (svg('<rect width="1e200%" height="1"/>'), "percentages need a viewBox"),
     "a.xyz": ("1_0 2 3\n", "a.xyz:1: needs numbers; found '1_0 2 3'"),
     "b.xyz": ("\u0663 2 3\n".encode().decode("latin-1"), "b.xyz:1: needs numbers"),
@@ -106,7 +119,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_made_to_be_misread_is_refused_in_one_line_at_once(name, tmp_path):
+def test_what_is_made_to_be_misread_is_refused_in_one_line_at_once(name, tmp_path, as_a_user):
     content, message = REFUSED[name]
     file = tmp_path / name
     file.write_bytes(content if isinstance(content, bytes) else content.encode("latin-1"))
@@ -225,6 +238,13 @@ def test_archives_that_are_none_are_refused(content, tmp_path):
     assert "\n" not in str(caught.value)
     with pytest.raises(jhd.io.ParseError, match=r"a\.npz: "):
         jhd.io.load_result(file)
+
+
+def test_an_archive_with_objects_of_python_says_so(tmp_path):
+    file = tmp_path / "a.npz"
+    file.write_bytes(archive(format=member("()", "|O", 8)))
+    with pytest.raises(ValueError, match="format.npy holds objects of Python, which are not read"):
+        read_arrays(file, ["format"])
 
 
 def test_an_archive_that_would_fill_the_memory_is_refused_before_it_is_read(tmp_path):

@@ -115,6 +115,49 @@ def test_curves_and_surfaces_are_cut_to_the_parameters_of_the_entity(tmp_path):
     np.testing.assert_allclose(cut(u, v), whole(u, v), atol=1e-14)
 
 
+def test_ends_that_were_rounded_beyond_the_knots_are_put_on_them(tmp_path):
+    (line,) = shapes(tmp_path, LINE.replace("3.,0.,1.,", "3.,-1E-10,1.0000000001,"))
+    assert line.control_points.tolist() == [[0, 0, 0], [1, 2, 3]] and line.domain == (0, 1)
+
+
+def in_unit(tmp_path, unit, *entities):
+    return written(tmp_path, sheet(*entities).replace(b"1.,2,2HMM", unit))
+
+
+@pytest.mark.parametrize(
+    ("unit", "millimetres"),
+    [(b"1.,1,2HIN", 25.4), (b",1,4HINCH", 25.4), (b",,       ", 25.4), (b"1.,3,2HCM", 10), (b"1D0,6,1HM", 1000)],
+)
+def test_coordinates_are_converted_to_the_unit_asked_for(tmp_path, unit, millimetres):
+    part = {"status": "00010000", "matrix": 7}
+    file = in_unit(tmp_path, unit, (LINE, part), (LINE, part | {"status": "0"}), ("102,1,1;", {"matrix": 7}), TURN)
+    plain, other, metres = (load_iges(file, unit) for unit in (None, "MM", "M"))
+    for ours, theirs, also in zip(plain, other, metres, strict=True):
+        points = np.asarray(ours.control_points)
+        np.testing.assert_array_equal(theirs.control_points, points * millimetres)
+        np.testing.assert_allclose(also.control_points, points * millimetres / 1000, rtol=1e-15)
+    assert len(plain) == 2 and np.abs(plain[1].control_points).max() == 10
+
+
+@pytest.mark.parametrize(
+    ("unit", "message"),
+    [
+        (b"2.,2,2HMM", r"a\.igs:2: the model space scale is '2\.'; needs 1"),
+        (b"1.,1,2HMM", r"a\.igs:2: the unit has the flag '1' and the name 'MM'; needs one of IN, MM"),
+        (b"1.,3,2HXX", "the flag '3' and the name 'XX'"),
+        (b"1.,12,1HM", "the flag '12'"),
+        (b"1.,x,2HMM", "the flag 'x'"),
+    ],
+)
+def test_units_that_are_not_understood_are_refused(tmp_path, unit, message):
+    file = in_unit(tmp_path, unit, LINE)
+    with pytest.raises(ParseError, match=message):
+        load_iges(file)
+    assert len(load_iges(file, None)) == 1
+    with pytest.raises(ValueError, match="unit is 'mm'; needs one of IN, MM, .*, or None"):
+        load_iges(file, "mm")
+
+
 def test_periodic_curves_whose_points_repeat_are_closed(tmp_path):
     ring = "126,4,1,0,1,1,1,-1.,0.,1.,2.,3.,4.,5.,1.,1.,1.,1.,1.,0.,0.,0.,4.,0.,0.,4.,3.,0.,0.,3.,0.,0.,0.,0.,0.,4.;"
     (closed,) = shapes(tmp_path, ring)
@@ -223,6 +266,7 @@ ENTITIES = {
     "weights": ([LINE.replace("1.,1.,1.,1.,", "1.,1.,1.,0.,").replace("0,0,1,0,", "0,0,0,0,")], "not positive: 0"),
     "polynomial": ([LINE.replace("1.,1.,1.,1.,", "1.,1.,1.,2.,")], "polynomial, and its weights differ"),
     "beyond": ([LINE.replace("3.,0.,1.,", "3.,0.,2.,")], "runs from 0 to 2; its knots have the domain 0 to 1"),
+    "a bit beyond": ([LINE.replace("3.,0.,1.,", "3.,0.,1.00000001,")], r"from 0 to 1\.00000001; .* domain 0 to 1"),
     "backwards": ([LINE.replace("3.,0.,1.,", "3.,1.,0.,")], "runs from 1 to 0"),
     "no end": ([LINE.replace(";", ",")], "a record has no end at ''; needs ';'"),
     "long string": (["126,70000Habc;"], "a record has no end at '70000Habc;'"),
@@ -245,6 +289,7 @@ ENTITIES = {
         "names D3, which is part of a composite curve already",
     ),
     "status": ([(LINE, {"status": "0000000x"})], r"the status of D1 is '0000000x'; needs 8 digits"),
+    "long number": ([LINE.replace("2.,3.", "1" * 60_000 + "x,3.")], r"'111+\.\.\.; needs a number"),
     "long text": ([LINE.replace("2.,3.", "x" * 5000 + ",3.")], r"'xxx+\.\.\.; needs a number"),
 }
 

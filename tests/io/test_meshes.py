@@ -114,18 +114,55 @@ def test_marks_and_comments_in_other_letters_leave_lines_what_they_are(tmp_path,
     assert load_mesh(written(tmp_path, "a.ply", content)).count == 1
 
 
+L_SHAPE = [[0, 0, 0], [4, 0, 0], [4, 1, 0], [1, 1, 0], [1, 4, 0], [0, 4, 0]]
+# A frame as one ring: the bridge between both rings is walked along twice. Its width is 1.
+FRAME = [*SQUARE, SQUARE[0]] + [[0.25, 0.25, 0], [0.25, 0.75, 0], [0.75, 0.75, 0], [0.75, 0.25, 0], [0.25, 0.25, 0]]
+# Straight corners, repeated ones, and one that goes back on its way.
+SPIKED = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 0, 0], [2, 2, 0], [2, 3, 0], [2, 2, 0], [0, 2, 0]]
+# Corners, the area, and the unit of both.
+POLYGONS = {"L": (L_SHAPE, 7, 1), "frame": (FRAME, 0.75, 1), "spiked": (SPIKED, 4, 1), "tiny": (L_SHAPE, 7, 2.0**-700)}
+
+
+def as_text(kind, corners):
+    rows, numbers = [" ".join(map(repr, map(float, row))) for row in corners], range(len(corners))
+    if kind == "obj":
+        return "\n".join([*(f"v {row}" for row in rows), "f " + " ".join(str(i + 1) for i in numbers)])
+    face = f"{len(corners)} " + " ".join(map(str, numbers))
+    start = f"OFF\n{len(corners)} 1 0" if kind == "off" else HEADER.format("ascii") + FACES.rstrip()
+    start = start.replace("vertex 4", f"vertex {len(corners)}").replace("float", "double")
+    return "\n".join([start, *rows, face])
+
+
+@pytest.mark.parametrize("kind", ["obj", "off", "ply"])
+@pytest.mark.parametrize("name", POLYGONS)
+def test_polygons_are_read_as_what_they_bound(tmp_path, name, kind):
+    corners, area, unit = POLYGONS[name]
+    turn = np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])
+    for first in range(len(corners)):
+        rows = unit * np.roll(np.asarray(corners, float), first, axis=0) @ turn
+        mesh = load_mesh(written(tmp_path, f"a.{kind}", as_text(kind, rows)))
+        assert mesh.count == len(rows) - 2
+        # Nothing lies over another part: the areas add up; and nothing is left out or beyond: so do the signed ones.
+        a, b, c = (np.asarray(mesh.corners)[:, k] / unit for k in range(3))
+        doubled = np.cross(b - a, c - a) @ turn[2]
+        assert np.abs(doubled).sum() == doubled.sum() == 2 * area
+
+
 def stl(count, *rows):
     body = b"".join(struct.pack("<12fH", 0, 0, 1, *np.ravel(row), 0) for row in rows)
     return b"solid by a program that says so".ljust(80) + struct.pack("<I", count) + body
 
 
-def test_a_binary_stl_that_begins_as_a_text_is_told_by_its_length(tmp_path):
-    assert load_mesh(written(tmp_path, "a.stl", stl(1, SQUARE[:3]))).count == 1
+def test_a_binary_stl_that_begins_as_a_text_is_read_with_and_without_a_tail(tmp_path):
+    for tail in (b"", b"\0", b"\r\n", b"a tail of many bytes"):
+        assert load_mesh(written(tmp_path, "a.stl", stl(1, SQUARE[:3]) + tail)).count == 1
 
 
 FACET = (
     "solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 {} 0\nendloop\nendfacet\nendsolid\n"
 )
+STAR = [[np.cos(0.8 * np.pi * k), np.sin(0.8 * np.pi * k), 0] for k in range(5)]
+COMB = [[k, k % 2, 0] for k in range(1000)] + [[1000, -1, 0], [0, -1, 0]]
 NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
 
 
@@ -144,6 +181,10 @@ NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
         ("a.obj", "v 0 0 0\n\nf 1 1", r"a\.obj:3: a face has 2 corners; needs at least 3"),
         ("a.obj", "v 0 0 0\nf 1 1.5 1", r"a\.obj:2: needs a whole number; found '1\.5'"),
         ("a.obj", "v 0 0 0\nf 1 1 1\nsurf 0 1 0 1 1\n", r"a\.obj:3: holds 'surf', which is not read; needs faces, 'f'"),
+        ("a.obj", as_text("obj", np.roll(SQUARE, 1, 0)[[0, 2, 1, 3]]), r"a\.obj:5: a face of 4 corners crosses itself"),
+        ("a.off", as_text("off", STAR), r"a\.off:8: a face of 5 corners crosses itself: cut it into triangles"),
+        ("a.ply", as_text("ply", STAR), r"a\.ply:16: a face of 5 corners crosses itself"),
+        ("a.obj", as_text("obj", COMB), r"a\.obj:1003: a face of 1002 corners is not convex and has more than 1000"),
         ("a.off", "", r"a\.off:1: needs OFF and text in its first line; found ''"),
         ("a.off", "OFF BINARY\n", "needs OFF and text"),
         ("a.off", "OFF\nx 1 0", r"a\.off:2: needs a whole number; found 'x'"),
@@ -154,6 +195,7 @@ NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
         ("a.off", "OFF\n1 1 0\n0 0 0\n3 0 0 -1\n", r"a\.off:4: a face names vertex -1"),
         ("a.stl", b"", r"a\.stl: byte 0: ends within the header of 84 bytes"),
         ("a.stl", b"x" + stl(2, SQUARE[:3])[1:], r"a\.stl: byte 134: ends after 1 of 2 triangles"),
+        ("a.stl", stl(2, SQUARE[:3]), r"a\.stl: byte 134: ends after 1 of 2 triangles"),
         ("a.stl", stl(2, SQUARE[:3], NAN), r"a\.stl: byte 134: the vertex \(0, nan, 0\) is not finite"),
         ("a.stl", FACET.format("x"), r"a\.stl:6: needs a number; found 'x'"),
         ("a.stl", FACET.format("inf"), r"a\.stl:6: the vertex \(0, inf, 0\) is not finite"),
@@ -165,6 +207,7 @@ NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
         ("a.ply", "ply\nformat utf 1.0\nend_header\n", r"a\.ply:2: needs a format of ascii"),
         ("a.ply", "ply\nend_header\n", "has no line 'format'"),
         ("a.ply", HEADER.format("ascii") + "end_header\n" + "0 0 0\n" * 4, "holds no faces"),
+        ("a.ply", HEADER.format("ascii").replace("float y", "float x") + "end_header\n", "two properties of one name"),
         ("a.ply", HEADER.format("ascii").replace("float z", "half z") + FACES, r"a\.ply:7: cannot read the property"),
         ("a.ply", HEADER.format("ascii").replace("float z", "float w") + FACES, "vertices have no property 'z'"),
         ("a.ply", HEADER.format("ascii") + FACES.replace("vertex_index", "strips"), "no list of whole numbers"),
@@ -183,6 +226,11 @@ NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
             "a.ply",
             (HEADER.format("binary_little_endian") + FACES).encode() + bytes(48) + b"\x03" + bytes(8),
             "ends after 0 of 1 rows of 'face'",
+        ),
+        (
+            "a.ply",
+            (HEADER.format("binary_little_endian") + FACES).encode() + bytes(48) + b"\x03" + bytes(12) + b"xy",
+            "2 bytes are left behind the last element",
         ),
     ],
 )  # fmt: skip

@@ -9,6 +9,7 @@ import pytest
 
 import jhd
 import jhd.io
+from tests.sweeps import swept
 
 CURVE = jhd.io.path("M0 0C1 2 3 4 5 0A2 1 0 0 1 7 0L3 3Z")
 MESH = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -97,7 +98,7 @@ def test_a_few_mutations_of_every_kind_of_file_are_read_or_refused(name, tmp_pat
     check_mutations(tmp_path / name, range(30))
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("count", swept([100, 400], 0, 1))
 @pytest.mark.parametrize("name", SAVED)
-def test_mutations_of_every_kind_of_file_are_read_or_refused(name, tmp_path):
-    check_mutations(tmp_path / name, range(1_000, 1_400))
+def test_mutations_of_every_kind_of_file_are_read_or_refused(name, count, tmp_path):
+    check_mutations(tmp_path / name, range(1_000, 1_000 + count))

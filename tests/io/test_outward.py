@@ -89,7 +89,12 @@ def test_areas_are_those_inside_of_an_odd_number_of_contours():
     ("curve", "options", "error", "message"),
     [
         (jhd.circle([0, 0], 1), {}, ValueError, "the curve has degree 2; give atol for a polyline"),
-        (jhd.polyline([[0, 0], [1, 0], [1, 1]]), {"filled": True}, ValueError, "needs closed contours in the plane"),
+        (
+            jhd.polyline([[0, 0], [1, 0], [1, 1], [0, 1]]),
+            {"filled": True},
+            ValueError,
+            "needs closed contours in the plane",
+        ),
         (jhd.polyline([[0, 0], [1, 1], [1, 0], [0, 1]], closed=True), {"filled": True}, ValueError, "cross"),
         (
             jhd.BezierSegments.join([jhd.polyline([[x, x], [x + 2, x], [x, x + 2]], closed=True) for x in (0, 0.5)]),

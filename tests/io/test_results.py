@@ -163,7 +163,7 @@ def test_every_result_of_the_entries_is_kept(suffix, tmp_path):
     assert load_result(tmp_path / f"a{suffix}")["solution"].keys() == {
         "value", "lower", "upper", "witness", "result", "stats", "directed"
     }  # fmt: skip
-    nothing = DistanceSamples(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros((0, 2)))
+    nothing = DistanceSamples(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2, 2)))
     bounds = Bounds(1.0, 2.0), Bounds(3.0, 4.0), Bounds(5.0, 6.0)
     found = Deviation(None, None, both, *bounds, nothing, RESULTS.successful, {"parts": 3})
     save_result(tmp_path / f"b{suffix}", found)

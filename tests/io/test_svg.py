@@ -83,6 +83,18 @@ def test_nested_transforms_compose_from_outside_in(tmp_path):
     np.testing.assert_allclose(curve.control_points[1], image(second, (1, 2), (7, 8)), rtol=PLACEMENT)
 
 
+def test_the_style_of_the_root_may_give_the_size_of_the_paper_and_no_place(tmp_path):
+    body = '<path d="M0 0L1 0"/>'
+    sized = 'width="7" height="3" style="width:100%;height:auto"'
+    assert read(tmp_path, body, sized).count == 1
+    with pytest.raises(ParseError, match="percentages need a viewBox"):
+        read(tmp_path, body + '<line x2="1%"/>', sized)
+    with pytest.raises(ParseError, match="<svg> has scale in its style"):
+        read(tmp_path, body, 'style="scale:2"')
+    with pytest.raises(ParseError, match="draws no path"):
+        read(tmp_path, body, 'style="display:none"')
+
+
 def test_turns_by_right_angles_are_exact(tmp_path):
     curve = read(tmp_path, '<path transform="rotate(90) rotate(180) rotate(-450)" d="M1 2L3 4"/>')
     np.testing.assert_array_equal(curve.control_points, [[[-1, -2], [-3, -4]]])
@@ -110,7 +122,17 @@ def test_definitions_symbols_and_hidden_elements_are_not_drawn(tmp_path):
       <defs><path d="M9 9L8 8"/></defs><symbol id="s"><path d="M7 7L6 6"/></symbol>
       <clipPath id="c"><path d="M5 5L4 4"/></clipPath><g display="none"><path d="M3 3L2 2"/></g>
       <g style="fill:red; display : none"><path d="M3 3L2 2"/></g><text>a</text><path d="none"/><path/>
-      <g style="display:inline"><path d="M0 0L1 0"/></g>"""
+      <path visibility="hidden" d="M1 1L2 2"/>
+      <path style="/*;*/ Visibility: COLLAPSE" visibility="visible" d="M1 1L2 2"/>
+      <g visibility="hidden"><path d="M1 1L2 2"/><use href="#v"/>
+        <path style="visibility:visible!important" d="M1 0L2 0"/></g>
+      <style>.a:hover, path { fill: red; stroke-width: 2px; visibility: visible } /* r: 1 */</style>
+      <g style="display:inline"><path d="M0 0L1 0" id="v"/></g>"""
+    assert starts(read(tmp_path, body)).tolist() == [[1, 0], [0, 0]]
+
+
+def test_drawings_of_visible_groups_keep_their_numbers(tmp_path):
+    body = '<g style="display:inline"><path d="M0 0L1 0"/></g>'
     np.testing.assert_array_equal(read(tmp_path, body).control_points, [[[0, 0], [1, 0]]])
 
 
@@ -147,6 +169,10 @@ def test_lengths_have_units_and_percentages_of_the_nearest_viewport(tmp_path):
     sized = read(tmp_path, '<circle cx="50%" cy="50%" r="10%"/>', 'width="30" height="40"')
     radius = 0.1 * math.sqrt((30**2 + 40**2) / 2)
     np.testing.assert_allclose(starts(sized)[0], [15 + radius, 20], rtol=1e-15)
+    # 50 times a hundredth of 7 is 3.5000000000000004.
+    assert read(tmp_path, '<line x2="50%"/>', 'width="7" height="1"').control_points[0, 1, 0] == 3.5
+    huge = read(tmp_path, '<circle r="1%"/>', 'width="1e200" height="1e200"')
+    np.testing.assert_allclose(starts(huge)[0], [1e198, 0], rtol=1e-15)
 
 
 SHAPES = {
@@ -293,6 +319,25 @@ def test_what_path_data_cannot_hold_is_refused(curves, error, message):
 
 
 ERRORS = {
+    "transform in a style": (
+        '<g style="transform:translate(1px)"/>',
+        "<g> has transform in its style, which is not read",
+    ),
+    "rotate in a style": ('<path style="rotate: 9deg"/>', "<path> has rotate in its style"),
+    "no transform in a style": (
+        '<path transform="scale(2)" style="transform:none"/>',
+        "<path> has transform in its style",
+    ),
+    "origin": ('<g transform="scale(2)" transform-origin="4 0"/>', "<g> has transform-origin, which is not read"),
+    "size in a style": ('<circle r="2" style="fill:red;R:5px"/>', "<circle> has r in its style"),
+    "path in a style": ("<path style=\"d:path('M0 0L1 1')\"/>", "<path> has d in its style"),
+    "sheet that hides": (
+        "<style>.a{fill:red}.b{display:none}</style>",
+        "<style> sets 'display: *none', and style sheets",
+    ),
+    "sheet that moves": ("<style>.a { fill:red; Transform : scale(2) }</style>", "<style> sets 'transform :'"),
+    "long length": ('<line x1="1e999"/>', "<line> has x1 '1e999', which is beyond the range of doubles"),
+    "far side": ('<rect x="1e308" width="1.7e308" height="1"/>', "<rect> draws points beyond the range"),
     "path": ('<path d="M0 0\nL1 x"/>', "<path> path data: needs a number; found 'x'. .column 9 of d."),
     "unknown transform": ('<g transform="turn(3)"/>', r"<g> has transform 'turn\(3\)'; known are matrix of 6"),
     "transform values": ('<g transform="matrix(1 2 3)"/>', r"<g> has transform 'matrix\(1 2 3\)'; known are"),

@@ -12,6 +12,7 @@ from jhd.distance.frame import curves as preparation
 from jhd.distance.frame.curves import trusted
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Piece
+from jhd.distance.nearest import chords
 from jhd.distance.nearest import curves as nearest
 from jhd.shapes.curve import BezierSegments
 
@@ -70,6 +71,13 @@ def first_bound(a, b, x, wa, wb):
     return branches.first_upper_bound(_segment(a, wa), _segment(b, wb), cell)
 
 
+def run_bound(a, b, x, wa, wb):
+    """The upper bound of the same cell by the chord of b, of a run as straight as b is."""
+    first, runs = jnp.array(0), chords.chords_between(b[:1], b[-1:], b[None])
+    cell = branches.CurveCell(first, x[0], x[1], first, x[2], first, x[3])
+    return branches._run_bound(branches._restricted(Piece(a, wa), x[0], x[1]), runs, cell)
+
+
 def cell_lower_bound(a, b, x, wa, wb):
     """The lower bound of the distance from a control point of a to the part [x[0], x[1]] of b."""
     offsets = a[0] - b
@@ -93,6 +101,7 @@ def length(a, b, x, wa, wb):
 BOUNDS = {
     "split": (on_all(split_bound), (branches,), 1),
     "first": (on_all(first_bound), (branches,), 1),
+    "run": (on_all(run_bound), (branches, chords), 1),
     "lower": (on_all(cell_lower_bound), (nearest,), -1),
 }
 

@@ -127,9 +127,11 @@ def _equation(equation: Any, arithmetic: AbstractArithmetic, operands: list[Any]
         inner = parameters[_CALLS[name]]
         return run(inner if hasattr(inner, "consts") else core.ClosedJaxpr(inner, ()), arithmetic, operands)
     if name in _LOOPS:
-        return _LOOPS[name](arithmetic, operands, parameters)
+        return _LOOPS[name](arithmetic, operands, equation)
     if name in _SAME:
         return operands
+    if name == "unstack":
+        return _unstacked(operands, parameters)
     if name == "sort" and not any(_is_float(x) for x in equation.invars):
         return [np.asarray(x) for x in equation.primitive.bind(*operands, **parameters)]
     if name in _MOVES:
@@ -269,6 +271,11 @@ def _stacked(operands: list[Any], parameters: dict[str, Any], equation: Any) -> 
     return each_part(lambda *x: np.stack(x, parameters["axis"]), *operands)
 
 
+def _unstacked(operands: list[Any], parameters: dict[str, Any]) -> list[Any]:
+    moved = each_part(lambda x: np.moveaxis(x, parameters["axis"], 0), operands[0])
+    return [_row(moved, k) for k in range(len(_parts(moved)[0]))]
+
+
 _MOVES: dict[str, Callable] = {
     "broadcast_in_dim": _broadcast,
     "reshape": lambda x, p, e: each_part(lambda x: x.reshape(e.outvars[0].aval.shape), x[0]),
@@ -292,24 +299,31 @@ def _row(x: Any, k: int) -> Any:
     return each_part(lambda part: part[k], x)
 
 
-def _scan(arithmetic: AbstractArithmetic, operands: list[Any], parameters: dict[str, Any]) -> list[Any]:
-    constants, carried, length = parameters["num_consts"], parameters["num_carry"], parameters["length"]
-    fixed, state, rows = (
+def _scan(arithmetic: AbstractArithmetic, operands: list[Any], equation: Any) -> list[Any]:
+    parameters = equation.params
+    inner, length, reverse = parameters["jaxpr"], parameters["length"], parameters["reverse"]
+    # Versions of JAX name the counts differently. What a step takes or makes a row of has one axis more outside.
+    within = getattr(inner, "jaxpr", inner)
+    rows = sum(x.aval.ndim > y.aval.ndim for x, y in zip(equation.invars, within.invars, strict=True))
+    carried = sum(x.aval.ndim == y.aval.ndim for x, y in zip(equation.outvars, within.outvars, strict=True))
+    constants = len(operands) - carried - rows
+    fixed, state, columns = (
         operands[:constants],
         operands[constants : constants + carried],
         operands[constants + carried :],
     )
     outputs: list[list[Any]] = []
-    for k in reversed(range(length)) if parameters["reverse"] else range(length):
-        found = run(parameters["jaxpr"], arithmetic, [*fixed, *state, *(_row(x, k) for x in rows)])
+    for k in reversed(range(length)) if reverse else range(length):
+        found = run(inner, arithmetic, [*fixed, *state, *(_row(x, k) for x in columns)])
         state, out = found[:carried], found[carried:]
         outputs.append(out)
-    if parameters["reverse"]:
+    if reverse:
         outputs.reverse()
     return [*state, *(each_part(lambda *x: np.stack(x), *column) for column in zip(*outputs, strict=True))]
 
 
-def _while(arithmetic: AbstractArithmetic, operands: list[Any], parameters: dict[str, Any]) -> list[Any]:
+def _while(arithmetic: AbstractArithmetic, operands: list[Any], equation: Any) -> list[Any]:
+    parameters = equation.params
     first, second = parameters["cond_nconsts"], parameters["body_nconsts"]
     asked, fixed, state = operands[:first], operands[first : first + second], operands[first + second :]
     while run(parameters["cond_jaxpr"], arithmetic, [*asked, *state])[0]:
@@ -317,8 +331,8 @@ def _while(arithmetic: AbstractArithmetic, operands: list[Any], parameters: dict
     return state
 
 
-def _cond(arithmetic: AbstractArithmetic, operands: list[Any], parameters: dict[str, Any]) -> list[Any]:
-    return run(parameters["branches"][int(operands[0])], arithmetic, operands[1:])
+def _cond(arithmetic: AbstractArithmetic, operands: list[Any], equation: Any) -> list[Any]:
+    return run(equation.params["branches"][int(operands[0])], arithmetic, operands[1:])
 
 
 _LOOPS: dict[str, Callable] = {"scan": _scan, "while": _while, "cond": _cond}

@@ -16,7 +16,7 @@ from jhd.distance.frame import isolated, net_jets
 from jhd.distance.frame import surfaces as preparation
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.surfaces import Side
-from jhd.distance.nearest import blocks, forms, places, stationarity
+from jhd.distance.nearest import chords, forms, places, stationarity
 from jhd.distance.nearest.forms import Boxes, Form
 from jhd.distance.nearest.target import Flats
 
@@ -251,9 +251,9 @@ def control_points(height, centre, half):
 def on_chord(start, end, point):
     def one(s, e, p):
         chord = e - s
-        return jnp.sqrt(blocks._square_and_place(p, s, chord, 1 / jnp.sum(chord * chord))[0])
+        return jnp.sqrt(chords.square_and_parameter(p, s, chord, 1 / jnp.sum(chord * chord))[0])
 
-    return jax.vmap(one)(start, end, point), jnp.asarray(blocks._error(start.shape[1], start.dtype), start.dtype)
+    return jax.vmap(one)(start, end, point), jnp.asarray(chords.chord_error(start.shape[1], start.dtype), start.dtype)
 
 
 # Errors that are told: a function that gives numbers and a bound of the error of each, and its numbers.

@@ -5,13 +5,17 @@ import pytest
 
 from tests.rounding.curve_kernels import BOUNDS, Pairs
 from tests.rounding.margins import margin
+from tests.sweeps import swept
 
 QUICK = [((1, 1), 2, True)]
-SLOW = [
-    ((p, q), dim, rational)
+# Four degrees, both dimensions and both kinds are among the first four.
+SLOW = [((1, 6), 3, True), ((6, 6), 2, False), ((4, 4), 3, False), ((2, 3), 2, True)]
+SLOW += [
+    case
     for p, q in ((1, 1), (2, 3), (1, 6), (4, 4), (6, 6))
     for dim in (2, 3)
     for rational in (False, True)
+    if (case := ((p, q), dim, rational)) not in SLOW
 ]
 
 
@@ -29,8 +33,7 @@ def test_bounds_have_room_for_the_derived_error(name, degrees, dim, rational):
     assert least_share(name, Pairs(degrees, dim, rational)) >= 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("degrees, dim, rational", SLOW)
+@pytest.mark.parametrize("degrees, dim, rational", swept(SLOW, 0, 4))
 @pytest.mark.parametrize("name", BOUNDS)
 def test_bounds_of_higher_degrees_have_room_for_the_derived_error(name, degrees, dim, rational):
     assert least_share(name, Pairs(degrees, dim, rational)) >= 1

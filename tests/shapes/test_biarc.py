@@ -13,6 +13,7 @@ import pytest
 from jhd import BezierCurve, BezierSegments, BSplineCurve, NotProvenError, circle, hausdorff, points, polyline
 from jhd.shapes import biarcs, deviation, least_tolerance
 from tests import reference
+from tests.sweeps import swept
 
 # Directions of arcs that meet smoothly: the root find of the joint and the rounding of short chords.
 SMOOTH = 1e-10
@@ -125,7 +126,7 @@ def check_pieces(curve, arcs, most, samples):
                 assert exact_distance(x, start[k], end[k], bulge[k]) <= Decimal(float(deviation[k])), (k, t)
 
 
-@pytest.mark.parametrize("share", [0.3, 1e-4])
+@pytest.mark.parametrize("share", swept([1e-4, 0.3], 1, 1))
 @pytest.mark.parametrize("name", CASES)
 def test_points_of_a_piece_are_within_the_deviation_of_its_arc(name, share):
     arcs, atol = arcs_of(CASES[name], share)
@@ -133,8 +134,7 @@ def test_points_of_a_piece_are_within_the_deviation_of_its_arc(name, share):
     check_pieces(CASES[name], arcs, 6, 5)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", swept(range(30), 0, 6))
 def test_deviations_hold_on_random_curves(seed):
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(2, rng.integers(3, 8), 2)) * 10.0 ** rng.integers(-3, 3, size=2)
@@ -151,8 +151,9 @@ def deviation_of(curve, start, end, bulge):
     return deviation.deviation(host, deviation.pieces_of(host, arcs), bulge)
 
 
-@pytest.mark.parametrize("rational", [False, True])
-@pytest.mark.parametrize("fitted", [False, True])
+@pytest.mark.parametrize(
+    ("fitted", "rational"), swept([(True, True), (False, False), (True, False), (False, True)], 1, 1)
+)
 def test_the_bound_holds_for_any_arc_and_any_piece(rational, fitted):
     """Ends that miss, bulges that do not fit, pieces that turn back: both directions, by samples less their spacing."""
     rng, count = np.random.default_rng(11), 300
@@ -195,8 +196,7 @@ def test_in_single_precision_the_deviation_counts_its_rounding():
         check_pieces(single, arcs, 30, 5)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["cubic", "rational", "cusp elsewhere", "closed", "to and fro", "mixed"])
+@pytest.mark.parametrize("name", swept(["rational", "to and fro", "cubic", "cusp elsewhere", "closed", "mixed"], 0, 1))
 def test_the_hausdorff_distance_of_curve_and_arcs_is_at_most_the_deviation(name):
     curve = CASES[name]
     arcs, _ = arcs_of(curve, 1e-2)
@@ -205,7 +205,7 @@ def test_the_hausdorff_distance_of_curve_and_arcs_is_at_most_the_deviation(name)
     assert float(found.lower) <= float(arcs.deviation.max()) + ROUNDING
 
 
-@pytest.mark.parametrize("name", ["cubic", "quintics", "rational", "inflection"])
+@pytest.mark.parametrize("name", swept(["cubic", "rational", "quintics", "inflection"], 1, 1))
 def test_each_arc_and_its_piece_are_within_the_deviation_in_both_directions_and_not_much_nearer(name):
     curve = CASES[name]
     arcs, _ = arcs_of(curve, 1e-3)

@@ -6,6 +6,7 @@ import pytest
 from scipy.interpolate import BSpline, make_interp_spline, splprep
 
 from jhd import BSplineCurve
+from tests.sweeps import swept
 
 # A few roundings of numbers of size one, along chains of up to seven convex combinations.
 ROUNDING = 1e-14
@@ -41,7 +42,7 @@ def domain_samples(curve, count=23):
     return np.linspace(lower, upper, count)[:-1]
 
 
-@pytest.mark.parametrize("degree", [1, 3, 6, *(pytest.param(d, marks=pytest.mark.slow) for d in (2, 4, 5, 7))])
+@pytest.mark.parametrize("degree", swept([3, 6, 1, 7, 2, 4, 5], 2, 2))
 def test_values_derivatives_and_segments_agree_with_scipy(degree):
     knots, points = random_spline(degree)
     reference, curve = BSpline(knots, points, degree), BSplineCurve(points, knots)
@@ -92,7 +93,7 @@ def test_uniform_open_splines_have_integer_knots():
     np.testing.assert_allclose(curve(np.linspace(3, 7, 9)), reference(np.linspace(3, 7, 9)), atol=ROUNDING)
 
 
-@pytest.mark.parametrize("degree", [1, 4])
+@pytest.mark.parametrize("degree", swept([4, 1], 1, 1))
 def test_uniform_closed_splines_agree_with_scipy_on_wrapped_points(degree):
     curve = BSplineCurve.uniform(POINTS, degree, closed=True)
     assert (curve.control_points.shape, curve.knots.shape) == ((7, 2), (8 + degree,))
@@ -108,7 +109,7 @@ def test_uniform_closed_splines_agree_with_scipy_on_wrapped_points(degree):
     np.testing.assert_allclose(segments.control_points[:, -1], starts, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("weights", [None, WEIGHTS])
+@pytest.mark.parametrize("weights", swept([WEIGHTS, None], 1, 1))
 def test_closed_splines_with_repeated_knots_agree_with_scipy(weights):
     curve = BSplineCurve(POINTS, CLOSED, weights, periodic=True)
     ones = np.ones(7) if weights is None else weights
@@ -134,7 +135,7 @@ def test_the_circle_of_nine_points_is_round():
     np.testing.assert_allclose(segments.control_points[1], np.tile([0, 1], (3, 1)), atol=ROUNDING)
 
 
-@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("periodic", swept([True, False], 1, 1))
 def test_derivatives_of_rational_splines_agree_with_differences(periodic):
     curve = BSplineCurve(POINTS, CLOSED if periodic else DOUBLE, WEIGHTS, periodic)
     derivative = curve.derivative()
@@ -186,7 +187,8 @@ CURVES = pytest.mark.parametrize(
     "curve",
     [
         BSplineCurve(POINTS, DOUBLE),
-        BSplineCurve(POINTS, DOUBLE, WEIGHTS),
+        # The closed one has weights as well.
+        pytest.param(BSplineCurve(POINTS, DOUBLE, WEIGHTS), marks=pytest.mark.slow),
         BSplineCurve(POINTS, CLOSED, WEIGHTS, periodic=True),
     ],
     ids=["open", "rational", "closed"],
@@ -434,10 +436,7 @@ def test_curves_are_mapped_over():
     assert segments.following.tolist() == [[1, 2, 3, 4, 5, 6, 0]] * 2
 
 
-@pytest.mark.parametrize(
-    ("knots", "periodic"), [(DOUBLE, False), (CLOSED, True)], ids=["double knots", "triple knot and seam"]
-)
-@pytest.mark.slow
+@pytest.mark.parametrize(("knots", "periodic"), swept([(CLOSED, True), (DOUBLE, False)], 0, 1))
 def test_gradients_in_points_knots_and_weights_are_finite_at_repeated_knots(knots, periodic):
     def total(points, knots, weights):
         curve = BSplineCurve(points, knots, weights, periodic)
@@ -470,8 +469,10 @@ def test_a_traced_domain_of_length_zero_gives_numbers():
     assert bool(jnp.all(jnp.isfinite(closed)))
 
 
-@pytest.mark.parametrize("weights", [None, WEIGHTS])
-@pytest.mark.parametrize(("knots", "periodic"), [(DOUBLE, False), (CLOSED, True)])
+@pytest.mark.parametrize(
+    ("knots", "periodic", "weights"),
+    swept([(DOUBLE, False, None), (CLOSED, True, WEIGHTS), (DOUBLE, False, WEIGHTS), (CLOSED, True, None)], 2),
+)
 def test_segments_of_known_numbers_compile_nothing_and_are_those_of_a_program(knots, periodic, weights):
     curve = BSplineCurve(POINTS, knots, weights, periodic)
     compiled = []

@@ -9,6 +9,7 @@ from jhd.shapes.implicit_mesh import NotRegularError
 from jhd.shapes.marching import march, nodes_of
 from jhd.shapes.mesh import edges_of
 from tests.reference import distances_to_triangles
+from tests.sweeps import swept
 
 # Of coordinates of order one.
 ROUNDING = 1e-13
@@ -24,7 +25,7 @@ def barycentric_samples(mesh):
     return np.einsum("kc,tcd->tkd", grid, np.asarray(mesh.corners)).reshape(-1, 3)
 
 
-@pytest.mark.parametrize(("power", "atol"), [(0, 0.05), (0, 0.01), (500, 0.05), (-500, 0.05)])
+@pytest.mark.parametrize(("power", "atol"), swept([(-500, 0.05), (0, 0.01), (500, 0.05), (0, 0.05)], 1, 1))
 def test_a_sphere_gives_a_closed_mesh_within_the_deviation_at_every_scale(power, atol):
     # So divided that all coefficients are floats: x^2 / r + y^2 / r + z^2 / r - r.
     coefficients = np.zeros((3, 3, 3))
@@ -64,12 +65,16 @@ def test_a_torus_of_degree_four_is_within_the_deviation_of_every_point_of_the_me
 
 @pytest.mark.parametrize(
     ("text", "lower", "upper"),
-    [
-        ("x*y - z", [-1, -1, -1], [1, 1, 1]),  # through four corners of the box
-        ("x^2 + y^2 + z^2 - 1", [0, 0, 0], [2, 2, 2]),  # an octant, with its border in three faces
-        pytest.param("x - y", [-1, -1, -1], [1, 1, 1], marks=pytest.mark.slow),  # through two edges of the box
-        pytest.param("x^3 + y - z/2 - 1/8", [-1, -0.5, 0.25], [1, 1, 2], marks=pytest.mark.slow),
-    ],
+    swept(
+        [
+            ("x*y - z", [-1, -1, -1], [1, 1, 1]),  # through four corners of the box
+            ("x^2 + y^2 + z^2 - 1", [0, 0, 0], [2, 2, 2]),  # an octant, with its border in three faces
+            ("x - y", [-1, -1, -1], [1, 1, 1]),  # through two edges of the box
+            ("x^3 + y - z/2 - 1/8", [-1, -0.5, 0.25], [1, 1, 2]),
+        ],
+        2,
+        2,
+    ),
 )
 def test_the_border_in_the_faces_of_the_box_is_met(text, lower, upper):
     surface = ImplicitSurface.parse(text, lower, upper)
@@ -145,8 +150,7 @@ def test_a_piecewise_linear_function_is_zero_on_its_triangles_and_they_face_its_
     assert areas.sum() > 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 5])
+@pytest.mark.parametrize("seed", swept([5, 0], 0, 1))
 def test_random_surfaces_and_their_meshes_are_within_the_deviation(seed):
     random = np.random.default_rng(seed)
     degree = 2 + seed % 3

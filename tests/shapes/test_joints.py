@@ -32,14 +32,14 @@ def test_floats_hold_whole_numbers(known):
 
 
 def test_a_curve_is_something_to_differentiate_by():
-    value, slope = jax.value_and_grad(area)(TRIANGLE)
+    value, slope = jax.jit(jax.value_and_grad(area))(TRIANGLE)
     assert float(value) == 0.5 and isinstance(slope, jhd.BezierSegments)
     assert not np.any(slope.links)
     np.testing.assert_array_equal(slope.control_points[0], [[0.0, -0.5], [0.0, 0.0]])
     rational = jhd.circle((0, 0), 1)
     slope = jax.jit(jax.grad(lambda c: jnp.sum(c.reverse().point(0, 0.3))))(rational)
     assert np.any(slope.weights) and not np.any(slope.links)
-    np.testing.assert_array_equal(jax.hessian(area)(TRIANGLE).links.links, np.zeros((3, 2, 3, 2)))
+    np.testing.assert_array_equal(jax.jit(jax.hessian(area))(TRIANGLE).links.links, np.zeros((3, 2, 3, 2)))
 
 
 def test_joints_are_known_while_a_derivative_is_taken():

@@ -12,6 +12,7 @@ from jhd.shapes.bspline_surface import BSplineSurface
 from jhd.shapes.mesh import edges_of
 from jhd.shapes.patch import BezierPatch, BezierPatches
 from tests.reference import distances_to_triangles
+from tests.sweeps import swept
 
 RANDOM = np.random.default_rng(0)
 POINTS = RANDOM.normal(size=(4, 3, 3))
@@ -70,8 +71,7 @@ def test_what_are_no_knots_is_refused(as_a_user, knots_u, knots_v, message):
         BSplineSurface(POINTS, knots_u, knots_v)
 
 
-@pytest.mark.parametrize("weights", [None, WEIGHTS], ids=["polynomial", "rational"])
-@pytest.mark.slow
+@pytest.mark.parametrize("weights", swept([WEIGHTS, None], 0, 1))
 def test_a_patch_is_its_formula_and_its_parts_are_parts_of_it(weights):
     patch = BezierPatch(POINTS, weights)
     u, v = 0.3, 0.8
@@ -128,9 +128,7 @@ def to_triangles(points, corners):
     return np.sqrt(((points[:, None] - samples[None]) ** 2).sum(-1)).min(1)
 
 
-@pytest.mark.parametrize("weights", [None, WEIGHTS], ids=["polynomial", "rational"])
-@pytest.mark.parametrize("offset", [0.0, 1e6])
-@pytest.mark.slow
+@pytest.mark.parametrize(("weights", "offset"), swept([(WEIGHTS, 1e6), (None, 0.0), (WEIGHTS, 0.0), (None, 1e6)], 0, 2))
 def test_no_point_at_equal_parameters_is_farther_from_the_mesh_than_its_deviation(weights, offset):
     patch = BezierPatch(POINTS + offset, weights)
     mesh, deviation = patch.to_mesh(0.1)
@@ -299,8 +297,7 @@ def test_patches_of_a_higher_degree_are_the_same_surface():
     np.testing.assert_allclose(raised(u, v), patches(u, v), atol=1e-14)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("weighted", swept([True, False], 0, 1))
 def test_a_part_of_a_spline_surface_is_the_surface_there(weighted):
     random = np.random.default_rng(7)
     weights = random.uniform(0.5, 2, size=(5, 6)) if weighted else None

@@ -7,16 +7,21 @@ of |x - c|^2 over it, of any point p the mean of |x - p|^2 is |c - p|^2 + W.
 p on the far side of the cell from b, along the line from the foot of c, only W / (2 |c - p|) is lost. Such balls about
 far points are empty of b, and flat.
 
-Of a mesh the triangles that may be the nearest ones of the cell are known. For any w with |w| <= 1 the distance to a
-convex piece is at least w.x - max w.f over its corners f; with w along the way from its foot to c nothing is lost at c,
-with that from the nearest foot nothing over faces beside it in one plane.
-The smallest of these over the pieces is concave, so its mean over the cell is at least that of the corners.
+Of a mesh the triangles that may be the nearest ones of the cell are known, and of points the points. For any w with
+|w| <= 1 the distance to a convex piece is at least w.x - max w.f over its corners f. With w along the way from its foot
+to c nothing is lost at c, with that from the nearest foot nothing over faces beside it in one plane, and with w across
+the piece, on the side of c, nothing over it where b is hollow. The smallest of these over the pieces is concave, so
+over the cell it is at least the affine function l with its values at the corners, and its mean at least that of these.
 
 **Above.** Flat pieces F with points of b within sag of all of theirs (jhd.distance.nearest.target) give the convex
-function f(x) = d(x, F) + sag. Over the cell it is at most its largest value at a corner, and its mean is at most the
-mean of these, as each point is that mean of corners on the average. Of a polynomial part, whose points are such means
-of its control points, these take the place of the corners, here and with the pieces below. Where F is the foot q of c
-the mean of the squares is |c - q|^2 + W itself.
+function f(x) = d(x, F) + sag. Over the cell it is at most the affine function u with its values at the corners: at most
+the largest of these, and its mean at most theirs, as each point is that mean of corners on the average. Of a polynomial
+part, whose points are such means of its control points, these take the place of the corners, here and with the pieces
+below. Where F is the foot q of c the mean of the squares is |c - q|^2 + W itself.
+
+**Between.** Over points, segments and triangles that are spread evenly l <= d <= u gives bounds of the mean of the
+square and of the shares where d is at most some level (jhd.distance.cells.affine). Over a face and beside its plane
+both are d itself, up to rounding: cells are best cut where that ends (jhd.distance.cells.partings).
 
 Rounding: sizes are at most `size`, and gamma(64) of it is more than the roundings of a sum of a few lengths.
 """
@@ -28,9 +33,11 @@ import numpy as np
 from jaxtyping import Float
 
 from jhd.arithmetic.rounding import gamma
+from jhd.distance.cells.affine import greatest_square, least_square
 from jhd.distance.cells.heights import HeightBounds, unknown_bounds
 from jhd.distance.cells.measures import FlatCells
-from jhd.distance.nearest.target import AbstractTarget, Flats, ProvenFeet
+from jhd.distance.cells.partings import partings
+from jhd.distance.nearest.target import AbstractTarget, ConvexPieces, Flats, ProvenFeet
 
 # The mean of |x - c|^2 as a share of the sum over the corners; by their number.
 _SPREAD = {1: 0.0, 2: 1 / 6, 3: 1 / 12, 4: 1 / 12}
@@ -54,6 +61,8 @@ class OverCells(NamedTuple):
         mean: bounds (cells, 2) of its mean.
         square: bounds (cells, 2) of the mean of its square.
         reach: how far away the far point is that served; negative where farther ones do not.
+        ends: values at the corners of two affine functions of the parameters that the distance is between.
+        parting: those of one along whose zeros the cell is best cut; zeros where there is none.
     """
 
     lower: Float[np.ndarray, " cells"]
@@ -61,10 +70,21 @@ class OverCells(NamedTuple):
     mean: Float[np.ndarray, "cells 2"]
     square: Float[np.ndarray, "cells 2"]
     reach: Float[np.ndarray, " cells"]
+    ends: Float[np.ndarray, "cells corners 2"]
+    parting: Float[np.ndarray, "cells corners"]
 
     def take(self, rows: Any) -> "OverCells":
         """Those of some of the cells."""
         return OverCells(*(x[rows] for x in self))
+
+
+class _Above(NamedTuple):
+    """Upper bounds over cells: everywhere, of the mean, of the mean of squares; and a convex function at controls."""
+
+    most: np.ndarray
+    mean: np.ndarray
+    square: np.ndarray
+    ends: np.ndarray
 
 
 def distances_over(
@@ -93,30 +113,58 @@ def distances_over(
     size = np.max(np.abs(cells.corners), axis=(1, 2)) + _FARTHEST
     room = 4 * _ROUNDINGS * size + 4 * np.finfo(dtype).eps * size
     above = _above(cells, target, middle, found, room)
-    known = unknown_bounds(len(middle)) if heights is None else heights(cells, found, above[0])
+    known = unknown_bounds(len(middle)) if heights is None else heights(cells, found, above.most)
     least, least_mean, after = np.zeros(len(middle)), np.zeros(len(middle)), reach.copy()
+    below, pieces = np.full(cells.controls.shape[:2], -np.inf), None
     # What leaves more open than far points would is no valley, as about the end of a curve that is continued.
-    left = np.fmin(known.most_mean, above[1]) - known.least_mean
+    left = np.fmin(known.most_mean, above.mean) - known.least_mean
     spread = _share(cells.corners) * _scatter(cells.corners)
-    expected = np.minimum(spread / (2 * np.abs(reach)), np.sqrt(spread))
-    rows = np.flatnonzero((known.least_mean <= 0) | (left > expected + _GAIN * goal))
+    expected = np.minimum(spread / (2 * np.abs(reach)), np.sqrt(spread)) + _GAIN * goal
+    rows = beside = np.flatnonzero((known.least_mean <= 0) | (left > expected))
     if len(rows):
-        some, near = cells.take(rows), ProvenFeet(*(x[rows] for x in found))
+        pieces = _pieces_near(cells.controls[rows], target, middle[rows], found.take(rows))
+    if pieces is not None:
+        off = (cells.off + room)[rows, None]
+        below[rows] = _beside_pieces(cells.controls[rows], middle[rows], found.take(rows), pieces) - off
+        least, least_mean = (np.maximum(f(below, axis=1), 0.0) for f in (np.min, np.mean))
+        # Where these leave as little, far points say no more.
+        rows = rows[(above.mean - least_mean)[rows] > expected[rows]]
+    if len(rows):
+        some, near = cells.take(rows), found.take(rows)
         lower = _lower(some, target, middle[rows], near, (reach[rows], goal))
-        least[rows], least_mean[rows] = (np.maximum(x - some.slack - room[rows], 0.0) for x in lower[:2])
+        for held, better in zip((least, least_mean), lower[:2], strict=True):
+            held[rows] = np.maximum(held[rows], better - some.slack - room[rows])
         after[rows] = lower[2]
-        pieces = _beside_pieces(some.controls, target, middle[rows], near)
-        for held, better in zip((least, least_mean), pieces, strict=True):
-            held[rows] = np.maximum(held[rows], better - some.off - room[rows])
         mended = np.flatnonzero(near.upper < found.upper[rows])
         if len(mended):
-            better = ProvenFeet(*(x[mended] for x in near))
-            again = _above(some.take(mended), target, middle[rows[mended]], better, room[rows[mended]])
-            for held, new in zip(above, again, strict=True):
+            again = _above(some.take(mended), target, middle[rows[mended]], near.take(mended), room[rows[mended]])
+            for held, new in zip(above[:3], again[:3], strict=True):
                 held[rows[mended]] = np.fmin(held[rows[mended]], new)
-    ends = zip((least, least_mean, least_mean**2 * (1 - _ROUNDINGS)), (above[0], above[1], above[2]), strict=True)
+    least_squares = least_mean**2 * (1 - _ROUNDINGS)
+    if _are_simplices(cells):
+        least_squares = np.fmax(least_squares, least_square(np.where(np.isfinite(below), below, 0.0)))
+    ends = zip((least, least_mean, least_squares), above[:3], strict=True)
     bounds = HeightBounds(*(x for pair in ends for x in pair)).narrowed(known)
-    return OverCells(*_weighed(cells.uneven, bounds), after)
+    over = _weighed(cells.uneven, bounds)
+    parting = np.zeros(cells.corners.shape[:2])
+    if pieces is not None and target.triangles and _are_simplices(cells):
+        left = (bounds.most_mean - bounds.least_mean)[beside]
+        parting[beside] = partings(cells.corners[beside], middle[beside], found.take(beside), pieces, left)
+    return OverCells(*over, after, _ends(cells, over[:2], (below, above.ends)), parting)
+
+
+def _are_simplices(cells: FlatCells) -> bool:
+    """Whether the controls are corners of points, segments or triangles."""
+    return cells.corners.shape[1] <= 3 and cells.controls.shape == cells.corners.shape
+
+
+def _ends(cells: FlatCells, whole: tuple[np.ndarray, np.ndarray], affine: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Values at the corners of affine functions that bound the distance, constant ones where no others are known."""
+    constant = [np.repeat(x[:, None], cells.corners.shape[1], axis=1) for x in whole]
+    if not _are_simplices(cells):
+        return np.stack(constant, axis=2)
+    known = [(cells.uneven == 0)[:, None] & np.all(np.isfinite(x), axis=1, keepdims=True) for x in affine]
+    return np.stack([np.where(*x) for x in zip(known, affine, constant, strict=True)], axis=2)
 
 
 def _lower(
@@ -183,28 +231,34 @@ def _below(
     return least, mean, after
 
 
-def _beside_pieces(
+def _pieces_near(
     controls: np.ndarray, target: AbstractTarget, middle: np.ndarray, found: ProvenFeet
-) -> tuple[np.ndarray, np.ndarray]:
-    """Lower bounds over the cells and of the means by all convex pieces that may be nearest, else minus infinity."""
+) -> ConvexPieces | None:
+    """All convex pieces that may be nearest to a point of each cell, where there are few."""
     spread = np.max(np.sqrt(np.sum((controls - middle[:, None]) ** 2, axis=2)), axis=1)
     # What is farther from the middle is not the nearest of any point of the cell.
-    reach = (found.upper + 2 * spread) * (1 + _ROUNDINGS)
+    return target.pieces_within(middle, (found.upper + 2 * spread) * (1 + _ROUNDINGS))
+
+
+def _beside_pieces(controls: np.ndarray, middle: np.ndarray, found: ProvenFeet, pieces: ConvexPieces) -> np.ndarray:
+    """Values (cells, controls) of a concave function below the distance, minus infinity where there are no pieces."""
     least = np.full(controls.shape[:2], np.inf)
-    pieces = target.pieces_within(middle, reach)
-    if pieces is not None:
-        held, over = pieces.corners.astype(np.float64), controls[pieces.who]
-        ways = [_towards(middle[pieces.who], pieces.foot), _towards(middle, found.foot)[pieces.who]]
-        own, common = (
+    held, over = pieces.corners.astype(np.float64), controls[pieces.who]
+    places = middle[pieces.who].astype(np.float64)
+    aside = np.sum((places - held[:, 0]) * _across(held), axis=1, keepdims=True)
+    common = _towards(middle, found.foot)[pieces.who]
+    ways = [_towards(places, pieces.foot), common, np.sign(aside) * _across(held) * (1 - _ROUNDINGS)]
+    bounds = np.stack(
+        [
             np.sum(w[:, None] * over, axis=2) - np.max(np.sum(w[:, None] * held, axis=2), axis=1, keepdims=True)
             for w in ways
-        )
-        # One for all controls, lest the smallest be no longer concave: that which stays above the nearest piece.
-        nearest = np.sum(ways[1][:, None] * (over - found.foot[pieces.who, None]), axis=2)
-        margins = [np.min(x - nearest, axis=1, keepdims=True) for x in (own, common)]
-        np.minimum.at(least, pieces.who, np.where(margins[1] > margins[0], common, own))
-    least = np.where(np.isfinite(least), least, -np.inf)
-    return np.min(least, axis=1), np.mean(least, axis=1)
+        ]
+    )
+    # One for all controls, lest the smallest be no longer concave: that which stays above the nearest piece.
+    nearest = np.sum(common[:, None] * (over - found.foot[pieces.who, None]), axis=2)
+    best = np.argmax(np.min(bounds - nearest, axis=2), axis=0)
+    np.minimum.at(least, pieces.who, bounds[best, np.arange(len(best))])
+    return np.where(np.isfinite(least), least, -np.inf)
 
 
 def _towards(points: np.ndarray, feet: np.ndarray) -> np.ndarray:
@@ -257,9 +311,7 @@ def _across(corners: np.ndarray) -> np.ndarray:
     return np.where(length > 0, normal / np.where(length > 0, length, 1.0), np.array([0.0, 0.0, 1.0]))
 
 
-def _above(
-    cells: FlatCells, target: AbstractTarget, middle: np.ndarray, found: ProvenFeet, room: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _above(cells: FlatCells, target: AbstractTarget, middle: np.ndarray, found: ProvenFeet, room: np.ndarray) -> _Above:
     """Upper bounds over the cells, of the means, and of the means of squares, with room for roundings."""
     rows = target.rows_of(found).map(lambda x: x[:, None])
     flats = target.flats(rows, cells.corners.astype(middle.dtype))
@@ -270,8 +322,10 @@ def _above(
     root = np.sqrt(to_middle**2 + _share(corners) * _scatter(corners)) * (1 + _ROUNDINGS) + slack
     most = np.fmin(np.min(np.max(far, axis=2), axis=1) + off, to_middle + spread + slack)
     mean = np.fmin(np.min(np.mean(far, axis=2), axis=1) + off, root)
-    by_flats = np.sqrt(np.min(np.mean(far**2, axis=2), axis=1)) * (1 + _ROUNDINGS) + off
-    return most, mean, np.fmin(by_flats, root) ** 2
+    best = np.argmin(np.mean(far, axis=2), axis=1)
+    ends = far[np.arange(len(far)), best] + off[:, None]
+    square = greatest_square(ends) if _are_simplices(cells) else np.mean(ends**2, axis=1) * (1 + _ROUNDINGS)
+    return _Above(most, mean, np.fmin(square, root**2), ends)
 
 
 def _beside(corners: np.ndarray, flats: Flats, triangles: bool) -> np.ndarray:

@@ -42,6 +42,7 @@ from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arrays import module_of
 from jhd.distance.frame.jets import CurveJet, jet
 from jhd.distance.frame.pieces import Piece, piece_of
+from jhd.distance.nearest.chords import Chords, chord_error, square_and_parameter
 from jhd.distance.nearest.feet import equation, foot_speed, nearest_passed
 from jhd.shapes.curve import BezierSegments
 
@@ -84,8 +85,8 @@ class _FollowedBranch(NamedTuple):
     s1: Array
 
 
-def cell_upper_bound(a: BezierSegments, b: BezierSegments, cell: CurveCell) -> CurveBound:
-    """Upper bound of the distance to b over one cell of a, and where to cut it."""
+def cell_upper_bound(a: BezierSegments, b: BezierSegments, cell: CurveCell, runs: Chords | None = None) -> CurveBound:
+    """Upper bound of the distance to b over one cell of a, and where to cut it; `runs` are those of b, if any."""
     piece = piece_of(a, cell.segment)
     width = cell.t1 - cell.t0
     part = _restricted(piece, cell.t0, cell.t1)
@@ -109,12 +110,13 @@ def cell_upper_bound(a: BezierSegments, b: BezierSegments, cell: CurveCell) -> C
     both = jax.vmap(branch)(jnp.stack([cell.k0, cell.k1]), jnp.stack([cell.s0, cell.s1]), right)
     u, distance, nearer = _peak(both)
     upper = _split_bound(both, u, a.degree, b.degree)
+    upper = upper if runs is None else jnp.minimum(upper, _run_bound(part, runs, cell))
     s = both.s0[nearer] + u * (both.s1[nearer] - both.s0[nearer])
     k = jnp.where(nearer == 0, cell.k0, cell.k1)
     return CurveBound(upper, cell.t0 + u * width, distance, k, s)
 
 
-def first_upper_bound(a: BezierSegments, b: BezierSegments, cell: CurveCell) -> Array:
+def first_upper_bound(a: BezierSegments, b: BezierSegments, cell: CurveCell, runs: Chords | None = None) -> Array:
     """A cheap upper bound: sigma affine between feet on one segment, else constant at either foot.
 
     The length of e is convex, so |e(u)| <= w(u) max |e_i| / w_i; roundings as for the full bound.
@@ -137,7 +139,30 @@ def first_upper_bound(a: BezierSegments, b: BezierSegments, cell: CurveCell) -> 
     most = jnp.min(jax.vmap(bound)(ks, firsts, lasts))
     p, q, dim, dtype = a.degree, b.degree, a.dim, most.dtype
     roundings = 2 * (3 * p + 5 * q + 5 * (p + q)) + dim + 24
-    return most * (1 + gamma(roundings, dtype)) + math.sqrt(dim) * gamma(roundings, dtype)
+    most = most * (1 + gamma(roundings, dtype)) + math.sqrt(dim) * gamma(roundings, dtype)
+    return most if runs is None else jnp.minimum(most, _run_bound(part, runs, cell))
+
+
+def _run_bound(part: Piece, runs: Chords, cell: CurveCell) -> Array:
+    """An upper bound by the straight runs of b that carry the feet; exact over a straight part of a along such a run.
+
+    The distance from the chord of a run is convex, so over the hull of the cell it is largest at a control point; from
+    the run it is at most delta more (jhd.distance.nearest.chords). No joint between segments of a run matters.
+
+    Rounding: a control point of the cell is off by 3 p roundings in numerator and weight, and by the product, the
+    quotient and what they carry on.
+    """
+    points = part.control_points if part.weights is None else part.control_points / part.weights[:, None]
+    count, dim = points.shape
+
+    def bound(k: Array) -> Array:
+        start, chord, inverse, delta = (x[k] for x in runs)
+        squares = jax.vmap(lambda p: square_and_parameter(p, start, chord, inverse)[0])(points)
+        return jnp.sqrt(jnp.max(squares)) + delta
+
+    most = jnp.min(jax.vmap(bound)(jnp.stack([cell.k0, cell.k1])))
+    rounding = math.sqrt(dim) * gamma(6 * (count - 1) + 8, most.dtype)
+    return most * (1 + gamma(4, most.dtype)) + chord_error(dim, most.dtype) + rounding
 
 
 def _speed(a: CurveJet, width: Array, piece: Piece, s: Array) -> Array:

@@ -295,8 +295,8 @@ def uneven_of(least: np.ndarray, most: np.ndarray, mean: np.ndarray) -> np.ndarr
     return np.where(known, np.minimum((most - least) / np.where(known, mean, 1.0) * _UP, 2.0), 2.0)
 
 
-def flat_triangles(corners: np.ndarray, off: float) -> FlatCells:
-    """Triangles, exact up to an error of each coordinate."""
+def flat_triangles(corners: np.ndarray, off: float | np.ndarray) -> FlatCells:
+    """Triangles, exact up to an error of each coordinate, of all or of each."""
     u, v = (corners[:, k] - corners[:, 0] for k in (1, 2))
     size = np.max(_length(np.stack([u, v], axis=1)), axis=1) * _UP
     wide = 2 * math.sqrt(3) * off + _ROUNDINGS * size

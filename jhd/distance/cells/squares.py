@@ -28,8 +28,11 @@ def distances_by_squares(
     piece: Int[np.ndarray, " cells"],
     low: Float[np.ndarray, "cells parameters"],
     high: Float[np.ndarray, "cells parameters"],
-) -> Float[np.ndarray, " cells"]:
-    """Lower bounds of the distances of points to the parts of pieces between these parameters.
+) -> tuple[Float[np.ndarray, " cells"], Int[np.ndarray, " cells"]]:
+    """Lower bounds of the distances of points to the parts of pieces between these parameters, and where to cut these.
+
+    A part is to be cut along the parameter along which the coefficients differ most: along a circle that is as near
+    everywhere, as it is from the axis of a surface of revolution, they do not differ.
 
     Args:
         net: its weights at most one.
@@ -61,7 +64,8 @@ def distances_by_squares(
     lower = np.maximum(root * (1 - room) - lost, 0.0) * size * (1 - gamma(8, np.float64))
     # Below the normal numbers a product rounds by a unit of its own.
     lower = np.maximum(lower - smallest_normal(np.float64), 0.0)
-    return np.where(good & np.isfinite(lower), lower, 0.0)
+    moves = [np.max(np.abs(np.diff(ratios, axis=k)), axis=(1, 2), initial=0.0) for k in range(1, 1 + low.shape[1])]
+    return np.where(good & np.isfinite(lower), lower, 0.0), np.argmax(moves, axis=0)
 
 
 def _square(rows: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from jhd.arrays import is_traced
+from jhd.decimals import lower_text, upper_text
 from jhd.distance.certificate.covering import Measure, UncoveredError, cover
 from jhd.distance.certificate.curve_witness import witness_of
 from jhd.distance.certificate.host import host, plain_shape
@@ -92,18 +93,22 @@ class Certificate:
 
     def __repr__(self) -> str:
         name = NAMES[self.content["claim"]["kind"]]
-        return f"Certificate({self.lower!r} <= {name} <= {self.upper!r}, {self.cells} cells)"
+        return f"Certificate({lower_text(self.lower)} <= {name} <= {upper_text(self.upper)}, {self.cells} cells)"
 
-    def verify(self) -> Proven:
+    def verify(self, seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:
         """Checks every number in exact arithmetic, without anything of the search.
+
+        Args:
+            seconds: after how long to give up; None never does.
+            progress: called with the place in the certificate that is checked next.
 
         Returns:
             What is proven.
 
         Raises:
-            CertificateError: a part of the claim is not proven; it says which.
+            CertificateError: a part of the claim is not proven, or takes too long; it says which.
         """
-        return verify(self.content)
+        return verify(self.content, seconds, progress)
 
     def matches(self, a: Any, b: Any) -> bool:
         """Whether the claim is about these shapes: the same arrays, to the last digit."""
@@ -198,7 +203,7 @@ def _prove_curves(
         try:
             cells[direction] = cover(measures[direction], asked.upper, frame, max_cells, partial(report, direction))
         except UncoveredError as error:
-            reason = f"The upper bound {asked.upper!r} is not proven, {direction}: {error}"
+            reason = f"The upper bound {upper_text(asked.upper)} is not proven, {direction}: {error}"
             raise NotProvenError(reason, asked.solution) from error
     witness = None
     if asked.lower > 0:

@@ -29,6 +29,8 @@ _MOST_CUTS = 50
 _SURELY = 1e-14
 # Steps in turn from a foot on one shape to that on the other.
 _ROUNDS = 6
+# Points of a shape are this near to their feet, in units of the largest coordinate.
+_ON_SHAPE = 1e-9
 # Pairs between two reports.
 _REPORTED = 500
 
@@ -197,7 +199,8 @@ def closest_places(
         upper: the bound.
     """
     sides, scaled = (a, b), [np.ldexp(x, -a.exponent)[None] for x in points]
-    feet = [side.feet(x) for side, x in zip(sides, scaled, strict=True)]
+    # Both points lie on their shapes: a near foot that is apart from its point is not the nearest.
+    feet = [side.feet_within(x, _ON_SHAPE) for side, x in zip(sides, scaled, strict=True)]
     for _ in range(_ROUNDS):
         at = [[float(x) for x in _few_digits(side, found.x[0])] for side, found in zip(sides, feet, strict=True)]
         pieces = [int(found.piece[0]) for found in feet]

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jhd.decimals import lower_text
 from jhd.distance.certificate.covering import Measure
 from jhd.distance.certificate.host import jets, local_feet
 from jhd.distance.certificate.verification.proofs import failure_of_witness, point_of
@@ -40,7 +41,9 @@ def witness_of(
             at = [t] if measures[direction].a.exact[segment].corners else []
             uncut = all(len(ends) == 2 for ends in cuts)
             return {"direction": direction, "piece": segment, "at": at, "cuts": None if uncut else cuts}
-    raise NotProvenError(f"The lower bound {lower!r} is not proven: no place of these curves is that far.", solution)
+    raise NotProvenError(
+        f"The lower bound {lower_text(lower)} is not proven: no place of these curves is that far.", solution
+    )
 
 
 def _candidates(

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd.decimals import lower_text, upper_text
 from jhd.distance.certificate.closest_pairs import closest_places, keep_apart
 from jhd.distance.certificate.covering import UncoveredError
 from jhd.distance.certificate.host import plain_shape
@@ -76,7 +77,7 @@ def prove_mix(a: Any, b: Any, asked: ToProve, max_cells: int, report: Report) ->
         try:
             covers[direction] = cover_by_cells(source, target, asked.upper, max_cells, partial(report, direction))
         except UncoveredError as error:
-            reason = f"The upper bound {asked.upper!r} is not proven, {direction}: {error}"
+            reason = f"The upper bound {upper_text(asked.upper)} is not proven, {direction}: {error}"
             raise NotProvenError(reason, asked.solution) from error
     witness = _witness(asked, sides, covers) if asked.lower > 0 else None
     return {name: cover.entries for name, cover in covers.items()} or None, witness
@@ -106,7 +107,7 @@ def _witness(asked: ToProve, sides: dict[str, ShapeSide], covers: dict[str, Cell
         point = point_of(sides[direction[0]].exact[piece], at)
         if all(failure_of_witness(point, other, asked.lower) is None for other in sides[direction[-1]].exact):
             return {"direction": direction, "piece": piece, "at": at, "cuts": None}
-    reason = f"The lower bound {asked.lower!r} is not proven: no place of these shapes is that far."
+    reason = f"The lower bound {lower_text(asked.lower)} is not proven: no place of these shapes is that far."
     raise NotProvenError(reason, asked.solution)
 
 
@@ -160,7 +161,7 @@ def prove_minimum(
     if math.isfinite(upper):
         witness = closest_places(first, second, (points[0], points[1]), upper)
         if witness is None:
-            reason = f"The upper bound {upper!r} is not proven: no places of these shapes are that near."
+            reason = f"The upper bound {upper_text(upper)} is not proven: no places of these shapes are that near."
             raise NotProvenError(reason, solution)
     if lower > 0:
         try:
@@ -168,7 +169,7 @@ def prove_minimum(
                 first, second, points[1] - points[0], lower, max_cells, lambda done, left: report("apart", done, left)
             )
         except UncoveredError as error:
-            raise NotProvenError(f"The lower bound {lower!r} is not proven: {error}", solution) from error
+            raise NotProvenError(f"The lower bound {lower_text(lower)} is not proven: {error}", solution) from error
         cells = {"apart": pairs}
     claim = {"kind": "minimum", "lower": lower, "upper": upper if math.isfinite(upper) else None}
     return {"claim": claim, "orders": orders, "cells": cells, "witness": witness}

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from jhd.decimals import lower_text, upper_text
 from jhd.distance.certificate.covering import UncoveredError
 from jhd.distance.certificate.mixes import Report, ToProve
 from jhd.distance.certificate.sides import ShapeSide, on_triangle
@@ -56,7 +57,7 @@ def prove_surface_mix(a: Any, b: Any, asked: ToProve, max_cells: int, report: Re
         try:
             found = cover_with_surfaces(source, target, asked.upper, max_cells, partial(report, direction))
         except UncoveredError as error:
-            reason = f"The upper bound {asked.upper!r} is not proven, {direction}: {error}"
+            reason = f"The upper bound {upper_text(asked.upper)} is not proven, {direction}: {error}"
             raise NotProvenError(reason, asked.solution) from error
         cells[direction] = found.entries
     witness = None
@@ -109,7 +110,7 @@ def _witness(
             reason = str(error)
             continue
         return witness, pairs
-    raise NotProvenError(f"The lower bound {asked.lower!r} is not proven: {reason}", asked.solution)
+    raise NotProvenError(f"The lower bound {lower_text(asked.lower)} is not proven: {reason}", asked.solution)
 
 
 def _candidates(asked: ToProve, sides: dict[str, Side]) -> Iterator[tuple[str, np.ndarray]]:
@@ -191,14 +192,14 @@ def prove_surface_minimum(
     if math.isfinite(upper):
         witness = _closest(sides, points, upper)
         if witness is None:
-            reason = f"The upper bound {upper!r} is not proven: no places of these shapes are that near."
+            reason = f"The upper bound {upper_text(upper)} is not proven: no places of these shapes are that near."
             raise NotProvenError(reason, solution)
     if lower > 0:
         parts = [parts_of(side) for side in sides]
         try:
             orders, pairs = keep_surfaces_apart(parts[0], parts[1], lower, max_cells, partial(report, "apart"))
         except UncoveredError as error:
-            raise NotProvenError(f"The lower bound {lower!r} is not proven: {error}", solution) from error
+            raise NotProvenError(f"The lower bound {lower_text(lower)} is not proven: {error}", solution) from error
         cells = {"apart": pairs}
     claim = {"kind": "minimum", "lower": lower, "upper": upper if math.isfinite(upper) else None}
     return {"claim": claim, "orders": orders, "cells": cells, "witness": witness}

@@ -1,5 +1,6 @@
 """What is asked of a search: how close its bounds are to be, and what of the distance matters."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -33,6 +34,30 @@ class Wanted(NamedTuple):
     atol: Array
     rtol: Array
     aim: Aim
+
+
+class AllowedGap(NamedTuple):
+    """How far apart bounds may stay, in the unit of a search.
+
+    Args:
+        atol: what was asked for, or the default.
+        rtol: the same relative to the bound.
+        floor: what rounding leaves at a bound.
+        given: whether atol was asked for: then a gap beyond it has not been closed, whatever rounding leaves.
+    """
+
+    atol: float
+    rtol: float
+    floor: Callable[[float], float]
+    given: bool
+
+    def __call__(self, bound: float) -> float:
+        """The gap within which no search goes on."""
+        return max(self.atol, self.rtol * bound, self.floor(bound))
+
+    def asked(self, bound: float) -> float:
+        """The gap that has been closed."""
+        return max(self.atol, self.rtol * bound) if self.given else self(bound)
 
 
 def default_tolerance(diagonal: Any, dtype: DTypeLike, floor: Any) -> Any:

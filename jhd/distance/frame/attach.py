@@ -7,6 +7,7 @@ of the shapes, and `number + f - constant(f)` has the digits of the number and t
 from dataclasses import replace
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
@@ -28,3 +29,15 @@ def carrying(number: Any, other: Array, where: Array | bool = True) -> Array:
 def attached(found: Any, where: Array | bool = True, **others: Array) -> Any:
     """What was found, with its fields named in `others` carrying the derivatives of these."""
     return replace(found, **{name: carrying(getattr(found, name), other, where) for name, other in others.items()})
+
+
+@jax.custom_jvp
+def without_derivative(value: Any, where: Array | bool = True) -> Any:
+    """The value, whose derivatives are NaN where asked for: they are not known."""
+    return value
+
+
+@without_derivative.defjvp
+def _(primals: Any, tangents: Any) -> Any:
+    # Of what is differentiated twice the value is asked for again.
+    return without_derivative(*primals), tangents[0] * jnp.where(primals[1], jnp.nan, 1.0)

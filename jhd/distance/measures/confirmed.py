@@ -4,14 +4,14 @@ Rules over cells are compared with those over their parts. What they still diffe
 at is what the derivative may be off by, as a share of what it is summed from.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import is_traced, is_tracing
+from jhd.arrays import is_traced, is_tracing, undifferentiated
+from jhd.distance.frame.attach import without_derivative
 
 # Derivatives that may be off by more than this are refused.
 _CONFIRMED = 1e-6
@@ -39,7 +39,7 @@ class Estimated(NamedTuple):
     @property
     def is_known(self) -> bool:
         """Whether the number is known now, though it may be differentiated."""
-        return not is_tracing(jax.lax.stop_gradient(self.value))
+        return not is_tracing(undifferentiated(self.value))
 
     @property
     def refusal(self) -> str:
@@ -52,23 +52,13 @@ class Estimated(NamedTuple):
 
     def guarded(self) -> Array:
         """The value, whose derivative is NaN where it is not confirmed."""
-        return self.value if self.is_confirmed else _without_derivative(self.value)
+        return self.value if self.is_confirmed else without_derivative(self.value)
 
     def larger(self, other: "Estimated") -> "Estimated":
         """The larger one: of equal ones both count half, as long as both derivatives are confirmed."""
         if (self.is_confirmed and other.is_confirmed) or not (self.is_known and other.is_known):
             return Estimated(jnp.maximum(self.value, other.value), max(self.off, other.off) if self.is_known else 0.0)
-        first, second = (float(jax.lax.stop_gradient(x.value)) for x in (self, other))
+        first, second = (float(undifferentiated(x.value)) for x in (self, other))
         if first == second:
             return self if self.off > other.off else other
         return self if first > second else other
-
-
-@jax.custom_jvp
-def _without_derivative(value: Array) -> Array:
-    return value
-
-
-@_without_derivative.defjvp
-def _(primals: Any, tangents: Any) -> Any:
-    return primals[0], tangents[0] * jnp.nan

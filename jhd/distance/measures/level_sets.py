@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd.arrays import undifferentiated
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.measures.confirmed import Estimated
 from jhd.distance.measures.cut_cells import CellNodes, Looked
@@ -80,7 +81,7 @@ def quantile_over(net: Net, sight: Sight, b: Any, q: float) -> Estimated | None:
         b: the other shape, differentiable.
         q: the share.
     """
-    known: Net = jax.lax.stop_gradient(net)
+    known: Net = undifferentiated(net)
     looked = Looked(known, sight)
     first = whole(known)
     if 5 * len(first.piece) * _RULE**2 > sight.most:
@@ -96,7 +97,8 @@ def quantile_over(net: Net, sight: Sight, b: Any, q: float) -> Estimated | None:
     low, high = float(np.min(base.distance - base.radius)), float(np.max(base.distance + base.radius))
     below, passed = None, False
     least = _ROUNDINGS * float(np.finfo(net.points.dtype).eps)
-    for off in _OFF:
+    # At level zero what lies on it has no slope.
+    for off in _OFF if level > 0 else ():
         below = _below(base, looked, level, (max(off[0], least), max(off[1], least)), total)
         passed = below.slope > 0 and bool(np.isfinite(below.slope))
         if not passed:

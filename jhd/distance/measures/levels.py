@@ -13,7 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd.arrays import undifferentiated
 from jhd.compiled import compiled
+from jhd.distance.cells.weighted import first_reaching
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.measures.confirmed import Estimated
 from jhd.distance.measures.quadrature import Nodes, ParameterCells, along, known_along, nodes_of
@@ -71,7 +73,7 @@ def quantile_along(
         feet: their distances and nearest points, not differentiable.
         q: the share.
     """
-    known: Net = jax.lax.stop_gradient(net)
+    known: Net = undifferentiated(net)
     parts = _parts(known, cells, feet)
     lengths = _lengths(known, parts.piece, parts.low, parts.high)
     level, found = _solved(known, parts, lengths, feet, q)
@@ -200,10 +202,9 @@ def _split(parts: _Parts, level: float, found: _Passed) -> tuple[np.ndarray, np.
 
 def quantile_of(distance: Any, weight: Any, q: float) -> tuple[int, float]:
     """The place whose distance is the quantile of known distances at places that count so much, and that distance."""
-    d, w = (np.asarray(jax.lax.stop_gradient(x)) for x in (distance, weight))
+    d, w = (np.asarray(undifferentiated(x)) for x in (distance, weight))
     order = np.argsort(d, kind="stable")
-    inside = np.cumsum(w[order])
-    k = order[min(int(np.searchsorted(inside, q * inside[-1] * (1 - 1e-15))), len(d) - 1)]
+    k = order[first_reaching(w[order], q)]
     return int(k), float(d[k])
 
 
@@ -219,7 +220,7 @@ def quantile_beside(distance: Array, weight: Array, q: float) -> Estimated:
         q: the share.
     """
     _, level = quantile_of(distance, weight, q)
-    d, w = (np.asarray(jax.lax.stop_gradient(x)) for x in (distance, weight))
+    d, w = (np.asarray(undifferentiated(x)) for x in (distance, weight))
     off = np.sort(np.abs(d - level))
     half = off[min(int(_BESIDE * len(d)), len(d) - 1)]
     if not half > 0:

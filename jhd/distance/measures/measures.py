@@ -20,8 +20,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd.arithmetic.scaling import common_exponent, scale_of
-from jhd.arrays import is_traced, is_tracing, real_array
+from jhd.arrays import is_traced, is_tracing, real_array, undifferentiated
 from jhd.batches import AbstractSolution
+from jhd.decimals import interval_text
 from jhd.distance.deviation import checked_weights, deviation
 from jhd.distance.deviation_solution import Bounds, Deviation, check_share
 from jhd.distance.frame.attach import carrying
@@ -32,7 +33,7 @@ from jhd.distance.measures.in_programs import answer_in_program
 from jhd.distance.measures.level_sets import quantile_over
 from jhd.distance.measures.levels import quantile_along, quantile_beside, quantile_of
 from jhd.distance.measures.quadrature import along, net_of, nodes_of, resolved
-from jhd.distance.measures.sight import Sight
+from jhd.distance.measures.sight import Sight, told_from_zero
 from jhd.distance.measures.surface_quadrature import resolved_on_surface
 from jhd.distance.project import project
 from jhd.distance.search.branch_and_bound import BranchAndBound
@@ -67,7 +68,7 @@ class MeasureSolution(AbstractSolution):
         return float(self.value)
 
     def __repr__(self) -> str:
-        bounds = f"[{float(self.lower):.9g}, {float(self.upper):.9g}]"
+        bounds = interval_text(self.lower, self.upper, ".9g")
         value = "traced" if is_traced(self.value) else f"{float(self.value):.9g}"
         return f"MeasureSolution({value} in {bounds}, {name_of(self.direction)}, {name_of(self.result)})"
 
@@ -129,7 +130,7 @@ class AbstractMeasure(eqx.Module):
         rtol: Numbers = 1e-3,
         throw: bool = True,
     ) -> MeasureSolution:
-        """The measure with proven bounds, its value differentiable in both shapes.
+        """The measure with proven bounds, its value differentiable in both shapes and in the weights.
 
         Works under jit and vmap, where it is called on the host, one after the other, with first derivatives; checks of
         values are left out and `throw` is ignored there: read `result`.
@@ -152,9 +153,9 @@ class AbstractMeasure(eqx.Module):
         a, b = taken_as("a", a), taken_as("b", b)
         counts = checked_weights(a, self.weights if weights is None else weights)
         if _is_hidden(a, b, counts, atol, rtol) and not isinstance(self, Hausdorff):
-            options = {"weights": counts, "atol": atol, "rtol": rtol}
-            known = partial(_known, self)
-            return answer_in_program(known, partial(_refused, dtype_of(a)), (a, b), options)
+            shapes, options = _with_weights(a, b, counts)
+            options |= {"atol": atol, "rtol": rtol}
+            return answer_in_program(partial(_known, self), partial(_refused, dtype_of(a)), shapes, options)
         found = self._one_way(a, b, counts, atol, rtol)
         if not self.directed:
             back = self._one_way(b, a, None, atol, rtol)
@@ -183,7 +184,7 @@ class AbstractMeasure(eqx.Module):
         counts = checked_weights(a, self.weights if weights is None else weights)
         if _is_hidden(a, b, counts) and not isinstance(self, Hausdorff):
             known = partial(_known_value, self, places)
-            return answer_in_program(known, partial(_no_value, dtype_of(a)), (a, b), {"weights": counts})
+            return answer_in_program(known, partial(_no_value, dtype_of(a)), *_with_weights(a, b, counts))
         found = self._estimated(a, b, counts, places)
         _throw_unless_confirmed(found, None)
         return found.value
@@ -198,12 +199,12 @@ class AbstractMeasure(eqx.Module):
 
     def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> "_Directed":
         """The directed measure."""
-        known = jax.lax.stop_gradient((a, b))
-        found = deviation(*known, atol=atol, rtol=rtol, quantile=getattr(self, "q", None), weights=weights, throw=False)
+        *known, counts = undifferentiated((a, b, weights))
+        found = deviation(*known, atol=atol, rtol=rtol, quantile=getattr(self, "q", None), weights=counts, throw=False)
         bounds = self._bounds(found)
         value, off = self._value(a, b, weights, None)
         lower, upper = _rounded_outward(bounds, np.dtype(value.dtype))
-        inside = jnp.asarray(_within(bounds, np.asarray(jax.lax.stop_gradient(value))))
+        inside = jnp.asarray(_within(bounds, np.asarray(undifferentiated(value))))
         # Compiled programs take subnormal numbers for zero.
         value = carrying(inside, value) if is_traced(value) else inside
         solution = MeasureSolution(value, lower, upper, DIRECTIONS.a_to_b, found.result)
@@ -306,7 +307,9 @@ class Quantile(AbstractMeasure):
             return found
         scale, at = _distances(a, b, weights, places)
         if is_points(a):
-            return Estimated(at.distance[quantile_of(at.distance, at.weight, self.q)[0]] / scale, 0.0)
+            # The weights as they were given, whose sums are exact.
+            counts = at.weight if weights is None else weights
+            return Estimated(at.distance[quantile_of(at.distance, counts, self.q)[0]] / scale, 0.0)
         beside = quantile_beside(at.distance, at.weight, self.q)
         return beside._replace(value=beside.value / scale)
 
@@ -319,7 +322,7 @@ class Quantile(AbstractMeasure):
         if not isinstance(a, AbstractCurve):
             found = quantile_over(net, sight, b, self.q)
         else:
-            known = resolved(jax.lax.stop_gradient(net), sight.distance, places)
+            known = resolved(undifferentiated(net), sight.at, places)
             found = quantile_along(net, known.cells, lambda x: sight.moving(x, b), sight.near, self.q)
             found = None if found is None else found._replace(off=max(found.off, known.left))
         return None if found is None else found._replace(value=found.value / scale)
@@ -340,16 +343,22 @@ def _within(bounds: Bounds, value: np.ndarray) -> np.ndarray:
 
 def _is_hidden(*values: Any) -> bool:
     """Whether numbers are known only when a program runs; what is differentiated outside of one is known."""
-    return is_tracing(jax.lax.stop_gradient([x for x in jax.tree_util.tree_leaves(values) if eqx.is_array(x)]))
+    return is_tracing(undifferentiated([x for x in jax.tree_util.tree_leaves(values) if eqx.is_array(x)]))
 
 
-def _known(measure: AbstractMeasure, shapes: Any, **options: Any) -> MeasureSolution:
-    return measure(*shapes, **options, throw=False)
+def _with_weights(a: Any, b: Any, weights: Any) -> tuple[Any, dict[str, Any]]:
+    """What a program may differentiate, and the options: weights that are known stay as they are."""
+    return ((a, b, weights), {"weights": None}) if is_traced(weights) else ((a, b, None), {"weights": weights})
+
+
+def _known(measure: AbstractMeasure, shapes: Any, weights: Any, **options: Any) -> MeasureSolution:
+    a, b, moving = shapes
+    return measure(a, b, weights=weights if moving is None else moving, **options, throw=False)
 
 
 def _known_value(measure: AbstractMeasure, places: int | None, shapes: Any, weights: Any) -> Array:
-    a, b = shapes
-    return measure._estimated(a, b, checked_weights(a, weights), places).guarded()
+    a, b, moving = shapes
+    return measure._estimated(a, b, checked_weights(a, weights if moving is None else moving), places).guarded()
 
 
 def _throw_unless_confirmed(value: Estimated, solution: Any) -> None:
@@ -370,7 +379,7 @@ def _no_value(dtype: Any) -> Array:
 def _larger(first_way: _Directed, second_way: _Directed) -> _Directed:
     """The larger of both directions: its value and direction, with the larger of both bounds."""
     there, back = first_way.solution, second_way.solution
-    known = jax.lax.stop_gradient((there, back))
+    known = undifferentiated((there, back))
     # Compiled programs take subnormal numbers for zero.
     host = not is_tracing([x.value for x in known])
     values, lowers, uppers = ([getattr(x, name) for x in known] for name in ("value", "lower", "upper"))
@@ -393,15 +402,17 @@ def _distances(a: Any, b: Any, weights: Any, places: int | None) -> tuple[float,
     scale = _scale(a, b)
     if is_points(a):
         points = a.segments().control_points[:, 0]
-        counts = jnp.ones(len(points)) if weights is None else jnp.asarray(weights / np.max(weights))
-        return scale, Along(project(points, b, throw=False).distance * scale, counts, 0.0)
+        counts = jnp.ones(len(points)) if weights is None else jnp.asarray(weights / np.max(undifferentiated(weights)))
+        found = project(points, b, throw=False)
+        distance = jnp.where(told_from_zero(found, scale), found.distance * scale, 0.0)
+        return scale, Along(distance, counts, 0.0)
     net, sight = _scaled(a, scale), Sight(b, scale, is_traced(a, b))
-    known = jax.lax.stop_gradient(net)
+    known = undifferentiated(net)
     found = None
     if places is None and net.parameters == 2:
         found = resolved_on_surface(known, sight)
     if found is None:
-        cells, count, left = resolved(known, sight.distance, places)
+        cells, count, left = resolved(known, sight.at, places)
         found = nodes_of(cells, count), left if net.parameters == 1 else np.inf
     nodes, off = found
     points, density, _ = along(net, nodes)
@@ -416,5 +427,5 @@ def _scaled(a: Any, scale: float) -> Net:
 
 def _scale(a: Any, b: Any) -> float:
     """The power of two by which the coordinates of both shapes are of about one."""
-    boxes = [np.asarray(end) for shape in jax.lax.stop_gradient((a, b)) for end in shape.box()]
+    boxes = [np.asarray(end) for shape in undifferentiated((a, b)) for end in shape.box()]
     return float(scale_of(common_exponent(*boxes), boxes[0].dtype))

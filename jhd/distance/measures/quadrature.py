@@ -1,7 +1,8 @@
 """Integrals of the distance to b along a, differentiable: places along a, where a first look needs them, and factors.
 
-The parameter cells of a are halved until a Lobatto rule over a cell and over its parts agree, for the distance and for
-its square. Where the foot jumps the distance has a kink; cells about it are cut until what they can err by vanishes, so
+The parameter cells of a are halved until a Lobatto rule over a cell and over its parts agree, for the distance, its
+square, and the direction away from the foot, to what the rounding of coordinates leaves of each. Where the foot jumps
+the distance has a kink; cells about it are cut until what they can err by vanishes, so
 on curves value and derivatives come out nearly to rounding. A rule without places at the ends of a cell would not see a
 kink beside them. On surfaces, where kinks are whole curves (jhd.distance.measures.surface_quadrature), this is for a
 given number of places, which ends it; where there is no room for parts, rules of Gauss do with fewer places.
@@ -29,6 +30,12 @@ _ON_CURVES, _ON_SURFACES, _COARSE = 9, 4, (3, 2, 1)
 _HALVINGS, _MOST_PLACES = 26, {1: 1 << 17, 2: 1 << 13}
 # A cell is done where a rule over it and over its parts differ by this share of the integral, on curves and surfaces.
 _AGREED = {1: 1e-13, 2: 1e-10}
+# The same of the direction, as a share of the length or area.
+_DIRECTED = 1e-9
+# What rounding leaves of distances, in units of roundoff of coordinates of at most one.
+_ROUNDINGS = 64
+# Directions are not known where distances are positive but no more than this in the mean, in the same units.
+_UNKNOWN = 1 << 14
 # Numbers of places that programs are compiled for.
 _PADDED = (64, 512, 1 << 13, 1 << 17, 1 << 18)
 
@@ -118,12 +125,12 @@ def halved(cells: ParameterCells) -> ParameterCells:
     return ParameterCells(np.repeat(cells.piece, len(parts)), low, high)
 
 
-def resolved(net: Net, distance: Callable[[Any], Any], most: int | None = None) -> "Resolved":
+def resolved(net: Net, see: Callable[[Net, "Nodes"], Any], most: int | None = None) -> "Resolved":
     """ParameterCells over which rules with some places along each parameter agree with those over their parts.
 
     Args:
         net: the pieces, known.
-        distance: of points (points, dim).
+        see: what is seen from places of the net, whose coordinates are at most one (jhd.distance.measures.sight).
         most: places in all, at most, but one for each piece; None for as many as serve.
 
     Returns:
@@ -135,18 +142,20 @@ def resolved(net: Net, distance: Callable[[Any], Any], most: int | None = None) 
     if 2**net.parameters * len(cells.piece) * count**net.parameters > most:
         count = next((k for k in _COARSE if len(cells.piece) * k**net.parameters <= most), 1)
     each, parts = count**net.parameters, 2**net.parameters
-    values = _integrals(net, distance, cells, count)
+    values = _integrals(net, see, cells, count)
     done: list[ParameterCells] = []
     total = np.abs(np.sum(values, axis=0))
-    for _ in range(_HALVINGS):
+    unknown = 0 < total[1] <= _UNKNOWN * float(np.finfo(values.dtype).eps) * total[0]
+    for _ in range(0 if unknown else _HALVINGS):
         settled = sum(len(c.piece) for c in done)
         if (settled + parts * len(cells.piece)) * each > most:
             break
         finer = halved(cells)
-        below = _integrals(net, distance, finer, count)
-        off = np.abs(np.sum(below.reshape(len(cells.piece), parts, -1), axis=1) - values)
+        below = _integrals(net, see, finer, count)
+        both = np.sum(below.reshape(len(cells.piece), parts, -1), axis=1)
         total = np.maximum(total, np.abs(np.sum(below, axis=0)))
-        agreed = np.repeat(np.all(off <= _AGREED[net.parameters] * total, axis=1), parts)
+        agreed = np.abs(both - values)[:, :-1] <= _allowed(total, values, net.parameters)
+        agreed = np.repeat(np.all(agreed, axis=1), parts)
         done.append(finer.take(agreed))
         cells, values = finer.take(~agreed), below[~agreed]
         if len(cells.piece) == 0:
@@ -156,14 +165,31 @@ def resolved(net: Net, distance: Callable[[Any], Any], most: int | None = None) 
     return Resolved(ParameterCells(*rows), count, left)
 
 
-def _integrals(net: Net, distance: Callable[[Any], Any], cells: ParameterCells, count: int) -> np.ndarray:
-    """Of one, of the distance and of its square over each cell."""
+def _integrals(net: Net, see: Callable[[Net, Nodes], Any], cells: ParameterCells, count: int) -> np.ndarray:
+    """Of one, the distance, its square and the direction over each cell, and what rounding leaves of the latter."""
     nodes = nodes_of(cells, count)
-    points, density, _ = known_along(net, nodes)
-    d = np.asarray(distance(points))
-    w = nodes.factor * density
-    rows = np.stack([w, w * d, w * d**2], axis=-1)
-    return np.sum(rows.reshape(len(cells.piece), -1, 3), axis=1)
+    seen = see(net, nodes)
+    d, each = seen.distance, count**net.parameters
+    noise = np.minimum(_ROUNDINGS * float(np.finfo(d.dtype).eps) / np.where(d > 0, d, np.inf), 1.0).reshape(-1, each)
+    # Where the foot jumps the direction does, by more than rounding; where shapes cross or part it turns or vanishes.
+    normal, label = seen.normal.reshape(len(noise), each, -1), seen.label.reshape(len(noise), -1)
+    spread = np.max(np.sum((normal - normal[:, :1]) ** 2, axis=2), axis=1) ** 0.5
+    several = np.any(label != label[:, :1], axis=1) & (spread > 2 * np.max(noise, axis=1))
+    several |= np.any(np.sum(normal * normal[:, :1], axis=2) < 0, axis=1)
+    several |= np.any(label != label[:, :1], axis=1) & np.any(label < 0, axis=1)
+    noise = np.where(several[:, None], 0.0, noise)
+    rows = np.column_stack([np.ones_like(d), d, d**2, seen.normal, noise.ravel()])
+    rows = rows * (nodes.factor * seen.density)[:, None]
+    return np.sum(rows.reshape(len(noise), each, -1), axis=1)
+
+
+def _allowed(total: np.ndarray, values: np.ndarray, parameters: int) -> np.ndarray:
+    """By how much integrals over cells may differ from those over their parts, all but the last."""
+    rounded = _ROUNDINGS * float(np.finfo(values.dtype).eps)
+    least = _AGREED[parameters] * total[:3]
+    room = rounded * np.column_stack([0 * values[:, 0], values[:, 0], 2 * values[:, 1]])
+    directions = np.repeat(_DIRECTED * total[0] + values[:, -1:], values.shape[1] - 4, axis=1)
+    return np.concatenate([least + room, directions], axis=1)
 
 
 def along(net: Net, nodes: Nodes) -> tuple[Array, Array, Array]:

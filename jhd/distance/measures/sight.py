@@ -3,15 +3,20 @@
 Whoever looks at thousands of places needs the nearest foot but not its distance to the last digit of a proof: bounds of
 the distance to a surface may stay apart by some billionths of the size, and its pieces are cut beforehand, which takes
 an eighth of the time. A foot that is not the nearest is then as near as that.
+
+A distance that rounding does not tell from zero is zero, and so is its derivative: where shapes coincide, feet lie
+beside their places by rounding alone, in any direction.
 """
 
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import eval_context
 from jaxtyping import Array, Float, Int
 
+from jhd.arrays import undifferentiated
 from jhd.compiled import compiled
 from jhd.distance.frame.net_jets import Net, part_of
 from jhd.distance.frame.nets import net_of
@@ -32,8 +37,12 @@ _CLOSE, _PARTS = 2.0**-27, 64
 # Most places that are looked at: what takes a tenth of a millisecond each on surfaces takes less on curves, and some
 # microseconds elsewhere.
 _MOST, _MOST_ON_CURVES, _MOST_ON_SURFACES = 1 << 18, 1 << 16, 1 << 15
+# A distance up to this, in units of roundoff of coordinates of at most one, is not told from zero without a proof.
+_NOTHING = 256
 # As many times as many where a derivative is to be confirmed, which jumps where feet do and the distance does not.
 _PATIENCE = 4
+# The label of what is at distance zero; others are not negative.
+_NO_PART = -2
 
 
 class Seen(NamedTuple):
@@ -44,7 +53,8 @@ class Seen(NamedTuple):
         normal: (places, dim); zero at distance zero.
         slope: (places, parameters).
         density: length or area per parameter.
-        label: which smooth part of the shape holds the foot, as a number: of two such parts they differ.
+        label: which smooth part of the shape holds the foot, as a number: of two such parts they differ. At distance
+            zero that is no part.
     """
 
     distance: Float[np.ndarray, " places"]
@@ -64,7 +74,7 @@ class Sight:
     """
 
     def __init__(self, b: Any, scale: float, derived: bool):
-        self.b, self.scale = jax.lax.stop_gradient(b), scale
+        self.b, self.scale = undifferentiated(b), scale
         self._cuts = 1
         self._target: AbstractTarget | None = None
         if isinstance(b, AbstractPatch):
@@ -85,21 +95,32 @@ class Sight:
             if self._target is None:
                 return project(points, self.b, throw=False)
             found = self._target.nearest(points, close=self._close)
+            # What may be at distance zero is looked at to the end.
+            maybe = (found.lower <= 0) & told_from_zero(found, self.scale)
+            if np.any(maybe):
+                closer = self._target.nearest(points[maybe])
+                found = ProvenFeet(*map(np.array, found))
+                for x, y in zip(found, closer, strict=True):
+                    x[maybe] = y
         if self._cuts == 1:
             return found
         piece, part = np.divmod(found.segment, self._cuts**2)
         corner = np.stack(np.unravel_index(part, (self._cuts,) * 2), axis=1)
         return found._replace(segment=piece, t=(corner + found.t) / self._cuts)
 
-    def distance(self, points: Any) -> np.ndarray:
-        """Distances of points, times the scale."""
-        return self.near(points)[0]
-
     def near(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances of points and their feet, both times the scale."""
+        """Distances of points and their feet, both times the scale; a point at distance zero is its own foot."""
+        _, distance, apart = self._seen(points)
+        return distance, np.asarray(points) - apart
+
+    def _seen(self, points: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray]:
+        """What is nearest to points, the distances, and the points less their feet, both times the scale."""
         own = np.asarray(points) / self.scale
         found = self.feet(own)
-        return np.asarray(found.distance) * self.scale, np.asarray(found.foot) * self.scale
+        told = told_from_zero(found, self.scale)
+        # In units in which squares are numbers.
+        apart = (own - np.asarray(found.foot)) * self.scale
+        return found, np.where(told, np.asarray(found.distance) * self.scale, 0.0), np.where(told[:, None], apart, 0.0)
 
     def at(self, net: Net, nodes: Nodes) -> Seen:
         """What is seen from places of a known net."""
@@ -108,14 +129,12 @@ class Sight:
             shapes = np.zeros((0, net.dim)), np.zeros((0, net.parameters))
             return Seen(nothing, *shapes, nothing, np.zeros(0, int))
         points, density, first = known_along(net, nodes)
-        own = points / self.scale
-        found = self.feet(own)
-        # In units in which squares are numbers.
-        apart = (own - np.asarray(found.foot)) * self.scale
+        found, distance, apart = self._seen(points)
         length = np.linalg.norm(apart, axis=1, keepdims=True)
         normal = apart / np.where(length > 0, length, 1.0)
         slope = np.sum(first * normal[:, None], axis=2)
-        return Seen(np.asarray(found.distance) * self.scale, normal, slope, density, self._labels(found))
+        label = np.where(distance > 0, self._labels(found), _NO_PART)
+        return Seen(distance, normal, slope, density, label)
 
     def _labels(self, found: Any) -> np.ndarray:
         """The vertex, edge or face of a mesh, the inside, side or corner of a piece, or the faces of a box."""
@@ -131,10 +150,25 @@ class Sight:
 
     def moving(self, points: Array, b: Any) -> Array:
         """Distances of places to b, differentiable in both."""
+        own = points / self.scale
         if isinstance(b, AbstractPatch | ImplicitSurface):
-            own = points / self.scale
-            return proven_with_derivatives(self.feet(np.asarray(jax.lax.stop_gradient(own))), own, b) * self.scale
-        return project(points / self.scale, b, throw=False).distance * self.scale
+            found = self.feet(np.asarray(undifferentiated(own)))
+            distance = proven_with_derivatives(found, own, b)
+        else:
+            found = project(own, b, throw=False)
+            distance = found.distance
+        return jnp.where(told_from_zero(found, self.scale), distance * self.scale, 0.0)
+
+
+def told_from_zero(found: Any, scale: float) -> np.ndarray:
+    """Whether distances, known now, are proven to be positive, or more than rounding leaves of coordinates.
+
+    Args:
+        found: the nearest points.
+        scale: a power of two that makes coordinates at most one.
+    """
+    lower, distance = (np.asarray(undifferentiated(x)) for x in (found.lower, found.distance))
+    return (lower > 0) | (distance * scale > _NOTHING * float(np.finfo(distance.dtype).eps))
 
 
 def _cut(net: Net, count: int) -> Net:

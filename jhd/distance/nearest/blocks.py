@@ -4,19 +4,10 @@ Segments are sorted along a curve that fills space and cut into blocks with a bo
 A group looks at blocks in the order of the distance of their boxes, until the next one is out of reach of all its
 queries. What a query sees of a segment is its chord.
 
-With delta the largest distance of the control points from the chord, every point of the segment is within delta of the
-chord, as the distance from a convex set is convex; and every point of the chord is within delta of the segment, which
-passes over all of them on its way from one end to the other. So with D the distance of a query from the chord,
-that from the segment lies in [D - delta, D + delta], for positive weights too.
-
-Rounding, for coordinates of at most one, u the unit roundoff and d the dimension. The offset, the chord and its points
-take 12 roundings of numbers up to two in each component, the length d + 2 more, and the parameter of the chord's
-nearest point is off by gamma(2 d + 10) |offset| in units of length, which no distance exceeds in its effect. In all
-that is below gamma(40) 4 sqrt(d). A chord whose square is below u^4 counts as its first point. A box is exact, and its
-distance takes less than that as well.
+With D the distance of a query from the chord, the distance from the segment lies in [D - delta, D + delta]; see
+jhd.distance.nearest.chords, for the rounding too. A box is exact, and its distance takes no more roundings than D.
 """
 
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -24,11 +15,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import DTypeLike
 from jaxtyping import Array
 
-from jhd.arithmetic.rounding import gamma
 from jhd.arrays import varying
+from jhd.distance.nearest.chords import chord_error, chords_between, square_and_parameter
 from jhd.distance.nearest.curves import NearestOnCurve, nearest, repeated
 from jhd.shapes.curve import BezierSegments
 
@@ -73,17 +63,11 @@ class Blocks(NamedTuple):
 
 def blocks_of(curve: BezierSegments) -> Blocks:
     """The blocks of a curve."""
-    points, dtype = curve.control_points, curve.control_points.dtype
+    points = curve.control_points
     low, high = jnp.min(points, axis=1), jnp.max(points, axis=1)
     order = jnp.argsort(places(0.5 * (low + high)))
     order = order[np.minimum(np.arange(-(-curve.count // _BLOCK) * _BLOCK), curve.count - 1)].reshape(-1, _BLOCK)
-    start, chord = points[:, 0], points[:, -1] - points[:, 0]
-    square = jnp.sum(chord * chord, axis=-1)
-    counts = square > float(jnp.finfo(dtype).eps) ** 4
-    chord = jnp.where(counts[:, None], chord, 0.0)
-    inverse = jnp.where(counts, 1 / jnp.where(counts, square, 1.0), 0.0)
-    away = jax.vmap(lambda p, s, c, i: jax.vmap(lambda q: _square_and_place(q, s, c, i)[0])(p))
-    delta = jnp.sqrt(jnp.max(away(points, start, chord, inverse), axis=1)) + _error(curve.dim, dtype)
+    start, chord, inverse, delta = chords_between(points[:, 0], points[:, -1], points)
     delta = jnp.where(repeated(points, curve.weights), jnp.inf, delta)
     rows = (start, chord, inverse, delta, low, high)
     start, chord, inverse, delta, low, high = (x[order] for x in rows)
@@ -136,7 +120,7 @@ def guesses(blocks: Blocks, points: Array) -> tuple[Array, Array]:
     _, (_, chosen) = _nearest_first(blocks, points, lambda found: jnp.sqrt(jnp.max(found[0])), look, start, _GUESSED)
     k, i = chosen // _BLOCK, chosen % _BLOCK
     rows = (blocks.start[k, i], blocks.chord[k, i], blocks.inverse[k, i])
-    return blocks.segment[k, i], jax.vmap(_square_and_place)(points, *rows)[1]
+    return blocks.segment[k, i], jax.vmap(square_and_parameter)(points, *rows)[1]
 
 
 def nearest_in_blocks(blocks: Blocks, points: Array, counts: tuple[int, ...] = _LISTED) -> NearestOnCurve:
@@ -175,7 +159,7 @@ def _listed(blocks: Blocks, points: Array, most: int) -> tuple[Array, Array, Arr
         Lower bounds (queries, listed) of the distances to the listed segments; these segments; a lower bound of the
         distance to all others; and an upper bound of the distance to the curve.
     """
-    error, count = _error(points.shape[1], points.dtype), points.shape[0]
+    error, count = chord_error(points.shape[1], points.dtype), points.shape[0]
 
     def look(k: Array, found: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         reach, lower, listed = found
@@ -212,7 +196,7 @@ def _nearest_first(
     """
     low, high = jnp.min(points, axis=0), jnp.max(points, axis=0)
     gaps = jnp.maximum(jnp.maximum(blocks.lower - high, low - blocks.upper), 0.0)
-    lower = jnp.sqrt(jnp.sum(gaps * gaps, axis=1)) - _error(points.shape[1], points.dtype)
+    lower = jnp.sqrt(jnp.sum(gaps * gaps, axis=1)) - chord_error(points.shape[1], points.dtype)
     most = lower.size if most is None else most
 
     def going(state: tuple[Array, Any, Array]) -> Array:
@@ -240,16 +224,6 @@ def _to_chords(blocks: Blocks, k: Array, points: Array) -> tuple[Array, Array]:
     return squares, sum((x * x for x in d), start=jnp.zeros_like(t))
 
 
-def _square_and_place(point: Array, start: Array, chord: Array, inverse: Array) -> tuple[Array, Array]:
-    d = point - start
-    t = jnp.clip(jnp.sum(d * chord) * inverse, 0.0, 1.0)
-    return jnp.sum((d - t * chord) ** 2), t
-
-
 def _down(x: Array) -> Array:
     """Not above, in single precision, in which the few smallest of many lengths are found much faster on CPU."""
     return jnp.maximum(x, 0.0).astype(jnp.float32) * np.float32(1 - 2.0**-22) - np.float32(2.0**-100)
-
-
-def _error(dim: int, dtype: DTypeLike) -> float:
-    return 4 * math.sqrt(dim) * gamma(40, dtype)

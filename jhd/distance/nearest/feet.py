@@ -18,6 +18,12 @@ from jhd.shapes.curve import BezierSegments
 # method stops within the root of rounding, 1e-8, of a free one. A share of |A - B| |B'| is an angle, which tells a foot
 # on a corner from one beside it; a share of |B'|^2 counts feet as free where A - B is rounding, of close curves.
 _HELD = 1e-7
+# A speed below this share of the segment's extent is none: the segment stands still there.
+_STILL = 1e-9
+# Rounding of (B - P).B' in common coordinates, in units of roundoff of |B - P| + |B'|.
+_ROUNDED = 256
+# The equation has a slope, and a foot moves, where it is above this share of |B'|^2.
+_SINGULAR = 1e-10
 # Newton's step is short below a quarter of the segment: four times the residual must be below the slope.
 _SHORT = 4.0
 # Below these shares of |B'|^2 the slope of the equation tells little: of the place of a foot, and of its speed.
@@ -39,6 +45,29 @@ class FootEquation(NamedTuple):
     def distance_sq(self) -> Any:
         """|B - P|^2."""
         return dot(self.apart, self.apart)
+
+    @property
+    def rounding(self) -> Array:
+        """How large the residual can be at a foot, in common coordinates."""
+        eps = float(jnp.finfo(self.residual.dtype).eps)
+        return _ROUNDED * eps * (jnp.sqrt(self.distance_sq) + jnp.sqrt(self.square))
+
+    @property
+    def is_simple(self) -> Array:
+        """Whether the root is simple."""
+        return abs(self.slope) > _SINGULAR * self.square
+
+    @property
+    def is_minimum(self) -> Array:
+        """Whether the distance is stationary there, up to rounding, and not largest."""
+        return (abs(self.residual) <= self.rounding) & (self.slope >= -_SINGULAR * self.square)
+
+    @property
+    def uncertainty(self) -> Array:
+        """How far from the root the rounding of the equation leaves the foot, as a length along the curve."""
+        flat = _SINGULAR * self.square
+        slope = jnp.maximum(self.slope, jnp.where(flat > 0, flat, 1.0))
+        return self.rounding * jnp.sqrt(self.square) / slope
 
 
 class Branch(NamedTuple):
@@ -86,12 +115,13 @@ def follow_foot(point: Array, b: BezierSegments, before: Array, segment: Array, 
 
 def foot_in(point: Array | float, piece: Piece, s: Array, steps: int, low: Any = 0.0, high: Any = 1.0) -> Array:
     """The local foot of a point reached from s by Newton's method, kept in [low, high]."""
-    downhill = _DOWNHILL * (high - low)
+    step = lambda _, s: step_in(point, piece, s, low, high)  # noqa: E731
+    return jax.lax.fori_loop(0, steps, step, varying(s, point, piece, low, high))
 
-    def newton(_: Any, s: Array) -> Array:
-        return jnp.clip(s + newton_step(equation(point, piece, s), downhill), low, high)
 
-    return jax.lax.fori_loop(0, steps, newton, varying(s, point, piece, low, high))
+def step_in(point: Array | float, piece: Piece, s: Array, low: Any = 0.0, high: Any = 1.0) -> Array:
+    """The parameter in [low, high] after a step of Newton's method towards a local foot."""
+    return jnp.clip(s + newton_step(equation(point, piece, s), _DOWNHILL * (high - low)), low, high)
 
 
 def nearest_passed(point: Array, piece: Piece, s: Array, steps: int) -> Array:
@@ -173,8 +203,29 @@ def foot_at(point: Array, b: BezierSegments, segment: Array, s: Array) -> tuple[
 
 def is_held(point: Array, piece: Piece, s: Array) -> Array:
     """Whether the foot of a point stays at an end or corner where the distance is not stationary, or at a point."""
-    here = equation(point, piece, s)
-    return stays(s, here.residual, jnp.sqrt(here.distance_sq * here.square)) | is_point(piece)
+    return holds(equation(point, piece, s), piece, s)
+
+
+def holds(here: FootEquation, piece: Piece, s: Array) -> Array:
+    """The same from the equation of the foot; an end where the segment stands still holds its foot, too."""
+    border = (s <= 0) | (s >= 1)
+    still = border & stands_still(here.first, piece.control_points)
+    return stays(s, here.residual, jnp.sqrt(here.distance_sq * here.square)) | still | is_point(piece)
+
+
+def stands_still(first: Any, control_points: Any) -> Any:
+    """Whether a derivative of a segment is none; in NumPy, and for many segments along leading axes, too."""
+    extent = abs(control_points - control_points[..., :1, :]).max((-2, -1))
+    return abs(first).max(-1) <= _STILL * extent
+
+
+def by_normal(apart_sq: Any, speed_sq: Any) -> Any:
+    """Whether the normal of the curve tells the direction to a foot in the plane better than B - P does.
+
+    Both are off by the same rounding divided by their lengths: B - P is lost where the curves nearly coincide, the
+    normal where the curve stands still.
+    """
+    return speed_sq > apart_sq
 
 
 def stays(s: Any, slope: Any, size: Any) -> Any:

@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.rounding import largest, round_down, round_up, smallest_normal
 from jhd.arithmetic.scaling import common_exponent, ldexp
-from jhd.arrays import is_traced, real_array, varying
+from jhd.arrays import is_traced, real_array, undifferentiated, varying
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import RESULTS, Projection, result_where
@@ -51,7 +51,7 @@ def nearest_on_mesh(queries: Array, mesh: TriangleMesh, method: object = None) -
         accepted = "None for meshes, which is the exact search, or VertexVoxels"
         raise TypeError(f"method must be {accepted}; got {type(method).__name__}.")
     batch = queries.shape[:-1]
-    fixed, still = lax.stop_gradient((queries.reshape(-1, 3), mesh))
+    fixed, still = undifferentiated((queries.reshape(-1, 3), mesh))
     if not is_traced(fixed, still):
         known = np.asarray(fixed)
         found = _known(closest_points(still, known) if method is None else method.search(known, still), still)

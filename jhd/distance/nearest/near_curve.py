@@ -13,6 +13,7 @@ from jaxtyping import Array
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import CurvePlace, piece_of
 from jhd.distance.nearest.blocks import Blocks, blocks_of, guesses, in_groups, nearest_in_blocks
+from jhd.distance.nearest.chords import Chords, runs_of
 from jhd.distance.nearest.curves import NearestOnCurve, nearest, repeated
 from jhd.shapes.curve import BezierSegments
 
@@ -37,11 +38,13 @@ class NearCurve(NamedTuple):
         curve: the curve.
         skip: its segments that repeat the one before them.
         guide: samples of a short curve, blocks of a long one.
+        runs: for each segment the chord of the straight run that it belongs to.
     """
 
     curve: BezierSegments
     skip: Array
     guide: _NearSamples | Blocks
+    runs: Chords
 
     def starts(self, points: Array) -> CurvePlace:
         """Where to start the search of a foot for each of the points (..., dim): near the nearest, not proven."""
@@ -65,7 +68,7 @@ class NearCurve(NamedTuple):
 def near_curve(curve: BezierSegments, long: bool) -> NearCurve:
     """The curve, looked at in blocks where it or the other curve is long."""
     skip = repeated(curve.control_points, curve.weights)
-    return NearCurve(curve, skip, blocks_of(curve) if long else _samples(curve))
+    return NearCurve(curve, skip, blocks_of(curve) if long else _samples(curve), runs_of(curve))
 
 
 def _samples(b: BezierSegments) -> _NearSamples:

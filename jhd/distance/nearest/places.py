@@ -36,7 +36,7 @@ _FARTHEST = 1e-6
 # Steps of signs in integers, as powers of two of the roundoff of the largest coordinate.
 _RADII = (-2, 1, 4, 8)
 # Where the gradient vanishes, changes of sign are looked for this far away.
-_DISTANCES = [2.0**-48, 2.0**-40, 2.0**-32, 2.0**-28, 2.0**-26, 2.0**-24, 2.0**-22, 2.0**-20]
+_DISTANCES = [2.0**power for power in (-48, -40, -32, -28, -26, -24, -22, -20, -17, -14, -11)]
 
 
 def projected(

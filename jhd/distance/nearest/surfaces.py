@@ -162,7 +162,8 @@ def nearest(
 
     def better(state: _SurfaceQuery, places: Array) -> tuple[Array, Array]:
         found = local_feet(side, jnp.broadcast_to(point[:, None], places.shape), places, _FOOT_STEPS)
-        far, foot = nearest_proven(side, point, found)
+        # Where the gradient vanishes Newton's method leads away, and a cell itself is near the surface.
+        far, foot = nearest_proven(side, point, jnp.concatenate([found, places], axis=1))
         nearer = far < state.upper
         return jnp.where(nearer, far, state.upper), jnp.where(nearer, foot, state.foot)
 

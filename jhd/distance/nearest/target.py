@@ -53,6 +53,10 @@ class ProvenFeet(NamedTuple):
     t: Float[np.ndarray, "points ..."]
     closed: Bool[np.ndarray, " points"]
 
+    def take(self, rows: Any) -> "ProvenFeet":
+        """Copies of some of them."""
+        return ProvenFeet(*(x[rows] for x in self))
+
 
 class FootRows(NamedTuple):
     """Points of a shape, any number of them for each of some cells.
@@ -207,6 +211,12 @@ class PointTarget(AbstractTarget):
         """See AbstractTarget: zeros."""
         return t[:, 0]
 
+    def pieces_within(self, points: np.ndarray, reach: np.ndarray) -> ConvexPieces:
+        """See AbstractTarget: the points."""
+        who, row = _within(self.tree, in_space(points), reach)
+        held = in_space(self.rows)[self.tree.order[row]]
+        return ConvexPieces(who, held[:, None], held)
+
     def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
         """See AbstractTarget: the bounds are always those of rounding."""
         tree, scaled = in_unit_of(self.tree, in_space(points))
@@ -262,9 +272,8 @@ class MeshTarget(AbstractTarget):
 
     def pieces_within(self, points: np.ndarray, reach: np.ndarray) -> ConvexPieces:
         """See AbstractTarget: the triangles."""
+        who, row = _within(self.tree, points, reach)
         tree, scaled = in_unit_of(self.tree, points)
-        bound = np.ldexp(outward(reach, 0, scaled.dtype, 1), -tree.exponent)
-        who, row = triangles_within(tree, scaled, bound, _FEW)
         corners = self._corners[tree.order[row]]
         if len(row) == 0:
             return ConvexPieces(who, corners, np.zeros((0, 3)))
@@ -282,6 +291,12 @@ def _left(tree: TriangleTree, distance: float) -> float:
     with np.errstate(over="ignore", under="ignore"):
         error = float(np.ldexp(tree.error(np.ldexp(distance, -tree.exponent)), tree.exponent))
         return 4 * max(error, float(np.spacing(np.asarray(distance, tree.table.dtype))))
+
+
+def _within(tree: TriangleTree, points: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of points and sorted triangles, or points, that may be within lengths of these, where there are few."""
+    tree, scaled = in_unit_of(tree, points)
+    return triangles_within(tree, scaled, np.ldexp(outward(reach, 0, scaled.dtype, 1), -tree.exponent), _FEW)
 
 
 def _hinted(tree: TriangleTree, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

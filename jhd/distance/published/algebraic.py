@@ -31,6 +31,13 @@ _FINAL = 1e-8
 class AlgebraicEvents(AbstractHostMethod):
     """Solves for all candidate events; for polynomial curves in the plane whose control points are known.
 
+    Changes to the source:
+
+     - The trivial solutions, two feet that are one, are left out by divided differences and tests at joints.
+     - Free ends and corners of b are segments of one point, so events there have the same equations.
+     - Every event is measured by the proven nearest point of all of b.
+     - Curves of roots are reported as intervals of distances.
+
     `value` is the largest proven distance of all candidates and `lower` the proven bound of it. `upper` is infinite:
     the solver drops a box only where rounding allows it, but that no event is missed where the tangents of b differ by
     rounding at a joint is not proven.

@@ -22,6 +22,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -35,7 +36,7 @@ from jhd.arithmetic.rationals import float_above, float_below, root_between
 from jhd.compiled import optimised
 from jhd.distance.frame.directions import larger
 from jhd.distance.frame.method import AbstractHausdorffMethod
-from jhd.fields.boxes import squared_distances
+from jhd.fields.boxes import squared_distances, squared_vertex_distances
 from jhd.fields.octree import VoxelProgress, Voxels, checked_cells, voxelise
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
@@ -53,8 +54,13 @@ class CubeIntervals(AbstractHausdorffMethod):
 
     rule="safe": lower <= exact <= upper. RESULTS.unverified, and NaN for the value, where an end is missing because no
     cell of a surface could be proven to hold a point of it. rule="paper": the published interval and its midpoint,
-    RESULTS.unproven; it can miss the distance. The ranges are those of Bernstein coefficients for the one, of modified
-    affine arithmetic for the other.
+    RESULTS.unproven; it can miss the distance: take rule="safe" for bounds. The ranges are those of Bernstein
+    coefficients for the one, of modified affine arithmetic for the other.
+
+    Changes to the source:
+
+     - The number of cells is given. The source names their largest edge.
+     - Minima are taken of squared distances, axis by axis where that is exact.
 
     `value` is the middle of the interval, not made to be differentiated. The witness is the centre of the cell of the
     largest upper end, its foot that of the nearest cell; the event is a_end or b_end where one of them is at the border
@@ -65,21 +71,28 @@ class CubeIntervals(AbstractHausdorffMethod):
         rule: "safe" or "paper".
         pairs: "separable" takes the minima axis by axis where both surfaces have one box, a cube, and at most 256
             cells; "tiles", and everything else, compares all pairs of cells.
+        ends: both ways of the source's step 4 to the interval of two cells. "cells" takes all their points by interval
+            arithmetic. "vertices" takes the 64 distances between their vertices: for rule="paper" only, since the left
+            end can exceed the least distance where cells of different grids overlap. On one grid both are the same.
 
     Raises:
         TypeError: cells is no whole number.
-        ValueError: cells out of range, or another rule or way.
+        ValueError: cells out of range, another rule or way, or ends="vertices" with the safe rule.
     """
 
     cells: int = eqx.field(static=True, default=64)
     rule: str = eqx.field(static=True, default="safe")
     pairs: str = eqx.field(static=True, default="separable")
+    ends: str = eqx.field(static=True, default="cells")
 
     def __check_init__(self) -> None:
         checked_cells(self.cells)
-        for name, allowed in (("rule", ("safe", "paper")), ("pairs", ("separable", "tiles"))):
+        options = ("rule", ("safe", "paper")), ("pairs", ("separable", "tiles")), ("ends", ("cells", "vertices"))
+        for name, allowed in options:
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; needs {' or '.join(map(repr, allowed))}.")
+        if self.ends == "vertices" and self.rule == "safe":
+            raise ValueError("ends is 'vertices', which bounds nothing; needs rule='paper'.")
 
     @classmethod
     def serves(cls, a: Any, b: Any) -> bool:
@@ -134,7 +147,8 @@ class CubeIntervals(AbstractHausdorffMethod):
         """The directed distance from the surface of the cells p; the direction is a member of DIRECTIONS."""
         safe = self.rule == "safe"
         proven = q.proven if safe else np.ones_like(q.proven)
-        nearest = _by_axes if self.pairs == "separable" and scale.exact else _by_tiles
+        tiles = partial(_by_tiles, vertices=self.ends == "vertices")
+        nearest = _by_axes if self.pairs == "separable" and scale.exact else tiles
         least, most = nearest(p, q, proven, self.cells)
         # Where nothing is proven the lower end is 0, the upper one infinite.
         lower_sq = np.max(least[p.proven] if safe else least, initial=0.0)
@@ -299,7 +313,9 @@ def _third_axis(grid: Array, table: Array, places: Array) -> Array:
     return jnp.min(grid[x, y] + table[steps], axis=-1)
 
 
-def _by_tiles(p: _GridCells, q: _GridCells, proven: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
+def _by_tiles(
+    p: _GridCells, q: _GridCells, proven: np.ndarray, cells: int, vertices: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """The same from all pairs of cells, a chunk of p against one tile of q after the other."""
     # Repeated cells change no minimum; lengths in powers of four keep the number of programs small.
     length = max(_TILE, 4 ** -(-(q.count - 1).bit_length() // 2))
@@ -311,23 +327,24 @@ def _by_tiles(p: _GridCells, q: _GridCells, proven: np.ndarray, cells: int) -> t
     for first in range(0, p.count, _CHUNK):
         part = [x[:, first : first + _CHUNK] for x in (p.lower, p.upper)]
         part = [jnp.asarray(np.pad(x, [(0, 0), (0, _CHUNK - x.shape[1])], mode="edge")) for x in part]
-        found.append(_tiled(*part, *b, penalty, tiles))
+        found.append(_tiled(vertices, *part, *b, penalty, tiles))
     least, most = (np.concatenate([np.asarray(pair[i]) for pair in found])[: p.count] for i in (0, 1))
     return least, most
 
 
-@optimised
+@partial(optimised, static=(0,))
 def _tiled(
-    a_lower: Array, a_upper: Array, b_lower: Array, b_upper: Array, penalty: Array, tiles: Array
+    vertices: bool, a_lower: Array, a_upper: Array, b_lower: Array, b_upper: Array, penalty: Array, tiles: Array
 ) -> tuple[Array, Array]:
     # The cells of b in front: a minimum over the leading axis runs in vectors, over the last one it does not.
     a = a_lower[:, None], a_upper[:, None]
+    distances = squared_vertex_distances if vertices else squared_distances
 
     def body(tile: Array, best: tuple[Array, Array]) -> tuple[Array, Array]:
         def part(x: Array) -> Array:
             return lax.dynamic_slice_in_dim(x, tile * _TILE, _TILE, axis=-1)[..., None]
 
-        least, most = squared_distances(a, (part(b_lower), part(b_upper)))
+        least, most = distances(a, (part(b_lower), part(b_upper)))
         return jnp.minimum(best[0], least.min(0)), jnp.minimum(best[1], (most + part(penalty)).min(0))
 
     start = jnp.full(a_lower.shape[1:], jnp.inf, a_lower.dtype)

@@ -102,9 +102,9 @@ def _described(a: BezierSegments, b: BezierSegments, segment: Array, t: Array, s
     """The witness at a place of a, its distance and the proven lower bound."""
     point = jet(*piece_of(a, segment), t).point
     found = nearest(point, b.control_points, None, 0.0, skip)
-    witness = describe(a, b, CurvePlace(segment, t), CurvePlace(found.segment, found.t), jnp.ones((), t.dtype))
+    described = describe(a, b, CurvePlace(segment, t), CurvePlace(found.segment, found.t))
     lower = jnp.maximum(found.lower - evaluation_error(a, b), 0.0)
-    return witness, jnp.maximum(found.distance, lower), lower
+    return described.witness(), jnp.maximum(found.distance, lower), lower
 
 
 def _describe(pair: HostPair, segment: int, t: float) -> tuple[Any, ...]:

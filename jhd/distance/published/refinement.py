@@ -98,11 +98,11 @@ def _branch(pair: RefinedPair, bracket: Bracket, t: Array, from_right: Array) ->
 
 
 @jax.jit
-def _lead(t: Array, args: tuple[RefinedPair, Bracket]) -> Array:
-    """How much farther (squared) the right end's branch is than the left end's; positive before the crossing."""
-    pair, bracket = args
+def _lead(t: Array, args: tuple[RefinedPair, Bracket, Array]) -> Array:
+    """How much farther (squared) the right end's branch is than the left end's, less a shift: falls at the crossing."""
+    pair, bracket, shift = args
     feet = jax.vmap(lambda right: _branch(pair, bracket, t, right))(jnp.array([False, True])).point
-    return (2 * _point(pair, bracket, t) - feet[0] - feet[1]) @ (feet[0] - feet[1])
+    return (2 * _point(pair, bracket, t) - feet[0] - feet[1]) @ (feet[0] - feet[1]) - shift
 
 
 @jax.jit
@@ -117,11 +117,13 @@ def _refined(pair: RefinedPair, lanes: Bracket, width: Array) -> _Refined:
     """Bisection of all intervals to a share `width` of each."""
 
     def crossing(bracket: Bracket) -> tuple[Array, Array]:
-        args = (pair, bracket)
-        at0, at1 = jax.vmap(_lead, in_axes=(0, None))(jnp.stack([bracket.t0, bracket.t1]), args)
-        tau = _bisected(_lead, bracket.t0, bracket.t1, at0, at1, args, width)
-        # Branches that meet at one end are one foot there; which of them leads at the other end then holds throughout.
-        apart = (at0 > _EQUAL) & (at1 < -_EQUAL)
+        both_ends, zero = jnp.stack([bracket.t0, bracket.t1]), jnp.zeros_like(bracket.t0)
+        at0, at1 = jax.vmap(_lead, in_axes=(0, None))(both_ends, (pair, bracket, zero))
+        # A branch that ends before the other end of the interval is followed onto the other branch, and does not lead
+        # from there on; the crossing is before that.
+        shift = jnp.where(at1 >= -_EQUAL, _EQUAL, jnp.where(at0 <= _EQUAL, -_EQUAL, zero))
+        apart = (at0 > shift) & (at1 < shift)
+        tau = _bisected(_lead, bracket.t0, bracket.t1, at0 - shift, at1 - shift, (pair, bracket, shift), width)
         return jnp.where(apart, tau, jnp.where(at1 < -_EQUAL, bracket.t0, bracket.t1)), apart
 
     tau, apart = jax.vmap(crossing)(lanes)

@@ -8,14 +8,10 @@
  4. The systems of all events are solved on what is left, for distances between the lower bound and the bound of each
     piece.
 
-Changes to the source. Its distance map and the terms eps1 to eps3 give way to step 2 (jhd.distance_map draws the map).
-Its test of an arc is unsafe and replaced (`arc_bounds`). It trims both curves, which can remove a foot of the maximum;
-here only the parameter of the maximum is trimmed and b stays whole: feet are told by their distances.
-
 Source: Kim et al. 2010, sections 2 to 4.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 from weakref import ref
 
 import equinox as eqx
@@ -31,13 +27,14 @@ from jhd.distance.published.algebraic import final_size
 from jhd.distance.published.arc_bounds import Arcs, ArcTarget, arcs_of, chords
 from jhd.distance.published.events.candidates import Search, candidate_events, near_ends
 from jhd.distance.published.events.forms import restricted
-from jhd.distance.published.events.host_pair import HostPair, HostSide, check_served
-from jhd.distance.published.events.survivors import EventPieces, SurvivingFeet
+from jhd.distance.published.events.host_pair import HostPair, check_served
+from jhd.distance.published.events.survivors import EventPieces, SurvivingFeet, event_pieces
 from jhd.distance.published.farthest import Measured, best_of, measured
+from jhd.distance.published.printed_trimming import printed_trimming
 from jhd.shapes.biarc_fit import fitted
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.deviation import HostCurve, complex_points
-from jhd.solution import HausdorffSolution
+from jhd.solution import RESULTS, HausdorffSolution, result_where
 
 # Places measured at a time.
 _SAMPLES = 16
@@ -58,6 +55,25 @@ _NOTHING = (
 class BiarcTrimming(AbstractHostMethod):
     """Biarcs, trimming, then all events on what is left; for polynomial plane curves with known control points.
 
+    Changes to the source:
+
+     - A measured distance is the lower bound. The source reads a distance map by pixels and subtracts the terms eps1 to
+       eps3 of (1) and (2).
+     - An arc is tested exactly (`arc_bounds`). The source tests control points by (3) and (5) to (10); (5) is unsafe.
+     - Arcs of b next to an arc are looked up by their ends and middles. The source takes those that the pixels of its
+       control points name.
+     - Quarters of arcs and then short chords are tested as well as whole arcs.
+     - Only the curve of the maximum is trimmed; feet are told by their distances. The source trims both curves, which
+       can remove a foot of the maximum.
+     - Each direction has a lower bound of its own. The source takes one for both.
+     - Divided differences leave the trivial solutions r = s out of (13).
+     - Each event is measured by the proven nearest point of all of b. The source takes the largest solution.
+
+    `variant="paper"` takes back the first five (`printed_trimming`). Each direction reads its own map, which is
+    evaluated at the middles of pixels instead of rendered. Its value is RESULTS.unproven, without an upper bound: its
+    test of arcs is unsafe, and it trims both curves. `stats` also has `lower_bound`, which the source calls LB, and
+    `trimmed_of_b`. A directed value below LB says that an event was lost.
+
     `value` and `lower` as for AlgebraicEvents, and so are the counts in `stats`; in addition `arcs` of both curves,
     `trimmed` (the share of the parameters of a that was removed) and `pieces` left. `upper` is the bound by which
     pieces are trimmed: it is proven whatever the solver does, and above the value by a few deviations of the arcs, so
@@ -71,9 +87,11 @@ class BiarcTrimming(AbstractHostMethod):
             of the best of a few samples, between 1e-5 and 1e-2 of the extent. Finer arcs trim more and cost more.
         capacity: open boxes of one system at which it counts as one with a curve of roots.
         max_boxes: most boxes examined in all.
+        variant: "ours", or "paper".
+        pixels: pixels along the longer side of the distance map, for variant="paper".
 
     Raises:
-        ValueError: a negative atol, a deviation that is not positive, or numbers too small.
+        ValueError: a negative atol, a deviation that is not positive, numbers too small, or another variant.
     """
 
     atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
@@ -82,8 +100,13 @@ class BiarcTrimming(AbstractHostMethod):
     )
     capacity: int = eqx.field(static=True, default=256)
     max_boxes: int = eqx.field(static=True, default=2**23)
+    variant: Literal["ours", "paper"] = eqx.field(static=True, default="ours")
+    pixels: int = eqx.field(static=True, default=512)
 
     def __check_init__(self) -> None:
+        if self.variant not in ("ours", "paper"):
+            raise ValueError(f"variant is {self.variant!r}; needs 'ours' or 'paper'.")
+        check_whole("pixels", self.pixels, 1)
         check_scalar("atol", self.atol)
         check_whole("capacity", self.capacity, 16)
         check_whole("max_boxes", self.max_boxes, 0)
@@ -97,18 +120,38 @@ class BiarcTrimming(AbstractHostMethod):
         """
         check_served(type(self).__name__, a, b)
         pair, arcs = _replaced(a, b, None if self.deviation is None else float(self.deviation), frame)
-        left = trimmed(pair, *arcs, float(aim.level))
         search = Search(final_size(self.atol, frame), self.capacity, self.max_boxes)
+        if self.variant == "paper":
+            return self._as_printed(pair, arcs, search, frame, float(aim.level))
+        left = trimmed(pair, *arcs, float(aim.level))
         candidates, stats = candidate_events(pair, left.pieces, search, left.feet)
-        kept = float(np.sum(left.pieces.side[1] - left.pieces.side[0]))
-        counts = {
-            "arcs": len(arcs[0].t0) + len(arcs[1].t0),
-            "pieces": len(left.pieces.segment),
-            "trimmed": 1.0 - kept / max(pair.a.moving, 1),
-        }
+        counts = _counts(pair, arcs, left.pieces)
         return best_of(
             pair, candidates, left.best, stats, search, frame, float(aim.level), upper_bound(pair, left), **counts
         )
+
+    def _as_printed(
+        self, pair: HostPair, arcs: tuple[Arcs, Arcs], search: Search, frame: Frame, level: float
+    ) -> HausdorffSolution:
+        """One direction as in the source."""
+        left = printed_trimming(pair, *arcs, level, self.pixels)
+        candidates, stats = candidate_events(pair, left.pieces, search, left.feet)
+        counts = _counts(pair, arcs, left.pieces)
+        counts["trimmed_of_b"] = 1.0 - left.kept_of_b / max(pair.b.moving, 1)
+        counts["lower_bound"] = float(frame.length(np.asarray(left.lower)))
+        found = best_of(pair, candidates, None, stats, search, frame, level, **counts)
+        result = result_where(found.result == RESULTS.successful, RESULTS.unproven, found.result)
+        return eqx.tree_at(lambda s: s.result, found, result)
+
+
+def _counts(pair: HostPair, arcs: tuple[Arcs, Arcs], pieces: EventPieces) -> dict[str, float]:
+    """What trimming did, for `stats`."""
+    kept = float(np.sum(pieces.side[1] - pieces.side[0]))
+    return {
+        "arcs": len(arcs[0].t0) + len(arcs[1].t0),
+        "pieces": len(pieces.segment),
+        "trimmed": 1.0 - kept / max(pair.a.moving, 1),
+    }
 
 
 def arc_deviation(pair: HostPair, wanted: float | None, frame: Frame) -> float:
@@ -204,7 +247,7 @@ def trimmed(pair: HostPair, d: Arcs, c: Arcs, level: float) -> Trimmed:
         level: distances up to it do not matter; in common coordinates.
     """
     # Points have arcs as well, but are no pieces.
-    moving = _moving(pair.first)
+    moving = pair.first.moving
     d = d.take(np.flatnonzero(moving[d.segment] >= 0))
     level = max(level, 0.0)
     if not len(d.t0):
@@ -224,7 +267,7 @@ def trimmed(pair: HostPair, d: Arcs, c: Arcs, level: float) -> Trimmed:
         d, upper = _above(level, d, np.minimum(target.reach(d) + error, np.repeat(upper, _CHORDS)))
         if np.max(np.abs(d.end - d.start), initial=0.0) <= _LONG * target.largest_deviation:
             break
-    pieces = _pieces(d._replace(segment=moving[d.segment]), upper, level - 2 * error)
+    pieces = event_pieces(moving[d.segment], d.t0, d.t1, upper, level - 2 * error)
     return Trimmed(pieces, _feet(pair, pieces, target), max(level, float(np.max(upper, initial=0.0))), best)
 
 
@@ -288,18 +331,6 @@ def _points_at(points: np.ndarray, t: np.ndarray) -> np.ndarray:
     return points[0]
 
 
-def _pieces(arcs: Arcs, upper: np.ndarray, level: float) -> EventPieces:
-    """Neighbouring pieces as one, with the interval of the distances that matter on each."""
-    segment, t0, t1 = arcs.segment, arcs.t0, arcs.t1
-    if not len(segment):
-        return _NOTHING[0]
-    goes_on = (segment[1:] == segment[:-1]) & (t0[1:] == t1[:-1])
-    first = np.flatnonzero(np.append(True, ~goes_on))
-    last = np.append(first[1:], len(segment)) - 1
-    most = np.maximum.reduceat(upper, first)
-    return EventPieces(segment[first], np.stack([t0[first], t1[last]]), np.stack([np.full(len(first), level), most]))
-
-
 def _feet(pair: HostPair, pieces: EventPieces, target: ArcTarget) -> SurvivingFeet:
     """Where the feet of the pieces can be: no farther than what is known of the distance there.
 
@@ -310,7 +341,7 @@ def _feet(pair: HostPair, pieces: EventPieces, target: ArcTarget) -> SurvivingFe
     centre = points.mean(0)
     radius = np.hypot(*np.moveaxis(points - centre, 1, 0)).max(0)
     piece, arc = target.within(centre[0] + 1j * centre[1], radius + pieces.wanted[1])
-    moving = _moving(pair.second)
+    moving = pair.second.moving
     b, arcs = pair.b, target.arcs
     segment = moving[arcs.segment[arc]]
     rows = np.flatnonzero(segment >= 0)
@@ -327,10 +358,3 @@ def _feet(pair: HostPair, pieces: EventPieces, target: ArcTarget) -> SurvivingFe
         np.concatenate([np.stack([t0[first], t1[last]]), np.zeros((2, count * len(single)))], axis=1),
     )
     return every.take(np.lexsort((every.side[0], every.segment, every.piece)))
-
-
-def _moving(side: HostSide) -> np.ndarray:
-    """For each stored segment its number among those of the solver that are no points, else -1."""
-    number = np.full(side.stored.count, -1)
-    number[side.index[: side.curve.moving]] = np.arange(side.curve.moving)
-    return number

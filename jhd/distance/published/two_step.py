@@ -9,9 +9,7 @@ it, or on the whole interval where the branches are one, bisection on (A - B).A'
 give an antipodal event. Every candidate is then measured by the proven nearest point; where a third branch turns out to
 be nearer than the two that were followed, the interval is cut there and both parts are refined again.
 
-Changes to the source: a maximum at an end of b is a maximum along a, not a minimum; branches are followed by
-continuation instead of ranked by length; corners of both curves and feet at ends are events. The method proves a lower
-bound only: it can miss a maximum that lies between samples.
+The method proves a lower bound only: it can miss a maximum that lies between samples.
 
 Source: Cao, Dong and Cao, Computation of Hausdorff distance between planar curves, 2014, sections 3 and 4.
 """
@@ -32,6 +30,7 @@ from jhd.distance.frame.jets import jet
 from jhd.distance.frame.method import AbstractCurveMethod
 from jhd.distance.frame.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.nearest.curves import NearestOnCurve, in_chunks, nearest, repeated
+from jhd.distance.published.literal_steps import published_candidates
 from jhd.distance.published.refinement import COARSE, Bracket, RefinedPair, candidates, lengths
 from jhd.distance.witness.events import describe
 from jhd.shapes.curve import BezierSegments
@@ -39,6 +38,8 @@ from jhd.solution import RESULTS, HausdorffSolution
 
 # Samples of the whole curve when their number is left open: shared among the segments, within these limits for each.
 _SAMPLES, _LEAST, _MOST = 512, 6, 128
+# Samples of the whole curve with variant="paper": those of the source's example 2.
+_PUBLISHED = 90
 # Intervals refined together; most pairs need one or two rounds of so many.
 _LANES = 8
 # Free places for the halves of intervals that a third branch cuts.
@@ -52,29 +53,60 @@ _ARC = 1.25
 class TwoStep(AbstractCurveMethod):
     """Sampling and root finding; fast, and good to about 1e-12 of the size, but without a proven upper bound.
 
+    Changes to the source:
+
+     - The nearest point of a sample comes from a proven best-first search, not from the projected polyhedron.
+     - An interval is kept if the slopes at its ends or its feet ask for it, too. The source keeps "small-large-small".
+     - No constant tells the kinds of events apart: every interval is searched for both. The source compares |Q1 Q2| or
+       |s1 - s2| with a constant to choose between equations (14) and (15).
+     - Bisection ends at 2^-8 of the interval and Newton's method goes on. The source bisects to 1e-10.
+     - Branches are followed by continuation. In (15) the source ranks feet by their distances, which fails if a third
+       branch comes between.
+     - Corners of both curves and feet at ends are events. At an end of b the distance is a maximum along a; the source
+       takes the nearest point of a, which is a minimum.
+
+    `variant="paper"` leaves these changes out (`literal_steps`), but for feet at ends of segments of b, which are no
+    roots. Its value is RESULTS.unproven: a maximum can be missed, and if b is open the value can be too large.
+
+    `stats["samples"]` counts the samples: ends of segments that meet are one sample, and padding is none.
+
     Args:
-        samples: intervals a segment of a; by default 512 in all, at least 6 and at most 128 a segment. More samples
-            find narrower maxima.
+        samples: intervals between samples; more samples find narrower maxima. By default 512 in all, at least 6 and at
+            most 128 a segment; with variant="paper" 90 in all.
         spacing: "uniform" in the parameter, or "curvature": denser where the tangent turns.
         max_rounds: limit on rounds of refinement, eight intervals each, largest possible distance first.
+        per: whether `samples` counts the intervals of each "segment" or those of the whole "curve", as the source
+            does. With "curve" the ends of segments are samples too. variant="paper" always counts the whole curve.
+        variant: "ours", or "paper".
     """
 
     samples: int | None = eqx.field(static=True, default=None)
     spacing: Literal["uniform", "curvature"] = eqx.field(static=True, default="uniform")
     max_rounds: int = eqx.field(static=True, default=16)
+    per: Literal["segment", "curve"] = eqx.field(static=True, default="segment")
+    variant: Literal["ours", "paper"] = eqx.field(static=True, default="ours")
 
     def __check_init__(self) -> None:
         if self.samples is not None:
-            check_whole("samples", self.samples, 2)
-        if self.spacing not in ("uniform", "curvature"):
-            raise ValueError(f"spacing is {self.spacing!r}; needs 'uniform' or 'curvature'.")
+            check_whole("samples", self.samples, 1)
         check_whole("max_rounds", self.max_rounds, 0)
+        choices = ("spacing", ("uniform", "curvature")), ("per", ("segment", "curve")), ("variant", ("ours", "paper"))
+        for name, allowed in choices:
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; needs {' or '.join(map(repr, allowed))}.")
+        whole = self.per == "curve" or self.variant == "paper"
+        if whole and self.spacing == "curvature":
+            raise ValueError("spacing is 'curvature'; samples that are counted over the whole curve need 'uniform'.")
+        if self.per == "curve" and self.samples is None:
+            raise ValueError("samples is None; per='curve' needs a whole number of at least 1.")
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """One direction in common coordinates."""
         skip = (repeated(curve.control_points, curve.weights) for curve in (a, b))
         pair = RefinedPair(a, b, preceding(b.following), *skip)
-        samples = _sampled(pair, self._parameters(a))
+        if self.variant == "paper":
+            return _as_published(pair, self.samples or _PUBLISHED)
+        samples = _sampled(pair, self._places(a, pair.skip_a))
         brackets = _brackets(samples)
         best = _best_sample(samples)
         state = jax.lax.while_loop(
@@ -83,16 +115,23 @@ class TwoStep(AbstractCurveMethod):
             varying(_Refining(brackets, best, jnp.array(0), jnp.array(0)), a, b),
         )
         best = state.best
-        witness = describe(a, b, best.place, best.foot, jnp.ones(()))
+        witness = describe(a, b, best.place, best.foot).witness()
         lower = jnp.maximum(best.lower - evaluation_error(a, b), 0.0)
         stats = {
-            "samples": jnp.array(samples.t.size),
+            "samples": _number(pair, samples),
             "intervals": jnp.sum(jnp.isfinite(brackets.key)),
             "rounds": state.rounds,
             "cuts": state.cuts,
         }
         value = jnp.maximum(best.distance, lower)
         return HausdorffSolution(value, lower, jnp.full_like(lower, jnp.inf), witness, RESULTS.successful, stats)
+
+    def _places(self, a: BezierSegments, skip: Array) -> CurvePlace:
+        """All samples, in the order of segments and parameters; ends of segments that meet are there twice."""
+        if self.per == "curve" and self.samples is not None:
+            return _over_all(a.count, skip, self.samples)
+        t = self._parameters(a)
+        return CurvePlace(jnp.repeat(jnp.arange(a.count), t.shape[1]), t.ravel())
 
     def _parameters(self, a: BezierSegments) -> Array:
         """Sample parameters, (segments, samples + 1), from 0 to 1."""
@@ -104,8 +143,9 @@ class TwoStep(AbstractCurveMethod):
 
 
 class _CurveSamples(NamedTuple):
-    """Feet and distances of the samples of a; axes (segments, samples + 1)."""
+    """Feet and distances of the samples of a, in the order of segments and parameters."""
 
+    segment: Array
     t: Array
     distance: Array
     lower: Array
@@ -162,45 +202,78 @@ def _nearest_all(pair: RefinedPair, points: Array, skip: Array) -> NearestOnCurv
     return in_chunks(search, (points, jnp.where(skip, jnp.inf, 0.0)), _CHUNK)
 
 
-def _sampled(pair: RefinedPair, t: Array) -> _CurveSamples:
+def _over_all(count: int, skip: Array, samples: int) -> CurvePlace:
+    """Equal steps of the parameter of all segments that repeat no other, and both ends of each."""
+    kept = jnp.sum(~skip)
+    g = jnp.arange(1, samples) * kept / samples
+    index = jnp.minimum(jnp.floor(g).astype(int), kept - 1)
+    segment, ends = jnp.argsort(skip, stable=True)[index], jnp.tile(jnp.arange(count), 2)
+    segment = jnp.concatenate([segment, ends])
+    t = jnp.concatenate([jnp.clip(g - index, 0.0, 1.0), jnp.repeat(jnp.array([0.0, 1.0]), count)])
+    order = jnp.lexsort((t, segment))
+    return CurvePlace(segment[order], t[order])
+
+
+def _number(pair: RefinedPair, samples: _CurveSamples) -> Array:
+    """How many samples there are, without those of repeated segments; those at a joint count once."""
+    again = (samples.segment[1:] == samples.segment[:-1]) & (samples.t[1:] == samples.t[:-1])
+    kept = ~pair.skip_a[samples.segment] & ~jnp.pad(again, (1, 0))
+    return jnp.sum(kept) - jnp.sum(~pair.skip_a & (pair.a.following >= 0))
+
+
+def _points(pair: RefinedPair, at: CurvePlace) -> Array:
+    return jax.vmap(lambda k, u: jet(*piece_of(pair.a, k), u).point)(at.segment, at.t)
+
+
+def _sampled(pair: RefinedPair, at: CurvePlace) -> _CurveSamples:
     a, b = pair.a, pair.b
-    segments = jnp.arange(a.count)
-    jets = jax.vmap(lambda k, ts: jax.vmap(lambda u: jet(*piece_of(a, k), u))(ts))(segments, t)
-    found = _nearest_all(pair, jets.point.reshape(-1, a.dim), jnp.repeat(pair.skip_a, t.shape[1]))
-    found = jax.tree_util.tree_map(lambda x: x.reshape(t.shape), found)
-    foot = jax.vmap(jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point))(found.segment, found.t)
+    jets = jax.vmap(lambda k, u: jet(*piece_of(a, k), u))(at.segment, at.t)
+    skip = pair.skip_a[at.segment]
+    found = _nearest_all(pair, jets.point, skip)
+    foot = jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point)(found.segment, found.t)
     slope = jnp.sum((jets.point - foot) * jets.first, axis=-1)
-    distance = jnp.where(pair.skip_a[:, None], -jnp.inf, found.distance)
-    return _CurveSamples(t, distance, found.lower, found.segment, found.t, slope, jets.point, foot)
+    distance = jnp.where(skip, -jnp.inf, found.distance)
+    return _CurveSamples(*at, distance, found.lower, found.segment, found.t, slope, jets.point, foot)
 
 
 def _best_sample(samples: _CurveSamples) -> _BestSample:
-    index = jnp.argmax(samples.distance)
-    pick = lambda x: x.ravel()[index]  # noqa: E731
-    place = CurvePlace(index // samples.t.shape[1], pick(samples.t))
-    return _BestSample(
-        pick(samples.distance), pick(samples.lower), place, CurvePlace(pick(samples.foot_segment), pick(samples.foot_s))
-    )
+    k = jnp.argmax(samples.distance)
+    place, foot = (samples.segment[k], samples.t[k]), (samples.foot_segment[k], samples.foot_s[k])
+    return _BestSample(samples.distance[k], samples.lower[k], CurvePlace(*place), CurvePlace(*foot))
 
 
 def _brackets(samples: _CurveSamples) -> Bracket:
     """Intervals between samples that may hold a local maximum, followed by free places."""
     d, left, right = samples.distance, slice(None, -1), slice(1, None)
-    chord = lengths(samples.point[:, right] - samples.point[:, left])
-    feet_apart = lengths(samples.foot[:, right] - samples.foot[:, left])
-    rises_and_falls = (samples.slope[:, left] > 0) & (samples.slope[:, right] < 0)
-    peak = (d[:, 1:-1] > d[:, :-2]) & (d[:, 1:-1] >= d[:, 2:]) | (d[:, 1:-1] >= d[:, :-2]) & (d[:, 1:-1] > d[:, 2:])
-    peak = jnp.pad(peak, ((0, 0), (1, 1)), constant_values=True)
+    chord = lengths(samples.point[right] - samples.point[left])
+    feet_apart = lengths(samples.foot[right] - samples.foot[left])
+    rises_and_falls = (samples.slope[left] > 0) & (samples.slope[right] < 0)
+    joined = samples.segment[left] == samples.segment[right]
+    before, after = jnp.roll(d, 1), jnp.roll(d, -1)
+    peak = (d > before) & (d >= after) | (d >= before) & (d > after)
+    peak = peak | jnp.pad(~joined, (1, 0), constant_values=True) | jnp.pad(~joined, (0, 1), constant_values=True)
     # Feet of one branch move about as fast as the samples, unless a centre of curvature of b is near.
-    wanted = rises_and_falls | (feet_apart > 4 * chord) | peak[:, left] | peak[:, right]
-    key = jnp.where(wanted, 0.5 * (d[:, left] + d[:, right] + _ARC * chord), -jnp.inf)
-    segment = jnp.broadcast_to(jnp.arange(d.shape[0])[:, None], key.shape)
+    wanted = rises_and_falls | (feet_apart > 4 * chord) | peak[left] | peak[right]
+    wanted = wanted & joined & (samples.t[left] < samples.t[right])
+    key = jnp.where(wanted, 0.5 * (d[left] + d[right] + _ARC * chord), -jnp.inf)
     grids = (samples.t, samples.foot_segment, samples.foot_s)
-    ends = [x[:, part] for x in grids for part in (left, right)]
-    fields = (key, segment, ends[0], ends[1], ends[2], ends[4], ends[3], ends[5])
+    ends = [x[part] for x in grids for part in (left, right)]
+    fields = (key, samples.segment[left], ends[0], ends[1], ends[2], ends[4], ends[3], ends[5])
     fill = (-jnp.inf, 0, 0.0, 0.0, 0, 0.0, 0, 0.0)
-    flat = (jnp.pad(x.ravel(), (0, _EXTRA), constant_values=v) for x, v in zip(fields, fill, strict=True))
-    return Bracket(*flat)
+    return Bracket(*(jnp.pad(x, (0, _EXTRA), constant_values=v) for x, v in zip(fields, fill, strict=True)))
+
+
+def _as_published(pair: RefinedPair, samples: int) -> HausdorffSolution:
+    """The largest of the published candidates, and the proven bound that their places on a give."""
+    found = published_candidates(pair, samples)
+    proven = _nearest_all(pair, _points(pair, found.place), found.distance == -jnp.inf)
+    k = jnp.argmax(found.distance)
+    place, foot = CurvePlace(*(x[k] for x in found.place)), CurvePlace(proven.segment[k], proven.t[k])
+    witness = describe(pair.a, pair.b, place, foot).witness()
+    lower = jnp.maximum(jnp.max(proven.lower) - evaluation_error(pair.a, pair.b), 0.0)
+    value = jnp.maximum(found.distance[k], lower)
+    stats = {"samples": found.samples, "peaks": found.peaks}
+    return HausdorffSolution(value, lower, jnp.full_like(lower, jnp.inf), witness, RESULTS.unproven, stats)
 
 
 def _round(pair: RefinedPair, state: _Refining) -> _Refining:

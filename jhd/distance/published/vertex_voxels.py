@@ -7,8 +7,7 @@ these: a large triangle can pass close by a point whose nearest vertices belong 
 upper bound, and there is no lower one.
 
 Source: C. Lin, C. Wang, "3-D signed Euclidean distance transform and its applications" (2003), section 3, algorithm 1,
-steps 1, 2, 3.1.1 and 3.1.2. Ours: the number of voxels is a power of two, a point outside the cube takes the voxel next
-to it, equally near features come from a tree and not from a walk over the voxels between two cubes.
+steps 1, 2, 3.1.1 and 3.1.2.
 """
 
 from typing import Any, NamedTuple
@@ -242,6 +241,13 @@ class VertexVoxels(AbstractMeshSearch):
     The cube around the mesh is cut into voxels, as this module says. The distance found is that of a triangle, so the
     upper bound holds; nothing is proven about the others, so the lower bound is 0. Not under jit. A grid is kept with
     its mesh; while it is made, each voxel takes some 50 bytes.
+
+    Changes to the source:
+
+     - The distance transform is exact by default.
+     - The number of voxels along a side is a power of two.
+     - A point outside the cube takes the voxel next to it.
+     - Equally near features come from a tree. The source walks over the voxels between two cubes.
 
     Args:
         resolution: voxels along each side of the cube. By default the least power of two for which no voxel holds more

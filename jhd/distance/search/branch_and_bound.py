@@ -37,7 +37,8 @@ class BranchAndBound(AbstractHausdorffMethod):
     Args:
         atol: absolute tolerance on upper - lower, in the unit of the coordinates; by default 1e-10 (in float32: 64
             units in the last place) of the diagonal of the box of both shapes' control points, or what rounding leaves
-            where that is more. Of implicit surfaces the boxes count.
+            where that is more. Of implicit surfaces the boxes count. If rounding leaves more than what was asked for,
+            the result says that the gap is not closed.
         rtol: tolerance relative to upper; the larger of both tolerances counts.
         max_steps: most steps, of four cells each (of implicit surfaces 32, of meshes 16384).
         capacity: least length of the table of cells; twice the number of segments of a where that is more. Of curves,

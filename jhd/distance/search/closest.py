@@ -35,13 +35,23 @@ _FIRST_STEPS, _GROWTH = 64, 4
 _LONGEST = 1 << 20
 # Pairs are closed below the tolerance, so that the errors of the ends cannot exceed it.
 _CLOSE = 0.9
+# So many pairs left when a search ends belong to a family of nearest pairs.
+_FAMILY = 400
+# Half the steps are taken, and so many at least, before a search may be given up; the steps that it seems to need are
+# then so many times those left. Minima that close by bounds with moving feet need up to twice those left.
+_LATE, _HOPELESS = 1024, 8
 
 
 class WantedGap(NamedTuple):
-    """Tolerances in common coordinates."""
+    """Tolerances in common coordinates, whether atol was asked for, and the most steps that may be taken for them.
+
+    If atol was asked for, no wider gap counts as closed.
+    """
 
     atol: Array
     rtol: Array
+    given: Array
+    most: Array
 
 
 def wanted_gap(corners: Sequence[tuple[Any, Any]], frame: Frame, method: BranchAndBound, floor: Any) -> WantedGap:
@@ -50,7 +60,8 @@ def wanted_gap(corners: Sequence[tuple[Any, Any]], frame: Frame, method: BranchA
     dtype = corners[0][0].dtype
     default = method.atol is None
     absolute = default_tolerance(diagonal(corners), dtype, floor) if default else frame.common(method.atol)
-    return WantedGap(*(xp.asarray(x, dtype) for x in (absolute, method.rtol)))
+    numbers = xp.asarray(absolute, dtype), xp.asarray(method.rtol, dtype)
+    return WantedGap(*numbers, xp.asarray(not default), xp.asarray(method.max_steps))
 
 
 class ClosestState(NamedTuple):
@@ -187,6 +198,18 @@ def is_open(problem: Problem, wanted: WantedGap, state: ClosestState) -> Array:
     return state.lower[0] < close_enough(problem, wanted, state)
 
 
+def is_hopeless(problem: Problem, wanted: WantedGap, state: ClosestState) -> Array:
+    """Whether a family of nearest pairs needs far more steps than are left.
+
+    The number of its pairs grows at least like the root of the inverse of the gap: over a curve of them the bounds are
+    of second order in the size of the cells.
+    """
+    late, found = state.steps >= jnp.maximum(wanted.most // 2, _LATE), jnp.isfinite(state.best.upper)
+    gap = jnp.where(found, state.best.upper - lower_of(state), 0.0)
+    pairs = jnp.sum(jnp.isfinite(state.lower)) * jnp.sqrt(gap / tolerance_of(problem, wanted, state))
+    return late & (pairs > _HOPELESS * WIDTH * (wanted.most - state.steps))
+
+
 def is_full(state: ClosestState) -> Array:
     """Whether the next step may find no room."""
     return jnp.isfinite(state.lower[state.lower.size - WIDTH])
@@ -198,7 +221,7 @@ def advance(
     """Goes on until the gap is closed or `limit` steps are taken; `growing` stops before the table is full."""
 
     def going_on(state: ClosestState) -> Array:
-        open_ = is_open(problem, wanted, state) & (state.steps < limit)
+        open_ = is_open(problem, wanted, state) & ~is_hopeless(problem, wanted, state) & (state.steps < limit)
         return open_ & ~(jnp.asarray(growing) & is_full(state))
 
     start = varying(state, problem, wanted)
@@ -247,7 +270,7 @@ def _step(problem: Problem, wanted: WantedGap, state: ClosestState) -> ClosestSt
 
 def news_of(problem: Problem, wanted: WantedGap, state: ClosestState, growing: Array) -> Array:
     """Whether it goes on, whether it stopped for want of room, steps, and pairs that wait."""
-    going_on = is_open(problem, wanted, state)
+    going_on = is_open(problem, wanted, state) & ~is_hopeless(problem, wanted, state)
     full = going_on & jnp.asarray(growing) & is_full(state)
     return jnp.stack([going_on, full, state.steps, jnp.sum(jnp.isfinite(state.lower))])
 
@@ -258,11 +281,13 @@ def outcome(
     """The outcome of the search as it stands, with the bounds and nearest points, and what rounding leaves."""
     lower, upper = ends
     relative = wanted.rtol * jnp.where(jnp.isfinite(upper), upper, 0.0)
-    granted = jnp.maximum(jnp.maximum(wanted.atol, relative), 2 * floor)
-    failed = result_where(state.lost, RESULTS.capacity_reached, RESULTS.gap_not_closed)
+    granted = jnp.maximum(jnp.maximum(wanted.atol, relative), jnp.where(wanted.given, 0.0, 2 * floor))
+    waiting = jnp.sum(jnp.isfinite(state.lower))
+    failed = result_where(waiting >= _FAMILY, RESULTS.family_of_maxima, RESULTS.gap_not_closed)
+    failed = result_where(state.lost, RESULTS.capacity_reached, failed)
     failed = result_where(jnp.isfinite(upper), failed, RESULTS.unverified)
     result = result_where(upper - lower <= granted, RESULTS.successful, failed)
-    stats = {"steps": state.steps, "pairs": state.pairs, "waiting": jnp.sum(jnp.isfinite(state.lower))}
+    stats = {"steps": state.steps, "pairs": state.pairs, "waiting": waiting}
     best = best._replace(distance=jnp.clip(best.distance, lower, upper))
     return Outcome(best, lower, upper, *points, result, stats)
 

@@ -21,8 +21,8 @@ from jaxtyping import Array
 from jhd.arithmetic.rationals import float_above, float_below, float_near, root_between
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import common_exponent, length, scale_of
-from jhd.arrays import is_traced, is_tracing
-from jhd.distance.frame.aim import default_tolerance
+from jhd.arrays import is_traced, is_tracing, undifferentiated
+from jhd.distance.frame.aim import AllowedGap, default_tolerance
 from jhd.distance.frame.coordinates import diagonal, extremes
 from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
 from jhd.distance.search.branch_and_bound import BranchAndBound
@@ -55,7 +55,7 @@ def of_meshes(
     a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, progress: Callable[[Progress], object] | None
 ) -> MinimumSolution:
     """Minimum distance of two meshes, with derivatives in both; under tracing it is searched from the host as well."""
-    first, second = lax.stop_gradient((a, b))
+    first, second = undifferentiated((a, b))
     # Inside jit all operations are traced, those on known numbers too.
     if is_tracing(first, second, method):
         found = from_program(_searched, partial(_unusable, a.vertices.dtype), (first, second), method)
@@ -153,7 +153,7 @@ class TriangleSearch(AbstractSearch):
         ]
         lower, upper = self._bounds(state)
         value = float_near(root_between(best.nearest.square)[0], dtype)
-        near = state.upper - state.lower <= self._allowed(state.upper)
+        near = state.upper - state.lower <= self._allowed.asked(state.upper)
         solution = MinimumSolution(
             value=jnp.asarray(np.clip(value, lower, upper), dtype),
             lower=jnp.asarray(lower, dtype),
@@ -176,17 +176,16 @@ class TriangleSearch(AbstractSearch):
         return lower, upper
 
 
-def _allowed(sides: tuple[MeshBoxes, MeshBoxes], method: BranchAndBound) -> Callable[[float], float]:
+def _allowed(sides: tuple[MeshBoxes, MeshBoxes], method: BranchAndBound) -> AllowedGap:
     """The gap that is allowed at an upper bound, in the common unit."""
     corners, dtype = [side.corners.astype(np.float64) for side in sides], sides[0].corners.dtype
     size = float(diagonal([extremes(x) for x in corners]))
     # What rounding leaves where not all pairs can be measured exactly.
     floor = gamma(256, dtype) * size
-    absolute = default_tolerance(size, dtype, floor)
+    atol = default_tolerance(size, dtype, floor)
     if method.atol is not None:
-        absolute = max(float(np.ldexp(float(method.atol), -sides[0].exponent)), floor)
-    rtol = float(method.rtol)
-    return lambda upper: max(absolute, rtol * upper)
+        atol = np.ldexp(float(method.atol), -sides[0].exponent)
+    return AllowedGap(float(atol), float(method.rtol), lambda upper: floor, method.atol is not None)
 
 
 def _places(corners: np.ndarray, weights: tuple[Fraction, ...], dtype: np.dtype) -> np.ndarray:

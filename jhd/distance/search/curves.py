@@ -29,13 +29,14 @@ from jhd.distance.frame.curves import evaluation_error
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import CurvePlace, piece_of
 from jhd.distance.nearest.blocks import Blocks
+from jhd.distance.nearest.chords import Chords
 from jhd.distance.nearest.curves import NearestOnCurve, in_chunks, repeated
-from jhd.distance.nearest.feet import nearest_passed
+from jhd.distance.nearest.feet import equation, gauss_newton, nearest_passed
 from jhd.distance.nearest.near_curve import NearCurve
 from jhd.distance.witness import active
 from jhd.distance.witness.events import describe
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import RESULTS, HausdorffSolution, Witness, result_where
+from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, result_where
 
 # Cells bounded in one step: two waste the vector units, eight bound cells that the first four would have closed.
 LANES = 4
@@ -43,12 +44,20 @@ LANES = 4
 _SEED_STEPS = 3
 # Segments of a long curve whose cells are made side by side.
 _CHUNK = 4096
+# Newton steps from the peak to the parameter beside a joint.
+_JOINT_STEPS = 2
+# Distance of a joint in units of the distance at the peak below which cells are cut beside the joint.
+_BESIDE = 0.5
+# A parameter this near to an end of the cell, as a fraction of its width, is the end up to rounding.
+_AT_END = 1e-6
 # A peak nearer than this share of the cell to an end does not serve as a cut; the middle does.
 _NEAR_END = 0.02
 # Least gap in units of the error of the common coordinates: both bounds take it, and those of the cells as much again.
 _FLOOR = 8
 # Rounding of a distance, and of one whose foot has been refined, in units of roundoff of the common coordinates.
 _NOISE, _AGREEING = 4, 64
+# Attempts to refine a maximum: from the place found, from where that leads to, and with the feet of the place alone.
+_TRIALS = 3
 
 
 class _Tolerances(NamedTuple):
@@ -144,7 +153,7 @@ def advance(
 
     def step(state: CurveState) -> CurveState:
         taken, uppers, rest = _largest(state.table)
-        found = jax.vmap(lambda c: cell_upper_bound(a, b, c))(taken)
+        found = jax.vmap(lambda c: cell_upper_bound(a, b, c, near.runs))(taken)
         upper = jnp.minimum(uppers, found.upper + error)
         live = upper > _goal(tolerances, aim, state.lower)
         # The most promising place is measured where it can raise the lower bound.
@@ -175,8 +184,7 @@ def solution_of(a: BezierSegments, near: NearCurve, wanted: Wanted, state: Curve
     """The solution that a search stands at."""
     b, dtype = near.curve, a.control_points.dtype
     tolerances, upper = _tolerances(a, b, wanted), state.upper
-    described = describe(a, b, state.at, state.foot, jnp.ones((), dtype))
-    witness, value, lower = _polished(a, near, described, state)
+    witness, value, lower, *_ = _refined(a, near, state)
     lower = jnp.minimum(lower, upper)
     # Four units for the rounding of this comparison itself.
     gap = upper - jnp.maximum(lower, wanted.aim.level)
@@ -187,10 +195,46 @@ def solution_of(a: BezierSegments, near: NearCurve, wanted: Wanted, state: Curve
     return HausdorffSolution(jnp.clip(value, lower, upper), lower, upper, witness, result, stats)
 
 
-def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: CurveState) -> tuple[Witness, Array, Array]:
-    """The witness at the solution of its equations, with value and lower bound: peaks are off by the root of the gap.
+class _RefinedWitness(NamedTuple):
+    """A witness with value and lower bound, whether it solves its equations, and the place that these lead to."""
 
-    Accepted only where the place is measured to be as far and both feet to be its nearest points.
+    witness: Witness
+    value: Array
+    lower: Array
+    solved: Array
+    at: CurvePlace
+    foot: CurvePlace
+
+
+def _refined(a: BezierSegments, near: NearCurve, state: CurveState) -> _RefinedWitness:
+    """The witness of a search, with value and lower bound.
+
+    First with the feet that count wherever the gap leaves the maximum, then with those that count where these lead to,
+    and if no such maximum is found with those that are equally near where the search stopped.
+    """
+
+    def again(tried: tuple[Array, _RefinedWitness]) -> Array:
+        return (tried[0] < _TRIALS) & ~tried[1].solved
+
+    def next_(tried: tuple[Array, _RefinedWitness]) -> tuple[Array, _RefinedWitness]:
+        count, (*_, at, foot) = tried
+        moved = (count > 0) & (count < _TRIALS - 1)
+        found = describe(a, near.curve, _where(moved, at, state.at), _where(moved, foot, state.foot))
+        reach = jnp.where(count < _TRIALS - 1, found.reach(state.upper - state.lower), 0.0)
+        return count + 1, _polished(a, near, found.witness(reach), state)
+
+    (segment, t), (k, s) = state.at, state.foot
+    feet, one = jnp.zeros((2, a.dim), t.dtype), jnp.array([1.0, 0.0], t.dtype)
+    feet_at, event, direction = (jnp.stack([k, k]), jnp.stack([s, s])), EVENTS.antipodal, DIRECTIONS.a_to_b
+    witness = Witness(segment, t, feet[0], feet, *feet_at, one, event, direction)
+    untried = _RefinedWitness(witness, t, t, jnp.array(False), state.at, state.foot)
+    return jax.lax.while_loop(again, next_, varying((jnp.array(0), untried), a, near, state))[1]
+
+
+def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: CurveState) -> _RefinedWitness:
+    """The witness at the solution of its equations: peaks are off by the root of the gap.
+
+    Accepted only where the place is measured to be as far, both feet to be its nearest points, and two feet balance.
     """
     b, k, (k1, k2) = near.curve, witness.segment, witness.foot_segments
     y = jnp.concatenate([witness.t[None], witness.foot_params])
@@ -198,17 +242,20 @@ def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: Curve
     system = active.active(*pieces, y, witness.event, witness.multipliers)
     y = active.polished(y, system)
     y = y.at[2].set(jnp.where(system.two, y[2], y[1]))
-    point = jet(*system.a, y[0]).point
-    feet = jnp.stack([jet(*system.first, y[1]).point, jet(*system.second, y[2]).point])
+    point, feet = active.places(y, system)
     found = near.nearest(point)
-    off = jnp.max(jnp.abs(jnp.sqrt(jnp.sum((feet - point) ** 2, axis=1)) - found.distance))
+    # Where a foot is flat the one that is proven is off by more than the distance tells.
+    distances = jnp.append(jnp.sqrt(jnp.sum((feet - point) ** 2, axis=1)), found.distance)
+    off = jnp.max(distances[:2]) - jnp.min(distances)
     eps = float(jnp.finfo(point.dtype).eps)
     better = (found.distance >= state.value - _NOISE * eps) & (off <= _AGREEING * eps)
     multipliers = active.multipliers(y, system, witness.multipliers)
+    better = better & (~system.two | jnp.all(multipliers > 0))
     new = replace(witness, t=y[0], point=point, feet=feet, foot_params=y[1:], multipliers=multipliers)
     witness = jax.tree_util.tree_map(lambda x, y: jnp.where(better, x, y), new, witness)
     lower = jnp.where(better, jnp.maximum(state.lower, found.lower - evaluation_error(a, b)), state.lower)
-    return witness, jnp.where(better, jnp.maximum(found.distance, state.value), state.value), lower
+    value = jnp.where(better, jnp.maximum(found.distance, state.value), state.value)
+    return _RefinedWitness(witness, value, lower, better, CurvePlace(k, y[0]), CurvePlace(found.segment, found.t))
 
 
 def _where(condition: Array, new: CurvePlace, old: CurvePlace) -> CurvePlace:
@@ -220,11 +267,12 @@ def begin(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> 
     if isinstance(near.guide, Blocks):
         return _begin_long(a, near, wanted, capacity)
     b, dtype = near.curve, a.control_points.dtype
-    error, ends = evaluation_error(a, b), a.control_points[:, jnp.array([0, -1])]
+    ends = a.control_points[:, jnp.array([0, -1])]
     k, s, distance = jax.vmap(jax.vmap(partial(_first_foot, b)))(ends, near.starts(ends))
     count, zeros = a.count, jnp.zeros((a.count,), dtype)
     cell = CurveCell(jnp.arange(count), zeros, zeros + 1, k[:, 0], s[:, 0], k[:, 1], s[:, 1])
-    upper = jax.vmap(lambda c: first_upper_bound(a, b, c))(cell) + error
+    # Straight runs of b count from the first step on: another bound here takes longer to compile than it saves.
+    upper = jax.vmap(partial(_first_upper, a, b, None))(cell)
     upper = jnp.where(repeated(a.control_points, a.weights), -jnp.inf, upper)
     table = _rows(cell, upper).longer(capacity - count)
     at = jnp.argmax(distance)
@@ -233,6 +281,10 @@ def begin(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: int) -> 
     # Until a place is measured it is its own witness.
     foot = CurvePlace(k.ravel()[at], s.ravel()[at])
     return CurveState(table, zeros[0], none, pending, foot, none, jnp.array(False), pending, jnp.array(0))
+
+
+def _first_upper(a: BezierSegments, b: BezierSegments, runs: Chords | None, cell: CurveCell) -> Array:
+    return first_upper_bound(a, b, cell, runs) + evaluation_error(a, b)
 
 
 def _first_foot(b: BezierSegments, point: Array, start: CurvePlace) -> tuple[Array, Array, Array]:
@@ -255,7 +307,7 @@ def _begin_long(a: BezierSegments, near: NearCurve, wanted: Wanted, capacity: in
         k, s, distance = jax.vmap(partial(_first_foot, b))(ends[segment], start)
         zero = jnp.zeros((), dtype)
         cell = CurveCell(segment, zero, zero + 1, k[0], s[0], k[1], s[1])
-        return cell, first_upper_bound(a, b, cell) + error, distance
+        return cell, _first_upper(a, b, near.runs, cell), distance
 
     ends = a.control_points[:, jnp.array([0, -1])]
     cell, upper, distance = in_chunks(first, (jnp.arange(a.count), near.starts(ends)), _CHUNK)
@@ -282,6 +334,33 @@ def _largest(table: CurveTable) -> tuple[CurveCell, Array, CurveTable]:
     return table.cells(index), table.upper[index], table._replace(upper=table.upper.at[index].set(-jnp.inf))
 
 
+def _beside_joints(
+    a: BezierSegments, b: BezierSegments, cut: Array, cells: CurveCell, found: CurveBound
+) -> tuple[Array, Array]:
+    """The cuts, moved beside the joint of the two segments that carry the feet if it is much nearer than the peak.
+
+    Each branch ends at the joint, so its bound is exact on its own side only. Cut elsewhere, the bound of the cell that
+    holds the joint falls no faster than the width of the cell.
+
+    Returns:
+        The cuts, and which of them were moved.
+    """
+    forward, backward = b.following[cells.k0] == cells.k1, b.following[cells.k1] == cells.k0
+    joined = (forward | backward) & (cells.k0 != cells.k1)
+
+    def moved(cut: Array, k: Array, joined: Array, cell: CurveCell, found: CurveBound) -> tuple[Array, Array]:
+        joint, piece = b.control_points[k, -1], piece_of(a, cell.segment)
+        t, least = found.t, _AT_END * (cell.t1 - cell.t0)
+        for _ in range(_JOINT_STEPS):
+            t = gauss_newton(t, equation(joint, piece, t))
+        near = equation(joint, piece, t).distance_sq < (_BESIDE * found.distance) ** 2
+        taken = joined & near & (t > cell.t0 + least) & (t < cell.t1 - least)
+        return jnp.where(taken, t, cut), taken
+
+    rows = cut, jnp.where(forward, cells.k0, cells.k1), joined, cells, found
+    return jax.lax.cond(jnp.any(joined), jax.vmap(moved), lambda cut, *_: (cut, jnp.zeros_like(joined)), *rows)
+
+
 def _pushed(
     a: BezierSegments,
     near: NearCurve,
@@ -298,6 +377,7 @@ def _pushed(
     at_left = found.t <= cell.t0 + _NEAR_END * width
     at_right = found.t >= cell.t1 - _NEAR_END * width
     cut = jnp.where(at_left | at_right, cell.t0 + 0.5 * width, found.t)
+    cut, at_joint = _beside_joints(a, b, cut, cell, found)
 
     def foot(point: Array, start: CurvePlace, ks: Array, ss: Array) -> tuple[Array, Array]:
         ks, ss = jnp.append(ks, start.segment), jnp.append(ss, start.t)
@@ -318,7 +398,7 @@ def _pushed(
     (k, peak_k), (s, peak_s) = at_both(points, near.starts(points), *starts)
     # The measured foot is proven to be the nearest.
     peak_k, peak_s = jnp.where(mine, measured.segment, peak_k), jnp.where(mine, measured.t, peak_s)
-    inside = ~at_left & ~at_right
+    inside = ~at_left & ~at_right & ~at_joint
     k, s = jnp.where(inside, peak_k, k), jnp.where(inside, peak_s, s)
     # A peak at an end of the cell: the foot there may have been a wrong one.
     cell = cell._replace(
@@ -329,7 +409,7 @@ def _pushed(
     )
     # A peak above the lower bound at an end whose foot is not proven may be that of a wrong foot, and would stay one in
     # ever smaller cells: such a cell waits uncut until it is its turn to be measured.
-    waits = ~inside & (found.distance > state.lower) & ~mine
+    waits = ~inside & ~at_joint & (found.distance > state.lower) & ~mine
     end = (jnp.where(waits, old, new) for old, new in ((cell.t1, cut), (cell.k1, k), (cell.s1, s)))
     left = cell._replace(**dict(zip(("t1", "k1", "s1"), end, strict=True)))
     right = cell._replace(t0=cut, k0=k, s0=s)

@@ -15,7 +15,7 @@ import numpy as np
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.distance.cells.averages import NEAR, OverCells, distances_over
 from jhd.distance.cells.measures import FlatCells
-from jhd.distance.cells.weighted import Weights, mean_bounds, quantile_bounds
+from jhd.distance.cells.weighted import Values, Weights, mean_bounds, quantile_bounds
 from jhd.distance.nearest.target import AbstractTarget
 from jhd.distance.search.cell_heights import CellHeights
 from jhd.distance.search.measured import AbstractMeasured
@@ -55,6 +55,11 @@ class DistanceCells(NamedTuple):
     def weights(self) -> Weights:
         """Bounds of the measures."""
         return Weights(self.flat.lower, self.flat.upper)
+
+    @property
+    def values(self) -> Values:
+        """Bounds of the distance."""
+        return Values(self.over.lower, self.over.upper, self.over.ends)
 
     def take(self, rows: Any) -> "DistanceCells":
         """Some of the cells."""
@@ -156,7 +161,8 @@ class DistributionSearch(AbstractSearch):
         # What is known everywhere holds for the means.
         mean = np.stack([np.maximum(over.mean[:, 0], lower), np.minimum(over.mean[:, 1], upper)], axis=1)
         ends = [np.maximum(over.square[:, 0], _down(lower**2)), np.minimum(over.square[:, 1], _up(upper**2))]
-        return DistanceCells(cells, flat, OverCells(lower, upper, mean, np.stack(ends, axis=1), over.reach))
+        over = over._replace(lower=lower, upper=upper, mean=mean, square=np.stack(ends, axis=1))
+        return DistanceCells(cells, flat, over)
 
     def _measured(self, points: np.ndarray, slack: np.ndarray) -> OverCells:
         """The bounds at single points."""
@@ -165,7 +171,8 @@ class DistributionSearch(AbstractSearch):
         upper = np.minimum(_up(found.upper.astype(np.float64) + slack), self._most)
         mean = np.stack([lower, upper], axis=1)
         square = np.stack([_down(lower**2), _up(upper**2)], axis=1)
-        return OverCells(lower, upper, mean, square, np.zeros_like(lower))
+        nothing = np.zeros_like(lower)
+        return OverCells(lower, upper, mean, square, nothing, mean[:, None], nothing[:, None])
 
     def _found(self, state: _DistributionState) -> tuple[Distribution, np.ndarray]:
         """What is known, and how much each cell leaves open, in units of what is allowed."""
@@ -185,11 +192,12 @@ class DistributionSearch(AbstractSearch):
                 scores += _left_open(weights, values, bounds) / (unit * goal)
         level = (0.0, 0.0)
         if self._share is not None:
-            level = quantile_bounds(weights, over.lower, over.upper, self._share)
+            level = quantile_bounds(weights, table.values, self._share)
             level = level[0], min(level[1], self._most)
             if not self._closed(level):
                 # What may lie on either side of the level.
                 across = np.minimum(over.upper, level[1]) - np.maximum(over.lower, level[0])
+                across = np.minimum(across, np.max(over.ends[..., 1] - over.ends[..., 0], axis=1))
                 scores += np.maximum(across, 0.0) * weights.upper / (self._allowed(level[1]) * np.sum(weights.upper))
         width = np.max(np.abs(table.cells.high - table.cells.low), axis=1, initial=0.0)
         scores = np.where(width > _THIN, np.nan_to_num(scores, nan=0.0, posinf=_UNKNOWN), 0.0)
@@ -216,7 +224,7 @@ class DistributionSearch(AbstractSearch):
         count = min(max(int(np.searchsorted(shares, _MOST_OF)) + 1, _LEAST), _BATCH, np.count_nonzero(scores))
         table = state.table
         taken, rest = table.take(order[:count]), table.take(order[count:])
-        cells, parent = self._source.cut(taken.cells, taken.flat)
+        cells, parent = self._source.cut(taken.cells, taken.flat, taken.over.parting)
         parts = self._bounded(cells, taken.over.take(parent))
         return _DistributionState(rest.join(parts), state.steps + 1)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from jhd.arithmetic.rounding import unit_roundoff
 from jhd.distance.nearest.target import AbstractTarget, FootRows
-from jhd.distance.search.active_feet import active_feet
+from jhd.distance.search.active_feet import active_feet, reach_of
 from jhd.distance.search.polished_place import About, PlaceOnPiece, SharpenedPlace, polished
 from jhd.distance.search.sources import AbstractSource
 
@@ -64,22 +64,28 @@ class FartherPlaces:
         places = self._about(best)
         if not places or best.lower <= 0 or not np.isfinite(gap):
             return best
-        feet, shares, _ = self.active(best, gap)
-        for place in places:
-            found = self._balanced(place, best, feet, shares, close)
-            if found is not best:
-                return found
+        # Those that count wherever the gap leaves the maximum, else those that are about equally near at the place.
+        reach = reach_of(best.point, best.foot, gap, self._rays(best)[1])
+        for far in (reach, 0.0):
+            feet, shares, _ = self.active(best, gap, far)
+            for place in places:
+                found = self._balanced(place, best, feet, shares, close)
+                if found is not best:
+                    return found
         return best
 
-    def active(self, place: PlaceFound, gap: float) -> tuple[FootRows, np.ndarray, bool]:
-        """The feet that count at a place, their multipliers, and whether it lies on a border."""
-        nowhere = np.zeros((0, 3))
-        known = np.all(np.isfinite(place.x))
-        free, into = self._source.rays(place.piece, place.x) if known else (nowhere, nowhere)
+    def active(self, place: PlaceFound, gap: float, reach: float = 0.0) -> tuple[FootRows, np.ndarray, bool]:
+        """The feet that count at a place, or within reach of it, their multipliers, and whether it lies on a border."""
+        free, into = self._rays(place)
         places = self._about(place)
         follow = places[0].moved if places else None
-        feet, shares = active_feet(self._target, place.point, place.foot, gap, (free, into), follow)
+        feet, shares = active_feet(self._target, place.point, place.foot, gap, (free, into), follow, reach)
         return feet, shares, len(into) < len(free)
+
+    def _rays(self, place: PlaceFound) -> tuple[np.ndarray, np.ndarray]:
+        """Directions along the source as if it had no border, and those into it; none where the place is not known."""
+        nowhere = np.zeros((0, 3))
+        return self._source.rays(place.piece, place.x) if np.all(np.isfinite(place.x)) else (nowhere, nowhere)
 
     def _about(self, place: PlaceFound) -> list[PlaceOnPiece]:
         """The place on parametric pieces, where its feet are followed."""

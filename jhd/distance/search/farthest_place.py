@@ -8,13 +8,12 @@ their bound is within the tolerance of the lower one.
 """
 
 import time
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jhd.arithmetic.rounding import cast, unit_roundoff
-from jhd.distance.frame.aim import Aim
+from jhd.distance.frame.aim import Aim, AllowedGap
 from jhd.distance.frame.coordinates import Frame, user_length
 from jhd.distance.nearest.target import AbstractTarget, FootRows, ProvenFeet
 from jhd.distance.search.cell_feet import put, spread
@@ -28,6 +27,9 @@ from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 
 # Cells cut in a step, at most, and most that wait; each takes 400 bytes.
 _BATCH, _WAITING = 1 << 13, 1 << 20
+# From this number on, and for each step allowed or piece of the source from _SHARE on, cells that wait belong to a
+# family of places that are nearly as far. A cell takes up to 0.2 ms.
+_FAMILY, _SHARE = 1 << 15, 8
 # What is counted: steps, cells bounded, and cells that wait.
 COUNTS = "steps", "cells", "waiting"
 # Steps of the first stretch, and the seconds after which any of them ends with the step that it is in.
@@ -66,6 +68,7 @@ class _FarthestState(NamedTuple):
     settled: float
     steps: int
     bounded: int
+    covered: int  # pieces that the search began with
     asked: float  # the largest distance of a place that was measured by itself
 
 
@@ -93,7 +96,7 @@ class FarthestSearch(AbstractSearch):
         target: AbstractTarget,
         frame: Frame,
         moved: float,
-        allowed: Callable[[float], float],
+        allowed: AllowedGap,
         aim: Aim,
         max_steps: int,
         about: About,
@@ -112,7 +115,7 @@ class FarthestSearch(AbstractSearch):
         """See AbstractSearch."""
         cells = self._source.cover()
         upper = np.full(len(cells.piece), np.inf)
-        return self._entered(_FarthestState(None, None, -np.inf, 0, 0, -np.inf), cells, upper, None)
+        return self._entered(_FarthestState(None, None, -np.inf, 0, 0, len(upper), -np.inf), cells, upper, None)
 
     def advance(self, state: _FarthestState, limit: int, growing: bool) -> tuple[_FarthestState, Standing]:
         """See AbstractSearch."""
@@ -140,7 +143,17 @@ class FarthestSearch(AbstractSearch):
     def _going(self, state: _FarthestState) -> bool:
         lower = 0.0 if state.best is None else state.best.lower
         waiting = len(state.waiting.upper)
-        return 0 < waiting <= _WAITING and lower <= self._ceiling
+        return 0 < waiting <= _WAITING and lower <= self._ceiling and not self._hopeless(state)
+
+    def _hopeless(self, state: _FarthestState) -> bool:
+        """Whether the cells of a family of farthest places will need more room than there is before its bounds close.
+
+        Their number grows like the inverse of the gap.
+        """
+        waiting, lower = len(state.waiting.upper), 0.0 if state.best is None else state.best.lower
+        gap = self._upper(state) - max(lower, self._level)
+        many = waiting > max(_FAMILY, _SHARE * max(self.max_steps, state.covered))
+        return many and waiting * gap > _WAITING * self._allowed(lower)
 
     def _step(self, state: _FarthestState) -> _FarthestState:
         waiting = state.waiting
@@ -293,9 +306,10 @@ class FarthestSearch(AbstractSearch):
         upper = max(self._upper(state), place.lower)
         known = best is not None and np.isfinite(upper)
         gap = upper - max(place.lower, self._level) + 2 * self._moved
-        closed = gap <= self._allowed(place.lower) or place.lower > self._ceiling
+        closed = gap <= self._allowed.asked(place.lower) or place.lower > self._ceiling
         full = len(state.waiting.upper) > _WAITING
         failed = RESULTS.capacity_reached if full else RESULTS.gap_not_closed
+        failed = RESULTS.family_of_maxima if self._hopeless(state) else failed
         result = RESULTS.successful if closed else failed
         lower = max(place.lower - self._moved, 0.0)
         distance = place.distance if place.lower > 0 else 0.0

@@ -4,13 +4,12 @@ A set of points needs no cells. All get a proven upper bound at once, from a poi
 farthest ones are measured, until the largest distance proven reaches the next upper bound.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.distance.frame.aim import Aim
+from jhd.distance.frame.aim import Aim, AllowedGap
 from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
@@ -51,9 +50,7 @@ class PointSearch(AbstractSearch):
 
     first_steps = _FIRST_STEPS
 
-    def __init__(
-        self, points: np.ndarray, target: AbstractTarget, allowed: Callable[[float], float], aim: Aim, max_steps: int
-    ):
+    def __init__(self, points: np.ndarray, target: AbstractTarget, allowed: AllowedGap, aim: Aim, max_steps: int):
         self._points, self._target, self._allowed = points, target, allowed
         self._level, self._ceiling, self.max_steps = float(aim.level), float(aim.ceiling), max_steps
 
@@ -104,7 +101,7 @@ class PointSearch(AbstractSearch):
     def _solution(self, state: _PointSearchState) -> HausdorffSolution:
         best: Any = state.best  # some point is measured by now
         upper = max(state.settled, self._next(state), best.lower)
-        closed = upper - max(best.lower, self._level) <= self._allowed(best.lower) or best.lower > self._ceiling
+        closed = upper - max(best.lower, self._level) <= self._allowed.asked(best.lower) or best.lower > self._ceiling
         result = RESULTS.successful if closed else RESULTS.gap_not_closed
         counts = state.steps, len(state.order), state.measured
         dtype, foot, rows = self._points.dtype, best.foot, self._target.feet_named

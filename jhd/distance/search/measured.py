@@ -3,10 +3,12 @@
 Where a shape covers a place twice (a curve that is run through again, triangles on top of each other) it counts twice.
 """
 
+import math
 from abc import ABC, abstractmethod
 
 import numpy as np
 
+from jhd.arithmetic.rounding import gamma
 from jhd.distance.cells.measures import (
     FlatCells,
     flat_parts,
@@ -21,6 +23,10 @@ from jhd.distance.frame.net_jets import Net
 from jhd.distance.search.mesh_source import MeshSource
 from jhd.distance.search.sources import CellRows, cut_along
 
+# A cut that ends this close to a corner ends there, as a share of a side.
+_AT_END = 2.0**-30
+# More than the roundings of a place between two others, with coordinates of at most one.
+_ROUNDINGS = gamma(16, np.float64)
 # A cell is cut along the parameters along which it is at least this share as long as along the longest.
 _LONG = 0.6
 
@@ -39,8 +45,15 @@ class AbstractMeasured(ABC):
         """Cells that are all of it."""
 
     @abstractmethod
-    def cut(self, cells: CellRows, flat: FlatCells) -> tuple[CellRows, np.ndarray]:
-        """Parts that are the same, and which cell each is of."""
+    def cut(self, cells: CellRows, flat: FlatCells, parting: np.ndarray | None = None) -> tuple[CellRows, np.ndarray]:
+        """Parts that are the same, and which cell each is of.
+
+        Args:
+            cells: which ones.
+            flat: flat pieces beside them.
+            parting: values at the corners of affine functions; a triangle over which one changes its sign is best cut
+                where it is zero.
+        """
 
     @abstractmethod
     def flat(self, cells: CellRows) -> FlatCells:
@@ -67,7 +80,7 @@ class MeasuredPoints(AbstractMeasured):
         nothing = np.zeros((len(self._points), 0))
         return CellRows(np.arange(len(nothing)), nothing, nothing)
 
-    def cut(self, cells: CellRows, flat: FlatCells) -> tuple[CellRows, np.ndarray]:
+    def cut(self, cells: CellRows, flat: FlatCells, parting: np.ndarray | None = None) -> tuple[CellRows, np.ndarray]:
         """See AbstractMeasured: a point stays as it is."""
         return cells, np.arange(len(cells.piece))
 
@@ -99,7 +112,7 @@ class MeasuredNet(AbstractMeasured):
         ends = np.zeros((len(self._rows), self.dimension))
         return CellRows(np.arange(len(ends)), ends, ends + 1)
 
-    def cut(self, cells: CellRows, flat: FlatCells) -> tuple[CellRows, np.ndarray]:
+    def cut(self, cells: CellRows, flat: FlatCells, parting: np.ndarray | None = None) -> tuple[CellRows, np.ndarray]:
         """See AbstractMeasured: at the middles of those parameters along which the flat pieces are long."""
         corners = flat.corners
         sides = [corners[:, -1] - corners[:, 0]]
@@ -137,17 +150,54 @@ class MeasuredMesh(AbstractMeasured):
     dimension = 2
 
     def __init__(self, corners: np.ndarray, off: float):
-        self._source = MeshSource(corners.astype(np.float64))
-        self._off = off + off_by((1, 1))
+        self._corners = corners.astype(np.float64)
+        self._off = np.full(len(corners), off)
 
     def cover(self) -> CellRows:
         """See AbstractMeasured."""
-        return self._source.cover()
+        return MeshSource(self._corners).cover()
 
-    def cut(self, cells: CellRows, flat: FlatCells) -> tuple[CellRows, np.ndarray]:
-        """See AbstractMeasured: each into four."""
-        return self._source.cut(cells)
+    def cut(self, cells: CellRows, flat: FlatCells, parting: np.ndarray | None = None) -> tuple[CellRows, np.ndarray]:
+        """See AbstractMeasured: each into four, or along the parting into two or three, which become triangles of a.
+
+        A corner of such a part divides a side of its cell in a ratio that is a float. So the parts are all of the cell.
+        The corner is off by as much as the ends of the side, and by a few roundings of coordinates of at most one.
+        """
+        parting = np.zeros(flat.corners.shape[:2]) if parting is None else parting
+        parted = (np.min(parting, axis=1) < 0) & (np.max(parting, axis=1) > 0)
+        whole, rows = np.flatnonzero(~parted), np.flatnonzero(parted)
+        halves, parent = MeshSource(self._corners).cut(cells.take(whole))
+        corners, of = _parts_along(flat.corners[rows], parting[rows])
+        piece = len(self._corners) + np.arange(len(of))
+        self._corners = np.concatenate([self._corners, corners])
+        off = (flat.slack / math.sqrt(3) + _ROUNDINGS)[rows[of]] * (1 + _ROUNDINGS)
+        self._off = np.concatenate([self._off, off])
+        ends = np.zeros((len(of), 2))
+        parts = CellRows(piece, ends, ends + 1)
+        joined = CellRows(*(np.concatenate(pair) for pair in zip(halves, parts, strict=True)))
+        return joined, np.concatenate([whole[parent], rows[of]])
 
     def flat(self, cells: CellRows) -> FlatCells:
         """See AbstractMeasured."""
-        return flat_triangles(self._source.places(cells).points[:, 1:], self._off)
+        places = MeshSource(self._corners).places(cells).points[:, 1:]
+        return flat_triangles(places, self._off[cells.piece] + off_by((1, 1)))
+
+
+def _parts_along(corners: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The parts of triangles above and below zero of the heights of their corners, and which triangle each is of."""
+    signs = np.sign(heights)
+    # The corner that has a side to itself; of two the first.
+    alone = np.argmax(signs * np.sign(np.sum(signs, axis=1, keepdims=True) - 0.5) < 0, axis=1)
+    turned = (alone[:, None] + np.arange(3)) % 3
+    a, b, c = np.moveaxis(np.take_along_axis(corners, turned[..., None], axis=1), 1, 0)
+    h = np.abs(np.take_along_axis(heights, turned, axis=1))
+    share = h[:, :1] / (h[:, :1] + h[:, 1:])
+    whole = share > 1 - _AT_END
+    ends = np.stack([b, c], axis=1)
+    cuts = np.where(whole[..., None], ends, a[:, None] + share[..., None] * (ends - a[:, None]))
+    x, y = cuts[:, 0], cuts[:, 1]
+    parts = np.stack([np.stack(p, axis=1) for p in ((a, x, y), (x, b, c), (x, c, y))], axis=1)
+    # Where a cut ends in a corner one part is none.
+    kept = np.concatenate([np.ones((len(a), 1), bool), ~whole], axis=1)
+    of, _ = np.nonzero(kept)
+    return parts[kept], of

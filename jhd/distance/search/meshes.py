@@ -10,14 +10,17 @@ zero cases (2018), and CGAL's bounded-error Hausdorff distance, after Tang, Lee,
 computation for general polygonal models (2009), bound a cell in the same way; splitting at ties and the proof are ours.
 """
 
+from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import numpy as np
 
 from jhd.arrays import array_of, is_tracing, joined
 from jhd.distance.cells.triangles import MeshSide, TriangleCells, first_cells, split
-from jhd.distance.frame.aim import Aim, default_tolerance
-from jhd.distance.frame.coordinates import diagonal, extremes
+from jhd.distance.frame.aim import Aim, AllowedGap, default_tolerance
+from jhd.distance.frame.coordinates import diagonal, exact_middle, extremes, frame_of
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.from_program import AnswerForm, from_program
 from jhd.distance.search.search import AbstractSearch, Listener, Standing, drive
@@ -34,6 +37,8 @@ _ROOM = 1 << 11
 _COUNTS = "steps", "cells", "split", "points"
 # Where the lower bound is below this share of the upper one, a may lie in b.
 _COINCIDENT = 1e-3
+# Cells are dropped within this share of the gap that was asked for.
+_OF_ASKED = 0.99
 
 
 class _FarthestPoint(NamedTuple):
@@ -67,6 +72,9 @@ def mesh_directed(
 ) -> HausdorffSolution:
     """The directed distance of two meshes in their own coordinates; under tracing it is searched from the host as well.
 
+    Meshes that lie far from the origin are moved there along axes where that is exact, since bounds count roundings of
+    the largest coordinate.
+
     Args:
         a: the mesh whose farthest point is looked for.
         b: the mesh that distances are taken to.
@@ -77,7 +85,8 @@ def mesh_directed(
     """
 
     def search(meshes: Any, method: BranchAndBound, aim: Aim) -> HausdorffSolution:
-        return drive(MeshSearch(meshes[0], meshes[1], method, aim), listener, direction)
+        near, centre = _near_origin(*meshes)
+        return _moved_by(centre, drive(MeshSearch(near[0], near[1], method, aim), listener, direction))
 
     # Inside jit all operations are traced, those on known numbers too.
     if is_tracing(a, b, method, aim):
@@ -85,6 +94,27 @@ def mesh_directed(
         form = AnswerForm(a.vertices.dtype, 3, FEET, (3,), (3,), _COUNTS)
         return from_program(search, form.refused, (a, b), method, aim)
     return search((a, b), method, aim)
+
+
+def _near_origin(*meshes: TriangleMesh) -> tuple[tuple[TriangleMesh, ...], np.ndarray]:
+    """Meshes less a common centre, which is zero along axes where a difference to it would round."""
+    corners = [extremes(np.asarray(x.vertices)[np.asarray(x.triangles)]) for x in meshes]
+    frame = frame_of(corners, centre=exact_middle)
+    centre = np.ldexp(frame.centre, frame.first)
+    if not np.any(centre):
+        return meshes, centre
+    # Vertices that no triangle has may overflow.
+    with np.errstate(over="ignore"):
+        rows = [array_of(np.asarray(x.vertices) - centre) for x in meshes]
+    return tuple(eqx.tree_at(lambda m: m.vertices, x, y) for x, y in zip(meshes, rows, strict=True)), centre
+
+
+def _moved_by(centre: np.ndarray, solution: HausdorffSolution) -> HausdorffSolution:
+    if not np.any(centre):
+        return solution
+    witness = solution.witness
+    point, feet = (array_of(np.asarray(x) + centre) for x in (witness.point, witness.feet))
+    return replace(solution, witness=replace(witness, point=point, feet=feet))
 
 
 class MeshSearch(AbstractSearch):
@@ -102,7 +132,7 @@ class MeshSearch(AbstractSearch):
     def __init__(self, a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, aim: Aim):
         self._a, self._method, self.max_steps = a, method, method.max_steps
         self._side, self._scaled = _side(a, b)
-        self._atol = _absolute(self._side, method)
+        self._allowed = _allowed(self._side, method)
         self._level, self._ceiling = (float(np.ldexp(float(x), -self._side.tree.exponent)) for x in aim)
 
     def begin(self) -> _CutCells:
@@ -129,13 +159,10 @@ class MeshSearch(AbstractSearch):
 
     def _dropping(self, state: _CutCells) -> _CutCells:
         """The state without the cells whose bounds are within what is allowed."""
-        done = state.waiting.upper <= max(state.best.lower + self._allowed(state.best.lower), self._level)
+        lower = state.best.lower
+        done = state.waiting.upper <= max(lower + self._allowed(lower), self._level)
         dropped = max(state.dropped, float(state.waiting.upper[done].max(initial=-np.inf)))
         return state._replace(waiting=state.waiting.take(np.flatnonzero(~done)), dropped=dropped)
-
-    def _allowed(self, lower: float) -> float:
-        """The gap that is allowed at a lower bound, in the unit of the tree."""
-        return max(self._atol, float(self._method.rtol) * lower, _rounding(self._side, lower))
 
     def _step(self, state: _CutCells) -> _CutCells:
         """The cells with the largest bounds split."""
@@ -159,13 +186,15 @@ class MeshSearch(AbstractSearch):
         distance = best.distance if best.lower > 0 else 0.0
         value = np.clip(np.ldexp(distance, exponent).astype(dtype), lower, top)
         result = RESULTS.gap_not_closed if self._has_room(state) else RESULTS.capacity_reached
+        gap = state.upper - max(best.lower, self._level)
+        closed = not self._is_open(state) and (gap <= self._allowed.asked(best.lower) or best.lower > self._ceiling)
         counts = state.steps, self._a.count + 4 * state.split, state.split, state.corners + 3 * state.split
         return HausdorffSolution(
             value=array_of(value),
             lower=array_of(lower),
             upper=array_of(top),
             witness=witness_of(feet, side, best.owner, best.weights, distance),
-            result=result if self._is_open(state) else RESULTS.successful,
+            result=RESULTS.successful if closed else result,
             stats={name: array_of(np.asarray(count)) for name, count in zip(_COUNTS, counts, strict=True)},
         )
 
@@ -178,12 +207,16 @@ def _side(a: TriangleMesh, b: TriangleMesh) -> tuple[MeshSide, np.ndarray]:
     return MeshSide(corners, float(np.max(np.abs(corners))), tree, b_corners), scaled
 
 
-def _absolute(side: MeshSide, method: BranchAndBound) -> float:
-    """The absolute tolerance in the unit of the tree."""
-    if method.atol is not None:
-        return float(np.ldexp(float(method.atol), -side.tree.exponent))
-    size = diagonal([extremes(x.astype(np.float64)) for x in (side.corners, side.b_corners)])
-    return float(default_tolerance(size, side.corners.dtype, _rounding(side, 0.0)))
+def _allowed(side: MeshSide, method: BranchAndBound) -> AllowedGap:
+    """The gap that is allowed, in the unit of the tree."""
+    floor = partial(_rounding, side)
+    if method.atol is None:
+        size = diagonal([extremes(x.astype(np.float64)) for x in (side.corners, side.b_corners)])
+        atol = float(default_tolerance(size, side.corners.dtype, floor(0.0)))
+    else:
+        # The rest is for rounding the bounds outward.
+        atol = _OF_ASKED * float(np.ldexp(float(method.atol), -side.tree.exponent))
+    return AllowedGap(atol, float(method.rtol), floor, method.atol is not None)
 
 
 def _rounding(side: MeshSide, lower: float) -> float:

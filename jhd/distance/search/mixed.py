@@ -17,7 +17,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.scaling import length
-from jhd.arrays import is_traced, is_tracing
+from jhd.arrays import is_traced, is_tracing, undifferentiated
 from jhd.compiled import compiled
 from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
@@ -54,8 +54,9 @@ from jhd.distance.search.near_pairs import Crossing, NearPairs, around, crossing
 from jhd.distance.search.queued import PART, QueuedSearch
 from jhd.distance.search.search import AbstractSearch, Listener, Progress, drive
 from jhd.distance.search.targets import usable
+from jhd.distance.witness.balance import NetRows, Polynomial, balance, distance, started
 from jhd.distance.witness.nets import apart
-from jhd.distance.witness.places import NetRows, moving_place, parts_of
+from jhd.distance.witness.places import parts_of
 from jhd.shapes.checks import empty_surface
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -66,6 +67,8 @@ from jhd.solution import RESULTS, MinimumSolution
 _ROOM, _ABOUT, _STEPS = 4.0, 1e-4, 24
 # Up to so many pieces all pairs are searched, each over the whole surface; more are thinned out before the search.
 _FEW = 64
+# A number of steps that no search takes.
+_ENDLESS = 1 << 30
 # Steps over a few near pieces, for a first distance.
 _FIRST = 32
 # How often these are exchanged for others, while that brings the points nearer by this share.
@@ -81,7 +84,7 @@ def with_surface(
         ValueError: a surface that is proven to have no point in its box (not under jit).
     """
     shapes = tuple(shape if isinstance(shape, ImplicitSurface) else net_of(shape) for shape in (a, b))
-    still: Any = jax.lax.stop_gradient(shapes)
+    still: Any = undifferentiated(shapes)
     is_mesh = isinstance(a, TriangleMesh)
     if not is_tracing(still, method):
         found = _from_here(still, method, is_mesh, progress)
@@ -91,7 +94,7 @@ def with_surface(
         found = _in_program(still, method)
     if not is_traced(shapes):
         return found.solution
-    outcome, solution = jax.lax.stop_gradient(found)
+    outcome, solution = undifferentiated(found)
     parts = _parts(shapes[0], outcome.best.piece_a), _parts(shapes[1], outcome.best.piece_b)
     moved = following(_moving, {"value": solution.value}, parts, (outcome, solution))
     return replace(found.solution, **moved)
@@ -168,7 +171,9 @@ def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: 
     def closed(table: ClosestState) -> float:
         return float(close_enough(_with_room(problem, table), task.wanted, table))
 
-    return QueuedSearch(pairs.lower, filled, partial(_stretch, task), closed, method.max_steps)
+    # The table is exchanged for the next pairs where it goes on no more, so it must not be given up.
+    going = task._replace(wanted=task.wanted._replace(most=np.asarray(_ENDLESS)))
+    return QueuedSearch(pairs.lower, filled, partial(_stretch, going), closed, method.max_steps)
 
 
 def _first(task: "_SurfaceTask", pieces: int, few: NearPairs, room: int) -> BestPair:
@@ -387,15 +392,14 @@ def _parts(shape: Net | ImplicitSurface, piece: Array) -> Any:
 
 
 def _moving(rows: tuple[Any, Any], constants: tuple[Outcome, MinimumSolution]) -> MovingNumbers:
-    """A function of both shapes with the first derivatives of the distance, from the outcome in both coordinates.
+    """The distance as a function of both shapes, from the outcome in both coordinates.
 
-    With u = (p - q) / |p - q| it is that of u.(p - q) at fixed parameters, a point of a polynomial surface moving along
-    its normal. At distance zero, and where nothing was found, all derivatives are zero.
+    At distance zero, and where nothing was found, all derivatives are zero.
     """
     found, solution = constants
-    n = Net(*rows[0]).parameters if isinstance(rows[0], NetRows) else 3
+    n = rows[0].net.parameters if isinstance(rows[0], NetRows) else 3
     usable = apart(solution, found.best.distance)
-    e = jnp.where(usable, found.point_a - found.point_b, 1.0)
-    first = moving_place(rows[0], found.best.x[:n], solution.point_a)
-    second = moving_place(rows[1], found.best.x[n:], solution.point_b)
-    return MovingNumbers({"value": jnp.sum(e / length(e) * (first - second))}, {"value": usable})
+    rows = rows[0], rows[1] if isinstance(rows[1], Polynomial) else jax.tree_util.tree_map(lambda x: x[None], rows[1])
+    x, points = found.best.x, (solution.point_a, solution.point_b[None])
+    start = started(rows, (x[:n], x[None, n:]), points, jnp.ones(1, x.dtype), solution.value)
+    return MovingNumbers({"value": distance(balance(start, rows, False), rows, rows)}, {"value": usable})

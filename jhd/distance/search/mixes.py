@@ -6,13 +6,12 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import is_tracing
+from jhd.arrays import is_tracing, undifferentiated
 from jhd.distance.cells.foot_maps import Triangles
 from jhd.distance.cells.surfaces import FEET
-from jhd.distance.frame.aim import Aim, default_tolerance
+from jhd.distance.frame.aim import Aim, AllowedGap, default_tolerance
 from jhd.distance.frame.coordinates import Frame, common_points, diagonal, extremes
 from jhd.distance.frame.net_jets import Net, eta, point_error
 from jhd.distance.frame.nets import hull_of, net_of, prepare_nets, repeated
@@ -58,7 +57,7 @@ def mixed_directed(
 ) -> HausdorffSolution:
     """The directed distance of two shapes of any kinds, in their own coordinates.
 
-    The value is differentiable in both, to first order.
+    The value is differentiable in both, twice.
 
     Args:
         a: points, BezierSegments, BezierPatches, an ImplicitSurface or a TriangleMesh; in space unless both are points.
@@ -73,9 +72,9 @@ def mixed_directed(
     """
     if isinstance(a, TriangleMesh) and is_points(b):
         points: Any = as_mesh(b)
-        found = mesh_directed(*lax.stop_gradient((a, points)), method, aim, listener, direction)
+        found = mesh_directed(*undifferentiated((a, points)), method, aim, listener, direction)
         return with_mesh_derivatives(found, a, points)
-    found = _directed(*lax.stop_gradient((a, b)), method, aim, listener, direction)
+    found = _directed(*undifferentiated((a, b)), method, aim, listener, direction)
     return with_place_derivatives(found, a, b)
 
 
@@ -105,10 +104,7 @@ def _search(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> AbstractSearch:
     # Bounds that are always those of rounding need no tolerance.
     atol = 0.0 if target.sharp else float(default_tolerance(diagonal_of(a, b), points.dtype, 0.0))
     atol = atol if method.atol is None else float(method.atol)
-
-    def allowed(lower: float) -> float:
-        return max(atol, float(method.rtol) * lower, target.rounding(lower))
-
+    allowed = AllowedGap(atol, float(method.rtol), target.rounding, method.atol is not None)
     return PointSearch(points, target, allowed, aim, method.max_steps)
 
 
@@ -137,10 +133,8 @@ def _farthest(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> FarthestSearc
     floor = (floor + 16 * gamma(64, dtype)) * (1 + size) + 8 * moved
     atol = float(default_tolerance(float(frame.common(np.asarray(diagonal_of(a, b)))), dtype, 0.0))
     atol = atol if method.atol is None else float(frame.common(np.asarray(method.atol)))
-
-    def allowed(lower: float) -> float:
-        return max(atol, float(method.rtol) * lower, floor + target.rounding(lower))
-
+    given = method.atol is not None
+    allowed = AllowedGap(atol, float(method.rtol), lambda lower: floor + target.rounding(lower), given)
     followed = _followed(a, b, pair, target)
     return FarthestSearch(source, target, frame, moved, allowed, aim, method.max_steps, *followed)
 

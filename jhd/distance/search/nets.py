@@ -4,13 +4,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import is_tracing
+from jhd.arrays import is_tracing, undifferentiated
 from jhd.compiled import compiled
 from jhd.distance.cells.moving_nets import WithMovingParameters
 from jhd.distance.frame.coordinates import extremes
@@ -43,7 +42,7 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress
     """Minimum distance of curves and parametric surfaces, in common coordinates, with derivatives in both."""
     nets = net_of(a), net_of(b)
     counts = nets[0].points.shape[0], nets[1].points.shape[0]
-    p, q, frame, error = prepare_nets(*jax.lax.stop_gradient(nets))
+    p, q, frame, error = prepare_nets(*undifferentiated(nets))
     problem = Parametric(p, q, np.asarray(error, p.points.dtype))
     wanted = wanted_gap([extremes(net.points) for net in (p, q)], frame, method, problem.floor)
     # Inside jit all operations are traced, those on known numbers too.

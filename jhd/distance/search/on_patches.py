@@ -237,13 +237,16 @@ class NetTarget(AbstractTarget):
             upper = np.where(np.isnan(found[1]), np.inf, found[1].astype(np.float64))
             _take_over(feet, cells.who, _Feet(upper, found[2], cells.piece, *found[3:5]))
             lower = np.maximum(cells.lower, np.nan_to_num(found[0].astype(np.float64), nan=0.0, posinf=np.inf))
+            low, high, axis, thin = found[5:]
             hard = np.flatnonzero((work > _HARD + _VAIN * vain)[cells.who])
             if len(hard):
                 some = cells.take(hard)
-                squares = distances_by_squares(net, points[some.who], *some[1:4])
-                np.add.at(vain, some.who, np.where(squares > lower[hard], -1, 1))
+                squares, across = distances_by_squares(net, points[some.who], *some[1:4])
+                better = squares > lower[hard]
+                np.add.at(vain, some.who, np.where(better, -1, 1))
                 lower[hard] = np.maximum(lower[hard], squares)
-            low, high, axis, thin = found[5:]
+                axis = axis.copy()
+                axis[hard[better]] = across[better]
             np.minimum.at(settled, cells.who[thin], lower[thin])
             stack.append(_halved(_Cells(cells.who, cells.piece, low, high, lower).take(~thin), axis[~thin]))
         lower = np.minimum(settled, feet.upper)

@@ -4,8 +4,8 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
+from jhd.arrays import undifferentiated
 from jhd.distance.search.closest_triangles import as_mesh
 from jhd.distance.search.targets import target_of
 from jhd.shapes.curve import BezierSegments
@@ -30,8 +30,8 @@ def nearest_points(points: Any, shape: Any) -> Any:
         points: a set of points, its numbers known; it may be differentiated.
         shape: points, a TriangleMesh, BezierPatches or an ImplicitSurface, likewise.
     """
-    rows = np.asarray(lax.stop_gradient(points).control_points)[:, 0]
-    target: Any = target_of(lax.stop_gradient(shape))
+    rows = np.asarray(undifferentiated(points).control_points)[:, 0]
+    target: Any = target_of(undifferentiated(shape))
     if target.sharp:
         found = target.nearest(rows)
         return BezierSegments(points.control_points[np.flatnonzero(found.lower <= found.upper.min())])

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import is_traced, is_tracing
+from jhd.arrays import is_traced, is_tracing, undifferentiated
 from jhd.distance.frame.from_host import from_host
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.nets import net_of
@@ -24,7 +24,13 @@ from jhd.shapes.patch import AbstractPatch, BezierPatches
 from jhd.solution import RESULTS, Projection
 
 # How an answer from the host ended.
-_ENDS = (RESULTS.successful, RESULTS.gap_not_closed, RESULTS.unverified, RESULTS.nonfinite_value, RESULTS.empty_surface)
+_ENDS = (
+    RESULTS.successful,
+    RESULTS.many_nearest_points,
+    RESULTS.unverified,
+    RESULTS.nonfinite_value,
+    RESULTS.empty_surface,
+)
 
 
 def target_of(shape: Any) -> AbstractTarget:
@@ -54,7 +60,7 @@ def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) 
     queries = checked_points(points)
     batch, flat = queries.shape[:-1], queries.reshape(-1, 3)
     surface = shape.patches() if isinstance(shape, AbstractPatch) else shape
-    still = jax.lax.stop_gradient((flat, surface))
+    still = undifferentiated((flat, surface))
     # Inside jit all operations are traced, those on known numbers too.
     if is_tracing(still):
         found = _traced(*still)

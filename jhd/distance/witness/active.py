@@ -2,9 +2,8 @@
 
 At a witness the parameter t on a and the feet s1, s2 on b solve three equations G = 0. A foot is free, (A - B).B' = 0,
 or held at an end or corner of b. The parameter is held at an end or corner of a, or set by equal distances of two feet,
-or by (A - B).A' = 0. In the plane the last one is B' x A' = 0 at a free foot: the direction of A - B is lost to
-rounding where the curves nearly coincide, the normal of b is not. The distance is taken along that normal for the same
-reason.
+or by (A - B).A' = 0. In the plane the last one is B' x A' = 0 at a free foot where the normal of b tells more than
+A - B (jhd.distance.nearest.feet.by_normal). The distance is taken along that normal for the same reason.
 
 The value has the derivative lambda_1 d1 + lambda_2 d2, where d_i is that of the distance to foot i at fixed parameters
 and lambda the multipliers of the witness; a single foot has lambda = 1, and at an end or corner of a the multipliers
@@ -25,7 +24,7 @@ from jaxtyping import Array
 from jhd.arrays import varying
 from jhd.distance.frame.jets import CurveJet, jet
 from jhd.distance.frame.pieces import Piece, is_point
-from jhd.distance.nearest.feet import equation, is_held
+from jhd.distance.nearest.feet import by_normal, equation, is_held
 from jhd.solution import EVENTS
 
 # A determinant below this share of the product of the lengths of its rows is none.
@@ -94,6 +93,10 @@ class _Products(NamedTuple):
         crossed = rows[:, None, 0] * rows[:, 1] - rows[:, None, 1] * rows[:, 0] if c.shape[0] == 2 else None
         return cls(dot, crossed)
 
+    def along_normal(self, held: Array) -> Array:
+        """Whether the first foot is free and the normal there tells its direction."""
+        return ~held & by_normal(self.dot[_C, _C], self.dot[_B1, _B1])
+
 
 # The rows of the products.
 _C, _E, _SUM, _APART, _A1, _A2, _B1, _B2, _D1, _D2 = range(10)
@@ -101,22 +104,24 @@ _C, _E, _SUM, _APART, _A1, _A2, _B1, _B2, _D1, _D2 = range(10)
 
 def _equations(jets: _Jets, system: Active) -> Array:
     """G without the equations of the parameters that are held."""
-    dot, crossed = _Products.of(jets)
+    products = _Products.of(jets)
+    dot, crossed = products
     stationary = dot[_C, _A1]
     if crossed is not None:
-        stationary = jnp.where(system.held[1], stationary, crossed[_B1, _A1])
+        stationary = jnp.where(products.along_normal(system.held[1]), crossed[_B1, _A1], stationary)
     # (c + e).(c - e): the difference of the squares without cancellation.
     return jnp.stack([jnp.where(system.two, dot[_SUM, _APART], stationary), dot[_C, _B1], dot[_E, _D1]])
 
 
 def _jacobian(jets: _Jets, system: Active) -> Array:
     """Rows of dG/dy; those of the parameters that are held are unit vectors."""
-    dot, crossed = _Products.of(jets)
+    products = _Products.of(jets)
+    dot, crossed = products
     zero = jnp.zeros((), dot.dtype)
     along = jnp.stack([dot[_A1, _A1] + dot[_C, _A2], -dot[_B1, _A1], zero])
     if crossed is not None:
         normal = jnp.stack([crossed[_B1, _A2], crossed[_B2, _A1], zero])
-        along = jnp.where(system.held[1], along, normal)
+        along = jnp.where(products.along_normal(system.held[1]), normal, along)
     equal = 2 * jnp.stack([dot[_A1, _APART], -dot[_C, _B1], dot[_E, _D1]])
     rows = [
         jnp.where(system.two, equal, along),
@@ -143,7 +148,7 @@ def _solve(rows: Array, right: Array) -> Array:
 def stationary(s: Array, point: Array, piece: Piece, held: Array) -> Array:
     """The parameter of a foot after a Newton step of (B - P).B' = 0, where it is free and the root is simple."""
     here = equation(point, piece, s)
-    moves = ~held & (jnp.abs(here.slope) > _SINGULAR * here.square)
+    moves = ~held & here.is_simple
     return s - jnp.where(moves, here.residual, 0.0) / jnp.where(moves, here.slope, 1.0)
 
 
@@ -185,9 +190,15 @@ def direction(c: Array, velocity: Array, held: Array) -> Array:
     if c.shape[0] == 3:
         return unit
     speed_sq = velocity @ velocity
-    known = ~held & (speed_sq > 0)
+    known = ~held & by_normal(square, speed_sq)
     normal = jnp.stack([-velocity[1], velocity[0]]) / jnp.sqrt(jnp.where(known, speed_sq, 1.0))
     return jnp.where(known, jnp.where(normal @ c < 0, -normal, normal), unit)
+
+
+def places(y: Array, system: Active) -> tuple[Array, Array]:
+    """The witness, and both feet in rows."""
+    a, first, second = _jets(y, system.pieces)
+    return a.point, jnp.stack([first.point, second.point])
 
 
 def units(y: Array, system: Active) -> Array:

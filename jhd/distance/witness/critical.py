@@ -2,66 +2,35 @@
 
 They are the active set of a minimax problem: where one curve is fitted to the other, several of them are equal. The
 maxima of one direction are found by jhd.distance.witness.maxima. One that is narrower than the samples there are apart
-can be missed: nothing says that the list is complete.
+can be missed: nothing says that the list is complete. The entry, jhd.distance.critical_pairs, checks the largest one.
 
 Source: the events are those of Elber & Grandine, GMP 2008; the search is ours.
 """
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import is_traced
+from jhd.arrays import undifferentiated
 from jhd.compiled import compiled
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import prepare
-from jhd.distance.witness.derivative import moving
 from jhd.distance.witness.maxima import local_maxima
-from jhd.shapes.as_shape import taken_as
-from jhd.shapes.curve import BezierSegments, check_curve
+from jhd.shapes.curve import BezierSegments
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
 
 # Pairs at the same place, in the common coordinates, are one.
 _SAME = 1e-5
 
 
-def critical_pairs(a: Any, b: Any, capacity: int = 16) -> CriticalPairs:
-    """The largest local maxima of the distance from a to b and from b to a, largest first.
-
-    Each has a value and a witness that are differentiable in all arrays of both curves, as those of `hausdorff` are.
-    A pair of points that is a maximum in both directions is given once, as one of a. The list is not proven to be
-    complete; every value is the distance of a point of one curve to the other curve. Works under jit and vmap.
-
-    Args:
-        a: a curve, or what jhd.as_shape takes for one.
-        b: a curve of the same dimension.
-        capacity: length of the list; entries beyond the number of maxima are not `valid` and have the value 0.
-
-    Raises:
-        TypeError: a shape of another kind, or a capacity that is no whole number.
-        ValueError: curves of different dimensions, or a capacity below 1.
-    """
-    a, b = taken_as("a", a), taken_as("b", b)
-    check_curve("a", a)
-    check_curve("b", b)
-    if not isinstance(capacity, int) or isinstance(capacity, bool):
-        raise TypeError(f"capacity must be a whole number; got {type(capacity).__name__}.")
-    if capacity < 1:
-        raise ValueError(f"capacity is {capacity}; needs at least 1.")
-    pair = a.segments(), b.segments()
-    if pair[0].dim != pair[1].dim:
-        raise ValueError(f"a has {pair[0].dim} coordinates a point and b has {pair[1].dim}; needs the same.")
-    p, q, frame = prepare(*jax.lax.stop_gradient(pair))
-    found = _placed(_both(p, q, capacity), frame)
-    if not is_traced(*pair):
-        return found
-    value, witness = jax.vmap(moving, in_axes=(0, 0, None, None, None))(found.value, found.witness, *pair, frame)
-    return replace(found, value=jnp.where(found.valid, value, 0.0), witness=witness)
+def local_pairs(a: BezierSegments, b: BezierSegments, capacity: int) -> tuple[CriticalPairs, Frame]:
+    """The critical pairs that samples show, without derivatives, in the user's coordinates; and the common ones."""
+    p, q, frame = prepare(*undifferentiated((a, b)))
+    return _placed(_both(p, q, capacity), frame), frame
 
 
 def _placed(found: CriticalPairs, frame: Frame) -> CriticalPairs:

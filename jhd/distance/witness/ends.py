@@ -8,13 +8,14 @@ from jaxtyping import Array
 
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import CurvePlace, piece_of
+from jhd.distance.nearest.feet import stands_still
 from jhd.shapes.curve import BezierSegments
 
 # Tangents that differ by more than this angle (radians) make a joint a corner: joints that are smooth by construction
 # are off by the rounding of control points, divided by the length of the first leg.
 _CORNER = 1e-6
-# A speed below this share of the segment's extent is none, and the chord to a point this far inside stands in.
-_SLOW, _INSIDE = 1e-9, 1e-4
+# Where a segment stands still the chord to a point this far inside stands in.
+_INSIDE = 1e-4
 
 
 class Around(NamedTuple):
@@ -56,8 +57,6 @@ def _tangent(curve: BezierSegments, segment: Array, t: Array) -> Array:
     here = jet(*piece, t)
     inside = jet(*piece, jnp.clip(t, _INSIDE, 1 - _INSIDE)).point - here.point
     inside = jnp.where(t >= 1, -inside, inside)
-    extent = jnp.max(jnp.abs(piece.control_points - piece.control_points[0]))
-    slow = jnp.max(jnp.abs(here.first)) <= _SLOW * extent
-    vector = jnp.where(slow, inside, here.first)
+    vector = jnp.where(stands_still(here.first, piece.control_points), inside, here.first)
     length = jnp.sqrt(jnp.sum(vector**2))
     return vector / jnp.where(length > 0, length, 1.0)

@@ -7,29 +7,37 @@ Source: Elber & Grandine, Hausdorff and minimal distances between parametric fre
 al. 2014, section 3.
 """
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jhd.arrays import varying
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import CurvePlace, Piece, piece_of, preceding
 from jhd.distance.nearest.curves import repeated, segment_bounds
-from jhd.distance.nearest.feet import Branch, foot_at, foot_in
-from jhd.distance.witness.ends import around
+from jhd.distance.nearest.feet import Branch, equation, holds, step_in
+from jhd.distance.witness.ends import Around, around
 from jhd.distance.witness.multipliers import two_of
 from jhd.shapes.curve import BezierSegments
 from jhd.solution import DIRECTIONS, EVENTS, Witness
 
-# The distance of two feet that count as equally near, relative to the size of the pair: refined maxima reach 1e-12.
+# Distances, in common coordinates, whose difference is no more than this are equal: refined maxima reach 1e-12.
 _TIE = 1e-9
 # Distances below this, in common coordinates, are zero: points of curves are evaluated to a hundred roundings.
 ZERO = 3e-14
-# Feet closer than this share of the size are one foot; two feet of one maximum merge only at a centre of curvature.
-_SAME_FOOT = 1e-6
-# Starts of Newton's method on each segment when the feet of a witness are gathered; of many segments those with the
-# smallest lower bounds are searched.
-_STARTS, _SEARCHED = 8, 32
-_NEWTON_STEPS = 12
+# Feet no farther apart than this are one, and so are those no farther apart than the second many times what rounding
+# leaves open of each, up to the third: two feet of one maximum merge only at a centre of curvature, where the places of
+# both are known to a small share of the size, and so are all directions between them.
+_SAME_FOOT, _UNCERTAIN, _MERGED = 1e-6, 16, 1e-3
+# By how much the gap may be too small, and the farthest that a place may be from its maximum.
+_OPEN, _FARTHEST = 4, 1.0
+# Starts of Newton's method on each segment when the feet of a witness are gathered; of more segments than curves
+# are usually padded to those with the smallest lower bounds are searched.
+_STARTS, _SEARCHED = 8, 48
+# Steps of Newton's method, which end where none is longer: next to a centre of curvature each gains a third only.
+_NEWTON_STEPS, _SETTLED = 48, 1e-9
 
 
 @jax.jit
@@ -61,72 +69,135 @@ def _foot_residual(stationarity: Array, s: Array, branch: Branch) -> Array:
     return jnp.where(branch.pinned, s - branch.s, stationarity)
 
 
-def describe(a: BezierSegments, b: BezierSegments, at: CurvePlace, foot: CurvePlace, size: Array) -> Witness:
-    """The witness at the parameter (segment, t) of a: nearest feet on b, multipliers and the kind of event.
+class Described(NamedTuple):
+    """A place of a with the local feet of it on b: what is known before some of them are chosen.
 
-    All local feet that are equally near are gathered, and of them one or two count, as jhd.distance.witness.multipliers
-    has it: two inside of a, where the maximum is then one-to-two, if they pull the distance opposite ways along a; two
-    at an end or corner if the nearest one alone would make the maximum leave it. The first foot in the order of
-    segments and parameters is named first.
+    Args:
+        at: the place.
+        around: how a leaves it.
+        point: the point there.
+        feet: of b, (feet, dim).
+        segments: of the feet.
+        params: of the feet.
+        held: whether a foot is held at an end or corner.
+        uncertainty: how far rounding leaves each foot from its place.
+        distances: to the feet; inf where there is no foot.
+        slopes: of the distances along the directions in which a leaves the place, (feet, 2).
+    """
+
+    at: CurvePlace
+    around: Around
+    point: Array
+    feet: Array
+    segments: Array
+    params: Array
+    held: Array
+    uncertainty: Array
+    distances: Array
+    slopes: Array
+
+    def reach(self, gap: Array) -> Array:
+        """How far along a the maximum can be, where the bounds of the distance are apart by `gap`.
+
+        The distance to the nearest foot rises towards it, and no more than the gap.
+        """
+        steep = jnp.max(self.slopes[jnp.argmin(self.distances)])
+        reach = jnp.where(steep > 0, _OPEN * gap / jnp.where(steep > 0, steep, 1.0), 0.0)
+        return jnp.minimum(reach, _FARTHEST)
+
+    def witness(self, reach: Array | float = 0.0) -> Witness:
+        """The witness, with the feet that count if the maximum is no farther along a than `reach`.
+
+        They are those that balance there to first order. One or two count, as jhd.distance.witness.multipliers has it:
+        two inside of a, where the maximum is then one-to-two, if they pull the distance opposite ways along a; two at
+        an end or corner if the nearest one alone would make the maximum leave it. The first foot in the order of
+        segments and parameters is named first.
+        """
+        nearest = jnp.argmin(self.distances)
+        least = self.distances[nearest]
+        excess = self.distances - least
+        tied = excess <= _TIE
+        active = tied | (excess <= 2 * reach)
+        farther = jnp.where(tied | ~active, 0.0, excess / jnp.maximum(reach, _TIE))
+        pair, share = two_of(self.slopes, active, nearest, farther)
+        uncertain = jnp.clip(_UNCERTAIN * jnp.sum(self.uncertainty[pair]), _SAME_FOOT, _MERGED)
+        apart = jnp.sum((self.feet[pair[0]] - self.feet[pair[1]]) ** 2) > uncertain**2
+        two = (share > 0) & (share < 1) & apart
+        order = self.segments[pair] + self.params[pair]
+        turned = two & (order[0] > order[1])
+        pair, share = jnp.where(turned, pair[::-1], pair), jnp.where(turned, 1 - share, share)
+        single = pair[jnp.where(share >= 0.5, 0, 1)]
+        chosen = jnp.where(two, pair, single)
+        event = EVENTS.where(self.held[single], EVENTS.b_end, EVENTS.antipodal)
+        event = EVENTS.where(two, EVENTS.one_to_two, event)
+        event = EVENTS.where(self.around.corner, EVENTS.corner, event)
+        event = EVENTS.where(self.around.end, EVENTS.a_end, event)
+        event = EVENTS.where(least <= ZERO, EVENTS.coincident, event)
+        return Witness(
+            segment=self.at.segment,
+            t=self.at.t,
+            point=self.point,
+            feet=self.feet[chosen],
+            foot_segments=self.segments[chosen],
+            foot_params=self.params[chosen],
+            multipliers=jnp.where(two, jnp.stack([share, 1 - share]), jnp.array([1.0, 0.0])),
+            event=event,
+            direction=DIRECTIONS.a_to_b,
+        )
+
+
+def describe(a: BezierSegments, b: BezierSegments, at: CurvePlace, foot: CurvePlace) -> Described:
+    """The place (segment, t) of a with its local feet on b, from where a witness is chosen.
+
+    A local foot counts if it solves its equation, or is held at an end.
 
     Args:
         a: the curve that carries the maximum.
         b: the other one.
         at: the place of the maximum on a.
         foot: its nearest point on b, as proven; it stands in where the local feet miss it, as at a cusp.
-        size: largest extent of the pair, for the tolerances.
     """
-    segment, t = at
-    here = jet(*piece_of(a, segment), t)
-    segments, params = _local_feet(here.point, b)
-    segments, params = jnp.append(segments, foot.segment), jnp.append(params, foot.t)
-    feet = jax.vmap(lambda k, s: jet(*piece_of(b, k), s).point)(segments, params)
-    distances = jnp.sqrt(jnp.sum((here.point - feet) ** 2, axis=-1))
-    least = jnp.min(distances)
-    active = distances <= least + _TIE * size
-    place = around(a, preceding(a.following), at)
-    units = (here.point - feet) / jnp.where(distances > 0, distances, 1.0)[:, None]
-    nearest = jnp.argmin(distances)
-    pair, share = two_of(units @ place.into.T, active, nearest)
-    apart = jnp.sum((feet[pair[0]] - feet[pair[1]]) ** 2) > (_SAME_FOOT * size) ** 2
-    two = (share > 0) & (share < 1) & apart
-    order = segments[pair] + params[pair]
-    turned = two & (order[0] > order[1])
-    pair, share = jnp.where(turned, pair[::-1], pair), jnp.where(turned, 1 - share, share)
-    single = pair[jnp.where(share >= 0.5, 0, 1)]
-    chosen = jnp.where(two, pair, single)
-    multipliers = jnp.where(two, jnp.stack([share, 1 - share]), jnp.array([1.0, 0.0]))
-    _, pinned = foot_at(here.point, b, segments[single], params[single])
-    event = EVENTS.where(pinned, EVENTS.b_end, EVENTS.antipodal)
-    event = EVENTS.where(two, EVENTS.one_to_two, event)
-    event = EVENTS.where(place.corner, EVENTS.corner, event)
-    event = EVENTS.where(place.end, EVENTS.a_end, event)
-    event = EVENTS.where(least <= ZERO * size, EVENTS.coincident, event)
-    return Witness(
-        segment=segment,
-        t=t,
-        point=here.point,
-        feet=feet[chosen],
-        foot_segments=segments[chosen],
-        foot_params=params[chosen],
-        multipliers=multipliers,
-        event=event,
-        direction=DIRECTIONS.a_to_b,
+    here = jet(*piece_of(a, at.segment), at.t)
+    segments, params = _local_feet(here.point, b, foot)
+
+    def measured(segment: Array, s: Array) -> tuple[Array, ...]:
+        piece = piece_of(b, segment)
+        found = equation(here.point, piece, s)
+        held = holds(found, piece, s)
+        uncertainty = jnp.where(held, 0.0, found.uncertainty)
+        return found.apart, held, uncertainty, held | found.is_minimum
+
+    apart, held, uncertainty, sound = jax.vmap(measured)(segments, params)
+    distances = jnp.sqrt(jnp.sum(apart**2, axis=-1))
+    missed = ~jnp.any(sound[:-1] & (distances[:-1] <= distances[-1] + ZERO))
+    sound = sound.at[-1].set(missed)
+    around_ = around(a, preceding(a.following), at)
+    slopes = -apart @ around_.into.T / jnp.where(distances > 0, distances, 1.0)[:, None]
+    distances = jnp.where(sound, distances, jnp.inf)
+    return Described(
+        at, around_, here.point, here.point + apart, segments, params, held, uncertainty, distances, slopes
     )
 
 
-def _local_feet(point: Array, b: BezierSegments) -> tuple[Array, Array]:
-    """Local feet from several starts on each of the nearest segments, ends included: indices and parameters, flat."""
-    starts = jnp.linspace(0.0, 1.0, _STARTS)
+def _local_feet(point: Array, b: BezierSegments, foot: CurvePlace) -> tuple[Array, Array]:
+    """Local feet from several starts on each of the nearest segments, and from a known one, which follows as it is."""
     segments = jnp.arange(b.count)
     if b.count > _SEARCHED:
         lower, _ = segment_bounds(point, b.control_points, b.weights)
         lower = jnp.where(repeated(b.control_points, b.weights), jnp.inf, lower)
         segments = jnp.sort(jax.lax.top_k(-lower.astype(jnp.float32), _SEARCHED)[1])
+    starts = jnp.linspace(0.0, 1.0, _STARTS, dtype=b.control_points.dtype)
+    starts = jnp.append(jnp.tile(starts, segments.size), foot.t)
+    segments = jnp.append(jnp.repeat(segments, _STARTS), foot.segment)
 
-    def feet_on(segment: Array) -> tuple[Array, Array]:
-        piece = piece_of(b, segment)
-        return jnp.full((_STARTS,), segment), jax.vmap(lambda s: foot_in(point, piece, s, _NEWTON_STEPS))(starts)
+    def step(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        s, _, count = state
+        new = jax.vmap(lambda k, s: step_in(point, piece_of(b, k), s))(segments, s)
+        return new, jnp.max(jnp.abs(new - s)), count + 1
 
-    segments, params = jax.vmap(feet_on)(segments)
-    return segments.ravel(), params.ravel()
+    def moves(state: tuple[Array, Array, Array]) -> Array:
+        return (state[1] > _SETTLED) & (state[2] < _NEWTON_STEPS)
+
+    begin = starts, jnp.ones((), starts.dtype), jnp.array(0)
+    params, _, _ = jax.lax.while_loop(moves, step, varying(begin, point, b))
+    return jnp.append(segments, foot.segment), jnp.append(params, foot.t)

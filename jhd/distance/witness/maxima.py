@@ -16,7 +16,7 @@ from jhd.arrays import varying
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.nearest.curves import in_chunks, nearest, repeated
-from jhd.distance.nearest.feet import follow_foot
+from jhd.distance.nearest.feet import by_normal, follow_foot
 from jhd.distance.witness import active
 from jhd.distance.witness.ends import Around, around
 from jhd.distance.witness.events import ZERO, describe
@@ -38,7 +38,7 @@ _ROUNDS = 3
 # Two feet are one where they are nearer than this share of the distance, or than one foot can have moved in a cell.
 _ONE_FOOT, _MOVED = 1e-3, 64.0
 # A foot is the nearest when none is nearer by this share, or this length in the common coordinates.
-_NEARER, _ROUNDED = 1e-9, 1e-13
+NEARER, ROUNDED = 1e-9, 1e-13
 # A maximum of two feet this near to an end of its segment is at the end, which the tie determines to rounding.
 _AT_END = 1e-12
 
@@ -105,7 +105,7 @@ def local_maxima(a: BezierSegments, b: BezierSegments, lanes: int) -> tuple[Arra
     found = jax.lax.while_loop(again, round_, varying(start, pair)).found
     value = jnp.where(found.wrong | (keys == -jnp.inf), -jnp.inf, found.value)
     # The last lane holds the largest sample. It counts where it exceeds all maxima: along a flat stretch.
-    spare = (jnp.arange(lanes + 1) == lanes) & (jnp.max(value[:-1]) >= top * (1 - _NEARER) - _ROUNDED)
+    spare = (jnp.arange(lanes + 1) == lanes) & (jnp.max(value[:-1]) >= top * (1 - NEARER) - ROUNDED)
     value = jnp.where(spare, -jnp.inf, value)
     return value, _at_ends(pair, found.witness, value > -jnp.inf)
 
@@ -119,7 +119,7 @@ def _at_ends(pair: _CriticalPair, witness: Witness, valid: Array) -> Witness:
         k = order[i]
         w = jax.tree_util.tree_map(lambda x: x[k], witness)
         place, foot = CurvePlace(w.segment, w.t), CurvePlace(w.foot_segments[0], w.foot_params[0])
-        new = describe(pair.a, pair.b, place, foot, jnp.ones((), w.t.dtype))
+        new = describe(pair.a, pair.b, place, foot).witness()
         return jax.tree_util.tree_map(lambda x, y: x.at[k].set(y), witness, new)
 
     # One after the other: they are few.
@@ -155,9 +155,9 @@ def _foot(pair: _CriticalPair, segment: Array, t: Array, starts: CurvePlace) -> 
     distance = jnp.sqrt(squares[best])
     slope = c @ at.first
     if c.shape[0] == 2:
-        # The direction of A - B is lost to rounding where the curves nearly coincide, the normal of b is not.
         side = jnp.sign(tangent[0] * c[1] - tangent[1] * c[0])
-        slope = jnp.where(pinned, slope, side * (tangent[0] * at.first[1] - tangent[1] * at.first[0]))
+        known = ~pinned & by_normal(squares[best], tangent @ tangent)
+        slope = jnp.where(known, side * (tangent[0] * at.first[1] - tangent[1] * at.first[0]), slope)
     return _Foot(k, s, point, distance, slope)
 
 
@@ -284,7 +284,7 @@ def _described(pair: _CriticalPair, cell: _CriticalCell, t: Array, foot: _Foot, 
         event=EVENTS.where(value <= ZERO, EVENTS.coincident, event),
         direction=DIRECTIONS.a_to_b,
     )
-    wrong = jnp.abs(value - near.distance) > near.distance * _NEARER + _ROUNDED
+    wrong = jnp.abs(value - near.distance) > near.distance * NEARER + ROUNDED
     return _FoundMaximum(value, witness, wrong, CurvePlace(near.segment, near.t))
 
 

@@ -9,7 +9,6 @@ balance along a face; at an edge or a vertex no direction into one of the triang
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -19,7 +18,7 @@ from jhd.arithmetic.scaling import unit
 from jhd.arrays import array_of, is_traced
 from jhd.distance.cells.triangles import MeshSide
 from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
-from jhd.distance.witness.mesh_feet import foot_on
+from jhd.distance.witness.balance import CornerRows, from_place
 from jhd.distance.witness.multipliers import balanced
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Witness
@@ -136,9 +135,9 @@ def event_of(feet: MeshFeet, weights: np.ndarray, distance: float) -> Any:
 
 
 def with_mesh_derivatives(solution: HausdorffSolution, a: TriangleMesh, b: TriangleMesh) -> HausdorffSolution:
-    """The solution, its value and witness differentiable in the vertices of both meshes, to first order.
+    """The solution, its value and witness differentiable in the vertices of both meshes.
 
-    Derivatives are those at the fixed place on a, weighted by the multipliers. At distance zero they are zero.
+    At distance zero all derivatives are zero.
     """
     if not is_traced(a, b):
         return solution
@@ -151,13 +150,9 @@ def with_mesh_derivatives(solution: HausdorffSolution, a: TriangleMesh, b: Trian
 
 def _moving(corners: list[list[Array]], constants: tuple[Array, Witness]) -> MovingNumbers:
     """Value, point and feet, from the corners on both meshes that a witness on either of them may lie on."""
-    found, w = constants
-    turned = w.direction == DIRECTIONS.b_to_a
-    carrier, target = jnp.where(turned, *corners[0][::-1]), jnp.where(turned, *corners[1])
-    point = jnp.sum(w.t[:, None] * carrier, axis=0)
-    distance, feet, _ = jax.vmap(lambda row, active: foot_on(point, row, active))(target, w.foot_params > 0)
-    value = jnp.sum(w.multipliers * distance)
-    return MovingNumbers({"value": value, "point": point, "feet": feet}, {"value": found > 0})
+    turned = constants[1].direction == DIRECTIONS.b_to_a
+    rows = jnp.where(turned, *corners[0][::-1]), jnp.where(turned, *corners[1])
+    return from_place((CornerRows(rows[0]), CornerRows(rows[1])), constants)
 
 
 def witness_of(feet: MeshFeet, side: MeshSide, owner: int, weights: np.ndarray, distance: float) -> Witness:

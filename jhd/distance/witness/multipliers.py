@@ -25,11 +25,13 @@ text on linear programming.
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jhd.arithmetic.least_squares import non_negative
+from jhd.arrays import varying
 
 # Slopes of unit vectors along unit vectors below this are none: rounding of feet leaves 1e-12.
 _FLAT = 1e-11
@@ -51,28 +53,39 @@ def share(first: Float[Array, "*batch rays"], second: Float[Array, "*batch rays"
 
 
 def two_of(
-    slopes: Float[Array, "feet 2"], active: Bool[Array, " feet"], nearest: Int[Array, ""]
+    slopes: Float[Array, "feet 2"],
+    active: Bool[Array, " feet"],
+    nearest: Int[Array, ""],
+    excess: Float[Array, " feet"] | float = 0.0,
 ) -> tuple[Int[Array, "2"], Float[Array, ""]]:
     """Two of many feet that are admissible together, the nearest among them if it can be, and the first one's share.
 
     Along two rays two feet always do: the combinations that two inequalities allow, if there are any, meet the border
     of each face of the simplex. They are the two at the maximum over m in [0, 1] of min_k of (1 - m) f_k + m g_k, the
     slopes along both rays, which is concave in m.
+
+    Args:
+        slopes: of the distances to the feet along both rays.
+        active: which feet count.
+        nearest: the nearest foot.
+        excess: by how much each is farther than that, as a share of how far along the rays the maximum can be.
     """
-    f, g = slopes.T
+    f, g = slopes.T + excess
     left, right = (jnp.argmin(jnp.where(active, x, jnp.inf)) for x in (f, g))
-    seconds = [left, right]
-    # Each round looks below the crossing of the two lines found so far; three feet need one.
-    for _ in range(2):
+
+    def below(_: Any, lines: tuple[Array, Array]) -> tuple[Array, Array]:
+        left, right = lines
         rise, fall = g[left] - f[left], f[right] - g[right]
         m = jnp.clip((f[right] - f[left]) / jnp.where(rise + fall > 0, rise + fall, 1.0), 0.0, 1.0)
         line = jnp.where(active, (1 - m) * f + m * g, jnp.inf)
         lowest = jnp.argmin(line)
-        below = line[lowest] < line[left] - _FLAT
-        rising = g[lowest] > f[lowest]
-        left, right = jnp.where(below & rising, lowest, left), jnp.where(below & ~rising, lowest, right)
-    firsts = jnp.stack([nearest, nearest, left])
-    seconds = jnp.stack([*seconds, right])
+        found, rising = line[lowest] < line[left] - _FLAT, g[lowest] > f[lowest]
+        return jnp.where(found & rising, lowest, left), jnp.where(found & ~rising, lowest, right)
+
+    # Each round looks below the crossing of the two lines found so far; three feet need one.
+    crossing = jax.lax.fori_loop(0, 2, below, varying((left, right), slopes, active, nearest))
+    firsts = jnp.stack([nearest, nearest, crossing[0]])
+    seconds = jnp.stack([left, right, crossing[1]])
     shares = share(slopes[firsts], slopes[seconds])
     pull = shares[:, None] * slopes[firsts] + (1 - shares)[:, None] * slopes[seconds]
     violation = jnp.max(pull, axis=-1)

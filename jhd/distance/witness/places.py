@@ -1,55 +1,32 @@
-"""Derivatives of directed distances of shapes of any two kinds, of first order.
+"""Derivatives of directed distances of shapes of any two kinds.
 
-From a set of points the farthest one has one foot, and the derivative is that of its nearest point. Else the value is
-sum m_k |p - q_k| for the farthest place p, its feet q_k and their multipliers m_k, and by the envelope theorem its
-derivative is that of the points p and q_k at fixed parameters; those of a polynomial surface move along the normal with
-the polynomial, and with the faces of the box that hold them.
+From a set of points the farthest one has one foot, and the derivative is that of its nearest point. All others are
+those of jhd.distance.witness.balance.
 """
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd.arithmetic.scaling import length
 from jhd.arrays import is_traced
 from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
-from jhd.distance.frame.net_jets import Net, jet
+from jhd.distance.frame.net_jets import Net
+from jhd.distance.witness.balance import (
+    CornerRows,
+    NetRows,
+    PointRows,
+    Polynomial,
+    from_place,
+)
 from jhd.distance.witness.mesh_feet import foot_on
-from jhd.distance.witness.surface_projection import distance_from_surface, distances_from_patches, moving_point
+from jhd.distance.witness.surface_projection import distance_from_surface, distances_from_patches
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.solution import HausdorffSolution, Witness
-
-
-class NetRows(NamedTuple):
-    """Segments or patches, of which each has one set of control points, and of weights where there are any."""
-
-    points: Any
-    weights: Any
-
-
-class PointRows(NamedTuple):
-    """Points of a set."""
-
-    points: Any
-
-
-class CornerRows(NamedTuple):
-    """Corners of triangles."""
-
-    corners: Any
-
-
-class Polynomial(NamedTuple):
-    """A polynomial surface."""
-
-    coefficients: Any
-    lower: Any
-    upper: Any
 
 
 def with_place_derivatives(solution: HausdorffSolution, a: Any, b: Any) -> HausdorffSolution:
@@ -66,7 +43,7 @@ def with_place_derivatives(solution: HausdorffSolution, a: Any, b: Any) -> Hausd
     from_points = _is_points(a) and not (isinstance(b, BezierSegments) and b.degree > 0)
     parts = parts_of(a, w.segment), parts_of(b, w.foot_segments)
     found = {"value": solution.value, "point": w.point, "feet": w.feet}
-    moved = following(_from_point if from_points else _from_place, found, parts, (solution.value, w))
+    moved = following(_from_point if from_points else from_place, found, parts, (solution.value, w))
     return replace(solution, value=moved["value"], witness=replace(w, point=moved["point"], feet=moved["feet"]))
 
 
@@ -85,43 +62,6 @@ def parts_of(shape: Any, index: Array) -> Any:
     return NetRows(
         TouchedRows(shape.control_points, index), None if shape.weights is None else TouchedRows(shape.weights, index)
     )
-
-
-def _from_place(rows: tuple[Any, Any], constants: tuple[Array, Witness]) -> MovingNumbers:
-    """Value, point and feet by the envelope theorem."""
-    (carrier, target), (found, w) = rows, constants
-    # Where nothing is proven there is no place; its derivatives are not used, but they must be numbers.
-    point, feet, t, params, multipliers = (
-        jnp.where(jnp.isfinite(x), x, 0.0) for x in (w.point, w.feet, w.t, w.foot_params, w.multipliers)
-    )
-    apart = point - feet
-    distance = length(apart)[:, None]
-    unit = apart / jnp.where(distance > 0, distance, 1.0)
-    place = moving_place(carrier, t, point)
-    if isinstance(target, Polynomial):
-        moving = jax.vmap(lambda x: moving_place(target, None, x))(feet)
-    else:
-        moving = jax.vmap(moving_place)(target, params, feet)
-    value = jnp.sum(multipliers[:, None] * unit * (place - moving))
-    return MovingNumbers({"value": value, "point": place, "feet": moving}, {"value": found > 0})
-
-
-def moving_place(rows: Any, t: Any, at: Array) -> Array:
-    """A point of a shape as a function of the rows that it hangs on."""
-    if isinstance(rows, Polynomial):
-        return moving_point(rows.coefficients, jnp.stack([rows.lower, rows.upper]), at)
-    if isinstance(rows, CornerRows):
-        return jnp.sum(t[:, None] * rows.corners, axis=0)
-    if isinstance(rows, PointRows):
-        return rows.points[0]
-    return jet(_net(rows), jnp.atleast_1d(t)).point
-
-
-def _net(rows: NetRows) -> Net:
-    """The piece, with one column where it is that of a curve."""
-    if rows.points.ndim == 3:
-        return Net(rows.points, rows.weights)
-    return Net(rows.points[:, None], None if rows.weights is None else rows.weights[:, None])
 
 
 def _from_point(rows: tuple[PointRows, Any], constants: tuple[Array, Witness]) -> MovingNumbers:

@@ -3,7 +3,9 @@
 The foot solves equations: on a patch the distance is stationary in the parameters that no border holds, on a polynomial
 surface the polynomial is zero and the query lies on the normal, in the coordinates that no face holds. Two Newton steps
 from the foot found, which is a constant, carry first and second derivatives. Where the equations are singular (a whole
-region is equally near, a collapsed edge) nothing moves, which leaves the first derivative of the distance as it is.
+region is equally near) nothing moves, which leaves the first derivative of the distance as it is. At a pole, which is a
+free foot on a collapsed edge, one piece does not tell how the foot moves: its derivatives and the second ones of the
+distance are NaN there.
 
 Along the normal of a surface the distance keeps its digits where the query is close. At distance zero it has the
 derivative zero by convention.
@@ -17,15 +19,20 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.polynomials import jets, slopes
-from jhd.arithmetic.scaling import common_exponent, frexp, length, scale_of
+from jhd.arithmetic.scaling import common_exponent, frexp, length, scale_of, unit
+from jhd.arrays import varying
 from jhd.compiled import compiled
-from jhd.distance.frame.attach import attached
+from jhd.distance.frame.attach import attached, without_derivative
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.nearest.feet import presses
 from jhd.solution import Projection
 
-# A derivative this much shorter than the piece is large is that along a collapsed edge.
+# A derivative this much shorter than the piece is large is that along a collapsed edge; above, feet have six digits.
 _COLLAPSED = 1e-10
+# Newton's steps before those that are differentiated, and how far one may move a foot as a share of the piece.
+_POLISHING, _KNOWN = 8, 1e-6
+# How far it may turn around a pole, as a share of the parameters.
+_TURN = 0.5
 # The equations are singular where their determinant is below this share of what it could be.
 _SINGULAR = 1e-8
 
@@ -51,55 +58,122 @@ def distances_from_patches(queries: Array, segment: Array, t: Array, net: Net) -
     segment, t = jnp.maximum(segment, 0), jnp.where(jnp.isfinite(t), t, 0.0)
 
     def one(query: Array, k: Array, t: Array) -> tuple[Array, Array, Array]:
-        piece = net.piece(k)
-        offsets = piece.points - query
-        scale = scale_of(common_exponent(jax.lax.stop_gradient(offsets)), offsets.dtype)
-        piece = Net(offsets * scale, piece.weights)
-        x = t[:n]
-        still = jax.lax.stop_gradient((piece, x))
-        held = _held(*still)
+        piece, x = net.piece(k), t[:n]
+        # From the foot all near it keeps its digits: beside a collapsed edge first derivatives are as short as that.
+        origin = jax.lax.stop_gradient(jet(piece, x).point)
+        offsets = piece.points - origin
+        scale = scale_of(common_exponent(jax.lax.stop_gradient(piece.points - query)), offsets.dtype)
+        piece, apart = Net(offsets * scale, piece.weights), (origin - query) * scale
+        still = jax.lax.stop_gradient((piece, apart))
+        x = _polished(*still, jax.lax.stop_gradient(x)) if n == 2 else x
+        held, pole = _held(*still, x)
         for _ in range(2):
-            step = _step(piece, x, held)
+            at = jet(piece, x)
+            step = _step(apart, at, held, apart + at.point)
             x = x + jnp.where(jnp.all(jnp.isfinite(step)), step, 0.0)
-        at = jet(piece, x)
-        free = ~jnp.any(held) if n == 2 else False
-        normal = jnp.cross(at.first[0], at.first[1]) if n == 2 else jnp.zeros_like(at.point)
-        distance = _length(at.point, normal, free)
-        return distance / scale, at.point / scale + query, jnp.concatenate([x, t[n:]])
+        x = without_derivative(x, pole)
+        distance = _settled_distance((piece, apart), x, held)
+        return distance / scale, jet(piece, x).point / scale + origin, jnp.concatenate([x, t[n:]])
 
     return jax.vmap(one)(queries, segment, t)
 
 
-def _held(piece: Net, x: Array) -> Array:
-    """Which parameters do not move: those held by a border, along collapsed edges, and all at singular feet."""
+def _polished(piece: Net, apart: Array, x: Array) -> Array:
+    """The parameters after some of Newton's steps, none of which moves the foot by more than it is known to.
+
+    Distances tell a foot to within the root of rounding, which beside a collapsed edge is far along it. The part of the
+    offset along the surface is left out of second derivatives: Newton's method turns around a pole by less than 45
+    degrees with it, and by nearly 90 without.
+    """
+    most = _KNOWN * _size(piece)
+
+    def newton(_: Any, x: Array) -> Array:
+        held, _pole = _held(piece, apart, x)
+        at = jet(piece, x)
+        normal = unit(jnp.cross(*at.first))
+        pull = jnp.where(jnp.any(held), apart + at.point, jnp.sum(normal * (apart + at.point)) * normal)
+        step = _step(apart, at, held, pull)
+        lengths = jnp.sqrt(jnp.sum(at.first**2, axis=-1))
+        return x + jnp.where(jnp.all(jnp.abs(step) * lengths <= most), jnp.clip(step, -_TURN, _TURN), 0.0)
+
+    return jax.lax.fori_loop(0, _POLISHING, newton, varying(x, piece, apart))
+
+
+def _size(piece: Net) -> Array:
+    return jnp.max(jnp.abs(piece.points - piece.points[0, 0]))
+
+
+@jax.custom_jvp
+def _settled_distance(given: tuple[Net, Array], x: Array, held: Array) -> Array:
+    """The distance from the origin of a piece, moved, at parameters where it is stationary or that are held.
+
+    To first order it does not change with them. Autodiff adds what rounding leaves of that times their speed, which is
+    large beside a collapsed edge.
+    """
+    return _distance_at(given, x, held)
+
+
+@_settled_distance.defjvp
+def _(primals: Any, tangents: Any) -> Any:
+    given, x, held = primals
+    change = jax.jvp(lambda given: _distance_at(given, x, held), (given,), (tangents[0],))[1]
+    return _settled_distance(*primals), change
+
+
+def _distance_at(given: tuple[Net, Array], x: Array, held: Array) -> Array:
+    (piece, apart), n = given, x.size
     at = jet(piece, x)
-    slope = at.first @ at.point
+    free = ~jnp.any(held) if n == 2 else False
+    normal = jnp.cross(at.first[0], at.first[1]) if n == 2 else jnp.zeros_like(at.point)
+    return _length(apart + at.point, normal, free)
+
+
+def _held(piece: Net, apart: Array, x: Array) -> tuple[Array, Array]:
+    """Which parameters do not move, and whether the foot is free on a collapsed edge, where others would tell how.
+
+    Parameters are held by a border, along collapsed edges, and all of them at singular feet.
+    """
+    at = jet(piece, x)
+    slope = at.first @ (apart + at.point)
     lengths = jnp.sqrt(jnp.sum(at.first**2, axis=-1))
-    held = presses(x, slope, lengths * length(at.point))
-    held = held | (lengths <= _COLLAPSED * jnp.max(jnp.abs(piece.points - piece.points[0, 0])))
-    hessian = _hessian(at, held)
+    collapsed = lengths <= _COLLAPSED * _size(piece)
+    sizes = lengths * length(apart + at.point)
+    # On a collapsed edge a piece beside this one may hold the foot, as far as it is known.
+    pressed = presses(x, slope, sizes) & ~(jnp.any(collapsed) & (jnp.abs(slope) <= _KNOWN * sizes))
+    pole = jnp.any(collapsed) & ~jnp.all(collapsed | pressed)
+    held = pressed | collapsed
+    hessian = _hessian(at, apart + at.point, held)
     size = jnp.prod(jnp.sum(jnp.abs(hessian), axis=-1))
-    return held | ~(jnp.abs(_determinant(hessian)) > _SINGULAR * size)
+    return held | ~(jnp.abs(_determinant(hessian)) > _SINGULAR * size), pole
 
 
-def _hessian(at: Any, held: Array) -> Array:
-    hessian = jnp.sum(at.first[:, None] * at.first[None], axis=-1) + jnp.sum(at.second * at.point, axis=-1)
+def _hessian(at: Any, pull: Array, held: Array) -> Array:
+    """That of half the squared distance, in parameters that are lengths, at a foot that is so far off."""
+    per_length = _per_length(at, held)
+    hessian = jnp.sum(at.first[:, None] * at.first[None], axis=-1) + jnp.sum(at.second * pull, axis=-1)
+    hessian = hessian * per_length[:, None] * per_length[None, :]
     return jnp.where(held[:, None] | held[None, :], jnp.eye(held.size, dtype=hessian.dtype), hessian)
+
+
+def _per_length(at: Any, held: Array) -> Array:
+    """By how much parameters change along a length of one; one where they do not move."""
+    lengths = jax.lax.stop_gradient(jnp.sqrt(jnp.sum(at.first**2, axis=-1)))
+    return 1 / jnp.where(held | (lengths == 0), 1.0, lengths)
 
 
 def _determinant(m: Array) -> Array:
     return m[0, 0] if m.shape[0] == 1 else m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
 
 
-def _step(piece: Net, x: Array, held: Array) -> Array:
-    """Newton's step to where the distance from the origin is stationary."""
-    at = jet(piece, x)
-    right = jnp.where(held, 0.0, -jnp.sum(at.first * at.point, axis=-1))
-    hessian = _hessian(at, held)
-    if x.size == 1:
-        return right / hessian[0]
+def _step(apart: Array, at: Any, held: Array, pull: Array) -> Array:
+    """Newton's step to where the distance is stationary."""
+    per_length = _per_length(at, held)
+    right = jnp.where(held, 0.0, -jnp.sum(at.first * (apart + at.point), axis=-1) * per_length)
+    hessian = _hessian(at, pull, held)
+    if right.size == 1:
+        return right / hessian[0] * per_length
     rows = jnp.stack([hessian[1, 1], -hessian[0, 1]]), jnp.stack([-hessian[1, 0], hessian[0, 0]])
-    return jnp.stack([jnp.sum(row * right) for row in rows]) / _determinant(hessian)
+    return jnp.stack([jnp.sum(row * right) for row in rows]) / _determinant(hessian) * per_length
 
 
 def _length(apart: Array, normal: Array, free: Array | bool) -> Array:
@@ -109,17 +183,6 @@ def _length(apart: Array, normal: Array, free: Array | bool) -> Array:
     along = jnp.sum(apart * normal) / jnp.sqrt(jnp.where(sound, square, 1.0))
     signed = jnp.where(jax.lax.stop_gradient(along) < 0, -along, along)
     return jnp.where(sound, signed, length(apart))
-
-
-@compiled
-def moving_point(coefficients: Array, box: Array, point: Array) -> Array:
-    """A point of a surface, which moves along the normal, within the faces that hold it, and with these."""
-    point, still = jax.lax.stop_gradient((point, coefficients))
-    at_low, at_high = jax.lax.stop_gradient((point <= box[0], point >= box[1]))
-    moving = jnp.where(at_low, box[0], jnp.where(at_high, box[1], point))
-    free = jnp.where(at_low | at_high, 0.0, slopes(still, point)[1])
-    square = jnp.sum(free**2)
-    return moving - slopes(coefficients, moving)[0] / jnp.where(square > 0, square, jnp.inf) * free
 
 
 @compiled

@@ -11,6 +11,7 @@ from jhd.distance.search import on_patches
 from jhd.distance.search.targets import target_of
 from tests.distance.test_families import sphere
 from tests.reference import distances_to_triangles
+from tests.sweeps import swept
 
 
 @pytest.mark.slow
@@ -40,7 +41,7 @@ def test_bounds_inside_a_sphere_do_not_ask_for_the_last_digits_about_its_centre(
     )
 
 
-@pytest.mark.parametrize("kind", ["apart", "across", "copy", "flat"])
+@pytest.mark.parametrize("kind", swept(["apart", "across", "copy", "flat"], quick=["across"], slow=["copy", "flat"]))
 def test_bounds_beside_a_mesh_hold_and_lose_nothing_over_parallel_faces(kind):
     random = np.random.default_rng(len(kind))
     vertices = 0.4 * random.normal(size=(40, 3))
@@ -66,6 +67,11 @@ def test_bounds_beside_a_mesh_hold_and_lose_nothing_over_parallel_faces(kind):
     room = 6 * np.std(exact, axis=1) / 100**0.5
     assert np.all(found.mean[:, 0] <= exact.mean(axis=1) + room)
     assert np.all(exact.mean(axis=1) - room <= found.mean[:, 1])
+    below, above = np.einsum("nk,ckb->bcn", share, found.ends)
+    assert np.all(below <= exact + 1e-14) and np.all(exact <= above + 1e-14)
+    wide = 6 * np.std(exact**2, axis=1) / 100**0.5
+    assert np.all(found.square[:, 0] <= np.mean(exact**2, axis=1) + wide)
+    assert np.all(np.mean(exact**2, axis=1) - wide <= found.square[:, 1])
     if kind == "flat":
         assert np.all(0.01 - found.mean[:, 0] < 1e-12)
 

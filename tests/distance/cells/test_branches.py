@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.cells.branches import CurveCell, cell_upper_bound, first_upper_bound
+from jhd.distance.cells.branches import (
+    CurveCell,
+    _FollowedBranch,
+    _split_bound,
+    cell_upper_bound,
+    first_upper_bound,
+)
 from jhd.distance.frame.jets import jet
 from jhd.distance.nearest.curves import nearest
 from tests.distance import exact
@@ -60,6 +66,14 @@ def test_both_bounds_are_above_the_exact_distance(kind, seed):
             assert exact_distance_sq(a, b, t) <= Fraction(float(upper)) ** 2
 
 
+@pytest.mark.parametrize("rising", [True, False])
+def test_the_bound_is_the_larger_one_of_both_halves_wherever_the_cell_is_split(rising):
+    ends = jnp.array([[0.0, 0.0], [0.0, 1.0]])
+    e = jnp.stack([ends if rising else ends[::-1]] * 2)
+    both = _FollowedBranch(e, None, jnp.zeros(2), jnp.zeros(2))
+    assert 1.0 <= float(_split_bound(both, jnp.array(0.5), 1, 1)) <= 1.0 + 1e-12
+
+
 def test_the_bound_is_exact_at_an_antipodal_peak():
     # The distance from the arch to the line is its height, 3/4 in the middle.
     arch = jhd.BezierSegments([[(-1, 0), (-0.5, 1), (0.5, 1), (1, 0)]])
@@ -78,6 +92,7 @@ def test_the_bound_is_exact_at_a_crossing_of_two_branches():
     assert 7**0.5 / 2 - 1e-15 <= float(found.upper) <= 7**0.5 / 2 + 1e-3
 
 
+@pytest.mark.slow
 def test_a_circle_against_itself_turned_is_bounded_by_its_rounding():
     # A Moebius map carries one rational parametrisation of a circle exactly into another.
     circle = jhd.circle((0, 0), 1.0)

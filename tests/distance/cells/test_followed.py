@@ -11,6 +11,7 @@ from jhd.distance.nearest.target import FootRows
 from jhd.distance.search.followed_cells import FollowedFeet
 from jhd.distance.search.on_patches import NetTarget
 from jhd.distance.search.sources import CellRows
+from tests.sweeps import swept
 
 RNG = np.random.default_rng(3)
 ARC = np.array([1, np.sqrt(0.5), 1])
@@ -57,8 +58,7 @@ def net_of_samples(net, low, high, count):
     return np.asarray(at(jnp.asarray(places.reshape(-1, 2)))).reshape(count, count, 3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("scale", [1.0, 1e-3])
+@pytest.mark.parametrize("scale", swept([1.0, 1e-3], slow=[1e-3]))
 def test_no_distance_in_a_cell_is_above_its_bound(scale):
     flat = np.stack(np.broadcast_arrays(np.linspace(-1, 1, 3)[:, None], np.linspace(-1, 1, 2), 0.0), axis=-1)
     for _ in range(6):

@@ -1,5 +1,7 @@
 """Heights of cells above pieces: in single precision beside double, and the distances that they bound from below."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,8 +13,11 @@ from jhd.arithmetic.simplices import lattice, multinomials
 from jhd.distance.cells.followed import levels_of, part_over
 from jhd.distance.cells.heights import growth_beyond, heights_between, valley
 from jhd.distance.frame.net_jets import Net
+from tests.sweeps import swept
 
 CELLS, PLACES = 16, 200
+# Of patches, and of a curve.
+DEGREES = [(3, 3), (2, 2), (3, 0)]
 
 
 def values(k, n, coefficients, places):
@@ -52,9 +57,14 @@ def cells_and_maps(random, k, n, dtype):
     return corners.astype(dtype), sigma.astype(dtype)
 
 
-@pytest.mark.parametrize("degrees", [(3, 3), (2, 2), (3, 0)])
-@pytest.mark.parametrize("rational", [False, True])
-@pytest.mark.parametrize("source", [(1, 1), (2, 0)])
+@pytest.mark.parametrize(
+    ("degrees", "rational", "source"),
+    swept(
+        itertools.product(DEGREES, [False, True], [(1, 1), (2, 0)]),
+        quick=[((3, 3), True, (1, 1))],
+        slow=[((2, 2), False, (2, 0)), ((3, 0), False, (1, 1))],
+    ),
+)
 def test_heights_in_single_precision_are_within_their_errors(degrees, rational, source):
     random, dtype = np.random.default_rng(sum(degrees) + 10 * rational), np.float32
     a, b = piece(random, source, rational, dtype), piece(random, degrees, rational, dtype)
@@ -86,8 +96,10 @@ def test_heights_in_single_precision_are_within_their_errors(degrees, rational, 
     assert np.all(np.mean(aside**2, axis=1) <= found.aside_sq + spread + error[:, 0] * (2 * found.aside + error[:, 0]))
 
 
-@pytest.mark.parametrize("degrees", [(3, 3), (2, 2), (3, 0)])
-@pytest.mark.parametrize("rational", [False, True])
+@pytest.mark.parametrize(
+    ("degrees", "rational"),
+    swept(itertools.product(DEGREES, [False, True]), quick=[((3, 3), True)], slow=[((3, 0), False)]),
+)
 def test_no_point_of_a_valley_is_nearer_than_its_slope_at_the_feet_allows(degrees, rational):
     random = np.random.default_rng(5)
     b = piece(random, degrees, rational, float)

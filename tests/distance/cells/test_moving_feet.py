@@ -10,6 +10,7 @@ from jhd.distance.cells.moving_feet import moving_bounds
 from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.distance.nearest.forms import boxes, form
 from jhd.shapes import ImplicitSurface
+from tests.sweeps import swept
 
 CELLS = 32
 # Coefficients of the polynomials are rounded, and so are the places that they are measured at.
@@ -82,7 +83,7 @@ def two(name):
     return a, b, distance
 
 
-@pytest.mark.parametrize("name", ["sphere", pytest.param("torus", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", swept(["sphere", "torus"], slow=["sphere"]))
 def test_a_constant_distance_is_bounded_to_the_sixth_order(name):
     rng = np.random.default_rng(5)
     gaps = []
@@ -93,7 +94,7 @@ def test_a_constant_distance_is_bounded_to_the_sixth_order(name):
     assert gaps[1] < gaps[0] / 500
 
 
-@pytest.mark.parametrize("name", [pytest.param(x, marks=pytest.mark.slow) for x in FAMILIES])
+@pytest.mark.parametrize("name", swept(FAMILIES, slow=["torus"]))
 def test_bounds_are_true_at_all_sizes(name):
     rng = np.random.default_rng(7)
     for size in 2.0 ** -np.arange(2, 40, 3):

@@ -1,6 +1,7 @@
 """Lower bounds by feet that move over parametric shapes: true against minimised samples, and close for families."""
 
 from functools import partial
+from itertools import product
 from typing import Any
 
 import jax
@@ -12,9 +13,7 @@ from jhd.distance.cells.moving_nets import moving_bound
 from jhd.distance.cells.pairs import Cell, nearest_in
 from jhd.distance.frame.net_jets import Net, jet, part_of
 from tests.distance.test_families import torus
-
-# Of one large program, which takes a quarter of a minute to compile for each kind of nets.
-pytestmark = pytest.mark.slow
+from tests.sweeps import swept
 
 CELLS = 64
 # Samples along each parameter, from which pairs are minimised.
@@ -85,8 +84,11 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("name", KINDS)
+# Each kind of nets has a large program, which takes a quarter of a minute to compile.
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    swept(product(KINDS, [np.float64, np.float32]), slow=[*product(KINDS, [np.float64]), ("ruled", np.float32)]),
+)
 def test_bounds_are_below_what_samples_are_minimised_to(name, dtype):
     first, second, rational = KINDS[name]
     rng = np.random.default_rng(len(name))
@@ -120,6 +122,7 @@ def constant(size, dtype: Any = np.float64):
     return 2 * np.asarray(bounds(*nets, cells).lower, np.float64)
 
 
+@pytest.mark.slow
 def test_a_constant_distance_is_bounded_to_the_sixth_order():
     short = []
     for size in (0.1, 0.025):
@@ -130,6 +133,7 @@ def test_a_constant_distance_is_bounded_to_the_sixth_order():
     assert short[1] < short[0] / 1000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_where_nothing_is_lost_but_rounding_bounds_are_true_and_close(dtype):
     for size in (1e-2, 1e-3, 1e-4):

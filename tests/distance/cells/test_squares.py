@@ -12,7 +12,8 @@ from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.nets import net_of
 from jhd.distance.search import on_patches
 from jhd.distance.search.on_patches import NetTarget
-from tests.distance.test_families import sphere, torus
+from tests.distance.test_families import cylinder, revolved, sphere, torus
+from tests.sweeps import swept
 
 GRID = np.linspace(0.0, 1.0, 33)
 
@@ -44,7 +45,7 @@ def test_bounds_are_below_dense_samples_and_near_them_on_small_parts(shape, rati
     for size in (1.0, 0.25, 0.01):
         low = rng.uniform(0, 1 - size, (len(places), 2))
         low[-1] = 0.0
-        found = distances_by_squares(net, places, np.zeros(len(places), int), low, low + size)
+        found = distances_by_squares(net, places, np.zeros(len(places), int), low, low + size)[0]
         for k, place in enumerate(places):
             near = sampled(points[0], weights[0], low[k], low[k] + size, place)
             assert 0 <= found[k] <= near * (1 + 1e-12) + 1e-12
@@ -58,7 +59,7 @@ def test_nothing_is_above_the_distance_of_a_corner_in_rational_numbers():
     for scale in (1e-12, 1e-6, 1.0):
         places = points[0, 0, 0] + scale * rng.normal(size=(40, 3))
         low = np.zeros((40, 2))
-        found = distances_by_squares(net, places, np.zeros(40, int), low, low + 2.0**-40)
+        found = distances_by_squares(net, places, np.zeros(40, int), low, low + 2.0**-40)[0]
         for place, lower in zip(places, found, strict=True):
             exact = sum((Fraction(x) - Fraction(y)) ** 2 for x, y in zip(place, points[0, 0, 0], strict=True))
             assert Fraction(float(lower)) ** 2 <= exact
@@ -72,13 +73,13 @@ def test_subnormal_distances_are_not_rounded_upward():
         net = Net(jnp.asarray(np.ldexp(corners[None].astype(float), -1074)), None)
         lower = distances_by_squares(
             net, np.ldexp(place[None].astype(float), -1074), np.zeros(1, int), np.zeros((1, 2)), np.ones((1, 2))
-        )
+        )[0]
         # Four times the offsets of corners, middles of sides, and the middle.
         offsets = np.einsum("ui,vj,ijd->uvd", halves, halves, corners - place)
         assert (4 * float(np.ldexp(lower[0], 1074))) ** 2 <= np.min(np.sum(offsets**2, axis=-1))
 
 
-@pytest.mark.parametrize("power", [-600, 0, 600])
+@pytest.mark.parametrize("power", swept([-600, 0, 600], quick=[600]))
 def test_centres_of_spheres_and_tori_are_proven_with_few_cells(power):
     for surface, exact in ((sphere(1.0), 1.0), (torus(0.25), 0.75)):
         net = surface.patches()
@@ -87,6 +88,21 @@ def test_centres_of_spheres_and_tori_are_proven_with_few_cells(power):
         # What rounding of the control points moves.
         assert float(found.lower) <= exact * 2.0**power * (1 + 1e-15)
         assert exact * 2.0**power * (1 - 1e-15) <= float(found.upper) <= exact * 2.0**power * (1 + 1e-12)
+
+
+# Surfaces of revolution, the height of a point on the axis, and its distance.
+REVOLVED = {
+    "torus": (torus(0.25), 1.0, np.sqrt(2) - 0.25),
+    "cylinder": (cylinder(1.0), 0.7, 1.0),
+    "cone": (revolved([np.array([[1.0, -1.0], [0, 1]])], np.ones(2)), -0.5, 1.5 / np.sqrt(5)),
+}
+
+
+@pytest.mark.parametrize("name", swept(REVOLVED, 1, 2))
+def test_from_an_axis_whole_circles_are_proven_to_be_the_nearest_points(name):
+    surface, height, exact = REVOLVED[name]
+    found = jhd.project(np.array([0.0, 0.0, height]), surface)  # raises if the bounds stay open
+    assert float(found.lower) <= exact * (1 + 4e-16) and exact * (1 - 4e-16) <= float(found.upper)
 
 
 def test_places_near_a_centre_take_hundreds_of_cells_at_most(monkeypatch):

@@ -14,6 +14,7 @@ from jhd.distance.nearest.forms import boxes, form, lower_bounds
 from jhd.distance.nearest.places import local_feet, projected, proven_radius
 from jhd.distance.nearest.surfaces import halved
 from jhd.shapes import ImplicitSurface
+from tests.sweeps import swept
 
 CELLS = 24
 UPPER, LOWER, SIGN, FORM = (jax.jit(f) for f in (upper_bounds, lower_bounds, sign_bounds, form))
@@ -53,9 +54,7 @@ def points_of(rng, cells, column):
     return [[x + (y - x) * Fraction(float(s)) for x, y, s in zip(low, high, share, strict=True)] for share in shares]
 
 
-@pytest.mark.parametrize(
-    "degree", [2, pytest.param(4, marks=pytest.mark.slow), pytest.param(6, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("degree", swept([2, 4, 6], quick=[2], slow=[4]))
 def test_forms_hold_every_exact_value(degree):
     rng = np.random.default_rng(degree)
     for _ in range(3):
@@ -89,7 +88,7 @@ def squared(p, q):
     return sum((x - y) ** 2 for x, y in zip(p, q, strict=True))
 
 
-@pytest.mark.parametrize("count", [12, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", swept([12, 300], quick=[12]))
 def test_bounds_hold_for_an_exact_point_of_the_surface(count):
     """A surface through a known rational point of the cell: no bound may exclude that point."""
     rng = np.random.default_rng(0)
@@ -109,7 +108,7 @@ def test_bounds_hold_for_an_exact_point_of_the_surface(count):
         assert lower**2 <= squared(point, [Fraction(float(x)) for x in query])
 
 
-@pytest.mark.parametrize("count", [8, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", swept([8, 200], quick=[8]))
 def test_bounds_from_signs_hold_between_planes(count):
     """Planes a and b in a large box: the exact distance of every point of a from b is known."""
     rng, finite = np.random.default_rng(1), 0
@@ -141,6 +140,17 @@ def test_bounds_from_signs_hold_between_planes(count):
                 assert value**2 / sum(x * x for x in m) <= Fraction(found) ** 2 if np.isfinite(found) else True
         finite += np.isfinite(found) and found < 1.1 * offset + 4 * half * (tilt + 1e-12) + 1e-13
     assert finite > count / 2
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_polynomial_of_one_sign_has_no_bound_from_signs(sign):
+    # The plane z = 0, and (z - 1/4)^2 + 1/256 below zero, or (z + 1/4)^2 + 1/256 above it: both rise at the foot.
+    plane, other = (np.zeros((3, 3, 3)) for _ in range(2))
+    plane[0, 0, 1], other[0, 0] = 0.5, sign * np.array([0.0625 + 2.0**-8, 0.5 * sign, 1.0]) / 2
+    a, b = (random_side(np.random.default_rng(0), 2)._replace(coefficients=x, error=0 * x) for x in (plane, other))
+    half = jnp.full((3, 1), 2.0**-6)
+    cells, place, foot = boxes(-half, half), jnp.zeros((3, 1)), jnp.array([[0.0], [0.0], [0.2]])
+    assert np.isinf(SIGN(FORM(a, cells), b, cells, jnp.ones((3, 1), bool), place, foot, jnp.array(0.0))[0])
 
 
 def test_bounds_of_a_small_cell_leave_a_slack_of_second_order():

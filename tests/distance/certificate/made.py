@@ -81,6 +81,26 @@ def between():
     return content("directed", (1.25, 1.25), shapes, {"a_to_b": [one]}, witness)
 
 
+def near_zero(kind, bounds, height=-0.125):
+    """A claim about a narrow piece of the plane z = 0 and a point above it, shown by a point this high.
+
+    The plane crosses the way of length 1/4 up and down from the point, and is exactly 1 below the other shape.
+    """
+    narrow = 2.0**-20
+    plane = {
+        "kind": "surface",
+        "coefficients": [[[0.0, 1.0]]],
+        "lower": [0.0, 0.0, -1.0],
+        "upper": [narrow, narrow, 1.0],
+    }
+    place, point = {"at": [0.0, 0.0, height], "way": [0.0, 0.0, 0.25]}, curve([[[0.0, 0.0, 1.0]]])
+    witness = {"direction": "a_to_b", **place, "cuts": None}
+    if kind == "minimum":
+        witness = {"a": place, "b": {"piece": 0, "at": []}}
+    made = content(kind, bounds, (plane, point), None, witness)
+    return {**made, "orders": {"a": None, "b": None}} if kind == "minimum" else made
+
+
 def changed(made, path, value):
     """A copy with one entry replaced; a value of `...` takes it away."""
     made = copy.deepcopy(made)

@@ -15,6 +15,7 @@ from jhd.distance.certificate.multipliers import multipliers
 from jhd.distance.certificate.sides import ShapeSide
 from tests.distance.certificate.made import sampled, sampled_distance
 from tests.processes import python
+from tests.sweeps import swept
 
 KINDS = ("points", "curve", "mesh", "patch", "rational")
 # Pairs of meshes and points, whose searches are quick.
@@ -61,10 +62,11 @@ def test_points_and_a_mesh_have_a_certificate_both_ways(tmp_path):
     assert done.stderr == "" and done.stdout == f"proven: {file}: {verification.sentence(certificate.verify())}\n"
 
 
+@pytest.mark.slow
 def test_a_witness_on_the_third_side_of_a_triangle_is_one_of_it():
     # The farthest place is there, and floats round one minus its parameter up or down.
     triangle = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    for seed in range(SEEDS):
+    for seed in range(4):
         x = np.random.default_rng(seed).uniform(0.7, 1.3)
         b = jhd.points([[0, 0, 0], [x, 0, 0], [0, 1, 0]])
         checked(triangle, b, jhd.directed_hausdorff(triangle, b))
@@ -114,7 +116,7 @@ def test_minimum_distances_have_certificates():
     proven = certificate.verify()
     assert proven.kind == "minimum" and proven.upper is not None
     assert proven.lower <= float(solution.value) <= proven.upper <= proven.lower + 3 * (2 * SLACK + ROUNDING)
-    assert repr(certificate).startswith(f"Certificate({proven.lower!r} <= d(A, B) <= ")
+    assert " <= d(A, B) <= " in repr(certificate)
     below = dataclasses.replace(solution, upper=solution.upper * 0.99)
     above = dataclasses.replace(solution, lower=solution.lower * 1.01)
     for false, reason in ((below, "no places of these shapes are that near"), (above, "is not proven")):
@@ -122,6 +124,16 @@ def test_minimum_distances_have_certificates():
             certify(a, b, false)
 
 
+@pytest.mark.parametrize("seed", [13, 47])
+def test_the_places_of_a_minimum_are_found_at_a_corner(seed):
+    # A near foot of the corner is on the other segment, apart from it.
+    rng = np.random.default_rng(seed)
+    a, b = jhd.points(rng.normal(size=(4, 3))), jhd.polyline(rng.normal(size=(3, 3)) + [2, 0, 1.5])
+    solution = jhd.minimum_distance(a, b, jhd.BranchAndBound(atol=1e-3))
+    assert certify(a, b, solution).upper >= float(solution.upper)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("other", [jhd.polyline([(-1.0, 3.0), (1.0, 4.0)]), jhd.points([(0.3, 3.0), (2.0, 5.0)])])
 def test_minimum_distances_of_plane_curves_have_certificates(other):
     curve = jhd.BezierCurve([(0.0, 0.0), (1.0, 2.0), (2.0, -1.0), (3.0, 0.0)])
@@ -199,8 +211,14 @@ def test_ten_pairs_have_certificates_of_their_sharp_bounds(second):
     assert checked(b, a, jhd.directed_hausdorff(b, a)).directed
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("first", "second"), [(x, y) for k, x in enumerate(KINDS) for y in KINDS[k:]])
+@pytest.mark.parametrize(
+    ("first", "second"),
+    # Of each kind with itself and with the next one; meshes are beside patches of both kinds.
+    swept(
+        [(x, y) for k, x in enumerate(KINDS) for y in KINDS[k:]],
+        slow=[*((x, x) for x in KINDS), *zip(KINDS[:-1], KINDS[1:], strict=True), ("mesh", "rational")],
+    ),
+)
 def test_pairs_of_every_kind_have_certificates_of_what_samples_say(first, second, solutions):
     a, b = shape(first, 0), shape(second, 1, height=1.7)
     plain = [plain_shape(x) for x in (a, b)]

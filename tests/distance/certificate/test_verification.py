@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 
 from jhd.distance.certificate import verification
 from jhd.distance.certificate.verification import CertificateError, Proven, digest, verify
-from jhd.distance.certificate.verification.pieces import composed, difference, pieces_of, simplex_map
+from jhd.distance.certificate.verification.pieces import common_power, composed, difference, pieces_of, simplex_map
 from jhd.distance.certificate.verification.polynomials import failure, from_coefficients
 from jhd.distance.certificate.verification.proofs import squares_of
 from jhd.distance.certificate.verification.reading import lines_of
+from jhd.distance.certificate.verification.zeros import length_of
 from tests.distance import exact
 from tests.distance.certificate.made import (
     arch,
@@ -28,6 +29,7 @@ from tests.distance.certificate.made import (
     changed,
     circles,
     facing,
+    near_zero,
     numbers,
     sampled_distance,
     square,
@@ -63,6 +65,46 @@ def first_version():
 
 def test_an_exact_certificate_proves_its_claim():
     assert verify(arch()) == Proven("two_sided", 0.75, 0.75, 3)
+
+
+def test_a_check_ends_at_its_limit_before_it_begins_or_within(monkeypatch):
+    seen: list[str] = []
+    assert verify(arch(), 60.0, seen.append).cells == 3
+    assert seen[:3] == ["cells.a_to_b[0] of 2", "cells.a_to_b[1] of 2", "cells.b_to_a[0] of 1"]
+    # Known from the number of cells and the degrees, before the first of them.
+    large = arch()
+    large["cells"]["a_to_b"] *= 50_000
+    seen.clear()
+    with pytest.raises(CertificateError, match=r"takes 3\.\d+ seconds or more; seconds is 2\.0"):
+        verify(large, 2.0, seen.append)
+    assert not seen
+    clock = iter([0.0, 59.0, 61.0])
+    monkeypatch.setattr("jhd.distance.certificate.verification.proofs.time.monotonic", lambda: next(clock))
+    with pytest.raises(CertificateError, match=r"is not checked in 60.0 seconds; it ends at cells.a_to_b\[1\] of 2"):
+        verify(arch(), 60.0)
+    # And between the halves of one.
+    clock = iter([0.0, 59.0, 61.0])
+    with pytest.raises(CertificateError, match=r"seconds; it ends at cells.a_to_b\[0\] of 2"):
+        verify(changed(arch(), (*CELL, "bound"), 0.7), 60.0)
+
+
+@pytest.mark.parametrize("power", [-1000, 1000])
+def test_lengths_of_any_size_are_short_numbers(power):
+    content = arch()
+    for name in "ab":
+        points = content[name]["control_points"]
+        content[name]["control_points"] = [[[math.ldexp(x, power) for x in row] for row in net] for net in points]
+        pieces = pieces_of(content[name], common_power(content["a"]))
+        assert max(abs(x) for piece in pieces for row in piece.rows for x in row) <= 2 and pieces[0].weight == (1,)
+    size = math.ldexp(0.75, power)
+    content["claim"] |= {"lower": size, "upper": size}
+    for rows in content["cells"].values():
+        for row in rows:
+            row["bound"] = size
+    assert verify(content) == Proven("two_sided", size, size, 3)
+    content["claim"]["lower"] = math.nextafter(size, math.inf)
+    with pytest.raises(CertificateError, match="witness: that the distance from the witness to piece 0 of b"):
+        verify(content)
 
 
 def test_a_rational_one_too():
@@ -139,6 +181,28 @@ def test_a_bound_beyond_the_exact_one_is_refused_however_little(path, sign, move
     content = changed(arch(), path, 0.75 + sign * move)
     with pytest.raises(CertificateError, match="is false|is not proven"):
         verify(content)
+
+
+def test_the_reach_of_a_point_near_a_surface_widens_the_distance_that_it_shows():
+    # The point is 0.875 below the other shape, its zero 1 below.
+    assert verify(near_zero("minimum", (0, 1.125), 0.125)) == Proven("minimum", 0.0, 1.125, 0)
+    with pytest.raises(CertificateError, match="witness: that the distance is at most 0.9375 is false"):
+        verify(near_zero("minimum", (0, 0.9375), 0.125))
+    # The point is 1.125 below.
+    assert verify(near_zero("directed", (0.875, None))) == Proven("directed", 0.875, None, 0)
+    with pytest.raises(CertificateError, match="is at least 1.0625 is false"):
+        verify(near_zero("directed", (1.0625, None)))
+
+
+def test_a_place_beyond_either_end_of_the_box_is_none_of_the_surface():
+    for x in (-0.0625, 0.0625):
+        with pytest.raises(CertificateError, match="witness is not in the box"):
+            verify(changed(near_zero("directed", (0.5, None)), ("witness", "at", 0), x))
+
+
+@pytest.mark.parametrize(("way", "square"), [([1.0, 1.0, 0.0], 2), ([3.0, 4.0, 0.0], 25)])
+def test_the_length_of_a_way_is_rounded_up(way, square):
+    assert square <= length_of(way) ** 2 <= square * (1 + Fraction(1, 2**60))
 
 
 def nested(depth):
@@ -387,6 +451,13 @@ def test_a_polynomial_that_passes_is_nowhere_negative(coefficients):
         assert failure(terms, domain, (len(coefficients) - 1,)) is not None
 
 
+@pytest.mark.parametrize("coefficients", [(143, -49, 15), (15, -49, 143)])
+def test_both_halves_of_a_polynomial_are_looked_at(coefficients):
+    # 16 (4 x - 3)^2 - 1 and its mirror image are negative about 3/4 and 1/4 alone.
+    assert failure(in_powers(coefficients), ((0, 1),), (2,)) is not None
+    assert failure(in_powers([c + 1 for c in coefficients]), ((0, 1),), (2,)) is None
+
+
 def test_the_checker_imports_nothing_but_the_standard_library_and_itself():
     nodes = [node for file in FOLDER.glob("*.py") for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))]
     names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
@@ -421,7 +492,7 @@ def test_the_checker_is_a_program_that_runs_by_itself(tmp_path):
     told = run(tmp_path, "--shapes", "good", "old").stdout.splitlines()
     assert told[1:3] == told[4:6] == [f"  {name.upper()} has SHA-256 {digest(arch()[name])}" for name in "ab"]
     late = run(tmp_path, "--seconds", "1e-9", "good")
-    assert late.returncode == 1 and "is not checked in 1e-09 seconds" in late.stderr
+    assert late.returncode == 1 and " seconds or more; seconds is 1e-09" in late.stderr
     assert run(tmp_path).returncode == run(tmp_path, "--seconds", "x", "good").returncode == 2
 
 

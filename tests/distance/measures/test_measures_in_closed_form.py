@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import jhd
+from tests.sweeps import swept
 
 # Of values and derivatives; differences of closed forms hold to 1e-11.
 CLOSE, STEP, CENTRAL = 1e-7, 1e-3, {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
@@ -129,8 +130,7 @@ def over_a_plane(x):
     return mesh(SQUARE, [low, high, high, low]), mesh(wide, [0.0 * x] * 4)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", MEASURES)
+@pytest.mark.parametrize("name", swept(MEASURES))
 def test_a_tilted_mesh_over_a_flat_one(name):
     check(over_a_plane, lambda x: of_linear(0.3 + 0.5 * x, 0.5 - 0.2 * x), [name])
 
@@ -152,8 +152,7 @@ def roofed(x):
     return of_linear((height - 0.5 * fall) * down, height * down)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", MEASURES)
+@pytest.mark.parametrize("name", swept(MEASURES, slow=["mean"]))
 def test_a_mesh_under_a_roof_of_which_it_sees_both_sides(name):
     check(under_a_roof, roofed, [name])
 
@@ -177,7 +176,6 @@ def above_a_plane(x):
     }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["mean", "rms"])
+@pytest.mark.parametrize("name", swept(["mean", "rms"], slow=["rms"]))
 def test_a_rational_cylinder_above_a_polynomial_plane(name):
     check(quarter_cylinder, above_a_plane, [name])

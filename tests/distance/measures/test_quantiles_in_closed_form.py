@@ -129,11 +129,13 @@ def test_areas_below_quadratic_forms_are_those_of_discs():
     assert area((0, 0, 0, 1, 2, 0), 1) == pytest.approx(0.25, rel=1e-14)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("other", "below", "q"),
-    [(line, below_line, 0.7), (tilted, below_plane, 0.7), (cylinder, below_cylinder, 0.7)],
-    ids=["line", "mesh", "rational patches"],
+    [
+        pytest.param(line, below_line, 0.7, marks=pytest.mark.slow, id="line"),
+        pytest.param(tilted, below_plane, 0.7, marks=pytest.mark.exhaustive, id="mesh"),
+        pytest.param(cylinder, below_cylinder, 0.7, marks=pytest.mark.slow, id="rational patches"),
+    ],
 )
 def test_quantiles_beside_what_meets_a_patch_are_those_in_closed_form_and_so_are_derivatives(other, below, q):
     def exact(x):

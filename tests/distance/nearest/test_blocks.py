@@ -8,6 +8,7 @@ import pytest
 import jhd
 from jhd.distance.nearest.blocks import blocks_of, guesses, in_groups, nearest_in_blocks
 from jhd.distance.nearest.curves import nearest
+from tests.sweeps import swept
 
 COUNT, QUERIES = 768, 200
 
@@ -39,10 +40,11 @@ def _both(points, queries):
     return found, jax.vmap(lambda q: nearest(q, points, None))(queries)
 
 
+# The overlapping ones take far longer than all others.
 @pytest.mark.parametrize(
-    "kind", ["plain", "repeated", pytest.param("overlapping", marks=pytest.mark.slow), "points", "around"]
+    "kind",
+    swept(["plain", "repeated", "overlapping", "points", "around"], slow=["plain", "repeated", "points", "around"]),
 )
-@pytest.mark.slow
 def test_blocks_prove_what_all_segments_prove(kind):
     points, queries = _segments(kind, np.random.default_rng(3))
     (found, (segment, t)), expected = _both(jnp.asarray(points), jnp.asarray(queries))

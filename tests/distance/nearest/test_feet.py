@@ -6,7 +6,7 @@ import numpy as np
 
 from jhd.distance.frame.jets import CurveJet, jet, polynomial_jet
 from jhd.distance.frame.pieces import Piece
-from jhd.distance.nearest.feet import equation_of, foot_in, foot_speed, gauss_newton, newton_step
+from jhd.distance.nearest.feet import equation_of, foot_in, foot_speed, gauss_newton, newton_step, presses
 
 RNG = np.random.default_rng(3)
 POINTS = RNG.normal(size=(4, 2))
@@ -48,3 +48,9 @@ def test_feet_stay_in_their_interval_and_are_roots_inside():
     here = equation_of(QUERIES, polynomial_jet(POINTS[:, None], found[:, None]))
     at_end = (found == 0.3) & (here.residual >= 0) | (found == 0.6) & (here.residual <= 0)
     assert np.all(at_end | (np.abs(here.residual) < ROUNDING * (1 + here.square))) and not at_end.all()
+
+
+def test_a_foot_is_pressed_against_an_end_where_the_distance_falls_towards_it():
+    ends = [(s, slope) for s in (0.0, 1.0) for slope in (-1.0, 1.0)]
+    assert [bool(presses(s, slope, 1.0)) for s, slope in ends] == [False, True, True, False]
+    assert not presses(0.5, 1.0, 1.0) and not presses(0.0, 1e-9, 1.0)

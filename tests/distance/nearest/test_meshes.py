@@ -167,6 +167,22 @@ def test_signed_distances_of_a_cube_are_negative_inside(sign, turned):
     np.testing.assert_allclose(found, cube_distance(points), atol=1e-15)
 
 
+# Lower and upper corners of boxes, and a point outside from which a wall is seen nearly along its length.
+THIN_BOXES = [
+    ((-1, -3, -2), (1, 3, -1.9999999962747097), (0.9999999974967718, 0.6345642953989598, -1.9999999897337255)),
+    ((-1, -3, -4), (1, -2.9999999701976776, 2), (-0.9999999999955489, -2.9999999701903746, 0.2632588306102695)),
+    ((-1, -4, -1), (-0.9999999850988388, 1, 3), (-0.9999999965463869, -2.2870797968127095, -1.0000000000009046)),
+    ((-1, -1, -4), (1, 3, -3.999999985098839), (1.000000000001291, 1.881006121702768, -4.000000000001144)),
+]
+
+
+def test_the_sign_is_certain_beside_thin_walls():
+    for low, high, point in THIN_BOXES:
+        box = TriangleMesh(np.where(np.asarray(CORNERS) > 0, high, low), CUBE)
+        assert 0 < float(signed_distance(point, box)) < 1e-8
+        assert float(signed_distance(0.5 * np.add(low, high), box)) < 0
+
+
 def test_the_sign_comes_through_jit_and_derivatives():
     mesh = TriangleMesh(CORNERS, CUBE)
     points = np.random.default_rng(2).uniform(-0.5, 1.5, (24, 3))
@@ -179,8 +195,10 @@ def test_a_mesh_with_a_hole_has_an_inside_by_winding_alone():
     mesh = TriangleMesh(CORNERS, CUBE[1:])
     points = np.array([[0.5, 0.5, 0.5], [0.1, 0.9, 0.9], [2, 0.5, 0.5]])
     assert (signed_distance(points, mesh) < 0).tolist() == [True, True, False]
-    with pytest.raises(ValueError, match="sign='pseudonormal' needs a closed mesh"):
-        signed_distance(points, mesh, "pseudonormal")
+    turned = np.concatenate([CUBE[:1, ::-1], CUBE[1:]])
+    for other in (mesh, TriangleMesh(CORNERS, turned)):
+        with pytest.raises(ValueError, match="sign='pseudonormal' needs a closed mesh"):
+            signed_distance(points, other, "pseudonormal")
 
 
 def test_averages_count_triangles_alike_so_a_vertex_with_many_on_one_side_turns_the_sign():

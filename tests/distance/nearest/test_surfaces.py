@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jhd
 from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.distance.nearest.surfaces import cloud, cover, nearest, nearest_places
 from jhd.distance.search.on_surfaces import SurfaceTarget
@@ -47,6 +48,7 @@ def test_feet_are_bounds_and_mostly_nearest():
     assert np.count_nonzero(upper <= exact + 1e-9) > 80
 
 
+@pytest.mark.slow
 def test_a_foot_is_proven_to_be_the_nearest_before_cells_are_small():
     side, _, frame = prepare_surfaces(TORUS, TORUS)
     scale = 2.0 ** float(frame.first + frame.second)
@@ -61,3 +63,13 @@ def test_a_foot_is_proven_to_be_the_nearest_before_cells_are_small():
 
     # The cells that are cut by halves alone have sides below 1e-6 when they are that good, after 18 steps and more.
     assert int(np.max(steps(places(8)[:8] / scale))) <= 10
+
+
+def test_bounds_at_a_cuspidal_edge_are_as_near_as_signs_tell():
+    # The edge of z^2 = x^3 is the y-axis: no gradient leads there, and signs beside it are rounding up to about 1e-5.
+    coefficients = np.zeros((4, 1, 3))
+    coefficients[3, 0, 0], coefficients[0, 0, 2] = -1, 1
+    surface = ImplicitSurface(coefficients, (-2, -2, -2), (2, 2, 2))
+    found = jhd.project([(-1, 0.2, 0.3), (-0.5, 0.1, -0.7)], surface, throw=False)
+    exact = np.hypot([1, 0.5], [0.3, 0.7])
+    assert np.all(found.lower <= exact) and np.all(exact <= found.upper) and np.all(found.upper < found.lower + 1e-4)

@@ -17,6 +17,7 @@ from jhd.distance.published.events import systems as event_systems
 from jhd.solution import name_of
 from tests.cases import CASES
 from tests.distance import pairs
+from tests.sweeps import swept
 
 # What all methods promise of their values, in diagonals.
 PROMISED = 1e-9
@@ -42,13 +43,11 @@ def plane_polynomials():
 
 
 def parameters():
-    return [
-        pytest.param(
-            case.name, way, id=f"{case.name}-{way}", marks=() if (case.name, way) in QUICK_WAYS else pytest.mark.slow
-        )
-        for case in plane_polynomials()
-        for way in ("ab", "ba")
-    ]
+    """Pairs of a name and a direction; of those that are not quick each tag and a high degree once are slow."""
+    cases = plane_polynomials()
+    slow = {*pairs.of_each_tag([case for case in cases if pairs.is_quick(case)]), "degrees_1_and_10"}
+    ways = [(case.name, way) for case in cases for way in ("ab", "ba")]
+    return swept(ways, QUICK_WAYS, [(name, "ab") for name in slow])
 
 
 def curves(name, direction):
@@ -104,13 +103,13 @@ def test_values_agree_with_the_table_and_lie_in_its_bounds(name, direction):
     assert name_of(solution.result) == "successful" or name in CONTINUA
 
 
-@pytest.mark.parametrize("seed", [*range(6), *(pytest.param(k, marks=pytest.mark.slow) for k in range(6, 46))])
+@pytest.mark.parametrize("seed", swept(range(46), quick=range(2)))
 def test_random_chains_agree_with_branch_and_bound(seed):
     a, b = random_pair(seed)
     check_against_branch_and_bound(a, b, jhd.AlgebraicEvents())
 
 
-@pytest.mark.parametrize("name", [QUICK[3], *(pytest.param(x, marks=pytest.mark.slow) for x in QUICK[4:])])
+@pytest.mark.parametrize("name", swept(QUICK[3:], slow=QUICK[3:4]))
 def test_all_four_methods_agree(name):
     a, b = curves(name, "ab")
     methods = jhd.AlgebraicEvents(), jhd.BiarcTrimming(), jhd.TwoStep(), jhd.BranchAndBound()
@@ -182,10 +181,9 @@ QUICK_CROSSINGS = [(1, 17), (2, 10), (2, 19)]
 
 @pytest.mark.parametrize(
     ("segments", "seed"),
-    [
-        *QUICK_CROSSINGS,
-        *(pytest.param(k, seed, marks=pytest.mark.slow) for k in (1, 2) for seed in (*range(4, 44, 8), 35, 47)),
-    ],
+    swept(
+        [*QUICK_CROSSINGS, *((k, seed) for k in (1, 2) for seed in (*range(4, 44, 8), 35, 47))], quick=QUICK_CROSSINGS
+    ),
 )
 def test_every_crossing_of_two_stationary_distances_is_a_root(segments, seed):
     rng = np.random.default_rng(seed)

@@ -1,5 +1,6 @@
 """Intervals of cells: the published ones to the last digit, where they are wrong, and the safe rule, which never is."""
 
+import itertools
 import math
 from fractions import Fraction
 
@@ -12,6 +13,7 @@ from jhd.distance.published import cube_intervals
 from jhd.fields.octree import voxelise
 from jhd.shapes import ImplicitSurface
 from jhd.solution import name_of
+from tests.sweeps import swept
 
 LOWER, UPPER = [-2.0, -2.0, -2.0], [2.0, 2.0, 2.0]
 
@@ -30,7 +32,7 @@ def bounds(solution):
     return float(solution.lower), float(solution.upper)
 
 
-@pytest.mark.parametrize("pairs", ["separable", pytest.param("tiles", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("pairs", swept(["separable", "tiles"], quick=["separable"]))
 def test_the_paper_rule_gives_the_published_interval(pairs):
     method = CubeIntervals(64, rule="paper", pairs=pairs)
     both, there = method.surfaces(*CONES), method.directed_surfaces(*CONES)
@@ -44,7 +46,7 @@ def test_the_paper_rule_gives_the_published_interval(pairs):
     assert int(there.stats["pairs"]) == 8464 * 12440 == int(both.stats["a_to_b_pairs"])
 
 
-@pytest.mark.parametrize("pairs", ["separable", pytest.param("tiles", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("pairs", swept(["separable", "tiles"], quick=["separable"]))
 def test_the_safe_rule_holds_the_distances_of_the_cones(pairs):
     method = CubeIntervals(64, pairs=pairs)
     both, there = method.surfaces(*CONES), method.directed_surfaces(*CONES)
@@ -97,9 +99,23 @@ def test_the_paper_rule_is_wrong_where_cells_hold_no_point_and_the_safe_rule_is_
     assert float(safe.lower) <= exact <= float(safe.upper) and name_of(safe.result) == "successful"
 
 
+def test_distances_between_vertices_are_the_same_on_one_grid_and_no_bound_on_two():
+    """The second way of the source. One cell holds all of another: its vertices are far from the vertices of that."""
+    ways = [CubeIntervals(8, "paper", "tiles", ends) for ends in ("cells", "vertices")]
+    cells, vertices = (bounds(method.surfaces(*CONES)) for method in ways)
+    assert cells == vertices
+    a, b = parsed("z - 0.5", [0, 0, 0], [1, 1, 1]), parsed("z - 0.75", [-1, -1, -1], [2, 2, 2])
+    for ends, lower in (("cells", 0.0), ("vertices", math.sqrt(3))):
+        found = bounds(CubeIntervals(1, "paper", "tiles", ends).directed_surfaces(a, b))
+        assert found == (lower, 2 * math.sqrt(3))
+        # The planes are a quarter apart: the interval from the vertices is false.
+        assert (found[0] <= 0.25) == (ends == "cells")
+
+
 EMPTY = parsed("(x - 0.3)^2 + (y - 0.3)^2 + (z - 0.3)^2 + 1e-4")
 
 
+@pytest.mark.slow
 def test_a_surface_without_points_gets_no_number_from_the_safe_rule():
     invented = CubeIntervals(64, rule="paper").directed_surfaces(EMPTY, BALL)
     assert float(invented.lower) > 0.3
@@ -147,16 +163,20 @@ def check_spheres(seed, size, separable):
         assert bounds(tiles) == bounds(method.directed_surfaces(a, b))
 
 
-@pytest.mark.parametrize("separable", [True, False])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("seed", "separable"), swept(itertools.product(range(3), [True, False]), quick=[(0, True), (1, False)])
+)
 def test_intervals_hold_the_exact_distance_of_spheres(seed, separable):
     check_spheres(seed, 1.0, separable)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("separable", [True, False])
-@pytest.mark.parametrize("size", [1.0, 2.0**500, 2.0**-500])
-@pytest.mark.parametrize("seed", range(10, 14))
+@pytest.mark.parametrize(
+    ("seed", "size", "separable"),
+    swept(
+        itertools.product(range(10, 14), [1.0, 2.0**500, 2.0**-500], [True, False]),
+        slow=[(10, 2.0**500, True), (11, 2.0**-500, False)],
+    ),
+)
 def test_intervals_hold_the_exact_distance_of_spheres_of_all_sizes(seed, size, separable):
     check_spheres(seed, size, separable)
 
@@ -232,6 +252,7 @@ def test_progress_is_reported_for_both_surfaces():
         ({"cells": 2.5}, TypeError, "cells must be a whole number; got float"),
         ({"rule": "fast"}, ValueError, "rule is 'fast'; needs 'safe' or 'paper'"),
         ({"pairs": "some"}, ValueError, "pairs is 'some'; needs 'separable' or 'tiles'"),
+        ({"ends": "vertices"}, ValueError, "ends is 'vertices', which bounds nothing; needs rule='paper'"),
     ],
 )
 def test_other_options_are_refused(options, kind, message):

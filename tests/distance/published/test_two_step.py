@@ -9,6 +9,7 @@ import jhd
 from jhd.solution import name_of
 from tests.cases import CASES, EVENTS, by_tag
 from tests.distance import exact, pairs
+from tests.sweeps import swept
 
 # What the method promises of its values, in diagonals.
 PROMISED = 1e-9
@@ -19,28 +20,15 @@ ROUNDING = 1e-14
 # Two feet are equally far up to what the refined parameter is off.
 TIE = 1e-9
 
-# Cases of each tag that the quick tests solve, in the plane, by one program for polynomial pairs and one for rational
-# ones; the rest of the table is slow.
-OF_EACH = 2
-
-
-def representative():
-    """The first cases of each tag among those in the plane that share the quick tests' programs."""
-    small = [case for case in CASES if pairs.is_quick(case) and case.a.control_points.shape[2] == 2]
-    tags = sorted(set().union(*(case.tags for case in small)))
-    return {case.name for tag in tags for case in [case for case in small if tag in case.tags][:OF_EACH]}
-
-
-QUICK = representative()
+# Those that the quick tests solve, in the plane, by one program for polynomial pairs and one for rational ones; of the
+# rest of the table one of each kind of program is slow.
+QUICK = pairs.of_each_tag([c for c in CASES if pairs.is_quick(c) and c.a.control_points.shape[2] == 2])
 
 
 def parameters(cases, directions=("ab", "ba")):
-    """Pairs of a name and a direction, slow where they are not representative."""
-    return [
-        pytest.param(c.name, way, id=f"{c.name}-{way}", marks=() if c.name in QUICK else pytest.mark.slow)
-        for c in cases
-        for way in directions
-    ]
+    """Pairs of a name and a direction; the representative ones are quick."""
+    ways = [(case.name, way) for case in cases for way in directions]
+    return swept(ways, [w for w in ways if w[0] in QUICK], [w for w in ways if w[0] in pairs.FURTHER])
 
 
 EVERY = parameters(CASES)
@@ -217,7 +205,54 @@ def test_without_rounds_of_refinement_the_best_sample_is_left():
     assert solution.stats["rounds"] == 0
 
 
+# ---- as published --------------------------------------------------------------------------------
+
+PAPER = jhd.TwoStep(samples=10, variant="paper")
+
+
+@pytest.mark.slow  # a program of its own
+def test_the_printed_steps_find_events_of_both_kinds_to_the_printed_accuracy():
+    """In a square, whose sides are one away from the origin, the farthest place has the largest coordinate least."""
+    square = jhd.polyline([[-1.0, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
+    crossing, dip = jhd.polyline([[0.5, 0.3], [-0.6, 0.2]]), jhd.BezierCurve([[-0.5, 0.6], [0.0, 0.0], [0.5, 0.5]])
+    for a, distance, event in ((crossing, 23 / 30, "one_to_two"), (dip, 8 / 11, "antipodal")):
+        solution = jhd.directed_hausdorff(a, square, PAPER)
+        assert abs(float(solution.value) - distance) <= 1e-10 and name_of(solution.event) == event
+        assert float(solution.lower) <= distance and solution.upper == np.inf
+        assert name_of(solution.result) == "unproven"
+
+
+@pytest.mark.slow  # the program of the test before
+def test_the_printed_rule_for_ends_of_b_names_a_distance_that_a_does_not_have():
+    """a lies on b, whose ends are far from a: the distance from a to b is zero, and the rule says one."""
+    a, b = jhd.polyline([[1.0, 0.0], [2.0, 0.0]]), jhd.polyline([[0.0, 0.0], [3.0, 0.0]])
+    solution = jhd.directed_hausdorff(a, b, PAPER)
+    assert abs(float(solution.value) - 1) <= PROMISED and float(solution.lower) <= 1e-12
+
+
 # ---- counts --------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow  # programs of their own
+def test_samples_are_counted_once_and_without_padding():
+    """Ten steps of one segment are eleven samples; 90 of a closed curve of 90 segments are 90, however asked for."""
+    one = jhd.BezierCurve([[0.0, 0.0], [1.0, 2.0], [2.0, -1.0], [3.0, 1.0]])
+    for method in (jhd.TwoStep(samples=10), jhd.TwoStep(samples=10, per="curve"), PAPER):
+        assert int(jhd.directed_hausdorff(one, one.transform(np.eye(2), [0.0, 1.0]), method).stats["samples"]) == 11
+    angle = 2 * np.pi * np.arange(90) / 90
+    ring = jhd.BSplineCurve.uniform(np.stack([3 * np.cos(angle), np.sin(angle)], axis=1), closed=True)
+    wide = jhd.BSplineCurve.uniform(np.stack([3 * np.cos(angle), 2 * np.sin(angle)], axis=1), closed=True)
+    found = [jhd.directed_hausdorff(ring, wide, m) for m in (jhd.TwoStep(90, per="curve"), jhd.TwoStep(1))]
+    assert [int(x.stats["samples"]) for x in found] == [90, 90]
+    assert abs(float(found[0]) - float(found[1])) <= PROMISED
+
+
+@pytest.mark.slow  # the program of the test before
+def test_a_branch_that_ends_inside_an_interval_hides_no_event():
+    """The nearest foot at t = 0.2 disappears before 0.3; the maximum, at 0.223, is where the other one takes over."""
+    a = jhd.BezierCurve([[0.0, 0.0], [1.0, 2.0], [2.0, -1.0], [3.0, 1.0]])
+    b = jhd.BezierCurve([[0.0, 0.5], [1.0, -1.0], [2.0, 2.0], [3.0, 0.0]])
+    assert abs(float(jhd.directed_hausdorff(a, b, jhd.TwoStep(samples=10))) - 0.63649209417456) <= PROMISED
 
 
 @pytest.mark.parametrize(("name", "direction"), EVERY)
@@ -234,10 +269,16 @@ def test_few_rounds_are_needed(name, direction):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"samples": 1}, "samples is 1; needs a whole number of at least 2."),
-        ({"samples": 2.5}, "samples is 2.5; needs a whole number of at least 2."),
-        ({"samples": "many"}, "samples is 'many'; needs a whole number of at least 2."),
+        ({"samples": 0}, "samples is 0; needs a whole number of at least 1."),
+        ({"samples": 2.5}, "samples is 2.5; needs a whole number of at least 1."),
+        ({"samples": "many"}, "samples is 'many'; needs a whole number of at least 1."),
         ({"spacing": "dense"}, "spacing is 'dense'; needs 'uniform' or 'curvature'."),
+        ({"per": "curve"}, "samples is None; per='curve' needs a whole number of at least 1."),
+        (
+            {"samples": 9, "per": "curve", "spacing": "curvature"},
+            "spacing is 'curvature'; samples that are counted over the whole curve need 'uniform'.",
+        ),
+        ({"variant": "printed"}, "variant is 'printed'; needs 'ours' or 'paper'."),
         ({"max_rounds": -1}, "max_rounds is -1; needs a whole number of at least 0."),
         ({"max_rounds": 1.0}, "max_rounds is 1.0; needs a whole number of at least 0."),
     ],

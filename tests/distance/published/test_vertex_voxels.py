@@ -5,9 +5,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+import jhd
 from jhd.distance.published.vertex_voxels import GridOptions, local_points, resolution_of
 from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.closest_point import closest_points, triangle_tree
+from tests.sweeps import swept
 from tests.triangles.exact_triangles import exact_distance_sq, hard_triangles
 from tests.triangles.test_closest_point import soup, sphere
 
@@ -39,7 +41,7 @@ def as_published(mesh, points, resolution):
     return np.array(found)
 
 
-@pytest.mark.parametrize("resolution", [1, 3, 8])
+@pytest.mark.parametrize("resolution", swept([3, 1, 8], 1, 2))
 def test_distances_are_those_of_the_triangles_around_all_equally_near_features(resolution):
     rng = np.random.default_rng(resolution)
     mesh = TriangleMesh(np.asarray(sphere(120).vertices) * [1, 0.7, 0.4], sphere(120).triangles)
@@ -124,3 +126,40 @@ def test_vertices_that_are_too_close_for_the_capacity_are_refused_with_what_woul
 def test_a_mesh_at_one_place_is_one_voxel():
     found = local_points(soup(np.ones((1, 3, 3))), np.zeros((1, 3)), EXACT)
     np.testing.assert_allclose(found.distance, np.sqrt(3), rtol=ROUNDING)
+
+
+def test_algorithm_1_as_published_splits_the_cube_about_the_mesh_by_local_distances_and_averaged_signs():
+    """The leaves are those of the printed recursion, and their values those of the local search."""
+    mesh, atol, method, depth = sphere(120), 0.1, jhd.VertexVoxels(8), 3
+    field = jhd.AdaptiveDistanceField.build(mesh, atol, "full", method=method, max_depth=depth)
+    # Distances of the local search jump, so somewhere no cell is small enough.
+    assert field.sign == "average" and field.unresolved > 0
+
+    def measured(points):
+        return np.asarray(jhd.signed_distance(points, mesh, method=method))
+
+    weights = np.array(list(np.ndindex(3, 3, 3))) / 2
+    leaves = []
+
+    def recurse(low, side, level):
+        values = measured(low + side * weights).reshape(3, 3, 3)
+        corners = values[::2, ::2, ::2]
+        for axis in range(3):
+            corners = np.insert(corners, 1, corners.mean(axis=axis), axis=axis)
+        if level == depth or np.max(np.abs(corners - values)) <= atol:
+            leaves.append((*low, side))
+        else:
+            for step in np.ndindex(2, 2, 2):
+                recurse(low + 0.5 * side * np.array(step), 0.5 * side, level + 1)
+
+    low, high = (np.asarray(end) for end in mesh.box())
+    recurse(low, float(np.max(high - low)), 0)
+    spacing = np.asarray(field.spacing)
+    places = np.asarray(field.lower) + spacing * np.asarray(field.places)
+    found = np.column_stack([places, spacing * np.asarray(field.widths)])
+    assert 8 < len(found) == len(leaves) < 8**depth
+    names = [np.round(np.array(x) * 2.0**20).astype(int).tolist() for x in (found, leaves)]
+    assert sorted(names[0]) == sorted(names[1])
+    np.testing.assert_allclose(np.asarray(field.values)[np.asarray(field.corners)[:, 0]], measured(places), atol=1e-12)
+    with pytest.raises(ValueError, match="a method needs mode='full'"):
+        jhd.AdaptiveDistanceField.build(mesh, atol, method=method)

@@ -3,19 +3,23 @@
 import os
 from fractions import Fraction
 from functools import cache
+from itertools import pairwise
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jhd
+from jhd.arithmetic import bernstein
 from jhd.solution import name_of
 from tests import reference
 from tests.cases import CASES, EVENTS
 from tests.distance import exact, pairs
 from tests.processes import python
+from tests.sweeps import swept
 
 # The default tolerance, in diagonals.
 GAP = 1e-10
@@ -62,7 +66,7 @@ def test_the_event_is_that_of_the_table(name, direction):
 
 
 @pytest.mark.parametrize("name", SAME)
-@pytest.mark.parametrize("atol", [1e-1, 1e-4, 1e-8])
+@pytest.mark.parametrize("atol", swept([1e-1, 1e-4, 1e-8], quick=[1e-1, 1e-8]))
 def test_every_tolerance_is_met_and_true(name, atol):
     a, b = pairs.both(pairs.BY_NAME[name])
     atol = atol * pairs.diagonal(name)
@@ -115,6 +119,19 @@ def test_bounds_that_stay_open_are_raised_with_the_solution():
     with pytest.raises(jhd.NotProvenError, match="raise max_steps") as caught:
         jhd.directed_hausdorff(a, b, method)
     assert caught.value.solution.upper == solution.upper
+
+
+def test_joints_of_b_cost_few_cells():
+    # A copy in 44 unequal parts; of a line all joints are passed over at once, of a cubic each costs a few cells.
+    ends = np.arange(45) ** 1.5 / 44**1.5
+    for points, most in (([(0, 0), (2, 1)], 8), ([(0, 0), (1, 2), (2, -1), (3, 1)], 400)):
+        a = np.array(points, float)
+        parts = [np.array(bernstein.restrict(jnp.asarray(a), *part, axis=0)) for part in pairwise(ends)]
+        for part, following in pairwise(parts):
+            following[0] = part[-1]
+        solution = jhd.directed_hausdorff(jhd.BezierSegments(a[None]), jhd.BezierSegments(np.stack(parts)))
+        assert solution.lower == 0
+        assert solution.stats["cells"] <= most
 
 
 def test_a_relative_tolerance_saves_steps():
@@ -192,7 +209,8 @@ for name in {names!r}:
 """
 
 
-@pytest.mark.slow
+# The entries' test in single precision has these bounds too.
+@pytest.mark.exhaustive
 def test_bounds_hold_in_single_precision():
     environment = {**os.environ, "JAX_ENABLE_X64": "0"}
     assert len(python("-c", SINGLE.format(names=SAME), env=environment).stdout.split()) >= 20

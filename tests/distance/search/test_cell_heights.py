@@ -11,6 +11,7 @@ from jhd.distance.cells.averages import NEAR, distances_over
 from jhd.distance.deviation import _measured, _working
 from jhd.distance.search.mixes import heights_of, target_in, together
 from tests.distance.test_families import torus
+from tests.sweeps import swept
 
 GRID = np.linspace(0, 1, 4)
 # Places of Gauss along a parameter: where feet jump, or distances have kinks, two rules tell what the finer one is off
@@ -94,8 +95,12 @@ def nodes(shape: Any, moved: Any, cells: Any, count: int) -> tuple[np.ndarray, n
     return np.asarray(patches.point(cells.piece[:, None], s, t)), shares
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("kind", "source"), PAIRS)
+@pytest.mark.parametrize(
+    ("kind", "source"),
+    swept(
+        PAIRS, slow=[("bicubic", "patches"), ("pole", "triangles"), ("torus", "rational patches"), ("curve", "curves")]
+    ),
+)
 def test_bounds_hold_beside_shapes_of_all_kinds(kind, source):
     random = np.random.default_rng(100 * len(kind) + len(source))
     b = _working(shape(random, kind))
@@ -127,6 +132,7 @@ def test_bounds_hold_beside_shapes_of_all_kinds(kind, source):
         cells, _ = measured.cut(cells, flat)
 
 
+@pytest.mark.slow
 def test_gaps_over_triangles_beside_a_paraboloid_fall_with_the_fourth_power():
     ends = {-1.0: 1.0, 0.0: -1.0, 1.0: 1.0}
     b = _working(jhd.BezierPatch([[[x, y, ends[x] + ends[y]] for y in ends] for x in ends]))

@@ -15,7 +15,8 @@ import pytest
 from jhd.distance.cells.branches import CurveBound
 from jhd.distance.frame.aim import Wanted, aim_at
 from jhd.distance.frame.curves import trusted
-from jhd.distance.frame.pieces import CurvePlace, piece_of
+from jhd.distance.frame.pieces import CurvePlace
+from jhd.distance.nearest.chords import chords_between
 from jhd.distance.nearest.curves import NearestOnCurve
 from jhd.distance.nearest.near_curve import NearCurve
 from jhd.distance.search import curves as search
@@ -38,7 +39,10 @@ class OneAway(NearCurve):
 
 def one_away(curve):
     guide: Any = None
-    return OneAway(curve, jnp.zeros(1, bool), guide)
+    # A run as straight as can be, so that its bound counts in steps too.
+    points = curve.control_points
+    runs = chords_between(points[:, 0], points[:, -1], points)
+    return OneAway(curve, jnp.zeros(1, bool), guide, runs)
 
 
 @pytest.fixture
@@ -46,8 +50,8 @@ def a(monkeypatch):
     """A segment, while all bounds of its cells are one but for what the curves are moved by."""
     one = jnp.ones(())
     monkeypatch.setattr(search, "evaluation_error", lambda a, b: MOVED)
-    monkeypatch.setattr(search, "cell_upper_bound", lambda a, b, c: CurveBound(one, 0.5 * one, one, c.k0, c.s0))
-    monkeypatch.setattr(search, "first_upper_bound", lambda a, b, c: one)
+    monkeypatch.setattr(search, "cell_upper_bound", lambda a, b, c, runs: CurveBound(one, 0.5 * one, one, c.k0, c.s0))
+    monkeypatch.setattr(search, "first_upper_bound", lambda a, b, c, runs: one)
     monkeypatch.setattr(search, "_first_foot", lambda b, x, s: (s.segment, s.t, one))
     return trusted(jnp.array([[[0.0, 0.0], [1.0, 0.0]]]), None, jnp.array([-1]))
 
@@ -85,19 +89,40 @@ def test_the_bounds_of_a_step_are_widened(a, monkeypatch):
 
 
 def test_the_lower_bound_of_a_polished_witness_is_widened(a, monkeypatch):
-    piece = piece_of(a, jnp.array(0))
-    system = SimpleNamespace(a=piece, first=piece, second=piece, two=jnp.array(True))
-    stays = SimpleNamespace(active=lambda *_: system, polished=lambda y, _: y, multipliers=lambda y, s, held: held)
+    system, places = SimpleNamespace(two=jnp.array(False)), (jnp.zeros(2), jnp.zeros((2, 2)))
+    stays = SimpleNamespace(
+        active=lambda *_: system,
+        polished=lambda y, _: y,
+        places=lambda *_: places,
+        multipliers=lambda y, s, held: held,
+    )
     monkeypatch.setattr(search, "active", stays)
     # The feet need not agree with the distance.
     monkeypatch.setattr(search, "_AGREEING", 1e30)
 
     def polished():
         state, near = begun(a), one_away(a)
-        witness = jax.eval_shape(lambda: search.describe(a, a, state.at, state.foot, jnp.ones(())))
+        witness = jax.eval_shape(lambda: search.describe(a, a, state.at, state.foot).witness())
         witness = jax.tree_util.tree_map(lambda x: jnp.zeros(x.shape, x.dtype), witness)
-        return search._polished(a, near, witness, state)[1:]
+        return search._polished(a, near, witness, state)[1:3]
 
     value, lower = jax.jit(polished)()
     assert float(value) == 1.0
     assert float(lower) == 1 - MOVED
+
+
+def test_cells_that_a_full_table_loses_stay_in_the_upper_bound(a, monkeypatch):
+    monkeypatch.setattr(search, "_FLOOR", 0)
+
+    def bound_without_the_table():
+        state, near = begun(a), one_away(a)
+        # The four largest leave the table; their eight halves find four free rows.
+        whole, real = (jnp.tile(x[:1], (2 * search.LANES, 1)) for x in state.table[:2])
+        table = search.CurveTable(whole, real, jnp.arange(2.0, 2.0 + 2 * search.LANES))
+        state = search.advance(a, near, WANTED, state._replace(table=table), 1)
+        free = jnp.full_like(state.table.upper, -jnp.inf)
+        return state._replace(table=state.table._replace(upper=free)).upper, state.dropped
+
+    upper, dropped = jax.jit(bound_without_the_table)()
+    assert float(upper) == 1 + MOVED
+    assert bool(dropped)

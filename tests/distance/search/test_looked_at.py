@@ -8,6 +8,7 @@ from jhd import ImplicitSurface
 from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.distance.search.looked_at import looked_at, may_vanish, places_near
 from jhd.distance.search.solutions import target
+from tests.sweeps import swept
 
 BOX = (-2.0,) * 3, (2.0,) * 3
 # The last one has no point.
@@ -24,7 +25,7 @@ def side_of(name):
     return prepare_surfaces(surface, surface)[0]
 
 
-@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("name", swept(SURFACES, quick=["empty"], slow=["cone"]))
 def test_covers_and_clouds_are_those_of_one_program(name):
     side = side_of(name)
     (found, empty), (expected, none) = looked_at(side), jax.jit(target)(side)

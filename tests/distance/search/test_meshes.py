@@ -15,6 +15,7 @@ from jhd.solution import EVENTS, RESULTS
 from jhd.triangles.closest_point import closest_points
 from tests.distance.nearest.test_meshes import torus
 from tests.shapes.test_mesh import CORNERS, CUBE
+from tests.sweeps import swept
 from tests.triangles.exact_triangles import exact_distance_sq, hard_triangles
 
 METHOD = BranchAndBound()
@@ -115,8 +116,7 @@ def test_bounds_hold_on_soups_of_hard_triangles():
         check(a, b, mesh_directed(a, b, METHOD), rng)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", swept(range(12), slow=range(2)))
 def test_bounds_hold_on_random_soups(seed):
     rng = np.random.default_rng(seed)
     a, b = (soup(hard_triangles(rng, int(rng.integers(1, 40)))) for _ in range(2))
@@ -138,6 +138,35 @@ def test_a_part_of_the_same_surface_is_at_distance_zero():
     found = mesh_directed(TriangleMesh(CORNERS, CUBE[:5]), cube, METHOD)
     assert float(found.lower) == 0.0 and float(found.upper) < 1e-12
     assert found.event == EVENTS.coincident
+
+
+def test_meshes_in_map_coordinates_keep_their_digits():
+    # As in the test above; moved by whole numbers, the coordinates are the same floats.
+    lid, origin = PLATE.transform(np.eye(3), [0, 0, 1]), np.array([431234, 5412345, 210])
+    a, b = (TriangleMesh(np.asarray(x.vertices) + origin, x.triangles) for x in (lid, VALLEY))
+    near = jhd.directed_hausdorff(lid, VALLEY)
+    for function in (jhd.directed_hausdorff, jax.jit(jhd.directed_hausdorff)):
+        found = function(a, b)
+        assert found.result == RESULTS.successful
+        assert all(float(getattr(found, x)) == float(getattr(near, x)) for x in ("lower", "value", "upper"))
+        for x in ("point", "feet"):
+            np.testing.assert_allclose(getattr(found.witness, x), getattr(near.witness, x) + origin, rtol=1e-15)
+
+    def raised(z, lid, valley):
+        return jhd.directed_hausdorff(TriangleMesh(lid.vertices + z * jnp.eye(3)[2], lid.triangles), valley).value
+
+    slopes = [jax.grad(raised)(0.0, *pair) for pair in ((a, b), (lid, VALLEY))]
+    np.testing.assert_allclose(*slopes, rtol=1e-15)
+
+
+def test_no_search_says_that_it_has_closed_a_gap_that_rounding_leaves():
+    method = BranchAndBound(atol=1e-18)
+    lid, points = PLATE.transform(np.eye(3), [0.1, 0.2, 0.7]), jhd.points([[0.1, 0.2, 0.3], [0.7, 0.1, 0.4]])
+    for a in (lid, points, jhd.polyline([(0.1, 0.2, 0.3), (0.4, 0.1, 0.9)])):
+        found = jhd.directed_hausdorff(a, VALLEY, method, throw=False)
+        assert found.result == RESULTS.gap_not_closed and 1e-18 < float(found.upper - found.lower) < 1e-12
+    a, b = (jhd.polyline(x) for x in ([(0.1, 0.2), (0.4, 0.1)], [(0.3, 0.7), (0.9, 0.8)]))
+    assert jhd.minimum_distance(a, b, method, throw=False).result == RESULTS.gap_not_closed
 
 
 def test_the_same_surface_in_other_triangles_is_at_distance_zero():
@@ -195,7 +224,7 @@ def test_more_cells_than_there_is_room_for_end_the_search_with_true_bounds(monke
 
 
 def test_other_shapes_are_refused(as_a_user):
-    with pytest.raises(TypeError, match="b must be a TriangleMesh"):
+    with pytest.raises(TypeError, match="b must be a shape of jhd, .* a mesh .* got float"):
         jhd.directed_hausdorff(PLATE, 1.0)  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match="b: text is no shape"):
         jhd.directed_hausdorff(PLATE, "a plate")  # pyright: ignore[reportArgumentType]
@@ -241,3 +270,16 @@ def test_what_is_no_number_in_a_program_is_reported():
     cube = TriangleMesh(CORNERS, CUBE)
     found = jax.jit(lambda shift: jhd.hausdorff(lifted(shift), cube))(jnp.array([0, 0, jnp.nan]))
     assert found.result == RESULTS.nonfinite_value and found.lower == 0 and np.isinf(found.upper)
+
+
+@pytest.mark.parametrize("power", [0, 520, -520])
+def test_second_derivatives_do_not_depend_on_the_unit(power):
+    unit = 2.0**power
+    above, below = np.array([(0, 0, 3.0), (1, 0, 3), (0, 1, 3.5)]), np.array([(-1, -1, 0.0), (1, -1, 0), (0, 1, 0.5)])
+
+    def distance(s):
+        source, target = (TriangleMesh(x * unit, [(0, 1, 2)]) for x in (jnp.asarray(above) * s, below))
+        return jhd.directed_hausdorff(source, target).value / unit
+
+    # The foot of (0, s, 3.5 s) is the corner (0, 1, 0.5): the distance is |(s - 1, 3.5 s - 0.5)|, at s = 1 that is 3.
+    np.testing.assert_allclose(jax.hessian(distance)(1.0), 1 / 3, rtol=1e-12)

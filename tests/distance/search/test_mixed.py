@@ -9,9 +9,10 @@ import pytest
 from jhd import BezierCurve, minimum_distance
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.solution import name_of
+from tests.sweeps import swept
 
 # Two of the sizes that coordinates come in, as powers of two: half of the exponents are left to the coefficients.
-EXTREMES = [-1000, *(pytest.param(k, marks=pytest.mark.slow) for k in (-300, 300)), 1000]
+EXTREMES = swept([-1000, -300, 300, 1000], slow=[-1000, 1000])
 CENTRES = (0.0, 0.0, 0.0), (0.0, 7.0, 0.0)
 RADII = (3.0, 2.0)
 
@@ -37,8 +38,7 @@ def enclosed(found, exact, gap):
     assert float(found.upper) - float(found.lower) <= gap
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("offset", [2.0**20, -(2.0**24)])
+@pytest.mark.parametrize("offset", swept([2.0**20, -(2.0**24)], slow=[-(2.0**24)]))
 def test_spheres_far_from_the_origin_are_as_close_as_near_it(offset):
     found = minimum_distance(*spheres(offset))
     enclosed(found, 2, 1e-12)
@@ -46,7 +46,6 @@ def test_spheres_far_from_the_origin_are_as_close_as_near_it(offset):
 
 
 @pytest.mark.parametrize("exponent", EXTREMES)
-@pytest.mark.slow
 def test_spheres_of_extreme_sizes_are_as_close_as_those_of_size_one(exponent):
     found = minimum_distance(*spheres(exponent=exponent))
     enclosed(found, 2 * Fraction(2) ** exponent, 1e-12 * 2.0**exponent)

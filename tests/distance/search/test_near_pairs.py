@@ -61,7 +61,7 @@ def test_distances_of_meshes_and_balls_scale(exponent):
     assert found.lower <= 2 * scale <= found.upper <= 2 * scale * (1 + 1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_curves_of_many_segments_beside_a_ball():
     line = polyline(np.stack([np.linspace(-2, 2, 301) + 0.0031, np.zeros(301), np.full(301, 3.0)], axis=1))
     assert holds(minimum_distance(BALL, line), 2.0)

@@ -18,11 +18,13 @@ from tests.distance.nearest.test_meshes import torus
 from tests.distance.search.test_mixed import spheres
 from tests.distance.search.test_surfaces import CONES
 from tests.distance.test_minimum import ARCH
+from tests.sweeps import swept
 
 # Two directions that take many steps: a folded segment and the line it lies on.
 LINE, FOLDED = pairs.both(pairs.BY_NAME["segment_folded"])
 
 
+@pytest.mark.slow
 def test_progress_comes_with_shrinking_bounds_of_both_directions():
     seen = []
     solution = jhd.hausdorff(LINE, FOLDED, throw=False, progress=seen.append)
@@ -75,7 +77,7 @@ FARTHEST = {
 # From points the first block of them is always measured.
 FEWEST = {"to points": 1}
 # Quick tests of polynomial surfaces alone interrupt their search too.
-KINDS = [pytest.param(kind, marks=pytest.mark.slow if kind in ("from points", "surfaces") else ()) for kind in FARTHEST]
+KINDS = swept(FARTHEST, ("curves", "meshes", "to points"), ["from points"])
 APART = [5.0, 1.0, 0.5]
 CLOSEST = {
     "nets": (InTurn, (jhd.BezierCurve(ARCH), jhd.BezierCurve(ARCH * [1, -1] + [0.1, 2.5]))),
@@ -106,9 +108,7 @@ def test_an_interruption_of_one_direction_ends_the_other_where_it_begins(kind, m
     assert stopped.lower <= whole.lower and whole.upper <= stopped.upper < np.inf
 
 
-@pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=pytest.mark.slow if kind == "surfaces" else ()) for kind in CLOSEST]
-)
+@pytest.mark.parametrize("kind", swept(CLOSEST, ("meshes",), ("nets",)))
 def test_an_interrupted_search_for_a_minimum_hands_back_the_bounds_it_had_reached(kind, monkeypatch):
     search, shapes = CLOSEST[kind]
     monkeypatch.setattr(search, "first_steps", 0)

@@ -173,6 +173,37 @@ def test_derivatives_of_nearest_points_are_those_of_differences_and_the_same_und
     np.testing.assert_allclose(bent, seen, atol=1e-9)
 
 
+def unit_sphere():
+    """Eight rational octants, each with one edge collapsed at a pole."""
+    arc = np.array([1, np.sqrt(0.5), 1])
+    w = np.outer(arc, arc)
+    rows = np.array([[[x, y, 0], [x, y, 1], [0, 0, 1]] for x, y in ((1, 0), (1, 1), (0, 1))], float)
+    signs = np.array(list(np.ndindex(2, 2, 2))) * 2 - 1
+    return jhd.BezierPatches(rows * signs[:, None, None], np.stack([w] * 8))
+
+
+@pytest.mark.slow
+def test_second_derivatives_beside_a_pole_are_right_and_unknown_on_it():
+    angle, ball = np.array([0.0, 3e-10, 1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-4, 0.3]), unit_sphere()
+    normal = np.stack([0.6 * np.sin(angle), 0.8 * np.sin(angle), np.cos(angle)], axis=1)
+
+    def distance(p):
+        return jhd.project(p, ball).distance
+
+    def foot(p):
+        return jhd.project(p, ball).foot
+
+    gradient, hessian, moved = (
+        jax.jit(jax.vmap(f))(2 * normal) for f in (jax.grad(distance), jax.hessian(distance), jax.jacobian(foot))
+    )
+    np.testing.assert_allclose(gradient, normal, atol=1e-12)
+    # The distance is |p| - 1, the foot p / |p|.
+    exact = 0.5 * (np.eye(3) - normal[:, :, None] * normal[:, None])
+    for found in (hessian, moved):
+        np.testing.assert_allclose(found[1:], exact[1:], atol=1e-6)
+        assert np.all(np.isnan(found[0]))
+
+
 @pytest.mark.slow
 def test_at_distance_zero_and_where_all_of_the_surface_is_nearest_derivatives_are_finite():
     for query, expected in (([1.0, 0, 0], 0.0), ([0.0, 0, 0], 1.0)):

@@ -1,5 +1,6 @@
 """Derivatives of values, witnesses and projections against central differences, away from ties and at them."""
 
+import itertools
 import os
 from collections import Counter
 
@@ -13,6 +14,7 @@ import jhd
 from jhd.distance.witness import derivative
 from jhd.solution import name_of
 from tests.processes import python
+from tests.sweeps import swept
 
 # Step of the differences, and what is allowed of their error: h^2 times third derivatives, and 1e-15 / h of rounding.
 STEP, FIRST = 1e-5, 1e-6
@@ -99,8 +101,13 @@ def test_the_gradient_agrees_with_differences(kinds):
     assert check(kinds, range(2), jhd.directed_hausdorff).total() == 2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("entry", [jhd.directed_hausdorff, jhd.hausdorff], ids=["directed", "two_sided"])
+@pytest.mark.parametrize(
+    "entry",
+    [
+        pytest.param(jhd.directed_hausdorff, marks=pytest.mark.exhaustive, id="directed"),
+        pytest.param(jhd.hausdorff, marks=pytest.mark.slow, id="two_sided"),
+    ],
+)
 def test_the_gradient_agrees_for_every_event_and_kind_of_shape(entry):
     events = Counter()
     for kinds in (*KINDS, *MORE):
@@ -141,8 +148,7 @@ def test_the_witness_moves_as_differences_say():
     np.testing.assert_allclose(rule, (parts(0.1 + STEP) - parts(0.1 - STEP)) / (2 * STEP), rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.parametrize("seed", [3, 21])
-@pytest.mark.slow
+@pytest.mark.parametrize("seed", swept([3, 21], slow=[21]))
 def test_the_hessian_agrees_with_differences_of_the_gradient(seed):
     rng = np.random.default_rng(seed)
     rows = jnp.asarray(np.stack([0.3 * rng.normal(size=(4, 2)), rng.normal(size=(4, 2))]))
@@ -237,9 +243,9 @@ def test_the_radius_of_a_concentric_circle_has_slope_one():
     assert float(jax.grad(outer)(0.5)) == pytest.approx(-1.0, rel=1e-12)
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("rational", [False, True])
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("dim", "rational"), swept(itertools.product([2, 3], [False, True]), slow=[(2, True), (3, False)])
+)
 def test_projections_are_differentiable_in_points_and_curve(dim, rational):
     rng = np.random.default_rng(dim)
     rows, queries = rng.normal(size=(4, dim)), 1.5 * rng.normal(size=(5, dim))
@@ -255,6 +261,17 @@ def test_projections_are_differentiable_in_points_and_curve(dim, rational):
     h = 0.1 * STEP
     ahead, behind = (answer(queries + x * step[0], rows + x * step[1]) for x in (h, -h))
     np.testing.assert_allclose(rule, (ahead - behind) / (2 * h), rtol=FIRST, atol=FIRST)
+
+
+def test_second_derivatives_of_the_nearest_point_of_a_circle_are_those_of_the_direction():
+    quarter = jhd.BezierCurve([(1, 0), (1, 1), (0, 1)], [1.0, np.sqrt(0.5), 1.0])
+    point, way = jnp.array([1.5, 0.75]), jnp.array([0.5, -1.0])
+
+    def second(function):
+        return jax.jvp(lambda x: jax.jvp(function, (x,), (way,))[1], (point,), (way,))[1]
+
+    rule, expected = second(lambda x: jhd.project(x, quarter).foot), second(lambda x: x / jnp.linalg.norm(x))
+    np.testing.assert_allclose(rule, expected, rtol=0, atol=1e-12)
 
 
 def test_a_point_on_the_curve_has_gradient_zero():

@@ -104,6 +104,7 @@ def test_hard_maxima():
     assert found.multipliers[1, 0] == 0 and np.isclose(found.multipliers[1, 1:3].sum(), 1)
 
 
+@pytest.mark.slow
 def test_maxima_scale_with_the_surfaces():
     case = BY_NAME["sphere_ellipsoid"]
     problems = []

@@ -13,6 +13,7 @@ from jhd.shapes.implicit import ImplicitSurface
 from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 from tests.surface_cases import BY_NAME, Surface
 from tests.surface_reference import solve
+from tests.sweeps import swept
 
 # The places of the table are rounded to doubles, and the equations amplify that a little.
 _ROUNDING = 1e-11
@@ -21,7 +22,7 @@ _DIGITS, _STEP = 36, mpf(10) ** -9
 
 QUICK = ["paper_cones", "sphere_ellipsoid", "plane_at_a_corner", "spheres_in_other_boxes"]
 # Cubics and more; solved in padded arrays of the same shape.
-SLOW = [
+FURTHER = [
     *(
         "spheres_apart",
         "saddle_plane",
@@ -144,8 +145,7 @@ def test_first_derivatives_in_coefficients_and_boxes(name):
     check(name, 3, second=False)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [*QUICK, *SLOW])
+@pytest.mark.parametrize("name", swept([*QUICK, *FURTHER], slow=[*QUICK, "cubics"]))
 def test_first_and_second_derivatives_in_coefficients_and_boxes(name):
     shapes = [n for s in (BY_NAME[name].a, BY_NAME[name].b) for n in s.coefficients.shape]
     check(name, 3 if max(shapes) <= 3 else 5, second=True)

@@ -69,11 +69,31 @@ class Map(NamedTuple):
     bits: list[int]
 
 
-def pieces_of(shape: Mapping[str, Any]) -> list[ExactPiece]:
-    """The pieces of a shape as it stands in a certificate, after its structure has been checked."""
+def common_power(*shapes: Mapping[str, Any]) -> int | None:
+    """The power of two that makes whole numbers of all coordinates, the least one; None where a polynomial is one."""
+    if any(shape["kind"] == "surface" for shape in shapes):
+        return None
+    found = set()
+    for shape in shapes:
+        rows = shape["vertices"] if shape["kind"] == "mesh" else shape["control_points"]
+        while isinstance(rows[0], list):
+            rows = [x for row in rows for x in row]
+        for top, whole in (float(x).as_integer_ratio() for x in rows if x):
+            found.add(whole.bit_length() - (top & -top).bit_length())
+    return max(found, default=0)
+
+
+def pieces_of(shape: Mapping[str, Any], power: int | None = None) -> list[ExactPiece]:
+    """The pieces of a shape as it stands in a certificate, after its structure has been checked.
+
+    Args:
+        shape: the shape.
+        power: a power of two that the coordinates are multiplied with, as from `common_power`: lengths of nearly no
+            size are short numbers so. None leaves them.
+    """
     if shape["kind"] == "mesh":
         vertices = shape["vertices"]
-        return [_piece((3,), (1,), [vertices[i] for i in triangle], None) for triangle in shape["triangles"]]
+        return [_piece((3,), (1,), [vertices[i] for i in triangle], None, power) for triangle in shape["triangles"]]
     if shape["kind"] == "surface":
         return [_piece((4,), (1,), path, None) for path in tetrahedra(shape["lower"], shape["upper"])]
     nets = shape["control_points"]
@@ -81,12 +101,12 @@ def pieces_of(shape: Mapping[str, Any]) -> list[ExactPiece]:
     if shape["kind"] == "curve":
         degree = len(nets[0]) - 1
         if degree == 0:
-            return [_piece((), (), points, w) for points, w in zip(nets, weights, strict=True)]
-        return [_piece((2,), (degree,), points, w) for points, w in zip(nets, weights, strict=True)]
+            return [_piece((), (), points, w, power) for points, w in zip(nets, weights, strict=True)]
+        return [_piece((2,), (degree,), points, w, power) for points, w in zip(nets, weights, strict=True)]
     degrees = (len(nets[0]) - 1, len(nets[0][0]) - 1)
     rows = [[x for row in net for x in row] for net in nets]
     flat = [None if w is None else [x for row in w for x in row] for w in weights]
-    return [_piece((2, 2), degrees, points, w) for points, w in zip(rows, flat, strict=True)]
+    return [_piece((2, 2), degrees, points, w, power) for points, w in zip(rows, flat, strict=True)]
 
 
 def tetrahedra(lower: Sequence[float], upper: Sequence[float]) -> list[list[list[float]]]:
@@ -113,8 +133,11 @@ def _piece(
     degrees: Degree,
     points: Sequence[Sequence[float]],
     weights: Sequence[float] | None,
+    power: int | None = None,
 ) -> ExactPiece:
     columns, bits = integers(x for column in zip(*points, strict=True) for x in column)
+    if power is not None:
+        columns, bits = [x << power >> bits if power > 0 else x >> bits - power for x in columns], 0
     n = len(points)
     rows = [columns[k : k + n] for k in range(0, len(columns), n)]
     if weights is None:

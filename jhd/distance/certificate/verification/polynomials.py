@@ -7,7 +7,8 @@ exponents of a term stand in one integer, a byte for each variable.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextvars import ContextVar
 from functools import cache
 from itertools import product as pairs_of
 
@@ -23,6 +24,8 @@ BITS = 8
 _MOST_HALVINGS = 48
 # Parts in all: next to a maximum they are some twenty, most polynomials take none.
 MOST_PARTS = 1500
+# Called before each of these parts: raises where the time of a check is over.
+ON_PART: ContextVar[Callable[[], object] | None] = ContextVar("ON_PART", default=None)
 
 
 def variable(index: int) -> int:
@@ -114,20 +117,29 @@ def from_coefficients(coefficients: Sequence[int], variables: tuple[int, ...], d
     return {sum(i * variable(v) for i, v in zip(term, variables, strict=True)): c * m for c, term, m in numbers if c}
 
 
+def reduced(f: Polynomial) -> Polynomial:
+    """The polynomial over the largest power of two that divides all coefficients: its signs, in short numbers."""
+    bits = min(((c & -c).bit_length() for c in f.values() if c), default=1) - 1
+    return {i: c >> bits for i, c in f.items()} if bits else f
+
+
 def failure(f: Polynomial, domain: Domain, degree: Degree, most_parts: int = MOST_PARTS) -> str | None:
     """Why it is not proven in so many parts that the polynomial is non-negative on its domain; None where it is."""
     if min(f.values(), default=0) >= 0:
         return None
     most = _MOST_HALVINGS * sum(len(variables) - 1 for variables in domain)
-    parts = [(f, tuple(zip(domain, degree, strict=True)), 0)]
+    parts = [(reduced(f), tuple(zip(domain, degree, strict=True)), 0)]
+    on_part = ON_PART.get()
     for _ in range(most_parts):
+        if on_part is not None:
+            on_part()
         f, split, depth = parts.pop()
         if min(f.values(), default=0) < 0:
             if any(f.get(corner, 0) < 0 for corner in _corners(split)):
                 return "is false"
             if depth == most:
                 return f"is not proven in {most} halvings"
-            parts += [(half, rest, depth + 1) for half, rest in _halves(f, split)]
+            parts += [(reduced(half), rest, depth + 1) for half, rest in _halves(f, split)]
         if not parts:
             return None
     return f"is not proven in {most_parts} parts"

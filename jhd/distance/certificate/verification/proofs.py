@@ -9,6 +9,7 @@ is everywhere but on sides of the cell, to which the bound extends because dista
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from fractions import Fraction
 from functools import partial
 from typing import Any, NamedTuple
@@ -21,6 +22,7 @@ from jhd.distance.certificate.verification.pieces import (
     Map,
     Part,
     box_map,
+    common_power,
     composed,
     difference,
     integers,
@@ -29,6 +31,7 @@ from jhd.distance.certificate.verification.pieces import (
 )
 from jhd.distance.certificate.verification.polynomials import (
     MOST_PARTS,
+    ON_PART,
     Degree,
     Polynomial,
     combined,
@@ -48,8 +51,11 @@ from jhd.distance.certificate.verification.structure import (
     check_pair,
 )
 from jhd.distance.certificate.verification.surface_proofs import failure_of_pair, failure_of_surface_cell
+from jhd.distance.certificate.verification.work import count_of, expected_seconds
 from jhd.distance.certificate.verification.zeros import NearZero, ZeroSet, is_free, place_of, zeros_of
 
+# How bounds are written, the lower one and the upper one: rounded outward.
+_OUTWARD = [Context(prec=17, rounding=way) for way in (ROUND_FLOOR, ROUND_CEILING)]
 # How the distances are written.
 NAMES = {"directed": "h(A, B)", "two_sided": "H(A, B)", "minimum": "d(A, B)"}
 
@@ -67,18 +73,28 @@ class Proven(NamedTuple):
 
 
 class _Deadline:
-    """The time after which a check is given up, and who hears of what is checked until then."""
+    """The time after which a check is given up, before it begins if need be, and who hears of what is checked."""
 
     def __init__(self, seconds: float | None, progress: Callable[[str], object] | None):
         self.seconds, self.end = seconds, None if seconds is None else time.monotonic() + seconds
-        self.progress = progress
+        self.progress, self.place = progress, ""
 
-    def check(self, place: str) -> None:
-        """Raises CertificateError when it has passed."""
+    def begin(self, expected: float) -> None:
+        """Raises CertificateError where the check takes longer than there is time, by all that is known of it."""
+        if self.seconds is not None and expected > self.seconds:
+            raise CertificateError(f"takes {expected:.3g} seconds or more; seconds is {self.seconds!r}.")
+
+    def check(self, place: str, count: int = 0) -> None:
+        """Raises CertificateError when it has passed; `count` is how many such places there are, if it is known."""
+        self.place = place + (f" of {count}" if count else "")
         if self.progress is not None:
-            self.progress(place)
+            self.progress(self.place)
+        self.check_within()
+
+    def check_within(self) -> None:
+        """The same within the place that is checked."""
         if self.end is not None and time.monotonic() > self.end:
-            raise CertificateError(f"is not checked in {self.seconds!r} seconds; {place} would be next.")
+            raise CertificateError(f"is not checked in {self.seconds!r} seconds; it ends at {self.place}.")
 
 
 def verify(content: Any, seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:
@@ -86,7 +102,8 @@ def verify(content: Any, seconds: float | None = None, progress: Callable[[str],
 
     Args:
         content: the certificate as `opened` reads it, or a Certificate; its lists of cells may be any iterables.
-        seconds: after how long to give up; None never does.
+        seconds: after how long to give up, before the first cell where their number and the degrees tell; None never
+            does.
         progress: called with the place in the certificate that is checked next.
 
     Raises:
@@ -94,26 +111,30 @@ def verify(content: Any, seconds: float | None = None, progress: Callable[[str],
     """
     deadline, content = _Deadline(seconds, progress), current(getattr(content, "content", content))
     sizes = check_content(content)
-    claim = content["claim"]
-    sides = {name: _side_of(content[name], sizes[name]) for name in ("a", "b")}
-    if claim["kind"] == "minimum":
-        count = _check_minimum(content, sides, deadline)
-    else:
-        count = _check_maximum(content, sides, deadline)
+    deadline.begin(expected_seconds(content["cells"], sizes))
+    claim, power = content["claim"], common_power(content["a"], content["b"])
+    sides = {name: _side_of(content[name], sizes[name], power) for name in ("a", "b")}
+    token = ON_PART.set(deadline.check_within)
+    try:
+        check = _check_minimum if claim["kind"] == "minimum" else _check_maximum
+        count = check(content, sides, deadline)
+    finally:
+        ON_PART.reset(token)
     upper = None if claim["upper"] is None else float(claim["upper"])
     return Proven(claim["kind"], float(claim["lower"]), upper, count)
 
 
 class _CheckedSide(NamedTuple):
-    """A shape: its size, its pieces, and the polynomial of a surface."""
+    """A shape: its size, its pieces, the polynomial of a surface, and how many units of the pieces are one."""
 
     size: ShapeSize
     pieces: list[ExactPiece]
     zeros: ZeroSet | None
+    unit: Fraction
 
 
-def _side_of(shape: Mapping[str, Any], size: ShapeSize) -> _CheckedSide:
-    return _CheckedSide(size, pieces_of(shape), zeros_of(shape))
+def _side_of(shape: Mapping[str, Any], size: ShapeSize, power: int | None) -> _CheckedSide:
+    return _CheckedSide(size, pieces_of(shape, power), zeros_of(shape), Fraction(2) ** (power or 0))
 
 
 def _check_maximum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide], deadline: _Deadline) -> int:
@@ -124,7 +145,7 @@ def _check_maximum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide]
         place, entries = f"cells.{direction}", content["cells"][direction]
         checked = _checked(place, entries, partial(check_entry, source=source.size, target=target.size))
         for entry, name, cell in cover(place, source.pieces, checked):
-            deadline.check(name)
+            deadline.check(name, count_of(entries))
             if entry["bound"] > claim["upper"]:
                 raise CertificateError(f"{name}.bound is {entry['bound']!r}, above the upper bound {claim['upper']!r}.")
             failed = _failure_of_entry(source, cell, target, entry)
@@ -139,7 +160,7 @@ def _check_maximum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide]
 def _failure_of_entry(source: _CheckedSide, cell: Map, target: _CheckedSide, entry: Mapping[str, Any]) -> str | None:
     piece = source.pieces[entry["piece"]]
     if source.zeros is None and target.zeros is None:
-        return failure_of_cell(piece, cell, target.pieces, entry)
+        return failure_of_cell(piece, cell, target.pieces, {**entry, "bound": Fraction(entry["bound"]) * source.unit})
     return failure_of_surface_cell(piece, cell, target.pieces, (source.zeros, target.zeros), entry)
 
 
@@ -148,13 +169,13 @@ def _check_minimum(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide]
     claim, witness = content["claim"], content["witness"]
     if witness is not None:
         p, q = (_near(sides[name], witness[name], f"witness.{name}") for name in ("a", "b"))
-        most = Fraction(claim["upper"]) - p.reach - q.reach
+        most = Fraction(claim["upper"]) * sides["a"].unit - p.reach - q.reach
         failed = "is false" if most < 0 else failure_at_most([difference(p.point, q.point)], most, None)
         if failed:
             raise CertificateError(f"witness: that the distance is at most {claim['upper']!r} {failed}.")
     if claim["lower"] > 0:
         a, b = (Ordered(sides[name].pieces, content["orders"][name]) for name in ("a", "b"))
-        return _check_pairs("apart", content, (sides["a"], sides["b"]), (a, b), claim["lower"], deadline)
+        return _check_pairs("apart", content, (sides["a"], sides["b"]), (a, b), Fraction(claim["lower"]), deadline)
     return 0
 
 
@@ -170,14 +191,14 @@ def _check_pairs(
     content: Mapping[str, Any],
     sides: tuple[_CheckedSide, _CheckedSide],
     ordered: tuple[Ordered, Ordered],
-    bound: float | Fraction,
+    bound: Fraction,
     deadline: _Deadline,
 ) -> int:
     """The number of pairs of parts of two shapes that are this far apart."""
     count, place = 0, f"cells.{section}"
     checked = _checked(place, content["cells"][section], partial(check_pair, sizes=[side.size for side in sides]))
     for entry, name, mine, other in pairs(place, *ordered, checked):
-        deadline.check(name)
+        deadline.check(name, count_of(content["cells"][section]))
         failed = _failure_apart(sides, ordered, (mine, other), entry, bound)
         if failed:
             raise CertificateError(f"{name}: that the distance is at least {float(bound)!r} {failed}.")
@@ -190,11 +211,11 @@ def _failure_apart(
     ordered: tuple[Ordered, Ordered],
     parts: tuple[PartOfShape, PartOfShape],
     entry: Mapping[str, Any],
-    bound: float | Fraction,
+    bound: Fraction,
 ) -> str | None:
     if "plane" in entry:
         mine, others = (each.points(part) for each, part in zip(ordered, parts, strict=True))
-        return failure_of_plane(mine, others, entry["plane"], bound)
+        return failure_of_plane(mine, others, entry["plane"], bound * sides[0].unit)
     # Where one part holds no zero nothing is said of the other, which may have several pieces.
     named = (entry["free"],) if "free" in entry else (0, 1)
     if any(parts[k].last - parts[k].first > 1 for k in named):
@@ -218,8 +239,9 @@ def _checked(place: str, entries: Any, check: Callable[[str, Any], None]) -> Ite
 def sentence(proven: Proven) -> str:
     """What is proven, in a line."""
     name = NAMES[proven.kind]
-    upper = "" if proven.upper is None else f" <= {proven.upper!r}"
-    return f"{proven.lower!r} <= {name}{upper}, {proven.cells} cell{'' if proven.cells == 1 else 's'}"
+    lower = _OUTWARD[0].create_decimal_from_float(proven.lower)
+    upper = "" if proven.upper is None else f" <= {_OUTWARD[1].create_decimal_from_float(proven.upper):g}"
+    return f"{lower:g} <= {name}{upper}, {proven.cells} cell{'' if proven.cells == 1 else 's'}"
 
 
 # ---- from above ----------------------------------------------------------------------------------
@@ -310,10 +332,10 @@ def _check_witness(content: Mapping[str, Any], sides: Mapping[str, _CheckedSide]
     witness, lower = content["witness"], content["claim"]["lower"]
     name, other = witness["direction"][0], witness["direction"][-1]
     place = _near(sides[name], witness, "witness")
-    bound = Fraction(lower) + place.reach
+    bound = Fraction(lower) * sides[name].unit + place.reach
     if sides[other].zeros is not None:
         point = as_piece(place.point)
-        mine = _CheckedSide(ShapeSize(3, 1, (), 0), [point], None)
+        mine = _CheckedSide(ShapeSize(3, 1, (), 0), [point], None, sides[name].unit)
         ordered = Ordered([point], None), Ordered(sides[other].pieces, None)
         return _check_pairs("witness", content, (mine, sides[other]), ordered, bound, deadline)
     for index, piece in enumerate(sides[other].pieces):

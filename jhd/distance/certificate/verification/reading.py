@@ -21,6 +21,8 @@ from jhd.distance.certificate.verification.structure import SECTIONS, VERSION, C
 _GZIP = b"\x1f\x8b"
 # The longest line that is read, and the longest file of version 1: a short compressed one must not fill the memory.
 _LONGEST = 2**28
+# Of a file; more than any disk has bytes.
+_MOST_CELLS = 2**53
 
 
 def parsed(text: str) -> Any:
@@ -104,24 +106,34 @@ def _content(lines: _Lines) -> Any:
     return content
 
 
-def _streams(counts: Mapping[str, Any], lines: _Lines) -> dict[str, Iterator[Any]]:
+def _streams(counts: Mapping[str, Any], lines: _Lines) -> dict[str, "_CellsInTurn"]:
     """For each direction its cells as they are read, in the order of the directions."""
     check_keys("cells", counts, [name for name in SECTIONS if name in counts])
     for name, count in counts.items():
-        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        if isinstance(count, bool) or not isinstance(count, int) or not 0 < count <= _MOST_CELLS:
             raise CertificateError(f"cells.{name} is {repr(count)}; needs the number of its lines.")
     names = [name for name in SECTIONS if name in counts]
-    return {name: _cells(lines, name, counts[name], name == names[-1]) for name in names}
+    return {name: _CellsInTurn(lines, name, counts[name], name == names[-1]) for name in names}
 
 
-def _cells(lines: _Lines, name: str, count: int, is_last: bool) -> Iterator[Any]:
-    for k in range(count):
-        line = lines.next()
-        if not line.strip():
-            raise CertificateError(f"cells.{name}[{k}] is missing: the file ends after {k} of {count} cells.")
-        yield lines.value(line)
-    if is_last:
-        lines.end()
+class _CellsInTurn:
+    """The cells of a direction, read once, and their number."""
+
+    def __init__(self, lines: _Lines, name: str, count: int, is_last: bool):
+        self.lines, self.name, self.count, self.is_last = lines, name, count, is_last
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[Any]:
+        for k in range(self.count):
+            line = self.lines.next()
+            if not line.strip():
+                message = f"cells.{self.name}[{k}] is missing: the file ends after {k} of {self.count} cells."
+                raise CertificateError(message)
+            yield self.lines.value(line)
+        if self.is_last:
+            self.lines.end()
 
 
 def _refused(token: str) -> float:

@@ -42,6 +42,13 @@ class HostSide(NamedTuple):
     stored: BezierSegments
     skip: np.ndarray
 
+    @property
+    def moving(self) -> np.ndarray:
+        """For each stored segment its number among those of the solver that are no points, else -1."""
+        number = np.full(self.stored.count, -1)
+        number[self.index[: self.curve.moving]] = np.arange(self.curve.moving)
+        return number
+
     @classmethod
     def of(cls, curve: BezierSegments) -> "HostSide":
         """From the common coordinates; repeated segments are left out."""

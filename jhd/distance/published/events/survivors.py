@@ -32,6 +32,25 @@ class EventPieces(NamedTuple):
         return EventPieces(self.segment[rows], self.side[:, rows], self.wanted[:, rows])
 
 
+def event_pieces(segment: np.ndarray, t0: np.ndarray, t1: np.ndarray, upper: np.ndarray, level: float) -> EventPieces:
+    """Intervals of segments, in order, neighbours as one; distances matter from the level to the largest bound.
+
+    Args:
+        segment: of each interval.
+        t0: where it starts.
+        t1: where it ends.
+        upper: bound of the distances on it.
+        level: least distance that matters.
+    """
+    if not len(segment):
+        return EventPieces(np.zeros(0, int), np.zeros((2, 0)), np.zeros((2, 0)))
+    goes_on = (segment[1:] == segment[:-1]) & (t0[1:] == t1[:-1])
+    first = np.flatnonzero(np.append(True, ~goes_on))
+    last = np.append(first[1:], len(segment)) - 1
+    most = np.maximum.reduceat(upper, first)
+    return EventPieces(segment[first], np.stack([t0[first], t1[last]]), np.stack([np.full(len(first), level), most]))
+
+
 class SurvivingFeet(NamedTuple):
     """Parts of b where the feet of pieces may lie, in the order of the pieces; different parts do not touch inside.
 

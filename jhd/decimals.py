@@ -1,0 +1,62 @@
+"""Bounds in decimal digits: a lower one is rounded down and an upper one up, so that they are true as printed.
+
+Without a format they have as many digits as it takes to read the same floating-point number back.
+"""
+
+import math
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal, localcontext
+from typing import Any
+
+# The shortest digits that give a float64 back may lie on the wrong side of it. 18 digits give it back on either side:
+# their step is at most 1e-17 of it, and what is read as another number is at least 2^-54 of it away.
+_DIGITS = ".17g", ".18g"
+
+
+def lower_text(bound: Any, spec: str = "") -> str:
+    """A lower bound in digits that are not above it.
+
+    >>> lower_text(2 / 3, ".3f"), lower_text(0.1), lower_text(0.3)
+    ('0.666', '0.1', '0.29999999999999998')
+
+    Args:
+        bound: one number.
+        spec: a format of decimal numbers; by default in full.
+    """
+    return _text(float(bound), spec, ROUND_FLOOR)
+
+
+def upper_text(bound: Any, spec: str = "") -> str:
+    """An upper bound in digits that are not below it.
+
+    >>> upper_text(2 / 3, ".3f"), upper_text(0.1), upper_text(0.3)
+    ('0.667', '0.10000000000000001', '0.3')
+
+    Args:
+        bound: one number.
+        spec: a format of decimal numbers; by default in full.
+    """
+    return _text(float(bound), spec, ROUND_CEILING)
+
+
+def interval_text(lower: Any, upper: Any, spec: str = "") -> str:
+    """Both bounds of a number, `[lower, upper]`.
+
+    Args:
+        lower: the lower one.
+        upper: the upper one; infinite if nothing is proven.
+        spec: a format of decimal numbers; by default in full.
+    """
+    return f"[{lower_text(lower, spec)}, {upper_text(upper, spec)}]"
+
+
+def _text(x: float, spec: str, rounding: str) -> str:
+    if not math.isfinite(x):
+        return format(x, spec)
+    exact, shortest = Decimal(x), repr(x)
+    with localcontext(rounding=rounding):
+        if spec:
+            return format(exact, spec)
+        off = Decimal(shortest).compare(exact)
+        if off == 0 or (off > 0) == (rounding == ROUND_CEILING):
+            return shortest
+        return next(text for text in (format(exact, digits) for digits in _DIGITS) if float(text) == x)

@@ -1,0 +1,23 @@
+"""Help and the version at once: the command line answers them before the package is imported, which takes seconds.
+
+Programs that import the package see nothing of this.
+"""
+
+import sys
+from collections.abc import Sequence
+
+from jhd.starting import is_command_line
+
+_ASKED = {"-h", "--help", "--version"}
+
+
+def asks_for_help(words: Sequence[str]) -> bool:
+    """Whether a command line asks for help or the version: it is answered, or refused, without any computation."""
+    return not _ASKED.isdisjoint(words[: words.index("--")] if "--" in words else words)
+
+
+if is_command_line() and asks_for_help(sys.argv[1:]):
+    # Here, as `python -m jhd` warns of a module that is there before it is run.
+    from jhd.__main__ import main
+
+    sys.exit(main())

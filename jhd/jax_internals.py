@@ -1,0 +1,82 @@
+"""What this package uses of JAX and equinox that is not their public interface, each use in one place.
+
+Every function says with which versions of jax it was seen to work and what happens in a version without it: no answer
+of this package depends on one of them, only what is kept between processes and what is refused early.
+"""
+
+import copyreg
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import numpy as np
+from jax._src import config as _config
+from jax._src import core as _core
+from jax._src import layout as _layout
+from jax._src import xla_bridge as _bridge
+
+try:
+    from jaxlib import lapack as _lapack
+except ImportError:
+    _lapack: Any = None
+
+# An executable that is read from disk has to name the one object for "any layout", as all others do, or JAX takes its
+# results for arrays of another kind and compiles again whatever they are passed to (seen in 0.12.0.1).
+_any_layout = getattr(_layout, "AutoLayout", None)
+if _any_layout is not None:
+    copyreg.pickle(type(_any_layout), lambda _: "AutoLayout")
+
+# All of this was seen in jax 0.10.2 and 0.12.0.1, with equinox 0.13.8.
+
+# The settings that a trace depends on besides its arguments, as a tuple. None if JAX does not say: then no executable
+# is kept on disk.
+trace_context: Callable[[], tuple[Any, ...]] | None = getattr(_config, "trace_context", None)
+
+
+def is_trace_clean() -> bool:
+    """Return whether no transformation is being traced; False, the slower answer, if JAX does not say."""
+    return getattr(_core, "trace_state_clean", lambda: False)()
+
+
+def is_initialized() -> bool:
+    """Return whether JAX has started its devices and their threads; False if JAX does not say."""
+    return getattr(_bridge, "backends_are_initialized", lambda: False)()
+
+
+def settings() -> Mapping[str, Any]:
+    """Return all settings of JAX by name, empty if JAX does not list them: then no executable is kept on disk."""
+    return getattr(jax.config, "values", None) or {}
+
+
+def varying_axes(x: Any) -> frozenset[str]:
+    """Return the axes of the device mesh along which an array differs under `shard_map`; empty if JAX does not say."""
+    return getattr(getattr(jax.typeof(x), "manual_axis_type", None), "varying", frozenset())
+
+
+def count_executables(jitted: Any) -> int:
+    """Return how many executables a jitted function holds; 0 if JAX does not say."""
+    return getattr(jitted, "_cache_size", lambda: 0)()
+
+
+def is_literal(x: Any) -> bool:
+    """Return whether `x` is a NumPy array in the form in which JAX passes known numbers to derivative rules."""
+    return isinstance(x, np.ndarray) and hasattr(x, "weak_type")
+
+
+def is_missing_field(x: Any) -> bool:
+    """Return whether `x` is the single object by which equinox marks a field that has no value."""
+    return type(x).__name__ == "_Missing" and type(x).__module__.startswith("equinox")
+
+
+def prepare_lapack() -> None:
+    """Look up the addresses of LAPACK, as lowering does; an executable that was read from disk needs them.
+
+    Raises:
+        ImportError: if this jaxlib has no such module; then no executable that calls LAPACK is kept on disk.
+    """
+    if _lapack is None:
+        raise ImportError("jaxlib.lapack")
+    _lapack.prepare_lapack_call("gesdd", np.dtype(np.float64))
+
+
+has_lapack = _lapack is not None
