@@ -30,7 +30,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jhd.arithmetic.rounding import power_of_two, smallest_normal
-from jhd.arithmetic.scaling import common_exponent
+from jhd.arithmetic.scaling import common_exponent, ldexp
 from jhd.arrays import array_of, is_traced, real_array, varying
 from jhd.compiled import compiled
 from jhd.display import described, most_text, opaque, size_text
@@ -147,7 +147,7 @@ def _checked_spacing(spacing: Numbers, axes: int) -> tuple[Array, int, bool]:
 def _in_unit(distance: Array, power: int) -> Array:
     if power == 0:
         return distance
-    return jnp.ldexp(distance, power) if is_traced(distance) else array_of(np.ldexp(np.asarray(distance), power))
+    return ldexp(distance, power) if is_traced(distance) else array_of(np.ldexp(np.asarray(distance), power))
 
 
 def _nearest(grid: Any, sides: Array, equal: bool, method: str) -> Array:

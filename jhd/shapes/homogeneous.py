@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from jhd.arithmetic import bernstein
-from jhd.arithmetic.scaling import common_exponent
+from jhd.arithmetic.scaling import common_exponent, ldexp
 from jhd.arrays import is_traced, module_of, undifferentiated
 
 
@@ -44,13 +44,13 @@ def in_unit(control_points: Array, weights: Array | None) -> tuple[Any, Any, Any
     xp: Any = jnp if is_traced(control_points, weights) else np
     parts = [None if x is None else xp.asarray(x) for x in (control_points, weights)]
     powers = [0 if x is None else common_exponent(undifferentiated(x)) for x in parts]
-    points, divided = (None if x is None else xp.ldexp(x, -k) for x, k in zip(parts, powers, strict=True))
+    points, divided = (None if x is None else ldexp(x, -k) for x, k in zip(parts, powers, strict=True))
     return points, divided, powers[0], powers[1]
 
 
 def out_of_unit(array: Array | None, power: Any) -> Any:
     """An array times a power of two, on the host where it is known."""
-    return None if array is None else (jnp if is_traced(array, power) else np).ldexp(array, power)
+    return None if array is None else ldexp(array, power)
 
 
 def cartesian(homogeneous: Any, rational: bool) -> tuple[Any, Any]:

@@ -94,7 +94,7 @@ def frames(corners: Float[Any, "triangles 3 3"], dtype: DTypeLike) -> Frames:
     height = xp.where(flat, 0.0, height)
     parts = [length, *_edge(xp, along, height), *_edge(xp, along - length, height), along, height]
     columns = xp.concatenate([a, u, v, xp.stack(parts, axis=1)], axis=1)
-    table = xp.ldexp(columns, np.isin(np.arange(COLUMNS), LENGTHS[3:]) * power[:, None]).astype(dtype)
+    table = ldexp(columns, np.isin(np.arange(COLUMNS), LENGTHS[3:]) * power[:, None]).astype(dtype)
     defect = _defect(xp, table.astype(corners.dtype), b, c) + 16 * roundoff
     return Frames(table, turn, xp.max(table[:, 9]), defect)
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.arithmetic.scaling import length, scale_of, times_two_to, unit
+from jhd.arithmetic.scaling import ldexp, length, scale_of, times_two_to, unit
 
 
 @pytest.mark.parametrize("exponent", [-1000, -600, 0, 600, 1020])
@@ -47,3 +47,19 @@ def test_powers_of_two_are_exact_from_end_to_end_of_the_normal_numbers(dtype):
     most = info.maxexp - 24
     scales = [float(scale_of(jnp.asarray(int(k)), dtype)) for k in (most + 9, most, 3, 0, -most, -most - 9)]
     assert scales == [2.0**-most, 2.0**-most, 0.125, 1.0, 2.0**most, 2.0**most]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_compiled_scaling_is_that_of_numpy_where_results_are_normal(dtype):
+    info = np.finfo(dtype)
+    x = np.array([0.7, -1.5, info.max, info.tiny, info.smallest_subnormal, 0.0, np.inf, -np.inf, np.nan], dtype)
+    powers = np.array([0, 1, -1, 37, -37, *np.array([1, -1, 2, -2, 3, -3]) * info.maxexp])[:, None]
+    with np.errstate(over="ignore"):
+        exact = np.ldexp(x, powers)
+    exact = np.where(np.abs(exact) < info.tiny, np.copysign(0.0, exact), exact)
+    program = jax.jit(ldexp)
+    np.testing.assert_array_equal(program(x, powers), exact)
+    # It is not exact on GPUs.
+    assert "stablehlo.power" not in program.lower(x, powers).as_text()
+    slopes = jax.jit(jax.vmap(jax.grad(ldexp), (None, 0)))(x[0], powers[:5, 0])
+    np.testing.assert_array_equal(slopes, np.ldexp(np.ones((), dtype), powers[:5, 0]))

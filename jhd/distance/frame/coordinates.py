@@ -81,8 +81,7 @@ def reported(frame: Frame, solution: HausdorffSolution) -> HausdorffSolution:
 
 
 def _place(frame: Frame, x: Any) -> Any:
-    xp = jnp if is_traced(x, frame) else np
-    return xp.ldexp(xp.ldexp(xp.asarray(x), frame.second) + frame.centre, frame.first)
+    return ldexp(ldexp(x, frame.second) + frame.centre, frame.first)
 
 
 def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
@@ -90,7 +89,7 @@ def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
     xp = jnp if is_traced(x, frame) else np
     given = xp.asarray(x)
     with np.errstate(over="ignore"):
-        scaled = xp.ldexp(given, frame.first + frame.second)
+        scaled = ldexp(given, frame.first + frame.second)
     if toward is None:
         return scaled
     if toward == 0:  # a lower bound that overflows is at least the largest float
@@ -152,10 +151,9 @@ def frame_of(
         usable: whether all numbers of the shapes were.
         centre: of the box of all, from its corners, which are at most one.
     """
-    scaled = ldexp if is_traced(corners, usable) else np.ldexp
     low, high = _box_of(corners)
     first = common_exponent(low, high)
-    low, high = scaled(low, -first), scaled(high, -first)
+    low, high = ldexp(low, -first), ldexp(high, -first)
     at = centre(low, high)
     # Where all points are one, every difference is an exact zero: nothing is left that an error could be relative to.
     return Frame(at, first, common_exponent(low - at, high - at, nothing=-_VANISHING), usable)
@@ -164,6 +162,4 @@ def frame_of(
 def common_points(frame: Frame, x: Any) -> Any:
     """Points of the user's in the common coordinates; subtracting the centre rounds each coordinate once."""
     centre, first, second = frame.centre, frame.first, frame.second
-    if is_traced(x, centre, first):
-        return jnp.ldexp(ldexp(jnp.asarray(x), -first) - centre, -second)
-    return np.ldexp(np.ldexp(np.asarray(x), -first) - centre, -second)
+    return ldexp(ldexp(x, -first) - centre, -second)

@@ -230,11 +230,11 @@ def _scaled(a: Array, error: Array, exponents: Any) -> tuple[Array, Array]:
     shift = total - jnp.max(total)
     kept = shift >= _LOWEST
     lost = jnp.where(some & ~kept, 2.0**_LOWEST if a.dtype == jnp.float64 else smallest_normal(a.dtype), 0.0)
-    scaled = jnp.where(kept & some, jnp.ldexp(mantissa, jnp.where(kept, shift, 0)), 0.0)
+    scaled = jnp.where(kept & some, scaling.ldexp(mantissa, jnp.where(kept, shift, 0)), 0.0)
     # Errors are rounded up to a power of two of their own.
     unit, power = jnp.frexp(error)
     power = power + exponents - jnp.max(total)
-    grown = jnp.ldexp(unit, jnp.clip(power, _LOWEST, 1000))
+    grown = scaling.ldexp(unit, jnp.clip(power, _LOWEST, 1000))
     return scaled, jnp.where(error > 0, grown, 0.0) + lost
 
 

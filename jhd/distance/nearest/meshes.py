@@ -103,15 +103,15 @@ def _traced(points: Array, mesh: TriangleMesh) -> Projection:
     distance = jnp.sqrt(square)
     error = round_up(round_up(factor * (distance + 2 * found.longest)) + absolute_floor(corners.dtype))
     nu, most = smallest_normal(corners.dtype), largest(corners.dtype)
-    lower = jnp.ldexp(jnp.maximum(round_down(distance - error), 0.0), exponent)
+    lower = ldexp(jnp.maximum(round_down(distance - error), 0.0), exponent)
     lower = jnp.where(lower < 2 * nu, 0.0, jnp.minimum(lower, most))
-    upper = jnp.maximum(jnp.ldexp(round_up(distance + error), exponent), 2 * nu)
+    upper = jnp.maximum(ldexp(round_up(distance + error), exponent), 2 * nu)
     result = jax.vmap(lambda g: result_where(g, RESULTS.successful, RESULTS.nonfinite_value))(good)
     return Projection(
-        distance=jnp.where(good, jnp.ldexp(distance, exponent), jnp.inf),
+        distance=jnp.where(good, ldexp(distance, exponent), jnp.inf),
         lower=jnp.where(good, lower, 0.0),
         upper=jnp.where(good, upper, jnp.inf),
-        foot=jnp.ldexp(foot, exponent),
+        foot=ldexp(foot, exponent),
         segment=triangle.astype(mesh.triangles.dtype),
         t=t,
         result=result,

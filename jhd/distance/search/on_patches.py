@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
-from jhd.arithmetic.scaling import common_exponent, length, unit_weights
+from jhd.arithmetic.scaling import common_exponent, ldexp, length, unit_weights
 from jhd.compiled import compiled, optimised
 from jhd.distance.cells.beside import beside_net, of_points
 from jhd.distance.cells.pairs import Cell, bound, nearest_in
@@ -315,7 +315,7 @@ def _about(net: Net, point: Array, piece: Array) -> _About:
     unit = jnp.maximum(jnp.max(jnp.abs(offsets)), 4 * smallest_normal(offsets.dtype))
     power = jnp.frexp(unit)[1]
     one = jnp.ones((1, 1, 3), offsets.dtype)
-    return _About(Net(0 * one, None), Net(jnp.ldexp(offsets, -power), part.weights), power)
+    return _About(Net(0 * one, None), Net(ldexp(offsets, -power), part.weights), power)
 
 
 def _lengths(about: _About, lower: Array, upper: Array, distance: Array) -> tuple[Array, Array, Array]:
@@ -323,9 +323,9 @@ def _lengths(about: _About, lower: Array, upper: Array, distance: Array) -> tupl
     dtype = distance.dtype
     tiny = 64 * smallest_normal(dtype)
     low = jnp.maximum(lower - about.error, 0.0) * (1 - gamma(4, dtype))
-    low = jnp.maximum(jnp.ldexp(low, about.unit) - tiny, 0.0)
+    low = jnp.maximum(ldexp(low, about.unit) - tiny, 0.0)
     high = (upper + about.error) * (1 + gamma(4, dtype))
-    return low, jnp.ldexp(high, about.unit) + tiny, jnp.ldexp(distance, about.unit)
+    return low, ldexp(high, about.unit) + tiny, ldexp(distance, about.unit)
 
 
 @optimised
