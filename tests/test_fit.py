@@ -62,6 +62,7 @@ def test_the_best_quarter_circle_of_one_parameter_is_found(start):
     assert solution.error.lower <= ERROR * (1 + 1e-12) and ERROR * (1 - 1e-12) <= solution.error.upper
 
 
+@pytest.mark.slow
 def test_the_error_is_proven_and_the_history_falls():
     solution = fitted(0.8)
     assert name_of(solution.error.result) == "successful"

@@ -476,6 +476,7 @@ print([float(x).hex() for x in run(np.array([[3.0, 1.0], [1.0, 2.0]]))[0]])
     np.testing.assert_allclose(found, [(5 + 5**0.5) / 2, (5 - 5**0.5) / 2], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_results_stay_on_the_devices_of_the_arguments_and_only_those_of_the_first_are_kept(tmp_path):
     script = """
 import jax, numpy as np

@@ -107,6 +107,7 @@ def test_random_queries_never_miss_the_nearest_point_of_a_rational_curve(method,
         is_global(jhd.project(rows, jhd.BezierSegments(control_points, weights), method), rows, control_points, weights)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", GLOBAL, ids=kind)
 def test_bounds_hold_against_rational_arithmetic_for_weights_of_every_size(method):
     rng = np.random.default_rng(9)
@@ -360,6 +361,7 @@ def test_what_does_not_fit_is_said():
     assert isinstance(caught.value.solution, jhd.StationaryPoints)
 
 
+@pytest.mark.slow
 def test_a_full_solver_leaves_true_bounds():
     control_points = np.random.default_rng(8).normal(size=(1, 9, 2))
     rows = random_queries(np.random.default_rng(8), control_points, None)
@@ -446,6 +448,7 @@ def test_traced_queries_that_are_not_finite_never_look_like_a_distance():
     assert found.lower == 0 and found.upper == np.inf
 
 
+@pytest.mark.slow
 def test_a_query_that_is_no_number_keeps_its_answer_under_jit():
     curve = jhd.BezierCurve([[0.0, 0.0], [1.0, 2.0], [3.0, 0.0]])
     queries = jnp.array([[0.5, np.nan], [0.5, 2.0]])

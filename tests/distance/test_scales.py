@@ -44,6 +44,7 @@ def test_points_of_any_size_are_asked_for_at_once():
     assert np.all(near.lower <= length * (1 + 1e-15)) and np.all(near.upper >= length * (1 - 1e-15))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("power", swept(POWERS[1:], 1))
 def test_an_adaptive_field_and_its_proven_error_do_not_depend_on_the_unit(power):
     fields = [AdaptiveDistanceField.build(octahedron(k), np.ldexp(0.05, k), max_depth=2) for k in (0, power)]
@@ -120,6 +121,7 @@ def test_a_surface_made_of_splines_has_the_same_patches_in_every_unit():
     np.testing.assert_array_equal(np.ldexp(np.asarray(scaled.control_points), 1000), plain.control_points)
 
 
+@pytest.mark.slow
 def test_subnormal_coefficients_count_under_jit():
     # z = 1e-20 x^4 up to x = 4e6, where the second term is half as large as the first.
     coefficients = np.zeros((5, 1, 2))

@@ -75,6 +75,7 @@ def boxes(field):
     return lower, float(field.spacing) * np.asarray(field.widths), np.asarray(field.values)[np.asarray(field.corners)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["field", "full"])
 def test_the_leaves_fill_the_box_and_their_corners_hold_exact_distances(which, request):
     field = request.getfixturevalue(which)

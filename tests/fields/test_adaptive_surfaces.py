@@ -66,6 +66,7 @@ def from_square(points):
     return np.linalg.norm(points - np.clip(points, [0, 0, 0], [1, 1, 0]), axis=1)
 
 
+@pytest.mark.slow
 def test_an_open_patch_has_no_inside_and_its_field_is_without_signs():
     with pytest.raises(ValueError, match="the surface is open, so it has no inside; take sign='none'"):
         AdaptiveDistanceField.build(SQUARE, 0.1)

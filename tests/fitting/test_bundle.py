@@ -55,6 +55,7 @@ def test_the_pairs_of_a_fit_are_both_directions():
     assert fit.result == jhd.RESULTS.fit_steps_exhausted
 
 
+@pytest.mark.slow
 def test_parameters_count_by_how_far_they_move_the_shape():
     np.testing.assert_allclose(motions(moved, np.zeros(3)), np.ones(3))
     np.testing.assert_allclose(motions(lambda p: moved(10 * p), np.zeros(3)), np.full(3, 0.1))

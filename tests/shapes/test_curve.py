@@ -573,6 +573,7 @@ def test_the_gradient_of_a_point_is_its_bernstein_basis():
     assert float(jnp.sum(jnp.abs(gradient))) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_the_precision_is_double_unless_the_environment_says_otherwise():
     assert jhd.circle((0, 0), 1).control_points.dtype == "float64"
     code = (

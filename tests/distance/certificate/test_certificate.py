@@ -17,9 +17,10 @@ from tests.processes import python
 from tests.sweeps import swept
 
 # Pairs of the few programs that quick tests compile, one of each kind of difficulty.
-QUICK = ["arch_and_wave", "circle_in_ellipse", "segment_to_points", "halved_wave", "arch_and_wave_small"]
+QUICK = ["arch_and_wave", "circle_in_ellipse", "segment_to_points"]
+OTHERS = ["halved_wave", "arch_and_wave_small"]
 # Slow ones: in the plane one of each tag, and one of each kind that needs programs of its own.
-SLOW = {*of_each_tag([c for c in CASES if is_quick(c) and c.a.control_points.shape[2] == 2]), *FURTHER}
+SLOW = {*of_each_tag([c for c in CASES if is_quick(c) and c.a.control_points.shape[2] == 2]), *FURTHER, *OTHERS}
 # A two-sided certificate covers both curves; of the directed ones every other case has either.
 EVERY = [(case.name, kind) for k, case in enumerate(CASES) for kind in (("ab", "ba")[k % 2], "two_sided")]
 # Cells of a pair of the table: the most was a few hundred for a thousand segments.

@@ -63,6 +63,7 @@ def test_weights_count_and_the_larger_direction_is_taken_and_differentiated():
     assert float(jax.grad(moved)(0.0)) == pytest.approx(difference(moved), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_means_are_differentiated_in_their_weights_in_programs_too():
     # The mean of d with weights w moves with w_k by (d_k - mean) / sum w.
     points, d = jhd.points(SCATTERED), np.linalg.norm(SCATTERED, axis=1)
@@ -165,6 +166,7 @@ def test_in_programs_what_a_plain_call_refuses_the_result_says():
     assert (float(found.lower), float(found.upper)) == (0.0, math.inf)
 
 
+@pytest.mark.slow
 def test_weights_of_a_measure_count_in_fits():
     scan, target = np.array([[-1.0, 0.0], [1.0, 0.0], [9.0, 0.0]]), np.array([1.0, 1.0, 0.0])
     fit = jhd.minimise_hausdorff(
@@ -197,6 +199,7 @@ def test_derivatives_in_control_points_are_those_of_differences_and_bounds_hold_
     assert float(found.lower) - 1e-4 <= max(dense) <= float(found.upper) + 1e-4
 
 
+@pytest.mark.slow
 def test_curves_that_coincide_have_the_derivative_zero_and_near_ones_that_of_their_distance():
     ends = np.array([(0.1, 0.2), (0.7, 1.1), (2.3, 0.4)])
 

@@ -30,6 +30,9 @@ def answer(point, vertices):
     return jnp.concatenate([found.distance[None], found.foot, found.t])
 
 
+slopes = jax.jit(jax.jacobian(answer, (0, 1)))
+
+
 def differences(function, x):
     """Central differences of an array-valued function in all entries of x, last axes."""
     columns = []
@@ -42,7 +45,7 @@ def differences(function, x):
 
 @pytest.mark.parametrize("query", QUERIES, ids="face corner border edge".split())
 def test_derivatives_are_those_of_differences(query):
-    by_point, by_vertices = jax.jacobian(answer, (0, 1))(jnp.array(query), jnp.array(VERTICES))
+    by_point, by_vertices = slopes(jnp.array(query), jnp.array(VERTICES))
     # On a common edge either triangle may be named, and coordinates are those on it.
     rows = 4 if np.array_equal(query, QUERIES[-1]) else 7
     expected = differences(lambda x: answer(x, VERTICES), query), differences(lambda x: answer(query, x), VERTICES)

@@ -65,6 +65,7 @@ def test_a_foot_is_proven_to_be_the_nearest_before_cells_are_small():
     assert int(np.max(steps(places(8)[:8] / scale))) <= 10
 
 
+@pytest.mark.slow
 def test_bounds_at_a_cuspidal_edge_are_as_near_as_signs_tell():
     # The edge of z^2 = x^3 is the y-axis: no gradient leads there, and signs beside it are rounding up to about 1e-5.
     coefficients = np.zeros((4, 1, 3))

@@ -128,6 +128,7 @@ def test_a_mesh_at_one_place_is_one_voxel():
     np.testing.assert_allclose(found.distance, np.sqrt(3), rtol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_algorithm_1_as_published_splits_the_cube_about_the_mesh_by_local_distances_and_averaged_signs():
     """The leaves are those of the printed recursion, and their values those of the local search."""
     mesh, atol, method, depth = sphere(120), 0.1, jhd.VertexVoxels(8), 3

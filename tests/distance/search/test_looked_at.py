@@ -25,6 +25,7 @@ def side_of(name):
     return prepare_surfaces(surface, surface)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", swept(SURFACES, quick=["empty"], slow=["cone"]))
 def test_covers_and_clouds_are_those_of_one_program(name):
     side = side_of(name)

@@ -40,6 +40,7 @@ def test_progress_comes_with_shrinking_bounds_of_both_directions():
     assert max(p.upper for p in seen if p.waiting == 0) >= float(solution.lower)
 
 
+@pytest.mark.slow
 def test_a_long_search_reports_more_than_once():
     seen = []
     jhd.directed_hausdorff(FOLDED, LINE, throw=False, progress=seen.append)
@@ -97,6 +98,7 @@ def test_an_interrupted_search_hands_back_the_bounds_it_had_reached(kind, monkey
     assert int(stopped.stats["steps"]) <= 1 < int(whole.stats["steps"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_interruption_of_one_direction_ends_the_other_where_it_begins(kind, monkeypatch):
     search, shapes = FARTHEST[kind]

@@ -48,6 +48,7 @@ def test_the_published_cones_are_proven_to_ten_digits():
     assert int(solution.stats["a_to_b_cells"]) < 2000 > int(solution.stats["b_to_a_cells"])
 
 
+@pytest.mark.slow
 def test_two_feet_of_the_first_cone_balance():
     solution = jhd.directed_hausdorff(*CONES)
     check(solution, EXACT_H12, 1e-10 * 4 * math.sqrt(3))

@@ -115,6 +115,7 @@ def test_samples_alone_show_the_largest_maximum_where_a_curve_stands_still(count
             assert solution.lower * (1 - 1e-9) - 1e-13 <= first <= solution.upper * (1 + 1e-9) + 1e-13, (a, b)
 
 
+@pytest.mark.slow
 def test_a_largest_maximum_between_samples_comes_first():
     for *points, least in NARROW:
         a, b = (cubic(rows) for rows in points)

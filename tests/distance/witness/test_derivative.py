@@ -263,6 +263,7 @@ def test_projections_are_differentiable_in_points_and_curve(dim, rational):
     np.testing.assert_allclose(rule, (ahead - behind) / (2 * h), rtol=FIRST, atol=FIRST)
 
 
+@pytest.mark.slow
 def test_second_derivatives_of_the_nearest_point_of_a_circle_are_those_of_the_direction():
     quarter = jhd.BezierCurve([(1, 0), (1, 1), (0, 1)], [1.0, np.sqrt(0.5), 1.0])
     point, way = jnp.array([1.5, 0.75]), jnp.array([0.5, -1.0])
