@@ -1,9 +1,13 @@
-"""Sweeps over many cases: which of them the quick tests and the slow tests take; all others are exhaustive."""
+"""Which tests are run: of sweeps over many cases the quick and the slow ones, and those for CPUs alone."""
 
 from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
+import jax
 import pytest
+
+# On accelerators no program is kept, and memory and options of the compiler are not asked for.
+CPU_ONLY = pytest.mark.skipif(jax.default_backend() != "cpu", reason="about programs and memory of CPUs")
 
 
 def swept(

@@ -9,6 +9,7 @@ import pytest
 
 from jhd import compiled as module
 from jhd.compiled import asking, compiled, make_room
+from tests.sweeps import CPU_ONLY
 
 
 @compiled
@@ -117,7 +118,7 @@ def test_whoever_asks_is_heard_before_a_program_is_compiled_and_not_where_it_is_
     np.testing.assert_array_equal(double(np.arange(4.0)), [0, 2, 4, 6])
 
 
-@pytest.mark.skipif(jax.default_backend() != "cpu", reason="the options are those of the compiler for CPUs")
+@CPU_ONLY
 def test_flags_that_the_user_gave_to_the_compiler_go_before_the_level_of_a_program(monkeypatch):
     # Newer versions of XLA do not have the first one.
     emitters = {name: False for name in ("xla_cpu_use_fusion_emitters",) if module._is_option(name, False)}

@@ -30,6 +30,7 @@ from jhd.io import load_result
 from jhd.report import progress_text
 from jhd.warming import KINDS, Preparation, preparations
 from tests.processes import python
+from tests.sweeps import CPU_ONLY
 
 # The base and the diagonal of a rectangle 4 by 3: the upper corner is 3 away from the base, the lower right corner
 # 2.4 from the diagonal.
@@ -298,6 +299,7 @@ def test_the_doctor_names_versions_devices_and_precision_and_checks_itself(run):
     assert (status, json.loads(out)["passed"]) == (0, True)
 
 
+@CPU_ONLY
 def test_the_doctor_says_what_is_kept_and_why_a_folder_is_not_used(run, monkeypatch, tmp_path):
     def said():
         return next(line for line in run("doctor")[1].splitlines() if line.startswith("programs  ")).split(maxsplit=1)[
@@ -318,6 +320,7 @@ def test_the_doctor_says_what_is_kept_and_why_a_folder_is_not_used(run, monkeypa
         assert said() == f"{folder} (not used: others can write to it)"
 
 
+@CPU_ONLY
 def test_warm_keeps_the_programs_of_the_kinds_that_are_named(run, monkeypatch, tmp_path):
     monkeypatch.setenv("JHD_CACHE", str(tmp_path / "kept"))
     monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
@@ -334,6 +337,7 @@ def test_warm_keeps_the_programs_of_the_kinds_that_are_named(run, monkeypatch, t
     assert [row["name"] for row in json.loads(out)["prepared"]] == ["plane: one", "meshes: one"]
 
 
+@CPU_ONLY
 def test_warm_shows_a_bar(run, monkeypatch, tmp_path):
     monkeypatch.setenv("JHD_CACHE", str(tmp_path))
     monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
@@ -344,6 +348,7 @@ def test_warm_shows_a_bar(run, monkeypatch, tmp_path):
     assert f"[{'#' * 12}{'.' * 12}] 1/2 two" in err
 
 
+@CPU_ONLY
 def test_warm_says_where_nothing_can_be_kept(run, monkeypatch, tmp_path):
     assert run("warm")[2] == "jhd: error: JHD_CACHE is 0, or there is no home folder: programs are not kept.\n"
     monkeypatch.setenv("JHD_CACHE", str(tmp_path))

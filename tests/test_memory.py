@@ -2,7 +2,6 @@
 
 import resource
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from jhd import memory
 from jhd.compiled import compiled
 from jhd.distance.many.table import check_table
 from jhd.fields.adaptive_extract import Leaves, extracted
+from tests.sweeps import CPU_ONLY
 
 TABLE = 1 << 45
 
@@ -45,7 +45,7 @@ def big(x):
     return jnp.sort(jnp.sin(jnp.arange(TABLE) * x[0]))[5]
 
 
-@pytest.mark.skipif(jax.default_backend() != "cpu", reason="the free memory of accelerators is not asked for")
+@CPU_ONLY
 @pytest.mark.parametrize("kept", [False, True])
 def test_programs_that_would_take_too_much_are_refused_before_they_run(kept, monkeypatch, tmp_path):
     if kept:

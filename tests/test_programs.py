@@ -26,6 +26,9 @@ from jhd.distance.frame import directions
 from jhd.distance.witness import balance, meshes, places
 from jhd.programs import NotKeptError, is_ours, name_of_program
 from tests.processes import at_once
+from tests.sweeps import CPU_ONLY
+
+pytestmark = CPU_ONLY
 
 
 @pytest.fixture
