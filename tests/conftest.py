@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +29,12 @@ _WORTH = "0.1"
 # Tests in a process of their own find the same programs.
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = _WORTH
 os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
-# Programs that the package itself keeps are of its functions as they are; tests set constants of theirs. Those that are
-# about keeping name a folder.
-os.environ.setdefault("JHD_CACHE", "0")
+# Programs that the package itself keeps are read by the other processes of these tests, and again where they were
+# dropped, without being traced; the folder goes with the tests. Those that are about keeping name one of their own.
+_KEPT = None
+if "JHD_CACHE" not in os.environ:
+    _KEPT = tempfile.TemporaryDirectory()
+    os.environ["JHD_CACHE"] = _KEPT.name
 jax.config.update("jax_compilation_cache_dir", _FOLDER)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", float(_WORTH))
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
@@ -107,6 +111,12 @@ def pytest_configure(config):
     if not quick or os.environ.get("CHECK_ANNOTATIONS") == "1":
         # The hook takes the name of a checker, not the checker.
         jaxtyping.install_import_hook("jhd", f"{__name__}.checked")
+
+
+def pytest_unconfigure():
+    """The programs that these tests kept are removed."""
+    if _KEPT is not None:
+        _KEPT.cleanup()
 
 
 def _is_flag(flag):
