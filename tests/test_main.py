@@ -200,7 +200,7 @@ def test_surfaces_are_polynomials_with_a_box(run, monkeypatch):
     assert err.endswith("\r\x1b[K")
 
 
-@pytest.mark.slow  # compiles the search
+@pytest.mark.exhaustive  # compiles the search
 def test_the_default_method_closes_the_bounds_of_surfaces(run):
     status, out, err = run("distance", *SPHERES, "--atol", "1e-3", "--json")
     content = json.loads(out)

@@ -502,7 +502,7 @@ with jax.default_device(second):
     assert len(files(tmp_path / "programs")) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_eight_processes_with_one_empty_folder_answer_alike_and_so_do_those_after_them(tmp_path):
     script = """
 import numpy as np, jhd

@@ -79,7 +79,7 @@ def test_tori_and_spheres_are_as_far_from_each_other_as_their_radii():
     ("a", "b", "exact"),
     [
         pytest.param(torus(0.3), torus(0.4), 0.1, marks=pytest.mark.exhaustive, id="tori"),
-        pytest.param(sphere(1.0), sphere(1.5), 0.5, marks=pytest.mark.slow, id="spheres"),
+        pytest.param(sphere(1.0), sphere(1.5), 0.5, marks=pytest.mark.exhaustive, id="spheres"),
     ],
 )
 def test_the_minimum_distance_of_coaxial_tori_and_of_concentric_spheres_closes(a, b, exact):
@@ -89,14 +89,14 @@ def test_the_minimum_distance_of_coaxial_tori_and_of_concentric_spheres_closes(a
     assert int(found.stats["steps"]) < 3600
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_minimum_distance_of_concentric_circles_closes_by_default():
     found = jhd.minimum_distance(jhd.circle([0, 0], 1.0), jhd.circle([0, 0], 1.5))
     assert_is(found, 0.5, 1e-9)
     assert int(found.stats["steps"]) < 1000
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_nearest_points_of_a_circle_and_its_axis_are_given_up_with_steps_to_spare():
     # All points of the circle are as near to the one in the middle of the axis.
     circle = jhd.circle([0, 0], 1.0)
@@ -107,7 +107,7 @@ def test_nearest_points_of_a_circle_and_its_axis_are_given_up_with_steps_to_spar
     assert int(found.stats["steps"]) < 2500
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_triangles_between_points_of_a_cylinder_are_as_far_as_their_chords():
     count = 24
     angles = 2 * np.pi * np.arange(count) / count

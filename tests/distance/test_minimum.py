@@ -354,7 +354,7 @@ INSIDE = {
 }
 
 
-@pytest.mark.parametrize("name", swept(INSIDE, slow=["cylinders", "sheets"]))
+@pytest.mark.parametrize("name", swept(INSIDE, slow=["sheets"]))
 def test_surfaces_inside_of_each_other_that_are_as_near_everywhere_or_along_a_line(name):
     inner, outer, exact, gap = INSIDE[name]
     a, b = (ImplicitSurface.parse(text, [-2] * 3, [2] * 3) for text in (inner, outer))

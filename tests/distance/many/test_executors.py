@@ -99,7 +99,7 @@ def check_same_bytes(tmp_path, body):
     assert len(whole) == 1 + 24 and whole == other
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @POSIX
 @pytest.mark.skipif(find_spec("distributed") is None, reason="dask[distributed] is not installed")
 def test_workers_of_dask_that_are_killed_are_replaced_and_leave_the_same_bytes(tmp_path):

@@ -29,7 +29,7 @@ with open("/proc/self/status") as lines:
 """
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere the peak is counted otherwise")
 def test_ten_thousand_shapes_take_less_than_a_gigabyte():
     assert int(python("-c", _RUN).stdout) * 1024 < 1e9

@@ -258,8 +258,7 @@ def test_parallel_squares_are_everywhere_as_far_as_their_planes(measure):
         assert float(slope) == pytest.approx(1.0, rel=1e-9)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("scale", [2.0**-500, 2.0**500])
+@pytest.mark.parametrize("scale", swept([2.0**-500, 2.0**500], slow=[2.0**500]))
 def test_measures_scale_with_the_shapes(scale):
     for measure in (jhd.Mean(), jhd.RootMeanSquare(), jhd.Quantile(0.5)):
         a, b = (jhd.BezierSegments(x[:1]) for x in CURVES)

@@ -60,7 +60,7 @@ def test_blocks_prove_what_all_segments_prove(kind):
     assert np.all((segment >= 0) & (segment < curve.count) & (t >= 0) & (t <= 1))
 
 
-@pytest.mark.slow  # programs of its own
+@pytest.mark.exhaustive  # programs of its own
 def test_a_table_that_is_too_short_for_a_long_curve_grows_before_the_first_step():
     # Every segment is as far from the other ring, so none is closed by the first bounds at a tolerance of zero.
     angles = np.linspace(0, 2 * np.pi, 769)
@@ -90,7 +90,7 @@ def test_many_queries_of_a_long_curve_come_back_in_their_order():
         assert np.all(found.upper - found.lower <= 1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_many_curved_segments_are_at_no_distance_from_themselves_at_once():
     points, _ = _segments("overlapping", np.random.default_rng(6))
     solution = jhd.directed_hausdorff(jhd.BezierSegments(points), jhd.BezierSegments(points[::-1]))

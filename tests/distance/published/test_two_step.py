@@ -233,7 +233,7 @@ def test_the_printed_rule_for_ends_of_b_names_a_distance_that_a_does_not_have():
 # ---- counts --------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow  # programs of their own
+@pytest.mark.exhaustive  # programs of their own
 def test_samples_are_counted_once_and_without_padding():
     """Ten steps of one segment are eleven samples; 90 of a closed curve of 90 segments are 90, however asked for."""
     one = jhd.BezierCurve([[0.0, 0.0], [1.0, 2.0], [2.0, -1.0], [3.0, 1.0]])

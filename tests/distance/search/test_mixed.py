@@ -51,7 +51,7 @@ def test_spheres_of_extreme_sizes_are_as_close_as_those_of_size_one(exponent):
     enclosed(found, 2 * Fraction(2) ** exponent, 1e-12 * 2.0**exponent)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_bounds_hold_far_from_the_origin_under_a_trace():
     """Moving rounds there, so the gap may stay open; the bounds may not lie."""
 

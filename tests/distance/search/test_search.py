@@ -121,7 +121,7 @@ def test_an_interrupted_search_for_a_minimum_hands_back_the_bounds_it_had_reache
     assert int(stopped.stats["steps"]) == 0 < int(whole.stats["steps"])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_larger_distance_keeps_both_directed_ones():
     a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
     there, back = jhd.directed_hausdorff(a, b), jhd.directed_hausdorff(b, a)

@@ -206,7 +206,7 @@ def test_cells_without_a_point_do_not_count(name):
     check(jhd.directed_hausdorff(parsed(a), parsed(b), jhd.BranchAndBound(atol=gap / 2), throw=False), exact, gap)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_one_program_gives_the_same_under_jit_vmap_and_grad():
     def distance(coefficients):
         a = ImplicitSurface(coefficients, LOWER, UPPER, reduced=False)

@@ -206,7 +206,7 @@ def test_values_have_their_derivatives(name):
     np.testing.assert_allclose(np.asarray(tangent)[same], difference[same], rtol=0, atol=1e2 * GRADIENT)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_batch_gives_what_single_pairs_give():
     a, b = pair_of("arch_and_wave")
     moves = jnp.linspace(0.0, 0.1, 3)

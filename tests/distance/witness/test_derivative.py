@@ -105,7 +105,7 @@ def test_the_gradient_agrees_with_differences(kinds):
     "entry",
     [
         pytest.param(jhd.directed_hausdorff, marks=pytest.mark.exhaustive, id="directed"),
-        pytest.param(jhd.hausdorff, marks=pytest.mark.slow, id="two_sided"),
+        pytest.param(jhd.hausdorff, marks=pytest.mark.exhaustive, id="two_sided"),
     ],
 )
 def test_the_gradient_agrees_for_every_event_and_kind_of_shape(entry):
@@ -299,7 +299,7 @@ print(len(missed))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_two_devices_share_a_batch_and_programs_come_from_the_persistent_cache(tmp_path):
     env = os.environ | {
         "JAX_COMPILATION_CACHE_DIR": str(tmp_path),
