@@ -45,9 +45,17 @@ def scale_of(power: Any, dtype: Any) -> Array:
     return _two_to(-jnp.clip(power, -most, most), dtype)
 
 
-def times_two_to(x: Array, power: Any) -> Array:
-    """The product x 2^power in a compiled program, where both it and x are normal numbers or zero."""
-    half = power // 2
+def times_two_to(x: Any, power: Any) -> Any:
+    """The product x 2^power of a normal number or zero, exact where it is normal; elsewhere as `ldexp`.
+
+    A program for it has two multiplications, where `ldexp` has thirty operations.
+    """
+    if not is_traced(x, power):
+        return np.ldexp(x, power)
+    x = jnp.asarray(x)
+    info = jnp.finfo(x.dtype)
+    power = jnp.clip(power, 2 * info.minexp, -2 * info.minexp)
+    half = power >> 1
     return x * _two_to(half, x.dtype) * _two_to(power - half, x.dtype)
 
 
@@ -81,6 +89,7 @@ def ldexp(x: Any, power: Any) -> Any:
 
 
 @jax.custom_jvp
+@jax.jit
 def _times_power(x: Array, power: Any) -> Array:
     mantissa, own = frexp(x)
     info, exponent = jnp.finfo(x.dtype), own + power - 1
@@ -92,8 +101,7 @@ def _times_power(x: Array, power: Any) -> Array:
 @_times_power.defjvp
 def _derivative_of_times_power(primals: Any, tangents: Any) -> tuple[Any, Any]:
     (x, power), (dx, _) = primals, tangents
-    most = 2 * jnp.finfo(x.dtype).minexp
-    return _times_power(x, power), times_two_to(dx, jnp.clip(power, most, -most))
+    return _times_power(x, power), times_two_to(dx, power)
 
 
 def unit_weights(weights: Any, axes: int | tuple[int, ...] = -1) -> Any:

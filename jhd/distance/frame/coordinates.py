@@ -81,7 +81,7 @@ def reported(frame: Frame, solution: HausdorffSolution) -> HausdorffSolution:
 
 
 def _place(frame: Frame, x: Any) -> Any:
-    return ldexp(ldexp(x, frame.second) + frame.centre, frame.first)
+    return times_two_to(times_two_to(x, frame.second) + frame.centre, frame.first)
 
 
 def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
@@ -89,7 +89,7 @@ def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
     xp = jnp if is_traced(x, frame) else np
     given = xp.asarray(x)
     with np.errstate(over="ignore"):
-        scaled = ldexp(given, frame.first + frame.second)
+        scaled = times_two_to(given, frame.first + frame.second)
     if toward is None:
         return scaled
     if toward == 0:  # a lower bound that overflows is at least the largest float
@@ -162,4 +162,4 @@ def frame_of(
 def common_points(frame: Frame, x: Any) -> Any:
     """Points of the user's in the common coordinates; subtracting the centre rounds each coordinate once."""
     centre, first, second = frame.centre, frame.first, frame.second
-    return ldexp(ldexp(x, -first) - centre, -second)
+    return times_two_to(ldexp(x, -first) - centre, -second)

@@ -15,7 +15,7 @@ from jax import lax
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import largest, round_down, round_up, smallest_normal
-from jhd.arithmetic.scaling import common_exponent, ldexp
+from jhd.arithmetic.scaling import common_exponent, ldexp, times_two_to
 from jhd.arrays import is_traced, real_array, undifferentiated, varying
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh
@@ -103,15 +103,15 @@ def _traced(points: Array, mesh: TriangleMesh) -> Projection:
     distance = jnp.sqrt(square)
     error = round_up(round_up(factor * (distance + 2 * found.longest)) + absolute_floor(corners.dtype))
     nu, most = smallest_normal(corners.dtype), largest(corners.dtype)
-    lower = ldexp(jnp.maximum(round_down(distance - error), 0.0), exponent)
+    lower = times_two_to(jnp.maximum(round_down(distance - error), 0.0), exponent)
     lower = jnp.where(lower < 2 * nu, 0.0, jnp.minimum(lower, most))
-    upper = jnp.maximum(ldexp(round_up(distance + error), exponent), 2 * nu)
+    upper = jnp.maximum(times_two_to(round_up(distance + error), exponent), 2 * nu)
     result = jax.vmap(lambda g: result_where(g, RESULTS.successful, RESULTS.nonfinite_value))(good)
     return Projection(
-        distance=jnp.where(good, ldexp(distance, exponent), jnp.inf),
+        distance=jnp.where(good, times_two_to(distance, exponent), jnp.inf),
         lower=jnp.where(good, lower, 0.0),
         upper=jnp.where(good, upper, jnp.inf),
-        foot=ldexp(foot, exponent),
+        foot=times_two_to(foot, exponent),
         segment=triangle.astype(mesh.triangles.dtype),
         t=t,
         result=result,

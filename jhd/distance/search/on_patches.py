@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
-from jhd.arithmetic.scaling import common_exponent, ldexp, length, unit_weights
+from jhd.arithmetic.scaling import common_exponent, ldexp, length, times_two_to, unit_weights
 from jhd.compiled import compiled, optimised
 from jhd.distance.cells.beside import beside_net, of_points
 from jhd.distance.cells.pairs import Cell, bound, nearest_in
@@ -323,9 +323,9 @@ def _lengths(about: _About, lower: Array, upper: Array, distance: Array) -> tupl
     dtype = distance.dtype
     tiny = 64 * smallest_normal(dtype)
     low = jnp.maximum(lower - about.error, 0.0) * (1 - gamma(4, dtype))
-    low = jnp.maximum(ldexp(low, about.unit) - tiny, 0.0)
+    low = jnp.maximum(times_two_to(low, about.unit) - tiny, 0.0)
     high = (upper + about.error) * (1 + gamma(4, dtype))
-    return low, ldexp(high, about.unit) + tiny, ldexp(distance, about.unit)
+    return low, times_two_to(high, about.unit) + tiny, times_two_to(distance, about.unit)
 
 
 @optimised
