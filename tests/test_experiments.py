@@ -70,6 +70,7 @@ def test_every_experiment_has_a_claim_that_is_asserted():
     assert sorted(CLAIMS) == names(EXPERIMENTS)
 
 
+@pytest.mark.slow
 def test_an_experiment_whose_claim_does_not_hold_fails_after_its_numbers_are_written(tmp_path):
     experiment = ROOT / "experiments" / "lin03_transform.py"
     save = f"from common import Run; Run({str(experiment)!r}, None).save({{'line': {{'found': [0]}}}}, 'table')"

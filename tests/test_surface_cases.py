@@ -72,7 +72,10 @@ def test_points_and_feet_lie_on_their_surfaces_at_the_distance(direction):
     assert {2: "two_foot", 3: "three_foot"}.get(len(maximum.feet), None) in (None, *direction[0].tags)
 
 
-@pytest.mark.parametrize("direction", DIRECTIONS, ids=name_of)
+@pytest.mark.parametrize(
+    "direction",
+    [pytest.param(x, marks=[pytest.mark.slow] * (k >= 8), id=name_of(x)) for k, x in enumerate(DIRECTIONS)],
+)
 def test_coarse_samples_agree_with_the_values(direction):
     """A sample is off by no more than the diagonals of the cells of both grids."""
     a, b, maximum = parts(direction)

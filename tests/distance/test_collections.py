@@ -142,6 +142,7 @@ def test_what_a_pair_gets_depends_on_nothing_else(every):
             ]
 
 
+@pytest.mark.slow
 def test_padded_curves_are_kept_as_far_as_there_is_room(monkeypatch, every):
     from jhd.distance.many import shapes
 

@@ -119,6 +119,7 @@ def test_points_are_refused_where_they_do_not_fit():
         jhd.directed_hausdorff(jhd.points(CORNERS), jhd.ImplicitSurface.parse("x**2 + 1", [-1] * 3, [1] * 3))
 
 
+@pytest.mark.slow
 def test_an_interruption_in_one_direction_keeps_the_bounds_of_both(monkeypatch):
     monkeypatch.setattr(FarthestSearch, "first_steps", 1)
     points, calls = jhd.points(np.random.default_rng(6).normal(size=(400, 3)) + [1.5, 1.5, 0]), []

@@ -121,6 +121,7 @@ def test_samples_of_a_curved_mesh_have_the_exact_signed_distance(sign):
     np.testing.assert_allclose(values.ravel(), signed_distance(places, mesh), rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_signs_are_right_where_sheets_cross_lie_in_each_other_or_are_turned():
     mesh = union(block(), block(SIZE, 0.2), block(0.1 * SIZE, -0.2, turned=True), block(1e-3 * SIZE, 0.8))
     field = AdaptiveDistanceField.build(mesh, 2e-2)

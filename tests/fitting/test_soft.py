@@ -64,6 +64,7 @@ def test_at_one_distance_everywhere_it_is_as_far_above_as_it_can_be():
     assert float(jhd.soft_hausdorff(a, b, 0.1)) == pytest.approx(1 + 0.1 * SMOOTHING, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_one_search_and_a_thousand_samples_are_what_it_costs(monkeypatch):
     calls = []
 

@@ -38,6 +38,7 @@ def bounds(a, b, low, high, start):
     return float(FollowedFeet(a, b, NetTarget(b)).over(cells, feet, 100.0)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shares", [(0.0, 1.0), (0.25, 0.5)])
 def test_cylinders_are_as_far_from_each_other_as_their_radii(shares):
     low, high = shares

@@ -102,6 +102,7 @@ def test_bounds_are_true_at_all_sizes(name):
         assert np.all(found >= exact - ROUNDING)
 
 
+@pytest.mark.slow
 def test_feet_on_the_border_of_a_box_stay_in_it():
     a = ImplicitSurface.parse("z - 1 + 0.5*x**2", [-2.0] * 3, [2.0] * 3)
     b = ImplicitSurface.parse("z + 0*x**2", [-0.5, -0.5, -1.0], [0.5, 0.5, 1.0])

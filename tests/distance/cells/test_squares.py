@@ -99,6 +99,7 @@ REVOLVED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", swept(REVOLVED, 1, 2))
 def test_from_an_axis_whole_circles_are_proven_to_be_the_nearest_points(name):
     surface, height, exact = REVOLVED[name]
@@ -106,6 +107,7 @@ def test_from_an_axis_whole_circles_are_proven_to_be_the_nearest_points(name):
     assert float(found.lower) <= exact * (1 + 4e-16) and exact * (1 - 4e-16) <= float(found.upper)
 
 
+@pytest.mark.slow
 def test_places_near_a_centre_take_hundreds_of_cells_at_most(monkeypatch):
     counted = []
     target = NetTarget(net_of(sphere(1.0)))

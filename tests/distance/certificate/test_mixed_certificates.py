@@ -124,6 +124,7 @@ def test_minimum_distances_have_certificates():
             certify(a, b, false)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [13, 47])
 def test_the_places_of_a_minimum_are_found_at_a_corner(seed):
     # A near foot of the corner is on the other segment, apart from it.

@@ -42,6 +42,7 @@ def stopping(after):
     return stop
 
 
+@pytest.mark.slow
 def test_an_interrupted_call_goes_on_and_leaves_the_same_bytes(tmp_path):
     whole = jhd.pairwise(SHAPES, store=tmp_path / "whole")
     with ThreadPoolExecutor(1) as pool:
@@ -123,6 +124,7 @@ class KilledWorker(Exception):
     """What Dask calls it where it gives a task up; no kind of a broken executor."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [BrokenExecutor, KilledWorker])
 def test_where_a_worker_is_lost_the_error_says_that_a_second_call_goes_on(error, tmp_path):
     with pytest.raises(error) as raised:

@@ -40,6 +40,7 @@ def test_measures_of_a_segment_from_a_point_are_those_of_its_length_and_so_are_d
     assert float(slope) == pytest.approx(share, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_weights_count_and_the_larger_direction_is_taken_and_differentiated():
     points, far = jhd.points(SCATTERED), jhd.points([(9.0, 0.0), (0.0, 0.5)])
     d = np.min(np.linalg.norm(SCATTERED[:, None] - np.array([(9.0, 0.0), (0.0, 0.5)]), axis=-1), axis=1)

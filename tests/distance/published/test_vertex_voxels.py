@@ -41,6 +41,7 @@ def as_published(mesh, points, resolution):
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("resolution", swept([3, 1, 8], 1, 2))
 def test_distances_are_those_of_the_triangles_around_all_equally_near_features(resolution):
     rng = np.random.default_rng(resolution)

@@ -52,6 +52,7 @@ def interrupt(_):
     raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 def test_stretches_of_steps_that_take_long_end_with_each_of_them(monkeypatch):
     shapes = FARTHEST["to points"][1]
     whole, seen = jhd.directed_hausdorff(*shapes), []
@@ -87,6 +88,7 @@ CLOSEST = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_interrupted_search_hands_back_the_bounds_it_had_reached(kind, monkeypatch):
     search, shapes = FARTHEST[kind]

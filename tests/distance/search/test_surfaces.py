@@ -136,6 +136,7 @@ def test_far_from_the_origin_nothing_is_lost():
     check(solution, EXACT_H21, 1e-9)
 
 
+@pytest.mark.slow
 def test_progress_is_reported_and_an_interruption_ends_with_true_bounds():
     seen = []
     jhd.directed_hausdorff(*CONES, progress=seen.append)
