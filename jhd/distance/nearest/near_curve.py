@@ -21,6 +21,8 @@ from jhd.shapes.curve import BezierSegments
 _SEEDS = 4
 # Points whose nearest samples are looked for side by side.
 _SIDE_BY_SIDE = 256
+# Fewer segments close without bounds by straight runs, and their programs compile sooner.
+_RUNS_FROM = 16
 
 
 class _NearSamples(NamedTuple):
@@ -38,13 +40,13 @@ class NearCurve(NamedTuple):
         curve: the curve.
         skip: its segments that repeat the one before them.
         guide: samples of a short curve, blocks of a long one.
-        runs: for each segment the chord of the straight run that it belongs to.
+        runs: for each segment the chord of the straight run that it belongs to; None if there are few segments.
     """
 
     curve: BezierSegments
     skip: Array
     guide: _NearSamples | Blocks
-    runs: Chords
+    runs: Chords | None
 
     def starts(self, points: Array) -> CurvePlace:
         """Where to start the search of a foot for each of the points (..., dim): near the nearest, not proven."""
@@ -68,7 +70,8 @@ class NearCurve(NamedTuple):
 def near_curve(curve: BezierSegments, long: bool) -> NearCurve:
     """The curve, looked at in blocks where it or the other curve is long."""
     skip = repeated(curve.control_points, curve.weights)
-    return NearCurve(curve, skip, blocks_of(curve) if long else _samples(curve), runs_of(curve))
+    runs = runs_of(curve) if curve.count >= _RUNS_FROM else None
+    return NearCurve(curve, skip, blocks_of(curve) if long else _samples(curve), runs)
 
 
 def _samples(b: BezierSegments) -> _NearSamples:
