@@ -225,12 +225,9 @@ def about(parameters):
     return jhd.circle(parameters[:2], parameters[2])
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
-    "measure",
-    [
-        pytest.param(jhd.Mean(directed=True), marks=pytest.mark.exhaustive, id="mean"),
-        pytest.param(jhd.Quantile(0.9, directed=True), marks=pytest.mark.slow, id="quantile"),
-    ],
+    "measure", [jhd.Mean(directed=True), jhd.Quantile(0.9, directed=True)], ids=["mean", "quantile"]
 )
 def test_a_circle_is_found_among_outliers_by_a_mean_and_by_a_quantile(measure):
     fit = jhd.minimise_hausdorff(about, np.array([2.5, 1.3, 1.5]), jhd.points(POINTS), measure=measure, max_steps=40)

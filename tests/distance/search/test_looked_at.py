@@ -25,8 +25,7 @@ def side_of(name):
     return prepare_surfaces(surface, surface)[0]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", swept(SURFACES, quick=["empty"], slow=["cone"]))
+@pytest.mark.parametrize("name", swept(SURFACES, slow=["empty", "cone"]))
 def test_covers_and_clouds_are_those_of_one_program(name):
     side = side_of(name)
     (found, empty), (expected, none) = looked_at(side), jax.jit(target)(side)

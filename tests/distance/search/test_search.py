@@ -79,7 +79,6 @@ FARTHEST = {
 # From points the first block of them is always measured.
 FEWEST = {"to points": 1}
 # Quick tests of polynomial surfaces alone interrupt their search too.
-KINDS = swept(FARTHEST, ("curves", "meshes", "to points"), ["from points"])
 APART = [5.0, 1.0, 0.5]
 CLOSEST = {
     "nets": (InTurn, (jhd.BezierCurve(ARCH), jhd.BezierCurve(ARCH * [1, -1] + [0.1, 2.5]))),
@@ -88,8 +87,7 @@ CLOSEST = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", swept(FARTHEST, ["meshes"], ["curves", "from points", "to points"]))
 def test_an_interrupted_search_hands_back_the_bounds_it_had_reached(kind, monkeypatch):
     search, shapes = FARTHEST[kind]
     monkeypatch.setattr(search, "first_steps", 1)
@@ -100,8 +98,7 @@ def test_an_interrupted_search_hands_back_the_bounds_it_had_reached(kind, monkey
     assert int(stopped.stats["steps"]) <= 1 < int(whole.stats["steps"])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", swept(FARTHEST, slow=["curves", "meshes", "from points", "to points"]))
 def test_an_interruption_of_one_direction_ends_the_other_where_it_begins(kind, monkeypatch):
     search, shapes = FARTHEST[kind]
     monkeypatch.setattr(search, "first_steps", 1)
