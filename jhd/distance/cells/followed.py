@@ -116,7 +116,7 @@ def bound_between(k: int, part: Simplex, other: Simplex, levels: int, size: Arra
     flushed = 1e3 * math.sqrt(smallest_normal(dtype))
     sizes = jnp.sum(e * e, axis=1)
     close = jnp.tensordot(lowering(k, n, 2).astype(dtype), e, 1)
-    line = jnp.tensordot(raising(k, 2, n).astype(dtype), close, 1)
+    line = jnp.tensordot(raising(k, 2, n).astype(dtype), close, 1, precision="highest")
     most = jnp.maximum(jnp.max(sizes, axis=0), jnp.max(jnp.sum(close * close, axis=1), axis=0))
     rest = jnp.max(jnp.sum((e - line) ** 2, axis=1), axis=0)
     square = coefficients_of(k, dot(k, scaled(k, 2, close), scaled(k, n, 2 * e - line)))
@@ -127,7 +127,7 @@ def bound_between(k: int, part: Simplex, other: Simplex, levels: int, size: Arra
     w = coefficients_of(k, w)
     hull = jnp.max(sizes / (w * w), axis=0) * (1 + gamma(16, dtype))
     close = jnp.tensordot(lowering(k, n, 2).astype(dtype), w, 1)
-    line = jnp.tensordot(raising(k, 2, n).astype(dtype), close, 1)
+    line = jnp.tensordot(raising(k, 2, n).astype(dtype), close, 1, precision="highest")
     most = jnp.maximum(jnp.max(w, axis=0), jnp.max(jnp.abs(close), axis=0))
     below = coefficients_of(k, multiply(k, scaled(k, 2, close), scaled(k, n, 2 * w - line)))
     below = below - gamma(64, dtype) * 5 * most**2
