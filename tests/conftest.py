@@ -143,15 +143,26 @@ def room_for_programs():
     What is there when a file begins mostly stays: to look through all of it again and again for garbage takes a
     fifteenth of the time.
     """
+    drop_programs_above(_ROOM)
+    gc.freeze()
+
+
+@pytest.fixture(autouse=True)
+def room_within_a_file():
+    """Drop all programs in the middle of a file that makes very many: experiments make 4 GB of them."""
+    drop_programs_above(2 * _ROOM)
+
+
+def drop_programs_above(limit):
+    """Drop all programs if the process holds more bytes than the limit."""
     pages = Path("/proc/self/statm")
-    if pages.exists() and int(pages.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > _ROOM:
+    if pages.exists() and int(pages.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > limit:
         from jhd.compiled import give_back
 
         gc.unfreeze()
         jax.clear_caches()
         gc.collect()
         give_back()
-    gc.freeze()
 
 
 @pytest.fixture(autouse=True)
