@@ -49,7 +49,7 @@ _FROZEN: Any = getattr(beartype, "FrozenDict", None) or beartype.BeartypeHintOve
 # know, and the first one is gone from jaxlib 0.11.2 on.
 QUICK_FLAGS = ("--xla_cpu_use_fusion_emitters=false", "--xla_backend_optimization_level=0")
 # Bytes of a process from which on its programs are dropped, so that two processes fit into a laptop of 4 GB.
-_ROOM = 1250 << 20
+_ROOM = 1150 << 20
 # Those that take longest when nothing is compiled yet, quick and slow tests together. Files that share large programs
 # do not stand beside each other: two processes that begin with them would compile the same.
 _LONGEST = (
