@@ -45,9 +45,10 @@ _WIDER = {int: int | jax.Array, float: float | int | jax.Array, jax.Array: jax.A
 _FROZEN: Any = getattr(beartype, "FrozenDict", None) or beartype.BeartypeHintOverrides
 
 
-# They take a third less of the time that a search needs to compile. XLA ends a process that names a flag it does not
-# know, and the first one is gone from jaxlib 0.11.2 on.
-QUICK_FLAGS = ("--xla_cpu_use_fusion_emitters=false", "--xla_backend_optimization_level=0")
+# The older emitters take a seventh less of the time that a search needs to compile, and no optimisation another tenth.
+# XLA ends a process that names a flag it does not know, and the first one is gone from jaxlib 0.11.2 on.
+FLAGS = ("--xla_cpu_use_fusion_emitters=false",)
+QUICK_FLAGS = (*FLAGS, "--xla_backend_optimization_level=0")
 # Bytes of a process from which on its programs are dropped, so that two processes fit into a laptop of 4 GB.
 _ROOM = 1150 << 20
 # Those that take longest when nothing is compiled yet, quick and slow tests together. Files that share large programs
@@ -95,20 +96,20 @@ def checked(function):
 
 
 def pytest_configure(config):
-    """Quick tests compile with few of XLA's and LLVM's optimisations, in less time; slow ones with all that users have.
+    """Quick tests compile without optimisation, in less time; slow ones as users do.
 
     What is proven must hold for either: with and without fused multiplications and additions. Checked annotations take
-    a tenth of the time: slow tests have them, and quick ones where the environment says CHECK_ANNOTATIONS=1, as it does
-    in the continuous integration.
+    a tenth of the time: the environment asks for them by CHECK_ANNOTATIONS=1, as the continuous integration does for
+    the quick tests.
     """
     # What is started in the background ignores interrupts, and so does all that it starts; some tests send them.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     quick = config.option.markexpr == "not slow and not exhaustive"
     flags = os.environ.get("XLA_FLAGS", "").split()
     # Worker processes inherit the flags.
-    if quick and not set(flags) & set(QUICK_FLAGS):
-        os.environ["XLA_FLAGS"] = " ".join([*flags, *filter(_is_flag, QUICK_FLAGS)])
-    if not quick or os.environ.get("CHECK_ANNOTATIONS") == "1":
+    if not set(flags) & set(QUICK_FLAGS):
+        os.environ["XLA_FLAGS"] = " ".join([*flags, *filter(_is_flag, QUICK_FLAGS if quick else FLAGS)])
+    if os.environ.get("CHECK_ANNOTATIONS") == "1":
         # The hook takes the name of a checker, not the checker.
         jaxtyping.install_import_hook("jhd", f"{__name__}.checked")
 

@@ -248,7 +248,7 @@ def test_values_are_strings_of_numbers_or_ordered_intervals():
         assert ("one_to_two" in case.tags) == bool(case.tags & set(FEET)), case.name
 
 
-@pytest.mark.parametrize(("case", "direction"), every(24, BOTH, pytest.mark.slow))
+@pytest.mark.parametrize(("case", "direction"), every(24, BOTH, pytest.mark.exhaustive))
 def test_the_reference_agrees_with_the_table(case, direction):
     a, b, exact = directed(case, direction)
     if exact is None:

@@ -53,7 +53,8 @@ def fitted(start):
     return jhd.minimise_hausdorff(symmetric, start, quarter())
 
 
-@pytest.mark.parametrize("start", swept([0.8, 0.3, 0.5], 0, 1))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("start", [0.8, 0.3, 0.5])
 def test_the_best_quarter_circle_of_one_parameter_is_found(start):
     solution = fitted(start)
     assert name_of(solution.result) == "successful"
@@ -72,6 +73,7 @@ def test_the_error_is_proven_and_the_history_falls():
     assert "successful" in repr(solution)
 
 
+@pytest.mark.slow
 def test_free_inner_points_end_in_equal_oscillation():
     solution = jhd.fit_curve(quarter(), degree=3)
     assert float(solution.error.value) == pytest.approx(FIXED, rel=1e-5)
@@ -163,7 +165,8 @@ def test_the_quintic_quarter_circle_reaches_the_floor_of_rounding_or_says_that_i
         assert value <= 1.05 * QUINTIC
 
 
-@pytest.mark.parametrize(("segments", "error"), swept([(6, 0.086), (15, 1.51e-3)], 0, 1))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("segments", "error"), [(6, 0.086), (15, 1.51e-3)])
 def test_an_outline_of_thirty_segments_is_fitted_with_sixty_parameters(segments, error):
     path = TextPath((0, 0), "S", size=1, prop=FontProperties(family="DejaVu Serif"))
     outline = jhd.BezierSegments.from_path(path)
@@ -238,6 +241,7 @@ def test_a_circle_is_found_among_outliers_by_a_mean_and_by_a_quantile(measure):
     assert float(fit.error.lower) > 1
 
 
+@pytest.mark.slow
 def test_a_fit_that_runs_out_of_time_hands_back_the_best_so_far(monkeypatch):
     monkeypatch.setattr("jhd.fitting.clock.time.monotonic", iter(range(10**6)).__next__)
     target, start = jhd.circle([3, 1], 2.0), np.array([2.5, 1.3, 1.5])
@@ -283,7 +287,8 @@ def test_an_end_that_is_held_where_it_is_farthest_cannot_be_improved():
     assert float(fit.optimality) == 0 and float(fit.error.value) == pytest.approx(1, rel=1e-12)
 
 
-@pytest.mark.parametrize("smooth", swept([True, False], 0, 1))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("smooth", [True, False])
 def test_a_curve_in_space_is_fitted_within_a_tolerance(smooth):
     fit = jhd.fit_curve(jhd.BezierCurve(QUINTIC_IN_SPACE), degree=3, tolerance=0.02, smooth=smooth)
     assert float(fit.error.upper) <= 0.02 and fit.shape.count <= 3

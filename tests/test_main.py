@@ -138,7 +138,7 @@ def test_a_picture_searches_each_direction_once_also_where_one_is_left_wide(run,
     assert [solution is not None for solution in drawn[0]] == [True] * known + [False] * (2 - known)
 
 
-@pytest.mark.slow  # one more program for three coordinates
+@pytest.mark.exhaustive  # one more program for three coordinates
 def test_curves_in_space_have_a_picture_too(run):
     Path("a.json").write_text(SPACE)
     status, _, _ = run("distance", "a.json", "a.json", "--directed", "--json", "--plot", "space.png")
@@ -453,7 +453,7 @@ def test_the_demonstration_prints_both_distances_and_writes_its_picture(tmp_path
     assert min(height, width) > 700
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_fit_is_written_with_its_proven_distance(run, tmp_path):
     outline = "M0 0 C 1 2 3 2 4 0 L 4 -1 L 0 -1 Z"
     status, out, err = run("fit", outline, "--tolerance", "0.01", "--degree", "2", "--out", "fit.svg", "--json")

@@ -35,7 +35,7 @@ def test_a_batch_is_computed_wherever_it_lies(run, axes):
     assert found[0].tolist() == [[7.0, 7.0], [7.0, 7.0]]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_distances_of_an_explicitly_sharded_batch():
     rows = jnp.asarray(np.random.default_rng(6).normal(size=(4, 2, 4, 2)))
     batch = jax.jit(jax.vmap(lambda x: jhd.hausdorff(jhd.BezierCurve(x[0]), jhd.BezierCurve(x[1]))))

@@ -79,6 +79,7 @@ class Stuck(InPlace):
         return Future()
 
 
+@pytest.mark.slow
 def test_all_pairs_of_squares_have_their_distances():
     sides = np.array([1.0, 2.0, 5.0, 5.5])
     found = jhd.pairwise(squares(sides))
@@ -90,7 +91,7 @@ def test_all_pairs_of_squares_have_their_distances():
     assert repr(found) == "Pairwise(4 x 4 distances, 16 known, 6 computed)"
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_shapes_of_all_kinds_are_measured_beside_each_other():
     corners = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
     faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]

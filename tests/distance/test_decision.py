@@ -100,7 +100,7 @@ def test_far_thresholds_take_far_fewer_steps():
     assert steps(jhd.hausdorff_at_most(a, b, distance / 3)) <= full / 3
 
 
-@pytest.mark.slow  # a program of its own
+@pytest.mark.exhaustive  # a program of its own
 def test_decisions_under_jit_are_those_of_plain_calls():
     a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
     decide = jax.jit(lambda threshold: jhd.hausdorff_at_most(a, b, threshold))

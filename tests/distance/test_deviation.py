@@ -222,7 +222,7 @@ def test_a_shape_deviates_from_itself_by_nothing():
     assert found.share_within(1e-5).lower > 1 - 1e-10
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_flat_patch_and_a_paraboloid_agree_with_a_dense_sum():
     ends = {-1.0: 1.0, 0.0: -1.0, 1.0: 1.0}
     bowl = jhd.BezierPatch([[[x, y, ends[x] + ends[y] - 0.3] for y in ends] for x in ends])
@@ -370,7 +370,8 @@ def middles_of_parts(n):
     return np.column_stack([1 - np.sum(rows, axis=1), rows])
 
 
-@pytest.mark.parametrize("back", swept([False, True], slow=[True]))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("back", [False, True])
 def test_a_surface_and_its_triangulation_close_and_agree_with_a_dense_sum(back):
     x, y = np.meshgrid(*[(np.arange(6) - 1) / 3] * 2, indexing="ij")
     surface, mesh = triangulated(np.stack([x, y, 0.15 * np.sin(4 * x + 1) * np.cos(3 * y)], axis=-1), 7)

@@ -54,7 +54,7 @@ def assert_is(found, exact, gap):
     assert float(found.upper - found.lower) <= gap
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_turned_cylinders_are_as_far_from_each_other_as_their_radii():
     # The joints of the patches of the one lie inside of those of the other.
     found = jhd.directed_hausdorff(cylinder(1.0), cylinder(1.25, 0.7), jhd.BranchAndBound(atol=1e-7))
@@ -62,7 +62,7 @@ def test_turned_cylinders_are_as_far_from_each_other_as_their_radii():
     assert int(found.stats["cells"]) < 1000
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_tori_and_spheres_are_as_far_from_each_other_as_their_radii():
     close = jhd.BranchAndBound(atol=4e-6)
     for other in (torus(0.35), torus(0.35).transform(about_z(0.7))):

@@ -231,7 +231,7 @@ def test_every_kind_of_curve_is_accepted():
         assert 0 < found.value <= 0.25 + 1e-12, curve
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_curves_in_space_have_the_distance_of_the_plane():
     def lifted(shape):
         return jhd.BezierSegments(np.pad(shape.control_points, ((0, 0), (0, 0), (0, 1))))

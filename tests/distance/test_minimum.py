@@ -127,7 +127,7 @@ def test_derivatives_are_the_same_under_jit_and_in_a_batch_and_zero_where_curves
     np.testing.assert_allclose(slopes[1:], [[0, 1], [0, 0]], atol=1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_derivatives_are_zero_where_a_patch_crosses_a_surface_and_points_meet_but_for_rounding():
     saddle = ImplicitSurface.parse("z - x*y", [-1, -1, -1], [1, 1, 1])
     corners = 0.7 * jnp.array([[[-1, -1, -0.5], [-1, 1, 0.3]], [[1, -1, 0.4], [1, 1, -0.7]]])
@@ -164,7 +164,7 @@ def test_second_derivatives_follow_the_nearest_points():
     assert abs(float(second - difference)) < 1e-5
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_numbers_that_are_known_late_and_unusable_are_reported():
     found = jax.jit(lambda x: minimum_distance(BezierCurve(ARCH * x), BezierCurve(ARCH + 3.0)))(jnp.nan)
     assert name_of(found.result) == "nonfinite_value" and found.lower == 0 and np.isinf(found.upper)
@@ -288,7 +288,7 @@ BOXES = [
 ]
 
 
-@pytest.mark.parametrize("k", swept(range(len(BOXES)), slow=[0, 3, 4]))
+@pytest.mark.parametrize("k", swept(range(len(BOXES)), slow=[3, 4]))
 def test_the_papers_spheres_are_two_apart_in_any_boxes(k):
     boxes = BOXES[k]
     a = ImplicitSurface.parse("x^2 + y^2 + z^2 - 9", *boxes[:2])
@@ -299,7 +299,7 @@ def test_the_papers_spheres_are_two_apart_in_any_boxes(k):
     np.testing.assert_allclose(found.point_a, [0, 3, 0], atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_surfaces_that_are_cut_that_meet_and_that_are_empty():
     upper = ImplicitSurface.parse("(x - 0.5)^2 + (y - 7)^2 + z^2 - 4", [-2, 7, -3], [3, 10, 3])
     # The nearest point of the half sphere is on its border, at x = -1.5.
@@ -381,7 +381,7 @@ def test_a_point_about_the_centre_of_what_is_round_is_as_far_as_the_radius(kind,
     assert float(np.linalg.norm(found.point_a)) == pytest.approx(2.0)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_derivative_of_the_distance_of_the_nearest_point_is_that_of_its_foot():
     def distance(rows):
         return minimum_distance(points(rows), circle([0.0, 0.0], 2.0)).value
@@ -405,7 +405,7 @@ def test_the_derivative_of_a_distance_of_surfaces():
     assert abs(float(jax.grad(distance)(3.0)) + 1.0) < 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_curve_and_a_patch_against_a_surface():
     line = BezierCurve([[-1.0, 0, 5], [1, 0, 5]])
     assert holds(minimum_distance(line, SPHERES[0]), 2.0, 1e-8)

@@ -107,7 +107,7 @@ def test_random_queries_never_miss_the_nearest_point_of_a_rational_curve(method,
         is_global(jhd.project(rows, jhd.BezierSegments(control_points, weights), method), rows, control_points, weights)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("method", GLOBAL, ids=kind)
 def test_bounds_hold_against_rational_arithmetic_for_weights_of_every_size(method):
     rng = np.random.default_rng(9)
@@ -119,6 +119,7 @@ def test_bounds_hold_against_rational_arithmetic_for_weights_of_every_size(metho
         bounds_hold(jax.tree_util.tree_map(lambda x, pick=pick: x[pick], found), rows[pick], control_points, weights)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", GLOBAL, ids=kind)
 def test_success_means_that_the_bounds_meet_whatever_the_weights(method):
     rows, weights = np.tile([1.0, 1.0], (QUERIES, 1)), np.array([[1e-3, 1.0, 1e3, 1e3]])
@@ -139,6 +140,7 @@ SPECIAL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPECIAL)
 @pytest.mark.parametrize("method", GLOBAL, ids=kind)
 def test_degenerate_cubics_are_projected_to(method, name):
@@ -448,7 +450,7 @@ def test_traced_queries_that_are_not_finite_never_look_like_a_distance():
     assert found.lower == 0 and found.upper == np.inf
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_query_that_is_no_number_keeps_its_answer_under_jit():
     curve = jhd.BezierCurve([[0.0, 0.0], [1.0, 2.0], [3.0, 0.0]])
     queries = jnp.array([[0.5, np.nan], [0.5, 2.0]])

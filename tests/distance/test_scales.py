@@ -95,7 +95,7 @@ def test_a_common_factor_of_the_weights_changes_nothing():
             np.testing.assert_array_equal(x, y)
 
 
-@pytest.mark.slow  # programs of its own
+@pytest.mark.exhaustive  # programs of its own
 def test_a_common_factor_of_the_weights_changes_no_distance_to_a_surface():
     sphere = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [-1, -1, -1], [1, 1, 1])
     rows = np.array([[2.0, 0, 0], [2, 1, 0], [3, 1, 0]])

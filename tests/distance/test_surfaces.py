@@ -52,7 +52,7 @@ def tolerance_of(case, rtol):
     return tolerance * max(1e-3, float(case.ab.value), float(case.ba.value))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", QUICK)
 def test_bounds_of_quadrics_enclose_the_distance(name):
     case = BY_NAME[name]
@@ -185,7 +185,7 @@ print("done")
 """
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_in_single_precision_the_bounds_stay_true_and_close():
     environment = os.environ | {"JAX_ENABLE_X64": "0"}
     assert python("-c", SINGLE, env=environment).stdout.strip() == "done"

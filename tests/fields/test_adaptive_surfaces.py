@@ -27,7 +27,7 @@ def test_a_polynomial_sphere_is_negative_inside_whatever_the_sign_of_the_polynom
     assert np.abs(np.asarray(field(points)) - height).max() <= 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_proven_error_of_a_polynomial_sphere_holds_for_its_closed_form():
     sphere = jhd.ImplicitSurface.parse("1 - x^2 - y^2 - z^2", [-2, -2, -2], [2, 2, 2])
     field = AdaptiveDistanceField.build(sphere, 0.1)
@@ -41,7 +41,7 @@ def test_the_proven_error_of_a_polynomial_sphere_holds_for_its_closed_form():
     assert deviation > 0 and proven == pytest.approx(field.proven_error(flipped) + deviation, rel=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_parametric_torus_has_the_field_of_its_closed_form():
     turn = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0]], float)
     knots, weights = [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4], np.array([1, np.sqrt(0.5)] * 4 + [1])

@@ -39,7 +39,7 @@ def test_without_a_temperature_or_time_a_start_stays_as_it_is():
     assert begun(0.1, clock=over)(start) is start
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_curve_that_was_moved_away_is_brought_back():
     start = np.array([1.5, -1.0])
     end = begun(0.5)(start)

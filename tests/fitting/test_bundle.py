@@ -68,7 +68,7 @@ def test_parameters_count_by_how_far_they_move_the_shape():
     np.testing.assert_allclose(motions(sphere, np.array([1.0])), [1.0], rtol=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_an_ellipsoid_is_fitted_to_a_sphere():
     def ellipsoid(p):
         grid = jnp.zeros((3, 3, 3)).at[0, 0, 0].set(-1.0)

@@ -60,7 +60,7 @@ def test_feet_from_a_tree_are_those_of_all_places():
     np.testing.assert_allclose(sampled(curve).feet(points).distance, exact, rtol=1e-13)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_noisy_outline_is_fitted_by_the_maxima_near_the_top():
     points = noisy()
     built = chain(Layout(3, SEGMENTS, True, False, False), points[[0, -1]], np.ones(SEGMENTS))

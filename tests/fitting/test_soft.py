@@ -121,7 +121,7 @@ def test_its_gradient_is_dense_and_that_of_differences(seed):
         assert float(by_heat) == pytest.approx(float(ahead - behind) / (2e-5 * temperature), rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_batch_in_one_program_is_what_each_is_alone():
     targets, starts = zip(*(close_pair(seed) for seed in (20, 21, 22)), strict=True)
     batch, rows = jhd.stack_curves(targets), jnp.stack(starts)

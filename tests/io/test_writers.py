@@ -153,7 +153,7 @@ def writing(folder):
         asked.close()
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @POSIX
 def test_a_kill_at_any_moment_leaves_whole_files_and_nothing_that_is_read(certificate, tmp_path):
     fields = [jhd.AdaptiveDistanceField.build(grid(20), 1.0)] * 2

@@ -174,7 +174,7 @@ def test_degrees_have_a_limit_that_is_named():
     assert BezierCurve(row[1:]).degree == 128
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_nearest_points_at_the_largest_degree_are_proven():
     found = jhd.project([[0.3, 0.4], [2.0, 0.0]], BezierCurve(np.linspace([0, 0], [1, 0], 129)))
     lower, upper = np.asarray(found.lower), np.asarray(found.upper)

@@ -150,7 +150,8 @@ def test_a_piecewise_linear_function_is_zero_on_its_triangles_and_they_face_its_
     assert areas.sum() > 1
 
 
-@pytest.mark.parametrize("seed", swept([5, 0], 0, 1))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("seed", [5, 0])
 def test_random_surfaces_and_their_meshes_are_within_the_deviation(seed):
     random = np.random.default_rng(seed)
     degree = 2 + seed % 3

@@ -83,7 +83,8 @@ def two(name):
     return a, b, distance
 
 
-@pytest.mark.parametrize("name", swept(["sphere", "torus"], slow=["sphere"]))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", ["sphere", "torus"])
 def test_a_constant_distance_is_bounded_to_the_sixth_order(name):
     rng = np.random.default_rng(5)
     gaps = []
@@ -115,6 +116,7 @@ def test_feet_on_the_border_of_a_box_stay_in_it():
     assert known > CELLS
 
 
+@pytest.mark.slow
 def test_a_cell_that_a_crosses_twice_has_no_bound():
     a, b = (ImplicitSurface.parse(sphere(r), [-2.0] * 3, [2.0] * 3) for r in (0.25, 1.0))
     side_a, side_b, _ = prepare_surfaces(a, b)

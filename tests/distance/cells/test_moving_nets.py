@@ -86,8 +86,7 @@ KINDS = {
 
 # Each kind of nets has a large program, which takes a quarter of a minute to compile.
 @pytest.mark.parametrize(
-    ("name", "dtype"),
-    swept(product(KINDS, [np.float64, np.float32]), slow=[*product(KINDS, [np.float64]), ("ruled", np.float32)]),
+    ("name", "dtype"), swept(product(KINDS, [np.float64, np.float32]), slow=[("surface and curve", np.float64)])
 )
 def test_bounds_are_below_what_samples_are_minimised_to(name, dtype):
     first, second, rational = KINDS[name]
@@ -122,7 +121,7 @@ def constant(size, dtype: Any = np.float64):
     return 2 * np.asarray(bounds(*nets, cells).lower, np.float64)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_constant_distance_is_bounded_to_the_sixth_order():
     short = []
     for size in (0.1, 0.025):
@@ -133,8 +132,7 @@ def test_a_constant_distance_is_bounded_to_the_sixth_order():
     assert short[1] < short[0] / 1000
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("dtype", swept([np.float64, np.float32], slow=1))
 def test_where_nothing_is_lost_but_rounding_bounds_are_true_and_close(dtype):
     for size in (1e-2, 1e-3, 1e-4):
         found = constant(size, dtype)

@@ -7,9 +7,7 @@ import pytest
 from jhd.distance.cells.moving_pairs import moving_bound
 from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.shapes import ImplicitSurface
-
-# Of one large program, which takes half a minute to compile for each precision.
-pytestmark = pytest.mark.slow
+from tests.sweeps import swept
 
 CELLS = 32
 SIZES = (0.2, 0.05)
@@ -70,7 +68,8 @@ def bounded(name, size, dtype=np.float64):
     return np.asarray(bounds(a, b, low, high, x.astype(dtype) / dtype(scale)).lower, np.float64) * scale, exact
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+# Each degree and precision has a large program, which takes a quarter of a minute to compile.
+@pytest.mark.parametrize("name", swept(FAMILIES, slow=3))
 def test_a_constant_distance_is_bounded_to_the_sixth_order(name):
     short = []
     for size in SIZES:
@@ -80,7 +79,7 @@ def test_a_constant_distance_is_bounded_to_the_sixth_order(name):
     assert short[1] < short[0] / 500
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("dtype", swept([np.float64, np.float32], slow=1))
 def test_where_nothing_is_lost_but_rounding_bounds_are_true_and_close(dtype):
     """Cells so small that what is cut off is far below an ulp, so the exact distance leaves no room."""
     for size in (1e-2, 1e-3, 1e-4):

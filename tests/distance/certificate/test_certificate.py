@@ -12,15 +12,15 @@ import pytest
 import jhd
 from jhd.distance.certificate.certificate import Certificate, certify
 from tests.cases import CASES
-from tests.distance.pairs import BY_NAME, FURTHER, both, is_quick, of_each_tag
+from tests.distance.pairs import BY_NAME, both, is_quick, of_each_tag
 from tests.processes import python
 from tests.sweeps import swept
 
 # Pairs of the few programs that quick tests compile, one of each kind of difficulty.
 QUICK = ["arch_and_wave", "circle_in_ellipse", "segment_to_points"]
 OTHERS = ["halved_wave", "arch_and_wave_small"]
-# Slow ones: in the plane one of each tag, and one of each kind that needs programs of its own.
-SLOW = {*of_each_tag([c for c in CASES if is_quick(c) and c.a.control_points.shape[2] == 2]), *FURTHER, *OTHERS}
+# Slow ones: in the plane one of each tag.
+SLOW = {*of_each_tag([c for c in CASES if is_quick(c) and c.a.control_points.shape[2] == 2]), *OTHERS}
 # A two-sided certificate covers both curves; of the directed ones every other case has either.
 EVERY = [(case.name, kind) for k, case in enumerate(CASES) for kind in (("ab", "ba")[k % 2], "two_sided")]
 # Cells of a pair of the table: the most was a few hundred for a thousand segments.
@@ -143,7 +143,7 @@ def test_the_same_segments_have_a_certificate_of_zero():
     assert certify(a, a, solution).verify() == ("directed", 0.0, 0.0, 3)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_single_precision_has_certificates_too():
     code = (
         "import numpy as np, jhd; rows = np.random.default_rng(2).normal(size=(2, 3, 4, 2));"

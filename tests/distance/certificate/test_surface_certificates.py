@@ -94,7 +94,7 @@ def test_of_two_feet_about_as_near_the_nearer_one_counts():
     np.testing.assert_array_equal(side.feet_within(places, np.inf).x, side.feet(places).x)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_ball_about_a_point():
     sphere = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [0, 0, 0], [1.5] * 3)
     centre = jhd.points([[0.5, 0.5, 0.5]])

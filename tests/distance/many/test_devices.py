@@ -50,7 +50,7 @@ def free_port():
         return asked.getsockname()[1]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_two_processes_of_three_devices_share_a_table_with_the_bits_of_one():
     env = os.environ | {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": "3"}
     address = f"127.0.0.1:{free_port()}"

@@ -106,7 +106,7 @@ def test_workers_of_dask_that_are_killed_are_replaced_and_leave_the_same_bytes(t
     check_same_bytes(tmp_path, _DASK)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @POSIX
 def test_a_process_that_is_killed_ends_a_plain_pool_and_a_second_call_goes_on(tmp_path):
     check_same_bytes(tmp_path, _PROCESSES)

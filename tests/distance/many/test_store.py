@@ -150,7 +150,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.skipif(os.name != "posix", reason="there are no groups of processes to kill")
 def test_a_group_of_processes_that_is_killed_leaves_a_store_that_ends_with_the_same_bytes(tmp_path):
     script, killed, whole = tmp_path / "run.py", tmp_path / "killed", tmp_path / "whole"

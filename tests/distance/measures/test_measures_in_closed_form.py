@@ -69,7 +69,7 @@ def from_an_arc(x):
     }
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_rational_arc_beside_a_point():
     check(arcs, from_an_arc)
 
@@ -84,12 +84,12 @@ def spoke(x):
     return jhd.polyline(ends), sphere(0.9 + 0.6 * x)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_segment_towards_the_centre_of_a_polynomial_sphere():
     check(spoke, lambda x: of_linear(0.4 + 0.4 * x, 1.2 - x))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_weighted_points_beside_a_polynomial_sphere():
     rows, counts = np.random.default_rng(0).normal(size=(9, 3)), np.random.default_rng(1).uniform(size=9)
     moves = 0.3 * np.random.default_rng(2).normal(size=(9, 3))
@@ -152,7 +152,8 @@ def roofed(x):
     return of_linear((height - 0.5 * fall) * down, height * down)
 
 
-@pytest.mark.parametrize("name", swept(MEASURES, slow=["mean"]))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", MEASURES)
 def test_a_mesh_under_a_roof_of_which_it_sees_both_sides(name):
     check(under_a_roof, roofed, [name])
 
@@ -176,6 +177,7 @@ def above_a_plane(x):
     }
 
 
-@pytest.mark.parametrize("name", swept(["mean", "rms"], slow=["rms"]))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", ["mean", "rms"])
 def test_a_rational_cylinder_above_a_polynomial_plane(name):
     check(quarter_cylinder, above_a_plane, [name])

@@ -132,7 +132,7 @@ def test_areas_below_quadratic_forms_are_those_of_discs():
 @pytest.mark.parametrize(
     ("other", "below", "q"),
     [
-        pytest.param(line, below_line, 0.7, marks=pytest.mark.slow, id="line"),
+        pytest.param(line, below_line, 0.7, marks=pytest.mark.exhaustive, id="line"),
         pytest.param(tilted, below_plane, 0.7, marks=pytest.mark.exhaustive, id="mesh"),
         pytest.param(cylinder, below_cylinder, 0.7, marks=pytest.mark.slow, id="rational patches"),
     ],

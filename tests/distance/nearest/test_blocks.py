@@ -72,7 +72,7 @@ def test_a_table_that_is_too_short_for_a_long_curve_grows_before_the_first_step(
     assert float(solution.lower) <= float(roomy.upper) and float(roomy.lower) <= float(solution.upper)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_many_queries_of_a_long_curve_come_back_in_their_order():
     rng = np.random.default_rng(5)
     angles = np.linspace(0, 2 * np.pi, COUNT + 1)

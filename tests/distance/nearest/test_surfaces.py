@@ -31,7 +31,7 @@ def places(count):
     return np.concatenate([rng.uniform(-1.9, 1.9, (count, 3)), close, ring + near_axis])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_distances_from_a_torus_hold_at_all_places():
     points = places(8)[:17]
     found = SurfaceTarget(TORUS).nearest(points)

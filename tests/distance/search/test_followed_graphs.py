@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import jhd
-from tests.sweeps import swept
 
 # A circle of four quadratic arcs.
 CIRCLE = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0]], float)
@@ -34,7 +33,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", swept(CASES, slow=["offset"]))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", CASES)
 def test_families_close_with_few_cells(name):
     a, tube, exact, most = CASES[name]
     atol = 1e-6 * 3.5 * np.sqrt(3)

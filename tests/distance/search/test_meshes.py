@@ -123,7 +123,7 @@ def test_bounds_hold_on_random_soups(seed):
     check(a, b, mesh_directed(a, b, METHOD), rng)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_close_tori_are_bracketed_in_a_few_rounds():
     rng = np.random.default_rng(1)
     a, b = torus(60, 30), torus(47, 23)
@@ -275,7 +275,7 @@ def test_what_is_no_number_in_a_program_is_reported():
     assert found.result == RESULTS.nonfinite_value and found.lower == 0 and np.isinf(found.upper)
 
 
-@pytest.mark.parametrize("power", swept([0, 520, -520], 1, 2))
+@pytest.mark.parametrize("power", swept([0, 520, -520], slow=3))
 def test_second_derivatives_do_not_depend_on_the_unit(power):
     unit = 2.0**power
     above, below = np.array([(0, 0, 3.0), (1, 0, 3), (0, 1, 3.5)]), np.array([(-1, -1, 0.0), (1, -1, 0), (0, 1, 0.5)])

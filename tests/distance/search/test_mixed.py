@@ -65,7 +65,7 @@ def test_bounds_hold_far_from_the_origin_under_a_trace():
     assert lower <= 2 <= upper
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_curve_far_from_the_origin_beside_a_surface():
     offset = np.array([2.0**20, 2.0**22, -(2.0**21)])
     curve = BezierCurve(np.array([[-1.0, 0, 5], [0, 1, 5], [1, 0, 5]]) + offset)

@@ -32,7 +32,7 @@ def holds(found, exact, width=1e-8):
     return found.lower <= exact <= found.upper and near and name_of(found.result) == "successful"
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_mesh_of_thousands_of_triangles_beside_a_ball_and_across_it():
     mesh = square(3.0)
     found = minimum_distance(BALL, mesh)
@@ -71,7 +71,7 @@ def test_curves_of_many_segments_beside_a_ball():
     assert holds(found, 2.0)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_derivatives_under_jit_are_those_of_the_nearest_points():
     mesh = square(3.0)
 

@@ -151,6 +151,7 @@ def test_a_clock_that_stands_still_does_no_harm(monkeypatch):
     assert int(jhd.directed_hausdorff(*shapes).stats["steps"]) > 2
 
 
+@pytest.mark.slow
 def test_an_interruption_is_raised_with_the_solution():
     with pytest.raises(jhd.NotProvenError, match="interrupted") as caught:
         jhd.directed_hausdorff(FOLDED, LINE, progress=interrupt)
@@ -163,7 +164,7 @@ def test_a_search_that_is_done_is_not_spoilt_by_an_interruption():
     assert name_of(solution.result) == "successful"
 
 
-@pytest.mark.slow  # programs of its own
+@pytest.mark.exhaustive  # programs of its own
 def test_the_host_takes_a_longer_table_where_one_program_folds():
     a, b = FOLDED, LINE
     method = jhd.BranchAndBound(capacity=64)
@@ -182,7 +183,7 @@ def test_max_steps_holds_across_the_stretches():
     assert name_of(solution.result) == "gap_not_closed"
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_other_methods_report_once():
     seen = []
     a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])

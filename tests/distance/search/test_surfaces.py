@@ -61,6 +61,7 @@ def test_two_feet_of_the_first_cone_balance():
     assert np.array_equal(witness.feet[2], witness.feet[0]) and np.array_equal(witness.feet[3], witness.feet[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factor", "answer"), [(0.9, ANSWERS.no), (1.1, ANSWERS.yes), (1.0, ANSWERS.undecided)], ids=["no", "yes", "open"]
 )
@@ -105,7 +106,7 @@ def test_a_surface_on_itself_is_at_distance_zero():
         assert name_of(solution.event) == "coincident"
 
 
-@pytest.mark.slow  # programs of its own
+@pytest.mark.exhaustive  # programs of its own
 def test_planes_cylinders_and_surfaces_in_faces_are_surfaces():
     plane, tilted = parsed("z - 0.5"), parsed("z - 0.5 - x/8")
     solution = jhd.directed_hausdorff(plane, tilted, jhd.BranchAndBound(atol=1e-4), throw=False)
@@ -233,7 +234,7 @@ def test_one_program_gives_the_same_under_jit_vmap_and_grad():
     assert lower[3:].tolist() == [0.0, 0.0] and upper[3:].tolist() == [math.inf, math.inf]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_both_directions_under_jit_are_those_from_the_host():
     known = jhd.hausdorff(*CONES)
     found = jax.jit(lambda x: jhd.hausdorff(ImplicitSurface(x, LOWER, UPPER, reduced=False), CONES[1]))(

@@ -11,6 +11,7 @@ import jhd
 from jhd.distance.search.targets import target_of
 from jhd.solution import RESULTS, name_of
 from tests.differences import differences
+from tests.sweeps import swept
 
 RNG = np.random.default_rng(20)
 # A square of side 3 in the plane z = 0: these floats are exact.
@@ -147,13 +148,15 @@ def on_surface(points, coefficients, lower, upper):
 BORDER = jhd.ImplicitSurface.parse("x**2 + 2*y**2 + 3*z**2 + x*y*z - 1", [-1.5, -0.4, -2], [2, 2, 2])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("function", "arrays"),
-    [
-        (on_patch, (np.array([[1.0, 1, 2], [-1, 1, 1], [4, 5, 0], [2, 1, -1]]), BUMPY)),
-        (on_surface, (np.array([[0.1, -0.9, 1.1], [1, 1, 1], [0.2, -2, 0]]), BORDER.coefficients, *BORDER.box())),
-    ],
+    swept(
+        [
+            (on_patch, (np.array([[1.0, 1, 2], [-1, 1, 1], [4, 5, 0], [2, 1, -1]]), BUMPY)),
+            (on_surface, (np.array([[0.1, -0.9, 1.1], [1, 1, 1], [0.2, -2, 0]]), BORDER.coefficients, *BORDER.box())),
+        ],
+        slow=1,
+    ),
 )
 def test_derivatives_of_nearest_points_are_those_of_differences_and_the_same_under_jit_and_vmap(function, arrays):
     arrays = [jnp.asarray(x) for x in arrays]

@@ -187,7 +187,8 @@ def test_there_are_fewer_maxima_than_places():
     assert bool(jnp.all(jnp.where(pairs.valid, 0.0, pairs.value) == 0))
 
 
-@pytest.mark.parametrize("name", swept(["arch_and_wave", "corner_of_cubics"], slow=1))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", ["arch_and_wave", "corner_of_cubics"])
 def test_values_have_their_derivatives(name):
     a, b = pair_of(name)
     direction = np.random.default_rng(7).normal(size=b.control_points.shape)

@@ -189,6 +189,7 @@ def test_forward_and_reverse_mode_agree_and_batches_equal_single_calls():
     np.testing.assert_allclose(forward, single[0], rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_gradients_of_curves_of_any_length_share_the_program_of_the_slopes(monkeypatch):
     traced, pieces = [], derivative._pieces
     monkeypatch.setattr(

@@ -16,6 +16,7 @@ from scipy.optimize import linprog
 import jhd
 from jhd.distance.witness.multipliers import balanced, share
 from jhd.solution import name_of
+from tests.sweeps import swept
 
 # Differences are off by the curvature times the step, the search of meshes by its tolerance over the step.
 STEP, CLOSE = 1e-6, 1e-4
@@ -129,8 +130,7 @@ def solved(dim):
     return list(zip(cases, witnesses, split, strict=True))
 
 
-@pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.slow)])
-@pytest.mark.slow
+@pytest.mark.parametrize("dim", swept([2, 3], slow=1))
 def test_at_ends_and_corners_of_curves_the_derivative_is_between_the_one_sided_ones(dim):
     shared = 0
     for case, witness, (values, *gradients) in solved(dim):

@@ -60,7 +60,7 @@ def check_table(size):
         np.testing.assert_allclose(np.sum(found.multipliers[i]), 1, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_maxima_of_quadrics_are_those_of_the_table():
     check_table(3)
 
