@@ -131,6 +131,7 @@ def test_bounds_of_a_pair_are_those_of_the_single_call(every):
         assert every.lower[i, j] <= alone.upper and alone.lower <= every.upper[i, j]
 
 
+@pytest.mark.slow
 def test_what_a_pair_gets_depends_on_nothing_else(every):
     order = [4, 0, 9, 3, 1, 2]
     pool = InPlace()

@@ -46,7 +46,9 @@ def checked(a, b, solution):
     return certificate
 
 
-@pytest.mark.parametrize(("name", "kind"), [(name, ("two_sided", "ab")[k % 2]) for k, name in enumerate(QUICK)])
+@pytest.mark.parametrize(
+    ("name", "kind"), swept([(name, ("two_sided", "ab")[k % 2]) for k, name in enumerate(QUICK)], 1, 2)
+)
 def test_the_bounds_of_a_solution_are_proven(name, kind):
     assert is_quick(BY_NAME[name])
     checked(*solved(name, kind))

@@ -158,6 +158,7 @@ def test_an_interruption_is_raised_with_the_solution():
     assert caught.value.solution.upper < np.inf
 
 
+@pytest.mark.slow
 def test_a_search_that_is_done_is_not_spoilt_by_an_interruption():
     a, b = pairs.both(pairs.BY_NAME["segment_over_parabola"])
     solution = jhd.directed_hausdorff(a, b, progress=interrupt)
