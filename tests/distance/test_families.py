@@ -96,12 +96,29 @@ def test_the_minimum_distance_of_concentric_circles_closes_by_default():
     assert int(found.stats["steps"]) < 1000
 
 
+RING = jhd.BezierSegments(np.pad(np.array(CIRCLE), ((0, 0), (0, 0), (0, 1))), np.tile(WEIGHTS, (4, 1)))
+AXIS = jhd.polyline([(0, 0, -1.0), (0, 0, 1.0)])
+
+
+@pytest.mark.slow
+def test_the_minimum_distance_of_a_circle_and_its_axis_closes():
+    # One point of the axis is as near to all points of the circle: feet must move on the straight one.
+    for a, b in ((RING, AXIS), (AXIS, RING)):
+        found = jhd.minimum_distance(a, b)
+        assert_is(found, 1.0, 1e-9)
+        assert int(found.stats["steps"]) < 1000
+
+
 @pytest.mark.exhaustive
-def test_nearest_points_of_a_circle_and_its_axis_are_given_up_with_steps_to_spare():
-    # All points of the circle are as near to the one in the middle of the axis.
-    circle = jhd.circle([0, 0], 1.0)
-    ring = jhd.BezierSegments(np.pad(np.asarray(circle.control_points), ((0, 0), (0, 0), (0, 1))), circle.weights)
-    found = jhd.minimum_distance(ring, jhd.polyline([(0, 0, -1.0), (0, 0, 1.0)]), throw=False)
+@pytest.mark.parametrize(("surface", "curve", "exact"), [(cylinder(1.0), AXIS, 1.0), (torus(0.3), RING, 0.3)])
+def test_the_minimum_distance_of_a_surface_and_the_curve_in_its_middle_closes(surface, curve, exact):
+    assert_is(jhd.minimum_distance(surface, curve), exact, 1e-9)
+
+
+@pytest.mark.exhaustive
+def test_the_nearest_points_of_an_implicit_cylinder_and_its_axis_are_given_up_with_steps_to_spare():
+    surface = jhd.ImplicitSurface.parse("x**2 + y**2 - 1", [-2] * 3, [2] * 3)
+    found = jhd.minimum_distance(surface, AXIS, throw=False)
     assert name_of(found.result) == "family_of_maxima"
     assert float(found.lower) <= 1 + EXACT and 1 - EXACT <= float(found.upper)
     assert int(found.stats["steps"]) < 2500

@@ -57,7 +57,7 @@ _VALUES = np.stack([NODES[0] ** i * NODES[1] ** j for i, j in EXPONENTS], axis=1
 
 
 class WithMovingParameters(NamedTuple):
-    """A pair of parametric shapes in common coordinates, as Parametric, with bounds by feet that move as well."""
+    """A pair of parametric shapes in common coordinates, as Parametric, with bounds by feet on b that move as well."""
 
     a: Net
     b: Net
@@ -68,16 +68,32 @@ class WithMovingParameters(NamedTuple):
         n = self.a.parameters
         still = bound(self.a, self.b, cell)
         moving = moving_bound(self.a, self.b, cell, still.x[n:])
+        return self._with_moving(cell, still, moving, np.arange(cell.low.size) >= n)
+
+    def _with_moving(self, cell: Cell, still: PairBound, moving: "MovingNetBound", follow: np.ndarray) -> PairBound:
+        """The larger bound; parameters that `follow` the others are cut only if the distance is not convex in them."""
         extent = extents(self.a, self.b, cell, still.cell)
-        first, second = jnp.max(extent[:n]), jnp.max(extent[n:])
+        first, second = jnp.max(extent[~follow]), jnp.max(extent[follow])
         only = moving.convex & (_LONGEST * first > second)
-        axis = jnp.argmax(jnp.where(only & (np.arange(extent.size) >= n), -1.0, extent))
+        axis = jnp.argmax(jnp.where(only & follow, -1.0, extent))
         return still._replace(lower=jnp.maximum(still.lower, moving.lower), axis=axis)
 
     @property
     def floor(self) -> float:
         """The gap that rounding leaves, in common coordinates."""
         return 16 * (point_error(self.a) + point_error(self.b))
+
+
+class WithMovingFirst(WithMovingParameters):
+    """The same by feet on a that move with b: needed if b stands still where the distance is constant along a."""
+
+    def bound(self, cell: Cell) -> PairBound:
+        """Bounds over one pair of cells."""
+        n = self.a.parameters
+        still = bound(self.a, self.b, cell)
+        ends = (jnp.concatenate([x[n:], x[:n]]) for x in (cell.low, cell.high))
+        moving = moving_bound(self.b, self.a, Cell(cell.piece_b, cell.piece_a, *ends), still.x[:n])
+        return self._with_moving(cell, still, moving, np.arange(cell.low.size) < n)
 
 
 class MovingNetBound(NamedTuple):

@@ -11,7 +11,8 @@ from jaxtyping import Array
 from jhd.arithmetic.rounding import gamma
 from jhd.arrays import is_tracing, undifferentiated
 from jhd.compiled import compiled
-from jhd.distance.cells.moving_nets import WithMovingParameters
+from jhd.distance.cells.moving_nets import WithMovingFirst, WithMovingParameters
+from jhd.distance.cells.pairs import BestPair, derivatives
 from jhd.distance.frame.coordinates import extremes
 from jhd.distance.frame.net_jets import Net, jet, point_error
 from jhd.distance.frame.nets import net_of, prepare_nets
@@ -37,6 +38,9 @@ from jhd.distance.search.search import Listener, Progress, drive
 from jhd.distance.witness.nets import polished, with_net_derivatives
 from jhd.solution import MinimumSolution
 
+# Feet move on the first shape if the distance is bent along the second one by less than this share of what it is there.
+_FLATTER = 0.125
+
 
 def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None) -> MinimumSolution:
     """Minimum distance of curves and parametric surfaces, in common coordinates, with derivatives in both."""
@@ -51,8 +55,9 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress
     else:
         pairs, valid = _near_pairs(p, q, counts)
         begun = partial(_begun, problem, pairs, valid, room_for(len(pairs), method.capacity))
-        first, second = (partial(_stretch, x, wanted) for x in (problem, WithMovingParameters(*problem)))
-        search = InTurn(begun, first, second, method.max_steps)
+        search = InTurn(
+            begun, partial(_stretch, problem, wanted), partial(_following, problem, wanted), method.max_steps
+        )
         found = drive(search, Listener(progress, frame))
     return with_net_derivatives(found.solution(frame), *nets, frame, found.best)
 
@@ -85,6 +90,32 @@ def _stretch(
     """Goes on for some steps, and says how the search stands, in four numbers."""
     state = advance(problem, wanted, state, limit, growing)
     return state, _outcome(problem, wanted, state), news_of(problem, wanted, state, growing)
+
+
+def _following(
+    problem: Parametric, wanted: WantedGap, state: ClosestState, limit: Array, growing: Array
+) -> tuple[ClosestState, Outcome, Array]:
+    """The same with feet that move, on the shape from which the distance is bent more at the nearest pair."""
+    of_a, of_b = np.asarray(_bends(problem, state.best))
+    kind = WithMovingFirst if of_b < _FLATTER * of_a else WithMovingParameters
+    return _stretch(kind(*problem), wanted, state, limit, growing)
+
+
+@compiled
+def _bends(problem: Parametric, best: BestPair) -> Array:
+    """The least second derivative of half the squared distance along each shape, by lengths on it; at most one."""
+    n = problem.a.parameters
+    jets = jet(problem.a.piece(best.piece_a), best.x[:n]), jet(problem.b.piece(best.piece_b), best.x[n:])
+    speeds = jnp.linalg.norm(jnp.concatenate([at.first for at in jets]), axis=-1)
+    speeds = jnp.where(speeds > 0, speeds, 1.0)
+    bent = derivatives(*jets)[2] / (speeds[:, None] * speeds)
+
+    def least(matrix: Array) -> Array:
+        # Of one or two parameters.
+        first, last = matrix[0, 0], matrix[-1, -1]
+        return 0.5 * (first + last) - jnp.hypot(0.5 * (first - last), matrix[0, -1] if len(matrix) > 1 else 0.0)
+
+    return jnp.minimum(jnp.stack([least(bent[:n, :n]), least(bent[n:, n:])]), 1.0)
 
 
 def _near_pairs(a: Net, b: Net, counts: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
