@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 import jhd
-from jhd import programs, storage
+from jhd._runtime import programs, storage
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ from common import Run, markdown
 from jaxtyping import Array
 
 import jhd
-from jhd.solution import to_plain
+from jhd._results.solution import to_plain
 
 LETTER = np.array([(0, 0), (-1, 4), (4, 6), (5, -1), (1, -3), (3, 5), (8, 4), (7, 0)], dtype=float)
 DEGREE = 4

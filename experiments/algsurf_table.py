@@ -27,7 +27,7 @@ from common_surfaces import CONES, CONES_EXACT, bounds, kept, surface
 from ranges import KINDS
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 PAPER_SECONDS, PAPER_CELLS = 789694.0, 64
 PAPER_MIDDLE, PAPER_HALF = 0.81295637135, 0.08408738455

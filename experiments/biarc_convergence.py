@@ -24,7 +24,7 @@ from common import Run, markdown
 from common_cao14 import ring
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 # The cusp's parameter; a dyadic one would be met by halving.
 CUSP = 0.4

@@ -23,10 +23,10 @@ import common_parameters
 import jax
 import numpy as np
 
-from jhd.compiled import _options
+from jhd._results.solution import to_plain
+from jhd._runtime.compiled import _options
+from jhd._runtime.storage import chosen_folder
 from jhd.io import load_shape
-from jhd.solution import to_plain
-from jhd.storage import chosen_folder
 
 _HERE = Path(__file__).resolve().parent
 _PACKAGES = ("jhd", "jax", "equinox", "optimistix", "numpy", "scipy")

@@ -10,8 +10,8 @@ import numpy as np
 
 import jhd
 import jhd.io
+from jhd._results.solution import name_of
 from jhd.distance.frame.curves import padded_count
-from jhd.solution import name_of
 
 _SEGMENTS = 48
 

@@ -35,7 +35,7 @@ from common import Run, markdown
 from jax.experimental.compilation_cache.compilation_cache import reset_cache
 
 import jhd
-from jhd.solution import name_of, to_plain
+from jhd._results.solution import name_of, to_plain
 
 DEGREE, DEGREES, CURVES, SPREAD = 7, (3, 4, 5), 8, 0.25
 # Rates are shares of the size; p rises from the first to the last number.

@@ -30,7 +30,7 @@ import numpy as np
 from common import Run, markdown
 
 import jhd
-from jhd import compiled
+from jhd._runtime import compiled
 
 _BOX = [-2.0] * 3, [2.0] * 3
 _WAYS = ("without", "first", "second")

@@ -22,7 +22,7 @@ import numpy as np
 from common import Run, markdown
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 PARABOLA = jnp.array([[-2.0, 4.0], [0.0, -4.0], [2.0, 4.0]])
 ARC = jnp.array([[-0.35, -0.05], [-0.12, 0.1], [0.12, 0.1], [0.35, -0.05]])

@@ -28,7 +28,7 @@ from common import Run, markdown, seconds
 from jaxtyping import Array
 
 import jhd
-from jhd.compiled import _options
+from jhd._runtime.compiled import _options
 
 DRAWN, TARGET, BATCH, SAMPLES = 12, 24, 16, 128
 STEPS, EVERY = 200, 20

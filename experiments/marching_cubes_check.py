@@ -25,7 +25,7 @@ from numpy.polynomial.polynomial import polygrid3d
 from skimage.measure import marching_cubes
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 BOX = 1.5
 _CELLS, _SMOKE_CELLS = (8, 12, 16, 24, 32), (5, 10)

@@ -32,7 +32,7 @@ from common import Run, markdown
 
 import jhd
 import jhd.io
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 FONTS, LETTERS = ("DejaVu Serif", "STIXGeneral"), "Sae"
 # In units of the em.

@@ -22,7 +22,7 @@ import numpy as np
 from common import Run, bounds_text, markdown
 
 import jhd
-from jhd.solution import to_plain
+from jhd._results.solution import to_plain
 
 QUARTER = jhd.BezierCurve([(1, 0), (1, 1), (0, 1)], [1, math.sqrt(0.5), 1])
 # The optimum of the one-parameter cubic to 30 digits, and errors as they are known.

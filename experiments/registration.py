@@ -33,7 +33,7 @@ from scipy.spatial import KDTree
 
 import jhd
 import jhd.io
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 # The letter of a short run has few segments.
 FONTS, LETTER, SMOKE_LETTER = ("DejaVu Sans", "STIXGeneral"), "S", "z"

@@ -22,7 +22,7 @@ from common import Run, markdown
 from common_parts import beside, bicubic, cpu, sampled_directed, samples, wavy_net
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 _PATCHES, _SMOKE_PATCHES = 3, 1
 _POINTS, _SMOKE_POINTS = 100_000, 400

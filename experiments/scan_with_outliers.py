@@ -22,7 +22,7 @@ import numpy as np
 from common import Run, markdown
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 POINTS, NOISE = 400, 0.01
 # How far out the control points are.

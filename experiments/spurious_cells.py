@@ -21,7 +21,7 @@ from common import Run, markdown
 from common_surfaces import surface
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 SPHERE = "x^2 + y^2 + z^2 - 1"
 # Title; both polynomials; the distance, unless there is none; planes of the picture (z).

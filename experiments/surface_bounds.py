@@ -26,7 +26,7 @@ from common import Run, markdown
 from common_surface_bounds import FAMILIES, Patch, Rectangle
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 _CELLS, _SMOKE_CELLS = 129, 33
 _TOLERANCES, _SMOKE_TOLERANCES = 10.0 ** -np.arange(2.0, 11.0), (1e-10,)

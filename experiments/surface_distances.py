@@ -24,7 +24,7 @@ from common_parts import beside, bicubic, cpu, diagonal, sampled, sampled_direct
 from common_surfaces import surface
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 _PATCHES, _SMOKE_PATCHES = 10, 1
 _POINTS, _SMOKE_POINTS = 10_000, 400

@@ -20,7 +20,7 @@ from common import Run, markdown
 from common_surfaces import BARTH, CAYLEY, CLEBSCH, CONES, TANGLECUBE, TORUS, surface
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 ATOL = 1e-6
 # Name, both polynomials, the box.

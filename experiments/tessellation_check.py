@@ -20,7 +20,7 @@ from common import Run, markdown
 from common_parts import beside, bicubic, cpu, sampled_directed, stored, wavy_net
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 _PATCHES, _SMOKE_PATCHES = 10, 1
 # What the mesher is asked for, from coarse to fine.

@@ -23,6 +23,7 @@ import numpy as np
 from common import Run, markdown
 
 import jhd
+from jhd._results.solution import name_of
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import prepare
 from jhd.distance.published.arc_bounds import Arcs, ArcTarget
@@ -32,7 +33,6 @@ from jhd.distance.published.events.survivors import EventPieces, everywhere, pai
 from jhd.distance.published.events.systems import Events, solve
 from jhd.distance.published.farthest import measure
 from jhd.distance.published.trimming import both_arcs
-from jhd.solution import name_of
 
 COUNT = 8
 FAMILIES = ("bumps", "noise", "unrelated")

@@ -8,10 +8,10 @@ from typing import Any as _Any
 __version__ = "0.1.0"
 
 # First, because all that follows takes time, in which interrupts come and for which help does not wait.
-from jhd import starting as _starting  # noqa: F401
+from jhd._runtime import starting as _starting  # noqa: F401
 
 # isort: split
-from jhd import helping as _helping  # noqa: F401
+from jhd._cli import helping as _helping  # noqa: F401
 
 # isort: split
 import jax as _jax
@@ -21,6 +21,21 @@ if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "of
     _jax.config.update("jax_enable_x64", True)
 
 from jhd import plot  # noqa: E402
+from jhd._results.solution import (  # noqa: E402
+    ANSWERS,
+    DIRECTIONS,
+    EVENTS,
+    RESULTS,
+    CriticalPairs,
+    Decision,
+    FitSolution,
+    HausdorffSolution,
+    MinimumSolution,
+    NotProvenError,
+    Projection,
+    StationaryPoints,
+    Witness,
+)
 from jhd.distance import (  # noqa: E402
     AlgebraicEvents,
     BiarcTrimming,
@@ -100,29 +115,15 @@ from jhd.shapes import (  # noqa: E402
     NotRegularError,
     Partials,
     PatchMesh,
+    Prepared,
     TriangleMesh,
     as_shape,
     biarcs,
     circle,
     points,
     polyline,
+    prepare,
 )
-from jhd.solution import (  # noqa: E402
-    ANSWERS,
-    DIRECTIONS,
-    EVENTS,
-    RESULTS,
-    CriticalPairs,
-    Decision,
-    FitSolution,
-    HausdorffSolution,
-    MinimumSolution,
-    NotProvenError,
-    Projection,
-    StationaryPoints,
-    Witness,
-)
-from jhd.triangles import PreparedMesh, prepared  # noqa: E402
 
 if _TYPE_CHECKING:
     from jhd import io as io
@@ -175,7 +176,7 @@ __all__ = [
     "Pairwise",
     "Partials",
     "PatchMesh",
-    "PreparedMesh",
+    "Prepared",
     "Profile",
     "Progress",
     "ProjectedPolyhedron",
@@ -215,7 +216,7 @@ __all__ = [
     "plot",
     "points",
     "polyline",
-    "prepared",
+    "prepare",
     "profile",
     "project",
     "signatures",

@@ -14,10 +14,10 @@ from typing import Any, NoReturn
 
 # Light alone: this module answers --help while the package is not imported yet.
 import jhd
-from jhd import lengths
-from jhd.starting import INTERRUPTED
+from jhd._cli import lengths
+from jhd._runtime.starting import INTERRUPTED
 
-# Those of jhd.warming and jhd.fields, written out, as their import takes seconds.
+# Those of jhd._cli.warming and jhd.fields, written out, as their import takes seconds.
 _KINDS = "plane", "space", "rational", "surfaces", "meshes"
 _MODES, _SIGNS = ("band", "full"), ("winding", "pseudonormal", "none")
 _FULL = errno.ENOSPC, errno.EFBIG, errno.EDQUOT
@@ -105,7 +105,7 @@ def _run(argv: list[str]) -> int:
     from jhd.console import interrupts_heard
 
     with interrupts_heard():
-        from jhd import commands
+        from jhd._cli import commands
 
         _switch_cache_on()
         return getattr(commands, options.command)(options)
@@ -159,7 +159,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser() -> argparse.ArgumentParser:
-    """The parser; options.command names the function in jhd.commands."""
+    """The parser; options.command names the function in jhd._cli.commands."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = _Parser("jhd", description=jhd.__doc__, epilog=_EPILOG, formatter_class=raw)
     parser.add_argument("--version", action="version", version=f"jhd {jhd.__version__}")
@@ -284,7 +284,7 @@ def _switch_cache_on() -> None:
     """Lets JAX keep what it compiles around jhd's own programs too, beside them, unless it has a folder already."""
     import jax
 
-    from jhd.storage import chosen_folder, made
+    from jhd._runtime.storage import chosen_folder, made
 
     folder = chosen_folder()
     if folder is None or jax.config.jax_compilation_cache_dir:  # pyright: ignore[reportAttributeAccessIssue]

@@ -13,9 +13,9 @@ from typing import Any
 import jax
 
 import jhd
-from jhd.report import interrupted, progress_text, successful
-from jhd.solution import to_plain
-from jhd.starting import INTERRUPTED
+from jhd._cli.report import interrupted, progress_text, successful
+from jhd._results.solution import to_plain
+from jhd._runtime.starting import INTERRUPTED
 
 # Seconds after which an interrupt that was dropped is sent again: what dropped it is over by then.
 _AGAIN = 0.02

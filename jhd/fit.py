@@ -15,7 +15,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
-from jhd.arrays import real_array
+from jhd._results.solution import FitSolution
+from jhd._runtime.arrays import real_array
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.measures.measures import AbstractMeasure
 from jhd.fitting.annealing import annealing
@@ -31,7 +32,6 @@ from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
 from jhd.slips import refuse_tracing, traceable
-from jhd.solution import FitSolution
 
 # Shapes that are fitted, and fitted to.
 Fitted = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
@@ -128,7 +128,7 @@ def _minimised(
     method: AbstractHausdorffMethod | None = None,
     progress: Callable[[FitProgress], object] | None = None,
 ) -> FitSolution:
-    """See minimise_hausdorff; within the time of a clock."""
+    """As `minimise_hausdorff`, within the time of a clock."""
     target = taken_as("target", target)
     flat, unravel = ravel_pytree(jax.tree_util.tree_map(lambda x: jnp.asarray(x, dtype=float), parameters))
     if flat.size == 0:

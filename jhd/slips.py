@@ -6,7 +6,7 @@ from typing import Any, TypeVar, cast
 
 import jax
 
-from jhd.arrays import is_tracing
+from jhd._runtime.arrays import is_tracing
 
 Called = TypeVar("Called", bound=Callable[..., Any])
 

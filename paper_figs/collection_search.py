@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, StrMethodFormatter
 
 import jhd
-from jhd.solution import RESULTS
+from jhd._results.solution import RESULTS
 
 _LOOKS: dict[int, dict[str, Any]] = {
     1: {"color": BLUE, "marker": "o", "label": "nearest"},

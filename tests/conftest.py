@@ -158,7 +158,7 @@ def drop_programs_above(limit):
     """Drop all programs if the process holds more bytes than the limit."""
     pages = Path("/proc/self/statm")
     if pages.exists() and int(pages.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > limit:
-        from jhd.compiled import give_back
+        from jhd._runtime.compiled import give_back
 
         gc.unfreeze()
         jax.clear_caches()

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.arrays import array_of, check_finite, is_traced, is_tracing, joined, real_array, taken
+from jhd._runtime.arrays import array_of, check_finite, is_traced, is_tracing, joined, real_array, taken
 
 
 @pytest.mark.parametrize(

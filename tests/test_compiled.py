@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd import compiled as module
-from jhd.compiled import asking, compiled, make_room
+from jhd._runtime import compiled as module
+from jhd._runtime.compiled import asking, compiled, make_room
 from tests.sweeps import CPU_ONLY
 
 

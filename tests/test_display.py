@@ -14,11 +14,11 @@ import pytest
 
 import jhd
 import jhd.io
-from jhd import display
+from jhd._results import display
+from jhd._results.solution import name_of
 from jhd.distance.many.signatures import Signatures
 from jhd.shapes import sketches
 from jhd.shapes.polynomial_text import read, written
-from jhd.solution import name_of
 from tests.test_solution import a_solution
 
 NET = np.arange(27.0).reshape(3, 3, 3)

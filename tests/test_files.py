@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import jhd
-from jhd.files import replace_file
+from jhd._runtime.files import replace_file
 
 
 def test_a_file_is_replaced_with_its_mode_and_nothing_else_is_left(tmp_path):

@@ -9,7 +9,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 from tests.sweeps import swept
 
 # The best c of the cubic quarter circle (1, 0), (1, c), (c, 1), (0, 1), and its error, by Newton's method in 40 digits.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd import forks
+from jhd._runtime import forks
 from tests.processes import python
 
 A, B = jhd.polyline([(0, 0), (1, 0)]), jhd.points([[0.0, 1.0]])

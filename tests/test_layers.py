@@ -13,9 +13,7 @@ PACKAGE = Path(__file__).parent.parent / "jhd"
 # above its own, or in its own line before it; those of one line that are parted by a bar know nothing of each other.
 # Inside a folder the order is free, as long as there is no cycle.
 ORDER = """
-    starting
-    jax_internals archives arrays sharding decimals display files forks memory slips storage programs compiled outcomes
-        plain batches unproven solution
+    _runtime decimals slips _results
     arithmetic
     shapes
     triangles
@@ -23,11 +21,14 @@ ORDER = """
     distance.frame distance.nearest distance.cells distance.witness distance.search distance.published.events
         distance.published distance.certificate distance distance.measures
     fitting fit | plot | io
-    lengths report options warming console comparisons collected commands __main__ helping
+    _cli.lengths _cli.report console _cli __main__ _cli.helping
 """
 # The checker of certificates runs by itself, and is its own command line.
 CHECKER = "distance.certificate.verification.__main__"
-COMMAND_LINE = (CHECKER, "starting", "lengths", "console", "comparisons", "collected", "commands", "__main__")
+COMMAND_LINE = (
+    *(CHECKER, "_runtime.starting", "console", "__main__"),
+    *("_cli.lengths", "_cli.comparisons", "_cli.collected", "_cli.commands"),
+)
 # Their import takes a tenth of a second and more, so they may be imported where they are used.
 HEAVY = {"matplotlib", "mpl_toolkits", "fontTools", "scipy", "shapely", "trimesh", "pyvista", "skimage"} | {
     "svgelements",

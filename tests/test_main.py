@@ -18,8 +18,11 @@ from matplotlib.image import imread
 import jhd
 import jhd.io
 from jhd import __main__ as command_line
-from jhd import commands, comparisons, storage
 from jhd.__main__ import main
+from jhd._cli import commands, comparisons
+from jhd._cli.report import progress_text
+from jhd._cli.warming import KINDS, Preparation, preparations
+from jhd._runtime import storage
 from jhd.distance import pairs
 from jhd.distance.many.tasks import CollectionProgress
 from jhd.distance.search.search import Progress
@@ -27,8 +30,6 @@ from jhd.fields.adaptive_build import MODES
 from jhd.fields.adaptive_samples import SIGNS
 from jhd.fitting.minimax import FitProgress
 from jhd.io import load_result
-from jhd.report import progress_text
-from jhd.warming import KINDS, Preparation, preparations
 from tests.processes import python
 from tests.sweeps import CPU_ONLY
 
@@ -164,7 +165,7 @@ def test_an_interrupted_search_prints_the_bounds_reached(run, monkeypatch):
 
         yield interrupt
 
-    monkeypatch.setattr("jhd.comparisons.busy", interrupting)
+    monkeypatch.setattr("jhd._cli.comparisons.busy", interrupting)
     # Zero is below what rounding leaves, so the search would go on.
     status, out, err = run("distance", BASE, DIAGONAL, "--atol", "0", "--plot", "no.png", "--certificate", "no.json")
     assert (status, err) == (130, "") and not Path("no.png").exists() and not Path("no.json").exists()

@@ -9,7 +9,7 @@ from matplotlib.image import imread
 
 import jhd.io
 from jhd.__main__ import main
-from jhd.collected import collected, short_name
+from jhd._cli.collected import collected, short_name
 
 # Sets of points, which take no program of curves: their distances along the first axis.
 PLACES = {"a": 0.0, "b": 0.25, "c": 4.0}

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd import memory
-from jhd.compiled import compiled
+from jhd._runtime import memory
+from jhd._runtime.compiled import compiled
 from jhd.distance.many.table import check_table
 from jhd.fields.adaptive_extract import Leaves, extracted
 from tests.sweeps import CPU_ONLY
@@ -50,7 +50,7 @@ def big(x):
 def test_programs_that_would_take_too_much_are_refused_before_they_run(kept, monkeypatch, tmp_path):
     if kept:
         monkeypatch.setenv("JHD_CACHE", str(tmp_path))
-        monkeypatch.setattr("jhd.compiled.is_ours", lambda _: True)
+        monkeypatch.setattr("jhd._runtime.compiled.is_ours", lambda _: True)
     call = compiled(big)
     for _ in range(2):
         with pytest.raises(MemoryError, match=r"would take 2.81e\+05 GB of memory, and .* are free; fewer points"):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._results.solution import name_of
 from jhd.plot.coloured import distances_at, pieces_of, section
-from jhd.solution import name_of
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import jhd
 from jhd import plot
-from jhd.solution import RESULTS
+from jhd._results.solution import RESULTS
 
 BASE = jhd.polyline([(0.0, 0.0), (2.0, 0.0)])
 ARCH = jhd.BezierSegments([[[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]]])

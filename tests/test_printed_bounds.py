@@ -14,14 +14,14 @@ import pytest
 from matplotlib.figure import Figure
 
 import jhd
-from jhd import collected, commands, report
 from jhd.__main__ import main
+from jhd._cli import collected, commands, report
+from jhd._results.solution import throw_unless_successful
 from jhd.arithmetic import Interval
 from jhd.decimals import interval_text, lower_text, upper_text
 from jhd.distance.certificate.verification import Proven, sentence
 from jhd.distance.search.search import Progress
 from jhd.plot import pages
-from jhd.solution import throw_unless_successful
 from tests.test_solution import a_solution
 
 # Bounds that a rounding to the nearest prints wrongly on one side or on both.

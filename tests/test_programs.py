@@ -19,12 +19,12 @@ import pytest
 from jax.experimental.compilation_cache.compilation_cache import reset_cache
 
 import jhd
-from jhd import compiled as compiled_module
-from jhd import programs
-from jhd.compiled import asking, compiled
+from jhd._runtime import compiled as compiled_module
+from jhd._runtime import programs
+from jhd._runtime.compiled import asking, compiled
+from jhd._runtime.programs import NotKeptError, is_ours, name_of_program
 from jhd.distance.frame import directions
 from jhd.distance.witness import balance, meshes, places
-from jhd.programs import NotKeptError, is_ours, name_of_program
 from tests.processes import at_once
 from tests.sweeps import CPU_ONLY
 
@@ -391,7 +391,7 @@ def test_without_the_source_that_runs_nothing_is_kept(folder, sample, monkeypatc
     module = sample(SQUARE)
     monkeypatch.setattr(programs, "_STARTED", 0.0)
     if source == "not there":
-        monkeypatch.setattr(programs, "__file__", str(tmp_path / "programs.py"))
+        monkeypatch.setattr(programs, "__file__", str(tmp_path / "_runtime" / "programs.py"))
     assert in_a_new_process(module.square)(jnp.ones(3))["twice"][0] == 2.0
     assert files(folder) == []
 
@@ -462,14 +462,14 @@ def in_processes(count, script, folder, **environment):
 def test_a_process_that_never_saw_lapack_runs_a_program_that_calls_it(tmp_path):
     store = """
 import jax, jax.numpy as jnp
-from jhd import programs
+from jhd._runtime import programs
 x = jnp.array([[3.0, 1.0], [1.0, 2.0]])
 run = jax.jit(lambda x: [jnp.linalg.svd(x, compute_uv=False)]).lower(x).compile()
 print(programs.store("svd", run, jax.tree_util.tree_structure([0])))
 """
     load = """
 import jax, numpy as np
-from jhd import programs
+from jhd._runtime import programs
 run, made = programs.load("svd")
 print([float(x).hex() for x in run(np.array([[3.0, 1.0], [1.0, 2.0]]))[0]])
 """

@@ -7,8 +7,8 @@ import pytest
 from jax.sharding import NamedSharding, PartitionSpec
 
 import jhd
-from jhd.arrays import varying
-from jhd.sharding import shared_by_devices
+from jhd._runtime.arrays import varying
+from jhd._runtime.sharding import shared_by_devices
 
 MESH = jax.make_mesh((1, 1), ("i", "j"))
 

@@ -10,7 +10,7 @@ import optimistix as optx
 import pytest
 
 import jhd
-from jhd.solution import name_of, result_where, throw_unless_successful, to_plain
+from jhd._results.solution import name_of, result_where, throw_unless_successful, to_plain
 
 RESULTS_OF_OUR_OWN = ("gap_not_closed", "capacity_reached", "nonfinite_value")
 EVENTS = ("a_end", "corner", "b_end", "antipodal", "one_to_two", "coincident")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from jhd import storage
+from jhd._runtime import storage
 from tests.processes import python
 
 BODY = b"some bytes" * 100
@@ -144,12 +144,12 @@ storage.open = lambda *arguments: Half(real(*arguments))
     script = f"""
 import os, signal
 from pathlib import Path
-from jhd import storage
+from jhd._runtime import storage
 {script}
 storage.write(Path({str(folder)!r}), "new", {BODY!r})
 """
     # The module alone: importing the package takes a second, and it must not need it.
-    root = str(Path(storage.__file__).parents[1])
+    root = str(Path(storage.__file__).parents[2])
     light = f"import sys, types; jhd = sys.modules['jhd'] = types.ModuleType('jhd'); jhd.__path__ = [{root!r} + '/jhd']"
     python("-c", light + script, status=-signal.SIGKILL)
     assert len(list(folder.iterdir())) == 2  # the old one, and what was begun

@@ -10,7 +10,7 @@ import pytest
 from mpmath import mp, mpf
 from scipy.spatial import KDTree
 
-from jhd.compiled import compiled
+from jhd._runtime.compiled import compiled
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.places import local_feet
 from tests.surface_cases import CASES

@@ -24,9 +24,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from jhd._runtime.arrays import varying
 from jhd.arithmetic import rounding
 from jhd.arithmetic.interval import Interval
-from jhd.arrays import varying
 
 
 @cache

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
+from jhd._runtime.arrays import varying
 from jhd.arithmetic import rounding
-from jhd.arrays import varying
 
 # A box tells nothing more when its coefficients are within this many error bounds. Shrinking leaves about one bound on
 # each side of a simple root; with 1 here such boxes were halved into eight.

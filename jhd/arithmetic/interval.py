@@ -20,9 +20,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
+from jhd._results.display import described, fields_shown, is_known
 from jhd.arithmetic import rounding
 from jhd.decimals import lower_text, upper_text
-from jhd.display import described, fields_shown, is_known
 
 Operand = Union["Interval", ArrayLike]
 

@@ -28,9 +28,9 @@ from jax.custom_batching import custom_vmap
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
+from jhd._results.solution import RESULTS
+from jhd._runtime.arrays import varying
 from jhd.arithmetic.box_systems import combinations, on_box, scaled, shrunk, vanish
-from jhd.arrays import varying
-from jhd.solution import RESULTS
 
 # A box that keeps more than this part of its largest side is halved: Sherbrooke & Patrikalakis, section 4.
 KEPT = 0.8

@@ -15,7 +15,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array
 
-from jhd.arrays import is_traced, undifferentiated
+from jhd._runtime.arrays import is_traced, undifferentiated
 
 # Below all exponents: that of zero, which no number has.
 _NONE = -(10**6)

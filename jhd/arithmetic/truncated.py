@@ -22,9 +22,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._runtime.arrays import varying
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.trivariate import bernstein_conversion
-from jhd.arrays import varying
 
 # The degree at which polynomials are cut off.
 DEGREE = 5

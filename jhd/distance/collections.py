@@ -14,8 +14,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jhd.arrays import check_whole, real_array, same_arrays
-from jhd.compiled import give_back
+from jhd._results.outcomes import RESULTS
+from jhd._runtime.arrays import check_whole, real_array, same_arrays
+from jhd._runtime.compiled import give_back
 from jhd.distance.decisions import checked_limit
 from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
 from jhd.distance.many.near_duplicates import candidates
@@ -27,7 +28,6 @@ from jhd.distance.many.table import DistanceTable
 from jhd.distance.many.tasks import CollectionProgress, measured, pairs_between, workers
 from jhd.distance.pairs import METHODS
 from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
-from jhd.outcomes import RESULTS
 from jhd.shapes.checks import Numbers
 
 Report = Callable[[CollectionProgress], object] | None

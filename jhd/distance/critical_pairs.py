@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arrays import is_traced, undifferentiated
+from jhd._results.solution import RESULTS, CriticalPairs, HausdorffSolution, result_where
+from jhd._runtime.arrays import is_traced, undifferentiated
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.hausdorff import hausdorff
 from jhd.distance.witness.critical import local_pairs
@@ -19,7 +20,6 @@ from jhd.distance.witness.derivative import moving
 from jhd.distance.witness.maxima import NEARER, ROUNDED
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import check_curve
-from jhd.solution import RESULTS, CriticalPairs, HausdorffSolution, result_where
 
 
 def critical_pairs(a: Any, b: Any, capacity: int = 16) -> CriticalPairs:

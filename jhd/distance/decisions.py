@@ -4,11 +4,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jhd._results.solution import ANSWERS, RESULTS, Decision, HausdorffSolution, MinimumSolution, result_where
+from jhd._runtime.arrays import is_traced, real_array
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import ordered
-from jhd.arrays import is_traced, real_array
-from jhd.compiled import compiled
 from jhd.shapes.checks import Numbers
-from jhd.solution import ANSWERS, RESULTS, Decision, HausdorffSolution, MinimumSolution, result_where
 
 
 def checked_limit(threshold: Numbers) -> Array:

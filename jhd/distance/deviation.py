@@ -8,9 +8,16 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jhd._results.solution import (
+    RESULTS,
+    HausdorffSolution,
+    name_of,
+    throw_unless_successful,
+)
+from jhd._results.unproven import relative_tolerance
+from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array, undifferentiated
 from jhd.arithmetic.rationals import float_near
 from jhd.arithmetic.scaling import common_exponent
-from jhd.arrays import check_scalar, check_whole, is_traced, real_array, undifferentiated
 from jhd.distance.cells.measures import FlatCells
 from jhd.distance.cells.weighted import exact_sum
 from jhd.distance.deviation_solution import Bounds, Deviation, DistanceSamples, check_share
@@ -25,17 +32,11 @@ from jhd.distance.search.points import is_points
 from jhd.distance.search.search import Listener, Progress, drive
 from jhd.shapes.as_shape import check_shape, taken_as
 from jhd.shapes.checks import Numbers
-from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.curve import BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
-from jhd.solution import (
-    RESULTS,
-    HausdorffSolution,
-    name_of,
-    throw_unless_successful,
-)
-from jhd.unproven import relative_tolerance
+from jhd.shapes.prepared import working
 
 # Where no tolerance is asked for, gaps up to this share of the diagonal stay.
 _SHARE = 1e-6
@@ -172,12 +173,8 @@ def checked_weights(a: Any, weights: Any) -> Any:
 
 def _working(shape: Any) -> Any:
     """A shape as searches take it, nothing of it traced; of the plane at height zero."""
-    shape = undifferentiated(shape)
-    if isinstance(shape, AbstractPatch):
-        return shape.patches()
-    if not isinstance(shape, AbstractCurve):
-        return shape
-    return curve_in_space(shape.segments())
+    shape = working(undifferentiated(shape))
+    return curve_in_space(shape) if isinstance(shape, BezierSegments) else shape
 
 
 def _distributed(

@@ -7,7 +7,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from jhd.arrays import real_array
+from jhd._results.solution import HausdorffSolution, Projection, name_of, to_plain
+from jhd._runtime.arrays import real_array
 from jhd.decimals import interval_text
 from jhd.distance.cells.weighted import Values, Weights, quantile_bounds, share_bounds
 from jhd.distance.project import project
@@ -15,7 +16,6 @@ from jhd.distance.search.points import is_points
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import HausdorffSolution, Projection, name_of, to_plain
 
 
 class Bounds(NamedTuple):

@@ -4,7 +4,13 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from jhd.arrays import same_arrays
+from jhd._results.solution import (
+    Decision,
+    HausdorffSolution,
+    on_device,
+    throw_unless_successful,
+)
+from jhd._runtime.arrays import same_arrays
 from jhd.distance.decisions import checked_limit, decided, of_copies
 from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
 from jhd.distance.pairs import pair_of
@@ -12,12 +18,6 @@ from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
 from jhd.distance.search.search import Progress
 from jhd.shapes.checks import Numbers
 from jhd.slips import belongs
-from jhd.solution import (
-    Decision,
-    HausdorffSolution,
-    on_device,
-    throw_unless_successful,
-)
 
 # What belongs to a method is easily handed to the call.
 _OF_THE_METHOD = {

@@ -7,8 +7,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jhd._results.solution import RESULTS, Decision, MinimumSolution, throw_unless_successful
+from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd.arithmetic.rounding import smallest_normal
-from jhd.arrays import is_traced, is_tracing, undifferentiated
 from jhd.distance.decisions import checked_limit, decided
 from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.method import check_serves
@@ -28,8 +29,7 @@ from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
-from jhd.shapes.patch import AbstractPatch
-from jhd.solution import RESULTS, Decision, MinimumSolution, throw_unless_successful
+from jhd.shapes.prepared import working
 
 # From this many points on a set of them is searched by a tree, or thinned out before the search.
 _FEW = 256
@@ -234,13 +234,9 @@ def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolut
 def _thinned(points: Any, shape: Any) -> Any:
     """The points that may be nearest to a shape; of a curve by its nearest points, each place once."""
     if not isinstance(shape, AbstractCurve) or is_points(shape):
-        return nearest_points(points, _patches(shape))
+        return nearest_points(points, working(shape))
     rows = np.asarray(undifferentiated(points).control_points)[:, 0]
     found = project(rows, undifferentiated(shape), throw=False)
     near = np.flatnonzero(np.asarray(found.lower) <= np.min(np.asarray(found.upper)))
     first = np.unique(rows[near], axis=0, return_index=True)[1]
     return BezierSegments(points.control_points[near[np.sort(first)]])
-
-
-def _patches(shape: Any) -> Any:
-    return shape.patches() if isinstance(shape, AbstractPatch) else shape

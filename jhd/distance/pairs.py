@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
+from typing_extensions import override
 
-from jhd.arrays import is_traced, is_tracing, undifferentiated
-from jhd.compiled import compiled
+from jhd._results.solution import DIRECTIONS, HausdorffSolution, in_direction
+from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
+from jhd._runtime.compiled import compiled
 from jhd.distance.frame.aim import Aim, aim_at
 from jhd.distance.frame.coordinates import Frame, reported
 from jhd.distance.frame.curves import prepare
@@ -42,8 +44,7 @@ from jhd.shapes.checks import empty_surface
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
-from jhd.shapes.patch import AbstractPatch
-from jhd.solution import DIRECTIONS, HausdorffSolution, in_direction
+from jhd.shapes.prepared import working
 
 Report = Callable[[Any], object] | None
 
@@ -51,9 +52,9 @@ Report = Callable[[Any], object] | None
 class AbstractPair(ABC):
     """Two checked shapes and the method for them."""
 
-    @abstractmethod
     def length(self, value: Array, toward: float | None = None) -> Any:
-        """A length in the coordinates of the search."""
+        """A length in the coordinates of the search; by default the user's."""
+        return value
 
     @abstractmethod
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
@@ -73,24 +74,24 @@ class AbstractPair(ABC):
         there = self.measured(level=level, ceiling=ceiling)
         return there, self.measured(turned=True, level=there.lower if level is None else level, ceiling=ceiling)
 
-    @abstractmethod
     def traced_search(self, *numbers: Any) -> TracedSearch | None:
         """Where shapes or numbers are traced: a search, and what of one form it takes for either direction.
 
         None where each direction is measured by itself.
         """
+        return None
 
-    @abstractmethod
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
         """The solution in the unit of the shapes."""
+        return solution
 
-    @abstractmethod
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
         """A reported solution, its value with derivatives in both shapes."""
+        return solution
 
-    @abstractmethod
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
         """The Hausdorff distance of both directed ones, which are reported; with derivatives in both shapes."""
+        return larger(self.differentiable(there), self.differentiable(back))
 
     def finished(self, solution: HausdorffSolution) -> HausdorffSolution:
         """A measured solution as it is handed to the user."""
@@ -126,12 +127,12 @@ class CurvePair(AbstractPair):
         self._a, self._b, self._frame = prepare(*undifferentiated(self._given), sharing=sharing)
         self._listener = Listener(progress, self._frame)
 
+    @override
     def length(self, value: Array, toward: float | None = None) -> Any:
-        """See AbstractPair."""
         return self._frame.common(value, toward)
 
+    @override
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
-        """See AbstractPair."""
         a, b = (self._b, self._a) if turned else (self._a, self._b)
         aim = aim_at(level, ceiling, self._a.control_points.dtype)
         method, direction = self._method, _direction(turned)
@@ -147,8 +148,8 @@ class CurvePair(AbstractPair):
         self._listener.report(direction, Standing(solution, False, False, 0, 0))
         return solution
 
+    @override
     def traced_search(self, *numbers: Any) -> TracedSearch | None:
-        """See AbstractPair."""
         a, b, method, frame = self._a, self._b, self._method, self._frame
         alike = a.control_points.shape == b.control_points.shape
         if not (alike and is_tracing(a, b, method, numbers)):
@@ -156,16 +157,16 @@ class CurvePair(AbstractPair):
         run = lambda common, pair, aim: common[0].directed(*pair, common[1], aim)  # noqa: E731
         return TracedSearch(run, (method, frame), (a, b), (b, a))
 
+    @override
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
         return reported(self._frame, solution)
 
+    @override
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
         return with_derivatives(solution, *self._given, self._frame)
 
+    @override
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
         return self.differentiable(larger(there, back))
 
 
@@ -177,12 +178,12 @@ class SurfacePair(AbstractPair):
         self._targets, self._frame = _targets(*self._given)
         self._listener = Listener(progress, self._frame)
 
+    @override
     def length(self, value: Array, toward: float | None = None) -> Any:
-        """See AbstractPair."""
         return self._frame.common(value, toward)
 
+    @override
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
-        """See AbstractPair."""
         pair = self._targets.turned() if turned else self._targets.pair()
         aim, method, direction = aim_at(level, ceiling, self._frame.centre.dtype), self._method, _direction(turned)
         if is_tracing(pair, method, aim):
@@ -190,25 +191,21 @@ class SurfacePair(AbstractPair):
         wanted, capacity = wanted_of(method, pair.a, self._frame, aim), length_of_table(method, pair.a)
         return drive(SurfaceSearch(pair, wanted, direction, capacity, method.max_steps), self._listener, direction)
 
+    @override
     def traced_search(self, *numbers: Any) -> TracedSearch | None:
-        """See AbstractPair."""
         there, back, method, frame = self._targets.pair(), self._targets.turned(), self._method, self._frame
         if not is_tracing(there, method, numbers):
             return None
         run = lambda common, pair, aim: common[0].directed_surfaces(pair, common[1], aim, _direction(False))  # noqa: E731
         return TracedSearch(run, (method, frame), there, back)
 
+    @override
     def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
         return reported(self._frame, solution)
 
+    @override
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
         return with_surface_derivatives(solution, *self._given)
-
-    def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
-        return larger(self.differentiable(there), self.differentiable(back))
 
 
 class MeshPair(AbstractPair):
@@ -217,31 +214,16 @@ class MeshPair(AbstractPair):
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         self._method, self._meshes, self._listener = method, (a, b), Listener(progress)
 
-    def length(self, value: Array, toward: float | None = None) -> Any:
-        """See AbstractPair."""
-        return value
-
+    @override
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
-        """See AbstractPair."""
         a, b = undifferentiated(self._meshes[::-1] if turned else self._meshes)
         aim = undifferentiated(aim_at(level, ceiling, a.vertices.dtype))
         direction = _direction(turned)
         return in_direction(mesh_directed(a, b, self._method, aim, self._listener, direction), direction)
 
-    def traced_search(self, *numbers: Any) -> None:
-        """See AbstractPair."""
-
-    def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
-        return solution
-
+    @override
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
         return with_mesh_derivatives(solution, *self._meshes)
-
-    def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
-        return larger(self.differentiable(there), self.differentiable(back))
 
 
 class MixedPair(AbstractPair):
@@ -249,35 +231,20 @@ class MixedPair(AbstractPair):
 
     def __init__(self, a: Any, b: Any, method: Any, progress: Report):
         self._method, self._listener = method, Listener(progress)
-        self._given = tuple(_working(shape) for shape in (a, b))
+        self._given = tuple(working(shape) for shape in (a, b))
         p, q = self._given
         if p.dim != q.dim:
             raise ValueError(f"a has {p.dim} coordinates a point and b has {q.dim}; needs the same.")
 
-    def length(self, value: Array, toward: float | None = None) -> Any:
-        """See AbstractPair."""
-        return value
-
+    @override
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
-        """See AbstractPair."""
         a, b = self._given[::-1] if turned else self._given
         aim = undifferentiated(aim_at(level, ceiling, dtype_of(a)))
         direction = _direction(turned)
         return in_direction(mixed_directed(a, b, self._method, aim, self._listener, direction), direction)
 
-    def traced_search(self, *numbers: Any) -> None:
-        """See AbstractPair."""
-
-    def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
-        return solution
-
-    def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
-        return solution
-
+    @override
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
         return larger_of_forms(there, back)
 
 
@@ -288,28 +255,14 @@ class CubePair(AbstractPair):
         self._method = method
         self._first, self._second, self._scale = method.cells_of(a, b, progress)
 
-    def length(self, value: Array, toward: float | None = None) -> Any:
-        """See AbstractPair."""
-        return value
-
+    @override
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
-        """See AbstractPair; all of it is measured."""
+        """All of it is measured."""
         cells = (self._second, self._first) if turned else (self._first, self._second)
         return self._method.measured(*cells, self._scale, _direction(turned))
 
-    def traced_search(self, *numbers: Any) -> None:
-        """See AbstractPair."""
-
-    def reported(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
-        return solution
-
-    def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair; there are no derivatives."""
-        return solution
-
+    @override
     def larger(self, there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-        """See AbstractPair."""
         return larger_interval(there, back)
 
 
@@ -331,13 +284,6 @@ def _pair_for(a: Any, b: Any, method: Any) -> Callable[..., AbstractPair]:
     if is_points(a) and is_points(b) and isinstance(method, BranchAndBound):
         return CurvePair if is_tracing(undifferentiated((a, b)), method) else MixedPair
     return next((pair for kind, pair in _ENGINES if isinstance(a, kind) and isinstance(b, kind)), MixedPair)
-
-
-def _working(shape: Any) -> Any:
-    """The form of a shape that searches take."""
-    if isinstance(shape, AbstractCurve):
-        return shape.segments()
-    return shape.patches() if isinstance(shape, AbstractPatch) else shape
 
 
 @compiled

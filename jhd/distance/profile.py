@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jhd.arrays import check_whole
-from jhd.display import count_text, described, most_text, opaque
+from jhd._results.display import count_text, described, most_text, opaque
+from jhd._runtime.arrays import check_whole
 from jhd.distance.project import project
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import check_curve

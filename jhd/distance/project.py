@@ -20,9 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._results.solution import RESULTS, Projection, StationaryPoints, result_where, throw_unless_successful
+from jhd._runtime.arrays import array_of, check_whole, is_traced, real_array, undifferentiated
+from jhd._runtime.compiled import compiled, optimised
 from jhd.arithmetic.scaling import length, unit_weights
-from jhd.arrays import array_of, check_whole, is_traced, real_array, undifferentiated
-from jhd.compiled import compiled, optimised
 from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of, origin
 from jhd.distance.frame.curves import padded_count, replaced, trusted, usable
 from jhd.distance.frame.jets import jet
@@ -43,7 +44,6 @@ from jhd.shapes.curve import BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
-from jhd.solution import RESULTS, Projection, StationaryPoints, result_where, throw_unless_successful
 
 # Numbers of queries that programs are compiled for; more are done in blocks of the last size.
 _BLOCKS = (1, 16, 128, 1024)

@@ -23,14 +23,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jhd._results.solution import RESULTS, result_where
+from jhd._runtime.arrays import check_whole
 from jhd.arithmetic import bernstein, polynomial_systems
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import check_whole
 from jhd.distance.nearest.curves import NearestOnCurve, best_end, nearest
 from jhd.distance.nearest.stationarity import roots_on
 from jhd.distance.published.local_feet import best_local, halve, height, newton
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import RESULTS, result_where
 
 
 class AbstractProjectionMethod(eqx.Module):

@@ -15,15 +15,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._results.solution import Projection
+from jhd._runtime.arrays import is_traced, undifferentiated
 from jhd.arithmetic.scaling import common_exponent, ldexp
-from jhd.arrays import is_traced, undifferentiated
 from jhd.distance.nearest.meshes import checked_points
 from jhd.distance.published.vertex_voxels import VertexVoxels
 from jhd.distance.witness.mesh_feet import project_on_mesh
 from jhd.shapes.as_shape import check_rows_first, taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh, check_mesh
-from jhd.solution import Projection
 from jhd.triangles.closest_point import ClosestPoints
 from jhd.triangles.pseudonormal import is_behind
 from jhd.triangles.winding import is_inside, summed_angles

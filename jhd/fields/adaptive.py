@@ -18,10 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jhd.archives import read_arrays
+from jhd._results.display import count_text, described, opaque, value_text
+from jhd._runtime.archives import read_arrays
+from jhd._runtime.arrays import is_traced, real_array
+from jhd._runtime.files import replace_file
 from jhd.arithmetic.scaling import common_exponent
-from jhd.arrays import is_traced, real_array
-from jhd.display import count_text, described, opaque, value_text
 from jhd.fields.adaptive_build import DEEPEST, MODES, FieldProgress, Task, bounding_cube, build_octree, first_grid
 from jhd.fields.adaptive_error import LeafBoxes, largest_error, meeting
 from jhd.fields.adaptive_evaluate import LeafCells, values_at
@@ -29,12 +30,11 @@ from jhd.fields.adaptive_extract import Leaves, extracted
 from jhd.fields.adaptive_samples import PUBLISHED_SIGN, SIGNS, Surface, is_inner, surface_of
 from jhd.fields.adaptive_surfaces import MESH_SHARE, meshed
 from jhd.fields.checks import one_of, positive, whole
-from jhd.files import replace_file
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh, check_mesh
 from jhd.triangles.closest_point import closest_points
-from jhd.triangles.prepared import in_unit
+from jhd.triangles.unit import in_unit
 
 _FORMAT = "jhd.AdaptiveDistanceField 1"
 

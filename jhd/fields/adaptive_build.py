@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jhd._runtime.arrays import joined
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import joined
 from jhd.fields.adaptive_samples import CellNeighbours, Samples, Surface, decide, lift, spread, unsigned
 from jhd.fields.boxes import CORNERS, children
 from jhd.shapes.mesh import TriangleMesh

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jhd._runtime.arrays import joined, taken
 from jhd.arithmetic.rounding import gamma, round_up
-from jhd.arrays import joined, taken
 from jhd.fields.adaptive_samples import Surface, is_inner
 from jhd.fields.boxes import CORNERS
 from jhd.triangles.closest_point import closest_points

@@ -12,9 +12,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jhd._runtime.arrays import is_traced
+from jhd._runtime.compiled import optimised
 from jhd.arithmetic.scaling import length
-from jhd.arrays import is_traced
-from jhd.compiled import optimised
 from jhd.triangles.closest_point import in_blocks
 
 # The eight corners and parts are numbered 4 x + 2 y + z.

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from jhd.memory import check_memory
+from jhd._runtime.memory import check_memory
 from jhd.shapes.mesh import TriangleMesh
 
 # Cells along the side of a block, and samples.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jhd.arrays import real_array
+from jhd._runtime.arrays import real_array
 
 
 def one_of(name: str, value: object, names: tuple[str, ...]) -> Any:

@@ -20,13 +20,13 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jhd._results.display import count_text, described, opaque, size_text, value_text
+from jhd._runtime.arrays import is_traced, real_array
+from jhd._runtime.compiled import compiled, optimised
 from jhd.arithmetic import rounding
 from jhd.arithmetic.interval import Interval
 from jhd.arithmetic.scaling import common_exponent
-from jhd.arrays import is_traced, real_array
-from jhd.compiled import compiled, optimised
 from jhd.decimals import upper_text
-from jhd.display import count_text, described, opaque, size_text, value_text
 from jhd.shapes.biarc import BiarcCurve, biarcs, least_tolerance
 from jhd.shapes.checks import Numbers
 

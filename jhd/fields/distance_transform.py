@@ -29,11 +29,11 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jhd._results.display import described, most_text, opaque, size_text
+from jhd._runtime.arrays import array_of, is_traced, real_array, varying
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import power_of_two, smallest_normal
 from jhd.arithmetic.scaling import common_exponent, ldexp
-from jhd.arrays import array_of, is_traced, real_array, varying
-from jhd.compiled import compiled
-from jhd.display import described, most_text, opaque, size_text
 from jhd.shapes.checks import Numbers
 
 METHODS = ("exact", "vector_propagation")

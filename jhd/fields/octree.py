@@ -23,12 +23,12 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from jhd._results.display import count_text, described, is_known, opaque, value_text
+from jhd._runtime.arrays import is_traced
+from jhd._runtime.compiled import optimised
+from jhd._runtime.memory import check_memory
 from jhd.arithmetic import exact_polynomials, trivariate
-from jhd.arrays import is_traced
-from jhd.compiled import optimised
-from jhd.display import count_text, described, is_known, opaque, value_text
 from jhd.fields.boxes import CORNERS, children
-from jhd.memory import check_memory
 from jhd.shapes.checks import empty_surface
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 

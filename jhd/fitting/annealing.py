@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jhd.arrays import check_scalar, real_array
+from jhd._runtime.arrays import check_scalar, real_array
 from jhd.distance.measures.measures import AbstractMeasure, Hausdorff
 from jhd.fitting.clock import Clock
 from jhd.fitting.descent import descend

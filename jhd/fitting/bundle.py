@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd._results.solution import RESULTS, HausdorffSolution
 from jhd.distance.hausdorff import directed_hausdorff
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.fields.octree import voxelise
@@ -21,7 +22,6 @@ from jhd.fitting.clock import Clock, OutOfTimeError
 from jhd.fitting.subproblem import model_step, multipliers
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import RESULTS, HausdorffSolution
 
 Target = ImplicitSurface | TriangleMesh
 

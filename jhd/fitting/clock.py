@@ -48,7 +48,7 @@ class Clock:
         return self._last < math.inf and time.monotonic() > self._last
 
     def compiling(self) -> None:
-        """Asked before the programs of a search are compiled, which nothing ends; see jhd.compiled.asking.
+        """Asked before the programs of a search are compiled, which nothing ends; see jhd._runtime.compiled.asking.
 
         Raises:
             OutOfTimeError: there is no time for it.

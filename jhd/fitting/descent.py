@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd._results.solution import RESULTS
 from jhd.fitting.clock import Clock, OutOfTimeError
-from jhd.solution import RESULTS
 
 # A step gains this share of what the slope promises, and leaves at most this share of the slope.
 _GAIN, _SLOPE = 1e-4, 0.9

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd._results.solution import DIRECTIONS, EVENTS, CriticalPairs
 from jhd.arithmetic.bernstein import basis
 from jhd.arithmetic.rounding import smallest_normal
 from jhd.distance.frame.jets import CurveJet, polynomial_jet, quotient
 from jhd.distance.nearest.feet import by_normal, dot, stands_still, stays
-from jhd.solution import DIRECTIONS, EVENTS, CriticalPairs
 
 # Singular values below this share of the largest are none: where they vanish nothing moves.
 _SINGULAR = 1e-12

@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd._results.solution import RESULTS, CriticalPairs, FitSolution
 from jhd.distance.hausdorff import hausdorff
 from jhd.distance.measures.measures import AbstractMeasure
 from jhd.fitting.clock import Clock
 from jhd.fitting.descent import Descended, descend
-from jhd.solution import RESULTS, CriticalPairs, FitSolution
 
 # Places along a curve or surface at each evaluation: fewer than the bounds at the end are made of.
 _PLACES = 1 << 11

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd._results.solution import RESULTS
 from jhd.fitting.clock import OutOfTimeError
 from jhd.fitting.expansion import FloatArray, roots
 from jhd.fitting.problem import Point, Problem
 from jhd.fitting.subproblem import model_step, multipliers
-from jhd.solution import RESULTS
 
 # Pairs are active within this share of the largest, or what rounding leaves of the size.
 _ACTIVE, _ROUNDING = 1e-8, 4e-16

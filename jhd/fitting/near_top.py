@@ -15,10 +15,10 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
 from jhd.distance.nearest.feet import dot, stays
 from jhd.fitting.clock import Clock
 from jhd.fitting.sampled import CurvePlaces, SampledCurve, SampledFeet
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
 
 # Samples whose feet tell a first value of the top, and most samples that get feet, the farthest ones.
 _FIRST, _MOST = 32, 1 << 14

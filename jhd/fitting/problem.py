@@ -15,7 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.compiled import asking
+from jhd._results.solution import CriticalPairs
+from jhd._runtime.compiled import asking
 from jhd.distance.critical_pairs import critical_pairs
 from jhd.distance.witness.critical import local_pairs
 from jhd.fitting.clock import Clock, OutOfTimeError
@@ -23,7 +24,6 @@ from jhd.fitting.expansion import Expansion, FloatArray, Moving, expand
 from jhd.fitting.near_top import pairs_near_top
 from jhd.fitting.sampled import SampledCurve, lengths_of
 from jhd.shapes.curve import AbstractCurve, BezierSegments
-from jhd.solution import CriticalPairs
 
 # Pairs below this share of the largest take no part in a step; of curves of many segments these.
 _LEAST, _LEAST_OF_MANY = 1e-3, 0.3

@@ -24,9 +24,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jhd._runtime.arrays import check_scalar, real_array, undifferentiated
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.scaling import length
-from jhd.arrays import check_scalar, real_array, undifferentiated
-from jhd.compiled import compiled
 from jhd.distance.frame.attach import carrying
 from jhd.distance.frame.coordinates import Frame, extremes, frame_of
 from jhd.distance.frame.curves import padded_count, replaced, trusted, usable

@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.arrays import array_of
-from jhd.compiled import asking
+from jhd._results.solution import DIRECTIONS, RESULTS, CriticalPairs, FitSolution, HausdorffSolution
+from jhd._runtime.arrays import array_of
+from jhd._runtime.compiled import asking
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.hausdorff import hausdorff
 from jhd.fitting.bundle import Bundled
@@ -17,7 +18,6 @@ from jhd.fitting.clock import Clock, OutOfTimeError
 from jhd.fitting.host_bounds import host_bounds
 from jhd.fitting.minimax import Ended, minimise
 from jhd.fitting.problem import Point, Problem
-from jhd.solution import DIRECTIONS, RESULTS, CriticalPairs, FitSolution, HausdorffSolution
 from jhd.triangles.closest_point import outward
 
 # A maximum was missed where the proven distance is larger by this share, or this share of the size.

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd._results.solution import FitSolution
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.measures.measures import AbstractMeasure, Hausdorff, check_measure
 from jhd.fitting.bundle import minimise_by_cuts, motions
@@ -18,7 +19,6 @@ from jhd.shapes.curve import AbstractCurve, check_curve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
-from jhd.solution import FitSolution
 
 
 class Limits(NamedTuple):

@@ -16,7 +16,7 @@ def load_certificate(file: str | Path) -> Certificate:
     """The certificate in a file, compressed or not; `verify` checks what it claims.
 
     Args:
-        file: what `Certificate.save` wrote, of version 1 too.
+        file: what `Certificate.save` wrote.
 
     Raises:
         FileNotFoundError: there is no such file.

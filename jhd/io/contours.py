@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jhd._runtime.arrays import array_of
 from jhd.arithmetic import bernstein
-from jhd.arrays import array_of
 from jhd.io.errors import ParseError
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.joints import completed

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd.files import replace_file
+from jhd._runtime.files import replace_file
 from jhd.io.errors import ParseError, read_text, shown
 
 _FLAGS = ("closed", "periodic")

@@ -17,7 +17,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from jhd.arrays import array_of
+from jhd._runtime.arrays import array_of
 from jhd.io.errors import ParseError, read_bytes
 from jhd.io.iges_file import UNITS, IgesEntry, IgesFile, IgesRecord, read_iges
 from jhd.shapes.bezier import BezierCurve

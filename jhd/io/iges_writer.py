@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd.files import replace_file
+from jhd._runtime.files import replace_file
 from jhd.io.iges import COMPOSITE, CURVE, SURFACE
 from jhd.io.iges_file import UNITS
 from jhd.shapes.bezier import BezierCurve

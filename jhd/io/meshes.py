@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jhd.files import replace_file
+from jhd._runtime.files import replace_file
 from jhd.io.errors import ParseError, numbered_lines, read_bytes, shown
 from jhd.io.ply import read_ply, write_ply
 from jhd.io.polygons import Polygons, coordinates_in, in_doubles, indices_in, merged, mesh_of

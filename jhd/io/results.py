@@ -14,10 +14,10 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from jhd.archives import read_arrays
-from jhd.files import replace_file
+from jhd._results.solution import stored_fields, to_plain
+from jhd._runtime.archives import read_arrays
+from jhd._runtime.files import replace_file
 from jhd.io.errors import ParseError, read_text, shown
-from jhd.solution import stored_fields, to_plain
 
 # Keys of nested fields are joined by it in npz files.
 _JOIN = "."

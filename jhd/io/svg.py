@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jhd.files import replace_file
+from jhd._runtime.files import replace_file
 from jhd.io.contours import Contour, assemble, contours_of
 from jhd.io.errors import ParseError, read_bytes
 from jhd.io.path_data import parse_path

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from jhd._results.solution import HausdorffSolution
 from jhd.arithmetic.bernstein import basis
 from jhd.distance.project import project
 from jhd.plot.axes import BLUE, GREY, TEXT_POINTS, VERMILLION, axes_for, draw, finish
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.slips import belongs
-from jhd.solution import HausdorffSolution
 
 _PROFILE_SAMPLES = 1500  # in all; more than the pixels of a column at 300 dpi
 _LEVEL = 1e-9  # share of the largest distance below which a rise is rounding, not a maximum

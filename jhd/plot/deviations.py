@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd._results.solution import HausdorffSolution, name_of
 from jhd.distance.cells.affine import shares_below
 from jhd.distance.deviation_solution import Deviation, DistanceSamples
 from jhd.plot.axes import BLUE, COLUMN_INCHES, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
@@ -12,7 +13,6 @@ from jhd.plot.coloured import DrawnPieces, distances_at, pieces_of, section
 from jhd.plot.faces import frame
 from jhd.plot.solutions import distance_text
 from jhd.shapes.as_shape import as_shape
-from jhd.solution import HausdorffSolution, name_of
 
 # Seen in grey and by the colour-blind, and as bright on paper as far.
 _COLOURS = "viridis"

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jhd._results.solution import HausdorffSolution, name_of
 from jhd.decimals import lower_text, upper_text
 from jhd.distance.deviation_solution import Deviation, DistanceSamples
 from jhd.distance.profile import profile
@@ -20,7 +21,6 @@ from jhd.plot.axes import BLUE, GREY, ORANGE, VERMILLION
 from jhd.plot.coloured import DrawnPieces, distances_at, pieces_of
 from jhd.shapes.as_shape import as_shape
 from jhd.shapes.curve import AbstractCurve
-from jhd.solution import HausdorffSolution, name_of
 
 # Pixels of the longer side of a picture in the plane, of the margin about it, and of a profile.
 _SIDE, _MARGIN = 640.0, 14.0

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from jhd._results.solution import HausdorffSolution, MinimumSolution
 from jhd.decimals import lower_text, upper_text
 from jhd.plot.axes import BLUE, GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
 from jhd.plot.curves import curve
@@ -14,7 +15,6 @@ from jhd.plot.meshes import faces_of
 from jhd.shapes.as_shape import as_shape
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import HausdorffSolution, MinimumSolution
 
 _COLOURS = BLUE, ORANGE
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.2)))

@@ -11,3 +11,4 @@ from jhd.shapes.implicit import ImplicitMesh, ImplicitSurface
 from jhd.shapes.implicit_mesh import NotRegularError
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import BezierPatch, BezierPatches, Partials, PatchMesh
+from jhd.shapes.prepared import Prepared, prepare

@@ -10,8 +10,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from jhd.arrays import bare_array, is_traced, real_array
-from jhd.forks import check_process
+from jhd._runtime.arrays import bare_array, is_traced, real_array
+from jhd._runtime.forks import check_process
 from jhd.shapes.curve import AbstractCurve, BezierSegments, points
 from jhd.shapes.foreign_splines import spline_of
 from jhd.shapes.implicit import ImplicitSurface

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jhd.arrays import is_traced, real_array
-from jhd.display import batch_text
+from jhd._results.display import batch_text
+from jhd._runtime.arrays import is_traced, real_array
 from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
 from jhd.shapes.homogeneous import cartesian, elevate, evaluate, hodograph, restrict, split

@@ -15,14 +15,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jhd.arrays import is_traced, real_array
-from jhd.display import box_text, count_text, described, most_text, opaque
+from jhd._results.display import box_text, count_text, described, most_text, opaque
+from jhd._results.solution import NotProvenError
+from jhd._runtime.arrays import is_traced, real_array
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.biarc_fit import fitted
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import BezierSegments, check_curve
 from jhd.shapes.deviation import HostArcs, HostCurve, complex_points
-from jhd.solution import NotProvenError
 
 
 class BiarcCurve(eqx.Module):

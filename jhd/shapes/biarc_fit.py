@@ -12,8 +12,8 @@ from functools import cache
 
 import numpy as np
 
+from jhd._runtime.arrays import joined
 from jhd.arithmetic.bernstein import basis, binomials
-from jhd.arrays import joined
 from jhd.shapes.deviation import SHORT, HostArcs, HostCurve, Pieces, deviation, evaluated, pieces_of
 
 # Places inside a piece where the sign of the joint's equation is looked at, and most steps of the root find after that.

@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jhd.arrays import is_traced, module_of, real_array
-from jhd.display import batch_text, count_text
+from jhd._results.display import batch_text, count_text
+from jhd._runtime.arrays import is_traced, module_of, real_array
 from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
 from jhd.shapes.homogeneous import cartesian, elevate, hodograph, homogeneous, in_unit, out_of_unit

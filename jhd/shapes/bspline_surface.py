@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jhd.arrays import is_traced, module_of, real_array
-from jhd.display import batch_text, size_text
+from jhd._results.display import batch_text, size_text
+from jhd._runtime.arrays import is_traced, module_of, real_array
 from jhd.shapes.checks import Numbers, check_degrees
 from jhd.shapes.curve import affine_image
 from jhd.shapes.homogeneous import cartesian, homogeneous, in_unit, out_of_unit

@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 
-from jhd.arrays import is_traced, real_array
+from jhd._runtime.arrays import is_traced, real_array
 
 # What may be handed in as an array of numbers: nested lists and tuples too, which jax's ArrayLike leaves out.
 Numbers = ArrayLike | Sequence[Any]

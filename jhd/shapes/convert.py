@@ -9,8 +9,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jhd._runtime.arrays import check_finite
 from jhd.arithmetic import bernstein
-from jhd.arrays import check_finite
 
 # Path.STOP, MOVETO, LINETO, CURVE3, CURVE4 and CLOSEPOLY of matplotlib, and the number of vertices that each takes.
 _STOP, _MOVETO, _LINETO, _CURVE3, _CURVE4, _CLOSEPOLY = 0, 1, 2, 3, 4, 79

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jhd.arrays import array_of, is_traced, module_of, on_host, real_array
-from jhd.display import batch_text, count_text, described, is_known, net_text, opaque
+from jhd._results.display import batch_text, count_text, described, is_known, net_text, opaque
+from jhd._runtime.arrays import array_of, is_traced, module_of, on_host, real_array
 from jhd.shapes import convert, sketches
 from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
 from jhd.shapes.flattening import CurveApproximation, flattened, pieces_following

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jhd._runtime.arrays import taken
 from jhd.arithmetic.bernstein import binomials, product_weights
 from jhd.arithmetic.rounding import cast, gamma, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, unit_weights
-from jhd.arrays import taken
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.flattening import restricted
 

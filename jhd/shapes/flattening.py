@@ -217,7 +217,7 @@ class _EllipseArcs(NamedTuple):
 
 
 def _arcs(p: np.ndarray, w: np.ndarray) -> _EllipseArcs:
-    """See above; control points (3, pieces, dim) and weights (3, pieces, 1)."""
+    """The arcs of control points (3, pieces, dim) and weights (3, pieces, 1)."""
     weight = w[1] / np.sqrt(w[0] * w[2])
     bent = weight < 1 - _BENT
     cosine = np.where(bent, weight, 0.5)

@@ -13,9 +13,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
+from jhd._runtime.arrays import is_traced, module_of, undifferentiated
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.scaling import common_exponent, ldexp
-from jhd.arrays import is_traced, module_of, undifferentiated
 
 
 def homogeneous(control_points: Any, weights: Any) -> Any:

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jhd._results.display import batch_text, between_text, described, is_known, opaque, value_text
+from jhd._runtime.arrays import is_traced, real_array
+from jhd._runtime.compiled import optimised
 from jhd.arithmetic import exact_polynomials
 from jhd.arithmetic.polynomials import horner, slopes
-from jhd.arrays import is_traced, real_array
-from jhd.compiled import optimised
-from jhd.display import batch_text, between_text, described, is_known, opaque, value_text
 from jhd.shapes import polynomial_text
 from jhd.shapes.checks import Numbers
 from jhd.shapes.implicit_mesh import triangulate

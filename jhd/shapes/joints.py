@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jhd.arrays import array_of, is_traced, undifferentiated
+from jhd._runtime.arrays import array_of, is_traced, undifferentiated
 
 # Ends that agree to this many ulp of the largest coordinate are one joint: conversions between curve formats and knot
 # insertion leave differences of one to four.

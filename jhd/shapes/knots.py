@@ -17,7 +17,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jhd.arrays import module_of
+from jhd._runtime.arrays import module_of
 
 
 def blossom(

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jhd.arrays import array_of, bare_array, is_traced, module_of, on_host, real_array
-from jhd.display import batch_text, box_text, count_text, described, is_known, opaque
+from jhd._results.display import batch_text, box_text, count_text, described, is_known, opaque
+from jhd._runtime.arrays import array_of, bare_array, is_traced, module_of, on_host, real_array
 from jhd.shapes import sketches
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import affine_image

@@ -17,10 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jhd._results.display import batch_text, count_text, described, fields_shown, is_known, net_text, opaque, size_text
+from jhd._runtime.arrays import array_of, is_traced, real_array
+from jhd._runtime.compiled import optimised
 from jhd.arithmetic import bernstein
-from jhd.arrays import array_of, is_traced, real_array
-from jhd.compiled import optimised
-from jhd.display import batch_text, count_text, described, fields_shown, is_known, net_text, opaque, size_text
 from jhd.shapes import sketches
 from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
 from jhd.shapes.curve import affine_image

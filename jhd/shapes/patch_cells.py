@@ -35,10 +35,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd._runtime.arrays import taken
 from jhd.arithmetic.bernstein import basis, blossoms, product_weights
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import common_exponent, unit_weights
-from jhd.arrays import taken
 from jhd.shapes.patch_borders import PatchBorders
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jhd.arrays import joined
+from jhd._runtime.arrays import joined
 from jhd.shapes.mesh import places_of
 from jhd.shapes.patch_cells import HostPatches, PatchCells, with_bounds
 

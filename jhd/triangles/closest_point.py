@@ -21,13 +21,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jhd._runtime.arrays import array_of
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
-from jhd.arrays import array_of
-from jhd.compiled import compiled
 from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.prepared import prepared
 from jhd.triangles.box_tree import BoxTree, Hints, Level, box_tree, hints
 from jhd.triangles.point_triangle import LENGTHS, absolute_floor, barycentric, error_factor, frames, squared_distances
-from jhd.triangles.prepared import in_unit, prepared
+from jhd.triangles.unit import in_unit
 
 # Numbers of pairs, and of points, that programs are compiled for.
 BLOCKS = (512, 4096, 32768)

@@ -38,9 +38,9 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
+from jhd._runtime.arrays import is_traced
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.arithmetic.scaling import ldexp
-from jhd.arrays import is_traced
 
 # Columns of the table of triangles.
 COLUMNS = 18

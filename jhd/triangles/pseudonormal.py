@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jhd.shapes.mesh import TriangleMesh, edges_of
-from jhd.triangles.prepared import in_unit, prepared, scaled_down
+from jhd.shapes.prepared import prepared
+from jhd.triangles.unit import in_unit, scaled_down
 
 
 class Pseudonormals(NamedTuple):

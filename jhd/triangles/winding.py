@@ -29,10 +29,11 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from jhd._runtime.compiled import optimised
 from jhd.arithmetic.rationals import root_between
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.compiled import optimised
 from jhd.shapes.mesh import TriangleMesh, edges_of
+from jhd.shapes.prepared import prepared
 from jhd.triangles.box_tree import WIDTH
 from jhd.triangles.closest_point import (
     BLOCKS,
@@ -45,7 +46,7 @@ from jhd.triangles.closest_point import (
     popped,
     triangle_tree,
 )
-from jhd.triangles.prepared import in_unit, prepared, scaled_down
+from jhd.triangles.unit import in_unit, scaled_down
 
 # Largest error of one node, in turn: the first decides nearly all points of a closed mesh, the last opens every node.
 _TOLERANCES = (1.2e-2, 2e-3, 1e-5, 0.0)

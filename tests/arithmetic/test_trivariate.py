@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic import rounding, trivariate
 from jhd.arithmetic.affine import affine_range, local_form, modified_affine_range
-from jhd.compiled import compiled
 from tests.sweeps import swept
 
 ENCLOSE = compiled(trivariate.enclose, (3,))

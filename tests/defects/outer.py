@@ -85,7 +85,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "archives.py",
+        "_runtime/archives.py",
         "io/test_hostile.py",
         (
             "if whole > _TIMES * size + _ALWAYS:",
@@ -100,7 +100,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "files.py",
+        "_runtime/files.py",
         "test_files.py",
         (
             "if target.exists():\n            part.chmod",
@@ -114,7 +114,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "storage.py",
+        "_runtime/storage.py",
         "test_storage.py",
         (
             "return body if content[: len(_MARK) + _SUM] == _head(body) else None",
@@ -135,7 +135,7 @@ DEFECTS = [
         ('if chosen == "0":', "if False:", "test_the_environment_says_where"),
     ),
     *within(
-        "programs.py",
+        "_runtime/programs.py",
         "test_programs.py",
         (
             "*map(_plain, (kinds, context, options)),",
@@ -155,7 +155,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "batches.py",
+        "_results/batches.py",
         "test_solution.py",
         ("np.empty(shape, bool)[index]", "pass", "test_only_a_batch_has_an_index_and_only_within"),
         (
@@ -170,7 +170,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "solution.py",
+        "_results/solution.py",
         "test_solution.py",
         (
             "if bool(self.answer == ANSWERS.undecided):",
@@ -179,7 +179,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "memory.py",
+        "_runtime/memory.py",
         "test_memory.py",
         (
             "return min(_of_the_system(), _of_the_group(), _of_the_process())",
@@ -189,7 +189,7 @@ DEFECTS = [
         ("if need > free:", "if False:", "test_a_table_of_pairs_is_refused_before_it_is_made"),
     ),
     *within(
-        "arrays.py",
+        "_runtime/arrays.py",
         "test_arrays.py",
         ("if finite.all():", "if finite.any():", "test_the_first_row_that_is_not_finite_is_named"),
         (
@@ -218,7 +218,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "compiled.py",
+        "_runtime/compiled.py",
         "test_compiled.py",
         (
             "- MOST\n",
@@ -227,7 +227,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "programs.py",
+        "_runtime/programs.py",
         "test_programs.py",
         (
             "in (tuple, list, dict, set, frozenset):",
@@ -236,7 +236,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "display.py",
+        "_results/display.py",
         "test_display.py",
         (
             'return None if known else described(thing, "...")',
@@ -245,7 +245,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "lengths.py",
+        "_cli/lengths.py",
         "test_main_comparisons.py",
         (
             "float(number) / 100 if sign else float(number)",
@@ -255,12 +255,12 @@ DEFECTS = [
         ("if rest:", "if False:", "test_a_length_is_a_number_or_a_share_of_the_diagonal"),
     ),
     *within(
-        "forks.py",
+        "_runtime/forks.py",
         "test_forks.py",
         ("if _forked:", "if False:", "test_every_entry_refuses_a_forked_process"),
     ),
     *within(
-        "compiled.py",
+        "_runtime/compiled.py",
         "test_compiled.py",
         ("if count > _SHARE * limit:", "if False:", "test_programs_are_dropped_near_the_limit_and_made_again"),
         (

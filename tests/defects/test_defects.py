@@ -11,7 +11,7 @@ FEW = {
     ("arithmetic/balls.py", "x - 4"),
     ("distance/search/curves.py", "closed=closed, dropped"),
     ("distance/certificate/verification/proofs.py", "+ p.reach + q.reach"),
-    ("storage.py", "return body"),
+    ("_runtime/storage.py", "return body"),
 }
 
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._results.solution import names_of
 from jhd.distance.many import blocks, tasks
-from jhd.solution import names_of
 
 
 def squares(sides):

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 from tests.cases import ARCH, CASES, LOOP, WAVE
 from tests.distance import pairs
 from tests.processes import python

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 
 BOX = [-1.6] * 3, [1.6] * 3
 SPHERE = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", *BOX)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from jhd._results.solution import RESULTS, NotProvenError, name_of
 from jhd.distance.minimum import minimum_distance
 from jhd.distance.published.voxel_pairs import VoxelPairs
 from jhd.distance.search.branch_and_bound import BranchAndBound
@@ -15,7 +16,6 @@ from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.curve import circle, points, polyline
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.patch import BezierPatch
-from jhd.solution import RESULTS, NotProvenError, name_of
 from tests.distance.test_families import sphere
 from tests.sweeps import swept
 

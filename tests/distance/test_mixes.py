@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 from tests.differences import differences
 from tests.sweeps import swept
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 from tests import reference
 from tests.distance import exact
 from tests.sweeps import swept

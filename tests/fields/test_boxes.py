@@ -6,7 +6,7 @@ from fractions import Fraction
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.compiled import compiled
+from jhd._runtime.compiled import compiled
 from jhd.fields import boxes
 
 SQUARES = compiled(boxes.squared_distances)

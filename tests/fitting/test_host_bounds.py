@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd import compiled
+from jhd._results.solution import name_of
+from jhd._runtime import compiled
 from jhd.fitting import problem, solutions
 from jhd.fitting.clock import Clock, OutOfTimeError
 from jhd.fitting.host_bounds import host_bounds
-from jhd.solution import name_of
 from tests.sweeps import swept
 
 LINE = [[[0.0, 0], [1, 0]]]

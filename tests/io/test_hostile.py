@@ -20,7 +20,7 @@ from fontTools.ttLib import newTable
 
 import jhd
 import jhd.io
-from jhd.archives import read_arrays
+from jhd._runtime.archives import read_arrays
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 OFF = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n"
@@ -357,7 +357,7 @@ READERS = [
     *PACKAGE.glob("io/*.py"),
     # The checker runs without the package too: its command line loads its own modules from beside itself.
     *(path for path in PACKAGE.glob("distance/certificate/verification/*.py") if path.name != "__main__.py"),
-    *(PACKAGE / name for name in ("archives.py", "shapes/polynomial_text.py", "fields/adaptive.py")),
+    *(PACKAGE / name for name in ("_runtime/archives.py", "shapes/polynomial_text.py", "fields/adaptive.py")),
 ]
 
 

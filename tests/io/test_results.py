@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Projection, Witness
 from jhd.distance.deviation_solution import Bounds, Deviation, DistanceSamples
 from jhd.io.errors import ParseError
 from jhd.io.results import load_result, save_result
 from jhd.shapes.curve import circle, polyline
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Projection, Witness
 
 
 def witness(batch=()):

@@ -16,10 +16,10 @@ import pytest
 
 import jhd
 import jhd.io
+from jhd._cli.report import save_figure
 from jhd.distance.many.blocks import MeasuredPairs
 from jhd.distance.many.store import Store
 from jhd.io.load import SHAPE_SUFFIXES
-from jhd.report import save_figure
 from tests.processes import started
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="there are no limits and kills of other systems")

@@ -37,9 +37,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._runtime.arrays import module_of
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.arrays import module_of
 from jhd.distance.frame.jets import CurveJet, jet
 from jhd.distance.frame.pieces import Piece, piece_of
 from jhd.distance.nearest.chords import Chords, chord_error, square_and_parameter

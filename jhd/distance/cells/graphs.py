@@ -20,10 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._runtime.arrays import varying
 from jhd.arithmetic.polynomials import jets
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.truncated import DEGREE, EXPONENTS, Truncated, bernstein_form, composed
-from jhd.arrays import varying
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, Form, form, slope_changes
 

@@ -26,9 +26,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jhd._runtime.arrays import taken
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import taken
-from jhd.compiled import compiled
 from jhd.triangles.closest_point import TriangleTree, in_blocks, nearest_triangles
 from jhd.triangles.point_triangle import squared_distances
 

@@ -17,7 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from jhd.arrays import is_traced
+from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError
+from jhd._runtime.arrays import is_traced
+from jhd._runtime.files import replace_file
 from jhd.decimals import lower_text, upper_text
 from jhd.distance.certificate.covering import Measure, UncoveredError, cover
 from jhd.distance.certificate.curve_witness import witness_of
@@ -32,19 +34,16 @@ from jhd.distance.certificate.mixes import (
     prove_mix,
 )
 from jhd.distance.certificate.surface_mixes import prove_surface_minimum, prove_surface_mix
-from jhd.distance.certificate.verification.first_version import current
 from jhd.distance.certificate.verification.proofs import NAMES, Proven, verify
 from jhd.distance.certificate.verification.reading import lines_of
 from jhd.distance.certificate.verification.structure import FORMAT, KINDS, VERSION, check_content, digest
 from jhd.distance.certificate.verification.surface_structure import LARGEST, LARGEST_IN_ALL
 from jhd.distance.frame.curves import prepare
-from jhd.files import replace_file
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
-from jhd.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError
 
 _KINDS = (
     "points, a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface or a "
@@ -67,7 +66,6 @@ class Certificate:
     content: dict[str, Any]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "content", current(self.content))
         check_content(self.content)
 
     @property

@@ -9,7 +9,7 @@ Source: Gilbert, An iterative procedure for computing the minimum of a quadratic
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ _ROUNDS = 6
 # Points of a shape are this near to their feet, in units of the largest coordinate.
 _ON_SHAPE = 1e-9
 # Pairs between two reports.
-_REPORTED = 500
+_REPORTED = 100
 
 
 class _PartsInFloats:
@@ -58,17 +58,10 @@ class _PartsInFloats:
         rows = np.array([[x / w for x in row] for row, w in self.exact.points(part)])
         return np.ldexp(rows, -self._side.exponent)
 
-    def letters(self, part: PartOfShape) -> list[str]:
-        """The first letters of all the ways to cut the part."""
-        if part.last - part.first > 1:
-            return ["x"]
-        corners = self.exact.pieces[part.first].corners
-        return ["a", "c", "e"] if corners == (3,) else ["a", "c"][: len(corners)]
-
-    def length(self, part: PartOfShape, letter: str, points: np.ndarray) -> float:
-        """How long the part with these control points is in the direction of a cut."""
+    def length(self, part: PartOfShape, letter: str) -> float:
+        """How long the part is in the direction of a cut."""
         if letter == "x":
-            return float(np.linalg.norm(np.ptp(points, axis=0)))
+            return float(np.linalg.norm(np.ptp(self.points(part), axis=0)))
         corners, k = self.exact.pieces[part.first].corners, (ord(letter) - ord("a")) // 2
         box = part.box or whole_box(corners)
         if corners == (3,):
@@ -115,18 +108,46 @@ def keep_apart(
     Raises:
         UncoveredError: too many or too narrow parts would be needed.
     """
-    mine, other = _PartsInFloats(a), _PartsInFloats(b)
     limit = float(np.ldexp(lower, -a.exponent))
+
+    def proof(mine: _PartsInFloats, p: PartOfShape, other: _PartsInFloats, q: PartOfShape) -> dict[str, Any] | None:
+        normal = _plane((mine.points(p), other.points(q)), direction, limit)
+        if normal is None or failure_of_plane(mine.exact.points(p), other.exact.points(q), normal, lower) is not None:
+            return None
+        return {"plane": normal}
+
+    return proven_apart((_PartsInFloats(a), _PartsInFloats(b)), proof, _longest, max_cells, report)
+
+
+def proven_apart(
+    shapes: tuple[Any, Any],
+    proof: Callable[[Any, PartOfShape, Any, PartOfShape], dict[str, Any] | None],
+    chosen: Callable[[list["PairCut"]], "PairCut"],
+    max_cells: int,
+    report: Callable[[int, int], None],
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """The orders of the pieces, and pairs of parts with their proofs; what is not proven is cut.
+
+    Args:
+        shapes: the parts of both.
+        proof: a proof that two parts are apart, or None.
+        chosen: which of the ways to cut a pair is taken.
+        max_cells: most pairs, before it is given up.
+        report: called with the numbers of proven and of open pairs now and then.
+
+    Raises:
+        UncoveredError: too many or too narrow parts would be needed.
+    """
+    mine, other = shapes
     entries: list[dict[str, Any]] = []
     left = [("", mine.exact.whole(), other.exact.whole())]
     while left:
         name, p, q = left.pop()
-        points = mine.points(p), other.points(q)
-        normal = _plane(points, direction, limit)
-        if normal is not None and _keeps(mine, p, other, q, normal, lower):
-            entries.append({"pair": name, "plane": normal})
+        found = proof(mine, p, other, q)
+        if found is not None:
+            entries.append({"pair": name, **found})
         else:
-            left += _halves(name, (mine, p, points[0]), (other, q, points[1]))
+            left += _halves(name, (mine, p), (other, q), chosen)
         if len(entries) + len(left) > max_cells:
             raise UncoveredError(f"more than {max_cells} pairs are needed: raise max_cells, or atol.")
         if len(entries) % _REPORTED == 0:
@@ -135,30 +156,56 @@ def keep_apart(
     return {"a": mine.order, "b": other.order}, entries
 
 
-def _keeps(
-    mine: _PartsInFloats, p: PartOfShape, other: _PartsInFloats, q: PartOfShape, normal: list[float], lower: float
-) -> bool:
-    return failure_of_plane(mine.exact.points(p), other.exact.points(q), normal, lower) is None
+class PairCut(NamedTuple):
+    """A way to cut a pair: the parts of a shape, the part that is cut, the letter of its first half, and if it is b."""
+
+    parts: Any
+    part: PartOfShape
+    letter: str
+    is_second: bool
+
+    def halves(self) -> list[tuple[str, PartOfShape]]:
+        """The letters and the halves, the first one last."""
+        return [(x, self.parts.exact.half(self.part, x)) for x in (chr(ord(self.letter) + 1), self.letter)]
 
 
-def _halves(name: str, mine: tuple[Any, ...], other: tuple[Any, ...]) -> list[tuple[str, PartOfShape, PartOfShape]]:
-    """Both halves of a pair, the first one last, of which the larger part is cut.
+def _longest(ways: list[PairCut]) -> PairCut:
+    return max(ways, key=lambda way: way.parts.length(way.part, way.letter))
+
+
+def _halves(
+    name: str,
+    mine: tuple[Any, PartOfShape],
+    other: tuple[Any, PartOfShape],
+    chosen: Callable[[list[PairCut]], PairCut],
+) -> list[tuple[str, PartOfShape, PartOfShape]]:
+    """Both halves of a pair, the first one last, of which one part is cut.
 
     Raises:
         UncoveredError: neither can be cut.
     """
     ways = []
-    for (parts, part, points), capital in ((mine, False), (other, True)):
-        used = sum(1 for x in name if x.isupper() == capital and x.lower() not in "xy")
-        ways += [(parts, part, x, capital, points) for x in parts.letters(part) if used < _MOST_CUTS]
+    for (parts, part), is_second in ((mine, False), (other, True)):
+        used = sum(1 for x in name if x.isupper() == is_second and x.lower() not in "xy")
+        letters = _letters(parts.exact, part) if used < _MOST_CUTS else []
+        ways += [PairCut(parts, part, letter, is_second) for letter in letters]
     if not ways:
         raise UncoveredError(f"the pair {name!r} is not proven to be apart.")
-    parts, part, letter, capital, _ = max(ways, key=lambda way: way[0].length(way[1], way[2], way[4]))
-    found = []
-    for x in (chr(ord(letter) + 1), letter):
-        half = parts.exact.half(part, x)
-        found.append((name + (x.upper() if capital else x), *((mine[1], half) if capital else (half, other[1]))))
-    return found
+    way = chosen(ways)
+    if way.is_second:
+        return [(name + x.upper(), mine[1], half) for x, half in way.halves()]
+    return [(name + x, half, other[1]) for x, half in way.halves()]
+
+
+def _letters(exact: Ordered, part: PartOfShape) -> list[str]:
+    """The first letters of all the ways to cut a part."""
+    if part.last - part.first > 1:
+        return ["x"]
+    corners = exact.pieces[part.first].corners
+    if corners == (3,):
+        return ["a", "c", "e"]
+    # A tetrahedron is always cut at its newest corner.
+    return ["a"] if corners == (4,) else ["a", "c"][: len(corners)]
 
 
 def _plane(points: tuple[np.ndarray, np.ndarray], direction: np.ndarray, limit: float) -> list[float] | None:

@@ -16,9 +16,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd._runtime.arrays import taken
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.bernstein import basis
-from jhd.arrays import taken
-from jhd.compiled import compiled
 from jhd.distance.cells.branches import hermite, moebius_weights
 from jhd.distance.certificate.host import SNAP, Host, jets, local_feet, speed_of_feet
 from jhd.distance.certificate.verification.pieces import Part, composed, difference, simplex_map

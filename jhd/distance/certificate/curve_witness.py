@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from jhd._results.solution import Decision, HausdorffSolution, NotProvenError, name_of
 from jhd.decimals import lower_text
 from jhd.distance.certificate.covering import Measure
 from jhd.distance.certificate.host import jets, local_feet
 from jhd.distance.certificate.verification.proofs import failure_of_witness, point_of
 from jhd.distance.frame.coordinates import Frame
-from jhd.solution import Decision, HausdorffSolution, NotProvenError, name_of
 
 # Samples of a segment of the other curve among which the nearest points of the witness are looked for.
 _CUT_SAMPLES = 33

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError, name_of
 from jhd.decimals import lower_text, upper_text
 from jhd.distance.certificate.closest_pairs import closest_places, keep_apart
 from jhd.distance.certificate.covering import UncoveredError
@@ -21,7 +22,6 @@ from jhd.distance.certificate.sides import ShapeSide, on_triangle
 from jhd.distance.certificate.subdivision import CellCover, cover_by_cells, far_places
 from jhd.distance.certificate.verification.proofs import failure_of_witness, point_of
 from jhd.distance.certificate.verification.structure import KINDS
-from jhd.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError, name_of
 
 # How much wider than the solution's the bounds may be by default, as a share of the diagonal of the box of both shapes.
 _SLACK = 1e-9

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError, name_of
 from jhd.decimals import lower_text, upper_text
 from jhd.distance.certificate.covering import UncoveredError
 from jhd.distance.certificate.mixes import Report, ToProve
@@ -24,7 +25,6 @@ from jhd.distance.certificate.verification.structure import KINDS
 from jhd.distance.certificate.verification.values import CertificateError
 from jhd.distance.certificate.verification.zeros import NearZero, place_of
 from jhd.shapes.implicit import ImplicitSurface
-from jhd.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError, name_of
 
 # Lengths of ways across a surface that are tried, as shares of the size of its box.
 _WAYS = (0.0, *(2.0**k for k in range(-52, -24, 3)))

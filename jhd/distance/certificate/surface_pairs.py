@@ -11,12 +11,12 @@ cover (surface_multipliers), with the nearest places of the two parts as the tig
 
 from collections.abc import Callable
 from fractions import Fraction
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
 
-from jhd.distance.certificate.closest_pairs import between, first_order
-from jhd.distance.certificate.covering import UncoveredError
+from jhd.distance.certificate.closest_pairs import PairCut, between, first_order, proven_apart
 from jhd.distance.certificate.pair_multipliers import pair_multipliers
 from jhd.distance.certificate.sides import ShapeSide
 from jhd.distance.certificate.surface_side import SurfaceSide
@@ -25,14 +25,10 @@ from jhd.distance.certificate.verification.pieces import ExactPiece
 from jhd.distance.certificate.verification.surface_proofs import failure_of_pair
 from jhd.distance.certificate.verification.zeros import ZeroSet, is_free
 
-# Cuts of one piece in a row, after which the bound is given up.
-_MOST_CUTS = 50
 # Parts into which an exact check may cut a pair here.
 _PARTS = 200
 # A plane that falls short by this share in floating point is not worth an exact check.
 _SURELY = 1e-14
-# Pairs between two reports.
-_REPORTED = 100
 
 
 class _SurfaceParts:
@@ -63,15 +59,6 @@ class _SurfaceParts:
         if part.box is None:
             return np.concatenate(self._corners[part.first : part.last])
         return np.array([[x / w for x in row] for row, w in self.exact.points(part)])
-
-    def letters(self, part: PartOfShape) -> list[str]:
-        """The first letters of all the ways to cut the part."""
-        if part.last - part.first > 1:
-            return ["x"]
-        corners = self.exact.pieces[part.first].corners
-        if corners == (3,):
-            return ["a", "c", "e"]
-        return ["a"] if corners == (4,) else ["a", "c"][: len(corners)]
 
     def is_free(self, part: PartOfShape) -> bool:
         """Whether it holds no zero."""
@@ -115,25 +102,11 @@ def keep_surfaces_apart(
     Raises:
         UncoveredError: too many or too narrow parts would be needed.
     """
-    entries: list[dict[str, Any]] = []
-    left = [("", mine.exact.whole(), other.exact.whole())]
-    while left:
-        name, p, q = left.pop()
-        proof = _proof(mine, p, other, q, lower)
-        if proof is not None:
-            entries.append({"pair": name, **proof})
-        else:
-            left += _halves(name, (mine, p), (other, q))
-        if len(entries) + len(left) > max_cells:
-            raise UncoveredError(f"more than {max_cells} pairs are needed: raise max_cells, or atol.")
-        if len(entries) % _REPORTED == 0:
-            report(len(entries), len(left))
-    report(len(entries), 0)
-    return {"a": mine.order, "b": other.order}, entries
+    return proven_apart((mine, other), partial(_proof, lower), _largest, max_cells, report)
 
 
 def _proof(
-    mine: _SurfaceParts, p: PartOfShape, other: _SurfaceParts, q: PartOfShape, lower: float | Fraction
+    lower: float | Fraction, mine: _SurfaceParts, p: PartOfShape, other: _SurfaceParts, q: PartOfShape
 ) -> dict[str, Any] | None:
     for k, (parts, part) in enumerate(((mine, p), (other, q))):
         if parts.is_free(part):
@@ -159,36 +132,19 @@ def _proof(
     return {"zeros": zeros} if failed is None else None
 
 
-def _halves(
-    name: str, mine: tuple[_SurfaceParts, PartOfShape], other: tuple[_SurfaceParts, PartOfShape]
-) -> list[tuple[Any, ...]]:
-    """Both halves of a pair, the first one last, of which the larger part is cut.
+def _largest(ways: list[PairCut]) -> PairCut:
+    """A cut of the larger part: of several pieces if there are any, else the one that makes the halves smallest."""
 
-    Raises:
-        UncoveredError: neither can be cut.
-    """
-    ways = []
-    for (parts, part), capital in ((mine, False), (other, True)):
-        used = sum(1 for x in name if x.isupper() == capital and x.lower() not in "xy")
-        size = float(np.linalg.norm(np.ptp(parts.points(part), axis=0)))
-        if part.last - part.first > 1:
-            size *= 8.0
-        if used < _MOST_CUTS:
-            ways += [(size, parts, part, letter, capital) for letter in parts.letters(part)]
-    if not ways:
-        raise UncoveredError(f"the pair {name!r} is not proven to be apart.")
-    longest = max(way[0] for way in ways)
-    best = max((way for way in ways if way[0] == longest), key=_reach)
-    _, parts, part, letter, capital = best
-    found = []
-    for x in (chr(ord(letter) + 1), letter):
-        half = parts.exact.half(part, x)
-        found.append((name + (x.upper() if capital else x), *((mine[1], half) if capital else (half, other[1]))))
-    return found
+    def size(way: PairCut) -> float:
+        return _extent(way.parts.points(way.part)) * (8.0 if way.part.last - way.part.first > 1 else 1.0)
+
+    sizes = {way.is_second: size(way) for way in ways}
+    largest = max(sizes.values())
+    return min(
+        (way for way in ways if sizes[way.is_second] == largest),
+        key=lambda way: max(_extent(way.parts.points(half)) for _, half in way.halves()),
+    )
 
 
-def _reach(way: tuple[Any, ...]) -> float:
-    """How much smaller a cut makes the halves."""
-    _, parts, part, letter, _ = way
-    halves = [parts.points(parts.exact.half(part, x)) for x in (letter, chr(ord(letter) + 1))]
-    return -max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in halves)
+def _extent(points: np.ndarray) -> float:
+    return float(np.linalg.norm(np.ptp(points, axis=0)))

@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array
 
-from jhd.arrays import is_traced
+from jhd._runtime.arrays import is_traced
 
 # The default tolerance as a share of the diagonal, and in units of the last place of one where that is more.
 _SHARE = 1e-10

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
-from jhd.compiled import compiled
+from jhd._runtime.compiled import compiled
 
 
 @compiled

@@ -17,10 +17,10 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array
 
+from jhd._results.solution import RESULTS, HausdorffSolution, result_where, with_lengths
+from jhd._runtime.arrays import array_of, is_traced
 from jhd.arithmetic.rounding import smallest_normal
 from jhd.arithmetic.scaling import common_exponent, ldexp, length, scale_of, times_two_to
-from jhd.arrays import array_of, is_traced
-from jhd.solution import RESULTS, HausdorffSolution, result_where, with_lengths
 
 # Power of two that stands for no extent at all; single precision ends at 2^-126.
 _VANISHING = 100

@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
 
+from jhd._runtime.arrays import is_traced
 from jhd.arithmetic.bernstein import product_weights
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import unit_weights
-from jhd.arrays import is_traced
 from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of
 from jhd.shapes.checks import usable_numbers
 from jhd.shapes.curve import BezierSegments

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jhd._results.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction, result_where
+from jhd._runtime.arrays import varying
+from jhd._runtime.compiled import compiled
+from jhd._runtime.sharding import shared_by_devices
 from jhd.arithmetic.rounding import ordered
-from jhd.arrays import varying
-from jhd.compiled import compiled
 from jhd.distance.frame.aim import Aim, aim_at
-from jhd.sharding import shared_by_devices
-from jhd.solution import DIRECTIONS, RESULTS, HausdorffSolution, in_direction, result_where
 
 
 class TracedSearch(NamedTuple):

@@ -16,8 +16,8 @@ from jax.custom_derivatives import SymbolicZero
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
-from jhd.arrays import is_tracing
-from jhd.compiled import compiled
+from jhd._runtime.arrays import is_tracing
+from jhd._runtime.compiled import compiled
 from jhd.distance.frame.attach import carrying
 
 Numbers = dict[str, Array]

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax
 from jaxtyping import Array, Float
 
-from jhd.arrays import module_of
+from jhd._runtime.arrays import module_of
 
 
 class CurveJet(NamedTuple):

@@ -6,11 +6,11 @@ from typing import Any
 
 import equinox as eqx
 
-from jhd.display import fields_shown
+from jhd._results.display import fields_shown
+from jhd._results.solution import HausdorffSolution
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame
 from jhd.shapes.curve import AbstractCurve, BezierSegments
-from jhd.solution import HausdorffSolution
 
 
 class AbstractMethod(eqx.Module):

@@ -9,8 +9,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jhd._runtime.arrays import is_traced
 from jhd.arithmetic.scaling import unit_weights
-from jhd.arrays import is_traced
 from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of
 from jhd.distance.frame.curves import elevation_matrix, padded_count, preparation_error, raised_degree
 from jhd.distance.frame.net_jets import Net, usable_net

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd._runtime.arrays import array_of, is_traced, on_host
 from jhd.arithmetic.scaling import unit_weights
-from jhd.arrays import array_of, is_traced, on_host
 from jhd.distance.frame.curves import elevation_matrix, padded_count, trusted
 from jhd.shapes.as_shape import check_several, taken_as
 from jhd.shapes.curve import BezierSegments, check_curve

@@ -19,10 +19,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._runtime.arrays import is_traced
 from jhd.arithmetic import exact_polynomials, scaling
 from jhd.arithmetic.isolated_zeros import isolated_zeros
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.arrays import is_traced
 from jhd.distance.frame.coordinates import Frame, common_points, exact_middle, extremes, frame_of
 from jhd.distance.frame.isolated import IsolatedPoints, isolated_points, none_known
 from jhd.distance.frame.net_jets import Net, usable_net

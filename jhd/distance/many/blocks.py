@@ -15,16 +15,16 @@ import numpy as np
 from jax.sharding import PartitionSpec
 from jaxtyping import Array
 
+from jhd._results.solution import DIRECTIONS, in_direction
+from jhd._runtime.arrays import varying
+from jhd._runtime.compiled import optimised
 from jhd.arithmetic.scaling import unit_weights
-from jhd.arrays import varying
-from jhd.compiled import optimised
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of, reported
 from jhd.distance.frame.curves import elevation_matrix, raised_degree, trusted
 from jhd.distance.frame.directions import larger
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import DIRECTIONS, in_direction
 
 # Numbers of segments that programs are compiled for, and pairs of a block: some tenths of a second of work each. A
 # program takes ten seconds to compile, and a repeated segment costs little.

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd._results.outcomes import RESULTS
 from jhd.distance.many.shapes import Collection
 from jhd.distance.many.signatures import SignatureBounds
 from jhd.distance.many.tasks import measured, pairs_between
 from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.outcomes import RESULTS
 
 # Shapes of each query that are measured in one round, at most: later rounds know better bounds.
 _WIDTH = 8

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jhd.arrays import is_tracing
+from jhd._runtime.arrays import is_tracing
 from jhd.distance.frame.coordinates import extremes
 from jhd.distance.many.blocks import CurveRows, PairKind, row_of
 from jhd.shapes.as_shape import as_shape, check_several

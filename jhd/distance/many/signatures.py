@@ -31,10 +31,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jhd._results.display import count_text, described, opaque
+from jhd._runtime.compiled import optimised
 from jhd.arithmetic.rounding import gamma, round_down, round_up, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent
-from jhd.compiled import optimised
-from jhd.display import count_text, described, opaque
 from jhd.distance.frame.coordinates import Frame, common_points, frame_of
 from jhd.distance.frame.curves import preparation_error
 from jhd.distance.many.blocks import SIZES

@@ -16,9 +16,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from jhd._runtime.files import replace_file
+from jhd._runtime.programs import processor, source_sum
 from jhd.distance.many.blocks import MeasuredPairs
-from jhd.files import replace_file
-from jhd.programs import processor, source_sum
 
 _FORMAT = "jhd pairwise 1"
 _MANIFEST = "manifest.json"

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from jhd._results.outcomes import RESULTS
+from jhd._runtime.memory import check_memory
 from jhd.distance.many.blocks import MeasuredPairs
 from jhd.distance.many.shapes import Collection
 from jhd.distance.many.store import Store
 from jhd.distance.many.tasks import measured, pairs_between
-from jhd.memory import check_memory
-from jhd.outcomes import RESULTS
 
 # What executors of other packages raise where they give a worker up, as Dask does after some tries.
 _LOST = ("KilledWorker",)

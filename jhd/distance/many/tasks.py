@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd._results.solution import HausdorffSolution
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.hausdorff import hausdorff
 from jhd.distance.many.blocks import SIZES, MeasuredPairs, block_of, kind_of, measure_block
@@ -24,7 +25,6 @@ from jhd.distance.pairs import pair_of
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.points import is_points
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import HausdorffSolution
 
 # Tasks that are sent out for each worker: enough to keep it busy, and few enough that memory stays bounded.
 _AHEAD = 3

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import is_traced, is_tracing, undifferentiated
+from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd.distance.frame.attach import without_derivative
 
 # Derivatives that may be off by more than this are refused.

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import undifferentiated
+from jhd._runtime.arrays import undifferentiated
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.measures.confirmed import Estimated
 from jhd.distance.measures.cut_cells import CellNodes, Looked

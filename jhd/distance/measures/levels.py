@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import undifferentiated
-from jhd.compiled import compiled
+from jhd._runtime.arrays import undifferentiated
+from jhd._runtime.compiled import compiled
 from jhd.distance.cells.weighted import first_reaching
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.measures.confirmed import Estimated

@@ -19,9 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jhd._results.batches import AbstractSolution
+from jhd._results.solution import DIRECTIONS, RESULTS, NotProvenError, name_of, result_where, throw_unless_successful
+from jhd._results.unproven import relative_tolerance
+from jhd._runtime.arrays import is_traced, is_tracing, real_array, undifferentiated
 from jhd.arithmetic.scaling import common_exponent, scale_of
-from jhd.arrays import is_traced, is_tracing, real_array, undifferentiated
-from jhd.batches import AbstractSolution
 from jhd.decimals import interval_text
 from jhd.distance.deviation import checked_weights, deviation
 from jhd.distance.deviation_solution import Bounds, Deviation, check_share
@@ -42,9 +44,7 @@ from jhd.distance.search.points import is_points
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve
-from jhd.solution import DIRECTIONS, RESULTS, NotProvenError, name_of, result_where, throw_unless_successful
 from jhd.triangles.closest_point import outward
-from jhd.unproven import relative_tolerance
 
 
 class MeasureSolution(AbstractSolution):

@@ -18,8 +18,8 @@ import numpy as np
 from jax.core import eval_context
 from jaxtyping import Array, Float, Int
 
+from jhd._runtime.compiled import optimised
 from jhd.arithmetic.scaling import length
-from jhd.compiled import optimised
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh

@@ -16,8 +16,9 @@ import numpy as np
 from jax.core import eval_context
 from jaxtyping import Array, Float, Int
 
-from jhd.arrays import undifferentiated
-from jhd.compiled import compiled
+from jhd._results.solution import Projection
+from jhd._runtime.arrays import undifferentiated
+from jhd._runtime.compiled import compiled
 from jhd.distance.frame.net_jets import Net, part_of
 from jhd.distance.frame.nets import net_of
 from jhd.distance.measures.quadrature import Nodes, known_along
@@ -30,7 +31,6 @@ from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
-from jhd.solution import Projection
 
 # Bounds may stay apart by this share of the size; about so many parts are made of all pieces of a surface.
 _CLOSE, _PARTS = 2.0**-27, 64

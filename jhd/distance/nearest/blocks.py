@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import varying
+from jhd._runtime.arrays import varying
 from jhd.distance.nearest.chords import chord_error, chords_between, square_and_parameter
 from jhd.distance.nearest.curves import NearestOnCurve, nearest, repeated
 from jhd.shapes.curve import BezierSegments

@@ -20,8 +20,8 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 from jaxtyping import Array
 
+from jhd._runtime.arrays import varying
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import varying
 from jhd.shapes.curve import BezierSegments
 
 

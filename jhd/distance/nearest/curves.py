@@ -33,9 +33,9 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 
+from jhd._runtime.arrays import varying
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.arrays import varying
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Piece
 from jhd.distance.nearest.feet import foot_in

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arrays import module_of, varying
+from jhd._runtime.arrays import module_of, varying
 from jhd.distance.frame.jets import CurveJet, jet
 from jhd.distance.frame.pieces import Piece, is_point, piece_of
 from jhd.shapes.curve import BezierSegments

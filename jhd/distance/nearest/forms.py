@@ -24,10 +24,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jhd._runtime.arrays import varying
 from jhd.arithmetic.polynomials import horner
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.arithmetic.trivariate import bernstein_along, bernstein_conversion
-from jhd.arrays import varying
 from jhd.distance.frame.isolated import cleared
 from jhd.distance.frame.surfaces import Side
 

@@ -14,12 +14,12 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array
 
+from jhd._results.solution import RESULTS, Projection, result_where
+from jhd._runtime.arrays import is_traced, real_array, undifferentiated, varying
 from jhd.arithmetic.rounding import largest, round_down, round_up, smallest_normal
 from jhd.arithmetic.scaling import common_exponent, ldexp, times_two_to
-from jhd.arrays import is_traced, real_array, undifferentiated, varying
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import RESULTS, Projection, result_where
 from jhd.triangles.closest_point import ClosestPoints, closest_points
 from jhd.triangles.point_triangle import absolute_floor, barycentric, error_factor, frames, squared_distances
 

@@ -16,10 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jhd._runtime.arrays import varying
 from jhd.arithmetic import exact_polynomials
 from jhd.arithmetic.polynomials import jets, slopes
 from jhd.arithmetic.rounding import like_double, round_up, smallest_normal, unit_roundoff
-from jhd.arrays import varying
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.isolated import isolated_radius, snapped
 from jhd.distance.frame.surfaces import Side, exact_polynomial

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jhd._runtime.arrays import module_of, varying
 from jhd.arithmetic.rounding import gamma, like_double, round_up, smallest_normal, unit_roundoff
-from jhd.arrays import module_of, varying
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, Form, box_distances, boxes, finite_or_zero, form, lower_bounds, positive
 from jhd.distance.nearest.places import local_feet, projected, proven_radius, reach, thorough_radius
@@ -164,8 +164,9 @@ def nearest(
         found = local_feet(side, jnp.broadcast_to(point[:, None], places.shape), places, _FOOT_STEPS)
         # Where the gradient vanishes Newton's method leads away, and a cell itself is near the surface.
         far, foot = nearest_proven(side, point, jnp.concatenate([found, places], axis=1))
-        nearer = far < state.upper
-        return jnp.where(nearer, far, state.upper), jnp.where(nearer, foot, state.foot)
+        # Of two as near but for rounding the later foot counts: what is proven about it needs more digits of it.
+        nearer = far <= state.upper + 8 * u * (1 + far)
+        return jnp.minimum(far, state.upper), jnp.where(nearer, foot, state.foot)
 
     def target(state: _SurfaceQuery) -> Array:
         upper = state.upper

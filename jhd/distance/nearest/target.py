@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from typing_extensions import override
 
 from jhd.arithmetic.rounding import gamma
 from jhd.shapes.curve import BezierSegments
@@ -181,12 +182,12 @@ class PointTarget(AbstractTarget):
         self.rows = np.asarray(points.control_points)[:, 0]
         self.tree = point_tree(in_space(self.rows))
 
+    @override
     def rounding(self, distance: float) -> float:
-        """See AbstractTarget."""
         return _left(self.tree, distance)
 
+    @override
     def feet(self, points: np.ndarray) -> np.ndarray:
-        """See AbstractTarget."""
         upper, row = _hinted(self.tree, in_space(points))
         return np.where(self._holds(points, self.tree.order[row]), 0.0, upper).astype(upper.dtype)
 
@@ -194,31 +195,35 @@ class PointTarget(AbstractTarget):
         """Whether queries are points of the set; then nothing about their distance is rounded."""
         return np.all(self.rows[index] == points, axis=1)
 
+    @override
     def near(self, points: np.ndarray) -> ProvenFeet:
-        """See AbstractTarget."""
         return self.nearest(points)
 
+    @override
     def error(self, found: ProvenFeet) -> np.ndarray:
-        """See AbstractTarget."""
         return np.zeros_like(found.distance)
 
+    @override
     def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
-        """See AbstractTarget: the points."""
+        """The points."""
         nothing = np.zeros_like(feet.point)
         return Flats(feet.point, nothing, nothing, feet.error)
 
+    @override
     def parameters(self, t: np.ndarray) -> np.ndarray:
-        """See AbstractTarget: zeros."""
+        """Zeros."""
         return t[:, 0]
 
+    @override
     def pieces_within(self, points: np.ndarray, reach: np.ndarray) -> ConvexPieces:
-        """See AbstractTarget: the points."""
+        """The points."""
         who, row = _within(self.tree, in_space(points), reach)
         held = in_space(self.rows)[self.tree.order[row]]
         return ConvexPieces(who, held[:, None], held)
 
+    @override
     def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
-        """See AbstractTarget: the bounds are always those of rounding."""
+        """The bounds are always those of rounding."""
         tree, scaled = in_unit_of(self.tree, in_space(points))
         found = nearest_triangles(tree, scaled)
         distance, dtype = np.sqrt(found.square), scaled.dtype
@@ -244,34 +249,37 @@ class MeshTarget(AbstractTarget):
         self.mesh, self.tree = mesh, triangle_tree(mesh)
         self._corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
 
+    @override
     def rounding(self, distance: float) -> float:
-        """See AbstractTarget."""
         return _left(self.tree, distance)
 
+    @override
     def feet(self, points: np.ndarray) -> np.ndarray:
-        """See AbstractTarget."""
         return _hinted(self.tree, points)[0]
 
+    @override
     def near(self, points: np.ndarray) -> ProvenFeet:
-        """See AbstractTarget."""
         return self.nearest(points)
 
+    @override
     def error(self, found: ProvenFeet) -> np.ndarray:
-        """See AbstractTarget: of what barycentric coordinates are multiplied with."""
+        """Of what barycentric coordinates are multiplied with."""
         sizes = np.max(np.abs(self._corners[found.segment]), axis=(1, 2))
         return gamma(16, sizes.dtype) * 2 * sizes
 
+    @override
     def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
-        """See AbstractTarget: the triangles."""
+        """The triangles."""
         first, second, third = np.moveaxis(self._corners[feet.segment], -2, 0)
         return Flats(first, second - first, third - first, np.zeros_like(feet.error))
 
+    @override
     def parameters(self, t: np.ndarray) -> np.ndarray:
-        """See AbstractTarget."""
         return t
 
+    @override
     def pieces_within(self, points: np.ndarray, reach: np.ndarray) -> ConvexPieces:
-        """See AbstractTarget: the triangles."""
+        """The triangles."""
         who, row = _within(self.tree, points, reach)
         tree, scaled = in_unit_of(self.tree, points)
         corners = self._corners[tree.order[row]]
@@ -280,8 +288,9 @@ class MeshTarget(AbstractTarget):
         foot = np.einsum("nk,nkd->nd", barycentric_of(tree, scaled[who], row), corners)
         return ConvexPieces(who, corners, foot)
 
+    @override
     def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
-        """See AbstractTarget: the bounds are always those of rounding."""
+        """The bounds are always those of rounding."""
         found = closest_points(self.mesh, points)
         return ProvenFeet(*found, closed=np.ones(len(points), bool))
 

@@ -13,7 +13,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import check_scalar, check_whole, real_array
+from jhd._results.solution import HausdorffSolution
+from jhd._runtime.arrays import check_scalar, check_whole, real_array
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.method import AbstractHostMethod
@@ -22,7 +23,6 @@ from jhd.distance.published.events.host_pair import HostPair, check_served
 from jhd.distance.published.events.survivors import EventPieces
 from jhd.distance.published.farthest import best_of
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import HausdorffSolution
 
 # Default size of final boxes, as a share of the extent of the pair; Newton's method goes on from there.
 _FINAL = 1e-8

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jhd._runtime.arrays import taken
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import taken
 from jhd.shapes.deviation import HostArcs
 
 # Radii above this are cut down to it, which moves an arc by less than its sagitta: centres then lose few digits.

@@ -31,15 +31,15 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array
 
+from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
+from jhd._runtime.compiled import optimised
 from jhd.arithmetic import rounding
 from jhd.arithmetic.rationals import float_above, float_below, root_between
-from jhd.compiled import optimised
 from jhd.distance.frame.directions import larger
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.fields.boxes import squared_distances, squared_vertex_distances
 from jhd.fields.octree import VoxelProgress, Voxels, checked_cells, voxelise
 from jhd.shapes.implicit import ImplicitSurface, check_surface
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 
 # Cells of a that are compared at once with a tile of cells of b: 2 MB of numbers.
 _CHUNK, _TILE = 1024, 256

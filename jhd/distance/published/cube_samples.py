@@ -10,6 +10,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
+from typing_extensions import override
 
 from jhd.fields.octree import voxelise
 from jhd.shapes.implicit import ImplicitSurface
@@ -84,8 +85,8 @@ class _ImplicitCubes(AbstractCubeSide):
     upper: np.ndarray
     surface: ImplicitSurface
 
+    @override
     def occupied(self, origin: np.ndarray, spacing: float, cells: int) -> np.ndarray:
-        """See AbstractCubeSide."""
         surface = ImplicitSurface(
             self.surface.coefficients, origin, origin + cells * spacing, reduced=self.surface.reduced
         )
@@ -93,8 +94,8 @@ class _ImplicitCubes(AbstractCubeSide):
         low, high = origin + rows * spacing, origin + (rows + 1) * spacing
         return rows[np.all((low <= self.upper) & (high >= self.lower), axis=1)]
 
+    @override
     def met(self, lines: np.ndarray, axis: int, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-        """See AbstractCubeSide."""
         others = [i for i in range(3) if i != axis]
         c = np.moveaxis(np.asarray(self.surface.coefficients, float), axis, -1)
         powers = [lines[:, [i]] ** np.arange(c.shape[i]) for i in range(2)]
@@ -118,8 +119,8 @@ class _MeshCubes(AbstractCubeSide):
     upper: np.ndarray
     corners: np.ndarray
 
+    @override
     def occupied(self, origin: np.ndarray, spacing: float, cells: int) -> np.ndarray:
-        """See AbstractCubeSide."""
         corners = _short((self.corners - origin) / spacing)
         first = np.clip(np.floor(corners.min(axis=1) - _SLACK).astype(int), 0, cells - 1)
         size = np.clip(np.floor(corners.max(axis=1) + _SLACK).astype(int), 0, cells - 1) - first + 1
@@ -138,8 +139,8 @@ class _MeshCubes(AbstractCubeSide):
             start = stop
         return np.unique(np.concatenate(found), axis=0)
 
+    @override
     def met(self, lines: np.ndarray, axis: int, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-        """See AbstractCubeSide."""
         others = [i for i in range(3) if i != axis]
         near = (self.corners[:, :, axis].min(axis=1) <= high) & (self.corners[:, :, axis].max(axis=1) >= low)
         flat = self.corners[:, :, others]

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.compiled import compiled
+from jhd._results.solution import RESULTS, HausdorffSolution
+from jhd._runtime.compiled import compiled
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import evaluation_error
 from jhd.distance.frame.jets import jet, polynomial_jet
@@ -18,7 +19,6 @@ from jhd.distance.published.events.forms import restricted
 from jhd.distance.published.events.host_pair import HostPair
 from jhd.distance.witness.events import describe
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import RESULTS, HausdorffSolution
 
 # Points measured in one call of the compiled program.
 _MEASURED = 8

@@ -13,13 +13,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arrays import varying
+from jhd._results.solution import RESULTS
+from jhd._runtime.arrays import varying
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Piece
 from jhd.distance.nearest.curves import NearestOnCurve, best_end, length_bound
 from jhd.distance.nearest.feet import equation
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import RESULTS
 
 
 def best_local(

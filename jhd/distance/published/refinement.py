@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array
 
-from jhd.arrays import varying
+from jhd._runtime.arrays import varying
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import piece_of
 from jhd.distance.nearest.feet import Branch, FootState, follow_foot

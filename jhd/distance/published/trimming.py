@@ -18,7 +18,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import check_scalar, check_whole, real_array
+from jhd._results.solution import RESULTS, HausdorffSolution, result_where
+from jhd._runtime.arrays import check_scalar, check_whole, real_array
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import evaluation_error, trusted
@@ -34,7 +35,6 @@ from jhd.distance.published.printed_trimming import printed_trimming
 from jhd.shapes.biarc_fit import fitted
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.deviation import HostCurve, complex_points
-from jhd.solution import RESULTS, HausdorffSolution, result_where
 
 # Places measured at a time.
 _SAMPLES = 16

@@ -22,7 +22,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arrays import check_whole, varying
+from jhd._results.solution import RESULTS, HausdorffSolution
+from jhd._runtime.arrays import check_whole, varying
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import evaluation_error
@@ -34,7 +35,6 @@ from jhd.distance.published.literal_steps import published_candidates
 from jhd.distance.published.refinement import COARSE, Bracket, RefinedPair, candidates, lengths
 from jhd.distance.witness.events import describe
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import RESULTS, HausdorffSolution
 
 # Samples of the whole curve when their number is left open: shared among the segments, within these limits for each.
 _SAMPLES, _LEAST, _MOST = 512, 6, 128

@@ -16,10 +16,11 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
-from jhd.arrays import is_traced
+from jhd._runtime.arrays import is_traced
 from jhd.distance.nearest.meshes import AbstractMeshSearch
 from jhd.fields.distance_transform import METHODS, distance_transform
 from jhd.shapes.mesh import TriangleMesh, check_mesh, places_of
+from jhd.shapes.prepared import prepared
 from jhd.triangles.closest_point import (
     ClosestPoints,
     TriangleTree,
@@ -29,7 +30,6 @@ from jhd.triangles.closest_point import (
     pair_squares,
     triangle_tree,
 )
-from jhd.triangles.prepared import prepared
 
 # Finest grids that are tried: three such indices fit into one integer, and few floats are closer.
 _FINEST = 1 << 20

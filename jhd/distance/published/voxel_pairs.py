@@ -16,14 +16,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jhd.arrays import check_whole, is_traced, real_array
+from jhd._results.solution import RESULTS, MinimumSolution
+from jhd._runtime.arrays import check_whole, is_traced, real_array
 from jhd.distance.frame.method import AbstractMethod
 from jhd.distance.published.cube_samples import AbstractCubeSide, cube_side, samples_in
 from jhd.fields.distance_transform import distance_transform
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
-from jhd.solution import RESULTS, MinimumSolution
 
 # Largest number of cubes along an axis.
 _MOST = 1 << 10

@@ -12,8 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
+from typing_extensions import override
 
-from jhd.arrays import check_scalar, check_whole, is_traced, real_array
+from jhd._results.solution import HausdorffSolution
+from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array
 from jhd.distance.frame.aim import Aim, Wanted
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.method import AbstractHausdorffMethod
@@ -23,7 +25,6 @@ from jhd.distance.search.candidates import Target
 from jhd.distance.search.curves import advance, begin, solution_of
 from jhd.distance.search.solutions import CoveredPair, in_one_go
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import HausdorffSolution
 
 # Rows of a table of surfaces for each of those of curves.
 _SURFACE_ROWS = 32
@@ -59,8 +60,9 @@ class BranchAndBound(AbstractHausdorffMethod):
         check_whole("capacity", self.capacity, 16)
 
     @classmethod
+    @override
     def serves(cls, a: Any, b: Any) -> bool:
-        """See AbstractMethod: it serves every pair that there is a search for."""
+        """It serves every pair that there is a search for."""
         return True
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:

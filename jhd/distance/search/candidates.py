@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from jhd._runtime.arrays import varying
 from jhd.arithmetic.rounding import like_double, round_down, unit_roundoff
-from jhd.arrays import varying
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.places import thorough_radius

@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jhd._runtime.compiled import compiled, optimised
 from jhd.arithmetic.balls import Ball
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.simplices import dividing, inner_lattice, lattice
-from jhd.compiled import compiled, optimised
 from jhd.distance.cells.followed import levels_of, part_over
 from jhd.distance.cells.foot_maps import INSET, Triangles, foot_map, place_on, weighted
 from jhd.distance.cells.heights import (

@@ -15,17 +15,18 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
+from typing_extensions import override
 
+from jhd._results.solution import RESULTS, MinimumSolution, result_where
+from jhd._runtime.arrays import is_traced, varying
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import length
-from jhd.arrays import is_traced, varying
 from jhd.distance.cells.pairs import BestPair, Cell, PairBound, bound
 from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.coordinates import Frame, diagonal
 from jhd.distance.frame.net_jets import Net, eta, point_error
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.search import AbstractSearch, Standing
-from jhd.solution import RESULTS, MinimumSolution, result_where
 
 # Pairs that are cut in one step.
 WIDTH = 16
@@ -323,18 +324,18 @@ class ClosestSearch(AbstractSearch):
     def __init__(self, begun: Callable[[], ClosestState], stretch: Callable[..., Any], max_steps: int):
         self._begun, self._stretch, self.max_steps = begun, stretch, max_steps
 
+    @override
     def begin(self) -> ClosestState:
-        """See AbstractSearch."""
         return self._begun()
 
+    @override
     def advance(self, state: ClosestState, limit: int, growing: bool) -> tuple[ClosestState, Standing]:
-        """See AbstractSearch."""
         growing = growing and may_grow(state)
         state, found, news = self._stretch(state, np.asarray(limit), np.asarray(growing))
         return state, Standing(found, *np.asarray(news))
 
+    @override
     def longer(self, state: ClosestState) -> ClosestState:
-        """See AbstractSearch."""
         return longer(state)
 
 

@@ -17,11 +17,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jaxtyping import Array
+from typing_extensions import override
 
+from jhd._results.solution import RESULTS, MinimumSolution
+from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd.arithmetic.rationals import float_above, float_below, float_near, root_between
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import common_exponent, length, scale_of
-from jhd.arrays import is_traced, is_tracing, undifferentiated
 from jhd.distance.frame.aim import AllowedGap, default_tolerance
 from jhd.distance.frame.coordinates import diagonal, extremes
 from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
@@ -31,9 +33,8 @@ from jhd.distance.search.search import AbstractSearch, Listener, Progress, Stand
 from jhd.distance.search.tree_pairs import MeshBoxes, PairSearch, in_one_unit, mesh_boxes, stored_corners
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import RESULTS, MinimumSolution
+from jhd.shapes.prepared import prepared
 from jhd.triangles.closest_point import outward
-from jhd.triangles.prepared import prepared
 
 
 def as_mesh(shape: Any) -> TriangleMesh | None:
@@ -128,12 +129,12 @@ class TriangleSearch(AbstractSearch):
         self._allowed = _allowed(self._sides, method)
         self.max_steps = method.max_steps
 
+    @override
     def begin(self) -> PairSearch:
-        """See AbstractSearch."""
         return PairSearch(*self._sides, self._corners)
 
+    @override
     def advance(self, state: PairSearch, limit: int, growing: bool) -> tuple[PairSearch, Standing]:
-        """See AbstractSearch."""
         while state.is_waiting and state.steps < limit:
             state.advance()
         if not state.is_waiting:
@@ -141,8 +142,9 @@ class TriangleSearch(AbstractSearch):
         going_on = state.is_waiting or not state.is_settled
         return state, Standing(self._found(state), going_on, False, state.steps + state.tried, state.waiting)
 
+    @override
     def longer(self, state: PairSearch) -> PairSearch:
-        """See AbstractSearch; it takes the room that it needs."""
+        """It takes the room that it needs."""
         return state
 
     def _found(self, state: PairSearch) -> _FoundPair:

@@ -21,7 +21,8 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
-from jhd.arrays import varying
+from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, result_where
+from jhd._runtime.arrays import varying
 from jhd.distance.cells.branches import CurveBound, CurveCell, cell_upper_bound, first_upper_bound
 from jhd.distance.frame.aim import Aim, Wanted, default_tolerance
 from jhd.distance.frame.coordinates import diagonal, extremes
@@ -36,7 +37,6 @@ from jhd.distance.nearest.near_curve import NearCurve
 from jhd.distance.witness import active
 from jhd.distance.witness.events import describe
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, result_where
 
 # Cells bounded in one step: two waste the vector units, eight bound cells that the first four would have closed.
 LANES = 4

@@ -11,7 +11,9 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from typing_extensions import override
 
+from jhd._results.solution import RESULTS
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.distance.cells.averages import NEAR, OverCells, distances_over
 from jhd.distance.cells.measures import FlatCells
@@ -21,7 +23,6 @@ from jhd.distance.search.cell_heights import CellHeights
 from jhd.distance.search.measured import AbstractMeasured
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import CellRows
-from jhd.solution import RESULTS
 
 # Cells cut in a step, at most and, where there are so many, at least; and the share of the gap that they leave.
 _BATCH, _LEAST, _MOST_OF = 1 << 13, 64, 0.8
@@ -128,13 +129,13 @@ class DistributionSearch(AbstractSearch):
         self._allowed, self._max_cells, self.max_steps, self._share = allowed, max_cells, max_steps, share
         self._heights = heights
 
+    @override
     def begin(self) -> _DistributionState:
-        """See AbstractSearch."""
         cells = self._source.cover()
         return _DistributionState(self._bounded(cells, None), 0)
 
+    @override
     def advance(self, state: _DistributionState, limit: int, growing: bool) -> tuple[_DistributionState, Standing]:
-        """See AbstractSearch."""
         found, scores = self._found(state)
         while self._goes_on(state, found, scores) and state.steps < limit:
             state = self._step(state, scores)
@@ -142,8 +143,9 @@ class DistributionSearch(AbstractSearch):
         waiting = int(np.count_nonzero(scores))
         return state, Standing(found, self._goes_on(state, found, scores), False, state.steps, waiting)
 
+    @override
     def longer(self, state: _DistributionState) -> _DistributionState:
-        """See AbstractSearch; it is never full."""
+        """It is never full."""
         return state
 
     def _bounded(self, cells: CellRows, parents: OverCells | None) -> DistanceCells:

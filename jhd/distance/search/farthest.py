@@ -7,8 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
+from typing_extensions import override
 
-from jhd.compiled import compiled
+from jhd._results.solution import HausdorffSolution, in_direction, on_device
+from jhd._runtime.compiled import compiled
 from jhd.distance.frame.aim import Wanted
 from jhd.distance.frame.pieces import CurvePlace
 from jhd.distance.nearest.blocks import is_long
@@ -19,7 +21,6 @@ from jhd.distance.search.curves import LANES, CurveState, CurveTable, advance, b
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.solutions import CoveredPair
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import HausdorffSolution, in_direction, on_device
 
 # Steps of the first stretch, which hold all but hard pairs of curves.
 _FIRST_STEPS = 128
@@ -48,19 +49,20 @@ class CurveSearch(AbstractSearch):
     ):
         self._asked, self._capacity, self.max_steps = (a, b, wanted, direction), capacity, max_steps
 
+    @override
     def begin(self) -> tuple[CurveState, bool]:
-        """See AbstractSearch; the program of the first stretch does the work."""
+        """The program of the first stretch does the work."""
         return _blank(self._capacity, np.dtype(self._asked[0].control_points.dtype).name), True
 
+    @override
     def advance(
         self, state: tuple[CurveState, bool], limit: int, growing: bool
     ) -> tuple[tuple[CurveState, bool], Standing]:
-        """See AbstractSearch."""
         table, solution, news = _stretch(*self._asked, *state, limit, growing)
         return (table, False), Standing(solution, *np.asarray(news))
 
+    @override
     def longer(self, state: tuple[CurveState, bool]) -> tuple[CurveState, bool]:
-        """See AbstractSearch."""
         table = state[0].table
         # Where no step was taken, cells were left out for want of room: it begins anew.
         longer = table.longer((_GROWTH - 1) * table.upper.size)
@@ -83,20 +85,21 @@ class SurfaceSearch(AbstractSearch):
     def __init__(self, pair: CoveredPair, wanted: Wanted, direction: Any, capacity: int, max_steps: int):
         self._asked, self._capacity, self.max_steps = (pair, wanted, direction), capacity, max_steps
 
+    @override
     def begin(self) -> tuple[surface_search.SurfaceState, bool]:
-        """See AbstractSearch."""
         return _blank_surfaces(self._capacity, np.dtype(self._asked[0].a.side.lower.dtype).name), True
 
+    @override
     def advance(
         self, state: tuple[surface_search.SurfaceState, bool], limit: int, growing: bool
     ) -> tuple[tuple[surface_search.SurfaceState, bool], Standing]:
-        """See AbstractSearch."""
         # Hard cases alone need the feet that move, and a second program.
         table, solution, news = _surface_stretch(*self._asked, *state, limit, limit > _FIRST_STEPS_OF_SURFACES)
         return (table, False), Standing(solution, *np.asarray(news))
 
+    @override
     def longer(self, state: tuple[surface_search.SurfaceState, bool]) -> tuple[surface_search.SurfaceState, bool]:
-        """See AbstractSearch; it is never full."""
+        """It is never full."""
         return state
 
 

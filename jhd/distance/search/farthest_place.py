@@ -11,7 +11,9 @@ import time
 from typing import Any, NamedTuple
 
 import numpy as np
+from typing_extensions import override
 
+from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, on_device
 from jhd.arithmetic.rounding import cast, unit_roundoff
 from jhd.distance.frame.aim import Aim, AllowedGap
 from jhd.distance.frame.coordinates import Frame, user_length
@@ -23,7 +25,6 @@ from jhd.distance.search.followed_graphs import FollowedGraphs
 from jhd.distance.search.polished_place import About
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, on_device
 
 # Cells cut in a step, at most, and most that wait; each takes 400 bytes.
 _BATCH, _WAITING = 1 << 13, 1 << 20
@@ -111,14 +112,14 @@ class FarthestSearch(AbstractSearch):
         self._ceiling = float(frame.common(ceiling, np.inf)) + moved
         self.max_steps = max_steps
 
+    @override
     def begin(self) -> _FarthestState:
-        """See AbstractSearch."""
         cells = self._source.cover()
         upper = np.full(len(cells.piece), np.inf)
         return self._entered(_FarthestState(None, None, -np.inf, 0, 0, len(upper), -np.inf), cells, upper, None)
 
+    @override
     def advance(self, state: _FarthestState, limit: int, growing: bool) -> tuple[_FarthestState, Standing]:
-        """See AbstractSearch."""
         began = time.perf_counter()
         while self._going(state) and state.steps < limit:
             state = self._sharpened(self._step(state))
@@ -129,8 +130,9 @@ class FarthestSearch(AbstractSearch):
             state = state._replace(best=self._polished(state, state.best))
         return state, Standing(self._solution(state), going, False, state.steps, len(state.waiting.upper))
 
+    @override
     def longer(self, state: _FarthestState) -> _FarthestState:
-        """See AbstractSearch; it is never full."""
+        """It is never full."""
         return state
 
     def _goal(self, best: PlaceFound | None) -> float:

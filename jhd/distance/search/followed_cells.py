@@ -19,8 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._runtime.compiled import compiled, optimised
 from jhd.arithmetic.simplices import inner_lattice
-from jhd.compiled import compiled, optimised
 from jhd.distance.cells.followed import bound_between, levels_of, part_over
 from jhd.distance.cells.foot_maps import (
     BEYOND,

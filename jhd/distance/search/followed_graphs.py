@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import unit_roundoff
-from jhd.compiled import compiled
 from jhd.distance.cells.foot_maps import Triangles
 from jhd.distance.cells.graphs import beside_graph, control_points, graph_over, values_over
 from jhd.distance.frame.net_jets import Net

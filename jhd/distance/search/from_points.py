@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from typing_extensions import override
 
+from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 from jhd.distance.frame.aim import Aim, AllowedGap
 from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
 from jhd.distance.search.search import AbstractSearch, Standing
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 
 # Points of the first step; each step takes twice as many, up to what is best for the target.
 _FIRST = 32
@@ -54,14 +55,14 @@ class PointSearch(AbstractSearch):
         self._points, self._target, self._allowed = points, target, allowed
         self._level, self._ceiling, self.max_steps = float(aim.level), float(aim.ceiling), max_steps
 
+    @override
     def begin(self) -> _PointSearchState:
-        """See AbstractSearch."""
         upper = self._target.feet(self._points)
         order = np.argsort(-upper, kind="stable")
         return _PointSearchState(order, upper[order], 0, -np.inf, None, 0)
 
+    @override
     def advance(self, state: _PointSearchState, limit: int, growing: bool) -> tuple[_PointSearchState, Standing]:
-        """See AbstractSearch."""
         while self._going(state) and state.steps < limit:
             state = self._step(state)
         # Some point is always measured: the witness is the farthest of those that were.
@@ -69,8 +70,9 @@ class PointSearch(AbstractSearch):
         going = self._going(state)
         return state, Standing(self._solution(state), going, False, state.steps, len(state.order) - state.measured)
 
+    @override
     def longer(self, state: _PointSearchState) -> _PointSearchState:
-        """See AbstractSearch; it is never full."""
+        """It is never full."""
         return state
 
     def _next(self, state: _PointSearchState) -> float:

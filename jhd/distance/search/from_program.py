@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import eval_context
 
+from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 from jhd.distance.frame.from_host import from_host
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 
 
 class AnswerForm(NamedTuple):

@@ -9,8 +9,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from typing_extensions import override
 
-from jhd.arrays import array_of
+from jhd._runtime.arrays import array_of
 from jhd.distance.search.closest import ClosestState, longer, lower_of, may_grow
 from jhd.distance.search.search import AbstractSearch, Standing
 
@@ -44,12 +45,12 @@ class InTurn(AbstractSearch):
     ):
         self._begun, self._kinds, self.max_steps = begun, (first, second), max_steps
 
+    @override
     def begin(self) -> _Turn:
-        """See AbstractSearch."""
         return _Turn(self._begun(), 0)
 
+    @override
     def advance(self, state: _Turn, limit: int, growing: bool) -> tuple[_Turn, Standing]:
-        """See AbstractSearch."""
         if state.kind == 0 and _FIRST_TURN <= int(state.table.steps) < limit:
             state = _Turn(_told(self._second_table(), state.table), 1)
         end = limit if state.kind else min(limit, _FIRST_TURN)
@@ -57,8 +58,8 @@ class InTurn(AbstractSearch):
         table, found, news = self._kinds[state.kind](state.table, np.asarray(end), room)
         return state._replace(table=table), Standing(found, *np.asarray(news))
 
+    @override
     def longer(self, state: _Turn) -> _Turn:
-        """See AbstractSearch."""
         return state._replace(table=longer(state.table))
 
     def _second_table(self) -> ClosestState:

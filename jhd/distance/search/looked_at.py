@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jhd._results.solution import on_device
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.polynomials import slopes
-from jhd.compiled import compiled
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import boxes, form
 from jhd.distance.nearest.places import projected, proven_radius, with_singular_radius
@@ -20,7 +21,7 @@ from jhd.distance.nearest.surfaces import CLOUD_STEPS, Cover, SurfaceCloud, grid
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.rows import in_blocks, in_groups
 from jhd.distance.search.solutions import with_some_point
-from jhd.solution import on_device
+from jhd.shapes.prepared import prepared
 
 # Cells or places done side by side.
 _LANES = 64
@@ -41,10 +42,12 @@ class PlacesNear(NamedTuple):
 
 
 def looked_at(side: Side) -> tuple[Target, Any]:
-    """A side with its cover and its cloud, and whether it is proven to have no point in its box.
+    """A side with its cover and its cloud, and whether it is proven to have no point in its box; kept with it."""
+    return prepared(side).part(_looked_at)
 
-    The program that looks for a point anywhere is made where none of the cloud is proven.
-    """
+
+def _looked_at(side: Side) -> tuple[Target, Any]:
+    """As `looked_at`; the program that looks for a point anywhere is made if none of the cloud is proven."""
     side = jax.tree_util.tree_map(np.asarray, side)
     low, high = grid(side)
     alive = may_vanish(side, low.T, high.T)

@@ -7,6 +7,7 @@ import math
 from abc import ABC, abstractmethod
 
 import numpy as np
+from typing_extensions import override
 
 from jhd.arithmetic.rounding import gamma
 from jhd.distance.cells.measures import (
@@ -75,17 +76,18 @@ class MeasuredPoints(AbstractMeasured):
         self._points, self._off = points, off
         self._counts = np.ones(len(points)) if counts is None else counts
 
+    @override
     def cover(self) -> CellRows:
-        """See AbstractMeasured."""
         nothing = np.zeros((len(self._points), 0))
         return CellRows(np.arange(len(nothing)), nothing, nothing)
 
+    @override
     def cut(self, cells: CellRows, flat: FlatCells, parting: np.ndarray | None = None) -> tuple[CellRows, np.ndarray]:
-        """See AbstractMeasured: a point stays as it is."""
+        """A point stays as it is."""
         return cells, np.arange(len(cells.piece))
 
+    @override
     def flat(self, cells: CellRows) -> FlatCells:
-        """See AbstractMeasured."""
         points = self._points[cells.piece].astype(np.float64)
         return single_points(points, self._counts[cells.piece], self._off)
 
@@ -107,13 +109,14 @@ class MeasuredNet(AbstractMeasured):
         self._rows, self._off = rows, off + off_by(net.degrees)
         self._form = normal_form(rows[..., :3], self._weights, off)
 
+    @override
     def cover(self) -> CellRows:
-        """See AbstractMeasured."""
         ends = np.zeros((len(self._rows), self.dimension))
         return CellRows(np.arange(len(ends)), ends, ends + 1)
 
+    @override
     def cut(self, cells: CellRows, flat: FlatCells, parting: np.ndarray | None = None) -> tuple[CellRows, np.ndarray]:
-        """See AbstractMeasured: at the middles of those parameters along which the flat pieces are long."""
+        """At the middles of those parameters along which the flat pieces are long."""
         corners = flat.corners
         sides = [corners[:, -1] - corners[:, 0]]
         if self.dimension == 2:
@@ -126,8 +129,8 @@ class MeasuredNet(AbstractMeasured):
             cells, parent = cut_along(cells, parent, axis, which[parent, axis], middle)
         return cells, parent
 
+    @override
     def flat(self, cells: CellRows) -> FlatCells:
-        """See AbstractMeasured."""
         rows = restricted(self._rows[cells.piece], cells.low, cells.high)
         weights = None if self._weights is None else rows[..., 3:]
         beside = flat_parts(rows[..., :3], weights, self._off)
@@ -153,12 +156,12 @@ class MeasuredMesh(AbstractMeasured):
         self._corners = corners.astype(np.float64)
         self._off = np.full(len(corners), off)
 
+    @override
     def cover(self) -> CellRows:
-        """See AbstractMeasured."""
         return MeshSource(self._corners).cover()
 
     def cut(self, cells: CellRows, flat: FlatCells, parting: np.ndarray | None = None) -> tuple[CellRows, np.ndarray]:
-        """See AbstractMeasured: each into four, or along the parting into two or three, which become triangles of a.
+        """Each into four, or along the parting into two or three, which become triangles of a.
 
         A corner of such a part divides a side of its cell in a ratio that is a float. So the parts are all of the cell.
         The corner is off by as much as the ends of the side, and by a few roundings of coordinates of at most one.
@@ -177,8 +180,8 @@ class MeasuredMesh(AbstractMeasured):
         joined = CellRows(*(np.concatenate(pair) for pair in zip(halves, parts, strict=True)))
         return joined, np.concatenate([whole[parent], rows[of]])
 
+    @override
     def flat(self, cells: CellRows) -> FlatCells:
-        """See AbstractMeasured."""
         places = MeshSource(self._corners).places(cells).points[:, 1:]
         return flat_triangles(places, self._off[cells.piece] + off_by((1, 1)))
 

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from typing_extensions import override
 
 from jhd.arithmetic.rounding import gamma
 from jhd.distance.cells.flats import Hulls
@@ -24,13 +25,14 @@ class MeshSource(AbstractSource):
         self._corners = corners
         self._off = math.sqrt(3) * gamma(16, corners.dtype)
 
+    @override
     def cover(self) -> CellRows:
-        """See AbstractSource."""
         ends = np.zeros((len(self._corners), 2), self._corners.dtype)
         return CellRows(np.arange(len(ends)), ends, ends + 1)
 
+    @override
     def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
-        """See AbstractSource: each into four at the middles of its sides, so that all numbers are exact."""
+        """Each into four at the middles of its sides, so that all numbers are exact."""
         half, count = 0.5 * (cells.high - cells.low), len(cells.piece)
         zero = np.zeros_like(half[:, 0])
         steps = [np.stack(x, axis=1) for x in ((zero, zero), (half[:, 0], zero), (zero, half[:, 1]))]
@@ -38,8 +40,9 @@ class MeshSource(AbstractSource):
         size = np.concatenate([half, half, half, -half])
         return CellRows(np.tile(cells.piece, 4), low, low + size), np.tile(np.arange(count), 4)
 
+    @override
     def places(self, cells: CellRows) -> PlacesOfCells:
-        """See AbstractSource: the middle and the corners."""
+        """The middle and the corners."""
         size = cells.high - cells.low
         shares = np.array([[0.25, 0.25], [0, 0], [1, 0], [0, 1]], size.dtype)
         x = cells.low[:, None] + shares * size[:, None]
@@ -50,19 +53,20 @@ class MeshSource(AbstractSource):
         v = self._corners[piece][:, None]
         return v[:, :, 0] + x[..., :1] * (v[:, :, 1] - v[:, :, 0]) + x[..., 1:] * (v[:, :, 2] - v[:, :, 0])
 
+    @override
     def over(self, cells: CellRows, target: AbstractTarget, feet: FootRows) -> np.ndarray:
-        """See AbstractSource."""
         corners = self.places(cells).points[:, 1:]
         tangents = corners[:, 1:] - corners[:, :1]
         return over_hulls(Hulls(corners, np.full(len(corners), self._off, corners.dtype), tangents), target, feet)
 
+    @override
     def rays(self, piece: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See AbstractSource: along the sides, and from a corner that has some weight to another."""
+        """Along the sides, and from a corner that has some weight to another."""
         v, weights = self._corners[piece].astype(np.float64), self.parameters(x)
         pairs = [(i, j) for i in range(3) for j in range(3) if i != j]
         along = units(np.stack([v[i] - v[j] for i, j in pairs]))
         return along, along[[weights[j] > 0 for _, j in pairs]]
 
+    @override
     def parameters(self, x: np.ndarray) -> np.ndarray:
-        """See AbstractSource."""
         return np.array([1 - x[0] - x[1], x[0], x[1]])

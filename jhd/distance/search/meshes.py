@@ -16,8 +16,10 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
+from typing_extensions import override
 
-from jhd.arrays import array_of, is_tracing, joined
+from jhd._results.solution import RESULTS, HausdorffSolution
+from jhd._runtime.arrays import array_of, is_tracing, joined
 from jhd.distance.cells.triangles import MeshSide, TriangleCells, first_cells, split
 from jhd.distance.frame.aim import Aim, AllowedGap, default_tolerance
 from jhd.distance.frame.coordinates import diagonal, exact_middle, extremes, frame_of
@@ -26,7 +28,6 @@ from jhd.distance.search.from_program import AnswerForm, from_program
 from jhd.distance.search.search import AbstractSearch, Listener, Standing, drive
 from jhd.distance.witness.meshes import FEET, active_feet, witness_of
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import RESULTS, HausdorffSolution
 from jhd.triangles.closest_point import in_unit_of, outward, triangle_tree
 
 # Cells split in one step, and most that wait for each row of the capacity; a cell takes about 400 bytes, and its parts
@@ -135,20 +136,21 @@ class MeshSearch(AbstractSearch):
         self._allowed = _allowed(self._side, method)
         self._level, self._ceiling = (float(np.ldexp(float(x), -self._side.tree.exponent)) for x in aim)
 
+    @override
     def begin(self) -> _CutCells:
-        """See AbstractSearch."""
         cells, used = first_cells(self._side, np.asarray(self._a.triangles), self._scaled)
         return self._dropping(_CutCells(cells, _improved(None, self._side, cells), -np.inf, len(used)))
 
+    @override
     def advance(self, state: _CutCells, limit: int, growing: bool) -> tuple[_CutCells, Standing]:
-        """See AbstractSearch."""
         while self._is_open(state) and state.steps < limit and self._has_room(state):
             state = self._dropping(self._step(state))
         going_on = self._is_open(state) and self._has_room(state)
         return state, Standing(self._solution(state), going_on, False, state.steps, state.waiting.count)
 
+    @override
     def longer(self, state: _CutCells) -> _CutCells:
-        """See AbstractSearch; it takes the room that it is given."""
+        """It takes the room that it is given."""
         return state
 
     def _is_open(self, state: _CutCells) -> bool:

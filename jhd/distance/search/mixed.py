@@ -15,10 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._results.solution import RESULTS, MinimumSolution
+from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.scaling import length
-from jhd.arrays import is_traced, is_tracing, undifferentiated
-from jhd.compiled import compiled
 from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
 from jhd.distance.cells.moving_pairs import WithMovingFeet
@@ -60,7 +61,6 @@ from jhd.distance.witness.places import parts_of
 from jhd.shapes.checks import empty_surface
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import RESULTS, MinimumSolution
 
 # The room for rounding where points are made sharp; the half side, as a share of the size, of the cells for that, and
 # steps there.

@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jhd._results.solution import RESULTS, HausdorffSolution
+from jhd._runtime.arrays import is_tracing, undifferentiated
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import is_tracing, undifferentiated
 from jhd.distance.cells.foot_maps import Triangles
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Aim, AllowedGap, default_tolerance
@@ -44,7 +45,7 @@ from jhd.shapes.curve import BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import BezierPatches
-from jhd.solution import RESULTS, HausdorffSolution
+from jhd.shapes.prepared import prepared
 
 # What cannot be told in the search over a polynomial surface, in units of roundoff of the common coordinates.
 _ULPS = 512
@@ -216,9 +217,9 @@ def _source(shape: Any, moved: Any) -> tuple[AbstractSource, float]:
 def target_in(shape: Any, moved: Any) -> tuple[AbstractTarget, float]:
     """A shape in common coordinates as a target, and its largest coordinate."""
     if isinstance(moved, Side):
-        return SurfaceTarget(moved), 1.0
+        return prepared(moved).part(SurfaceTarget), 1.0
     if isinstance(moved, Net):
-        return NetTarget(moved), 1.0
+        return prepared(moved).part(NetTarget), 1.0
     if isinstance(shape, TriangleMesh):
         return MeshTarget(TriangleMesh(moved, shape.triangles)), 1.0
     return PointTarget(BezierSegments(moved[:, None])), float(np.max(np.abs(moved)))

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma
-from jhd.compiled import compiled
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import boxes, form, signed_values

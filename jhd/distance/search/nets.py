@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._results.solution import MinimumSolution
+from jhd._runtime.arrays import is_tracing, undifferentiated
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma
-from jhd.arrays import is_tracing, undifferentiated
-from jhd.compiled import compiled
 from jhd.distance.cells.moving_nets import WithMovingFirst, WithMovingParameters
 from jhd.distance.cells.pairs import BestPair, derivatives
 from jhd.distance.frame.coordinates import extremes
@@ -36,7 +37,6 @@ from jhd.distance.search.closest import (
 from jhd.distance.search.in_turn import InTurn
 from jhd.distance.search.search import Listener, Progress, drive
 from jhd.distance.witness.nets import polished, with_net_derivatives
-from jhd.solution import MinimumSolution
 
 # Feet move on the first shape if the distance is bent along the second one by less than this share of what it is there.
 _FLATTER = 0.125

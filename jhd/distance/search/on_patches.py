@@ -15,10 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
+from typing_extensions import override
 
+from jhd._runtime.compiled import compiled, optimised
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, ldexp, length, times_two_to, unit_weights
-from jhd.compiled import compiled, optimised
 from jhd.distance.cells.beside import beside_net, of_points
 from jhd.distance.cells.pairs import Cell, bound, nearest_in
 from jhd.distance.cells.squares import distances_by_squares
@@ -107,41 +108,42 @@ class NetTarget(AbstractTarget):
         self._rows, self._beside = found
         self._off = float(np.ldexp(point_error(self.net), self.exponent))
 
+    @override
     def rounding(self, distance: float) -> float:
-        """See AbstractTarget."""
         size = float(np.ldexp(1.0, self.exponent))
         return 4 * _CLOSE * float(np.finfo(self.net.points.dtype).eps) * (size + distance)
 
+    @override
     def feet(self, points: np.ndarray) -> np.ndarray:
-        """See AbstractTarget."""
         scaled, shift = self._scaled(points)
         return outward(self._near(scaled, shift).upper, self.exponent + shift, points.dtype, 1)
 
+    @override
     def near(self, points: np.ndarray) -> ProvenFeet:
-        """See AbstractTarget."""
         scaled, shift = self._scaled(points)
         feet = self._near(scaled, shift)
         return self._placed(feet, shift, np.zeros(len(points)), np.zeros(len(points), bool), points.dtype)
 
+    @override
     def error(self, found: ProvenFeet) -> np.ndarray:
-        """See AbstractTarget."""
         # The unit of queries from afar is larger, and what rounding leaves of feet with it.
         u = unit_roundoff(found.distance.dtype)
         return np.maximum(found.upper - found.distance, 0.0) + 8 * u * found.distance + self._off
 
+    @override
     def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
-        """See AbstractTarget: parts of the pieces, and the feet themselves."""
+        """Parts of the pieces, and the feet themselves."""
         scale = -self.exponent
         scaled = feet.map(lambda x: np.ldexp(x, scale) if x is feet.point or x is feet.error else x)
         found = in_blocks(_beside, self._padded, *scaled, np.ldexp(corners, scale))
         return Flats(*(np.ldexp(x, self.exponent) for x in found))
 
+    @override
     def parameters(self, t: np.ndarray) -> np.ndarray:
-        """See AbstractTarget."""
         return t if self.net.parameters == 2 else t[:, 0]
 
+    @override
     def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
-        """See AbstractTarget."""
         scaled, shift = self._scaled(points)
         unit = self.exponent + shift
         with np.errstate(over="ignore"):

@@ -9,9 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
+from typing_extensions import override
 
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma, round_up, smallest_normal, unit_roundoff
-from jhd.compiled import compiled
 from jhd.distance.cells.beside import beside_surface, of_points
 from jhd.distance.frame.coordinates import Frame, common_points
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
@@ -65,20 +66,21 @@ class SurfaceTarget(AbstractTarget):
         """The power of two that the common coordinates are divided by."""
         return int(self.frame.first) + int(self.frame.second)
 
+    @override
     def rounding(self, distance: float) -> float:
-        """See AbstractTarget."""
         u = unit_roundoff(self._point.dtype)
         return float(np.ldexp(8 * max(_CLOSE, _ULPS * u), self.exponent)) + 8 * max(_CLOSE, _ULPS * u) * distance
 
+    @override
     def feet(self, points: np.ndarray) -> np.ndarray:
-        """See AbstractTarget; infinite where no point of the surface is proven."""
+        """Infinite where no point of the surface is proven."""
         x, far = self._scaled(points)
         upper = in_blocks(_feet, self.target, x)[0].astype(np.float64)
         upper = outward(upper + _moved(x), self.exponent, points.dtype, 1)
         return np.where(far, self._from_afar(points)[1], upper)
 
+    @override
     def near(self, points: np.ndarray) -> ProvenFeet:
-        """See AbstractTarget."""
         x, far = self._scaled(points)
         upper, foot = in_blocks(_feet, self.target, x)
         distance = np.sqrt(np.sum((foot - x) ** 2, axis=1))
@@ -95,8 +97,8 @@ class SurfaceTarget(AbstractTarget):
             closed=nothing > 0,
         )
 
+    @override
     def error(self, found: ProvenFeet) -> np.ndarray:
-        """See AbstractTarget."""
         u = unit_roundoff(found.distance.dtype)
         known = np.isfinite(found.upper) & np.isfinite(found.distance)
         left = np.where(known, found.upper, 0.0) - np.where(known, found.distance, 0.0)
@@ -104,17 +106,19 @@ class SurfaceTarget(AbstractTarget):
         slack = 8 * u * (np.where(known, found.distance, 0.0) + size)
         return np.where(known, np.maximum(left, 0.0) + slack, np.inf)
 
+    @override
     def flats(self, feet: FootRows, corners: np.ndarray) -> Flats:
-        """See AbstractTarget: parallelograms in tangent planes, and the feet themselves; in common coordinates."""
+        """Parallelograms in tangent planes, and the feet themselves; in common coordinates."""
         point, error = np.where(np.isfinite(feet.point), feet.point, 0.0), feet.error
         return in_blocks(_beside, self.target, point, error, corners)
 
+    @override
     def parameters(self, t: np.ndarray) -> np.ndarray:
-        """See AbstractTarget: there are none."""
+        """There are none."""
         return np.full(len(t), np.nan)
 
+    @override
     def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
-        """See AbstractTarget."""
         x, far = self._scaled(points)
         least = np.ldexp(enough, -self.exponent)
         leasts = np.broadcast_to(least, len(x)).astype(x.dtype)

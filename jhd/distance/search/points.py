@@ -5,7 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.arrays import undifferentiated
+from jhd._runtime.arrays import undifferentiated
 from jhd.distance.search.closest_triangles import as_mesh
 from jhd.distance.search.targets import target_of
 from jhd.shapes.curve import BezierSegments

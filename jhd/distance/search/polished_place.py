@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.compiled import compiled
+from jhd._runtime.compiled import compiled
 from jhd.distance.cells.foot_maps import Triangles, foot_near, place_on
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.nearest.places import local_feet

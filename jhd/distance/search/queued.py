@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from typing_extensions import override
 
 from jhd.distance.search.closest import ClosestState, longer, may_grow
 from jhd.distance.search.search import AbstractSearch, Standing
@@ -49,12 +50,12 @@ class QueuedSearch(AbstractSearch):
         self._lower, self._filled, self._stretch = lower, filled, stretch
         self._closed, self.max_steps = closed, max_steps
 
+    @override
     def begin(self) -> _Queue:
-        """See AbstractSearch."""
         return _Queue(self._filled(0), PART)
 
+    @override
     def advance(self, state: _Queue, limit: int, growing: bool) -> tuple[_Queue, Standing]:
-        """See AbstractSearch."""
         table, following = state
         while True:
             room = np.asarray(growing and may_grow(table))
@@ -66,8 +67,8 @@ class QueuedSearch(AbstractSearch):
                 return _Queue(table, following), Standing(found, bool(going or more), bool(full), steps, waiting)
             table, following = self._next(table, following), following + PART
 
+    @override
     def longer(self, state: _Queue) -> _Queue:
-        """See AbstractSearch."""
         return state._replace(table=longer(state.table))
 
     def _bound(self, following: int) -> np.ndarray:

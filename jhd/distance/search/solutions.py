@@ -7,8 +7,9 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool
 
+from jhd._results.solution import EVENTS, RESULTS, HausdorffSolution, Witness, result_where
+from jhd._runtime.arrays import varying
 from jhd.arithmetic.rounding import like_double, unit_roundoff
-from jhd.arrays import varying
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Wanted
 from jhd.distance.frame.surfaces import Side
@@ -17,7 +18,6 @@ from jhd.distance.nearest.places import projected, proven_radius
 from jhd.distance.nearest.surfaces import cloud, cover, halved, inner, pushed
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.surfaces import SurfaceState, advance, begin, tolerance, unfinished
-from jhd.solution import EVENTS, RESULTS, HausdorffSolution, Witness, result_where
 
 # Cells of a search for any point at all that wait, those looked at in a step, and steps.
 _CAPACITY, _LANES, _STEPS = 2048, 32, 400

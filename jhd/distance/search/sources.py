@@ -17,8 +17,9 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
+from typing_extensions import override
 
-from jhd.compiled import compiled
+from jhd._runtime.compiled import compiled
 from jhd.distance.cells.flats import Hulls, bound_of
 from jhd.distance.frame.net_jets import Net, eta, jet, part_of, point_error
 from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows
@@ -118,13 +119,14 @@ class NetSource(AbstractSource):
     def __init__(self, net: Net, count: int):
         self._net, self._count = net, count
 
+    @override
     def cover(self) -> CellRows:
-        """See AbstractSource."""
         ends = np.zeros((self._count, self._net.parameters), np.asarray(self._net.points).dtype)
         return CellRows(np.arange(self._count), ends, ends + 1)
 
+    @override
     def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
-        """See AbstractSource: at the place, or at the middles of those parameters along which it is long."""
+        """At the place, or at the middles of those parameters along which it is long."""
         parent, middle = np.arange(len(cells.piece)), 0.5 * (cells.low + cells.high)
         about = np.zeros(len(parent), bool)
         if at is not None:
@@ -145,8 +147,9 @@ class NetSource(AbstractSource):
             cells, parent = cut_along(cells, parent, axis, which[parent, axis], middle[parent, axis])
         return cells, parent
 
+    @override
     def places(self, cells: CellRows) -> PlacesOfCells:
-        """See AbstractSource: the middle and the corners."""
+        """The middle and the corners."""
         n = cells.low.shape[1]
         shares = np.concatenate([np.full((1, n), 0.5), np.indices((2,) * n).reshape(n, -1).T]).astype(cells.low.dtype)
         x = cells.low[:, None] + shares * (cells.high - cells.low)[:, None]
@@ -155,17 +158,17 @@ class NetSource(AbstractSource):
         points = in_blocks(_points, self._net, piece, x.reshape(-1, n)).reshape(*x.shape[:2], 3)
         return PlacesOfCells(points, np.full(x.shape[:2], point_error(self._net)), x)
 
+    @override
     def over(self, cells: CellRows, target: AbstractTarget, feet: FootRows) -> np.ndarray:
-        """See AbstractSource."""
         return over_hulls(Hulls(*in_blocks(_hulls_of_parts, self._net, *cells)), target, feet)
 
+    @override
     def rays(self, piece: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See AbstractSource."""
         along = units(np.asarray(_tangents(self._net, piece, x), np.float64))
         return np.concatenate([along, -along]), np.concatenate([along[x < 1], -along[x > 0]])
 
+    @override
     def parameters(self, x: np.ndarray) -> np.ndarray:
-        """See AbstractSource."""
         return x if len(x) == 2 else np.asarray(x[0])
 
 

@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
+from typing_extensions import override
 
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
-from jhd.compiled import compiled
 from jhd.distance.cells.flats import Hulls
 from jhd.distance.cells.surfaces import upper_bounds
 from jhd.distance.frame.surfaces import Side
@@ -38,20 +39,22 @@ class SurfaceSource(AbstractSource):
         self._target = target
         self._side: Any = jax.tree_util.tree_map(np.asarray, target.side)
 
+    @override
     def cover(self) -> CellRows:
-        """See AbstractSource."""
         alive = np.asarray(self._target.cover.alive)
         low, high = (np.asarray(x).T[alive] for x in self._target.cover[:2])
         return CellRows(np.full(len(low), -1), low, high)
 
+    @override
     def cut(self, cells: CellRows, at: PlaceOfCut | None = None) -> tuple[CellRows, np.ndarray]:
-        """See AbstractSource: each into eight."""
+        """Each into eight."""
         low, high = (x.reshape(3, 8, -1).T.reshape(-1, 3) for x in halved(cells.low.T, cells.high.T))
         rows = np.flatnonzero(may_vanish(self._side, low, high))
         return CellRows(np.full(len(rows), -1), low[rows], high[rows]), rows // 8
 
+    @override
     def places(self, cells: CellRows) -> PlacesOfCells:
-        """See AbstractSource: one inside, one on the faces that the cell touches, and four about it, not proven."""
+        """One inside, one on the faces that the cell touches, and four about it, not proven."""
         side, low, high = self._side, cells.low, cells.high
         middle, free = 0.5 * (low + high), inner(side, low.T, high.T).T
         face = np.where(free, middle, np.where(low <= side.lower, low, high))
@@ -72,8 +75,8 @@ class SurfaceSource(AbstractSource):
         points = np.concatenate([points, beside], axis=1)
         return PlacesOfCells(points, np.pad(radius, ((0, 0), (0, 4)), constant_values=np.inf), points)
 
+    @override
     def over(self, cells: CellRows, target: AbstractTarget, feet: FootRows) -> np.ndarray:
-        """See AbstractSource."""
         point = np.where(np.isfinite(feet.point), feet.point, 0.0)
         rows = cells.low, cells.high, point, feet.error
         if isinstance(target, PointTarget):
@@ -81,8 +84,9 @@ class SurfaceSource(AbstractSource):
         found, *hulls = in_blocks(_over_boxes_in_hulls, self._side, *rows)
         return np.fmin(found, over_hulls(Hulls(*hulls), target, feet))
 
+    @override
     def rays(self, piece: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See AbstractSource; at an edge of the box the directions along its faces, of which one may leave."""
+        """At an edge of the box the directions along its faces, of which one may leave."""
         side = self._side
         low, high = x <= np.asarray(side.lower), x >= np.asarray(side.upper)
         slope = places_near(side, x[None], np.ones((1, 3), bool), thorough=False).slope[0].astype(np.float64)
@@ -97,8 +101,9 @@ class SurfaceSource(AbstractSource):
         leaving = np.any((low & (free < -1e-9)) | (high & (free > 1e-9)), axis=1)
         return free, free[~leaving]
 
+    @override
     def proven(self, place: SharpenedPlace, radius: float) -> tuple[SharpenedPlace, float]:
-        """See AbstractSource: of the surface where it is proven, on the faces that the place is on."""
+        """Of the surface where it is proven, on the faces that the place is on."""
         lower, upper, point = self._side.lower, self._side.upper, place.point
         near = _ROUNDED * unit_roundoff(point.dtype)
         point = np.where(point <= lower + near, lower, np.where(point >= upper - near, upper, point))
@@ -106,8 +111,9 @@ class SurfaceSource(AbstractSource):
         found = places_near(self._side, point[None], fixed[None], thorough=True)
         return SharpenedPlace(found.points[0], found.points[0]), float(found.radius[0])
 
+    @override
     def parameters(self, x: np.ndarray) -> np.ndarray:
-        """See AbstractSource: there are none."""
+        """There are none."""
         return np.asarray(np.nan)
 
 

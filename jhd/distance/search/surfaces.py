@@ -20,9 +20,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
+from jhd._runtime.arrays import varying
 from jhd.arithmetic.polynomials import slopes
 from jhd.arithmetic.rounding import like_double, unit_roundoff
-from jhd.arrays import varying
 from jhd.distance.cells.moving_feet import moving_bounds
 from jhd.distance.cells.signs import sign_bounds
 from jhd.distance.cells.surfaces import FEET, upper_bounds

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import is_traced, is_tracing, undifferentiated
+from jhd._results.solution import RESULTS, Projection
+from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd.distance.frame.from_host import from_host
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.nets import net_of
@@ -21,7 +22,7 @@ from jhd.shapes.curve import BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch, BezierPatches
-from jhd.solution import RESULTS, Projection
+from jhd.shapes.prepared import prepared, working
 
 # How an answer from the host ended.
 _ENDS = (
@@ -34,11 +35,15 @@ _ENDS = (
 
 
 def target_of(shape: Any) -> AbstractTarget:
-    """The target of a shape whose numbers are known.
+    """The target of a shape whose numbers are known, kept with it; see `jhd.prepare`.
 
     Raises:
         ValueError: a polynomial surface without points in its box.
     """
+    return prepared(shape).part(_target)
+
+
+def _target(shape: Any) -> AbstractTarget:
     if isinstance(shape, TriangleMesh):
         return MeshTarget(shape)
     if isinstance(shape, AbstractPatch):
@@ -59,7 +64,7 @@ def project_on_surface(points: Numbers, shape: AbstractPatch | ImplicitSurface) 
     """
     queries = checked_points(points)
     batch, flat = queries.shape[:-1], queries.reshape(-1, 3)
-    surface = shape.patches() if isinstance(shape, AbstractPatch) else shape
+    surface = working(shape)
     still = undifferentiated((flat, surface))
     # Inside jit all operations are traced, those on known numbers too.
     if is_tracing(still):
@@ -80,7 +85,7 @@ def _with_derivatives(found: Projection, points: Array, surface: Any) -> Project
 
 def proven_with_derivatives(found: Any, points: Array, shape: AbstractPatch | ImplicitSurface) -> Array:
     """Distances that were found, differentiable in the points and in the surface."""
-    surface = shape.patches() if isinstance(shape, AbstractPatch) else shape
+    surface = working(shape)
     return _with_derivatives(_projection(*_ended(found)), points, surface).distance
 
 

@@ -17,16 +17,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jhd._runtime.arrays import taken
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rationals import float_above, float_below, root_between
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.arrays import taken
-from jhd.compiled import compiled
 from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.box_tree import WIDTH, Level, box_tree
 from jhd.triangles.closest_point import BLOCKS, in_blocks
 from jhd.triangles.exact_triangles import NearestPair, exact_pair, is_behind, planes
-from jhd.triangles.prepared import in_unit
 from jhd.triangles.triangle_pairs import PairBounds, lower_bounds, pair_bounds
+from jhd.triangles.unit import in_unit
 
 # Pairs kept of every level in the quick descent that gives the first upper bound.
 _BEAM = 512

@@ -22,12 +22,12 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
+from jhd._results.solution import Witness
 from jhd.arithmetic.polynomials import slopes
 from jhd.arithmetic.rounding import like_double, smallest_normal
 from jhd.arithmetic.scaling import common_exponent, length, scale_of
 from jhd.distance.frame.following import MovingNumbers
 from jhd.distance.frame.net_jets import Net, jet
-from jhd.solution import Witness
 
 # Singular values below this fraction of the largest are zero: no move along non-isolated places.
 _FLAT = 1e-9

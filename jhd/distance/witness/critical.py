@@ -15,13 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import undifferentiated
-from jhd.compiled import compiled
+from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
+from jhd._runtime.arrays import undifferentiated
+from jhd._runtime.compiled import compiled
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import prepare
 from jhd.distance.witness.maxima import local_maxima
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
 
 # Pairs at the same place, in the common coordinates, are one.
 _SAME = 1e-5

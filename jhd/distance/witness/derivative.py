@@ -19,9 +19,10 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
+from jhd._results.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness, on_device, with_answers
+from jhd._runtime.arrays import is_traced, is_tracing
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.scaling import common_exponent, scale_of, unit_weights
-from jhd.arrays import is_traced, is_tracing
-from jhd.compiled import compiled
 from jhd.distance.frame.attach import attached
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import elevation_matrix
@@ -30,7 +31,6 @@ from jhd.distance.frame.pieces import Piece
 from jhd.distance.nearest.feet import is_held
 from jhd.distance.witness import active
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness, on_device, with_answers
 
 
 class _Answer(NamedTuple):

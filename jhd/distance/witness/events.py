@@ -13,7 +13,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jhd.arrays import varying
+from jhd._results.solution import DIRECTIONS, EVENTS, Witness
+from jhd._runtime.arrays import varying
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import CurvePlace, Piece, piece_of, preceding
 from jhd.distance.nearest.curves import repeated, segment_bounds
@@ -21,7 +22,6 @@ from jhd.distance.nearest.feet import Branch, equation, holds, step_in
 from jhd.distance.witness.ends import Around, around
 from jhd.distance.witness.multipliers import two_of
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import DIRECTIONS, EVENTS, Witness
 
 # Distances, in common coordinates, whose difference is no more than this are equal: refined maxima reach 1e-12.
 _TIE = 1e-9

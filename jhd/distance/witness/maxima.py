@@ -12,7 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arrays import varying
+from jhd._results.solution import DIRECTIONS, EVENTS, Witness
+from jhd._runtime.arrays import varying
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.nearest.curves import in_chunks, nearest, repeated
@@ -21,7 +22,6 @@ from jhd.distance.witness import active
 from jhd.distance.witness.ends import Around, around
 from jhd.distance.witness.events import ZERO, describe
 from jhd.shapes.curve import BezierSegments
-from jhd.solution import DIRECTIONS, EVENTS, Witness
 
 # Samples of the curve that carries the maxima, shared among its segments within these limits for each.
 _SAMPLES, _LEAST, _MOST = 1024, 12, 256

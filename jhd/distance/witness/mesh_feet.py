@@ -9,14 +9,14 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
+from jhd._results.solution import Projection
+from jhd._runtime.arrays import is_traced
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.scaling import common_exponent, length, scale_of
-from jhd.arrays import is_traced
-from jhd.compiled import compiled
 from jhd.distance.frame.attach import attached
 from jhd.distance.nearest.meshes import checked_points, nearest_on_mesh
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import Projection
 
 
 def project_on_mesh(points: Numbers, mesh: TriangleMesh, method: object = None) -> Projection:

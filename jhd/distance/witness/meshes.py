@@ -13,15 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._results.solution import DIRECTIONS, EVENTS, HausdorffSolution, Witness
+from jhd._runtime.arrays import array_of, is_traced
 from jhd.arithmetic.rounding import smallest_normal
 from jhd.arithmetic.scaling import unit
-from jhd.arrays import array_of, is_traced
 from jhd.distance.cells.triangles import MeshSide
 from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
 from jhd.distance.witness.balance import CornerRows, from_place
 from jhd.distance.witness.multipliers import balanced
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import DIRECTIONS, EVENTS, HausdorffSolution, Witness
 from jhd.triangles.closest_point import barycentric_of, nearest_triangles, pair_squares
 
 FEET = 4

@@ -30,8 +30,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jhd._runtime.arrays import varying
 from jhd.arithmetic.least_squares import non_negative
-from jhd.arrays import varying
 
 # Slopes of unit vectors along unit vectors below this are none: rounding of feet leaves 1e-12.
 _FLAT = 1e-11

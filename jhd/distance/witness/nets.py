@@ -8,15 +8,15 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array
 
+from jhd._results.solution import MinimumSolution
+from jhd._runtime.arrays import is_traced
 from jhd.arithmetic.rounding import unit_roundoff
 from jhd.arithmetic.scaling import length
-from jhd.arrays import is_traced
 from jhd.distance.cells.pairs import BestPair, derivatives, newton_step
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
 from jhd.distance.frame.net_jets import Net, NetJet, jet
 from jhd.distance.nearest.feet import presses
-from jhd.solution import MinimumSolution
 
 _POLISH = 16
 # Of points in common coordinates, in units of roundoff, what their distance is known to.

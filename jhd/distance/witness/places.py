@@ -10,8 +10,9 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jhd._results.solution import HausdorffSolution, Witness
+from jhd._runtime.arrays import is_traced
 from jhd.arithmetic.scaling import length
-from jhd.arrays import is_traced
 from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.witness.balance import (
@@ -26,7 +27,6 @@ from jhd.distance.witness.surface_projection import distance_from_surface, dista
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import HausdorffSolution, Witness
 
 
 def with_place_derivatives(solution: HausdorffSolution, a: Any, b: Any) -> HausdorffSolution:

@@ -27,10 +27,10 @@ import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
+from jhd._runtime.arrays import varying
 from jhd.arithmetic.polynomials import PolynomialJet, jets
 from jhd.arithmetic.rounding import like_double
 from jhd.arithmetic.scaling import length
-from jhd.arrays import varying
 
 # Rounds of the active set of a maximum, and Newton steps in each round.
 _ROUNDS, _NEWTON = 6, 10

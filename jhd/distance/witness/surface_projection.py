@@ -18,14 +18,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jhd._results.solution import Projection
+from jhd._runtime.arrays import varying
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.polynomials import jets, slopes
 from jhd.arithmetic.scaling import common_exponent, frexp, length, scale_of, unit
-from jhd.arrays import varying
-from jhd.compiled import compiled
 from jhd.distance.frame.attach import attached, without_derivative
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.nearest.feet import presses
-from jhd.solution import Projection
 
 # A derivative this much shorter than the piece is large is that along a collapsed edge; above, feet have six digits.
 _COLLAPSED = 1e-10

@@ -29,9 +29,10 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
+from jhd._results.solution import DIRECTIONS, HausdorffSolution, Witness, on_device
+from jhd._runtime.arrays import is_traced
+from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import like_double
-from jhd.arrays import is_traced
-from jhd.compiled import compiled
 from jhd.distance.witness.polish import (
     ActiveSet,
     MaximumProblem,
@@ -47,7 +48,6 @@ from jhd.distance.witness.polish import (
     started,
 )
 from jhd.shapes.implicit import ImplicitSurface
-from jhd.solution import DIRECTIONS, HausdorffSolution, Witness, on_device
 
 # Singular values of the equations below this share of the largest make them singular.
 _SINGULAR = 1e-10

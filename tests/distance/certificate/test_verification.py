@@ -43,26 +43,6 @@ CELL = ("cells", "a_to_b", 0)
 FOOT = (*CELL, "feet", 0)
 
 
-def first_version():
-    """The same as it was written in version 1."""
-
-    def old(row):
-        (foot,) = row["feet"]
-        sigma = [s for (s,) in foot["map"]]
-        return {
-            **{"segment": row["piece"], "t": row["cell"], "foot": foot["piece"], "sigma": sigma},
-            **{"sigma_weights": foot["weights"], "bound": row["bound"]},
-        }
-
-    content = arch()
-    del content["orders"]
-    for name in ("a", "b"):
-        del content[name]["kind"]
-    content["cells"] = {name: [old(row) for row in rows[::-1]] for name, rows in content["cells"].items()}
-    witness = {"direction": "a_to_b", "segment": 0, "t": 0.5, "cuts": [[0.0, 0.5, 1.0]]}
-    return {**content, "version": 1, "witness": witness}
-
-
 def test_an_exact_certificate_proves_its_claim():
     assert verify(arch()) == Proven("two_sided", 0.75, 0.75, 3)
 
@@ -109,15 +89,6 @@ def test_lengths_of_any_size_are_short_numbers(power):
 
 def test_a_rational_one_too():
     assert verify(circles()) == Proven("directed", 1.0, 1.0, 4)
-
-
-def test_version_1_is_still_checked():
-    assert verify(first_version()) == Proven("two_sided", 0.75, 0.75, 3)
-    false = changed(first_version(), ("cells", "a_to_b", 0, "sigma", 1), 0.0)
-    with pytest.raises(CertificateError, match=r"cells.a_to_b\[1\]: that the distance is at most 0.75 is false"):
-        verify(false)
-    with pytest.raises(CertificateError, match="has no 'sigma'"):
-        verify(changed(first_version(), ("cells", "a_to_b", 0, "sigma"), ...))
 
 
 def test_a_claim_of_one_bound_needs_nothing_for_the_other():
@@ -474,7 +445,7 @@ def run(folder, *arguments):
 def test_the_checker_is_a_program_that_runs_by_itself(tmp_path):
     shutil.copytree(FOLDER, tmp_path / "checker", ignore=shutil.ignore_patterns("__pycache__"))
     broken = changed(arch(), ("claim", "upper"), arch()["claim"]["upper"] * 0.99)
-    old, good = json.dumps(first_version(), indent=1), "".join(lines_of(arch()))
+    old, good = json.dumps(arch(), indent=1), "".join(lines_of(arch()))
     files = {"good": good, "old": old, "bad": "".join(lines_of(broken)), "torn": good[:-9], "deep": "[" * 10**5}
     files |= {"short": good[: good[:-1].rfind("\n")], "long": good + "{}", "twice": '{"claim": 1, "claim": 1}'}
     for name, text in files.items():
@@ -501,7 +472,7 @@ def test_its_process_holds_nothing_of_the_package(tmp_path):
     code = (
         f"import runpy, sys; sys.argv = ['checker', {str(tmp_path / 'good')!r}]\n"
         f"try: runpy.run_path({str(FOLDER)!r}, run_name='__main__')\n"
-        "except SystemExit as end: print(end.code, any(x in sys.modules for x in ('jax', 'numpy', 'jhd.arrays')))"
+        "except SystemExit as end: print(end.code, any(x in sys.modules for x in ('jax', 'numpy', 'jhd._runtime')))"
     )
     done = python("-I", "-S", "-c", code)
     assert (done.stdout.split()[-2:], done.stderr) == (["0", "False"], "")

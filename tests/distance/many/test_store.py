@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._results.solution import names_of
 from jhd.distance import collections
 from jhd.distance.many import store
-from jhd.solution import names_of
 from tests.processes import LONGEST, ran, started
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._results.solution import name_of
 from jhd.distance.measures.measures import _rounded_outward
-from jhd.solution import name_of
 from tests.sweeps import swept
 
 ORIGIN = jhd.points([(0.0, 0.0)])

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._results.solution import RESULTS
 from jhd.distance.project import project
 from jhd.distance.project_methods import NewtonProjection
 from jhd.distance.published.vertex_voxels import VertexVoxels
 from jhd.distance.signed_distance import signed_distance
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import RESULTS
 from jhd.triangles.winding import is_inside, solid_angles, winding_numbers
 from tests.shapes.test_mesh import CORNERS, CUBE
 from tests.triangles.exact_triangles import exact_distance_sq, hard_points, hard_triangles

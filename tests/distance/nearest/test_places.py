@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.compiled import compiled
+from jhd._runtime.compiled import compiled
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.places import local_feet
 from tests.surface_cases import BY_NAME, X, Y, Z, surface

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._results.solution import name_of
 from jhd.distance.frame.curves import prepare
 from jhd.distance.published.events import forms as event_forms
 from jhd.distance.published.events import host_pair
 from jhd.distance.published.events import kernels as event_kernels
 from jhd.distance.published.events import survivors as event_survivors
 from jhd.distance.published.events import systems as event_systems
-from jhd.solution import name_of
 from tests.cases import CASES
 from tests.distance import pairs
 from tests.sweeps import swept

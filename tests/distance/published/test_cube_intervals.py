@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._results.solution import name_of
 from jhd.distance import CubeIntervals
 from jhd.distance.published import cube_intervals
 from jhd.fields.octree import voxelise
 from jhd.shapes import ImplicitSurface
-from jhd.solution import name_of
 from tests.sweeps import swept
 
 LOWER, UPPER = [-2.0, -2.0, -2.0], [2.0, 2.0, 2.0]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._results.solution import name_of
 from jhd.distance.frame.coordinates import reported
 from jhd.distance.frame.curves import prepare
 from jhd.distance.published import algebraic, arc_bounds, farthest, printed_trimming, trimming
@@ -16,7 +17,6 @@ from jhd.distance.published.events import candidates as event_candidates
 from jhd.distance.published.events import host_pair
 from jhd.distance.published.events import survivors as event_survivors
 from jhd.shapes.deviation import HostArcs
-from jhd.solution import name_of
 from tests.distance import pairs
 from tests.distance.published.test_algebraic import (
     CONTINUA,

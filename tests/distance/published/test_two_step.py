@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.solution import name_of
+from jhd._results.solution import name_of
 from tests.cases import CASES, EVENTS, by_tag
 from tests.distance import exact, pairs
 from tests.sweeps import swept

@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jhd._results.solution import NotProvenError, name_of
 from jhd.distance.minimum import minimum_distance
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.curve import BezierSegments, points, polyline
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import BezierPatch
-from jhd.solution import NotProvenError, name_of
 from jhd.triangles.exact_triangles import exact_pair
 from tests.sweeps import swept
 from tests.triangles.exact_triangles import hard_triangles

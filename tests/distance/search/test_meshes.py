@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._results.solution import EVENTS, RESULTS
 from jhd.distance.frame.aim import Aim
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.meshes import MeshSearch
 from jhd.distance.search.search import Listener, drive
 from jhd.shapes.mesh import TriangleMesh
-from jhd.solution import EVENTS, RESULTS
 from jhd.triangles.closest_point import closest_points
 from tests.distance.nearest.test_meshes import torus
 from tests.shapes.test_mesh import CORNERS, CUBE

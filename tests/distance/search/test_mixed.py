@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from jhd import BezierCurve, minimum_distance
+from jhd._results.solution import name_of
 from jhd.shapes.implicit import ImplicitSurface
-from jhd.solution import name_of
 from tests.sweeps import swept
 
 # Two of the sizes that coordinates come in, as powers of two: half of the exponents are left to the coefficients.

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._results.solution import ANSWERS, name_of
 from jhd.shapes import ImplicitSurface
-from jhd.solution import ANSWERS, name_of
 from tests import surface_cases
 from tests.sweeps import swept
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd._results.solution import name_of
 from jhd.distance.frame.curves import prepare
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.nearest.curves import nearest
 from jhd.distance.nearest.feet import follow_foot
 from jhd.distance.witness.events import describe
-from jhd.solution import name_of
 
 # Feet are refined by Newton's method in float64.
 ROUNDING = 1e-12

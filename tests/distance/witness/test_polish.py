@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.compiled import compiled
+from jhd._runtime.compiled import compiled
 from jhd.distance.witness.polish import polish
 from tests.surface_cases import BY_NAME, CASES, X, Y, Z, sphere, surface
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
+from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 from jhd.distance.witness.surfaces import with_surface_derivatives
 from jhd.shapes.implicit import ImplicitSurface
-from jhd.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 from tests.surface_cases import BY_NAME, Surface
 from tests.surface_reference import solve
 from tests.sweeps import swept

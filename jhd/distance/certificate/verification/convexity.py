@@ -16,17 +16,18 @@ from collections.abc import Sequence
 
 from jhd.distance.certificate.verification.polynomials import (
     BITS,
+    MOST_PARTS,
     Degree,
     Domain,
     Polynomial,
+    Split,
     combined,
     elevated,
+    failure,
     half_of,
     variable,
 )
 
-# Parts in all, and halvings in a row for each variable beyond the first of a simplex.
-MOST_PARTS, _MOST_HALVINGS = 1500, 48
 # Parts are tried for convexity once in so many halvings.
 _TRIED = 3
 # Steps towards the least value, what is no pivot, and a step after which it is reached.
@@ -35,37 +36,11 @@ _STEPS, _STILL, _NEAR = 30, 1e-17, 1e-9
 _SHARE_BITS = 60
 _MASK = (1 << BITS) - 1
 
-# Variables of a simplex in the order in which it is cut, its degree, and how often it has been cut.
-Split = tuple[tuple[tuple[int, ...], int, int], ...]
-
 
 def failure_in_space(f: Polynomial, domain: Domain, degree: Degree, most_parts: int = MOST_PARTS) -> str | None:
-    """Why it is not proven in so many parts that the polynomial is non-negative on its domain; None where it is."""
-    if min(f.values(), default=0) >= 0:
-        return None
-    split: Split = tuple((variables, n, 0) for variables, n in zip(domain, degree, strict=True))
-    parts = [(f, split, 0)]
-    most = _MOST_HALVINGS * sum(len(variables) - 1 for variables in domain)
-    for _ in range(most_parts):
-        f, split, depth = parts.pop()
-        if min(f.values(), default=0) < 0:
-            if any(f.get(corner, 0) < 0 for corner in _corners(split)):
-                return "is false"
-            if depth == most:
-                return f"is not proven in {most} halvings"
-            if depth % _TRIED or not is_above_a_plane(f, domain, degree):
-                parts += [(half, rest, depth + 1) for half, rest in _halves(f, split)]
-        if not parts:
-            return None
-    return f"is not proven in {most_parts} parts"
-
-
-def _corners(split: Split) -> list[int]:
-    """The exponents of the terms that are the values at the corners."""
-    found = [0]
-    for variables, n, _ in split:
-        found = [i + n * variable(v) for i in found for v in variables]
-    return found
+    """As `failure`, by planes too; the simplex that has been cut least for its dimension is cut next."""
+    is_proven = lambda part, depth: depth % _TRIED == 0 and is_above_a_plane(part, domain, degree)  # noqa: E731
+    return failure(f, domain, degree, most_parts, _halves, is_proven)
 
 
 def _halves(f: Polynomial, split: Split) -> list[tuple[Polynomial, Split]]:

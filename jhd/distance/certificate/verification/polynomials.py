@@ -17,6 +17,8 @@ Polynomial = dict[int, int]
 Domain = tuple[tuple[int, ...], ...]
 # The degree in the variables of each simplex.
 Degree = tuple[int, ...]
+# The variables of each simplex in the order in which it is cut, its degree, and how often it has been cut.
+Split = tuple[tuple[tuple[int, ...], int, int], ...]
 
 # Bits of one exponent, and so the largest degree of all.
 BITS = 8
@@ -123,12 +125,29 @@ def reduced(f: Polynomial) -> Polynomial:
     return {i: c >> bits for i, c in f.items()} if bits else f
 
 
-def failure(f: Polynomial, domain: Domain, degree: Degree, most_parts: int = MOST_PARTS) -> str | None:
-    """Why it is not proven in so many parts that the polynomial is non-negative on its domain; None where it is."""
+def failure(
+    f: Polynomial,
+    domain: Domain,
+    degree: Degree,
+    most_parts: int = MOST_PARTS,
+    halves: Callable[[Polynomial, Split], list[tuple[Polynomial, Split]]] | None = None,
+    is_proven: Callable[[Polynomial, int], bool] = lambda f, depth: False,
+) -> str | None:
+    """Why a polynomial is not proven to be non-negative on its domain; None if it is.
+
+    Args:
+        f: the polynomial.
+        domain: the variables of its simplices.
+        degree: the degrees in these.
+        most_parts: parts that are looked at.
+        halves: cuts a part in two; by default the simplices in turn, at the newest corner.
+        is_proven: another proof for a part with negative coefficients, which is told how often it was cut.
+    """
     if min(f.values(), default=0) >= 0:
         return None
     most = _MOST_HALVINGS * sum(len(variables) - 1 for variables in domain)
-    parts = [(reduced(f), tuple(zip(domain, degree, strict=True)), 0)]
+    start: Split = tuple((variables, n, 0) for variables, n in zip(domain, degree, strict=True))
+    parts, halves = [(reduced(f), start, 0)], halves or _halves
     on_part = ON_PART.get()
     for _ in range(most_parts):
         if on_part is not None:
@@ -139,27 +158,30 @@ def failure(f: Polynomial, domain: Domain, degree: Degree, most_parts: int = MOS
                 return "is false"
             if depth == most:
                 return f"is not proven in {most} halvings"
-            parts += [(reduced(half), rest, depth + 1) for half, rest in _halves(f, split)]
+            if not is_proven(f, depth):
+                parts += [(reduced(half), rest, depth + 1) for half, rest in halves(f, split)]
         if not parts:
             return None
     return f"is not proven in {most_parts} parts"
 
 
-def _corners(split: tuple[tuple[tuple[int, ...], int], ...]) -> list[int]:
+def _corners(split: Split) -> list[int]:
     """The exponents of the terms that are the values at the corners of the domain."""
-    return [sum(found) for found in pairs_of(*([n * variable(i) for i in variables] for variables, n in split))]
+    return [sum(found) for found in pairs_of(*([n * variable(i) for i in variables] for variables, n, _ in split))]
 
 
-def _halves(f: Polynomial, split: tuple[tuple[tuple[int, ...], int], ...]) -> list[tuple[Polynomial, tuple]]:
+def _halves(f: Polynomial, split: Split) -> list[tuple[Polynomial, Split]]:
     """Both halves, of a simplex cut between its first two corners, and the simplices to be cut next.
 
     The middle takes the place of one of them, and stands last; the simplex that was cut stands behind the others. That
     is bisection at the newest corner, which keeps triangles in shape. A single corner cannot be cut.
     """
-    k = next(k for k, (variables, _) in enumerate(split) if len(variables) > 1)
-    (i, j, *others), n = split[k]
+    k = next(k for k, (variables, *_) in enumerate(split) if len(variables) > 1)
+    (i, j, *others), n, cuts = split[k]
     rest = (*split[:k], *split[k + 1 :])
-    return [(half_of(f, kept, moved, n), (*rest, ((*others, kept, moved), n))) for kept, moved in ((i, j), (j, i))]
+    return [
+        (half_of(f, kept, moved, n), (*rest, ((*others, kept, moved), n, cuts + 1))) for kept, moved in ((i, j), (j, i))
+    ]
 
 
 def half_of(f: Polynomial, kept: int, moved: int, n: int) -> Polynomial:

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 from jhd.distance.certificate.verification.apart import Ordered, PartOfShape, failure_of_plane, pairs, whole_box
 from jhd.distance.certificate.verification.cells import cover
-from jhd.distance.certificate.verification.first_version import current
 from jhd.distance.certificate.verification.pieces import (
     ExactPiece,
     Map,
@@ -109,7 +108,7 @@ def verify(content: Any, seconds: float | None = None, progress: Callable[[str],
     Raises:
         CertificateError: something is missing, of a wrong kind, or not proven, or takes too long; it says which.
     """
-    deadline, content = _Deadline(seconds, progress), current(getattr(content, "content", content))
+    deadline, content = _Deadline(seconds, progress), getattr(content, "content", content)
     sizes = check_content(content)
     deadline.begin(expected_seconds(content["cells"], sizes))
     claim, power = content["claim"], common_power(content["a"], content["b"])

@@ -1,7 +1,7 @@
 """Certificates in files: lines of strict JSON, compressed or not, read one after the other.
 
 The first line holds everything but the cells, and for each direction how many there are; each further line is a cell.
-So a file of any number of cells is checked in the memory that the shapes take. Version 1 was one JSON object.
+So a file of any number of cells is checked in the memory that the shapes take.
 """
 
 import gzip
@@ -19,7 +19,7 @@ from jhd.distance.certificate.verification.structure import SECTIONS, VERSION, C
 
 # The first bytes of compressed files.
 _GZIP = b"\x1f\x8b"
-# The longest line that is read, and the longest file of version 1: a short compressed one must not fill the memory.
+# The longest line or object that is read: a short compressed file must not fill the memory.
 _LONGEST = 2**28
 # Of a file; more than any disk has bytes.
 _MOST_CELLS = 2**53
@@ -97,7 +97,7 @@ class _Lines:
 def _content(lines: _Lines) -> Any:
     first = lines.next()
     if first.strip() == "{":
-        # Version 1 was one object over many lines.
+        # One object over many lines, as JSON is often written.
         return parsed(first + lines.file.read(_LONGEST))
     content = lines.value(first)
     if isinstance(content, Mapping) and content.get("version") == VERSION and isinstance(content.get("cells"), Mapping):

@@ -78,7 +78,7 @@ def check_content(content: Any) -> dict[str, ShapeSize]:
         raise CertificateError(f"is no certificate: it has no format {FORMAT!r}.")
     if content.get("version") != VERSION or isinstance(content["version"], bool):
         found = repr(content.get("version"))
-        raise CertificateError(f"version is {found}; this checker knows versions 1 and {VERSION}.")
+        raise CertificateError(f"version is {found}; this checker knows version {VERSION}.")
     check_keys("the certificate", content, ("format", "version", "claim", "a", "b", "orders", "cells", "witness"))
     sizes = {name: _check_shape(name, content[name]) for name in ("a", "b")}
     if sizes["a"].dim != sizes["b"].dim:

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
-from jhd.distance.certificate.verification.convexity import MOST_PARTS, failure_in_space
+from jhd.distance.certificate.verification.convexity import failure_in_space
 from jhd.distance.certificate.verification.pieces import (
     ExactPiece,
     Map,
@@ -22,7 +22,7 @@ from jhd.distance.certificate.verification.pieces import (
     difference,
     simplex_map,
 )
-from jhd.distance.certificate.verification.polynomials import Domain, combined, elevated, square, total
+from jhd.distance.certificate.verification.polynomials import MOST_PARTS, Domain, combined, elevated, square, total
 from jhd.distance.certificate.verification.zeros import (
     ZeroForm,
     ZeroSet,

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jhd.arrays import is_traced
+from jhd._runtime.arrays import is_traced
 from jhd.distance.frame.curves import trusted
 from jhd.distance.published.events.forms import CORNER_ANGLE, Curve
 from jhd.shapes.curve import BezierSegments

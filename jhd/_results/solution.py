@@ -1,4 +1,4 @@
-"""What the entries return: witnesses and solutions; how they ended stands in jhd.outcomes, named here too.
+"""What the entries return: witnesses and solutions; how they ended stands in jhd._results.outcomes, named here too.
 
 Every class is a pytree of arrays, so solutions pass through jit and vmap; a batch of solutions is a solution whose
 leaves have leading axes.
@@ -14,21 +14,21 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jhd.arrays import is_traced
-from jhd.batches import AbstractSolution, shown_many
-from jhd.batches import on_device as on_device
+from jhd._results.batches import AbstractSolution, shown_many
+from jhd._results.batches import on_device as on_device
+from jhd._results.outcomes import ANSWERS as ANSWERS
+from jhd._results.outcomes import DIRECTIONS as DIRECTIONS
+from jhd._results.outcomes import EVENTS as EVENTS
+from jhd._results.outcomes import RESULTS as RESULTS
+from jhd._results.outcomes import name_of as name_of
+from jhd._results.outcomes import names_of as names_of
+from jhd._results.outcomes import result_where as result_where
+from jhd._results.plain import stored_fields as stored_fields
+from jhd._results.plain import to_plain as to_plain
+from jhd._results.unproven import NotProvenError as NotProvenError
+from jhd._results.unproven import throw_unless_successful as throw_unless_successful
+from jhd._runtime.arrays import is_traced
 from jhd.decimals import interval_text, lower_text, upper_text
-from jhd.outcomes import ANSWERS as ANSWERS
-from jhd.outcomes import DIRECTIONS as DIRECTIONS
-from jhd.outcomes import EVENTS as EVENTS
-from jhd.outcomes import RESULTS as RESULTS
-from jhd.outcomes import name_of as name_of
-from jhd.outcomes import names_of as names_of
-from jhd.outcomes import result_where as result_where
-from jhd.plain import stored_fields as stored_fields
-from jhd.plain import to_plain as to_plain
-from jhd.unproven import NotProvenError as NotProvenError
-from jhd.unproven import throw_unless_successful as throw_unless_successful
 
 
 def with_result(solution: Any, result: Any) -> Any:

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jhd.outcomes import names_of
+from jhd._results.outcomes import names_of
 
 
 def stored_fields(value: eqx.Module) -> list[str]:

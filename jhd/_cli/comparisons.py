@@ -14,12 +14,8 @@ import jax
 import numpy as np
 
 import jhd
-from jhd.console import INTERRUPTED, busy, device, exit_status, precision, print_json, timed
-from jhd.decimals import lower_text, upper_text
-from jhd.distance.frame.method import AbstractHausdorffMethod
-from jhd.files import replace_file
-from jhd.lengths import rounded_diagonal
-from jhd.options import (
+from jhd._cli.lengths import rounded_diagonal
+from jhd._cli.options import (
     PROJECTIONS,
     box_of,
     check_writable,
@@ -30,7 +26,7 @@ from jhd.options import (
     shape_of,
     shapes_of,
 )
-from jhd.report import (
+from jhd._cli.report import (
     PLACES,
     bar,
     check_page_file,
@@ -48,10 +44,14 @@ from jhd.report import (
     solution_text,
     space_picture,
 )
+from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, name_of, to_plain
+from jhd._runtime.files import replace_file
+from jhd.console import INTERRUPTED, busy, device, exit_status, precision, print_json, timed
+from jhd.decimals import lower_text, upper_text
+from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.patch import AbstractPatch
-from jhd.solution import Decision, HausdorffSolution, MinimumSolution, name_of, to_plain
 
 # A directed distance whose bounds are this close, as a share, is drawn as it is.
 _CLOSED = 1e-6

@@ -10,7 +10,7 @@ from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 
-from jhd.jax_internals import is_trace_clean, varying_axes
+from jhd._runtime.jax_internals import is_trace_clean, varying_axes
 
 Rows = TypeVar("Rows", bound=tuple)
 Values = TypeVar("Values")

@@ -23,11 +23,11 @@ from jax.core import eval_context
 from jax.sharding import SingleDeviceSharding
 from jax.tree_util import tree_flatten, tree_unflatten
 
-from jhd.arrays import is_tracing
-from jhd.forks import check_process
-from jhd.jax_internals import count_executables, is_literal, trace_context
-from jhd.memory import check_memory
-from jhd.programs import NotKeptError, is_ours, load, name_of_program, refused, short_name, store
+from jhd._runtime.arrays import is_tracing
+from jhd._runtime.forks import check_process
+from jhd._runtime.jax_internals import count_executables, is_literal, trace_context
+from jhd._runtime.memory import check_memory
+from jhd._runtime.programs import NotKeptError, is_ours, load, name_of_program, refused, short_name, store
 
 _R = TypeVar("_R")
 
@@ -89,9 +89,10 @@ def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, level
     Arguments at the positions named `static` are constants of the program. Loops over large arrays can run twice as
     fast where XLA optimises at its level 3 (`optimised`), or with all that it has (None).
 
-    On CPUs a function of this package is kept on disk with each program that it was compiled to (jhd.programs), and
-    another process only reads it. Where the process comes near the number of memory mappings that the system allows it,
-    all programs made here are dropped, to be read or compiled again when they are wanted.
+    On CPUs a function of this package is kept on disk with each program that it was compiled to
+    (jhd._runtime.programs), and another process only reads it. Where the process comes near the number of memory
+    mappings that the system allows it, all programs made here are dropped, to be read or compiled again when they are
+    wanted.
     """
     inner, plain, kept = jax.jit(function, static_argnums=static), _Plain(function, static, level), None
 

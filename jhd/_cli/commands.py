@@ -1,6 +1,6 @@
 """What the commands of the command line do: each takes the parsed options, prints, and returns the exit status.
 
-Those that measure shapes stand in jhd.comparisons and are named here.
+Those that measure shapes stand in jhd._cli.comparisons and are named here.
 """
 
 import json
@@ -15,15 +15,20 @@ from pathlib import Path
 import jax
 
 import jhd
-from jhd import storage
-from jhd.collected import duplicates as duplicates
-from jhd.collected import nearest as nearest
-from jhd.collected import pairwise as pairwise
-from jhd.comparisons import check_drawn, directions_of, print_files, write_page
-from jhd.comparisons import deviation as deviation
-from jhd.comparisons import distance as distance
-from jhd.comparisons import minimum as minimum
-from jhd.comparisons import project as project
+from jhd._cli.collected import duplicates as duplicates
+from jhd._cli.collected import nearest as nearest
+from jhd._cli.collected import pairwise as pairwise
+from jhd._cli.comparisons import check_drawn, directions_of, print_files, write_page
+from jhd._cli.comparisons import deviation as deviation
+from jhd._cli.comparisons import distance as distance
+from jhd._cli.comparisons import minimum as minimum
+from jhd._cli.comparisons import project as project
+from jhd._cli.options import check_writable, curve_of, mesh_of
+from jhd._cli.report import bar, names_of, picture, shape_line, solution_text
+from jhd._cli.warming import KINDS, preparations
+from jhd._results.solution import HausdorffSolution
+from jhd._runtime import storage
+from jhd._runtime.programs import refused
 from jhd.console import busy, device, exit_status, paced, precision, print_json, timed
 from jhd.decimals import upper_text
 from jhd.distance.certificate.verification import sentence
@@ -31,11 +36,6 @@ from jhd.io import save_curve, save_mesh
 from jhd.io.certificates import verify_file
 from jhd.io.load import load_shape
 from jhd.io.meshes import MESH_SUFFIXES
-from jhd.options import check_writable, curve_of, mesh_of
-from jhd.programs import refused
-from jhd.report import bar, names_of, picture, shape_line, solution_text
-from jhd.solution import HausdorffSolution
-from jhd.warming import KINDS, preparations
 
 _DEMO_FONTS = {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}
 _DEMO_LETTER = "a"

@@ -2,7 +2,7 @@
 
 import os
 
-from jhd.jax_internals import is_initialized
+from jhd._runtime.jax_internals import is_initialized
 
 _MESSAGE = (
     "this process was forked from one in which JAX had computed, so the threads that JAX waits for are not there. "

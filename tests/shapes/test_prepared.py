@@ -1,13 +1,15 @@
-"""What is prepared of a mesh is made once, found again by its numbers, and forgotten when nobody holds it."""
+"""What is prepared of a shape is made once, found again by its numbers, and forgotten when nobody holds it."""
 
 import gc
 import weakref
 
 import numpy as np
+import pytest
 
 import jhd
+from jhd.distance.search.targets import target_of
+from jhd.shapes.prepared import Prepared, prepared, working
 from jhd.triangles.closest_point import triangle_tree
-from jhd.triangles.prepared import PreparedMesh, prepared
 
 CORNERS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -30,17 +32,31 @@ def test_arrays_that_only_look_alike_are_told_apart():
 
 def test_every_part_is_made_once():
     made = []
-    held = PreparedMesh(mesh())
+    held = Prepared(mesh())
     for _ in range(3):
         assert held.part(lambda m, made=made: made.append(m) or m.count) == 4
         assert held.part(made.append) is None
     # Functions made anew are other functions; the method is the same one.
-    assert len(made) == 4 and repr(held) == "PreparedMesh(4 triangles, 4 parts made)"
+    assert len(made) == 4 and repr(held) == "Prepared(TriangleMesh, 4 parts made)"
 
 
 def test_the_last_few_are_held_and_the_others_only_by_who_holds_them():
     held, lost = prepared(mesh(3.0)), weakref.ref(prepared(mesh(5.0)))
-    for scale in range(10, 20):
+    for scale in range(10, 40):
         prepared(mesh(float(scale)))
     gc.collect()
     assert prepared(mesh(3.0)) is held and lost() is None
+
+
+@pytest.mark.parametrize("kind", ["patches", "spline", "implicit", "mesh"])
+def test_a_shape_is_prepared_once_for_all_that_is_asked_about_it(kind):
+    corners = np.array([[[0.0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 1]]])
+    shape = {
+        "patches": lambda: jhd.BezierPatch(corners),
+        "spline": lambda: jhd.BSplineSurface(corners, [0.0, 0, 1, 1], [0.0, 0, 1, 1]),
+        "implicit": lambda: jhd.ImplicitSurface.parse("z - x*y", [-1] * 3, [1] * 3),
+        "mesh": mesh,
+    }[kind]
+    held = jhd.prepare(shape())
+    targets = [target_of(working(shape())) for _ in range(2)]
+    assert targets[0] is targets[1] and jhd.prepare(shape()) is held

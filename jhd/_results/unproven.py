@@ -7,9 +7,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from jhd.arrays import is_traced
+from jhd._results.outcomes import RESULTS
+from jhd._runtime.arrays import is_traced
 from jhd.decimals import lower_text, upper_text
-from jhd.outcomes import RESULTS
 
 # What ends a search whose bounds a wider tolerance would have taken, and how that is asked for.
 _TOO_WIDE = {int(x._value) for x in (RESULTS.gap_not_closed, RESULTS.capacity_reached, RESULTS.family_of_maxima)}

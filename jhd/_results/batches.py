@@ -12,9 +12,9 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from jhd.arrays import is_traced
+from jhd._results.outcomes import RESULTS, names_of
+from jhd._runtime.arrays import is_traced
 from jhd.decimals import lower_text, upper_text
-from jhd.outcomes import RESULTS, names_of
 
 # What a notebook shows of a solution, as far as it has it.
 _SHOWN = (

@@ -6,7 +6,7 @@ Programs that import the package see nothing of this.
 import sys
 from collections.abc import Sequence
 
-from jhd.starting import is_command_line
+from jhd._runtime.starting import is_command_line
 
 _ASKED = {"-h", "--help", "--version"}
 

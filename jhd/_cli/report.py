@@ -12,21 +12,21 @@ from typing import Any
 import numpy as np
 
 from jhd import plot
+from jhd._cli.lengths import share_text
+from jhd._results.solution import RESULTS, Decision, HausdorffSolution, MinimumSolution, name_of
+from jhd._runtime.files import replace_file
 from jhd.decimals import interval_text, lower_text, upper_text
 from jhd.distance.deviation_solution import Bounds, Deviation
 from jhd.distance.many.tasks import CollectionProgress
 from jhd.distance.search.points import is_points
 from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.octree import VoxelProgress
-from jhd.files import replace_file
 from jhd.fitting.minimax import FitProgress
-from jhd.lengths import share_text
 from jhd.plot.pages import check_pages_in_space, page_of_figure
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
-from jhd.solution import RESULTS, Decision, HausdorffSolution, MinimumSolution, name_of
 
 # What says where a point lies, of each kind of shape: its piece and the parameters there.
 PLACES = {

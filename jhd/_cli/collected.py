@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 import jhd
-from jhd.comparisons import check_drawn, print_files
+from jhd._cli.comparisons import check_drawn, print_files
+from jhd._cli.report import neighbours_picture
+from jhd._results.solution import names_of, to_plain
 from jhd.console import busy, exit_status, print_json
 from jhd.decimals import interval_text
 from jhd.io import load_shape, outlines
 from jhd.io.load import SHAPE_SUFFIXES
 from jhd.io.outlines import parse_font_spec
-from jhd.report import neighbours_picture
-from jhd.solution import names_of, to_plain
 
 _ALL = ":*"
 

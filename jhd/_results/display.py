@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jhd.arrays import is_traced
+from jhd._runtime.arrays import is_traced
 from jhd.decimals import lower_text, upper_text
 
 BoundText = Callable[..., str]

@@ -29,10 +29,10 @@ import numpy as np
 import optimistix as optx
 from jax.experimental import serialize_executable
 
-from jhd import storage
-from jhd.jax_internals import has_lapack, is_missing_field, prepare_lapack, settings
+from jhd._runtime import storage
+from jhd._runtime.jax_internals import has_lapack, is_missing_field, prepare_lapack, settings
 
-_PACKAGE, _FOLDER = "jhd", os.path.dirname(os.path.abspath(__file__))
+_PACKAGE, _FOLDER = "jhd", os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 # Source that was changed after this is not what this process runs.
 _STARTED = time.time()
 # Whose classes may stand in a structure: their versions, and the source of this package, are part of a name.

@@ -1,0 +1,1 @@
+"""The command line: parsing of options, one handler for each command, reports."""

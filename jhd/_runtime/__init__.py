@@ -1,0 +1,1 @@
+"""What runs the package: compiled programs and their cache, memory, processes, files, arrays in traces."""

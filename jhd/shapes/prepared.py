@@ -1,0 +1,104 @@
+"""What searches prepare of a shape: trees, samples, covers, each made when it is first asked for and kept with it.
+
+Whoever holds a Prepared keeps what was made. The last few are held here too, so asking again about the same numbers
+costs no more than to compare them.
+"""
+
+import hashlib
+from collections import deque
+from collections.abc import Callable
+from typing import Any, TypeVar
+from weakref import WeakValueDictionary
+
+import jax
+import numpy as np
+
+from jhd.shapes.as_shape import check_shape, taken_as
+from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.patch import AbstractPatch
+
+_R = TypeVar("_R")
+
+# Shapes that are held here: the two of a pair, and as many before them, each as it is, in its unit, in common
+# coordinates and as a surface whose zeros are covered; and the bytes of their numbers, of which what is made of them
+# takes about ten times as many. A mesh of a million triangles has 24 MB.
+_HELD, _MOST_BYTES = 16, 1 << 28
+
+
+class Prepared:
+    """A shape whose numbers are known, with what searches have made of it so far.
+
+    Args:
+        shape: the shape.
+    """
+
+    def __init__(self, shape: Any):
+        self.shape = shape
+        self.size = sum(np.asarray(leaf).nbytes for leaf in jax.tree_util.tree_leaves(shape))
+        self._parts: dict[Callable[[Any], Any], Any] = {}
+
+    def part(self, build: Callable[[Any], _R]) -> _R:
+        """What a function makes of the shape, made once."""
+        if build not in self._parts:
+            self._parts[build] = build(self.shape)
+        return self._parts[build]
+
+    def __repr__(self) -> str:
+        return f"Prepared({type(self.shape).__name__}, {len(self._parts)} parts made)"
+
+
+_known: WeakValueDictionary[bytes, Prepared] = WeakValueDictionary()
+_last: deque[Prepared] = deque()
+
+
+def prepare(shape: Any) -> Prepared:
+    """Keep what searches make of a shape for as long as the result is held.
+
+    All functions look up what was prepared by the numbers of a shape, and make what is missing. The last few shapes are
+    kept in any case; hold the result if others are asked about in between.
+
+    >>> from jhd.shapes.patch import BezierPatch
+    >>> patch = BezierPatch([[[0.0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 1]]])
+    >>> prepare(patch) is prepare(patch)
+    True
+
+    Args:
+        shape: any shape, or what `as_shape` takes for one. Its numbers must be known, not traced.
+
+    Returns:
+        The shape with what was made of it.
+
+    Raises:
+        TypeError: an object that is no shape.
+    """
+    shape = taken_as("shape", shape)
+    check_shape("shape", shape)
+    return prepared(working(shape))
+
+
+def working(shape: Any) -> Any:
+    """The form of a shape that searches take: segments of curves, patches of parametric surfaces."""
+    if isinstance(shape, AbstractCurve):
+        return shape.segments()
+    return shape.patches() if isinstance(shape, AbstractPatch) else shape
+
+
+def prepared(shape: Any) -> Prepared:
+    """What is prepared of an object with these arrays, which are known; see `prepare`."""
+    leaves, form = jax.tree_util.tree_flatten(shape)
+    hashed = hashlib.blake2b(str(form).encode())
+    for leaf in leaves:
+        array = np.ascontiguousarray(leaf)
+        hashed.update(f"{array.dtype.char}{np.shape(leaf)}".encode())
+        hashed.update(array.data)
+    key = hashed.digest()
+    found = _known.get(key)
+    if found is None:
+        found = _known[key] = Prepared(shape)
+    if found in _last:
+        _last.remove(found)
+    _last.append(found)
+    # The one that is asked about stays, and so does that before it: they are a pair.
+    while len(_last) > _HELD or (len(_last) > 2 and sum(each.size for each in _last) > _MOST_BYTES):
+        _last.popleft()
+    return found
