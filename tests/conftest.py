@@ -96,7 +96,7 @@ def checked(function):
 
 
 def pytest_configure(config):
-    """Quick tests compile without optimisation, in less time; slow ones as users do.
+    """Quick tests compile without optimisation, in less time; slow ones with it, as the programs of plain calls are.
 
     What is proven must hold for either: with and without fused multiplications and additions. Checked annotations take
     a tenth of the time: the environment asks for them by CHECK_ANNOTATIONS=1, as the continuous integration does for

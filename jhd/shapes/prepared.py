@@ -5,6 +5,7 @@ costs no more than to compare them.
 """
 
 import hashlib
+import threading
 from collections import deque
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -13,6 +14,7 @@ from weakref import WeakValueDictionary
 import jax
 import numpy as np
 
+from jhd._runtime.arrays import array_of
 from jhd.shapes.as_shape import check_shape, taken_as
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.patch import AbstractPatch
@@ -33,7 +35,8 @@ class Prepared:
     """
 
     def __init__(self, shape: Any):
-        self.shape = shape
+        # Copies, as arrays of JAX can share the memory of an array of NumPy that its owner changes later.
+        self.shape = jax.tree_util.tree_map(_copied, shape)
         self.size = sum(np.asarray(leaf).nbytes for leaf in jax.tree_util.tree_leaves(shape))
         self._parts: dict[Callable[[Any], Any], Any] = {}
 
@@ -47,15 +50,24 @@ class Prepared:
         return f"Prepared({type(self.shape).__name__}, {len(self._parts)} parts made)"
 
 
+def _copied(leaf: Any) -> Any:
+    if not isinstance(leaf, jax.Array):
+        return np.array(leaf)
+    with jax.ensure_compile_time_eval():
+        return array_of(np.array(leaf))
+
+
+_changing = threading.Lock()
 _known: WeakValueDictionary[bytes, Prepared] = WeakValueDictionary()
 _last: deque[Prepared] = deque()
 
 
 def prepare(shape: Any) -> Prepared:
-    """Keep what searches make of a shape for as long as the result is held.
+    """Keep what queries make of a surface, a mesh or a point set for as long as the result is held.
 
-    All functions look up what was prepared by the numbers of a shape, and make what is missing. The last few shapes are
-    kept in any case; hold the result if others are asked about in between.
+    Functions look up the trees, samples and covers for nearest points by the numbers of a shape, and make what is
+    missing. The last few shapes are kept in any case; hold the result if others are asked about in between. What
+    depends on both shapes of a pair is kept for the last few pairs alone, and of curves there is nothing to prepare.
 
     >>> from jhd.shapes.patch import BezierPatch
     >>> patch = BezierPatch([[[0.0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 1]]])
@@ -92,13 +104,14 @@ def prepared(shape: Any) -> Prepared:
         hashed.update(f"{array.dtype.char}{np.shape(leaf)}".encode())
         hashed.update(array.data)
     key = hashed.digest()
-    found = _known.get(key)
-    if found is None:
-        found = _known[key] = Prepared(shape)
-    if found in _last:
-        _last.remove(found)
-    _last.append(found)
-    # The one that is asked about stays, and so does that before it: they are a pair.
-    while len(_last) > _HELD or (len(_last) > 2 and sum(each.size for each in _last) > _MOST_BYTES):
-        _last.popleft()
+    with _changing:
+        found = _known.get(key)
+        if found is None:
+            found = _known[key] = Prepared(shape)
+        if found in _last:
+            _last.remove(found)
+        _last.append(found)
+        # Those of a pair stay, each as it is and in its unit.
+        while len(_last) > _HELD or (len(_last) > 4 and sum(each.size for each in _last) > _MOST_BYTES):
+            _last.popleft()
     return found

@@ -2,6 +2,7 @@
 
 import gc
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -60,3 +61,23 @@ def test_a_shape_is_prepared_once_for_all_that_is_asked_about_it(kind):
     held = jhd.prepare(shape())
     targets = [target_of(working(shape())) for _ in range(2)]
     assert targets[0] is targets[1] and jhd.prepare(shape()) is held
+
+
+def test_what_is_held_does_not_change_with_an_array_that_its_owner_changes():
+    # JAX shares the memory of large arrays that are aligned to 64 bytes.
+    corners = np.tile(CORNERS, (500, 1))
+    room = np.empty(corners.nbytes + 64, np.uint8)
+    start = -room.ctypes.data % 64
+    places = room[start : start + corners.nbytes].view(np.float64).reshape(corners.shape)
+    places[...] = corners
+    held = jhd.prepare(jhd.TriangleMesh(places, FACES))
+    places += 1
+    assert jhd.prepare(jhd.TriangleMesh(corners, FACES)) is held
+    np.testing.assert_array_equal(held.shape.vertices, corners)
+
+
+def test_threads_may_ask_at_once():
+    meshes = [mesh(1 + k / 64) for k in range(64)]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda k: prepared(meshes[k % 64]).part(lambda m: m.count), range(2048)))
+    assert found == [4] * 2048

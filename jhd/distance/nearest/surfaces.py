@@ -51,7 +51,7 @@ class SurfaceCloud(NamedTuple):
 
 
 class NearestOnSurface(NamedTuple):
-    """Bounds of a distance and a proven foot, whose distance is `upper` but for its radius."""
+    """Bounds of a distance and a proven foot, whose distance is `upper` but for its radius and rounding."""
 
     lower: Float[Array, ""]
     upper: Float[Array, ""]
@@ -165,7 +165,7 @@ def nearest(
         # Where the gradient vanishes Newton's method leads away, and a cell itself is near the surface.
         far, foot = nearest_proven(side, point, jnp.concatenate([found, places], axis=1))
         # Of two as near but for rounding the later foot counts: what is proven about it needs more digits of it.
-        nearer = far <= state.upper + 8 * u * (1 + far)
+        nearer = jnp.isfinite(far) & (far <= state.upper + 8 * u * (1 + far))
         return jnp.minimum(far, state.upper), jnp.where(nearer, foot, state.foot)
 
     def target(state: _SurfaceQuery) -> Array:

@@ -160,6 +160,7 @@ class MeasuredMesh(AbstractMeasured):
     def cover(self) -> CellRows:
         return MeshSource(self._corners).cover()
 
+    @override
     def cut(self, cells: CellRows, flat: FlatCells, parting: np.ndarray | None = None) -> tuple[CellRows, np.ndarray]:
         """Each into four, or along the parting into two or three, which become triangles of a.
 

@@ -103,7 +103,8 @@ class SurfaceTarget(AbstractTarget):
         known = np.isfinite(found.upper) & np.isfinite(found.distance)
         left = np.where(known, found.upper, 0.0) - np.where(known, found.distance, 0.0)
         size = np.abs(np.asarray(self.frame.place(self.target.side.upper - self.target.side.lower))).max()
-        slack = 8 * u * (np.where(known, found.distance, 0.0) + size)
+        # A foot is taken that is farther than `upper` by rounding alone, twice 8 u.
+        slack = 32 * u * (np.where(known, found.distance, 0.0) + size)
         return np.where(known, np.maximum(left, 0.0) + slack, np.inf)
 
     @override
