@@ -191,7 +191,7 @@ DEFECTS = [
         (
             "(threshold + slack) * (1 + 1e-9)",
             "0.5 * threshold",
-            "test_pairs_within_a_threshold_are_those_of_all_distances",
+            "test_a_threshold_within_the_bounds_of_a_pair_is_undecided",
         ),
     ),
     *within(
@@ -215,12 +215,12 @@ DEFECTS = [
         (
             "jnp.where(low <= reach, high_b, -jnp.inf), axis=1) + reach",
             "jnp.where(low <= reach, high_b, -jnp.inf), axis=1)",
-            "test_signatures_bound_every_pair_at_every_scale",
+            "test_bounds_of_all_pairs_hold_and_the_reach_covers_the_shapes",
         ),
         (
             "jnp.maximum(low - high_b, low_b - high)",
             "jnp.maximum(high - low_b, low_b - high)",
-            "test_signatures_bound_every_pair_at_every_scale",
+            "test_bounds_of_all_pairs_hold_and_the_reach_covers_the_shapes",
         ),
     ),
     *within(
@@ -286,7 +286,7 @@ DEFECTS = [
         (
             "np.maximum(steps - 1, 0) ** 2, (steps + 1) ** 2",
             "steps**2, (steps + 1) ** 2",
-            "test_the_safe_rule_holds_the_distances_of_the_cones",
+            "test_intervals_hold_the_exact_distance_of_spheres",
         ),
         (
             "upper = None if high is None else root_between(high * self.unit**2)",

@@ -64,6 +64,9 @@ def test_a_part_that_is_damaged_or_was_being_written_is_computed_again(tmp_path)
     (tmp_path / "part-00000004.npy").rename(tmp_path / "part-00000004.npy.partial")
     again = jhd.pairwise(SHAPES, store=tmp_path)
     assert again.computed == 7 + 5 and contents(tmp_path) == before
+    # A whole file of fewer rows.
+    np.save(tmp_path / "part-00000001.npy", np.load(tmp_path / "part-00000001.npy")[:-1])
+    assert jhd.pairwise(SHAPES, store=tmp_path).computed == 8 and contents(tmp_path) == before
     np.testing.assert_array_equal(again.value, whole.value)
 
 

@@ -117,6 +117,8 @@ def test_what_is_no_measure_is_refused():
         jhd.Mean()(points, ORIGIN, weights=[1.0])
     with pytest.raises(ValueError, match="none negative"):
         jhd.Mean()(points, ORIGIN, weights=-WEIGHTS)
+    with pytest.raises(ValueError, match="do not matter to the largest distance"):
+        jhd.Hausdorff()(points, ORIGIN, weights=WEIGHTS)
     with pytest.raises(TypeError, match="weights are for points"):
         jhd.Mean()(segment(1.0), ORIGIN, weights=[1.0])
     with pytest.raises(ValueError, match=r"needs \(40,\)"):

@@ -192,6 +192,7 @@ def test_lengths_are_rounded_outward_by_one_float_or_not_at_all(unit):
         # Only the square roots that are floats are kept.
         assert (lower == upper) == (square == 0 or (square == 1 and Fraction(float(unit)) == unit))
     assert float(scale.lengths(1, math.inf, outward=True)[1]) == math.inf
+    assert Fraction(float(scale.lengths(1, 4, outward=True)[1])) ** 2 >= 4 * unit**2
 
 
 def test_rounded_squares_get_the_room_of_five_roundings():
