@@ -90,7 +90,7 @@ DEFECTS = [
         (
             "foot_params=jnp.where(two, y_dot[1:], y_dot[1]),",
             "foot_params=y_dot[1:],",
-            "test_the_gradient_agrees_with_differences",
+            "test_the_witness_moves_as_differences_say",
         ),
         (
             "attached(found, found.distance > 0, distance=distance)",

@@ -31,6 +31,19 @@ def hard_pairs(seed, count=COUNT):
     return a / 2 ** np.ceil(np.log2(size)), b / 2 ** np.ceil(np.log2(size))
 
 
+def beside_corners(seed):
+    """Pairs whose nearest points are a corner of each, closer to each other than to the corners that are given first.
+
+    Errors of the gap then have either sign; between parallel faces the extreme corners hide them.
+    """
+    rng = np.random.default_rng(seed)
+    towards = rng.normal(size=(COUNT, 1, 3))
+    towards /= np.linalg.norm(towards, axis=2, keepdims=True)
+    arms = np.array([1.0, 0.0, 0.5])[:, None] * (towards + 0.2 * rng.uniform(-1, 1, (2, COUNT, 3, 3)))
+    b = rng.uniform(-0.1, 0.1, (COUNT, 1, 3)) + 0.4 * arms[0]
+    return b[:, 1:2] - 10.0 ** rng.uniform(-15, -8, (COUNT, 1, 1)) * towards - 0.4 * arms[1], b
+
+
 def fractions(rows):
     return [[Fraction(float(x)) for x in row] for row in rows]
 
@@ -86,7 +99,8 @@ def test_numbers_at_both_ends_of_the_range_are_measured():
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("seed", swept([2, 3], 1))
 def test_bounds_hold_the_exact_distance(seed, dtype):
-    a, b = (x.astype(dtype) for x in hard_pairs(seed))
+    hard = zip(hard_pairs(seed), beside_corners(seed), strict=True)
+    a, b = (np.concatenate(x).astype(dtype) for x in hard)
     rows = [np.moveaxis(x, 0, -1) for x in (a, b)]
     found, quick = jax.jit(pair_bounds)(*rows), np.asarray(jax.jit(lower_bounds)(*rows))
     for k, square in enumerate(exact_pair(x, y).square for x, y in zip(a, b, strict=True)):

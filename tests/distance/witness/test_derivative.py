@@ -120,9 +120,9 @@ ROWS = [[0.0, 0.0], [1.0, 2.0], [3.0, -1.0], [4.0, 0.0]]
 PARABOLA = jnp.array([[-2.0, 4.0], [0.0, -4.0], [2.0, 4.0]])
 
 
-def over_the_parabola(shift):
+def over_the_parabola(shift, heights=(2.0, 2.3)):
     """A segment across the axis of a parabola, moved sideways: two feet, so single branches have the wrong slope."""
-    segment = jnp.array([[-0.5, 2.0], [0.5, 2.3]]) + shift * jnp.array([1.0, 0.0])
+    segment = jnp.array([[-0.5, heights[0]], [0.5, heights[1]]]) + shift * jnp.array([1.0, 0.0])
     return jhd.directed_hausdorff(jhd.BezierCurve(segment), jhd.BezierCurve(PARABOLA))
 
 
@@ -140,12 +140,16 @@ def test_two_feet_share_the_derivative_by_their_multipliers():
 
 
 def test_the_witness_moves_as_differences_say():
-    def parts(shift):
-        w = over_the_parabola(shift).witness
-        return jnp.concatenate([w.t[None], w.point, w.feet.ravel(), w.foot_params])
+    # Below the parabola an end has one foot, which is given twice.
+    for heights, event in (((2.0, 2.3), "one_to_two"), ((-0.5, -1.0), "a_end")):
 
-    rule = jax.jacfwd(parts)(0.1)
-    np.testing.assert_allclose(rule, (parts(0.1 + STEP) - parts(0.1 - STEP)) / (2 * STEP), rtol=1e-6, atol=1e-8)
+        def parts(shift, heights=heights):
+            w = over_the_parabola(shift, heights).witness
+            return jnp.concatenate([w.t[None], w.point, w.feet.ravel(), w.foot_params])
+
+        assert name_of(over_the_parabola(0.1, heights).event) == event
+        rule = jax.jacfwd(parts)(0.1)
+        np.testing.assert_allclose(rule, (parts(0.1 + STEP) - parts(0.1 - STEP)) / (2 * STEP), rtol=1e-6, atol=1e-8)
 
 
 @pytest.mark.parametrize("seed", swept([3, 21], slow=[21]))
