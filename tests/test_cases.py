@@ -262,7 +262,7 @@ def test_the_reference_agrees_with_the_table(case, direction):
 
 
 @pytest.mark.parametrize(
-    ("case", "direction"), every(24, [p for p in BOTH if isinstance(directed(*p)[2], str)], pytest.mark.slow)
+    ("case", "direction"), every(24, [p for p in BOTH if isinstance(directed(*p)[2], str)], pytest.mark.exhaustive)
 )
 def test_sixty_digits_agree_with_the_table(case, direction):
     a, b, exact = directed(case, direction)
@@ -284,7 +284,7 @@ def test_sixty_digits_agree_with_the_table(case, direction):
             assert abs(value - Decimal(exact)) <= STORED * max(unit, value)
 
 
-@pytest.mark.parametrize("case", every(15, WITH_EVENT, pytest.mark.slow))
+@pytest.mark.parametrize("case", every(15, WITH_EVENT, pytest.mark.exhaustive))
 def test_event_tags_are_those_of_the_witness(case):
     assert event_tags(solved(case.name, "ab"), case.a, case.b) == case.tags & {*EVENTS, *FEET}
 

@@ -47,6 +47,12 @@ def terms(surface, points):
     return values(np.abs(surface.coefficients), np.abs(points))
 
 
+def some_of(directions, quick=0):
+    """Directions as parameters: the first ones are quick, of the others each eighth is slow and the rest exhaustive."""
+    marks = [() if k < quick else pytest.mark.exhaustive if (k - quick) % 8 else pytest.mark.slow for k in range(999)]
+    return [pytest.param(d, marks=mark, id=name_of(d)) for d, mark in zip(directions, marks, strict=False)]
+
+
 def test_there_are_enough_cases_of_every_kind():
     assert len(CASES) >= 24 and len({case.name for case in CASES}) == len(CASES)
     assert {tag for case in CASES for tag in case.tags} == TAGS
@@ -72,10 +78,7 @@ def test_points_and_feet_lie_on_their_surfaces_at_the_distance(direction):
     assert {2: "two_foot", 3: "three_foot"}.get(len(maximum.feet), None) in (None, *direction[0].tags)
 
 
-@pytest.mark.parametrize(
-    "direction",
-    [pytest.param(x, marks=[pytest.mark.slow] * (k >= 8), id=name_of(x)) for k, x in enumerate(DIRECTIONS)],
-)
+@pytest.mark.parametrize("direction", some_of(DIRECTIONS, 8))
 def test_coarse_samples_agree_with_the_values(direction):
     """A sample is off by no more than the diagonals of the cells of both grids."""
     a, b, maximum = parts(direction)
@@ -106,8 +109,7 @@ def recentred(surface, case):
     return type(surface)(grid, tuple(np.array(surface.lower) - offset), tuple(np.array(surface.upper) - offset))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("direction", [d for d in DIRECTIONS if parts(d)[2].point is not None], ids=name_of)
+@pytest.mark.parametrize("direction", some_of(d for d in DIRECTIONS if parts(d)[2].point is not None))
 def test_the_digits_are_those_of_the_lagrange_system(direction):
     a, b, maximum = parts(direction)
     known = solve(a, b, maximum.point, maximum.feet)
@@ -116,8 +118,7 @@ def test_the_digits_are_those_of_the_lagrange_system(direction):
     assert all(w > 0 for w in known.weights) and all(x >= -1e-15 for x in known.faces)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("direction", [d for d in DIRECTIONS if "far" not in d[0].tags], ids=name_of)
+@pytest.mark.parametrize("direction", some_of(d for d in DIRECTIONS if "far" not in d[0].tags))
 def test_dense_samples_find_nothing_farther_and_no_nearer_foot(direction):
     """Every foot is a point of b, so that its distance bounds that of the sample, whatever found it."""
     a, b, maximum = parts(direction)

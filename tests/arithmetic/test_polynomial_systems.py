@@ -293,7 +293,7 @@ def test_no_planted_root_of_a_random_system_is_lost(degrees):
     assert np.all(np.asarray(roots.result._value) == 0)
 
 
-@pytest.mark.parametrize("degrees", swept([(x,) for x in ((28,), (6, 6), (3, 4, 2), (1,), (9,), (5, 1))], 0, 3))
+@pytest.mark.parametrize("degrees", swept([(x,) for x in ((28,), (6, 6), (3, 4, 2), (1,), (9,), (5, 1))], 0, 1))
 def test_no_planted_root_of_many_random_systems_is_lost(degrees):
     find_planted(degrees, range(100, 500), capacity=64)
 

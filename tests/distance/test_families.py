@@ -148,7 +148,7 @@ def over_rectangle(x, z, height):
     return jhd.BezierPatch(np.stack([u, height(u, uu, vv), np.broadcast_to(v, (3, 3))], axis=-1))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_family_of_farthest_places_ends_long_before_there_is_no_room(monkeypatch):
     monkeypatch.setattr(farthest_place, "_FAMILY", 1000)
     outer = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1.5625", [-2] * 3, [2] * 3)
@@ -159,7 +159,7 @@ def test_a_family_of_farthest_places_ends_long_before_there_is_no_room(monkeypat
     assert int(found.stats["steps"]) < 20 and int(found.stats["waiting"]) < 20000
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_maximum_between_two_feet_closes_with_few_cells():
     # The place (0, 2, 0) is as far from both sides of the trough y = x^2, and places beside it are nearer to one.
     above = over_rectangle((-0.75, 1.5), (-0.55, 0.45), lambda u, uu, vv: 2 + 0.5 * u - 0.25 * uu - 0.25 * vv)

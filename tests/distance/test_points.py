@@ -147,7 +147,7 @@ MOVED = {"patches": BUMPY, "polynomial": UNEVEN, "mesh": FLAT}
 
 @pytest.mark.parametrize(
     ("name", "turned"),
-    swept(itertools.product(MOVED, [False, True]), slow=[("patches", False), ("polynomial", True), ("mesh", True)]),
+    swept(itertools.product(MOVED, [False, True]), slow=[("mesh", True)]),
 )
 def test_derivatives_in_points_and_shape_are_those_of_differences(name, turned):
     leaves, tree = jax.tree_util.tree_flatten(MOVED[name])
@@ -189,8 +189,7 @@ def test_the_minimum_distance_of_many_points_is_exact_as_whole_numbers_say(dim):
     assert float(jnp.sum((found.point_a - found.point_b) ** 2)) == square
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("shape", [BUMPY, SPHERE], ids=["patches", "polynomial"])
+@pytest.mark.parametrize("shape", swept([BUMPY, SPHERE], slow=1))
 def test_the_minimum_distance_of_many_points_and_a_surface_is_the_least_of_all(shape):
     points = RNG.normal(size=(2000, 3)) * 4
     points = points[np.linalg.norm(points, axis=1) > 1.2] + [0, 0, 2.5]

@@ -59,9 +59,7 @@ def test_bounds_of_quadrics_enclose_the_distance(name):
     check(surfaces(case), (case.ab, case.ba), jhd.BranchAndBound(atol=tolerance_of(case, FINE)), name)
 
 
-@pytest.mark.parametrize(
-    ("name", "rtol"), swept(itertools.product(BY_NAME, [COARSE, FINE]), slow=[(name, FINE) for name in SLOW[1::2]])
-)
+@pytest.mark.parametrize(("name", "rtol"), swept(itertools.product(BY_NAME, [COARSE, FINE])))
 def test_bounds_enclose_the_distance(name, rtol):
     case = BY_NAME[name]
     check(surfaces(case), (case.ab, case.ba), jhd.BranchAndBound(atol=tolerance_of(case, rtol)), name)

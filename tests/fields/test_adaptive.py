@@ -426,7 +426,7 @@ def test_building_under_tracing_is_refused():
         jax.jit(distance)(block().vertices)
 
 
-@pytest.mark.parametrize("seed", swept(range(4), 0, 1))
+@pytest.mark.parametrize("seed", swept(range(4)))
 def test_the_proven_error_is_true_on_rough_meshes(seed):
     mesh = torus(10)
     rough = np.random.default_rng(seed).normal(0, 0.03, mesh.vertices.shape)

@@ -126,7 +126,7 @@ def check_pieces(curve, arcs, most, samples):
                 assert exact_distance(x, start[k], end[k], bulge[k]) <= Decimal(float(deviation[k])), (k, t)
 
 
-@pytest.mark.parametrize("share", swept([1e-4, 0.3], 1, 1))
+@pytest.mark.parametrize("share", swept([1e-4, 0.3], 1))
 @pytest.mark.parametrize("name", CASES)
 def test_points_of_a_piece_are_within_the_deviation_of_its_arc(name, share):
     arcs, atol = arcs_of(CASES[name], share)
@@ -134,7 +134,7 @@ def test_points_of_a_piece_are_within_the_deviation_of_its_arc(name, share):
     check_pieces(CASES[name], arcs, 6, 5)
 
 
-@pytest.mark.parametrize("seed", swept(range(30), 0, 6))
+@pytest.mark.parametrize("seed", swept(range(30), 0, 2))
 def test_deviations_hold_on_random_curves(seed):
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(2, rng.integers(3, 8), 2)) * 10.0 ** rng.integers(-3, 3, size=2)

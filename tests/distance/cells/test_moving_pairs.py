@@ -69,7 +69,7 @@ def bounded(name, size, dtype=np.float64):
 
 
 # Each degree and precision has a large program, which takes a quarter of a minute to compile.
-@pytest.mark.parametrize("name", swept(FAMILIES, slow=3))
+@pytest.mark.parametrize("name", swept(FAMILIES))
 def test_a_constant_distance_is_bounded_to_the_sixth_order(name):
     short = []
     for size in SIZES:

@@ -47,7 +47,7 @@ def checked(a, b, solution):
 
 
 @pytest.mark.parametrize(
-    ("name", "kind"), swept([(name, ("two_sided", "ab")[k % 2]) for k, name in enumerate(QUICK)], 1, 2)
+    ("name", "kind"), swept([(name, ("two_sided", "ab")[k % 2]) for k, name in enumerate(QUICK)], 1)
 )
 def test_the_bounds_of_a_solution_are_proven(name, kind):
     assert is_quick(BY_NAME[name])

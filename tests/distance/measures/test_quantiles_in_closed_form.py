@@ -134,7 +134,7 @@ def test_areas_below_quadratic_forms_are_those_of_discs():
     [
         pytest.param(line, below_line, 0.7, marks=pytest.mark.exhaustive, id="line"),
         pytest.param(tilted, below_plane, 0.7, marks=pytest.mark.exhaustive, id="mesh"),
-        pytest.param(cylinder, below_cylinder, 0.7, marks=pytest.mark.slow, id="rational patches"),
+        pytest.param(cylinder, below_cylinder, 0.7, marks=pytest.mark.exhaustive, id="rational patches"),
     ],
 )
 def test_quantiles_beside_what_meets_a_patch_are_those_in_closed_form_and_so_are_derivatives(other, below, q):

@@ -158,7 +158,7 @@ ACROSS = np.hypot(0.01, 0.0003)
 FEW = jhd.TwoStep(samples=4)
 
 
-@pytest.mark.slow  # programs of its own
+@pytest.mark.exhaustive  # programs of its own
 def test_too_few_samples_miss_a_narrow_maximum_and_say_nothing_false():
     missed = jhd.directed_hausdorff(RISING, GAP, FEW)
     assert abs(float(missed) - 0.001) <= 1e-12
@@ -180,7 +180,7 @@ def test_few_samples_leave_every_lower_bound_true():
             assert solution.value <= float(pairs.bounds(case.exact_ab)[1]) + PROMISED * pairs.diagonal(case.name)
 
 
-@pytest.mark.slow  # a program of its own
+@pytest.mark.exhaustive  # a program of its own
 def test_samples_by_curvature_find_the_same_values():
     method = jhd.TwoStep(samples=64, spacing="curvature")
     for case in CASES:
@@ -197,7 +197,7 @@ def test_samples_by_curvature_find_the_same_values():
             assert Fraction(float(solution.lower)) <= upper, case.name
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_without_rounds_of_refinement_the_best_sample_is_left():
     a, b = pairs.both(pairs.BY_NAME["segment_over_parabola"])
     solution = jhd.directed_hausdorff(a, b, jhd.TwoStep(samples=3, max_rounds=0))

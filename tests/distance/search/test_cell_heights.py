@@ -97,7 +97,7 @@ def nodes(shape: Any, moved: Any, cells: Any, count: int) -> tuple[np.ndarray, n
 
 @pytest.mark.parametrize(
     ("kind", "source"),
-    swept(PAIRS, slow=[("pole", "triangles"), ("curve", "curves")]),
+    swept(PAIRS, slow=[("curve", "curves")]),
 )
 def test_bounds_hold_beside_shapes_of_all_kinds(kind, source):
     random = np.random.default_rng(100 * len(kind) + len(source))

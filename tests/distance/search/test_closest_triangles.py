@@ -201,8 +201,7 @@ OTHERS = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize("name", swept(OTHERS, slow=["a patch"]))
 def test_curves_and_surfaces_are_measured_against_meshes(name):
     signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     other, exact = OTHERS[name]

@@ -275,7 +275,7 @@ def test_what_is_no_number_in_a_program_is_reported():
     assert found.result == RESULTS.nonfinite_value and found.lower == 0 and np.isinf(found.upper)
 
 
-@pytest.mark.parametrize("power", swept([0, 520, -520], slow=3))
+@pytest.mark.parametrize("power", swept([520, 0, -520], slow=1))
 def test_second_derivatives_do_not_depend_on_the_unit(power):
     unit = 2.0**power
     above, below = np.array([(0, 0, 3.0), (1, 0, 3), (0, 1, 3.5)]), np.array([(-1, -1, 0.0), (1, -1, 0), (0, 1, 0.5)])

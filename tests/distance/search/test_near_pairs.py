@@ -45,7 +45,7 @@ def test_a_mesh_of_thousands_of_triangles_beside_a_ball_and_across_it():
     np.testing.assert_allclose(across.point_a, across.point_b, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_mesh_that_touches_a_ball_and_one_beneath_its_top():
     assert holds(minimum_distance(square(1.0), BALL), 0.0)
     # The top of the ball pierces one triangle, and none of its edges.

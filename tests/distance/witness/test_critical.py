@@ -175,7 +175,7 @@ def test_smooth_seams_carry_no_maxima():
     assert "corner" not in events_of(jhd.critical_pairs(first, second, CAPACITY))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_what_does_not_fit_is_said():
     pairs = jhd.critical_pairs(*pair_of("shared_stretch_of_waves"), capacity=2)
     assert bool(jnp.all(pairs.valid)) and name_of(pairs.result) == "capacity_reached"
