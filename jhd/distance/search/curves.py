@@ -56,8 +56,9 @@ _NEAR_END = 0.02
 _FLOOR = 8
 # Rounding of a distance, and of one whose foot has been refined, in units of roundoff of the common coordinates.
 _NOISE, _AGREEING = 4, 64
-# Attempts to refine a maximum: from the place found, from where that leads to, and with the feet of the place alone.
-_TRIALS = 3
+# Attempts to refine a maximum: from the place found, from where that leads to, from between both, and with the feet of
+# the place alone.
+_TRIALS = 4
 
 
 class _Tolerances(NamedTuple):
@@ -210,7 +211,9 @@ def _refined(a: BezierSegments, near: NearCurve, state: CurveState) -> _RefinedW
     """The witness of a search, with value and lower bound.
 
     First with the feet that count wherever the gap leaves the maximum, then with those that count where these lead to,
-    and if no such maximum is found with those that are equally near where the search stopped.
+    then from where two feet are equally near between there and the place of the search: beside a cusp of the evolute
+    both exist only near the tie. If no such maximum is found, the feet count that are equally near where the search
+    stopped.
     """
 
     def again(tried: tuple[Array, _RefinedWitness]) -> Array:
@@ -219,6 +222,9 @@ def _refined(a: BezierSegments, near: NearCurve, state: CurveState) -> _RefinedW
     def next_(tried: tuple[Array, _RefinedWitness]) -> tuple[Array, _RefinedWitness]:
         count, (*_, at, foot) = tried
         moved = (count > 0) & (count < _TRIALS - 1)
+        both = jax.tree_util.tree_map(lambda *x: jnp.stack(x), (state.at, state.foot), (at, foot))
+        between = _between(a, near.curve, *both)
+        at = at._replace(t=jnp.where(count == _TRIALS - 2, between, at.t))
         found = describe(a, near.curve, _where(moved, at, state.at), _where(moved, foot, state.foot))
         reach = jnp.where(count < _TRIALS - 1, found.reach(state.upper - state.lower), 0.0)
         return count + 1, _polished(a, near, found.witness(reach), state)
@@ -229,6 +235,31 @@ def _refined(a: BezierSegments, near: NearCurve, state: CurveState) -> _RefinedW
     witness = Witness(segment, t, feet[0], feet, *feet_at, one, event, direction)
     untried = _RefinedWitness(witness, t, t, jnp.array(False), state.at, state.foot)
     return jax.lax.while_loop(again, next_, varying((jnp.array(0), untried), a, near, state))[1]
+
+
+def _between(a: BezierSegments, b: BezierSegments, at: CurvePlace, feet: CurvePlace) -> Array:
+    """Return the parameter where two feet are equally near to first order, if it lies between their places on a.
+
+    Otherwise, return the parameter of the second place.
+
+    Args:
+        a: the curve that carries the maximum.
+        b: the other one.
+        at: two places on a, stacked.
+        feet: the foot of each on b.
+    """
+
+    def model(at: CurvePlace, foot: CurvePlace) -> tuple[Array, Array]:
+        here = jet(*piece_of(a, at.segment), at.t)
+        apart = here.point - jet(*piece_of(b, foot.segment), foot.t).point
+        distance = jnp.sqrt(jnp.sum(apart**2))
+        return distance, jnp.sum(apart * here.first) / jnp.where(distance > 0, distance, 1.0)
+
+    (distance, slope), (start, end) = jax.vmap(model)(at, feet), at.t
+    bend = slope[0] - slope[1]
+    t = start + (distance[1] - distance[0] + slope[1] * (start - end)) / jnp.where(bend != 0, bend, 1.0)
+    inside = ((t - start) * (end - t) > 0) & (at.segment[0] == at.segment[1])
+    return jnp.where(inside, t, end)
 
 
 def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: CurveState) -> _RefinedWitness:
