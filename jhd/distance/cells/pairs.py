@@ -149,6 +149,8 @@ class _Sides(NamedTuple):
     """Both parts of a cell: control points, balls of the derivatives of a - b, and what may be wrong with numbers.
 
     Args:
+        whole_a: one piece.
+        whole_b: the other one.
         a: the part of one piece.
         b: the part of the other one.
         first: the first derivatives of a - b over the cell.
@@ -158,9 +160,12 @@ class _Sides(NamedTuple):
         ball_b: those of b.
         fixed: parameters that have one value only.
         off: bound on the error of the length of a computed difference of points.
-        wrong: bound on that of a component of its derivatives.
+        wrong: bounds on those of a component of its derivatives in each parameter of the cell, from whole pieces: they
+            are as small as the cell is narrow, those of derivatives from parts are not.
     """
 
+    whole_a: Net
+    whole_b: Net
     a: Net
     b: Net
     first: Ball
@@ -179,40 +184,64 @@ def _parameters_of_first(b: Net, cell: Cell) -> int:
 
 def _sides(a: Net, b: Net, cell: Cell) -> _Sides:
     n = _parameters_of_first(b, cell)
-    part_a = part_of(a.piece(cell.piece_a), cell.low[:n], cell.high[:n]) if n else a.piece(cell.piece_a)
-    part_b = part_of(b.piece(cell.piece_b), cell.low[n:], cell.high[n:])
+    whole_a, whole_b = a.piece(cell.piece_a), b.piece(cell.piece_b)
+    part_a = part_of(whole_a, cell.low[:n], cell.high[:n]) if n else whole_a
+    part_b = part_of(whole_b, cell.low[n:], cell.high[n:])
     ball_a, ball_b = enclosed(part_a, eta(a), eta(a), n), enclosed(part_b, eta(b), eta(b))
     first = joined(ball_a.first, ball_b.first)
     apart = minus(ball_a.point, ball_b.point)
     of_f = plus(dot(expand(first, 1), expand(first, 0)), bends(ball_a.second, ball_b.second, apart))
     off = point_error(a) + point_error(b)
-    wrong = 16.0 * max(1, *a.degrees, *b.degrees) * off * skew(part_a) * skew(part_b)
-    return _Sides(part_a, part_b, first, apart, of_f, ball_a, ball_b, cell.high <= cell.low, off, wrong)
+    wrong = 16.0 * max(1, *a.degrees, *b.degrees) * off * skew(whole_a) * skew(whole_b) * (cell.high - cell.low)
+    fixed = cell.high <= cell.low
+    return _Sides(whole_a, whole_b, part_a, part_b, first, apart, of_f, ball_a, ball_b, fixed, off, wrong)
+
+
+class _PairAt(NamedTuple):
+    """A pair of points with the derivatives in the parameters of the cell, and how far along it they are.
+
+    Args:
+        e: the difference of the points.
+        slopes: its derivatives.
+        before: the share of the cell before the parameters.
+        after: the share behind them.
+    """
+
+    e: Array
+    slopes: Array
+    before: Array
+    after: Array
+
+    @classmethod
+    def at(cls, sides: _Sides, cell: Cell, x: Array) -> "_PairAt":
+        """The pair at parameters of the pieces within the cell."""
+        n, width = len(x) - sides.b.parameters, cell.high - cell.low
+        at_a, at_b = jet(sides.whole_a, x[:n]), jet(sides.whole_b, x[n:])
+        whole = jnp.where(width > 0, width, 1.0)
+        slopes = _joined(at_a, at_b) * width[:, None]
+        return cls(at_a.point - at_b.point, slopes, (x - cell.low) / whole, (cell.high - x) / whole)
 
 
 def bound(a: Net, b: Net, cell: Cell) -> PairBound:
     """Bounds over one pair of cells; see the module."""
-    n, dtype, low, high = _parameters_of_first(b, cell), cell.low.dtype, cell.low, cell.high
+    dtype, low, high = cell.low.dtype, cell.low, cell.high
     sides, middle = _sides(a, b, cell), jnp.full(low.shape, 0.5, dtype)
     z = nearest_in(sides.a, sides.b, middle, sides.fixed)
-    jets = (
-        jax.vmap(lambda x: jet(sides.a, x[:n]))(jnp.stack([z, middle])),
-        jax.vmap(lambda x: jet(sides.b, x[n:]))(jnp.stack([z, middle])),
-    )
-    at_z, at_middle = (tuple(jax.tree_util.tree_map(lambda x, k=k: x[k], j) for j in jets) for k in (0, 1))
-    distance = length(at_z[0].point - at_z[1].point)
+    x = jnp.clip(low + jnp.stack([z, middle]) * (high - low), low, high)
+    found = jax.vmap(lambda x: _PairAt.at(sides, cell, x))(x)
+    at_z, at_middle = (jax.tree_util.tree_map(lambda y, k=k: y[k], found) for k in (0, 1))
+    distance = length(at_z.e)
     upper = distance * (1 + gamma(12, dtype)) + sides.off
-    lower = jnp.maximum(_by_gaps(sides, at_z), _by_convexity(sides, at_z, z))
+    lower = jnp.maximum(_by_gaps(sides, at_z), _by_convexity(sides, at_z))
     lower = jnp.maximum(lower * (1 - gamma(6, dtype)) - 64 * smallest_normal(dtype), 0.0)
     rising, falling = _monotone(sides, at_middle)
     excluded = jnp.any((rising & (low > 0)) | (falling & (high < 1)))
     left = Cell(cell.piece_a, cell.piece_b, jnp.where(falling, high, low), jnp.where(rising, low, high))
     extent = _extents(sides, left)
-    x = low + z * (high - low)
     lower = jnp.where(excluded, jnp.inf, lower)
     # A cell that has only now shrunk to a point is bounded once more, as that point.
     thin = ~jnp.any(high - low > _THINNEST * jnp.finfo(dtype).eps)
-    return PairBound(lower, upper, distance, x, left, jnp.argmax(extent), thin)
+    return PairBound(lower, upper, distance, x[0], left, jnp.argmax(extent), thin)
 
 
 def extents(a: Net, b: Net, cell: Cell, left: Cell) -> Array:
@@ -225,36 +254,34 @@ def _extents(sides: _Sides, left: Cell) -> Array:
     return jnp.where(wide, jnp.max(sides.first.size, axis=-1), -1.0)
 
 
-def _unit(at: tuple[NetJet, NetJet]) -> tuple[Array, Array]:
-    """The difference of two points, and its direction; the zero vector where they are one."""
-    e = at[0].point - at[1].point
+def _unit(e: Array) -> Array:
+    """The direction of a vector; the zero vector if it has none."""
     distance = length(e)
-    return e, e / jnp.where(distance > 0, distance, 1.0)
+    return e / jnp.where(distance > 0, distance, 1.0)
 
 
-def _by_gaps(sides: _Sides, at_z: tuple[NetJet, NetJet]) -> Array:
+def _by_gaps(sides: _Sides, at_z: _PairAt) -> Array:
     """The gap of the boxes, and that along the line which joins the points."""
-    apart, dtype, unit = sides.apart, sides.apart.mid.dtype, _unit(at_z)[1]
+    apart, dtype, unit = sides.apart, sides.apart.mid.dtype, _unit(at_z.e)
     gaps = jnp.maximum(jnp.maximum(apart.lower, -apart.upper), 0.0)
     along = jnp.min(jnp.sum(sides.a.points * unit, -1)) - jnp.max(jnp.sum(sides.b.points * unit, -1))
     return jnp.maximum(length(gaps) * (1 - gamma(12, dtype)), along * (1 - gamma(12, dtype)) - sides.off)
 
 
-def _by_convexity(sides: _Sides, at_z: tuple[NetJet, NetJet], z: Array) -> Array:
+def _by_convexity(sides: _Sides, at_z: _PairAt) -> Array:
     """The values of F and of psi at z less what the gradient may take off within the cell, where they are convex."""
-    dtype, off, wrong, fixed = z.dtype, sides.off, sides.wrong, sides.fixed
-    e, unit = _unit(at_z)
-    distance = length(e)
+    off, wrong, fixed = sides.off, sides.wrong, sides.fixed
+    e, slopes, before, after = at_z
+    distance, unit, dtype = length(e), _unit(e), e.dtype
     of_psi = bends(sides.ball_a.second, sides.ball_b.second, Ball(unit, jnp.zeros_like(unit)))
     both = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), sides.of_f, of_psi)
     convex = jax.vmap(lambda h: semidefinite(h, fixed))(both)
-    slopes = _joined(*at_z)
     size = jnp.sum(jnp.abs(slopes), axis=-1) + wrong
     f_slope, psi_slope = jnp.sum(slopes * e, axis=-1), jnp.sum(slopes * unit, axis=-1)
     loose = wrong * (jnp.sum(jnp.abs(e)) + off) + off * size
 
     def taken(slope: Array, loose: Array) -> Array:
-        up, down = jnp.maximum(slope + loose, 0.0) * z, jnp.maximum(-slope + loose, 0.0) * (1 - z)
+        up, down = jnp.maximum(slope + loose, 0.0) * before, jnp.maximum(-slope + loose, 0.0) * after
         return jnp.sum(jnp.where(fixed, 0.0, jnp.maximum(up, down))) * (1 + gamma(12, dtype))
 
     near = jnp.maximum(distance * (1 - gamma(24, dtype)) - off, 0.0)
@@ -263,19 +290,20 @@ def _by_convexity(sides: _Sides, at_z: tuple[NetJet, NetJet], z: Array) -> Array
     rest = jnp.maximum(near * near * (1 - gamma(8, dtype)) - less, 0.0)
     divisor = near + jnp.sqrt(rest) * (1 - gamma(8, dtype))
     by_f = near - less / jnp.where(divisor > 0, divisor, 1.0) * (1 + gamma(12, dtype))
-    by_psi = near - off - taken(psi_slope, 2 * wrong + jnp.zeros_like(loose)) * (1 + gamma(12, dtype))
+    by_psi = near - off - taken(psi_slope, 2 * wrong) * (1 + gamma(12, dtype))
     by_f = jnp.where(convex[0] & (rest > 0), by_f, 0.0)
     return jnp.maximum(by_f, jnp.where(convex[1] & (distance > 0), by_psi, 0.0))
 
 
-def _monotone(sides: _Sides, middle: tuple[NetJet, NetJet]) -> tuple[Array, Array]:
+def _monotone(sides: _Sides, middle: _PairAt) -> tuple[Array, Array]:
     """In which parameters F is proven to rise, and to fall, over the cell; its gradient is enclosed twice."""
     off, wrong, fixed = sides.off, sides.wrong, sides.fixed
     naive = dot(sides.first, Ball(sides.apart.mid[None], sides.apart.rad[None]))
-    slopes, e = _joined(*middle), _unit(middle)[0]
+    e, slopes, before, after = middle
     gradient, size, dtype = jnp.sum(slopes * e, axis=-1), jnp.sum(jnp.abs(slopes), axis=-1) + wrong, e.dtype
     loose = wrong * (jnp.sum(jnp.abs(e)) + off) + off * size + gamma(12, dtype) * size
-    spread = 0.5 * jnp.sum(jnp.where(fixed[None], 0.0, sides.of_f.size), axis=-1) * (1 + gamma(12, dtype)) + loose
+    reach = jnp.where(fixed, 0.0, jnp.maximum(before, after))
+    spread = jnp.sum(sides.of_f.size * reach, axis=-1) * (1 + gamma(12, dtype)) + loose
     low = jnp.maximum(naive.lower, gradient - spread * (1 + gamma(6, dtype)))
     high = jnp.minimum(naive.upper, gradient + spread * (1 + gamma(6, dtype)))
     return (low > 0) & ~fixed, (high < 0) & ~fixed
