@@ -4,6 +4,7 @@ import contextlib
 import io
 import multiprocessing
 import os
+import resource
 import shutil
 import sys
 from collections.abc import Sequence
@@ -23,8 +24,8 @@ _LOADED = (
     "matplotlib.pyplot",
     "beartype",
 )
-# Seconds that one test may take on a busy machine.
-_LONGEST = 240.0
+# Seconds that one test may take on a busy machine, and bytes.
+_LONGEST, _LARGEST = 240.0, 8 << 30
 # Added to pytest's status, so that no other end of a process looks like the end of a test.
 _RAN = 50
 # pytest's statuses: all passed, some failed, none was selected.
@@ -106,8 +107,9 @@ class Copy:
         process.start()
         process.join(_LONGEST)
         if process.is_alive():
+            # Some defects make a loop endless.
             process.kill()
-            process.join()
+            return _FAILED
         status = (process.exitcode or 0) - _RAN
         if status not in (_PASSED, _FAILED, _NONE):
             raise RuntimeError(f"{test} did not run: status {process.exitcode}.")
@@ -120,6 +122,7 @@ def _tested(folder: Path, test: str, markers: str) -> None:
     import pytest
 
     os.chdir(folder)
+    resource.setrlimit(resource.RLIMIT_DATA, (_LARGEST, _LARGEST))
     # Checking annotations takes several times as long as importing the package.
     jaxtyping.install_import_hook = lambda *_: None
     # This module belongs to the tests as they are; the copy has other modules of the same names.

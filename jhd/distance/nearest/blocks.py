@@ -26,8 +26,8 @@ from jhd.shapes.curve import BezierSegments
 _LONG = 512
 # Segments of a block, and queries of a group.
 _BLOCK, _GROUP = 64, 128
-# Segments that a query searches: few suffice where segments are nearly straight, more where they are not; then all.
-_LISTED = (8, 128)
+# Segments that are searched at once: of a query's own, few suffice where segments are nearly straight.
+_LISTED = 8
 # Blocks that are looked at for a guess; more are in reach only where very many segments are equally far.
 _GUESSED = 64
 
@@ -123,33 +123,74 @@ def guesses(blocks: Blocks, points: Array) -> tuple[Array, Array]:
     return blocks.segment[k, i], jax.vmap(square_and_parameter)(points, *rows)[1]
 
 
-def nearest_in_blocks(blocks: Blocks, points: Array, counts: tuple[int, ...] = _LISTED) -> NearestOnCurve:
+class _GroupLook(NamedTuple):
+    """How far a group has looked at the segments: a few of each query's own, then those of block after block.
+
+    Args:
+        found: the nearest points so far.
+        least: lower bounds of the distances to the segments looked at.
+        remaining: lower bounds of the distances to the blocks not begun.
+        block: the block that is looked at.
+        count: how often some segments were looked at.
+    """
+
+    found: NearestOnCurve
+    least: Array
+    remaining: Array
+    block: Array
+    count: Array
+
+
+def nearest_in_blocks(blocks: Blocks, points: Array) -> NearestOnCurve:
     """Proven nearest points, as by `nearest` on all segments, to the points of a group.
 
-    Each query searches the few segments with the smallest lower bounds, as many as the first of the counts; where
-    others are in its reach, the whole group searches more, and in the end all.
+    Each query searches the few segments with the smallest lower bounds. If others are in its reach, the whole group
+    looks at block after block, as many segments at once.
     """
-    lower, listed, rest, reach = _listed(blocks, points, counts[0])
-    curve = blocks.curve
+    lower, listed, rest, reach = _listed(blocks, points, _LISTED)
+    curve, parts = blocks.curve, _BLOCK // _LISTED
+    gaps, error = _gaps(blocks, points), chord_error(points.shape[1], points.dtype)
 
-    def among(_: None) -> NearestOnCurve:
-        def one(point: Array, segments: Array, lower: Array, rest: Array, reach: Array) -> NearestOnCurve:
-            weights = None if curve.weights is None else curve.weights[segments]
-            found = nearest(point, curve.control_points[segments], weights, 0.0, lower > reach)
-            # Those left out are at least as far as the bound that left them out.
-            least = jnp.minimum(found.lower, jnp.minimum(jnp.min(jnp.where(lower > reach, lower, jnp.inf)), rest))
-            return eqx.tree_at(lambda n: (n.lower, n.segment), found, (least, segments[found.segment]))
+    def going(state: _GroupLook) -> Array:
+        upper = jnp.minimum(reach, state.found.upper)
+        within = jnp.any(rest <= upper) & (jnp.min(state.remaining) <= jnp.max(upper))
+        return (state.count == 0) | ((state.count - 1) % parts > 0) | within
 
-        return jax.vmap(one)(points, listed, lower, rest, reach)
+    def step(state: _GroupLook) -> _GroupLook:
+        first, part = state.count == 0, (state.count - 1) % parts
+        new = ~first & (part == 0)
+        block = jnp.where(new, jnp.argmin(state.remaining), state.block)
+        distance = jnp.sqrt(_to_chords(blocks, block, points)[0])
+        # Repeated segments have no upper bound and none below.
+        bounds = jnp.where(jnp.isinf(blocks.delta[block]), jnp.inf, (distance.T - blocks.delta[block]) - error)
+        low, segments = (
+            jax.lax.dynamic_slice_in_dim(x, part * _LISTED, _LISTED, -1) for x in (bounds, blocks.segment[block])
+        )
+        low, segments = jnp.where(first, lower, low), jnp.where(first, listed, segments)
+        # Those passed over are at least as far as the bound that they are passed over for.
+        skip = low > jnp.minimum(reach, state.found.upper)[:, None]
+        weights = None if curve.weights is None else curve.weights[segments]
+        control_points = curve.control_points[segments]
+        found = jax.vmap(lambda p, c, w, skip: nearest(p, c, w, 0.0, skip))(points, control_points, weights, skip)
+        least = jnp.minimum(found.lower, jnp.min(jnp.where(skip, low, jnp.inf), axis=1))
+        at = jnp.take_along_axis(segments, found.segment[:, None], axis=1)[:, 0]
+        found = _nearer(state.found, eqx.tree_at(lambda n: n.segment, found, at))
+        remaining = jnp.where(new, state.remaining.at[block].set(jnp.inf), state.remaining)
+        return _GroupLook(found, jnp.minimum(least, state.least), remaining, block, state.count + 1)
 
-    def among_more(_: None) -> NearestOnCurve:
-        if counts[1:]:
-            return nearest_in_blocks(blocks, points, counts[1:])
-        skip = repeated(curve.control_points, curve.weights)
-        # One after the other: side by side, those of a group would hold tables of all segments for each of them.
-        return jax.lax.map(lambda p: nearest(p, curve.control_points, curve.weights, 0.0, skip), points)
+    none, zero, dtype = jnp.full_like(reach, jnp.inf), jnp.zeros(reach.shape, int), reach.dtype
+    nothing = NearestOnCurve(none, none, none, zero, jnp.zeros(reach.shape, dtype), jnp.full(reach.shape, True), zero)
+    start = _GroupLook(nothing, none, gaps, jnp.array(0), jnp.array(0))
+    end = jax.lax.while_loop(going, step, varying(start, blocks, points))
+    found, beyond = end.found, jnp.maximum(rest, jnp.min(end.remaining))
+    return eqx.tree_at(lambda n: n.lower, found, jnp.minimum(jnp.minimum(end.least, beyond), found.upper))
 
-    return jax.lax.cond(jnp.any(rest <= reach), among_more, among, None)
+
+def _nearer(old: NearestOnCurve, new: NearestOnCurve) -> NearestOnCurve:
+    """The nearer one of two for each query; closed where both are."""
+    better = new.upper < old.upper
+    found = jax.tree_util.tree_map(lambda x, y: jnp.where(better, x, y), new, old)
+    return eqx.tree_at(lambda n: (n.closed, n.steps), found, (old.closed & new.closed, old.steps + new.steps))
 
 
 def _listed(blocks: Blocks, points: Array, most: int) -> tuple[Array, Array, Array, Array]:
@@ -194,9 +235,7 @@ def _nearest_first(
     Returns:
         A lower bound of the distance to all segments of the blocks not looked at, and what was found.
     """
-    low, high = jnp.min(points, axis=0), jnp.max(points, axis=0)
-    gaps = jnp.maximum(jnp.maximum(blocks.lower - high, low - blocks.upper), 0.0)
-    lower = jnp.sqrt(jnp.sum(gaps * gaps, axis=1)) - chord_error(points.shape[1], points.dtype)
+    lower = _gaps(blocks, points)
     most = lower.size if most is None else most
 
     def going(state: tuple[Array, Any, Array]) -> Array:
@@ -211,6 +250,13 @@ def _nearest_first(
     state = varying((lower, start, jnp.array(0)), blocks, points)
     lower, found, _ = jax.lax.while_loop(going, step, state)
     return jnp.min(lower), found
+
+
+def _gaps(blocks: Blocks, points: Array) -> Array:
+    """Lower bounds of the distances of all points of a group to each block."""
+    low, high = jnp.min(points, axis=0), jnp.max(points, axis=0)
+    gaps = jnp.maximum(jnp.maximum(blocks.lower - high, low - blocks.upper), 0.0)
+    return jnp.sqrt(jnp.sum(gaps * gaps, axis=1)) - chord_error(points.shape[1], points.dtype)
 
 
 def _to_chords(blocks: Blocks, k: Array, points: Array) -> tuple[Array, Array]:
