@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from jhd.distance.certificate.certificate import Certificate
-from jhd.distance.certificate.host import plain_shape
+from jhd.distance.certificate.sides import plain_shape
 from jhd.distance.certificate.verification import CertificateError, Proven, digest, opened, verify
 from jhd.io.errors import ParseError
 

@@ -1,44 +1,38 @@
 """Certificates: bounds of a Hausdorff distance together with what proves them, to be checked by anyone later.
 
-`certify` makes one from the shapes and a solution, on the host and in a way of its own: cells cover the shapes breadth
-first (jhd.distance.certificate.covering for two curves, surface_cover beside it where there is a polynomial surface,
-subdivision for all other pairs), and
-the lower bound is proven at one place. What it returns has been checked
-exactly while it was made; `Certificate.verify` checks all of it again, by jhd.distance.certificate.verification alone.
+`certify` makes one from the shapes and a solution, on the host and in a way of its own. Cells cover the shapes (see
+jhd.distance.certificate.subdivision, and surface_cover for pairs with an implicit surface), and one point proves the
+lower bound. The result has been checked exactly while it was made; `Certificate.verify` checks all of it again with
+jhd.distance.certificate.verification alone.
 """
 
 import gzip
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError
+from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.files import replace_file
 from jhd.decimals import lower_text, upper_text
-from jhd.distance.certificate.covering import Measure, UncoveredError, cover
-from jhd.distance.certificate.curve_witness import witness_of
-from jhd.distance.certificate.host import host, plain_shape
 from jhd.distance.certificate.mixes import (
     Report,
-    ToProve,
     asked_of,
     bounds_of_minimum,
     default_atol,
     prove_minimum,
     prove_mix,
 )
+from jhd.distance.certificate.sides import plain_shape
 from jhd.distance.certificate.surface_mixes import prove_surface_minimum, prove_surface_mix
 from jhd.distance.certificate.verification.proofs import NAMES, Proven, verify
 from jhd.distance.certificate.verification.reading import lines_of
-from jhd.distance.certificate.verification.structure import FORMAT, KINDS, VERSION, check_content, digest
+from jhd.distance.certificate.verification.structure import FORMAT, VERSION, check_content, digest
 from jhd.distance.certificate.verification.surface_structure import LARGEST, LARGEST_IN_ALL
-from jhd.distance.frame.curves import prepare
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
@@ -180,34 +174,12 @@ def certify(
     else:
         slack = _checked_atol(atol, a, b, sharp=curves or isinstance(solution, Decision))
         asked = asked_of(solution, directed, slack)
-        prove: Any = prove_surface_mix if surfaces else _prove_curves if curves else prove_mix
+        prove: Any = prove_surface_mix if surfaces else prove_mix
         cells, witness = prove(a, b, asked, max_cells, report)
         upper = asked.upper if math.isfinite(asked.upper) else None
         claim = {"kind": asked.kind, "lower": asked.lower, "upper": upper}
         found = {"claim": claim, "orders": None, "cells": cells, "witness": witness}
     return Certificate({"format": FORMAT, "version": VERSION, "a": plain_shape(a), "b": plain_shape(b), **found})
-
-
-def _prove_curves(
-    a: AbstractCurve, b: AbstractCurve, asked: ToProve, max_cells: int, report: Report
-) -> tuple[Any, Any]:
-    """As `prove_mix`, by maps of higher degree, which follow feet so closely that no slack is needed."""
-    x, y = a.segments(), b.segments()
-    p, q, frame = prepare(x, y)
-    first, second = host(x, frame), host(y, frame)
-    measures = {"a_to_b": Measure(first, second, q), "b_to_a": Measure(second, first, p)}
-    cells: dict[str, Any] = {}
-    for direction in KINDS[asked.kind] if math.isfinite(asked.upper) else ():
-        try:
-            cells[direction] = cover(measures[direction], asked.upper, frame, max_cells, partial(report, direction))
-        except UncoveredError as error:
-            reason = f"The upper bound {upper_text(asked.upper)} is not proven, {direction}: {error}"
-            raise NotProvenError(reason, asked.solution) from error
-    witness = None
-    if asked.lower > 0:
-        wanted = {name: measures[name] for name in KINDS[asked.kind]}
-        witness = witness_of(asked.solution, asked.lower, wanted, frame)
-    return cells or None, witness
 
 
 def _check_arguments(a: object, b: object, solution: object, max_cells: object) -> None:

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd.distance.certificate.covering import UncoveredError
 from jhd.distance.certificate.sides import ShapeSide, on_triangle
+from jhd.distance.certificate.subdivision import UncoveredError
 from jhd.distance.certificate.verification.apart import Ordered, PartOfShape, failure_of_plane, whole_box
 from jhd.distance.certificate.verification.pieces import difference
 from jhd.distance.certificate.verification.proofs import failure_at_most, point_of
@@ -56,7 +56,7 @@ class _PartsInFloats:
         if part.box is None:
             return self._points[part.first : part.last].reshape(-1, self._points.shape[-1])
         rows = np.array([[x / w for x in row] for row, w in self.exact.points(part)])
-        return np.ldexp(rows, -self._side.exponent)
+        return self._side.scaled(rows)
 
     def length(self, part: PartOfShape, letter: str) -> float:
         """How long the part is in the direction of a cut."""
@@ -99,7 +99,7 @@ def keep_apart(
 
     Args:
         a: one shape.
-        b: the other one, with the same exponent.
+        b: the other one, with the same exponent and center.
         direction: from the place of a that is nearest to b to that of b, about.
         lower: the bound to prove, above zero, in the unit of the stored arrays.
         max_cells: most pairs, before it is given up.
@@ -245,7 +245,7 @@ def closest_places(
         points: about the nearest points of both, in the unit of the stored arrays.
         upper: the bound.
     """
-    sides, scaled = (a, b), [np.ldexp(x, -a.exponent)[None] for x in points]
+    sides, scaled = (a, b), [a.scaled(x)[None] for x in points]
     # Both points lie on their shapes: a near foot that is apart from its point is not the nearest.
     feet = [side.feet_within(x, _ON_SHAPE) for side, x in zip(sides, scaled, strict=True)]
     for _ in range(_ROUNDS):

@@ -16,10 +16,8 @@ import numpy as np
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError, name_of
 from jhd.decimals import lower_text, upper_text
 from jhd.distance.certificate.closest_pairs import closest_places, keep_apart
-from jhd.distance.certificate.covering import UncoveredError
-from jhd.distance.certificate.host import plain_shape
-from jhd.distance.certificate.sides import ShapeSide, on_triangle
-from jhd.distance.certificate.subdivision import CellCover, cover_by_cells, far_places
+from jhd.distance.certificate.sides import ShapeSide, on_triangle, plain_shape
+from jhd.distance.certificate.subdivision import CellCover, UncoveredError, cover_by_cells, far_places
 from jhd.distance.certificate.verification.proofs import failure_of_witness, point_of
 from jhd.distance.certificate.verification.structure import KINDS
 
@@ -69,8 +67,8 @@ def prove_mix(a: Any, b: Any, asked: ToProve, max_cells: int, report: Report) ->
     Raises:
         NotProvenError: a bound could not be proven of these shapes, or takes more cells.
     """
-    exponent = _exponent(a, b)
-    sides = {"a": ShapeSide(a, exponent), "b": ShapeSide(b, exponent)}
+    frame = _frame(a, b)
+    sides = {"a": ShapeSide(a, *frame), "b": ShapeSide(b, *frame)}
     covers: dict[str, CellCover] = {}
     for direction in KINDS[asked.kind] if math.isfinite(asked.upper) else ():
         source, target = sides[direction[0]], sides[direction[-1]]
@@ -153,8 +151,8 @@ def prove_minimum(
     Raises:
         NotProvenError: a bound of the solution could not be proven of these shapes to within atol, or takes more pairs.
     """
-    exponent = _exponent(a, b)
-    first, second = ShapeSide(a, exponent), ShapeSide(b, exponent)
+    frame = _frame(a, b)
+    first, second = ShapeSide(a, *frame), ShapeSide(b, *frame)
     points = tuple(np.asarray(x, float) for x in (solution.point_a, solution.point_b))
     lower, upper = bounds_of_minimum(solution, atol)
     witness, cells, orders = None, None, {"a": None, "b": None}
@@ -175,6 +173,7 @@ def prove_minimum(
     return {"claim": claim, "orders": orders, "cells": cells, "witness": witness}
 
 
-def _exponent(a: Any, b: Any) -> int:
-    """That of a power of two by which coordinates are divided."""
-    return int(math.frexp(max(float(np.max(np.abs(_ends(a, b)))), 1e-300))[1])
+def _frame(a: Any, b: Any) -> tuple[int, np.ndarray]:
+    """The power of two by which coordinates are divided, and the middle of the box of both shapes."""
+    low, high = _ends(a, b)
+    return int(math.frexp(max(float(np.max(0.5 * high - 0.5 * low)), 1e-300))[1]), 0.5 * low + 0.5 * high

@@ -1,7 +1,7 @@
 """Shapes of every kind on the host: places, points and feet in floating point, and the pieces in integers.
 
-Coordinates are divided by a power of two that leaves at most about one, so that squares are numbers. What is proposed
-here is checked in integers on the stored arrays; nothing is proven here.
+Coordinates are moved to a center and divided by a power of two that leaves at most about one, so that squares are
+numbers. What is proposed here is checked in integers on the stored arrays; nothing is proven here.
 """
 
 import itertools
@@ -12,19 +12,44 @@ import numpy as np
 
 from jhd.arithmetic.bernstein import basis
 from jhd.arithmetic.scaling import unit_weights
-from jhd.distance.certificate.host import plain_shape
 from jhd.distance.certificate.verification.pieces import pieces_of
+from jhd.distance.certificate.verification.structure import digest
+from jhd.distance.frame.jets import CurveJet, polynomial_jet, quotient
+from jhd.distance.nearest.feet import equation_of, gauss_newton
 from jhd.distance.nearest.target import curve_in_space, in_space
 from jhd.distance.search.targets import target_of
 from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 
 # Steps of Newton's method for a foot, and the shares of a step that are tried.
 _STEPS, _SHARES = 10, (1.0, 0.3, 0.05)
+# Steps of Newton's method for a foot on a curve.
+_CURVE_STEPS = 6
 # Parameters nearer than this to an end of their interval are put on it.
-_SNAP = 1e-13
+_SNAP = 1e-15
 # Points measured at once are filled up to powers of two from here on, for which programs are few.
 _LEAST_POINTS = 64
+
+
+def plain_shape(shape: Any) -> dict[str, Any]:
+    """The arrays of a shape in the form in which certificates hold them, with their hash."""
+    if isinstance(shape, ImplicitSurface):
+        plain = {"kind": "surface", "coefficients": _rows(shape.coefficients)}
+        plain |= {"lower": _rows(shape.lower), "upper": _rows(shape.upper)}
+    elif isinstance(shape, TriangleMesh):
+        plain = {"kind": "mesh", "vertices": _rows(shape.vertices), "triangles": _rows(shape.triangles)}
+    else:
+        is_curve = isinstance(shape, AbstractCurve)
+        working = shape.segments() if is_curve else shape.patches()
+        weights = None if working.weights is None else _rows(working.weights)
+        kind = "curve" if is_curve else "patches"
+        plain = {"kind": kind, "control_points": _rows(working.control_points), "weights": weights}
+    return {**plain, "sha256": digest(plain)}
+
+
+def _rows(numbers: Any) -> list[Any]:
+    return np.asarray(numbers).tolist()
 
 
 class NearFeet(NamedTuple):
@@ -41,11 +66,12 @@ class ShapeSide:
     Args:
         shape: points, a curve, a parametric surface or a mesh.
         exponent: coordinates are divided by its power of two.
+        center: subtracted before.
     """
 
-    def __init__(self, shape: Any, exponent: int):
+    def __init__(self, shape: Any, exponent: int = 0, center: Any = 0.0):
         plain = plain_shape(shape)
-        self.exponent = exponent
+        self.exponent, self.center = exponent, center
         self.exact = pieces_of(plain)
         self.corners, self.degrees = self.exact[0].corners, self.exact[0].degrees
         # Feet are looked for in space, also of plane curves.
@@ -55,11 +81,20 @@ class ShapeSide:
             points = np.asarray(plain["vertices"], float)[np.asarray(plain["triangles"])]
         else:
             points = np.asarray(plain["control_points"], float)
-        points = np.ldexp(points, -exponent)
+        points = self.scaled(points)
         weights = np.ones(points.shape[:-1])
-        if plain.get("weights") is not None:
+        self.is_rational = plain.get("weights") is not None
+        if self.is_rational:
             weights = unit_weights(np.asarray(plain["weights"]), tuple(range(points.ndim - 1)))
         self.rows = np.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
+
+    def scaled(self, points: np.ndarray) -> np.ndarray:
+        """Points that are given in the unit of the stored arrays."""
+        return np.ldexp(points - self.center, -self.exponent)
+
+    def stored(self, points: np.ndarray) -> np.ndarray:
+        """Points in the unit of the stored arrays."""
+        return np.ldexp(points, self.exponent) + self.center
 
     @property
     def cell_corners(self) -> int:
@@ -73,7 +108,7 @@ class ShapeSide:
 
     def points(self, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
         """The points of places: pieces (n,), parameters (n, parameters)."""
-        return self._jets(piece, x, 0)[0]
+        return self.jets(piece, x, 0)[0]
 
     def weights(self, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
         """The weights of places, times one number for all pieces."""
@@ -88,7 +123,7 @@ class ShapeSide:
         """Feet of points: near ones, or the nearest, which takes longer."""
         count = len(points)
         rows = points[np.minimum(np.arange(max(_LEAST_POINTS, 1 << (count - 1).bit_length())), count - 1)]
-        user = in_space(np.ldexp(rows, self.exponent))
+        user = in_space(self.stored(rows))
         found = self._target.nearest(user) if proven else self._target.near(user)
         t = np.asarray(found.t, float).reshape(len(rows), np.size(found.t) // len(rows))[:count]
         x = t[:, 1:] if self._triangles else t[:, : self.parameters]
@@ -112,25 +147,41 @@ class ShapeSide:
         x = np.where(draw.uniform(size=x.shape) < 0.3, np.round(x), x)
         if self._triangles:
             x = np.where(x.sum(axis=1, keepdims=True) > 1, 1 - x, x)
-        return np.ldexp(self.points(piece, x), self.exponent)
+        return self.stored(self.points(piece, x))
 
     def beside(self, points: np.ndarray) -> np.ndarray:
         """Points of the shape near some points."""
-        found = self.feet(np.ldexp(points, -self.exponent))
-        return np.ldexp(self.points(found.piece, found.x), self.exponent)
+        found = self.feet(self.scaled(points))
+        return self.stored(self.points(found.piece, found.x))
 
     def local(self, piece: np.ndarray, x: np.ndarray, points: np.ndarray) -> NearFeet:
         """The feet of points on named pieces, near the parameters given; on triangles the nearest places."""
         if self._triangles:
             x = _on_triangles(self.rows[piece, :, :-1], points)
+        elif self.parameters == 1:
+            x = self._on_curve(piece, x, points)
         elif self.parameters:
             x = self._stationary(piece, x, points)
         e = self.points(piece, x) - points
         return NearFeet(piece, x, np.sqrt(np.sum(e * e, axis=-1)))
 
+    def _on_curve(self, piece: np.ndarray, x: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """The places at which Newton's method ends, or where it started if this is nearer."""
+        s = x[:, 0]
+        for _ in range(_CURVE_STEPS):
+            s = gauss_newton(s, equation_of(points, self.curve_jet(piece, s)))
+        ended = np.where(s < _SNAP, 0.0, np.where(s > 1 - _SNAP, 1.0, s))[:, None]
+        before, after = (np.sum((self.points(piece, each) - points) ** 2, axis=-1) for each in (x, ended))
+        return np.where((before < after)[:, None], x, ended)
+
+    def curve_jet(self, piece: np.ndarray, s: np.ndarray) -> CurveJet:
+        """Points, velocities and accelerations of a curve at one parameter each."""
+        rows = polynomial_jet(np.moveaxis(self.rows[piece], -2, 0), s[:, None])
+        return quotient(CurveJet(*(x[:, :-1] for x in rows)), CurveJet(*(x[:, -1:] for x in rows)))
+
     def _stationary(self, piece: np.ndarray, x: np.ndarray, points: np.ndarray) -> np.ndarray:
         for _ in range(_STEPS):
-            value, first, second = self._jets(piece, x, 2)
+            value, first, second = self.jets(piece, x, 2)
             e = value - points
             slope = np.einsum("nd,nid->ni", e, first)
             held = ((x <= 0) & (slope > 0)) | ((x >= 1) & (slope < 0))
@@ -141,7 +192,7 @@ class ShapeSide:
             x = np.stack(tried[::-1])[best, np.arange(len(x))]
         return np.where(x < _SNAP, 0.0, np.where(x > 1 - _SNAP, 1.0, x))
 
-    def _jets(self, piece: np.ndarray, x: np.ndarray, order: int) -> list[Any]:
+    def jets(self, piece: np.ndarray, x: np.ndarray, order: int) -> list[Any]:
         """Points, and up to the order their derivatives in the parameters, (n, i, dim) and (n, i, j, dim)."""
         rows = self.rows[piece]
         if self._triangles:
@@ -184,8 +235,9 @@ def _bases(degree: int, t: np.ndarray, order: int) -> list[np.ndarray]:
             continue
         values = basis(degree - k, t)
         for n in range(degree - k + 1, degree + 1):
-            padded = np.pad(values, ((0, 0), (1, 1)))
-            values = n * (padded[:, :-1] - padded[:, 1:])
+            lower, values = values, np.zeros((len(t), n + 1))
+            values[:, 1:] += n * lower
+            values[:, :-1] -= n * lower
         found.append(values)
     return found
 

@@ -1,10 +1,15 @@
-"""Cells of a certificate for shapes of every kind: parts of a with affine maps into b, cut until integers accept them.
+"""Cells of a certificate for shapes of every kind: parts of a with maps into b, cut until integers accept them.
 
-All of a is cut breadth first, cells between the two corners that are farthest apart. The feet of the corners say which
-pieces of b are near; each of them, followed over the other corners, makes one map. The distance to one of the maps may
-be small enough; where two or more are needed, as along the lines from which two parts of b are equally far, a linear
-programme over samples of the cell finds multipliers that are affine. What is found in floating point is checked exactly
-by jhd.distance.certificate.verification.
+The whole of a is cut breadth first. The feet of the corners of a cell say which pieces of b are near, and each foot,
+followed over the other corners, makes one affine map. The distance to one of the maps may be small enough. If several
+maps are needed, for example along the lines from which two parts of b are equally far, a linear programme over samples
+of the cell finds affine multipliers. A cell without a proof is cut between the two corners that are farthest apart.
+
+Between two curves no multipliers are needed. A foot makes two more maps there, with the speeds of the foot at both ends
+of the cell (as in jhd.distance.cells.branches): a Moebius map if one of the curves is rational, and a cubic one. A cell
+is cut where the distance is largest, which is where an exact bound needs a cut.
+
+All of this is floating point; jhd.distance.certificate.verification checks the result exactly.
 
 Source: METHODS in the sense of Alt, Behrends & Bloemer for the covering; the multipliers are those of the S-procedure.
 """
@@ -14,7 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd.distance.certificate.covering import UncoveredError
+from jhd.arithmetic.bernstein import basis
+from jhd.distance.cells.branches import hermite, moebius_weights
 from jhd.distance.certificate.multipliers import multipliers
 from jhd.distance.certificate.sides import NearFeet, ShapeSide
 from jhd.distance.certificate.verification.cells import MOST_CUTS, half, roots
@@ -22,21 +28,40 @@ from jhd.distance.certificate.verification.pieces import composed, difference, s
 from jhd.distance.certificate.verification.polynomials import exponents
 from jhd.distance.certificate.verification.proofs import failure_at_most
 from jhd.distance.certificate.verification.structure import MOST_FEET
+from jhd.distance.nearest.feet import dot, equation_of, foot_speed
 
 # Parts into which an exact check may cut a cell here, with one foot and with several; what takes more is cut as a cell.
 _PARTS = {1: 60, 2: 300, 3: 300, 4: 300}
 # Degrees of the grids on which maps are compared: on an interval, on a triangle.
 _GRIDS = {1: 0, 2: 12, 3: 6}
-# Places of feet are rounded to multiples of this, which keeps integers short: the distance changes by its square.
+# Parameters of feet are rounded to multiples of this, which keeps integers short: the distance changes by its square.
+# Feet of curves on curves keep all digits: their distance may be less than the rounding of a parameter.
 _BITS = 2.0**36
-# A sample this much above the bound, as a share of it, rejects a map without an exact check.
+# A sample this much above the bound, as a share of it and in the unit of coordinates, rejects a map without a check.
 _SURELY = 1e-13
+# Samples of an interval among which its peak is looked for.
+_NODES = np.linspace(0.0, 1.0, 13)
+# Steps of Newton's method for the peak, among three candidates and for the chosen one alone.
+_PEAK_STEPS, _LAST_STEPS = 4, 4
+# Halvings that find a parameter to its last digit.
+_BISECTIONS = 54
+# Rounding of a squared distance: what is larger by less is no higher peak.
+_ROUNDING = 1e-14
+# A cut this near to an end is none, nor is one at a smooth peak this share of the interval away: there it is flat.
+_AT_END, _FLAT = 4e-16, 1e-9
+# A cut nearer to an end than this share of the interval is not the only one.
+_NEAR_END = 0.05
 # Maps whose parameters are nearer than this are one.
 _ALIKE = 1e-9
-# Cells that are cut in one generation, and generations, where far places alone are looked for.
-_BEAM, _GENERATIONS = 48, 24
+# Cells that are cut in one generation, and generations by the number of corners, if only far places are looked for.
+_BEAM = {1: 0, 2: 16, 3: 48}
+_GENERATIONS = {1: 0, 2: 48, 3: 24}
 # The letters of the halves of a triangle, for each pair of corners between which it is cut.
 _LETTERS = {(0, 1): "ab", (0, 2): "cd", (1, 2): "ef"}
+
+
+class UncoveredError(Exception):
+    """The cells did not get below the bound; the message says where or why."""
 
 
 class CellCover(NamedTuple):
@@ -67,11 +92,20 @@ class _Open(NamedTuple):
 
 
 class _Maps(NamedTuple):
-    """Maps of each cell: the piece of b, the parameters of the feet of the corners, squared distances on the grid."""
+    """Maps of each cell: the piece of b, the parameters of feet, squared distances on the grid.
+
+    The parameters are Bernstein coefficients, those of an affine map the feet of the corners. If there are weights, the
+    coefficients are multiplied with them.
+    """
 
     piece: np.ndarray
     x: np.ndarray
+    weights: np.ndarray | None
     squares: np.ndarray
+
+    def take(self, index: np.ndarray) -> "_Maps":
+        """The maps of some cells."""
+        return _Maps(*(None if rows is None else rows[index] for rows in self))
 
 
 def cover_by_cells(
@@ -81,7 +115,7 @@ def cover_by_cells(
 
     Args:
         source: the shape that is covered.
-        target: the other one, with the same exponent.
+        target: the other one, with the same exponent and center.
         upper: the bound to prove, in the unit of the stored arrays.
         max_cells: most cells, before it is given up.
         report: called after each generation with the numbers of proven and of open cells.
@@ -91,27 +125,33 @@ def cover_by_cells(
     """
     limit = float(np.ldexp(upper, -source.exponent))
     cells, entries, known = _first(source, target, limit), [], _Known()
-    while len(cells.piece):
+    while True:
         known.add(cells)
-        maps = _maps(source, target, cells)
-        found = _accepted(source, target, cells, maps, upper, limit)
+        maps, curved = _maps(source, target, cells)
+        found = _accepted(source, target, cells, maps, curved, upper, limit)
         entries += [entry for entry in found if entry is not None]
-        rest = np.array([entry is None for entry in found])
-        report(len(entries), int(rest.sum()))
-        if len(entries) + rest.sum() > max_cells:
+        rest = np.flatnonzero([entry is None for entry in found])
+        report(len(entries), len(rest))
+        if len(entries) + len(rest) > max_cells:
             raise UncoveredError(f"more than {max_cells} cells are needed: raise max_cells, or atol.")
-        cells = _with_starts(cells, maps).take(np.flatnonzero(rest))
-        cells = _halves(source, target, cells, limit)
+        if not len(rest):
+            break
+        cells, maps, cuts = cells.take(rest), [each.take(rest) for each in maps], None
+        if source.cell_corners == 2:
+            cuts = _cuts(source, target, cells, maps, limit)
+        if not _are_curves(source, target):
+            cells = _with_starts(cells, maps)
+        cells = _parts(source, target, cells, limit, cuts)
     return CellCover(sorted(entries, key=lambda entry: (entry["piece"], entry["cell"] or [])), known.farthest())
 
 
 def far_places(source: ShapeSide, target: ShapeSide) -> list[tuple[int, np.ndarray]]:
     """Places of the source that are far from the target, the farthest first: corners of cells about them are cut on."""
-    cells, known = _first(source, target, np.inf), _Known()
+    cells, known = _first(source, target), _Known()
     known.add(cells)
-    for _ in range(_GENERATIONS if source.cell_corners > 1 else 0):
-        farthest = np.argsort(-np.max(cells.feet.distance, axis=1))[:_BEAM]
-        cells = _halves(source, target, cells.take(farthest), np.inf)
+    for _ in range(_GENERATIONS[source.cell_corners]):
+        farthest = np.argsort(-np.max(cells.feet.distance, axis=1))[: _BEAM[source.cell_corners]]
+        cells = _parts(source, target, cells.take(farthest))
         known.add(cells)
     return known.farthest()
 
@@ -139,7 +179,7 @@ class _Known:
         return [(int(key[0]), np.array(key[1:], float)) for key in self.rows]
 
 
-def _first(source: ShapeSide, target: ShapeSide, limit: float) -> _Open:
+def _first(source: ShapeSide, target: ShapeSide, limit: float | None = None) -> _Open:
     """The pieces as cells; patches as two triangles each."""
     pieces = np.arange(len(source.exact))
     if source.cell_corners < 3:
@@ -153,9 +193,9 @@ def _first(source: ShapeSide, target: ShapeSide, limit: float) -> _Open:
 
 
 def _measured(
-    source: ShapeSide, target: ShapeSide, piece: np.ndarray, name: np.ndarray, x: np.ndarray, limit: float
+    source: ShapeSide, target: ShapeSide, piece: np.ndarray, name: np.ndarray, x: np.ndarray, limit: float | None
 ) -> _Open:
-    """The cells with points and feet of their corners; each place is measured once.
+    """The cells with points and feet of their corners; each place is measured once, without a limit exactly.
 
     Raises:
         UncoveredError: one of them is farther away than the limit.
@@ -165,9 +205,9 @@ def _measured(
     unique, back = np.unique(rows, axis=0, return_inverse=True)
     back = back.reshape(-1)
     points = source.points(unique[:, 0].astype(int), unique[:, 1:])
-    feet = target.feet_within(points, limit)
+    feet = target.feet(points, proven=True) if limit is None else target.feet_within(points, limit)
     worst = int(np.argmax(feet.distance))
-    if feet.distance[worst] > limit * (1 + 1e-12) + 1e-14:
+    if limit is not None and feet.distance[worst] > limit * (1 + 1e-12) + 1e-14:
         raise UncoveredError(f"piece {int(unique[worst, 0])} at {unique[worst, 1:].tolist()} is farther away.")
     shaped = NearFeet(*(rows[back].reshape(count, corners, *rows.shape[1:]) for rows in feet))
     return _Open(piece, name, x, points[back].reshape(count, corners, -1), shaped, shaped)
@@ -182,25 +222,67 @@ def _grid(corners: int) -> np.ndarray:
     return np.array(exponents(corners, degree), float) / degree
 
 
-def _maps(source: ShapeSide, target: ShapeSide, cells: _Open) -> list[_Maps]:
-    """For each corner the map that follows its foot, and those from the other starts."""
-    grid, corners = _grid(source.cell_corners), cells.x.shape[1]
-    samples, count = len(grid), len(cells.piece)
-    places = np.einsum("sk,nkp->nsp", grid, cells.x).reshape(count * samples, cells.x.shape[-1])
-    points = source.points(np.repeat(cells.piece, samples), places)
+def _maps(source: ShapeSide, target: ShapeSide, cells: _Open) -> tuple[list[_Maps], list[_Maps]]:
+    """For each corner the affine map that follows its foot, and those from the other starts; the curved maps."""
+    if _are_curves(source, target):
+        branches = [_branch(source, target, cells, k) for k in range(2)]
+        return [maps[0] for maps in branches], [each for maps in branches for each in maps[1:]]
     found = []
     pieces = np.concatenate([cells.feet.piece, cells.more.piece], axis=1)
     starts = np.concatenate([cells.feet.x, cells.more.x], axis=1)
     for k in range(pieces.shape[1]):
         piece, rows = pieces[:, k], []
-        for j in range(corners):
+        for j in range(cells.x.shape[1]):
             followed = starts[:, k] if j == k else target.local(piece, starts[:, k], cells.points[:, j]).x
             rows.append(_rounded(target, followed))
-        x = np.stack(rows, axis=1)
-        feet = np.einsum("sk,nkp->nsp", grid, x).reshape(count * samples, x.shape[-1])
-        e = points - target.points(np.repeat(piece, samples), feet)
-        found.append(_Maps(piece, x, np.sum(e * e, axis=-1).reshape(count, samples)))
-    return found
+        found.append(_with_squares(source, target, cells, piece, np.stack(rows, axis=1)))
+    return found, []
+
+
+def _are_curves(source: ShapeSide, target: ShapeSide) -> bool:
+    return source.corners == target.corners == (2,)
+
+
+def _branch(source: ShapeSide, target: ShapeSide, cells: _Open, k: int) -> list[_Maps]:
+    """The maps between two curves that follow the foot of corner k: affine, Moebius if needed, and cubic."""
+    piece, s = cells.feet.piece[:, k], cells.feet.x[:, k, 0]
+    speed = _speeds(source, target, cells, piece, s, k)
+    guess = np.clip(s - speed if k else s + speed, 0.0, 1.0)
+    other = target.local(piece, guess[:, None], cells.points[:, 1 - k]).x[:, 0]
+    ends, speeds = [s, other], [speed, _speeds(source, target, cells, piece, other, 1 - k)]
+    if k:
+        ends, speeds = ends[::-1], speeds[::-1]
+    x = np.stack(ends, axis=1)[..., None]
+    found = [_with_squares(source, target, cells, piece, x)]
+    if source.is_rational or target.is_rational:
+        weights = moebius_weights(*speeds)
+        found.append(_with_squares(source, target, cells, piece, x * weights[..., None], weights))
+    return [*found, _with_squares(source, target, cells, piece, hermite(*ends, *speeds)[..., None])]
+
+
+def _speeds(source: ShapeSide, target: ShapeSide, cells: _Open, piece: np.ndarray, s: np.ndarray, k: int) -> np.ndarray:
+    """How fast feet of corner k on curves move, in parameters over the length of the cell."""
+    width = cells.x[:, 1, 0] - cells.x[:, 0, 0]
+    point, velocity, _ = source.curve_jet(cells.piece, cells.x[:, k, 0])
+    return width * foot_speed(s, equation_of(point, target.curve_jet(piece, s)), velocity, width)
+
+
+def _with_squares(
+    source: ShapeSide, target: ShapeSide, cells: _Open, piece: np.ndarray, x: np.ndarray, weights: Any = None
+) -> _Maps:
+    """The maps with the squared distances on the grid."""
+    grid = _grid(source.cell_corners)
+    shares = grid if x.shape[1] == grid.shape[1] else basis(x.shape[1] - 1, grid[:, 1])
+    feet = np.einsum("sk,nkp->nsp", shares, x)
+    feet = feet if weights is None else feet / (weights @ shares.T)[..., None]
+    e = _sampled(source, cells.piece, np.einsum("sk,nkp->nsp", grid, cells.x)) - _sampled(target, piece, feet)
+    return _Maps(piece, x, weights, np.sum(e * e, axis=-1))
+
+
+def _sampled(side: ShapeSide, piece: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Points of a shape at parameters (cells, samples, parameters), those of a cell on one piece."""
+    count, samples, width = x.shape
+    return side.points(np.repeat(piece, samples), x.reshape(count * samples, width)).reshape(count, samples, -1)
 
 
 def _rounded(target: ShapeSide, x: np.ndarray) -> np.ndarray:
@@ -212,21 +294,27 @@ def _rounded(target: ShapeSide, x: np.ndarray) -> np.ndarray:
 
 
 def _accepted(
-    source: ShapeSide, target: ShapeSide, cells: _Open, maps: list[_Maps], upper: float, limit: float
+    source: ShapeSide,
+    target: ShapeSide,
+    cells: _Open,
+    maps: list[_Maps],
+    curved: list[_Maps],
+    upper: float,
+    limit: float,
 ) -> list[dict[str, Any] | None]:
-    """For each cell an entry that the exact check accepts."""
-    tops = np.stack([np.max(each.squares, axis=1) for each in maps])
+    """For each cell an entry that the exact check accepts: of the best affine map, a curved one, or several."""
+    best = np.argmin([np.max(each.squares, axis=1) for each in maps], axis=0)
     least = np.max(np.min([each.squares for each in maps], axis=0), axis=1)
-    enough = limit * limit * (1 + _SURELY)
+    enough = (limit * (1 + _SURELY) + _SURELY) ** 2
     found: list[dict[str, Any] | None] = []
     for k in range(len(cells.piece)):
-        entry = None
-        if least[k] <= enough:
-            best = int(np.argmin(tops[:, k]))
-            if tops[best, k] <= enough:
-                entry = _checked(source, target, cells, k, [maps[best]], None, upper)
-            if entry is None and len(maps) > 1:
-                entry = _by_several(source, target, cells, k, maps, upper, limit)
+        single = (
+            each for each in (maps[best[k]], *(maps if curved else ()), *curved) if np.max(each.squares[k]) <= enough
+        )
+        tried = (_checked(source, target, cells, k, [each], None, upper) for each in single)
+        entry = next((each for each in tried if each is not None), None)
+        if entry is None and least[k] <= enough and not _are_curves(source, target):
+            entry = _by_several(source, target, cells, k, maps, upper, limit)
         found.append(entry)
     return found
 
@@ -286,19 +374,26 @@ def _checked(
 ) -> dict[str, Any] | None:
     """The entry of a cell with these maps; None where the exact check does not accept it."""
     piece, corners = int(cells.piece[k]), source.cell_corners
-    feet = [{"piece": int(each.piece[k]), "map": _shortest(each.x[k]), "weights": None} for each in maps]
+    feet = [_foot(each, k) for each in maps]
     part = composed(source.exact[piece], simplex_map(source.exact[piece], corners, cells.x[k].tolist()))
     apart = []
     for foot in feet:
         other = target.exact[foot["piece"]]
-        apart.append(difference(part, composed(other, simplex_map(other, corners, foot["map"]))))
+        apart.append(difference(part, composed(other, simplex_map(other, corners, foot["map"], foot["weights"]))))
     if failure_at_most(apart, upper, weights, _PARTS[len(maps)]) is not None:
         return None
     name = str(cells.name[k]) if corners == 3 else cells.x[k, :, 0].tolist() if corners == 2 else None
     return {"piece": piece, "cell": name, "feet": feet, "multipliers": weights, "bound": upper}
 
 
-def _shortest(x: np.ndarray) -> list[list[float]]:
+def _foot(maps: _Maps, k: int) -> dict[str, Any]:
+    """The map of a cell as certificates have it."""
+    if maps.weights is None:
+        return {"piece": int(maps.piece[k]), "map": shortest(maps.x[k]), "weights": None}
+    return {"piece": int(maps.piece[k]), "map": maps.x[k].tolist(), "weights": maps.weights[k].tolist()}
+
+
+def shortest(x: np.ndarray) -> list[list[float]]:
     """The rows of a map; one where all are the same place."""
     return x[:1].tolist() if np.all(x == x[0]) else x.tolist()
 
@@ -306,27 +401,129 @@ def _shortest(x: np.ndarray) -> list[list[float]]:
 # ---- cuts ----------------------------------------------------------------------------------------
 
 
-def _halves(source: ShapeSide, target: ShapeSide, cells: _Open, limit: float) -> _Open:
-    """Both halves of each cell, cut between the corners that are farthest apart.
+def _cuts(source: ShapeSide, target: ShapeSide, cells: _Open, maps: list[_Maps], limit: float) -> np.ndarray:
+    """Parameters at which intervals are cut, (cells, 2): the middle, or between two curves where a bound needs a cut.
+
+    This is the peak of the distance. If the peak is not too high, it is the place where the foot of a branch reaches
+    the end of its piece; beyond, another piece has to be followed. Near an end the interval is cut in the middle, too.
+    """
+    t0, t1 = cells.x[:, 0, 0], cells.x[:, -1, -1]
+    width, middle = t1 - t0, 0.5 * (t0 + t1)
+    if not _are_curves(source, target):
+        return np.stack([middle, middle], axis=1)
+    cut, top, is_smooth = _peaks(source, target, cells, maps)
+    for each, far in ((maps[1], 0), (maps[0], 1)):
+        end = each.x[:, far, 0]
+        seam = _seams(source, target, cells, each.piece, end)
+        inside = (seam > t0 + _SURELY) & (seam < t1 - _SURELY) & (maps[0].piece != maps[1].piece)
+        cut = np.where(inside & (top <= limit**2) & ((end == 0) | (end == 1)), seam, cut)
+    cut = np.where(np.minimum(cut - t0, t1 - cut) <= np.where(is_smooth, _FLAT * width, _AT_END), middle, cut)
+    near = np.minimum(cut - t0, t1 - cut) < _NEAR_END * width
+    return np.stack([cut, np.where(near, middle, cut)], axis=1)
+
+
+def _seams(source: ShapeSide, target: ShapeSide, cells: _Open, piece: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The parameters at which feet on these pieces reach an end, by bisection; an end of the cell if none does."""
+    there = target.curve_jet(piece, end)
+
+    def side(t: np.ndarray) -> np.ndarray:
+        return np.sign(dot(source.points(cells.piece, t[:, None]) - there.point, there.first))
+
+    low, high = cells.x[:, 0, 0], cells.x[:, 1, 0]
+    first = side(low)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        same = side(middle) == first
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return high
+
+
+def _peaks(
+    source: ShapeSide, target: ShapeSide, cells: _Open, maps: list[_Maps]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Peaks of the smaller distance to the feet of both maps: parameters, squares, and whether they are smooth.
+
+    The best of a few samples comes first. Then follow steps to the best of the peaks of either branch and of their
+    crossing, and at last to that one alone: values tell a smooth peak to half of the digits only.
+    """
+    t0, width, n = cells.x[:, 0, 0], cells.x[:, 1, 0] - cells.x[:, 0, 0], np.arange(len(cells.piece))
+    piece_of_branch = np.stack([each.piece for each in maps])
+    ends_of_branch = np.stack([each.x[..., 0] for each in maps])
+
+    def heights(t: np.ndarray) -> np.ndarray:
+        """Squared distances to the feet with two derivatives, for t (samples, cells): (3, branches, samples, cells)."""
+        count = 2 * len(t)
+        at = source.curve_jet(np.tile(cells.piece, count), np.tile(t, (2, 1)).ravel())
+        piece, ends = (np.repeat(rows, len(t), axis=0) for rows in (piece_of_branch, ends_of_branch))
+        share = np.tile((t - t0) / width, (2, 1))
+        s = ((1 - share) * ends[..., 0] + share * ends[..., 1]).reshape(-1, 1)
+        s = target.local(piece.ravel(), s, at.point).x[:, 0]
+        here = equation_of(at.point, target.curve_jet(piece.ravel(), s))
+        speed = foot_speed(s, here, at.first, np.tile(width, count))
+        bend = dot(at.first, at.first) - dot(at.first, here.first) * speed - dot(here.apart, at.second)
+        return np.array([here.distance_sq, -2 * dot(here.apart, at.first), 2 * bend]).reshape(3, 2, *t.shape)
+
+    def steps(height: np.ndarray) -> np.ndarray:
+        """From t to the peaks of both branches and to their crossing, (3, cells)."""
+        f, slope, bend = height
+        crossed = slope[0] - slope[1]
+        tops = np.where(bend < 0, -slope / np.where(bend < 0, bend, -1.0), 0.0)
+        return np.concatenate([tops, [-(f[0] - f[1]) / np.where(crossed != 0, crossed, np.inf)]])
+
+    tried = t0 + _NODES[:, None] * width
+    low, high = t0, t0 + width
+    t, kind = np.zeros(len(n)), np.full(len(n), -1)
+    here, top = np.zeros((3, 2, len(n))), np.full(len(n), -np.inf)
+    for k in range(_PEAK_STEPS + 1):
+        found = heights(tried)
+        least = np.min(found[0], axis=0)
+        i = np.argmax(least, axis=0)
+        better = least[i, n] > top * (1 + _ROUNDING)
+        t, top = np.where(better, tried[i, n], t), np.where(better, least[i, n], top)
+        here = np.where(better, found[:, :, i, n], here)
+        if k == 0:
+            low, high = (np.clip(t + side * width / (len(_NODES) - 1), low, high) for side in (-1, 1))
+        else:
+            kind = np.where(better, i, kind)
+        tried = np.clip(t + steps(here), low, high)
+    last = t
+    for _ in range(_LAST_STEPS):
+        here = heights(last[None])[:, :, 0]
+        last = np.where(kind < 0, last, np.clip(last + steps(here)[kind, n], low, high))
+    same = np.min(heights(last[None])[0, :, 0], axis=0) >= top - 1e-12 * np.maximum(top, _SURELY)
+    return np.where(same, last, t), top, kind != 2
+
+
+def _parts(
+    source: ShapeSide,
+    target: ShapeSide,
+    cells: _Open,
+    limit: float | None = None,
+    cuts: np.ndarray | None = None,
+) -> _Open:
+    """The parts of each cell: of an interval those between its cuts, by default halves; of a triangle halves.
 
     Raises:
         UncoveredError: there is a cell that cannot be cut.
     """
-    if not len(cells.piece):
-        return cells
     depth = max(len(name) for name in cells.name)
     if source.cell_corners == 1 or depth >= MOST_CUTS:
         place = f"piece {int(cells.piece[0])} at {cells.x[0, 0].tolist()}"
         raise UncoveredError(f"{place} is not proven to be nearer than the bound.")
-    piece, names, corners, parent = [], [], [], []
+    names, corners, parent = [], [], []
     for k in range(len(cells.piece)):
-        for letter in longest_side(cells.points[k]):
+        if cuts is None:
+            parts = [(letter, half_of_cell(cells.x[k], letter)) for letter in longest_side(cells.points[k])]
+        else:
+            ends = np.unique([*cells.x[k, :, 0], *cuts[k]])[:, None]
+            parts = [("a", np.stack(pair)) for pair in zip(ends[:-1], ends[1:], strict=True)]
+        for letter, x in parts:
             parent.append(k)
-            piece.append(cells.piece[k])
             names.append(cells.name[k] + letter)
-            corners.append(half_of_cell(cells.x[k], letter))
-    found = _measured(source, target, np.array(piece), np.array(names, object), np.array(corners), limit)
-    return found._replace(more=NearFeet(*(rows[np.array(parent)] for rows in cells.more)))
+            corners.append(x)
+    rows = np.array(parent)
+    found = _measured(source, target, cells.piece[rows], np.array(names, object), np.array(corners), limit)
+    return found._replace(more=NearFeet(*(each[rows] for each in cells.more)))
 
 
 def longest_side(points: np.ndarray) -> str:

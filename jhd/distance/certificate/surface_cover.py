@@ -11,9 +11,8 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from jhd.distance.certificate.covering import UncoveredError
 from jhd.distance.certificate.sides import ShapeSide
-from jhd.distance.certificate.subdivision import CellCover, half_of_cell, longest_side
+from jhd.distance.certificate.subdivision import CellCover, UncoveredError, half_of_cell, longest_side
 from jhd.distance.certificate.surface_multipliers import (
     SurfaceMultipliers,
     Terms,

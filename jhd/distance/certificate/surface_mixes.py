@@ -13,9 +13,9 @@ import numpy as np
 
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, NotProvenError, name_of
 from jhd.decimals import lower_text, upper_text
-from jhd.distance.certificate.covering import UncoveredError
 from jhd.distance.certificate.mixes import Report, ToProve
 from jhd.distance.certificate.sides import ShapeSide, on_triangle
+from jhd.distance.certificate.subdivision import UncoveredError
 from jhd.distance.certificate.surface_cover import Side, cover_with_surfaces
 from jhd.distance.certificate.surface_pairs import keep_surfaces_apart, part_of_point, parts_of
 from jhd.distance.certificate.surface_side import SurfaceSide

@@ -10,7 +10,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.polynomial import polynomial
 
-from jhd.distance.certificate.host import plain_shape
+from jhd.distance.certificate.sides import plain_shape
 from jhd.distance.certificate.verification.pieces import pieces_of
 from jhd.distance.certificate.verification.zeros import ZeroSet, zeros_of
 from jhd.distance.search.targets import target_of

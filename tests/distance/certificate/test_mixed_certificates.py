@@ -10,9 +10,8 @@ import pytest
 import jhd
 from jhd.distance.certificate import verification
 from jhd.distance.certificate.certificate import certify
-from jhd.distance.certificate.host import plain_shape
 from jhd.distance.certificate.multipliers import multipliers
-from jhd.distance.certificate.sides import ShapeSide
+from jhd.distance.certificate.sides import ShapeSide, plain_shape
 from tests.distance.certificate.made import sampled, sampled_distance
 from tests.processes import python
 from tests.sweeps import swept
