@@ -19,16 +19,8 @@ from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.files import replace_file
 from jhd.decimals import lower_text, upper_text
-from jhd.distance.certificate.mixes import (
-    Report,
-    asked_of,
-    bounds_of_minimum,
-    default_atol,
-    prove_minimum,
-    prove_mix,
-)
+from jhd.distance.certificate.mixes import Report, asked_of, default_atol, prove_largest, prove_minimum
 from jhd.distance.certificate.sides import plain_shape
-from jhd.distance.certificate.surface_mixes import prove_surface_minimum, prove_surface_mix
 from jhd.distance.certificate.verification.proofs import NAMES, Proven, verify
 from jhd.distance.certificate.verification.reading import lines_of
 from jhd.distance.certificate.verification.structure import FORMAT, VERSION, check_content, digest
@@ -160,22 +152,17 @@ def certify(
     """
     a, b = taken_as("a", a), taken_as("b", b)
     _check_arguments(a, b, solution, max_cells)
-    surfaces = isinstance(a, ImplicitSurface) or isinstance(b, ImplicitSurface)
-    curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
     report = _reporting(progress)
     if isinstance(solution, MinimumSolution) or (isinstance(solution, Decision) and solution.distance == "minimum"):
         if directed:
             raise ValueError("directed is True, and the decision is about a minimum distance, which has no direction.")
         slack = _checked_atol(atol, a, b, sharp=isinstance(solution, Decision))
-        if surfaces:
-            found = prove_surface_minimum(a, b, solution, bounds_of_minimum(solution, slack), max_cells, report)
-        else:
-            found = prove_minimum(a, b, solution, slack, max_cells, report)
+        found = prove_minimum(a, b, solution, slack, max_cells, report)
     else:
+        curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
         slack = _checked_atol(atol, a, b, sharp=curves or isinstance(solution, Decision))
         asked = asked_of(solution, directed, slack)
-        prove: Any = prove_surface_mix if surfaces else prove_mix
-        cells, witness = prove(a, b, asked, max_cells, report)
+        cells, witness = prove_largest(a, b, asked, max_cells, report)
         upper = asked.upper if math.isfinite(asked.upper) else None
         claim = {"kind": asked.kind, "lower": asked.lower, "upper": upper}
         found = {"claim": claim, "orders": None, "cells": cells, "witness": witness}

@@ -13,12 +13,14 @@ import numpy as np
 from jhd.arithmetic.bernstein import basis
 from jhd.arithmetic.scaling import unit_weights
 from jhd.distance.certificate.verification.pieces import pieces_of
+from jhd.distance.certificate.verification.proofs import point_of
 from jhd.distance.certificate.verification.structure import digest
+from jhd.distance.certificate.verification.zeros import NearZero
 from jhd.distance.frame.jets import CurveJet, polynomial_jet, quotient
 from jhd.distance.nearest.feet import equation_of, gauss_newton
 from jhd.distance.nearest.target import curve_in_space, in_space
 from jhd.distance.search.targets import target_of
-from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 
@@ -28,6 +30,10 @@ _STEPS, _SHARES = 10, (1.0, 0.3, 0.05)
 _CURVE_STEPS = 6
 # Parameters nearer than this to an end of their interval are put on it.
 _SNAP = 1e-15
+# Parameters below this are zero in certificates: tiny numbers would make long integers.
+_TINY = 1e-15
+# Points of a shape are this near to their feet, in units of the largest coordinate.
+_ON_SHAPE = 1e-9
 # Points measured at once are filled up to powers of two from here on, for which programs are few.
 _LEAST_POINTS = 64
 
@@ -60,6 +66,19 @@ class NearFeet(NamedTuple):
     distance: np.ndarray
 
 
+class ShapePlace(NamedTuple):
+    """A place of a shape: its entry in a certificate, and a point that has the place within its reach."""
+
+    entry: dict[str, Any]
+    near: NearZero
+
+    @property
+    def point(self) -> np.ndarray:
+        """The point in floating point."""
+        weight = self.near.point.weight[0]
+        return np.array([f.get(0, 0) / weight for f in self.near.point.coordinates])
+
+
 class ShapeSide:
     """One shape of a pair.
 
@@ -74,8 +93,6 @@ class ShapeSide:
         self.exponent, self.center = exponent, center
         self.exact = pieces_of(plain)
         self.corners, self.degrees = self.exact[0].corners, self.exact[0].degrees
-        # Feet are looked for in space, also of plane curves.
-        self._target = target_of(curve_in_space(shape.segments()) if isinstance(shape, AbstractCurve) else shape)
         self._triangles = isinstance(shape, TriangleMesh)
         if self._triangles:
             points = np.asarray(plain["vertices"], float)[np.asarray(plain["triangles"])]
@@ -87,6 +104,12 @@ class ShapeSide:
         if self.is_rational:
             weights = unit_weights(np.asarray(plain["weights"]), tuple(range(points.ndim - 1)))
         self.rows = np.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
+        # Feet on curves are looked for in space, about the center; those on other shapes by the target of the search.
+        self._is_curve = isinstance(shape, AbstractCurve)
+        if self._is_curve:
+            shape = curve_in_space(BezierSegments(points, plain["weights"]))
+        self._target = target_of(shape)
+        self.hulls = points.reshape(len(points), -1, points.shape[-1])
 
     def scaled(self, points: np.ndarray) -> np.ndarray:
         """Points that are given in the unit of the stored arrays."""
@@ -123,8 +146,8 @@ class ShapeSide:
         """Feet of points: near ones, or the nearest, which takes longer."""
         count = len(points)
         rows = points[np.minimum(np.arange(max(_LEAST_POINTS, 1 << (count - 1).bit_length())), count - 1)]
-        user = in_space(self.stored(rows))
-        found = self._target.nearest(user) if proven else self._target.near(user)
+        queries = in_space(rows) if self._is_curve else self.stored(rows)
+        found = self._target.nearest(queries) if proven else self._target.near(queries)
         t = np.asarray(found.t, float).reshape(len(rows), np.size(found.t) // len(rows))[:count]
         x = t[:, 1:] if self._triangles else t[:, : self.parameters]
         return self.local(np.array(found.segment)[:count], np.clip(x, 0.0, 1.0), points)
@@ -139,6 +162,24 @@ class ShapeSide:
             for mine, found in zip(feet, again, strict=True):
                 mine[far[nearer]] = found[nearer]
         return feet
+
+    def distance(self, point: np.ndarray) -> float:
+        """About the distance of a point in the unit of the stored arrays."""
+        return float(np.ldexp(self.feet(self.scaled(point)[None]).distance[0], self.exponent))
+
+    def place(self, point: np.ndarray) -> ShapePlace | None:
+        """The place nearest to a point in the unit of the stored arrays."""
+        found = self.feet_within(self.scaled(point)[None], _ON_SHAPE)
+        return self.named(int(found.piece[0]), found.x[0])
+
+    def named(self, piece: int, t: np.ndarray, point: np.ndarray | None = None) -> ShapePlace | None:
+        """The place at parameters of a piece, of triangles two or three barycentric ones; None without the piece."""
+        if not 0 <= piece < len(self.exact):
+            return None
+        x = np.clip(t[1:] if self._triangles and len(t) == 3 else t[: self.parameters], 0.0, 1.0)
+        x = np.where(x < _TINY, 0.0, x)
+        at = (on_triangle(x) if self._triangles else x).tolist()
+        return ShapePlace({"piece": piece, "at": at}, NearZero(point_of(self.exact[piece], at), Fraction(0)))
 
     def samples(self, draw: np.random.Generator, count: int) -> np.ndarray:
         """Points of random places, and of corners of the domains of pieces."""

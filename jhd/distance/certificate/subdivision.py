@@ -105,7 +105,8 @@ class _Maps(NamedTuple):
 
     def take(self, index: np.ndarray) -> "_Maps":
         """The maps of some cells."""
-        return _Maps(*(None if rows is None else rows[index] for rows in self))
+        weights = None if self.weights is None else self.weights[index]
+        return _Maps(self.piece[index], self.x[index], weights, self.squares[index])
 
 
 def cover_by_cells(

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from jhd.distance.certificate.sides import ShapeSide
-from jhd.distance.certificate.subdivision import CellCover, UncoveredError, half_of_cell, longest_side
+from jhd.distance.certificate.subdivision import UncoveredError, half_of_cell, longest_side, shortest
 from jhd.distance.certificate.surface_multipliers import (
     SurfaceMultipliers,
     Terms,
@@ -58,17 +58,14 @@ class _SurfaceCell(NamedTuple):
 
 def cover_with_surfaces(
     source: Side, target: Side, upper: float, max_cells: int, report: Callable[[int, int], None]
-) -> CellCover:
+) -> list[dict[str, Any]]:
     """As `cover_by_cells`, of shapes of which one or both are polynomial surfaces; all in the unit of the arrays."""
     if isinstance(target, SurfaceSide) and not target.is_found:
         raise UncoveredError("no point of the other surface is proven: its polynomial was not seen to change its sign.")
     left, entries = _first(source), []
-    places: list[tuple[float, np.ndarray]] = []
     while left:
         cell = left.pop()
-        tried = _Tried(source, target, cell, upper)
-        entry = tried.entry()
-        places = sorted([*places, *tried.met], key=lambda place: -place[0])[:8]
+        entry = _Tried(source, target, cell, upper).entry()
         if entry is None:
             left += _halves(source, cell)
         else:
@@ -76,7 +73,7 @@ def cover_with_surfaces(
         if len(entries) + len(left) > max_cells:
             raise UncoveredError(f"more than {max_cells} cells are needed: raise max_cells, or atol.")
         report(len(entries), len(left))
-    return CellCover(sorted(entries, key=lambda entry: (entry["piece"], entry["cell"] or [])), [])
+    return sorted(entries, key=lambda entry: (entry["piece"], entry["cell"] or []))
 
 
 def _first(source: Side) -> list[_SurfaceCell]:
@@ -122,7 +119,6 @@ class _Tried:
         self.source, self.target, self.cell, self.upper = source, target, cell, upper
         self.corners = len(cell.x)
         self.points = self._points(np.eye(self.corners))
-        self.met: list[tuple[float, np.ndarray]] = []
 
     def entry(self) -> dict[str, Any] | None:
         """An entry that integers accept; None where none is found."""
@@ -189,7 +185,6 @@ class _Tried:
         """UncoveredError where a place of the source is farther away than the bound."""
         if not is_there:
             return
-        self.met.append((distance, place))
         if distance > self.upper * (1 + _SURELY):
             proven = self.target.proven_distance(place) if isinstance(self.target, SurfaceSide) else distance
             if proven > self.upper * (1 + 1e-12):
@@ -358,11 +353,11 @@ class _Tried:
         if isinstance(self.target, SurfaceSide):
             scale = self.upper**2 * self.target.scale
             done["feet"] = [
-                {"map": _shortest(foot.rows), "way": foot.way.tolist(), "zero": [x * scale for x in numbers]}
+                {"map": shortest(foot.rows), "way": foot.way.tolist(), "zero": [x * scale for x in numbers]}
                 for foot, numbers in zip(feet, found.there, strict=True)
             ]
         else:
-            done["feet"] = [{"piece": f.piece, "map": _shortest(f.rows), "weights": None} for f in feet]
+            done["feet"] = [{"piece": f.piece, "map": shortest(f.rows), "weights": None} for f in feet]
         if isinstance(self.source, SurfaceSide):
             done["zero"] = [x * self.upper**2 * self.source.scale for x in found.here or [0.0]]
         zeros = [side.zeros if isinstance(side, SurfaceSide) else None for side in (self.source, self.target)]
@@ -410,7 +405,3 @@ def _crossings(target: SurfaceSide, q: np.ndarray, normal: np.ndarray) -> np.nda
             return None
     good = np.abs(target.values(q + s[:, None] * normal)) <= 1e-9 * (1e-3 + np.abs(slope)) * target.size
     return s if np.all(good & (slope > 0)) else None
-
-
-def _shortest(x: np.ndarray) -> list[list[float]]:
-    return x[:1].tolist() if np.all(x == x[0]) else x.tolist()

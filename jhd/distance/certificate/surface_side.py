@@ -5,14 +5,16 @@ among them. A foot is followed by Newton's method for the equations of Lagrange,
 reached. Nothing is proven here but by the search, which is asked where a place seems to be too far away.
 """
 
+import math
 from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.polynomial import polynomial
 
-from jhd.distance.certificate.sides import plain_shape
+from jhd.distance.certificate.sides import ShapePlace, plain_shape
 from jhd.distance.certificate.verification.pieces import pieces_of
-from jhd.distance.certificate.verification.zeros import ZeroSet, zeros_of
+from jhd.distance.certificate.verification.values import CertificateError
+from jhd.distance.certificate.verification.zeros import ZeroSet, place_of, zeros_of
 from jhd.distance.search.targets import target_of
 from jhd.shapes.implicit import ImplicitSurface
 
@@ -22,6 +24,10 @@ _NODES, _HALVINGS = 17, 48
 _STEPS, _STARTS = 12, 3
 # Coordinates below this share of the size are zero.
 _TINY = 2.0**-70
+# Lengths of ways across the surface that are tried, as shares of the size of its box.
+_WAYS = (0.0, *(2.0**k for k in range(-52, -24, 3)))
+# Points this near to a face of the box, as a share of its size, are looked for on it.
+_AT_FACE = 2.0**-44
 # A foot that is found again within this share of the box is the same.
 _ALIKE = 1e-7
 
@@ -46,7 +52,7 @@ class SurfaceSide:
     def __init__(self, surface: ImplicitSurface, hints: np.ndarray):
         plain = plain_shape(surface)
         self.exact, self.zeros = pieces_of(plain), cast(ZeroSet, zeros_of(plain))
-        self.corners, self.parameters, self.cell_corners = (4,), 3, 4
+        self.corners, self.parameters, self.cell_corners, self.exponent = (4,), 3, 4, 0
         self.lower, self.upper = (np.asarray(plain[end], float) for end in ("lower", "upper"))
         self.size = float(np.linalg.norm(self.upper - self.lower))
         rows = np.asarray(plain["coefficients"], float)
@@ -58,6 +64,7 @@ class SurfaceSide:
         self._powers = [_falling(n) for n in self._rows.shape]
         self._ends = np.array([[[float(x) for x in row] for row in piece.rows] for piece in self.exact])
         self._ends /= np.array([float(piece.weight[0]) for piece in self.exact])[:, None, None]
+        self.hulls = np.swapaxes(self._ends, 1, 2)
         self._shape = surface
         self._samples = np.concatenate([self._on_grid(), self._on_surface(hints)])
 
@@ -153,6 +160,39 @@ class SurfaceSide:
     def proven_distance(self, point: np.ndarray) -> float:
         """The distance of a point to the surface, from below, as the search proves it."""
         return float(target_of(self._shape).nearest(point[None]).lower[0])
+
+    def scaled(self, points: np.ndarray) -> np.ndarray:
+        """Points as they are."""
+        return points
+
+    def distance(self, point: np.ndarray) -> float:
+        """About the distance of a point; inf where no foot is found."""
+        feet = self.near(point)
+        return feet[0].distance if feet else math.inf
+
+    def named(self, piece: int, t: np.ndarray, point: np.ndarray | None = None) -> ShapePlace | None:
+        """The place next to a point; a surface has no parameters."""
+        return None if point is None else self.place(point)
+
+    def place(self, point: np.ndarray) -> ShapePlace | None:
+        """A place of the surface next to a point, with a way along which the sign changes; None if none is proven."""
+        foot = self.foot(point, point)
+        if foot is None:
+            return None
+        for near in (_AT_FACE * self.size, 0.0):
+            low, high = foot.point - self.lower <= near, self.upper - foot.point <= near
+            at = np.where(low, self.lower, np.where(high, self.upper, foot.point))
+            # A way across a face would leave the box.
+            slope = np.where(low | high, 0.0, self.slopes(at))
+            length = float(np.linalg.norm(slope))
+            for share in _WAYS if length > 0 else _WAYS[:1]:
+                way = share * self.size * slope / max(length, 1e-300)
+                place = {"at": self.without_tiny(at).tolist(), "way": self.without_tiny(way).tolist()}
+                try:
+                    return ShapePlace(place, place_of(self.zeros, place, "witness"))
+                except CertificateError:
+                    continue
+        return None
 
     def foot(self, point: np.ndarray, start: np.ndarray) -> SurfaceFoot | None:
         """The local foot of a point near a start, in the box; None where there is none."""
