@@ -47,8 +47,10 @@ _PEAK_STEPS, _LAST_STEPS = 4, 4
 _BISECTIONS = 54
 # Rounding of a squared distance: what is larger by less is no higher peak.
 _ROUNDING = 1e-14
-# A cut this near to an end is none, nor is one at a smooth peak this share of the interval away: there it is flat.
-_AT_END, _FLAT = 4e-16, 1e-9
+# A cut this near to an end is none.
+_AT_END = 4e-16
+# Nor is a cut at a smooth peak within this share of the interval: the distance is flat there.
+_FLAT = 1e-9
 # A cut nearer to an end than this share of the interval is not the only one.
 _NEAR_END = 0.05
 # Maps whose parameters are nearer than this are one.
@@ -309,9 +311,8 @@ def _accepted(
     enough = (limit * (1 + _SURELY) + _SURELY) ** 2
     found: list[dict[str, Any] | None] = []
     for k in range(len(cells.piece)):
-        single = (
-            each for each in (maps[best[k]], *(maps if curved else ()), *curved) if np.max(each.squares[k]) <= enough
-        )
+        affine = maps if curved else [maps[best[k]]]
+        single = (each for each in (*affine, *curved) if np.max(each.squares[k]) <= enough)
         tried = (_checked(source, target, cells, k, [each], None, upper) for each in single)
         entry = next((each for each in tried if each is not None), None)
         if entry is None and least[k] <= enough and not _are_curves(source, target):
