@@ -4,7 +4,9 @@ No search is differentiated: what it finds are constants. The equations that hol
 of the shapes, and `number + f - constant(f)` has the digits of the number and the derivatives of f, of all orders.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -41,3 +43,22 @@ def without_derivative(value: Any, where: Array | bool = True) -> Any:
 def _(primals: Any, tangents: Any) -> Any:
     # Of what is differentiated twice the value is asked for again.
     return without_derivative(*primals), tangents[0] * jnp.where(primals[1], jnp.nan, 1.0)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def at_rest(function: Callable[[Any, Any], Array], state: Any, rows: Any) -> Array:
+    """A number of a state and rows, whose derivative is that in the rows at a fixed state (the envelope theorem).
+
+    The state may be a function of the rows, on which second and higher derivatives depend.
+
+    Args:
+        function: one of a module of this package, of the state and the rows.
+        state: where the number is stationary.
+        rows: the arrays that it is differentiated in.
+    """
+    return function(state, rows)
+
+
+@at_rest.defjvp
+def _(function: Callable[[Any, Any], Array], primals: Any, tangents: Any) -> Any:
+    return at_rest(function, *primals), jax.jvp(partial(function, primals[0]), primals[1:], tangents[1:])[1]

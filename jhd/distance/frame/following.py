@@ -1,9 +1,10 @@
 """Derivatives of a few numbers that a search found, by functions of the few rows of the shapes that they hang on.
 
-What is said in jhd.distance.frame.attach holds: what was found are constants, and a function that has their values at
-the place found has the derivatives. Inside jit it is part of the program. Where the shapes are known, and a derivative
-is being taken around the call, each of its operations would be compiled by itself, in every process. So all slopes in
-the rows are found there by a program of its own, which is kept and serves shapes of any number of rows.
+What is said in jhd.distance.frame.attach holds: the numbers found are constants, and a function that has their values
+at the location found has the derivatives. Numbers whose derivatives nobody takes cost nothing. Inside jit the
+derivatives are part of the program. Where the shapes are known, and a derivative is being taken around the call, each
+of its operations would be compiled by itself, in every process. So all slopes in the rows are found there by a program
+of its own, which is kept and serves shapes of any number of rows.
 """
 
 from collections.abc import Callable
@@ -16,11 +17,8 @@ from jax.custom_derivatives import SymbolicZero
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
-from jhd._runtime.arrays import is_tracing
+from jhd._runtime.arrays import is_traced, is_tracing
 from jhd._runtime.compiled import compiled
-from jhd.distance.frame.attach import carrying
-
-Numbers = dict[str, Array]
 
 
 class TouchedRows(NamedTuple):
@@ -46,46 +44,64 @@ class TouchedRows(NamedTuple):
 
 
 class MovingNumbers(NamedTuple):
-    """Numbers as functions of the shapes, and where they are; elsewhere they have no derivatives."""
-
-    numbers: Numbers
-    where: dict[str, Any]
-
-
-def following(function: Callable[[Any, Any], MovingNumbers], found: Numbers, parts: Any, constants: Any) -> Numbers:
-    """The numbers found, the same ones, with the derivatives of a function wherever that and they are finite.
+    """Numbers as functions of the shapes, and where they have derivatives.
 
     Args:
-        function: one of a module of this package, from the rows of the parts and the constants.
-        found: few numbers, constants.
-        parts: a pytree whose leaves are of type TouchedRows.
-        constants: a pytree of arrays that are not differentiated.
+        numbers: a pytree of arrays, like that of the numbers found.
+        where: a prefix of the same pytree; elsewhere the derivatives are zero.
     """
-    if is_tracing():
-        moving = function(_rows(parts)[0], jax.lax.stop_gradient(constants))
-        return {name: carrying(x, moving.numbers[name], moving.where.get(name, True)) for name, x in found.items()}
-    return _following(function, found, parts, constants)
+
+    numbers: Any
+    where: Any
+
+
+Function = Callable[[Any, Any], MovingNumbers]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _following(function: Callable[[Any, Any], MovingNumbers], found: Numbers, parts: Any, constants: Any) -> Numbers:
+def following(function: Function, found: Any, parts: Any, constants: Any) -> Any:
+    """The numbers found, with the derivatives of a function wherever the numbers and the function are finite.
+
+    Args:
+        function: one of a module of this package, from the rows of the parts and the constants.
+        found: a pytree of few numbers, constants.
+        parts: a pytree whose leaves are of type TouchedRows.
+        constants: a pytree of arrays that are not differentiated.
+    """
     return found
 
 
-def _rule(function: Callable[[Any, Any], MovingNumbers], primals: tuple, tangents: tuple) -> tuple[Numbers, Numbers]:
+def _rule(function: Function, primals: tuple, tangents: tuple) -> tuple[Any, Any]:
     found, parts, constants = primals
+    # Further derivatives are those of the numbers as functions, too.
+    here = following(function, found, parts, constants) if is_traced(parts) else found
     rows, places = _touched(parts)
+    moves = [None if isinstance(part.array, SymbolicZero) else part.array for part in _leaves(tangents[1])]
+    if is_tracing():
+        # Only the changes of the numbers that are asked for remain of it.
+        leaves, form = jax.tree_util.tree_flatten(rows)
+        moved = [
+            jnp.zeros_like(row) if x is None else x if k is None else x[k]
+            for row, k, x in zip(leaves, places, moves, strict=True)
+        ]
+        numbers = partial(_numbers, function, found, constants)
+        _, change, usable = jax.jvp(numbers, (rows,), (form.unflatten(moved),), has_aux=True)
+        return here, jax.tree_util.tree_map(lambda x, known: jnp.where(known, x, 0.0), change, usable)
     slopes = _slopes(function, found, rows, constants)
-    moves = [part.array for part in _leaves(tangents[1])]
-    moved = [
-        (slope, place, x)
-        for slope, place, x in zip(slopes, places, moves, strict=True)
-        if not isinstance(x, SymbolicZero)
-    ]
-    return found, _changed(found, moved)
+    moved = [(slope, k, x) for slope, k, x in zip(slopes, places, moves, strict=True) if x is not None]
+    return here, _changed(found, moved)
 
 
-_following.defjvp(_rule, symbolic_zeros=True)
+following.defjvp(_rule, symbolic_zeros=True)
+
+
+def _numbers(function: Function, found: Any, constants: Any, rows: Any) -> tuple[Any, Any]:
+    """The numbers as functions of the rows, and which of them have derivatives."""
+    numbers, where = function(rows, constants)
+    usable = jax.tree_util.tree_map(
+        lambda x, y, known: known & jnp.isfinite(x - y), found, numbers, jax.tree.broadcast(where, found)
+    )
+    return numbers, usable
 
 
 def _is_part(x: Any) -> bool:
@@ -109,17 +125,13 @@ _touched = compiled(_rows)
 
 
 @partial(compiled, static=(0,))
-def _slopes(function: Callable[[Any, Any], MovingNumbers], found: Numbers, rows: Any, constants: Any) -> list[Array]:
+def _slopes(function: Function, found: Any, rows: Any, constants: Any) -> list[Array]:
     """The derivatives of all numbers, in a row, in each array of rows."""
 
     def numbers(rows: Any) -> tuple[Array, Array]:
-        moving = function(rows, constants)
-        usable = {
-            name: moving.where.get(name, True) & jnp.isfinite(x) & jnp.isfinite(moving.numbers[name])
-            for name, x in found.items()
-        }
         # Zeros go back through what is left out, where the function must be finite as well.
-        return ravel_pytree({name: moving.numbers[name] for name in found})[0], ravel_pytree(usable)[0]
+        flat = (ravel_pytree(x)[0] for x in _numbers(function, found, constants, rows))
+        return next(flat), next(flat)
 
     slopes, usable = jax.jacrev(numbers, has_aux=True)(rows)
     leaves = jax.tree_util.tree_leaves(slopes)
@@ -127,7 +139,7 @@ def _slopes(function: Callable[[Any, Any], MovingNumbers], found: Numbers, rows:
 
 
 @compiled
-def _changed(found: Numbers, moved: list[tuple[Array, Any, Array]]) -> Numbers:
+def _changed(found: Any, moved: list[tuple[Array, Any, Array]]) -> Any:
     """How the numbers change where the arrays do."""
     flat, form = ravel_pytree(found)
     total = jnp.zeros_like(flat)

@@ -220,7 +220,7 @@ def _moving(rows: list[Array], constants: tuple[Array, Array]) -> MovingNumbers:
     points = base + jnp.sum(steps * (corners - base[:, None]), axis=1)
     point_a, point_b = points / scale + origin
     moving = {"value": distance / scale, "point_a": point_a, "point_b": point_b}
-    return MovingNumbers(moving, dict.fromkeys(moving, value > 0))
+    return MovingNumbers(moving, value > 0)
 
 
 def _apart(e: Array, directions: Array, free: Array) -> tuple[Array, Array]:

@@ -402,4 +402,4 @@ def _moving(rows: tuple[Any, Any], constants: tuple[Outcome, MinimumSolution]) -
     rows = rows[0], rows[1] if isinstance(rows[1], Polynomial) else jax.tree_util.tree_map(lambda x: x[None], rows[1])
     x, points = found.best.x, (solution.point_a, solution.point_b[None])
     start = started(rows, (x[:n], x[None, n:]), points, jnp.ones(1, x.dtype), solution.value)
-    return MovingNumbers({"value": distance(balance(start, rows, False), rows, rows)}, {"value": usable})
+    return MovingNumbers({"value": distance(balance(start, rows, False), rows, rows)}, usable)

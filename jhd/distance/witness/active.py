@@ -195,17 +195,10 @@ def direction(c: Array, velocity: Array, held: Array) -> Array:
     return jnp.where(known, jnp.where(normal @ c < 0, -normal, normal), unit)
 
 
-def places(y: Array, system: Active) -> tuple[Array, Array]:
+def places(y: Array, pieces: Pieces) -> tuple[Array, Array]:
     """The witness, and both feet in rows."""
-    a, first, second = _jets(y, system.pieces)
+    a, first, second = _jets(y, pieces)
     return a.point, jnp.stack([first.point, second.point])
-
-
-def units(y: Array, system: Active) -> Array:
-    """The unit vectors from both feet to the witness, in rows."""
-    a, first, second = _jets(y, system.pieces)
-    feet, velocities = jnp.stack([first.point, second.point]), jnp.stack([first.first, second.first])
-    return jax.vmap(direction)(a.point - feet, velocities, system.held[1:])
 
 
 def distance(y: Array, system: Active) -> Array:
@@ -220,15 +213,19 @@ def polished(y: Array, system: Active) -> Array:
     return jax.lax.fori_loop(0, _POLISH, lambda _, x: jnp.clip(newton(x, system), 0.0, 1.0), varying(y, system))
 
 
-def multipliers(y: Array, system: Active, held: Array) -> Array:
-    """Weights of both feet with lambda_1 g1 + lambda_2 g2 = 0 for the slopes g_i of the distances along a.
+def balance(y: Array, system: Active, held: Array) -> tuple[Array, Array]:
+    """Multipliers of both feet, and the unit vectors from them to the witness in rows.
 
-    Those given as `held` hold where the parameter on a does: a range of them may serve there
-    (jhd.distance.witness.multipliers), and the same ones are taken as long as the feet stay.
+    The weights lambda_i have lambda_1 g1 + lambda_2 g2 = 0 for the slopes g_i of the distances along a. Those given as
+    `held` hold where the parameter on a does: a range of them may serve there (jhd.distance.witness.multipliers), and
+    the same ones are taken as long as the feet stay.
     """
-    slopes = units(y, system) @ jet(*system.a, y[0]).first
+    a, first, second = _jets(y, system.pieces)
+    feet, velocities = jnp.stack([first.point, second.point]), jnp.stack([first.first, second.first])
+    units = jax.vmap(direction)(a.point - feet, velocities, system.held[1:])
+    slopes = units @ a.first
     spread = jnp.where(system.two, slopes[0] - slopes[1], 1.0)
     opposite = system.two & (spread != 0)
     share = jnp.clip(-slopes[1] / jnp.where(opposite, spread, 1.0), 0.0, 1.0)
     balanced = jnp.where(opposite, jnp.stack([share, 1 - share]), jnp.array([1.0, 0.0]))
-    return jnp.where(system.held[0], held, balanced)
+    return jnp.where(system.held[0], held, balanced), units

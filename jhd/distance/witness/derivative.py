@@ -11,21 +11,21 @@ taken.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 from jhd._results.solution import DIRECTIONS, EVENTS, HausdorffSolution, Projection, Witness, on_device, with_answers
-from jhd._runtime.arrays import is_traced, is_tracing
+from jhd._runtime.arrays import is_traced
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.scaling import common_exponent, scale_of, unit_weights
-from jhd.distance.frame.attach import attached
+from jhd.distance.frame.attach import at_rest, attached
 from jhd.distance.frame.coordinates import Frame
 from jhd.distance.frame.curves import elevation_matrix
+from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import Piece
 from jhd.distance.nearest.feet import is_held
@@ -34,7 +34,7 @@ from jhd.shapes.curve import BezierSegments
 
 
 class _Answer(NamedTuple):
-    """What is differentiable of a solution."""
+    """The differentiable numbers of a solution."""
 
     value: Array
     t: Array
@@ -42,39 +42,19 @@ class _Answer(NamedTuple):
     feet: Array
     foot_params: Array
 
-    def vector(self) -> Array:
-        """All numbers in a row."""
-        return jnp.concatenate([x.ravel() for x in self])
-
-    def of_vector(self, numbers: Array) -> "_Answer":
-        """The inverse of `vector`; the shapes are those of this answer."""
-        ends = np.cumsum([x.size for x in self])
-        return _Answer(*(numbers[end - x.size : end].reshape(x.shape) for x, end in zip(self, ends, strict=True)))
-
-
-class _Constants(NamedTuple):
-    """What is constant of a witness."""
-
-    segment: Array
-    foot_segments: Array
-    multipliers: Array
-    event: Any
-    direction: Any
-
 
 class _Rows(NamedTuple):
-    """Control points and weights: of a curve, or of those of its segments that a witness touches."""
+    """Control points and weights of some segments of a curve."""
 
     points: Any
     weights: Any
 
 
 class _Touched(NamedTuple):
-    """The three segments of each curve that an answer touches, their numbers, and which of them are looked at on b."""
+    """The rows of a curve at the segment of a witness and at the segments of both feet, whichever of them lie on it."""
 
-    rows: tuple[_Rows, _Rows]
-    segments: tuple[Array, Array]
-    of_b: Array
+    carrier: _Rows
+    feet: _Rows
 
 
 def with_derivatives(solution: HausdorffSolution, a: BezierSegments, b: BezierSegments, frame: Frame) -> Any:
@@ -87,148 +67,57 @@ def with_derivatives(solution: HausdorffSolution, a: BezierSegments, b: BezierSe
     solution = on_device(solution)
     # Whatever is asked for: all in one, as each call under a derivative costs a millisecond.
     each = (solution, *(solution.directions or ()))
-    return with_answers(solution, _found([(s.value, s.witness) for s in each], a, b, frame))
+    return with_answers(solution, _found(tuple((s.value, s.witness) for s in each), a, b, frame))
 
 
 def moving(value: Array, witness: Witness, a: BezierSegments, b: BezierSegments, frame: Frame) -> tuple[Array, Witness]:
     """A distance and its witness, the same numbers, as functions of both curves; in the user's coordinates."""
-    value, *places = _found([(value, witness)], a, b, frame)[0]
+    value, *places = _found(((value, witness),), a, b, frame)[0]
     return value, replace(witness, **dict(zip(_Answer._fields[1:], places, strict=True)))
 
 
 def _found(
-    given: list[tuple[Array, Witness]], a: BezierSegments, b: BezierSegments, frame: Frame
+    given: tuple[tuple[Array, Witness], ...], a: BezierSegments, b: BezierSegments, frame: Frame
 ) -> tuple[_Answer, ...]:
     """The answers as functions of both curves."""
     answers = tuple(_Answer(value, w.t, w.point, w.feet, w.foot_params) for value, w in given)
-    kinds = tuple(_Constants(w.segment, w.foot_segments, w.multipliers, w.event, w.direction) for _, w in given)
-    curves = _Rows(a.control_points, a.weights), _Rows(b.control_points, b.weights)
-    return _moving(answers, curves, kinds, frame)
-
-
-@jax.custom_jvp
-def _moving(
-    answers: tuple[_Answer, ...], curves: tuple[_Rows, _Rows], kinds: tuple[_Constants, ...], frame: Frame
-) -> tuple[_Answer, ...]:
-    """The same answers, with the derivatives of the active system of their witnesses."""
-    return answers
-
-
-def _moving_rule(primals: tuple, tangents: tuple) -> tuple[tuple[_Answer, ...], tuple[_Answer, ...]]:
-    answers, curves, kinds, frame = primals
-    touched = _touched(curves, kinds)
-    moves = [_Rows(*(None if isinstance(x, SymbolicZero) else x for x in change)) for change in tangents[1]]
-    if is_tracing():
-        # Only what is asked for remains of it.
-        return answers, _changed_there(answers, touched, moves, kinds, frame)
-    # All slopes by a program of its own, which is kept for curves of any length: where the curves are known the rest is
-    # a few sums.
-    slopes = _slopes(answers, touched.rows, touched.of_b, kinds, frame)
-    moved = [
-        (slope, segments, x)
-        for rows, segments, change in zip(slopes, touched.segments, moves, strict=True)
-        for slope, x in zip(rows, change, strict=True)
-        if x is not None
-    ]
-    return answers, _changed(answers, moved)
-
-
-_moving.defjvp(_moving_rule, symbolic_zeros=True)
-
-
-@compiled
-def _changed(answers: tuple[_Answer, ...], moved: list[tuple[Array, Array, Array]]) -> tuple[_Answer, ...]:
-    """The changes of the answers where control points and weights change."""
-    total = jnp.zeros((len(answers), answers[0].vector().size), answers[0].value.dtype)
-    for slope, segments, x in moved:
-        # Sums keep the batch axis of vmap in front, where a matrix product may move it.
-        total = total + jnp.sum(slope * x[segments][:, None], axis=range(2, slope.ndim))
-    return tuple(answer.of_vector(row) for answer, row in zip(answers, total, strict=True))
-
-
-@compiled
-def _touched(curves: tuple[_Rows, _Rows], kinds: tuple[_Constants, ...]) -> _Touched:
-    """What each of several answers touches, stacked."""
-    kind = _stacked(kinds)
-    turned = kind.direction == DIRECTIONS.b_to_a
-    of_b = jnp.stack([turned, ~turned, ~turned], axis=1)
-    touched = jnp.concatenate([kind.segment[:, None], kind.foot_segments], axis=1)
-    # The curve that does not carry it lends its first segment, which is not looked at.
-    segments = jnp.where(of_b, 0, touched), jnp.where(of_b, touched, 0)
-    a, b = (jax.tree_util.tree_map(lambda x, k=k: x[k], curve) for curve, k in zip(curves, segments, strict=True))
-    return _Touched((a, b), segments, of_b)
-
-
-@compiled
-def _slopes(
-    answers: tuple[_Answer, ...],
-    rows: tuple[_Rows, _Rows],
-    of_b: Array,
-    kinds: tuple[_Constants, ...],
-    frame: Frame,
-) -> tuple[_Rows, _Rows]:
-    """The derivatives of all numbers of each answer in the rows that it touches."""
-
-    def one(answer: _Answer, rows: tuple[_Rows, _Rows], of_b: Array, kind: _Constants) -> tuple[_Rows, _Rows]:
-        def change(moved: tuple[_Rows, _Rows]) -> Array:
-            return _moved_by(answer, rows, moved, of_b, kind, frame).vector()
-
-        # It is linear: its slopes anywhere are those of the answer.
-        return jax.jacrev(change)(jax.tree_util.tree_map(jnp.zeros_like, rows))
-
-    return jax.vmap(one)(_stacked(answers), rows, of_b, _stacked(kinds))
-
-
-def _changed_there(
-    answers: tuple[_Answer, ...], touched: _Touched, moves: list[_Rows], kinds: tuple[_Constants, ...], frame: Frame
-) -> tuple[_Answer, ...]:
-    """The changes of the answers where control points and weights change, without the slopes; None does not change."""
-
-    def taken(row: Any, change: Any, segments: Array) -> Any:
-        return None if row is None else jnp.zeros_like(row) if change is None else change[segments]
-
-    moved = tuple(
-        _Rows(taken(rows.points, change.points, segments), taken(rows.weights, change.weights, segments))
-        for rows, change, segments in zip(touched.rows, moves, touched.segments, strict=True)
+    parts = tuple(
+        tuple(_Touched(_rows(curve, w.segment), _rows(curve, w.foot_segments)) for curve in (a, b)) for _, w in given
     )
-
-    def one(k: int, answer: _Answer, kind: _Constants) -> _Answer:
-        rows, change, of_b = jax.tree_util.tree_map(lambda x: x[k], (touched.rows, moved, touched.of_b))
-        return _moved_by(answer, rows, change, of_b, kind, frame)
-
-    return tuple(one(k, answer, kind) for k, (answer, kind) in enumerate(zip(answers, kinds, strict=True)))
+    return following(_moving, answers, parts, (tuple(w for _, w in given), frame))
 
 
-def _moved_by(
-    answer: _Answer,
-    rows: tuple[_Rows, _Rows],
-    moved: tuple[_Rows, _Rows],
-    of_b: Array,
-    kind: _Constants,
-    frame: Frame,
-) -> _Answer:
-    """How an answer changes where the rows that it touches change."""
-    pieces, pieces_dot = jax.jvp(lambda rows: _pieces(rows, of_b, frame), (rows,), (moved,))
-    return _change(answer, pieces, pieces_dot, frame.scale(answer.value.dtype), kind)
+def _rows(curve: BezierSegments, segments: Array) -> _Rows:
+    weights = None if curve.weights is None else TouchedRows(curve.weights, segments)
+    return _Rows(TouchedRows(curve.control_points, segments), weights)
 
 
-def _stacked(each: tuple) -> Any:
-    return jax.tree_util.tree_map(lambda *x: jnp.stack(x), *each)
+def _moving(
+    rows: tuple[tuple[_Touched, _Touched], ...], constants: tuple[tuple[Witness, ...], Frame]
+) -> MovingNumbers:
+    """The answers as functions of the rows that they touch."""
+    witnesses, frame = constants
+    one = partial(_answer, frame)
+    if len(rows) == 1:
+        return MovingNumbers(*((x,) for x in one(rows[0], witnesses[0])))
+    # Side by side: one after the other would take as many times as long to compile.
+    found = jax.vmap(one)(*(jax.tree_util.tree_map(lambda *x: jnp.stack(x), *each) for each in (rows, witnesses)))
+    each = [jax.tree_util.tree_map(lambda x, k=k: x[k], found) for k in range(len(rows))]
+    return MovingNumbers(*zip(*each, strict=True))
 
 
-def _pieces(rows: tuple[_Rows, _Rows], of_b: Array, frame: Frame) -> active.Pieces:
+def _pieces(rows: tuple[_Touched, _Touched], turned: Array, frame: Frame) -> active.Pieces:
     """The segments of the witness and of its feet, of one degree and in common coordinates."""
-    degree = max(x.points.shape[1] for x in rows) - 1
-    rational = any(x.weights is not None for x in rows)
-
-    def piece(k: int) -> Piece:
-        first, second = (
-            _piece(x.points[k], None if x.weights is None else x.weights[k], degree, rational) for x in rows
-        )
-        points, weights = jax.tree_util.tree_map(lambda x, y: jnp.where(of_b[k], y, x), first, second)
-        return Piece(frame.moved(points), weights)
-
-    return piece(0), piece(1), piece(2)
+    each = [part for curve in rows for part in curve]
+    degree = max(part.points.shape[-2] for part in each) - 1
+    rational = any(part.weights is not None for part in each)
+    one = partial(_piece, degree=degree, rational=rational)
+    (a, feet_on_a), (b, feet_on_b) = ((one(*curve.carrier), jax.vmap(one)(*curve.feet)) for curve in rows)
+    first, feet = (
+        jax.tree_util.tree_map(lambda x, y: jnp.where(turned, y, x), *pair) for pair in ((a, b), (feet_on_b, feet_on_a))
+    )
+    first, feet = (piece._replace(control_points=frame.moved(piece.control_points)) for piece in (first, feet))
+    return first, *(jax.tree_util.tree_map(lambda x, k=k: x[k], feet) for k in range(2))
 
 
 def projection_with_derivatives(found: Projection, queries: Array, curve: BezierSegments) -> Projection:
@@ -281,31 +170,25 @@ def _raised(rows: Array, degree: int) -> Array:
     return jnp.sum(raising[:, :, None] * rows, axis=1)
 
 
-def _change(answer: _Answer, pieces: active.Pieces, moved: active.Pieces, scale: Array, kind: _Constants) -> _Answer:
-    """How an answer moves with the pieces by the active system of its kind."""
-    a, first, second = pieces
-    start = jax.lax.stop_gradient(jnp.concatenate([answer.t[None], answer.foot_params]))
-    given = jax.lax.stop_gradient(active.active(a, first, second, start, kind.event, kind.multipliers))
-    held, two = given.held, given.two
-    # At distance zero all derivatives are zero by convention; there they need not exist.
-    apart = kind.event != EVENTS.coincident
-    y, y_dot = jax.jvp(lambda p: active.solution(start, p, held, two), (pieces,), (moved,))
-    system = active.Active(a, first, second, held, two)
-    jets = [jet(*piece, s) for piece, s in zip(pieces, y, strict=True)]
-    # How the three points move at fixed parameters.
-    at_rest = [
-        jax.jvp(lambda p, s=s: jet(*p, s).point, (piece,), (change,))[1]
-        for piece, s, change in zip(pieces, y, moved, strict=True)
-    ]
-    stretch = jnp.stack([unit @ (at_rest[0] - at_rest[i]) for i, unit in enumerate(active.units(y, system), 1)])
-    points = [still + j.first * s for still, j, s in zip(at_rest, jets, y_dot, strict=True)]
+def _answer(frame: Frame, rows: tuple[_Touched, _Touched], w: Witness) -> tuple[_Answer, Array]:
+    """An answer by the active system of its witness, and where it has derivatives."""
+    pieces = _pieces(rows, w.direction == DIRECTIONS.b_to_a, frame)
+    start, still = jnp.append(w.t, w.foot_params), jax.lax.stop_gradient(pieces)
+    _, _, _, held, two = active.active(*still, start, w.event, w.multipliers)
+    y = active.solution(start, pieces, held, two)
+    multipliers, units = active.balance(y, active.Active(*pieces, held, two), w.multipliers)
+    value = at_rest(_value, (y, multipliers[:, None] * units), pieces)
+    point, feet = active.places(y, pieces)
+    scale = frame.scale(point.dtype)
     # A single foot is given twice.
-    feet = jnp.where(two, jnp.stack(points[1:]), points[1])
-    change = _Answer(
-        value=active.multipliers(y, system, kind.multipliers) @ stretch / scale,
-        t=y_dot[0],
-        point=points[0] / scale,
-        feet=feet / scale,
-        foot_params=jnp.where(two, y_dot[1:], y_dot[1]),
-    )
-    return jax.tree_util.tree_map(lambda x: jnp.where(apart, x, 0.0), change)
+    feet, params = jnp.where(two, feet, feet[0]), jnp.where(two, y[1:], y[1])
+    # At distance zero all derivatives are zero by convention; there they need not exist.
+    apart = w.event != EVENTS.coincident
+    return _Answer(value / scale, y[0], point / scale, feet / scale, params), apart
+
+
+def _value(state: tuple[Array, Array], pieces: active.Pieces) -> Array:
+    """The distance at fixed parameters, multipliers and directions to the feet."""
+    y, pulls = state
+    point, feet = active.places(y, pieces)
+    return jnp.sum(pulls * (point - feet))

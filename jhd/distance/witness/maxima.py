@@ -280,7 +280,7 @@ def _described(pair: _CriticalPair, cell: _CriticalCell, t: Array, foot: _Foot, 
         feet=jnp.stack([jet(*system.first, s1).point, jet(*system.second, s2).point]),
         foot_segments=jnp.stack([first.segment, second.segment]),
         foot_params=jnp.stack([s1, s2]),
-        multipliers=active.multipliers(y, system, one),
+        multipliers=active.balance(y, system, one)[0],
         event=EVENTS.where(value <= ZERO, EVENTS.coincident, event),
         direction=DIRECTIONS.a_to_b,
     )

@@ -98,5 +98,4 @@ def _moving(pieces: tuple[Net, Net], constants: tuple[MinimumSolution, Frame, Ar
     p, q = jet(pieces[0], x[:n]).point, jet(pieces[1], x[n:]).point
     scale = frame.scale(p.dtype)
     moving = {"value": length(p - q) / scale, "point_a": p / scale, "point_b": q / scale}
-    usable = apart(solution, solution.value * scale)
-    return MovingNumbers(moving, dict.fromkeys(moving, usable))
+    return MovingNumbers(moving, apart(solution, solution.value * scale))

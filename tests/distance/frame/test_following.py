@@ -18,7 +18,7 @@ def moving(rows, constants):
         "squares": jnp.sum(pair**2),
         "root": jnp.sqrt(first[1] - 1.0),
     }
-    return MovingNumbers(numbers, {"squares": constants > 0})
+    return MovingNumbers(numbers, {"product": True, "squares": constants > 0, "root": True})
 
 
 def found(x, name, constant=1.0):
@@ -58,7 +58,7 @@ def test_arrays_of_any_length_share_the_program_of_the_slopes():
 
     def counted(rows, constants):
         traced.append(rows[0].shape)
-        return MovingNumbers({"sum": jnp.sum(rows[0])}, {})
+        return MovingNumbers({"sum": jnp.sum(rows[0])}, True)
 
     for count in (3, 4, 3):
         slope = jax.grad(
@@ -66,3 +66,13 @@ def test_arrays_of_any_length_share_the_program_of_the_slopes():
         )
         assert np.asarray(slope(jnp.ones((count, 2))))[1].tolist() == [1.0, 1.0]
     assert traced == [(2,)]
+
+
+def test_second_derivatives_of_functions_of_the_numbers_have_all_their_terms():
+    x = jnp.asarray(ARRAY)
+    for change in (lambda f: f, jax.jit):
+        bend = change(jax.hessian(lambda x: found(x, "product") ** 2))(x)
+        slope = slope_of(x, "product")
+        # The number found is a constant: only its derivatives are those of the function.
+        expected_bend = 2 * slope[..., None, None] * slope + 200.0 * bend_of(x, "product")
+        np.testing.assert_allclose(bend, expected_bend, rtol=1e-14, atol=1e-12)

@@ -89,12 +89,12 @@ def test_the_bounds_of_a_step_are_widened(a, monkeypatch):
 
 
 def test_the_lower_bound_of_a_polished_witness_is_widened(a, monkeypatch):
-    system, places = SimpleNamespace(two=jnp.array(False)), (jnp.zeros(2), jnp.zeros((2, 2)))
+    system, places = SimpleNamespace(two=jnp.array(False), pieces=()), (jnp.zeros(2), jnp.zeros((2, 2)))
     stays = SimpleNamespace(
         active=lambda *_: system,
         polished=lambda y, _: y,
         places=lambda *_: places,
-        multipliers=lambda y, s, held: held,
+        balance=lambda y, s, held: (held, None),
     )
     monkeypatch.setattr(search, "active", stays)
     # The feet need not agree with the distance.

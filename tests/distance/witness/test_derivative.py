@@ -197,7 +197,7 @@ def test_forward_and_reverse_mode_agree_and_batches_equal_single_calls():
 def test_gradients_of_curves_of_any_length_share_the_program_of_the_slopes(monkeypatch):
     traced, pieces = [], derivative._pieces
     monkeypatch.setattr(
-        derivative, "_pieces", lambda rows, *rest: traced.append(rows[0].points.shape) or pieces(rows, *rest)
+        derivative, "_pieces", lambda rows, *rest: traced.append(rows[0].carrier.points.shape) or pieces(rows, *rest)
     )
 
     def gradient(count):
