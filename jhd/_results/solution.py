@@ -1,12 +1,12 @@
 """What the entries return: witnesses and solutions; how they ended stands in jhd._results.outcomes, named here too.
 
 Every class is a pytree of arrays, so solutions pass through jit and vmap; a batch of solutions is a solution whose
-leaves have leading axes.
+leaves have leading axes. JSON and files hold them as nested dictionaries, lists, numbers and names.
 """
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import equinox as eqx
@@ -23,12 +23,32 @@ from jhd._results.outcomes import RESULTS as RESULTS
 from jhd._results.outcomes import name_of as name_of
 from jhd._results.outcomes import names_of as names_of
 from jhd._results.outcomes import result_where as result_where
-from jhd._results.plain import stored_fields as stored_fields
-from jhd._results.plain import to_plain as to_plain
 from jhd._results.unproven import NotProvenError as NotProvenError
 from jhd._results.unproven import throw_unless_successful as throw_unless_successful
 from jhd._runtime.arrays import is_traced
 from jhd.decimals import interval_text, lower_text, upper_text
+
+
+def stored_fields(value: eqx.Module) -> list[str]:
+    """The names under which the contents of a result stand in files and JSON."""
+    return [field.metadata.get("name", field.name) for field in fields(value) if field.metadata.get("stored", True)]
+
+
+def to_plain(value: Any) -> Any:
+    """Nested dictionaries, lists, numbers and names of a result, as JSON can hold them; non-finite numbers are None."""
+    if hasattr(value, "_enumeration"):  # a member of an enumeration is a Module too
+        return names_of(value)
+    if isinstance(value, eqx.Module):
+        return {name: to_plain(getattr(value, name)) for name in stored_fields(value)}
+    if isinstance(value, dict):
+        return {name: to_plain(item) for name, item in value.items()}
+    if isinstance(value, jax.Array | np.ndarray):
+        return to_plain(np.asarray(value).tolist())
+    if isinstance(value, list):
+        return [to_plain(item) for item in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
 
 
 def with_result(solution: Any, result: Any) -> Any:

@@ -9,7 +9,7 @@ the degrees and T the number of coefficients, k is at most
 - "interval", the power form with x^i as the interval of the i-th powers: an end c +- h has one rounding, a power i ends
   and i - 1 products, so 2 i; three products with each other and the coefficient, and T for the sum: 2 n + 3 + T;
 - "horner": in each step one rounding of c +- h, one of the product, one of the sum: 3 n;
-- "centred" and "modified_affine": 4 n for the local form (`affine.local_form`) and T for the sum: 4 n + T;
+- "centred" and "modified_affine": 4 n for the local form (`local_form`) and T for the sum: 4 n + T;
 - "bernstein": 4 n, and in a variable of degree d one for the entry of the matrix, one for the product, d + 1 for the
   sum: 5 n + 6. The matrix takes the powers of e in [-1, 1] to Bernstein coefficients, means of products of ones and
   minus ones, so that its entries are at most one and the coefficients of a term at most the term.
@@ -22,8 +22,16 @@ reaches the end with a factor of at most one; there are fewer than 6 T (n + 4) o
 most nu. Scaled coefficients below nu are lost with an error that is followed exactly; an entry of c or h that is lost
 moves f by at most nu times its slope, below 2 n sum |a|.
 
-Source: Martin et al. (as in jhd.arithmetic.affine); Moore, Kearfott & Cloud, Introduction to Interval Analysis (2009),
-chapter 6; for the Bernstein form Farouki & Rajan (as in jhd.arithmetic.bernstein).
+The local form: on the box |x - c| <= h a polynomial is f(c + h e) = sum D_ijk e_x^i e_y^j e_z^k with noise symbols e in
+[-1, 1]. Affine arithmetic gives every term but the first the range [-|D|, |D|]; the modified form knows that a product
+of even powers lies in [0, 1].
+
+Arrays of forms have the boxes on the last axis, so that every operation runs along it: synthetic division on such
+arrays is 5 to 20 times faster than sums of products that broadcast.
+
+Source: Martin, Shou, Voiculescu, Bowyer & Wang, Comparison of interval methods for plotting algebraic curves, CAGD 19
+(2002), section 3.3; Moore, Kearfott & Cloud, Introduction to Interval Analysis (2009), chapter 6; for the Bernstein
+form Farouki & Rajan (as in jhd.arithmetic.bernstein). The proof of the rounding is ours.
 """
 
 import math
@@ -31,14 +39,60 @@ from functools import cache
 
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from jhd.arithmetic import rounding
-from jhd.arithmetic.affine import affine_range, local_form, modified_affine_range
 from jhd.arithmetic.interval import Interval
 from jhd.arithmetic.polynomials import horner
 
 Ends = tuple[Array, Array]
+
+
+def local_form(
+    coefficients: Float[Array, "i j k"], centre: Float[Array, "3 boxes"], half_width: Float[Array, "3 boxes"]
+) -> Float[Array, "i j k boxes"]:
+    """The coefficients D of e -> f(c + h e) for every box, by synthetic division, one variable after the other.
+
+    A coefficient of degree i in a variable of degree n reaches its place through at most 3 n roundings (in each of n
+    passes one for the sum in which it stays, and two for each of the at most n steps down that multiply by c), and i <=
+    n more for the power of h and its product: 4 n in all. The paths from a_ijk have the sizes of the terms of
+    |a_ijk| (|c_x| + h_x)^i (|c_y| + h_y)^j (|c_z| + h_z)^k.
+    """
+    form = jnp.broadcast_to(coefficients[..., None], (*coefficients.shape, centre.shape[-1]))
+    for axis in (2, 1, 0):
+        rows = [lax.index_in_dim(form, i, axis, keepdims=False) for i in range(form.shape[axis])]
+        n = len(rows) - 1
+        for first in range(n):
+            for i in range(n - 1, first - 1, -1):
+                rows[i] = rows[i] + centre[axis] * rows[i + 1]
+        power = half_width[axis]
+        for i in range(1, n + 1):
+            rows[i] = rows[i] * power
+            power = power * half_width[axis]
+        # Without the barrier the loops of all three variables are fused, and everything is computed many times over.
+        form = lax.optimization_barrier(jnp.stack(rows, axis))
+    return form
+
+
+def affine_range(form: Float[Array, "i j k boxes"]) -> tuple[Array, Array]:
+    """Ends of D_000 +- sum |D|, not rounded outward: the centred form, which is plain affine arithmetic."""
+    terms = form.reshape(-1, form.shape[-1])
+    spread = jnp.sum(jnp.abs(terms[1:]), axis=0)
+    return terms[0] - spread, terms[0] + spread
+
+
+def modified_affine_range(form: Float[Array, "i j k boxes"]) -> tuple[Array, Array]:
+    """Ends of the range with products of even powers in [0, 1], not rounded outward."""
+    terms = form.reshape(-1, form.shape[-1])
+    even = np.all(np.indices(form.shape[:3]) % 2 == 0, axis=0).ravel()
+    even[0] = False
+    odd = ~even
+    odd[0] = False
+    spread = jnp.sum(jnp.abs(terms[np.flatnonzero(odd)]), axis=0)
+    squares = terms[np.flatnonzero(even)]
+    below, above = jnp.sum(jnp.minimum(squares, 0.0), axis=0), jnp.sum(jnp.maximum(squares, 0.0), axis=0)
+    return terms[0] - spread + below, terms[0] + spread + above
 
 
 def enclose(

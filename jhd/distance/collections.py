@@ -3,9 +3,12 @@
 Shapes are of any kinds, in every mix of one dimension. Curves, which may differ in degree and in their number of
 segments, are measured in blocks by a few compiled programs; shapes of other kinds one after the other. The work goes to
 threads, or to any executor.
+
+Signatures tell the pairs that may be within a threshold without a look at all of them: distances from one of the
+points, sorted, leave for each shape a window of others, within which all points are compared.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -19,7 +22,6 @@ from jhd._runtime.arrays import check_whole, real_array, same_arrays
 from jhd._runtime.compiled import give_back
 from jhd.distance.decisions import checked_limit
 from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
-from jhd.distance.many.near_duplicates import candidates
 from jhd.distance.many.neighbours import nearest_of, standings_of, together
 from jhd.distance.many.shapes import Collection, both_collections
 from jhd.distance.many.signatures import PointLattice, SignatureBounds, Signatures, lattice_over, reaches, signatures_of
@@ -36,6 +38,8 @@ Report = Callable[[CollectionProgress], object] | None
 _PAIRS = 1 << 14
 # Pairs whose bounds are held at once: a hundred bytes each while they are looked at.
 _BOUNDS = 10**6
+# Shapes whose windows are looked at together.
+_TOGETHER = 64
 
 
 class Pairwise(eqx.Module):
@@ -346,3 +350,38 @@ def _results(numbers: np.ndarray) -> Any:
 def _no_pairs() -> list[tuple[np.ndarray, ...]]:
     nothing, none = np.zeros(0, int), np.zeros(0)
     return [(nothing, nothing, none, none)]
+
+
+def candidates(a: Signatures, b: Signatures, threshold: float, same: bool) -> Iterator[tuple[np.ndarray, ...]]:
+    """Yields rows, columns, lower and upper bounds of the pairs that are not proven to be farther apart.
+
+    Args:
+        a: of the first shapes.
+        b: of the second ones.
+        threshold: a length in their unit.
+        same: whether both are the same; then each pair comes once, the smaller index first.
+    """
+    bounds = SignatureBounds(a, b)
+    with np.errstate(invalid="ignore"):
+        spread = np.where(np.all(np.isfinite(a.upper), axis=0), np.std(a.upper, axis=0), 0.0)
+    pivot = int(np.argmax(spread))
+    order_a, order_b = (np.argsort(x.lower[:, pivot], kind="stable") for x in (a, b))
+    keys = b.lower[order_b, pivot]
+    # A key is at most this much below the distance that it stands for.
+    slack = np.max(b.upper[:, pivot] - b.lower[:, pivot])
+    for start in range(0, len(order_a), _TOGETHER):
+        rows = order_a[start : start + _TOGETHER]
+        least, most = a.lower[rows, pivot].min(), a.upper[rows, pivot].max()
+        # Widened by far more than the rounding of these sums.
+        margin = (threshold + slack) * (1 + 1e-9) + 1e-9 * abs(most)
+        first = int(np.searchsorted(keys, least - margin))
+        last = int(np.searchsorted(keys, most + margin, "right"))
+        columns = order_b[first:last]
+        if not len(columns):
+            continue
+        lower, upper = bounds.between(rows, columns)
+        near = lower <= threshold
+        if same:
+            near &= columns[None, :] > rows[:, None]
+        i, j = np.nonzero(near)
+        yield rows[i], columns[j], lower[i, j], upper[i, j]

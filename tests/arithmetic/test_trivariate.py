@@ -10,7 +10,7 @@ import pytest
 
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic import rounding, trivariate
-from jhd.arithmetic.affine import affine_range, local_form, modified_affine_range
+from jhd.arithmetic.trivariate import affine_range, local_form, modified_affine_range
 from tests.sweeps import swept
 
 ENCLOSE = compiled(trivariate.enclose, (3,))

@@ -186,7 +186,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/many/near_duplicates.py",
+        "distance/collections.py",
         "distance/test_collections.py",
         (
             "near &= columns[None, :] > rows[:, None]",

@@ -41,7 +41,7 @@ COVERED = {
     ("distance/cells/moving_pairs.py", "_moving", 5): _SAMPLED,
     ("distance/cells/moving_pairs.py", "_rest", 2): _SAMPLED,
     ("distance/cells/moving_pairs.py", "moving_bound", 3): _SAMPLED,
-    ("distance/cells/narrowed.py", "narrowed", 6): _SAMPLED,
+    ("distance/cells/moving_pairs.py", "narrowed", 6): _SAMPLED,
     ("distance/cells/surfaces.py", "upper_bounds", 3): _KERNELS,
     ("distance/cells/triangles.py", "MeshSide.slack", 2): _SAMPLED,
     ("distance/frame/curves.py", "evaluation_error", 1): _KERNELS,

@@ -5,8 +5,7 @@ import pytest
 
 import jhd
 from jhd.shapes.implicit import ImplicitSurface
-from jhd.shapes.implicit_mesh import NotRegularError
-from jhd.shapes.marching import march, nodes_of
+from jhd.shapes.implicit_mesh import NotRegularError, march, nodes_of
 from jhd.shapes.mesh import edges_of
 from tests.reference import distances_to_triangles
 from tests.sweeps import swept

@@ -23,7 +23,17 @@ that the parabola which the distance follows is more than none.
 Rounding: P, Q and v are their floating-point coefficients. What is computed from them is in jhd.arithmetic.truncated,
 in the errors of forms (jhd.distance.nearest.forms), and in balls.
 
-Source: ours; the quadratic term in g as in Bertsekas, Constrained Optimization and Lagrange Multiplier Methods (1982).
+Cells that a surface crosses near a corner are narrowed first. With e in [-1, 1]^3 the polynomial is c + s.e + r(e) with
+|r(e)| <= R, so where it is zero
+
+    s_i e_i is within sum over j other than i of |s_j|, and R, of -c.
+
+What is left is as small as the part of the surface, up to the square of the size of the cell: feet are then near the
+middle, and a surface that leaves the cell through a corner is a graph over all of it.
+
+Source: ours; the quadratic term in g as in Bertsekas, Constrained Optimization and Lagrange Multiplier Methods (1982);
+narrowing is known as hull consistency in interval computation (Benhamou et al., Revising hull and box consistency,
+ICLP 1999).
 """
 
 from typing import Any, NamedTuple
@@ -35,7 +45,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic.balls import Ball, plus, semidefinite, times
 from jhd.arithmetic.polynomials import slopes
-from jhd.arithmetic.rounding import gamma
+from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.truncated import Truncated, composed, largest, product, scaled
 from jhd.arithmetic.truncated import plus as added
 from jhd.distance.cells.graphs import NODES, GraphOver, beside_graph, fitted, graph_over, values_over
@@ -43,7 +53,6 @@ from jhd.distance.cells.implicit import between, shape_over
 from jhd.distance.cells.lagrange import WithSurface
 from jhd.distance.cells.moving_feet import displacement, piece_about
 from jhd.distance.cells.moving_minimum import least, least_of_rest
-from jhd.distance.cells.narrowed import narrowed
 from jhd.distance.cells.pairs import Cell, PairBound
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import boxes, form, slope_changes
@@ -58,6 +67,9 @@ _HEAVY = (0.0, 4.0)
 _MODULI = (1.0, 0.1, 0.01)
 # The most that a cell of b is longer than one of a that is cut first: where a is a graph, and where it is none.
 _LONGEST, _LONGEST_OF_NONE = 512.0, 64.0
+# The shortest side of what is left, as a share of the longest, where the cell has room: across thinner ones the
+# polynomial changes by less than its rounding.
+_THINNEST = 2.0**-8
 
 
 class MovingPairBound(NamedTuple):
@@ -261,3 +273,30 @@ def _rest(moving: _MovingFoot, modulus: Array, heavy: Array, low: Array, high: A
     bent = 0.5 * jnp.where(modulus > 0, modulus, 1.0)
     found = least_of_rest(rest, bent, low - moving.high - size, high - moving.low + size)
     return jnp.sum(found - gamma(8, dtype) * jnp.abs(found))
+
+
+def narrowed(side: Side, low: Array, high: Array) -> tuple[Array, Array]:
+    """The corners (3,) of a box within a cell that holds the part of a surface there; the cell where there is none."""
+    dtype = low.dtype
+    cells = boxes(low[:, None], high[:, None])
+    f = form(side, cells)
+    slope, value = f.slope[:, 0], f.value[0]
+    size = jnp.abs(slope)
+    total = jnp.sum(size)
+    # Sums of what is positive, and the rounding of what they are compared with; their underflow is in the error.
+    others = total - size + gamma(8, dtype) * total
+    loose = (others + f.rest[0] + f.error[0] + gamma(8, dtype) * jnp.abs(value)) * (1 + gamma(8, dtype))
+    steep = jnp.where(slope != 0, slope, 1.0)
+    middle, reach = -value / steep, loose / size
+    slack = gamma(8, dtype) * (jnp.abs(middle) + reach)
+    centre, half = cells.centre[:, 0], cells.half[:, 0]
+    ends = [centre + half * (middle + sign * (reach + slack)) for sign in (-1, 1)]
+    room = gamma(8, dtype) * (jnp.abs(centre) + half * (jnp.abs(middle) + reach + slack)) + 8 * smallest_normal(dtype)
+    # Where nothing is known, as where a slope is zero, NaN or infinite, an end is that of the cell.
+    first = jnp.where(size > 0, jnp.maximum(low, ends[0] - room), low)
+    last = jnp.where(size > 0, jnp.minimum(high, ends[1] + room), high)
+    usable = jnp.all(first <= last)
+    extent = last - first
+    short = jnp.maximum(_THINNEST * jnp.max(extent) - extent, 0.0)
+    first, last = jnp.maximum(first - short, low), jnp.minimum(last + short, high)
+    return jnp.where(usable, first, low), jnp.where(usable, last, high)

@@ -4,7 +4,8 @@ Cells of a wait with proven upper bounds (jhd.distance.search.sources). A step t
 looks for points of b near their middles and corners, and bounds the parts by these. A place whose distance to all of b
 is proven to be large raises the lower bound: where nearest points cost little, each is looked at, else those that seem
 to be farthest in the cells with the largest bounds, whose feet are then better as well. Cells are dropped as soon as
-their bound is within the tolerance of the lower one.
+their bound is within the tolerance of the lower one. Of the feet that are known near a cell some are kept for its
+parts.
 """
 
 import time
@@ -15,10 +16,10 @@ from typing_extensions import override
 
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, on_device
 from jhd.arithmetic.rounding import cast, unit_roundoff
+from jhd.distance.cells.surfaces import FEET
 from jhd.distance.frame.aim import Aim, AllowedGap
 from jhd.distance.frame.coordinates import Frame, user_length
 from jhd.distance.nearest.target import AbstractTarget, FootRows, ProvenFeet
-from jhd.distance.search.cell_feet import put, spread
 from jhd.distance.search.farther_places import FartherPlaces, PlaceFound
 from jhd.distance.search.followed_cells import FollowedFeet
 from jhd.distance.search.followed_graphs import FollowedGraphs
@@ -26,6 +27,8 @@ from jhd.distance.search.polished_place import About
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells
 
+# Feet count together where their distances agree to this many diameters of a cell.
+_TOGETHER = 2.0
 # Cells cut in a step, at most, and most that wait; each takes 400 bytes.
 _BATCH, _WAITING = 1 << 13, 1 << 20
 # From this number on, and for each step allowed or piece of the source from _SHARE on, cells that wait belong to a
@@ -43,6 +46,32 @@ _POLISHED_FROM = 4
 _PROVEN, _MENDED_FROM = 256, 16
 # The share of the tolerance that the bounds of a measured place may take.
 _MEASURED = 0.05
+
+
+def spread(feet: FootRows, places: np.ndarray) -> FootRows:
+    """Some feet of each cell: the nearest to the middle, and of those about as near the farthest from each other."""
+    there = np.where(feet.error[..., None] < np.inf, feet.point, np.nan).astype(np.float64)
+    middle = places[:, :1].astype(np.float64)
+    size = np.sqrt(np.max(np.sum((places - middle) ** 2, axis=2), axis=1))
+    far = np.sqrt(np.sum((there - middle) ** 2, axis=2))
+    far = np.where(np.isnan(far), np.inf, far)
+    first = np.argmin(far, axis=1)
+    index = np.arange(len(first))
+    reach = far[index, first] + _TOGETHER * size
+    chosen = [first]
+    apart = np.sum((there - there[index, first][:, None]) ** 2, axis=2)
+    for _ in range(FEET - 1):
+        after = np.argmax(np.where(far <= reach[:, None], apart, -1.0), axis=1)
+        chosen.append(after)
+        apart = np.fmin(apart, np.sum((there - there[index, after][:, None]) ** 2, axis=2))
+    rows = np.stack(chosen, axis=1)
+    return feet.map(lambda x: x[index[:, None], rows])
+
+
+def put(feet: FootRows, cells: np.ndarray, rows: FootRows) -> None:
+    """One foot more for each of some cells, in place of the last one."""
+    for held, new in zip(feet, rows, strict=True):
+        held[cells, -1] = new
 
 
 class _Waiting(NamedTuple):

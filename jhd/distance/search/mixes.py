@@ -1,4 +1,8 @@
-"""Directed distances of shapes of any two kinds: which search serves, its frame and its tolerance."""
+"""Directed distances of shapes of any two kinds: which search serves, its frame and its tolerance.
+
+A set of points needs no cells. All get a proven upper bound at once, from a point of the target near them; then the
+farthest ones are measured, until the largest distance proven reaches the next upper bound.
+"""
 
 from functools import partial
 from typing import Any, NamedTuple
@@ -6,8 +10,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from typing_extensions import override
 
-from jhd._results.solution import RESULTS, HausdorffSolution
+from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
 from jhd._runtime.arrays import is_tracing, undifferentiated
 from jhd.arithmetic.rounding import gamma
 from jhd.distance.cells.foot_maps import Triangles
@@ -17,15 +22,14 @@ from jhd.distance.frame.coordinates import Frame, common_points, diagonal, extre
 from jhd.distance.frame.net_jets import Net, eta, point_error
 from jhd.distance.frame.nets import hull_of, net_of, prepare_nets, repeated
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
-from jhd.distance.nearest.target import AbstractTarget, MeshTarget, PointTarget
-from jhd.distance.search import farthest_place, from_points
+from jhd.distance.nearest.target import AbstractTarget, MeshTarget, PointTarget, ProvenFeet
+from jhd.distance.search import farthest_place
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.cell_heights import CellHeights
 from jhd.distance.search.closest_triangles import as_mesh
 from jhd.distance.search.farthest_place import FarthestSearch
 from jhd.distance.search.followed_cells import FollowedFeet, padded_pieces
 from jhd.distance.search.followed_graphs import FollowedGraphs, places_on_graphs
-from jhd.distance.search.from_points import PointSearch
 from jhd.distance.search.from_program import AnswerForm, from_program
 from jhd.distance.search.looked_at import looked_at
 from jhd.distance.search.mesh_source import MeshSource
@@ -34,7 +38,7 @@ from jhd.distance.search.on_patches import NetTarget
 from jhd.distance.search.on_surfaces import SurfaceTarget
 from jhd.distance.search.points import is_points
 from jhd.distance.search.polished_place import About, place_of
-from jhd.distance.search.search import AbstractSearch, Listener, drive
+from jhd.distance.search.search import AbstractSearch, Listener, Standing, drive
 from jhd.distance.search.sources import AbstractSource, NetSource
 from jhd.distance.search.surface_source import SurfaceSource
 from jhd.distance.search.targets import target_of, usable
@@ -51,6 +55,12 @@ from jhd.shapes.prepared import prepared
 _ULPS = 512
 # The size of points, in units of a surface, from which on their common box is the unit; by the bytes of a number.
 _FAR = {8: 2.0**400, 4: 2.0**40}
+# Points of the first step; each step takes twice as many, up to what is best for the target.
+_FIRST = 32
+# What is counted: steps, points, and points that were measured.
+_POINT_COUNTS = "steps", "points", "measured"
+# Steps of the first stretch.
+_FIRST_STEPS = 16
 
 
 def mixed_directed(
@@ -255,5 +265,111 @@ def _form(a: Any, b: Any) -> AnswerForm:
     places: dict[type, tuple[int, ...]] = {TriangleMesh: (3,), BezierPatches: (2,)}
     t, params = places.get(type(a), ()), places.get(type(b), ())
     feet = 2 if is_points(a) and is_points(b) else FEET
-    counts = from_points.COUNTS if is_points(a) else farthest_place.COUNTS
+    counts = _POINT_COUNTS if is_points(a) else farthest_place.COUNTS
     return AnswerForm(dtype_of(a), a.dim, feet, t, params, counts)
+
+
+class _Farthest(NamedTuple):
+    index: int
+    foot: ProvenFeet  # one row
+    lower: float
+
+
+class _PointSearchState(NamedTuple):
+    order: np.ndarray  # points from the farthest to the nearest, by their bounds
+    bounds: np.ndarray
+    measured: int
+    settled: float  # largest upper bound of those measured
+    best: _Farthest | None
+    steps: int
+
+
+class PointSearch(AbstractSearch):
+    """The search; its state holds the points in the order of their upper bounds.
+
+    Args:
+        points: (points, dim), known and finite.
+        target: what distances are taken to.
+        allowed: the gap that may stay at a lower bound.
+        aim: what of the distance matters.
+        max_steps: most steps.
+    """
+
+    first_steps = _FIRST_STEPS
+
+    def __init__(self, points: np.ndarray, target: AbstractTarget, allowed: AllowedGap, aim: Aim, max_steps: int):
+        self._points, self._target, self._allowed = points, target, allowed
+        self._level, self._ceiling, self.max_steps = float(aim.level), float(aim.ceiling), max_steps
+
+    @override
+    def begin(self) -> _PointSearchState:
+        upper = self._target.feet(self._points)
+        order = np.argsort(-upper, kind="stable")
+        return _PointSearchState(order, upper[order], 0, -np.inf, None, 0)
+
+    @override
+    def advance(self, state: _PointSearchState, limit: int, growing: bool) -> tuple[_PointSearchState, Standing]:
+        while self._going(state) and state.steps < limit:
+            state = self._step(state)
+        # Some point is always measured: the witness is the farthest of those that were.
+        state = self._step(state) if state.best is None else state
+        going = self._going(state)
+        return state, Standing(self._solution(state), going, False, state.steps, len(state.order) - state.measured)
+
+    @override
+    def longer(self, state: _PointSearchState) -> _PointSearchState:
+        """It is never full."""
+        return state
+
+    def _next(self, state: _PointSearchState) -> float:
+        return float(state.bounds[state.measured]) if state.measured < len(state.bounds) else -np.inf
+
+    def _going(self, state: _PointSearchState) -> bool:
+        if state.best is None:
+            return True
+        lower = state.best.lower
+        after = self._next(state)
+        # Without a proven point of the target no bound can get finite.
+        beyond = after > max(lower + self._allowed(lower), self._level)
+        return bool(np.isfinite(after)) and beyond and lower <= self._ceiling
+
+    def _step(self, state: _PointSearchState) -> _PointSearchState:
+        size = min(_FIRST << min(state.steps, 20), self._target.block)
+        rows = state.order[state.measured : state.measured + size]
+        best = state.best
+        enough = self._level if best is None else max(best.lower, self._level)
+        found = self._target.nearest(self._points[rows], enough)
+        top = int(np.argmax(found.lower))
+        if best is None or found.lower[top] > best.lower:
+            foot = ProvenFeet(*(x[top : top + 1] for x in found))
+            best = _Farthest(int(rows[top]), foot, float(found.lower[top]))
+        settled = max(state.settled, float(np.max(found.upper)))
+        return state._replace(measured=state.measured + len(rows), settled=settled, best=best, steps=state.steps + 1)
+
+    def _solution(self, state: _PointSearchState) -> HausdorffSolution:
+        best: Any = state.best  # some point is measured by now
+        upper = max(state.settled, self._next(state), best.lower)
+        closed = upper - max(best.lower, self._level) <= self._allowed.asked(best.lower) or best.lower > self._ceiling
+        result = RESULTS.successful if closed else RESULTS.gap_not_closed
+        counts = state.steps, len(state.order), state.measured
+        dtype, foot, rows = self._points.dtype, best.foot, self._target.feet_named
+        distance = foot.distance[0] if best.lower > 0 else 0.0
+        witness = Witness(
+            segment=jnp.asarray(best.index),
+            t=jnp.zeros((), dtype),
+            point=jnp.asarray(self._points[best.index]),
+            feet=jnp.asarray(np.repeat(foot.foot, rows, axis=0)),
+            foot_segments=jnp.asarray(np.repeat(foot.segment.astype(int), rows)),
+            foot_params=jnp.asarray(np.repeat(foot.t, rows, axis=0)),
+            multipliers=jnp.asarray(np.eye(rows)[0], dtype),
+            event=EVENTS.a_end if distance > 0 else EVENTS.coincident,
+            direction=DIRECTIONS.a_to_b,
+        )
+        return HausdorffSolution(
+            value=jnp.asarray(np.clip(distance, best.lower, upper), dtype),
+            lower=jnp.asarray(best.lower, dtype),
+            upper=jnp.asarray(upper, dtype),
+            witness=witness,
+            result=RESULTS.unverified if np.isinf(upper) else result,
+            stats={name: jnp.asarray(count) for name, count in zip(_POINT_COUNTS, counts, strict=True)},
+        )

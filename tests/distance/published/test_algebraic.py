@@ -12,7 +12,6 @@ from jhd._results.solution import name_of
 from jhd.distance.frame.curves import prepare
 from jhd.distance.published.events import forms as event_forms
 from jhd.distance.published.events import host_pair
-from jhd.distance.published.events import kernels as event_kernels
 from jhd.distance.published.events import survivors as event_survivors
 from jhd.distance.published.events import systems as event_systems
 from tests.cases import CASES
@@ -245,7 +244,7 @@ def test_divided_differences_have_the_sheet_divided_out():
         mean = (h(s) - h(r)) / (s - r)
         second = (f(r) + f(s) - 2 * mean) / (s - r) ** 2
         for order, expected in ((1, first / 5), (2, second / 5 / 4 * 6)):
-            table = event_kernels._divided(form, order, [whole, whole]).c[0, :, :, 0]
+            table = event_systems._divided(form, order, [whole, whole]).c[0, :, :, 0]
             m = len(table) - 1
             basis = [[math.comb(m, i) * x**i * (1 - x) ** (m - i) for i in range(m + 1)] for x in (r, s)]
             assert np.array(basis[0]) @ table @ np.array(basis[1]) == pytest.approx(expected, abs=1e-10)

@@ -7,7 +7,7 @@ import pytest
 
 import jhd
 from jhd._results.solution import name_of
-from jhd.distance.published.cube_samples import cube_side, samples_in
+from jhd.distance.published.voxel_pairs import cube_side, samples_in
 from tests.triangles.test_closest_point import soup, sphere
 
 

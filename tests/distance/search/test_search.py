@@ -10,9 +10,9 @@ from jhd.distance.search import farthest_place
 from jhd.distance.search.closest_triangles import TriangleSearch
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd.distance.search.farthest_place import FarthestSearch
-from jhd.distance.search.from_points import PointSearch
 from jhd.distance.search.in_turn import InTurn
 from jhd.distance.search.meshes import MeshSearch
+from jhd.distance.search.mixes import PointSearch
 from tests.distance import pairs
 from tests.distance.nearest.test_meshes import torus
 from tests.distance.search.test_mixed import spheres
