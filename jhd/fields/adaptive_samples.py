@@ -142,28 +142,14 @@ def _is_behind(mesh: TriangleMesh, tree: TriangleTree, scaled: np.ndarray, near:
 
 
 def _met(samples: Samples, others: np.ndarray, apart: np.ndarray, clearance: np.ndarray) -> np.ndarray:
-    """The side of one of `others` whose ball meets the ball of radius `clearance`, 0 where there is none.
-
-    Args:
-        samples: the points.
-        others: neighbours, (points, neighbours).
-        apart: their distances, (points, neighbours).
-        clearance: radii of balls that are free of the mesh, (points,).
-    """
+    """The side of one of `others` whose ball meets the ball of radius `clearance`, 0 where there is none."""
     meets = _meet(apart, clearance[:, None], samples.clearance[others])
     side = np.where(meets, samples.side[others], 0)
     return side[np.arange(len(side)), np.argmax(np.abs(side), axis=1)]
 
 
 def spread(samples: Samples, who: np.ndarray, others: np.ndarray, apart: np.ndarray) -> None:
-    """Hands sides that are known to points whose side is not, in place.
-
-    Args:
-        samples: the points.
-        who: points without a side, (pairs,).
-        others: neighbours of each, (pairs, neighbours).
-        apart: their distances, (pairs, neighbours).
-    """
+    """Hands sides that are known to points whose side is not, in place."""
     found = _met(samples, others, apart, samples.clearance[who])
     samples.side[who[found != 0]] = found[found != 0]
 
@@ -172,13 +158,6 @@ def lift(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray
     """Hands sides to points close to the mesh, in place.
 
     They are moved away from it, inside the balls about them, until a ball meets that of a neighbour.
-
-    Args:
-        surface: the mesh.
-        samples: the points.
-        who: points without a side.
-        points: their coordinates.
-        others: neighbours of each.
     """
     left = np.arange(len(who))
     for _ in range(_LIFTS):
@@ -193,14 +172,7 @@ def lift(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray
 
 
 def decide(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray) -> None:
-    """Gives sides by the winding number to those that have none, in place.
-
-    Args:
-        surface: the mesh.
-        samples: the points.
-        who: places in the samples.
-        points: the coordinates of all of `who`.
-    """
+    """Gives sides by the winding number to those that have none, in place."""
     left = np.flatnonzero(samples.side[who] == 0)
     if len(left):
         found = closest_points(surface.mesh, points[left]) if surface.linked else None
@@ -216,12 +188,6 @@ def is_inner(
 
     Points close to the mesh are asked for where they have been moved away from it, where they are proven to stay on
     their side: balls with more room meet more often, so fewer winding numbers are evaluated.
-
-    Args:
-        surface: the mesh.
-        points: in its unit.
-        found: their nearest points.
-        reach: how far each may be moved.
     """
     if surface.sign == "none":
         return np.zeros(len(points), bool)

@@ -137,7 +137,7 @@ def minimise_by_cuts(
         report(step + 1, point.value, optimality)
     else:
         radius = np.inf
-    if point.value <= atol or optimality <= STATIONARY * _longest(point.cuts):
+    if point.value <= atol or optimality <= STATIONARY * max(np.linalg.norm(x.gradient) for x in point.cuts):
         result = RESULTS.successful
     elif late:
         result = RESULTS.fit_out_of_time
@@ -185,16 +185,9 @@ def _stationarity(point: Evaluated, cuts: list[Cut], scale: Any, radius: float) 
     model = _model(point, cuts, scale, radius)
     price = 10 * (point.value - model.height) / (point.value or 1.0)
     mu = multipliers(model.gradient * scale, price)
-    best = multipliers(np.array([cut.gradient for cut in point.cuts]) * scale, _prices(point))
+    prices = 10 * (point.value - np.array([cut.value for cut in point.cuts])) / (point.value or 1.0)
+    best = multipliers(np.array([cut.gradient for cut in point.cuts]) * scale, prices)
     return float(np.linalg.norm(mu @ model.gradient)), best
-
-
-def _prices(point: Evaluated) -> Any:
-    return 10 * (point.value - np.array([cut.value for cut in point.cuts])) / (point.value or 1.0)
-
-
-def _longest(cuts: tuple[Cut, Cut]) -> float:
-    return float(max(np.linalg.norm(cut.gradient) for cut in cuts))
 
 
 def motions(build: Callable[[Any], Target], parameters: Any) -> Any:
@@ -206,7 +199,7 @@ def motions(build: Callable[[Any], Target], parameters: Any) -> Any:
     if isinstance(shape, TriangleMesh):
         if shape.vertices.size * start.size > _NUMBERS:
             return np.ones(start.size)
-        slopes = np.asarray(jax.jacfwd(lambda p: _vertices(build(p)))(start))
+        slopes = np.asarray(jax.jacfwd(lambda p: build(p).vertices)(start))  # pyright: ignore[reportAttributeAccessIssue]
         moved = np.linalg.norm(slopes.reshape(-1, 3, start.size), axis=1)
     else:
         cells = voxelise(shape, _CELLS)
@@ -216,7 +209,3 @@ def motions(build: Callable[[Any], Target], parameters: Any) -> Any:
         moved = np.abs(values[steep > 0]) / steep[steep > 0, None]
     typical = [np.median(column[column > 0]) if np.any(column > 0) else 1.0 for column in moved.T]
     return 1 / np.array(typical)
-
-
-def _vertices(shape: Any) -> Any:
-    return shape.vertices

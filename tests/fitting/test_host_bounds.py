@@ -8,7 +8,7 @@ import pytest
 import jhd
 from jhd._results.solution import name_of
 from jhd._runtime import compiled
-from jhd.fitting import problem, solutions
+from jhd.fitting import problem, ways
 from jhd.fitting.clock import Clock, OutOfTimeError
 from jhd.fitting.host_bounds import host_bounds
 from tests.sweeps import swept
@@ -75,7 +75,7 @@ def test_a_fit_without_time_to_compile_has_wider_bounds_that_hold(monkeypatch):
 
     # As if no program were at hand, and too late.
     monkeypatch.setattr(Clock, "compiling", refuse)
-    for module, name in ((problem, "local_pairs"), (solutions, "hausdorff")):
+    for module, name in ((problem, "local_pairs"), (ways, "hausdorff")):
         monkeypatch.setattr(module, name, lambda *_, **__: compiled._ask())
     quarter = jhd.BezierSegments([[[1, 0], [1, 1], [0, 1]]], [[1, 0.5**0.5, 1]])
     fit = jhd.fit_curve(quarter, degree=3)

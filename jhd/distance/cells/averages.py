@@ -374,15 +374,7 @@ def partings(
     pieces: ConvexPieces,
     left: Float[np.ndarray, " cells"],
 ) -> Float[np.ndarray, "cells corners"]:
-    """The heights of the corners of cells above the plane by which each is best cut; zeros where there is none.
-
-    Args:
-        corners: of the cells.
-        middle: of each.
-        found: the nearest points of the middles.
-        pieces: triangles near the middles.
-        left: what the bounds of the means leave open.
-    """
+    """The heights of the corners of cells above the plane by which each is best cut; zeros where there is none."""
     parting = np.zeros(corners.shape[:2])
     away = _length(middle[pieces.who] - pieces.foot)
     near = found.upper[pieces.who] * (1 + _TIED) + _TIED * _SHORT

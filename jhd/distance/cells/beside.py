@@ -91,14 +91,7 @@ def _coordinates(apart: Array, a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def beside_surface(side: Side, feet: Array, radius: Array, corners: Array) -> Flats:
-    """Parallelograms in the tangent planes at feet (feet, 3), where the corners (corners, 3) of a cell project to.
-
-    Args:
-        side: the polynomial.
-        feet: points close to the surface.
-        radius: within which one of it is proven, for each.
-        corners: of the hull of a cell.
-    """
+    """Parallelograms in the tangent planes at feet (feet, 3), where the corners (corners, 3) of a cell project to."""
     slope = jnp.moveaxis(slopes(jnp.asarray(side.coefficients), feet.T)[1], -1, 0).reshape(feet.shape)
     square = jnp.sum(slope**2, axis=-1, keepdims=True)
     # Where the gradient vanishes there is no tangent plane; any direction is true, and proves nothing there.

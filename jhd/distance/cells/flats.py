@@ -140,7 +140,8 @@ def trials(apart: Float[Array, "feet 3"], tangents: Float[Array, "parameters 3"]
     along = jnp.concatenate([tangents, first])
     pulls = jnp.sum(apart[:, None] * along, axis=-1)  # along u, along v, and in an orthonormal frame
     x, y = pulls[_PAIRS[:, 0]], pulls[_PAIRS[:, 1]]
-    single = -y[:, :2] / _nonzero(x[:, :2] - y[:, :2])
+    change = x[:, :2] - y[:, :2]
+    single = -y[:, :2] / jnp.where(change != 0, change, 1.0)
     apart_sq = jnp.sum((x[:, 2:] - y[:, 2:]) ** 2, axis=1)
     both = jnp.sum(y[:, 2:] * (y[:, 2:] - x[:, 2:]), axis=1) / jnp.where(apart_sq > 0, apart_sq, 1.0)
     share = jnp.clip(jnp.concatenate([single[:, 0], single[:, 1], both]), 0.0, 1.0)
@@ -161,7 +162,3 @@ def trials(apart: Float[Array, "feet 3"], tangents: Float[Array, "parameters 3"]
 
 def _turn(x: Array, y: Array) -> Array:
     return x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0]
-
-
-def _nonzero(x: Array) -> Array:
-    return jnp.where(x != 0, x, 1.0)

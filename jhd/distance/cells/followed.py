@@ -96,15 +96,7 @@ def _part_of_nets(k: int, degree: int, net: Net, inner: Array, complement: Array
 
 
 def bound_between(k: int, part: Simplex, other: Simplex, levels: int, size: Array | float = 1.0) -> Array:
-    """The bounds (cells,) of the distances of two parts at the same places of cells.
-
-    Args:
-        k: dimension of the cells.
-        part: the one.
-        other: the other one.
-        levels: in how many both are composed together.
-        size: one, or the largest coordinate where that is more.
-    """
+    """The bounds (cells,) of the distances of two parts at the same places of cells."""
     e, w = difference(k, part, other)
     e, w = _of_degree_two(k, e), None if w is None else _of_degree_two(k, w)
     n = e.shape[0] - 1

@@ -150,13 +150,7 @@ def _sides(b: Net | Triangles, x: Array) -> Array:
 
 
 def beyond_sides(b: Net | Triangles, points: Array, start: Array) -> Array:
-    """Where the feet of points are from the sides of a piece, (points, sides).
-
-    Args:
-        b: the piece.
-        points: of the corners of a cell, and last of its middle.
-        start: parameters of b near the foot of the middle.
-    """
+    """Where the feet of points are from the sides of a piece, (points, sides)."""
     if isinstance(b, Triangles):
         return jax.vmap(lambda p: _sides(b, _in_plane(b.corners, p)))(points)
     return jax.vmap(partial(_sides, b))(_followed(b, points, points[-1], start, BEYOND))

@@ -76,13 +76,7 @@ class GraphOver(NamedTuple):
 
 
 def graph_over(form_a: Form, a: Side, cells: Boxes) -> GraphOver:
-    """The graph of a over cells.
-
-    Args:
-        form_a: the polynomial of a on the cells.
-        a: the surface.
-        cells: the cells.
-    """
+    """The graph of a over cells."""
     order = (jnp.argmax(jnp.abs(form_a.slope), axis=0) + np.array([1, 2, 3])[:, None]) % 3
     places, height = _places(form_a, a, cells, order)
     return GraphOver(places.reshape(3, -1), *_graph(a, cells, order, height))

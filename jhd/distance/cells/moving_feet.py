@@ -41,15 +41,7 @@ _WIDER, _LEAST = 1.25, 0.125
 def moving_bounds(
     form_a: Form, a: Side, b: Side, cells: Boxes, foot: Float[Array, "3 cells"]
 ) -> Float[Array, " cells"]:
-    """Upper bounds of d(p, b) over the points p of a in cells; infinite where there are none.
-
-    Args:
-        form_a: the polynomial of a on the cells.
-        a: the surface.
-        b: the other one, in the same degrees.
-        cells: the cells.
-        foot: a point close to b for each, near which feet are looked for.
-    """
+    """Upper bounds of d(p, b) over the points p of a in cells; infinite where there are none."""
     over = graph_over(form_a, a, cells)
     count = NODES.shape[1]
     feet = local_feet(b, over.places, jnp.repeat(foot, count, axis=1).reshape(3, -1), _STEPS_OF_FEET)

@@ -119,14 +119,7 @@ class _Powers(NamedTuple):
 
 
 def moving_bound(a: Net, b: Net, cell: Cell, start: Array) -> MovingNetBound:
-    """A lower bound of the distance of two parts; zero where there is none.
-
-    Args:
-        a: a shape.
-        b: the other one.
-        cell: the parts.
-        start: parameters of b near which feet are looked for.
-    """
+    """A lower bound of the distance of two parts; zero where there is none."""
     n, m, dtype = a.parameters, b.parameters, cell.low.dtype
     low, high, piece = cell.low[n:], cell.high[n:], b.piece(cell.piece_b)
     of_a = _powers(_part(a.piece(cell.piece_a), cell.low[:n], cell.high[:n]))
@@ -318,13 +311,7 @@ def _dot(x: Truncated, y: Truncated) -> Truncated:
 
 
 def _convexity(on_a: Truncated, over: _Moved, squares: Array) -> Array:
-    """Numbers k that half the second derivatives of the squared distance exceed, as a diagonal; zero if none is found.
-
-    Args:
-        on_a: the points of a.
-        over: b over E.
-        squares: about those of the first derivatives there.
-    """
+    """Numbers k that half the second derivatives of the squared distance exceed, as a diagonal; else zero."""
     n, dtype = squares.size, squares.dtype
     k, m = np.divmod(np.arange(n * n), n)
     second = Truncated(over.second.terms[..., None], over.second.rest[..., None])

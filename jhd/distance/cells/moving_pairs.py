@@ -137,15 +137,7 @@ class _MovingFoot(NamedTuple):
 
 
 def moving_bound(a: Side, b: Side, low: Array, high: Array, start: Array) -> MovingPairBound:
-    """A lower bound of the distance of the part of a in one box to that of b in another; zero where there is none.
-
-    Args:
-        a: a surface.
-        b: the other one, in the same degrees.
-        low: the lower corners (6,) of both boxes.
-        high: the upper ones.
-        start: a point (3,) near which feet are looked for.
-    """
+    """A lower bound of the distance of the part of a in one box to that of b in another; zero where there is none."""
     cells = boxes(low[:3, None], high[:3, None])
     form_a = form(a, cells)
     over = graph_over(form_a, a, cells)

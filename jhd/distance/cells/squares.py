@@ -33,13 +33,6 @@ def distances_by_squares(
 
     A part is to be cut along the parameter along which the coefficients differ most: along a circle that is as near
     everywhere, as it is from the axis of a surface of revolution, they do not differ.
-
-    Args:
-        net: its weights at most one.
-        points: one for each part.
-        piece: the piece of each.
-        low: where the part begins.
-        high: where it ends.
     """
     held = np.asarray(net.points, np.float64)[piece]
     apart = held - points[:, None, None].astype(np.float64)

@@ -107,13 +107,7 @@ class MeshSide(NamedTuple):
 
 
 def first_cells(side: MeshSide, triangles: np.ndarray, places: np.ndarray) -> tuple[TriangleCells, np.ndarray]:
-    """The whole triangles of a, and the numbers of their distinct corners.
-
-    Args:
-        side: both meshes.
-        triangles: of a.
-        places: the coordinates of the vertices of a.
-    """
+    """The whole triangles of a, and the numbers of their distinct corners."""
     used, index = np.unique(triangles, return_inverse=True)
     found = nearest_triangles(side.tree, places[used])
     index = index.reshape(triangles.shape)

@@ -57,12 +57,7 @@ def in_turn(search: TracedSearch, level: Any, ceiling: Any) -> tuple[HausdorffSo
 
 @compiled
 def larger(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-    """The larger of both directed distances, the first one at a tie; it keeps both.
-
-    Args:
-        there: from a to b.
-        back: from b to a, in the same unit.
-    """
+    """The larger of both directed distances, the first one at a tie; it keeps both."""
     turned = ordered(back.value) > ordered(there.value)
     chosen = jax.tree_util.tree_map(lambda x, y: jnp.where(turned, x, y), back, there)
     stats = {f"{name}_{key}": x for name, s in (("a_to_b", there), ("b_to_a", back)) for key, x in s.stats.items()}

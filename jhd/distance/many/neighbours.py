@@ -69,17 +69,7 @@ def nearest_of(
     method: BranchAndBound,
     report: Callable[[int, int], None],
 ) -> Found:
-    """The k nearest shapes of the queries `rows`, as far as it comes where it is interrupted.
-
-    Args:
-        executor: does the work.
-        collections: the queries and the shapes.
-        rows: which of the queries.
-        k: how many.
-        known: what is known of their distances, which is filled in.
-        method: the options.
-        report: called with the numbers of distances that are done and that are to be done.
-    """
+    """The k nearest shapes of the queries `rows`, as far as it comes where it is interrupted."""
     done, width = 0, k
     try:
         while True:

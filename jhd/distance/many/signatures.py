@@ -110,7 +110,8 @@ def reaches(collection: Collection, lattice: PointLattice) -> np.ndarray:
     Along each axis the distance from the nearest number is largest at an end of the shape's box or half way between
     two numbers.
     """
-    frame = frame_of([*collection.corners, (np.array([x.min() for x in lattice.axes]), _highest(lattice))])
+    lowest, highest = (np.array([end(x) for x in lattice.axes]) for end in (np.min, np.max))
+    frame = frame_of([*collection.corners, (lowest, highest)])
     low, high = (common_points(frame, np.stack(x)) for x in zip(*collection.corners, strict=True))
     gaps = []
     for k, axis in enumerate(lattice.axes):
@@ -123,10 +124,6 @@ def reaches(collection: Collection, lattice: PointLattice) -> np.ndarray:
     length = np.sqrt(sum(gap**2 for gap in gaps)) * (1 + gamma(12, dtype))
     # Both ends of a difference were moved.
     return np.asarray(frame.length(length + 4 * preparation_error(0, dim, dtype) + _TINY, np.inf))
-
-
-def _highest(lattice: PointLattice) -> np.ndarray:
-    return np.array([x.max() for x in lattice.axes])
 
 
 def signatures_of(

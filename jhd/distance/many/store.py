@@ -87,13 +87,7 @@ class Store:
 
 
 def fingerprint_of(collections: Sequence[Sequence[Any]], method: Any, pairs: int) -> dict[str, Any]:
-    """What the numbers of a table depend on, by name, and one sum of all of it.
-
-    Args:
-        collections: the shapes of each, in the form that searches take.
-        method: the options.
-        pairs: how many pairs a part has at most.
-    """
+    """What the numbers of a table depend on, by name, and one sum of all of it."""
     about = {
         "format": _FORMAT,
         "shapes": [len(shapes) for shapes in collections],

@@ -46,14 +46,7 @@ class DistanceTable:
                 np.fill_diagonal(array, number)
 
     def fill(self, executor: Executor, method: Any, store: Store | None, report: Callable[[int, int], None]) -> None:
-        """Measures all pairs but those of parts that the store has, and puts the others there.
-
-        Args:
-            executor: does the work.
-            method: how.
-            store: keeps the parts, or None.
-            report: called with the numbers of pairs that are done and that there are.
-        """
+        """Measures all pairs but those of parts that the store has, and puts the others there."""
         try:
             for part, (rows, columns) in enumerate(self._parts()):
                 known = None if store is None else store.read(part, len(rows))

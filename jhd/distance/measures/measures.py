@@ -184,7 +184,7 @@ class AbstractMeasure(eqx.Module):
         counts = checked_weights(a, self.weights if weights is None else weights)
         if _is_hidden(a, b, counts) and not isinstance(self, Hausdorff):
             known = partial(_known_value, self, places)
-            return answer_in_program(known, partial(_no_value, dtype_of(a)), *_with_weights(a, b, counts))
+            return answer_in_program(known, partial(jnp.asarray, jnp.inf, dtype_of(a)), *_with_weights(a, b, counts))
         found = self._estimated(a, b, counts, places)
         _throw_unless_confirmed(found, None)
         return found.value
@@ -370,10 +370,6 @@ def _refused(dtype: Any) -> MeasureSolution:
     """What is said of shapes that are none."""
     unknown, nothing = jnp.asarray(jnp.inf, dtype), jnp.asarray(0.0, dtype)
     return MeasureSolution(unknown, nothing, unknown, DIRECTIONS.a_to_b, RESULTS.nonfinite_value)
-
-
-def _no_value(dtype: Any) -> Array:
-    return jnp.asarray(jnp.inf, dtype)
 
 
 def _larger(first_way: _Directed, second_way: _Directed) -> _Directed:

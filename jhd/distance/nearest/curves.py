@@ -111,7 +111,7 @@ def nearest(
     lower, start = segment_bounds(point, control_points, weights)
     state = _CurveQuery(
         whole=lower if skip is None else jnp.where(skip, jnp.inf, lower),
-        cells=_empty_cells(point.dtype),
+        cells=_SegmentCell(jnp.zeros((_CAPACITY,), int), jnp.full((_CAPACITY, 4), jnp.inf, point.dtype)),
         best=best_end(offsets),
         settled=jnp.array(jnp.inf, point.dtype),
         overflowed=jnp.array(False),
@@ -241,10 +241,6 @@ def best_end(offsets: Array) -> NearestOnCurve:
         closed=jnp.array(False),
         steps=jnp.array(0),
     )
-
-
-def _empty_cells(dtype: DTypeLike) -> _SegmentCell:
-    return _SegmentCell(jnp.zeros((_CAPACITY,), int), jnp.full((_CAPACITY, 4), jnp.inf, dtype))
 
 
 def _cut(state: _CurveQuery, cell: _SegmentCell, e: Array, w: Array | None, tolerance: Array) -> _CurveQuery:

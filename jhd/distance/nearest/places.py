@@ -222,12 +222,6 @@ def exact_radius(surface: ImplicitSurface, side: Side, frame: Frame, x: np.ndarr
 
     The signs are those at the places x + h w of the box, w of zeros, ones and minus ones, for a few steps h from some
     ulps on: between two places of different signs there is a point of the surface. Zero where x is on the surface.
-
-    Args:
-        surface: the surface in the user's coordinates.
-        side: the same in common ones.
-        frame: leads from one to the other.
-        x: a point of the box, in common coordinates.
     """
     polynomial = exact_polynomial(surface, frame)
     lower, upper = (np.asarray(end, np.float64).tolist() for end in (side.lower, side.upper))

@@ -30,19 +30,13 @@ def stationarity(point: Array, control_points: Array, weights: Array | None) -> 
     if n == 0:
         return jnp.zeros((2,), e.dtype), jnp.zeros((), e.dtype)
     if weights is None:
-        h, size = bernstein.derivative(control_points, axis=0), _difference_size(control_points)
+        h = bernstein.derivative(control_points, axis=0)
+        size = n * jnp.max(jnp.abs(jnp.diff(control_points, axis=0)), axis=0)
     else:
         # The factor w > 0 of P w - x = w (P - b) leaves the roots alone; so does a common scale.
         e = e * weights[:, None]
-        h, size = wronskian(control_points, weights), _wronskian_size(control_points, weights)
+        h = wronskian(control_points, weights)
+        # The largest sum of absolute terms of a coefficient.
+        size = jnp.max(wronskian(control_points, weights, absolute=True), axis=0)
     error = gamma(4 * n + point.shape[0] + 16, e.dtype) * jnp.sum(jnp.max(jnp.abs(e), axis=0) * size)
     return bernstein.dot(e, h), error + 64 * (n + 1) * smallest_normal(e.dtype)
-
-
-def _difference_size(control_points: Array) -> Array:
-    return (control_points.shape[0] - 1) * jnp.max(jnp.abs(jnp.diff(control_points, axis=0)), axis=0)
-
-
-def _wronskian_size(control_points: Array, weights: Array) -> Array:
-    """Largest sum of absolute terms of the coefficients of x'w - xw', per component."""
-    return jnp.max(wronskian(control_points, weights, absolute=True), axis=0)

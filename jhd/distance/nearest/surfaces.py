@@ -292,7 +292,9 @@ def pushed(rows: Array, bound: Array, new: Array, new_bound: Array) -> tuple[Arr
     """
     count = new_bound.size
     wanted, free = jnp.sum(jnp.isfinite(new_bound)), jnp.sum(jnp.isinf(bound))
-    bound, left = jax.lax.cond(wanted > free, _without_largest, lambda b, _: (b, _infinite(b)), bound, new_bound)
+    bound, left = jax.lax.cond(
+        wanted > free, _without_largest, lambda b, _: (b, jnp.full_like(b[0], jnp.inf)), bound, new_bound
+    )
     used = jnp.nonzero(jnp.isfinite(new_bound), size=count, fill_value=count)[0]
     slots = jnp.nonzero(jnp.isinf(bound), size=count, fill_value=bound.size)[0]
     # Beyond the end is nowhere.
@@ -308,10 +310,6 @@ def _without_largest(bound: Array, new_bound: Array) -> tuple[Array, Array]:
     key = jnp.where(jnp.isinf(bound), -jnp.inf, bound)
     _, index = jax.lax.top_k(key.astype(jnp.float32), new_bound.size)
     return bound.at[index].set(jnp.inf), jnp.min(bound[index])
-
-
-def _infinite(bound: Array) -> Array:
-    return jnp.full_like(bound[0], jnp.inf)
 
 
 def nearest_places(cloud: SurfaceCloud, point: Float[Array, "3"], count: int = _STARTS) -> Float[Array, "3 points"]:

@@ -221,10 +221,6 @@ def _number(pair: RefinedPair, samples: _CurveSamples) -> Array:
     return jnp.sum(kept) - jnp.sum(~pair.skip_a & (pair.a.following >= 0))
 
 
-def _points(pair: RefinedPair, at: CurvePlace) -> Array:
-    return jax.vmap(lambda k, u: jet(*piece_of(pair.a, k), u).point)(at.segment, at.t)
-
-
 def _sampled(pair: RefinedPair, at: CurvePlace) -> _CurveSamples:
     a, b = pair.a, pair.b
     jets = jax.vmap(lambda k, u: jet(*piece_of(a, k), u))(at.segment, at.t)
@@ -266,7 +262,8 @@ def _brackets(samples: _CurveSamples) -> Bracket:
 def _as_published(pair: RefinedPair, samples: int) -> HausdorffSolution:
     """The largest of the published candidates, and the proven bound that their places on a give."""
     found = published_candidates(pair, samples)
-    proven = _nearest_all(pair, _points(pair, found.place), found.distance == -jnp.inf)
+    points = jax.vmap(lambda k, u: jet(*piece_of(pair.a, k), u).point)(*found.place)
+    proven = _nearest_all(pair, points, found.distance == -jnp.inf)
     k = jnp.argmax(found.distance)
     place, foot = CurvePlace(*(x[k] for x in found.place)), CurvePlace(proven.segment[k], proven.t[k])
     witness = describe(pair.a, pair.b, place, foot).witness()

@@ -58,14 +58,7 @@ class AbstractCubeSide(eqx.Module):
 
     @abstractmethod
     def met(self, lines: np.ndarray, axis: int, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-        """Where lines along an axis meet the surface: numbers of lines, and coordinates between two values.
-
-        Args:
-            lines: the other two coordinates of each, (lines, 2).
-            axis: of their direction.
-            low: the least coordinate along it.
-            high: the largest one.
-        """
+        """Where lines along an axis meet the surface: numbers of lines, and coordinates between two values."""
 
 
 def cube_side(shape: Any, tolerance: float) -> AbstractCubeSide:

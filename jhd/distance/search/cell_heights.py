@@ -119,14 +119,7 @@ class CellHeights:
         self._dtype, self._k = np.asarray(b[0]).dtype, 1 if isinstance(a, Net) and a.parameters == 1 else 2
 
     def over(self, cells: CellRows, flat: FlatCells, found: ProvenFeet, most: np.ndarray) -> HeightBounds:
-        """Bounds over cells.
-
-        Args:
-            cells: of a.
-            flat: flat pieces beside them.
-            found: feet near the middles of these.
-            most: upper bounds of the distance.
-        """
+        """Bounds over cells."""
         corners = corners_of(cells, isinstance(self._shapes[0], Triangles))
         count, many = corners.shape[:2]
         box = _hull_of(flat.corners, flat.slack, self._dtype)

@@ -185,13 +185,7 @@ class FollowedFeet:
         return bound
 
     def cut(self, parts: Simplices, feet: FeetOfParts, tried: np.ndarray) -> tuple[np.ndarray, Simplices, FeetOfParts]:
-        """Which cells are cut where the foot leaves a piece, their parts, one after the other, and feet of these.
-
-        Args:
-            parts: the cells.
-            feet: of each.
-            tried: which of the feet count.
-        """
+        """Which cells are cut where the foot leaves a piece, their parts, one after the other, and feet of these."""
         cut = self._cuts(parts, feet, tried)
         rows = np.flatnonzero(cut.score > _LEAST)
         if not len(rows):

@@ -55,15 +55,8 @@ def from_program(search: Callable[..., Any], refused: Callable[[], Any], shapes:
     forms = jax.tree_util.tree_map(lambda x: jax.ShapeDtypeStruct(jnp.shape(x), jnp.result_type(x)), unusable)
 
     def host(shapes: Any, *options: Any) -> Any:
-        usable = _all(np.isfinite, shapes) and not _any(np.isnan, options)
+        usable = all(np.all(np.isfinite(x)) for x in jax.tree_util.tree_leaves(shapes))
+        usable = usable and not any(np.any(np.isnan(x)) for x in jax.tree_util.tree_leaves(options))
         return search(shapes, *options) if usable else unusable
 
     return from_host(host, forms, shapes, *options)
-
-
-def _all(test: Callable[[Any], Any], values: Any) -> bool:
-    return all(np.all(test(np.asarray(x))) for x in jax.tree_util.tree_leaves(values))
-
-
-def _any(test: Callable[[Any], Any], values: Any) -> bool:
-    return any(np.any(test(np.asarray(x))) for x in jax.tree_util.tree_leaves(values))

@@ -41,9 +41,6 @@ class IsolatedPairs(NamedTuple):
 def isolated_pairs(problem: WithSurface) -> IsolatedPairs:
     """Both surfaces with their isolated points measured.
 
-    Args:
-        problem: two polynomial surfaces, their numbers known.
-
     Raises:
         ValueError: one has such a point, and the other is proven to have no point in its box.
     """

@@ -71,14 +71,7 @@ def may_vanish(
 def places_near(
     side: Side, starts: Float[np.ndarray, "places 3"], fixed: Bool[np.ndarray, "places 3"], thorough: bool
 ) -> PlacesNear:
-    """Points near places of the box, which keep the coordinates that are fixed.
-
-    Args:
-        side: the surface.
-        starts: the places.
-        fixed: which coordinates.
-        thorough: whether they are proven where the gradient vanishes, too.
-    """
+    """Points near places of the box, which keep the coordinates that are fixed."""
     return PlacesNear(*in_blocks(_places_near, (side, np.asarray(thorough)), starts, fixed))
 
 

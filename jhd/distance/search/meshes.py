@@ -75,14 +75,6 @@ def mesh_directed(
 
     Meshes that lie far from the origin are moved there along axes where that is exact, since bounds count roundings of
     the largest coordinate.
-
-    Args:
-        a: the mesh whose farthest point is looked for.
-        b: the mesh that distances are taken to.
-        method: the options.
-        aim: what of the distance matters.
-        listener: that of the call; not under tracing.
-        direction: a member of DIRECTIONS.
     """
 
     def search(meshes: Any, method: BranchAndBound, aim: Aim) -> HausdorffSolution:

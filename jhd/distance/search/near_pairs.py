@@ -79,11 +79,6 @@ def crossing(side: Side, net: Net, count: int) -> Crossing | None:
     """An edge of a triangle, inside of the box, at whose ends the polynomial has different signs; None without one.
 
     As the edge is straight and the box convex, a zero lies between the ends: then the shapes are proven to meet.
-
-    Args:
-        side: the surface, its numbers known.
-        net: triangles as bilinear patches in the same coordinates.
-        count: the number of triangles; further ones repeat the last.
     """
     corners = np.asarray(net.points)[:count][:, np.array([0, 0, 1]), np.array([0, 1, 1])]
     inside = np.all((corners >= np.asarray(side.lower)) & (corners <= np.asarray(side.upper)), axis=-1)

@@ -135,11 +135,6 @@ class Listener:
 def drive(search: AbstractSearch, listener: Listener, direction: Any = None) -> Any:
     """The solution of a search run to its end, or as it stands where it is interrupted.
 
-    Args:
-        search: the search.
-        listener: that of the call.
-        direction: a member of DIRECTIONS, or None; for progress alone.
-
     Raises:
         KeyboardInterrupt: it was interrupted before it had any bounds.
     """

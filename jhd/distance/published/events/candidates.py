@@ -60,14 +60,7 @@ class Stats(NamedTuple):
 def candidate_events(
     pair: HostPair, pieces: EventPieces, search: Search, feet: SurvivingFeet | None = None
 ) -> tuple[Candidates, Stats]:
-    """Isolated points of a, ends of its segments in the pieces, and all events with their maximum there.
-
-    Args:
-        pair: both curves.
-        pieces: where the maximum may be.
-        search: options.
-        feet: where its feet may be; by default anywhere on b.
-    """
+    """Isolated points of a, ends of its segments in the pieces, and all events with their maximum there."""
     a, b = pair.a, pair.b
     feet = everywhere(b, len(pieces.segment)) if feet is None else feet
     parts: list[tuple[np.ndarray, ...]] = []
