@@ -89,17 +89,16 @@ def _at_first(
     """What is about the first of some places if it is a zero itself."""
     for guess in guesses:
         here = exact_polynomials.substituted(polynomial, guess, [Fraction(1)] * 3)
-        slopes = [_entry(here, axis, 1) for axis in range(3)]
+        slopes = [_slope(here, axis) for axis in range(3)]
         if here[0, 0, 0] == 0 and all(s or slope == 0 for s, slope in zip(inward, slopes, strict=True)):
             rising = [s if slope else 0 for s, slope in zip(inward, slopes, strict=True)]
             return _about(polynomial, guess, rising, lower, upper)
     return None
 
 
-def _entry(polynomial: np.ndarray, axis: int, power: int) -> int:
-    place = [0, 0, 0]
-    place[axis] = power
-    return int(polynomial[tuple(place)]) if power < polynomial.shape[axis] else 0
+def _slope(polynomial: np.ndarray, axis: int) -> int:
+    """The coefficient of the first power of one coordinate."""
+    return int(polynomial[tuple(np.eye(3, dtype=int)[axis])]) if polynomial.shape[axis] > 1 else 0
 
 
 def _sharpened(polynomial: np.ndarray, place: list[Fraction], inward: list[int]) -> list[Fraction]:
@@ -109,7 +108,7 @@ def _sharpened(polynomial: np.ndarray, place: list[Fraction], inward: list[int])
         here = exact_polynomials.substituted(polynomial, place, [Fraction(1)] * 3)
         unit = max(abs(x) for x in here.flat)
         bent = np.array([[float(Fraction(x, unit)) for x in row] for row in _hessian(here, free)])
-        slope = [Fraction(_entry(here, axis, 1), unit) for axis in free]
+        slope = [Fraction(_slope(here, axis), unit) for axis in free]
         size = max(abs(x) for x in slope)
         if size == 0:
             break
@@ -143,7 +142,7 @@ def _about(
     if any(not ends[k][0] <= place[k] <= ends[k][1] for k in free):
         return None
     here = exact_polynomials.substituted(polynomial, place, [Fraction(1)] * 3)
-    rising = [_entry(here, k, 1) * inward[k] for k in range(3) if inward[k]]
+    rising = [_slope(here, k) * inward[k] for k in range(3) if inward[k]]
     trace = sum(row[i] for i, row in enumerate(_hessian(here, free)))
     sign = -1 if (trace if free else rising[0]) < 0 else 1
     unit = max(abs(x) for x in here.flat) * sign
@@ -160,7 +159,7 @@ def _about(
     else:
         return None
     value = Fraction(int(here[0, 0, 0]), unit)
-    slopes = [Fraction(_entry(here, k, 1), unit) for k in free]
+    slopes = [Fraction(_slope(here, k), unit) for k in free]
     radius = _radius(value, slopes, least / 4, [x / 2 for x in rising])
     # From a place on a face the box goes on to the other side.
     inside = all(place[k] in ends[k] or min(place[k] - ends[k][0], ends[k][1] - place[k]) > 2 * radius for k in free)

@@ -95,12 +95,9 @@ def samples(target: BezierSegments) -> tuple[FloatArray, FloatArray]:
 def _points_at(target: BezierSegments, t: FloatArray) -> FloatArray:
     """Points (samples, dim) at parameters of all of the target, whose whole numbers are the joints."""
     segment = np.minimum(t.astype(int), target.count - 1)
-    return _sampled(target, np.inf).jets(CurvePlaces(segment, t - segment)).point
-
-
-def _sampled(target: BezierSegments, spacing: float) -> SampledCurve:
-    points = np.asarray(target.homogeneous)
-    return SampledCurve(points, np.asarray(target.following), target.weights is not None, spacing)
+    points, following = np.asarray(target.homogeneous), np.asarray(target.following)
+    sampled = SampledCurve(points, following, target.weights is not None, np.inf)
+    return sampled.jets(CurvePlaces(segment, t - segment)).point
 
 
 def _each(target: BezierSegments) -> int:

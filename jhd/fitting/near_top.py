@@ -199,7 +199,7 @@ def _polished(carrier: SampledCurve, other: SampledCurve, cells: _Intervals) -> 
         equal = -uneven / np.where(change != 0, change, np.inf)
         step = np.where(two, equal, _step_of_one(carrier, other, CurvePlaces(cells.segment, t), first))
         t = np.clip(t + step, np.maximum(middle - width, 0.0), np.minimum(middle + width, 1.0))
-    return _described(carrier, other, CurvePlaces(cells.segment, t), middle, first, second, two)
+    return _described(carrier, other, CurvePlaces(cells.segment, t), first, second, two)
 
 
 def _step_of_one(carrier: SampledCurve, other: SampledCurve, at: CurvePlaces, foot: SampledFeet) -> FloatArray:
@@ -218,7 +218,6 @@ def _described(
     carrier: SampledCurve,
     other: SampledCurve,
     at: CurvePlaces,
-    middle: FloatArray,
     first: SampledFeet,
     second: SampledFeet,
     two: FloatArray,

@@ -147,9 +147,9 @@ class CubeIntervals(AbstractHausdorffMethod):
         """The directed distance from the surface of the cells p; the direction is a member of DIRECTIONS."""
         safe = self.rule == "safe"
         proven = q.proven if safe else np.ones_like(q.proven)
-        tiles = partial(_by_tiles, vertices=self.ends == "vertices")
-        nearest = _by_axes if self.pairs == "separable" and scale.exact else tiles
-        least, most = nearest(p, q, proven, self.cells)
+        by_axes = self.pairs == "separable" and scale.exact
+        vertices = self.ends == "vertices"
+        least, most = _by_axes(p, q, proven, self.cells) if by_axes else _by_tiles(p, q, proven, vertices)
         # Where nothing is proven the lower end is 0, the upper one infinite.
         lower_sq = np.max(least[p.proven] if safe else least, initial=0.0)
         upper_sq = np.max(most)
@@ -313,9 +313,7 @@ def _third_axis(grid: Array, table: Array, places: Array) -> Array:
     return jnp.min(grid[x, y] + table[steps], axis=-1)
 
 
-def _by_tiles(
-    p: _GridCells, q: _GridCells, proven: np.ndarray, cells: int, vertices: bool
-) -> tuple[np.ndarray, np.ndarray]:
+def _by_tiles(p: _GridCells, q: _GridCells, proven: np.ndarray, vertices: bool) -> tuple[np.ndarray, np.ndarray]:
     """The same from all pairs of cells, a chunk of p against one tile of q after the other."""
     # Repeated cells change no minimum; lengths in powers of four keep the number of programs small.
     length = max(_TILE, 4 ** -(-(q.count - 1).bit_length() // 2))

@@ -137,11 +137,11 @@ class DistributionSearch(AbstractSearch):
     @override
     def advance(self, state: _DistributionState, limit: int, growing: bool) -> tuple[_DistributionState, Standing]:
         found, scores = self._found(state)
-        while self._goes_on(state, found, scores) and state.steps < limit:
+        while self._goes_on(found, scores) and state.steps < limit:
             state = self._step(state, scores)
             found, scores = self._found(state)
         waiting = int(np.count_nonzero(scores))
-        return state, Standing(found, self._goes_on(state, found, scores), False, state.steps, waiting)
+        return state, Standing(found, self._goes_on(found, scores), False, state.steps, waiting)
 
     @override
     def longer(self, state: _DistributionState) -> _DistributionState:
@@ -215,7 +215,7 @@ class DistributionSearch(AbstractSearch):
     def _closed(self, ends: tuple[float, float]) -> bool:
         return bool(np.isfinite(ends[1]) and ends[1] - ends[0] <= self._allowed(ends[1]))
 
-    def _goes_on(self, state: _DistributionState, found: Distribution, scores: np.ndarray) -> bool:
+    def _goes_on(self, found: Distribution, scores: np.ndarray) -> bool:
         closed = found.result == RESULTS.successful
         return not closed and self._source.dimension > 0 and len(scores) < self._max_cells and bool(np.any(scores))
 
