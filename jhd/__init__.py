@@ -21,6 +21,7 @@ if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "of
     _jax.config.update("jax_enable_x64", True)
 
 from jhd import plot  # noqa: E402
+from jhd._results import solution  # noqa: E402, F401
 from jhd._results.solution import (  # noqa: E402
     ANSWERS,
     DIRECTIONS,
