@@ -227,7 +227,8 @@ def bound(a: Net, b: Net, cell: Cell) -> PairBound:
     dtype, low, high = cell.low.dtype, cell.low, cell.high
     sides, middle = _sides(a, b, cell), jnp.full(low.shape, 0.5, dtype)
     z = nearest_in(sides.a, sides.b, middle, sides.fixed)
-    x = jnp.clip(low + jnp.stack([z, middle]) * (high - low), low, high)
+    # The same numbers for points and for how far they are along the cell, however products and sums are contracted.
+    x = jax.lax.optimization_barrier(jnp.clip(low + jnp.stack([z, middle]) * (high - low), low, high))
     found = jax.vmap(lambda x: _PairAt.at(sides, cell, x))(x)
     at_z, at_middle = (jax.tree_util.tree_map(lambda y, k=k: y[k], found) for k in (0, 1))
     distance = length(at_z.e)

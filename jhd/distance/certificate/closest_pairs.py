@@ -213,7 +213,8 @@ def _by_plane(pair: _PartPair, direction: np.ndarray | None) -> dict[str, Any] |
             if np.min(q @ unit) - np.max(p @ unit) >= limit * (1 - _SURELY) - _SURELY:
                 mine, other = (shape.exact.points(part) for shape, part in zip(pair.shapes, pair.parts, strict=True))
                 failed = failure_of_plane(mine, other, unit.tolist(), pair.bound)
-                return {"plane": unit.tolist()} if failed is None else None
+                if failed is None:
+                    return {"plane": unit.tolist()}
     return None
 
 

@@ -2,7 +2,8 @@
 
 The maximum over a of the distance to b lies at an end of a segment of a, or at one of finitely many events: an
 antipodal pair, a normal of a through an end of b, or two equally near feet. All systems of equations of these events
-are solved (`event_kernels`), with feet that may be far from the nearest, so there are many more events than maxima.
+are solved (`jhd.distance.published.events`), with feet that may be far from the nearest, so there are many more events
+than maxima.
 Each event is refined by Newton's method and measured by the proven nearest point; the farthest one wins.
 
 Sources: Elber & Grandine, Hausdorff and minimal distances between parametric freeforms in R^2 and R^3, GMP 2008; it is

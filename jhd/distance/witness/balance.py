@@ -203,7 +203,9 @@ def from_place(rows: tuple[Any, Any], constants: tuple[Array, Witness]) -> Movin
     start = started(rows, (t, params), (point, feet), multipliers, found)
     value = _scaled_distance(start, rows, found)
     moving = at_places(moving_point, start.x, rows, jax.lax.stop_gradient(rows))
-    return MovingNumbers({"value": value, "point": moving[0], "feet": moving[1:]}, {"value": found > 0, "point": True, "feet": True})
+    return MovingNumbers(
+        {"value": value, "point": moving[0], "feet": moving[1:]}, {"value": found > 0, "point": True, "feet": True}
+    )
 
 
 @jax.custom_jvp

@@ -92,9 +92,7 @@ def _rows(curve: BezierSegments, segments: Array) -> _Rows:
     return _Rows(TouchedRows(curve.control_points, segments), weights)
 
 
-def _moving(
-    rows: tuple[tuple[_Touched, _Touched], ...], constants: tuple[tuple[Witness, ...], Frame]
-) -> MovingNumbers:
+def _moving(rows: tuple[tuple[_Touched, _Touched], ...], constants: tuple[tuple[Witness, ...], Frame]) -> MovingNumbers:
     """The answers as functions of the rows that they touch."""
     witnesses, frame = constants
     one = partial(_answer, frame)

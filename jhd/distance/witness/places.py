@@ -80,4 +80,6 @@ def _from_point(rows: tuple[PointRows, Any], constants: tuple[Array, Witness]) -
         foot = target.points[0, 0]
         distance = length(query - foot)
     feet = jnp.broadcast_to(foot, w.feet.shape)
-    return MovingNumbers({"value": distance, "point": query, "feet": feet}, {"value": found > 0, "point": True, "feet": True})
+    return MovingNumbers(
+        {"value": distance, "point": query, "feet": feet}, {"value": found > 0, "point": True, "feet": True}
+    )
