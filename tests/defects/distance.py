@@ -172,7 +172,7 @@ DEFECTS = [
         (
             "return replace(found, point_a=found.point_b, point_b=found.point_a)",
             "return found",
-            "distance/test_minimum.py::test_point_sets_and_polylines_are_curves_too",
+            "distance/test_minimum.py::test_a_curve_and_a_patch",
         ),
         (
             "near = np.flatnonzero(np.asarray(found.lower) <= np.min(np.asarray(found.upper)))",

@@ -247,9 +247,11 @@ def test_patches_that_touch_and_tiny_gaps():
 @pytest.mark.slow
 def test_a_curve_and_a_patch():
     line = BezierCurve([[0.5, 0.5, 1.0], [0.5, 0.5, 3.0]])
-    found = minimum_distance(line, surface(np.zeros((4, 4))))
-    assert holds(found, 1.0, 1e-8)
-    np.testing.assert_allclose(found.point_b, [0.5, 0.5, 0], atol=1e-6)
+    plate = surface(np.zeros((4, 4)))
+    found, turned = minimum_distance(line, plate), minimum_distance(plate, line)
+    assert holds(found, 1.0, 1e-8) and holds(turned, 1.0, 1e-8)
+    for point in (found.point_b, turned.point_a):
+        np.testing.assert_allclose(point, [0.5, 0.5, 0], atol=1e-6)
 
 
 @pytest.mark.slow

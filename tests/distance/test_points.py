@@ -223,10 +223,14 @@ def test_a_point_nearly_on_a_plane_has_a_true_upper_bound_where_squares_vanish(h
 
 @pytest.mark.slow
 def test_of_points_that_are_one_only_one_is_searched_beside_a_long_curve():
-    angles = np.arange(101) * 2 * np.pi / 100
-    found = jhd.minimum_distance(jhd.points(np.zeros((300, 2))), jhd.polyline(np.c_[np.cos(angles), np.sin(angles)]))
-    assert float(found.lower) <= np.cos(np.pi / 100) * (1 + 1e-15) and np.cos(np.pi / 100) <= float(found.upper)
-    assert int(found.stats["pairs"]) < 2_000
+    angles, rows = np.arange(101) * 2 * np.pi / 100, np.zeros((300, 2))
+    ring = jhd.polyline(np.c_[np.cos(angles), np.sin(angles)])
+    # All in the middle, and one of them halfway to a corner.
+    for x, share in ((0.0, 1.0), (0.5, 0.5)):
+        rows[200, 0], exact = x, share * np.cos(np.pi / 100)
+        found = jhd.minimum_distance(jhd.points(rows), ring)
+        assert float(found.lower) <= exact * (1 + 1e-15) and exact <= float(found.upper)
+        assert int(found.stats["pairs"]) < 2_000
 
 
 @pytest.mark.parametrize("exponent", [-1030, -1000, 0, 1000])

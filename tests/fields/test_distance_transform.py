@@ -69,6 +69,11 @@ def test_one_feature_far_away_is_found_by_every_voxel():
     transform = jhd.distance_transform(features)
     assert np.asarray(transform.distance)[0, 0, 0] == np.sqrt(16 + 100 + 225)
     assert (np.asarray(transform.nearest) == [4, 10, 15]).all()
+    # Every row has a feature in its plane, and a nearer one many rows away.
+    features = np.zeros((2, 60, 101), bool)
+    features[:, :, 0] = features[:, 0, 100] = True
+    for volume in (features, np.swapaxes(features, 1, 2)):
+        check_against_scipy(volume, np.ones(3))
 
 
 @pytest.mark.parametrize("method", ["exact", "vector_propagation"])

@@ -177,6 +177,9 @@ def test_without_exact_signs_less_is_proven_and_nothing_else(monkeypatch):
     monkeypatch.setattr(octree, "_EXACT", 0)
     voxels = voxelise(parsed("z"), 16)
     assert voxels.count == 2 * 16 * 16 and not voxels.proven.any()
+    # Positive everywhere, within cells by more than rounding, at their corners by less.
+    voxels = voxelise(parsed("x^2*(x^2 - 1)^2*(x^2 - 4)^2 + 1e-18"), 4)
+    assert voxels.count > 0 and not voxels.proven.any()
 
 
 def test_progress_tells_the_level_and_the_counts():
