@@ -459,7 +459,7 @@ def _peaks(
         piece, ends = (np.repeat(rows, len(t), axis=0) for rows in (piece_of_branch, ends_of_branch))
         share = np.tile((t - t0) / width, (2, 1))
         s = ((1 - share) * ends[..., 0] + share * ends[..., 1]).reshape(-1, 1)
-        s = target.local(piece.ravel(), s, at.point).x[:, 0]
+        s = target.local(piece.ravel(), s, np.asarray(at.point)).x[:, 0]
         here = equation_of(at.point, target.curve_jet(piece.ravel(), s))
         speed = foot_speed(s, here, at.first, np.tile(width, count))
         bend = dot(at.first, at.first) - dot(at.first, here.first) * speed - dot(here.apart, at.second)
