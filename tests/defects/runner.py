@@ -28,8 +28,8 @@ _LOADED = (
 _LONGEST, _LARGEST = 240.0, 8 << 30
 # Added to pytest's status, so that no other end of a process looks like the end of a test.
 _RAN = 50
-# pytest's statuses: all passed, some failed, none was selected.
-_PASSED, _FAILED, _NONE = 0, 1, 5
+# pytest's statuses: all passed, some failed, an interrupt was not caught, none was selected.
+_PASSED, _FAILED, _INTERRUPTED, _NONE = 0, 1, 2, 5
 # The suites in the order of their cost, by the markers that select their tests.
 SUITES = {
     "quick": "not slow and not exhaustive",
@@ -111,6 +111,8 @@ class Copy:
             process.kill()
             return _FAILED
         status = (process.exitcode or 0) - _RAN
+        if status == _INTERRUPTED:
+            return _FAILED
         if status not in (_PASSED, _FAILED, _NONE):
             raise RuntimeError(f"{test} did not run: status {process.exitcode}.")
         return status
