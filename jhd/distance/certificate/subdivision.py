@@ -21,6 +21,7 @@ import numpy as np
 
 from jhd.arithmetic.bernstein import basis
 from jhd.distance.cells.branches import hermite, moebius_weights
+from jhd.distance.certificate.curve_cuts import CurveCells, CurveFeet, peaks, seams
 from jhd.distance.certificate.multipliers import multipliers
 from jhd.distance.certificate.sides import NearFeet, ShapeSide
 from jhd.distance.certificate.verification.cells import MOST_CUTS, half, roots
@@ -28,7 +29,7 @@ from jhd.distance.certificate.verification.pieces import composed, difference, s
 from jhd.distance.certificate.verification.polynomials import exponents
 from jhd.distance.certificate.verification.proofs import failure_at_most
 from jhd.distance.certificate.verification.structure import MOST_FEET
-from jhd.distance.nearest.feet import dot, equation_of, foot_speed
+from jhd.distance.nearest.feet import equation_of, foot_speed
 
 # Parts into which an exact check may cut a cell here, with one foot and with several; what takes more is cut as a cell.
 _PARTS = {1: 60, 2: 300, 3: 300, 4: 300}
@@ -39,14 +40,6 @@ _GRIDS = {1: 0, 2: 12, 3: 6}
 _BITS = 2.0**36
 # A sample this much above the bound, as a share of it and in the unit of coordinates, rejects a map without a check.
 _SURELY = 1e-13
-# Samples of an interval among which its peak is looked for.
-_NODES = np.linspace(0.0, 1.0, 13)
-# Steps of Newton's method for the peak, among three candidates and for the chosen one alone.
-_PEAK_STEPS, _LAST_STEPS = 4, 4
-# Halvings that find a parameter to its last digit.
-_BISECTIONS = 54
-# Rounding of a squared distance: what is larger by less is no higher peak.
-_ROUNDING = 1e-14
 # A cut this near to an end is none.
 _AT_END = 4e-16
 # Nor is a cut at a smooth peak within this share of the interval: the distance is flat there.
@@ -413,87 +406,17 @@ def _cuts(source: ShapeSide, target: ShapeSide, cells: _Open, maps: list[_Maps],
     width, middle = t1 - t0, 0.5 * (t0 + t1)
     if not _are_curves(source, target):
         return np.stack([middle, middle], axis=1)
-    cut, top, is_smooth = _peaks(source, target, cells, maps)
+    intervals = CurveCells(cells.piece, t0, t1)
+    feet = CurveFeet(np.stack([each.piece for each in maps]), np.stack([each.x[..., 0] for each in maps]))
+    cut, top, is_smooth = peaks(source, target, intervals, feet)
     for each, far in ((maps[1], 0), (maps[0], 1)):
         end = each.x[:, far, 0]
-        seam = _seams(source, target, cells, each.piece, end)
+        seam = seams(source, target, intervals, each.piece, end)
         inside = (seam > t0 + _SURELY) & (seam < t1 - _SURELY) & (maps[0].piece != maps[1].piece)
         cut = np.where(inside & (top <= limit**2) & ((end == 0) | (end == 1)), seam, cut)
     cut = np.where(np.minimum(cut - t0, t1 - cut) <= np.where(is_smooth, _FLAT * width, _AT_END), middle, cut)
     near = np.minimum(cut - t0, t1 - cut) < _NEAR_END * width
     return np.stack([cut, np.where(near, middle, cut)], axis=1)
-
-
-def _seams(source: ShapeSide, target: ShapeSide, cells: _Open, piece: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The parameters at which feet on these pieces reach an end, by bisection; an end of the cell if none does."""
-    there = target.curve_jet(piece, end)
-
-    def side(t: np.ndarray) -> np.ndarray:
-        return np.sign(dot(source.points(cells.piece, t[:, None]) - there.point, there.first))
-
-    low, high = cells.x[:, 0, 0], cells.x[:, 1, 0]
-    first = side(low)
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        same = side(middle) == first
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return high
-
-
-def _peaks(
-    source: ShapeSide, target: ShapeSide, cells: _Open, maps: list[_Maps]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Peaks of the smaller distance to the feet of both maps: parameters, squares, and whether they are smooth.
-
-    The best of a few samples comes first. Then follow steps to the best of the peaks of either branch and of their
-    crossing, and at last to that one alone: values tell a smooth peak to half of the digits only.
-    """
-    t0, width, n = cells.x[:, 0, 0], cells.x[:, 1, 0] - cells.x[:, 0, 0], np.arange(len(cells.piece))
-    piece_of_branch = np.stack([each.piece for each in maps])
-    ends_of_branch = np.stack([each.x[..., 0] for each in maps])
-
-    def heights(t: np.ndarray) -> np.ndarray:
-        """Squared distances to the feet with two derivatives, for t (samples, cells): (3, branches, samples, cells)."""
-        count = 2 * len(t)
-        at = source.curve_jet(np.tile(cells.piece, count), np.tile(t, (2, 1)).ravel())
-        piece, ends = (np.repeat(rows, len(t), axis=0) for rows in (piece_of_branch, ends_of_branch))
-        share = np.tile((t - t0) / width, (2, 1))
-        s = ((1 - share) * ends[..., 0] + share * ends[..., 1]).reshape(-1, 1)
-        s = target.local(piece.ravel(), s, np.asarray(at.point)).x[:, 0]
-        here = equation_of(at.point, target.curve_jet(piece.ravel(), s))
-        speed = foot_speed(s, here, at.first, np.tile(width, count))
-        bend = dot(at.first, at.first) - dot(at.first, here.first) * speed - dot(here.apart, at.second)
-        return np.array([here.distance_sq, -2 * dot(here.apart, at.first), 2 * bend]).reshape(3, 2, *t.shape)
-
-    def steps(height: np.ndarray) -> np.ndarray:
-        """From t to the peaks of both branches and to their crossing, (3, cells)."""
-        f, slope, bend = height
-        crossed = slope[0] - slope[1]
-        tops = np.where(bend < 0, -slope / np.where(bend < 0, bend, -1.0), 0.0)
-        return np.concatenate([tops, [-(f[0] - f[1]) / np.where(crossed != 0, crossed, np.inf)]])
-
-    tried = t0 + _NODES[:, None] * width
-    low, high = t0, t0 + width
-    t, kind = np.zeros(len(n)), np.full(len(n), -1)
-    here, top = np.zeros((3, 2, len(n))), np.full(len(n), -np.inf)
-    for k in range(_PEAK_STEPS + 1):
-        found = heights(tried)
-        least = np.min(found[0], axis=0)
-        i = np.argmax(least, axis=0)
-        better = least[i, n] > top * (1 + _ROUNDING)
-        t, top = np.where(better, tried[i, n], t), np.where(better, least[i, n], top)
-        here = np.where(better, found[:, :, i, n], here)
-        if k == 0:
-            low, high = (np.clip(t + side * width / (len(_NODES) - 1), low, high) for side in (-1, 1))
-        else:
-            kind = np.where(better, i, kind)
-        tried = np.clip(t + steps(here), low, high)
-    last = t
-    for _ in range(_LAST_STEPS):
-        here = heights(last[None])[:, :, 0]
-        last = np.where(kind < 0, last, np.clip(last + steps(here)[kind, n], low, high))
-    same = np.min(heights(last[None])[0, :, 0], axis=0) >= top - 1e-12 * np.maximum(top, _SURELY)
-    return np.where(same, last, t), top, kind != 2
 
 
 def _parts(
