@@ -161,6 +161,10 @@ def test_the_hessian_agrees_with_differences_of_the_gradient(seed):
     h = STEP
     difference = (_gradient(rows + h * direction) - _gradient(rows - h * direction)) / (2 * h)
     np.testing.assert_allclose(product, difference, rtol=SECOND, atol=SECOND * float(jnp.max(jnp.abs(difference))))
+    # Of a function of the distance the products of first derivatives count, too.
+    slope, value = _gradient(rows), _value(rows)
+    _, square = jax.jvp(jax.grad(lambda rows: _value(rows) ** 2), (rows,), (direction,))
+    np.testing.assert_allclose(square, 2 * (slope * jnp.vdot(slope, direction) + value * product), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.slow
