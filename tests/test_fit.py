@@ -88,6 +88,7 @@ def test_free_ends_are_nearer_than_fixed_ones():
     assert float(solution.error.value) == pytest.approx(FREE, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_parameters_may_be_a_pytree_and_progress_is_reported():
     seen = []
     solution = jhd.minimise_hausdorff(turned, {"offset": jnp.array([0.1, 0.0])}, quarter(), progress=seen.append)

@@ -46,6 +46,7 @@ def test_faces_have_the_colour_of_their_distance_and_the_witness_is_in_front(squ
     assert "distance to plane (mm)" in [other.get_ylabel() for other in ax.figure.axes]
 
 
+@pytest.mark.slow
 def test_the_inset_shows_both_sections_at_the_right_distance(square):
     figure = jhd.plot.deviation(square).figure
     (inset,) = by_gid(figure, "inset")

@@ -66,7 +66,7 @@ DEFECTS = [
         (
             "jnp.where(system.held[0], held, balanced)",
             "balanced",
-            "distance/witness/test_multipliers.py::test_the_end_between_the_arms_of_a_v_has_the_derivative_of_both_arms",
+            "distance/witness/test_multipliers.py::test_the_multipliers_of_a_corner_serve_both_of_its_legs",
         ),
         (
             "jnp.where(regular, right @ (columns / jnp.where(regular, determinant, 1.0)), 0.0)",

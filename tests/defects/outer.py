@@ -292,7 +292,7 @@ DEFECTS = [
         (
             "distance = jnp.minimum(_distances(of, b, long), top)",
             "distance = _distances(of, b, long)",
-            "test_at_one_distance_everywhere_it_is_as_far_above_as_it_can_be",
+            "test_a_sample_whose_foot_is_too_far_counts_as_much_as_the_farthest_place",
         ),
         (
             "moves = (feet.segment != early.segment) | (jnp.abs(feet.t - early.t) > _STILL)",

@@ -158,6 +158,7 @@ def test_padded_curves_are_kept_as_far_as_there_is_room(monkeypatch, every):
     np.testing.assert_array_equal(jhd.pairwise(CURVES).value, every.value)
 
 
+@pytest.mark.slow
 def test_the_table_of_one_collection_is_symmetric_and_zero_for_a_shape_and_itself(every):
     np.testing.assert_array_equal(every.value, every.value.T)
     np.testing.assert_array_equal(np.diag(every.upper), 0.0)

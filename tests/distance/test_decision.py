@@ -75,6 +75,7 @@ def steps(found):
     return int(found.stats["a_to_b_steps"]) + int(found.stats["b_to_a_steps"])
 
 
+@pytest.mark.slow
 def test_a_shape_is_within_zero_of_its_copy():
     # The bounds of a search leave the rounding of coordinates open.
     curve = lambda: jhd.BezierCurve([(0, 0), (1, 2), (2, -1), (3, 1)])  # noqa: E731

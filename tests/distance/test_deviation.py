@@ -109,6 +109,7 @@ def test_the_size_of_weighted_points_is_the_exact_sum_of_the_weights():
         assert encloses(found, sum(map(Fraction, weights))) and found.upper == math.nextafter(found.lower, math.inf)
 
 
+@pytest.mark.slow
 def test_lengths_below_the_normal_numbers_are_rounded_outward():
     tiny = 5e-324
     found = jhd.deviation(jhd.polyline([(0, 0, 0), (tiny, tiny, tiny)]), jhd.points([(0, 0, 0)]), throw=False)

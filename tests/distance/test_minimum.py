@@ -413,6 +413,7 @@ def test_a_curve_and_a_patch_against_a_surface():
     assert holds(minimum_distance(SPHERES[0], plate), 1.0, 1e-8)
 
 
+@pytest.mark.slow
 def test_the_voxel_method_is_unproven_and_its_samples_are_on_the_surfaces():
     found = minimum_distance(*SPHERES, VoxelPairs(0.5, 6))
     assert found.result == RESULTS.unproven and found.lower == 0 and np.isinf(found.upper)

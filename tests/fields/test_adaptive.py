@@ -14,6 +14,8 @@ import jhd.fields.adaptive_samples as samples_module
 from jhd.distance.signed_distance import signed_distance
 from jhd.fields.adaptive import AdaptiveDistanceField
 from jhd.fields.adaptive_build import may_meet
+from jhd.fields.adaptive_error import LeafBoxes, largest_error
+from jhd.fields.adaptive_samples import surface_of
 from jhd.fields.boxes import CORNERS
 from jhd.shapes.mesh import TriangleMesh
 from tests.sweeps import swept
@@ -87,6 +89,7 @@ def test_the_leaves_fill_the_box_and_their_corners_hold_exact_distances(which, r
     np.testing.assert_allclose(field(middles), values.mean(axis=1), rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_every_leaf_in_full_mode_is_within_the_tolerance_at_its_19_points(full):
     lower, side, _ = boxes(full)
     assert full.unresolved == 0
@@ -250,11 +253,22 @@ def test_the_proven_error_sees_wrong_values_and_another_mesh():
     assert worse.proven_error(mesh, max_boxes=20_000) > 0.03
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_one_value_that_is_off_is_in_the_proven_error(sign):
+    # Samples are taken in the middle, where an eighth of it is left.
+    box = LeafBoxes(np.array([[0.6, -0.05, -0.05]]), np.array([0.1]), np.full((1, 8), 0.1))
+    box.values[0] += 0.1 * CORNERS[:, 0]
+    box.values[0, 5] += sign * 0.05
+    assert 0.05 <= largest_error(surface_of(block()), box, 1.0, 1) <= 0.06
+
+
+@pytest.mark.slow
 def test_the_proven_error_of_a_cube_is_at_most_three_tolerances():
     cube = block(np.full(3, 0.5))
     assert AdaptiveDistanceField.build(cube, 1e-2).proven_error(cube, max_boxes=20_000) < 0.03
 
 
+@pytest.mark.slow
 def test_the_mesh_of_a_field_is_closed_outward_and_near():
     mesh = torus()
     field = AdaptiveDistanceField.build(mesh, 5e-3)

@@ -82,6 +82,7 @@ def test_an_ellipsoid_is_fitted_to_a_sphere():
     np.testing.assert_allclose(fit.parameters, np.ones(3), atol=5e-3)
 
 
+@pytest.mark.slow
 def test_shapes_of_another_kind_are_refused():
     with pytest.raises(TypeError, match="TriangleMesh"):
         jhd.minimise_hausdorff(lambda p: jhd.points(p), np.zeros((1, 3)), TETRAHEDRON)

@@ -88,6 +88,7 @@ def test_it_matches_no_other_curves(made):
     )
 
 
+@pytest.mark.slow
 def test_a_place_is_found_where_the_witness_does_not_prove_the_lower_bound(made):
     a, b, solution, _ = made
     elsewhere = eqx.tree_at(lambda s: s.witness.t, solution, jnp.asarray(0.123))

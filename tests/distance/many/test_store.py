@@ -57,6 +57,7 @@ def test_an_interrupted_call_goes_on_and_leaves_the_same_bytes(tmp_path):
     assert jhd.pairwise(SHAPES, store=tmp_path / "whole").computed == 0
 
 
+@pytest.mark.slow
 def test_a_part_that_is_damaged_or_was_being_written_is_computed_again(tmp_path):
     whole = jhd.pairwise(SHAPES, store=tmp_path)
     before = contents(tmp_path)

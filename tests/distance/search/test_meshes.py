@@ -66,6 +66,7 @@ def test_two_feet_balance_on_the_axis_of_a_valley():
     np.testing.assert_allclose(found.witness.point[jnp.array([0, 2])], [0, 1], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_derivative_counts_all_feet():
     lid = PLATE.transform(np.eye(3), [0, 0, 1])
 

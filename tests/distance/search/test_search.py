@@ -177,6 +177,7 @@ def test_the_host_takes_a_longer_table_where_one_program_folds():
     assert grown.lower <= folded.upper
 
 
+@pytest.mark.slow
 def test_max_steps_holds_across_the_stretches():
     method = jhd.BranchAndBound(max_steps=150)
     solution = jhd.directed_hausdorff(FOLDED, LINE, method, throw=False)

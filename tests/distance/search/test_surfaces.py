@@ -81,6 +81,7 @@ def test_a_surface_proven_empty_is_refused_and_under_a_trace_has_a_code():
         jhd.directed_hausdorff(NOWHERE, SPHERE)
 
 
+@pytest.mark.slow
 def test_a_single_line_gets_no_number():
     line = parsed("x^2 + y^2")
     with pytest.raises(jhd.NotProvenError, match="does not change its sign"):

@@ -87,6 +87,21 @@ def between_the_arms():
     return Case("a_end", [a, b], directions)
 
 
+def sharp_corner(order):
+    """A corner whose legs both ask for less of the first foot, one of them for more of that than the other."""
+    normals = np.array([[1.0, 0.0], [-0.5, np.sqrt(0.75)]])
+    # The slopes of both distances along the legs.
+    legs = np.linalg.solve(normals, np.array([[0.5, -0.5], [0.4, -0.6]])[order].T).T
+    across = 0.7 * np.stack([-normals[:, 1], normals[:, 0]], axis=1)
+    rows = np.stack([0.2 * legs[0], np.zeros(2), 0.2 * legs[1]])
+    # The first foot is the nearest one by far more than rounding, and both count.
+    feet = -normals * [[1 - 1e-13], [1.0]]
+    arms = np.stack([feet - across, feet + across], axis=1)[[0, 1, 1]]
+    rng = np.random.default_rng(order)
+    directions = [rng.normal(size=(DIRECTIONS, *x.shape)) for x in (rows, arms)]
+    return Case("corner", [rows, arms], [directions[0], directions[1][:, [0, 1, 1]]])
+
+
 def beside(case, step):
     """The shapes, those moved along the directions, and those moved against them."""
     pairs = zip(case.shapes, case.directions, strict=True)
@@ -123,6 +138,7 @@ def solved(dim):
     cases = [random_case(("a_end", "corner")[k % 2], 2 + k // 4, dim, rng) for k in range(CASES)]
     if dim == 2:
         cases[0] = between_the_arms()
+        cases[1], cases[3] = sharp_corner([0, 1]), sharp_corner([1, 0])
     shapes = zip(*(beside(case, STEP) for case in cases), strict=True)
     (values, witness), gradients = measured(*(jnp.asarray(np.concatenate(x)) for x in shapes))
     split = [[x[k * LANES : (k + 1) * LANES] for x in (np.asarray(values), *gradients)] for k in range(CASES)]
@@ -150,6 +166,16 @@ def test_the_end_between_the_arms_of_a_v_has_the_derivative_of_both_arms():
     # Two thirds of the arm that goes away: no more is allowed, and of the nearest foot the most is taken.
     np.testing.assert_allclose(witness.multipliers, [2 / 3, 1 / 3], atol=1e-12)
     np.testing.assert_allclose(gradients[0][0, 0], np.array([1 / 3, 1.0]) * np.sqrt(0.5), atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", [1, 3])
+def test_the_multipliers_of_a_corner_serve_both_of_its_legs(which):
+    case, witness, (_, *gradients) = solved(2)[which]
+    assert case.event == name_of(witness.event) == "corner"
+    # More of the first foot would send the maximum along one of the legs.
+    np.testing.assert_allclose(witness.multipliers, [0.5, 0.5], atol=1e-12)
+    np.testing.assert_allclose(gradients[0][0, 1], [0.25, np.sqrt(3 / 16)], atol=1e-12)
 
 
 @pytest.mark.slow
