@@ -72,6 +72,17 @@ def test_a_sample_whose_foot_is_too_far_counts_as_much_as_the_farthest_place():
 
 
 @pytest.mark.slow
+def test_hardly_a_foot_of_a_sample_is_not_the_nearest_one():
+    far = []
+    for seed in range(6):
+        a, b = (jhd.BezierSegments(random_rows(2 * seed + k) / 4) for k in range(2))
+        samples = soft.sampled(a)
+        found = np.asarray(jax.jit(soft._distances, static_argnums=2)(samples, b, False))
+        far.append(found - np.asarray(jhd.project(samples.points, b).upper))
+    assert np.min(far) >= -ROUNDING and np.mean(np.array(far) > 1e-8) < 0.02
+
+
+@pytest.mark.slow
 def test_one_search_and_a_thousand_samples_are_what_it_costs(monkeypatch):
     calls = []
 

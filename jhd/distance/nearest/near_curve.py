@@ -67,16 +67,16 @@ class NearCurve(NamedTuple):
         return jax.tree_util.tree_map(lambda x: x[0], nearest_in_blocks(self.guide, point[None]))
 
 
-def near_curve(curve: BezierSegments, long: bool) -> NearCurve:
-    """The curve, looked at in blocks where it or the other curve is long."""
+def near_curve(curve: BezierSegments, long: bool, seeds: int = _SEEDS) -> NearCurve:
+    """The curve, looked at in blocks where it or the other curve is long, else by `seeds` samples of each segment."""
     skip = repeated(curve.control_points, curve.weights)
     runs = runs_of(curve) if curve.count >= _RUNS_FROM else None
-    return NearCurve(curve, skip, blocks_of(curve) if long else _samples(curve), runs)
+    return NearCurve(curve, skip, blocks_of(curve) if long else _samples(curve, seeds), runs)
 
 
-def _samples(b: BezierSegments) -> _NearSamples:
+def _samples(b: BezierSegments, seeds: int) -> _NearSamples:
     """Samples of b; the nearest of them starts the search of a foot."""
-    samples = jnp.linspace(0.0, 1.0, _SEEDS + 1, dtype=b.control_points.dtype)
+    samples = jnp.linspace(0.0, 1.0, seeds + 1, dtype=b.control_points.dtype)
     points = jax.vmap(lambda k: jax.vmap(lambda s: jet(*piece_of(b, k), s).point)(samples))(jnp.arange(b.count))
     segment = jnp.repeat(jnp.arange(b.count), samples.size)
     return _NearSamples(points.reshape(-1, b.dim), segment, jnp.tile(samples, b.count))
