@@ -173,9 +173,11 @@ def test_gamma_refuses_counts_outside_its_proof(operations):
 
 
 def test_single_precision_is_coarser_where_division_is_an_approximation(monkeypatch):
-    fine = [rounding.unit_roundoff(dtype) for dtype in (np.float32, np.float64)]
-    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
-    coarse = [rounding.unit_roundoff(dtype) for dtype in (np.float32, np.float64)]
+    found = []
+    for backend in ("cpu", "gpu"):
+        monkeypatch.setattr(jax, "default_backend", lambda backend=backend: backend)
+        found.append([rounding.unit_roundoff(dtype) for dtype in (np.float32, np.float64)])
+    fine, coarse = found
     # A division, two roundings of the model, is off by 2.03 units in the last place, a square root by 0.94.
     assert 2 * coarse[0] > 2.03 * 2.0**-23 and coarse[0] > 0.94 * 2.0**-23
     assert fine == [2.0**-24, 2.0**-53] and coarse[1] == 2.0**-53
