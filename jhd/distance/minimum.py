@@ -58,10 +58,10 @@ def minimum_distance(
     found, and at distance zero the derivative is zero by convention. Works under jit, vmap and grad, where checks of
     values are left out and `throw` is ignored: read `result`.
 
-    Where nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap, and far
-    more slowly outside jit between two polynomial surfaces, or two parametric ones, that stay apart; bounds are then
-    true and wider, as RESULTS.family_of_maxima. Outside jit points are projected one by one onto
-    curves and surfaces, without steps and progress, and as close as rounding leaves.
+    Where nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap; bounds
+    are then true and wider, as RESULTS.family_of_maxima. Outside jit it grows far more slowly between shapes that stay
+    apart: curves, parametric surfaces and implicit surfaces, with these up to 64 pieces. Outside jit points are
+    projected one by one onto curves and surfaces, without steps and progress, and as close as rounding leaves.
 
     A triangle mesh is a surface and not the solid that it may bound: of a mesh inside another one the distance of the
     surfaces is meant. Meshes, and a mesh with a point set or a polyline, have a search of their own from the host: the

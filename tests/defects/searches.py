@@ -256,7 +256,7 @@ DEFECTS = [
         ("ends[1] < -1.01 * error", "ends[1] < 1e30 * error", "test_a_polynomial_of_one_sign_has_no_bound_from_signs"),
     ),
     *within(
-        "distance/cells/moving_pairs.py",
+        "distance/cells/moving_surfaces.py",
         "distance/cells/test_narrowed.py",
         (
             "others + f.rest[0] + f.error[0]",

@@ -34,16 +34,17 @@ _TALLEST = 4.0
 
 
 def _nodes() -> tuple[np.ndarray, np.ndarray]:
-    """As many nodes (2, nodes) of the square as there are terms, and the matrix from values there to coefficients.
+    """As many nodes (2, nodes) of the square as there are terms, and the values of all terms there.
 
     They are Padua points, with which interpolation is about as good as any (Caliari, De Marchi & Vianello 2005).
     """
     pairs = [(j, k) for j in range(DEGREE + 1) for k in range(DEGREE + 2) if (j + k) % 2 == 0]
     s, t = np.cos(np.pi * np.array(pairs) / [DEGREE, DEGREE + 1]).T
-    return np.stack([s, t]), np.linalg.inv(np.stack([s**i * t**j for i, j in EXPONENTS], axis=1))
+    return np.stack([s, t]), np.stack([s**i * t**j for i, j in EXPONENTS], axis=1)
 
 
-NODES, _FIT = _nodes()
+NODES, VALUES = _nodes()
+_FIT = np.linalg.inv(VALUES)
 S, T = EXPONENTS.index((1, 0)), EXPONENTS.index((0, 1))
 
 

@@ -171,7 +171,7 @@ def _bound(a: Net | Side, b: Net | Side, cell: Cell) -> PairBound:
     extent = jnp.max(jnp.abs(over.first.mid) + over.first.rad, axis=-1)
     room = jnp.maximum(jnp.abs(cell.low), jnp.abs(cell.high)) * jnp.finfo(dtype).eps * _THINNEST
     extent = jnp.where(width > jnp.maximum(room, 64 * smallest_normal(dtype)), extent, -1.0)
-    return PairBound(lower, upper, distance, x, cell, jnp.argmax(extent), jnp.max(extent) < 0)
+    return PairBound(lower, upper, distance, x, cell, extent, jnp.max(extent) < 0)
 
 
 def _of_boxes(apart: Ball) -> Array:

@@ -7,8 +7,13 @@ the values of a map Q(u), and let R(u) be its first derivatives at Q. Then for a
 
 so the least value over u of the first term, and of each of the others over the ranges of R_i and of x_i - Q_i, bound L.
 
+What Q misses the foot by is in R, and so counts squared. With h the size of the cell of a the bound is short by h^6
+where the distance is constant along a: the cell of b may be as large as L is convex.
+
 Source: ours.
 """
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +26,32 @@ from jhd.arithmetic.truncated import plus as added
 # Steps from side to side towards the least value of a parabola.
 _DESCENTS = 8
 _S, _T, _SS, _ST, _TT = (EXPONENTS.index(powers) for powers in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)))
+
+
+class MovingPoint(NamedTuple):
+    """Points of a shape over a cell, as polynomials of two numbers in [-1, 1], or of the first of them.
+
+    Args:
+        point: the points (terms, 3).
+        beside: how far the shape is from them; infinite where it is not known to be near.
+        bent: by how much the polynomial of an implicit surface is not linear, along each coordinate; else zero.
+    """
+
+    point: Truncated
+    beside: Array
+    bent: Array
+
+
+class MovingSquare(NamedTuple):
+    """A lower bound of the squared distance of moving points from b, and whether L is proven convex on b."""
+
+    lower: Array
+    convex: Array
+
+
+def less(x: Truncated, y: Truncated) -> Truncated:
+    """The difference."""
+    return added(x, scaled(y, -1.0))
 
 
 def least(total: Truncated) -> Array:

@@ -1,16 +1,15 @@
-"""Proven lower bounds of the distance of two parametric shapes by feet that move with the place.
+"""Parametric shapes in lower bounds by feet that move with the place (jhd.distance.cells.moving).
 
-Over a cell of a the point a(u) is a polynomial of degree 5 but for a rest of the sixth order
-(jhd.arithmetic.truncated), and so is b at parameters Q(u) that are polynomials through about the feet of some places.
-Where the second derivatives of |a(u) - b(x)|^2 in x are at least 2 diag(k) > 0 for all u of the cell and all x of a box
-E that holds the cell of b and Q, the distance over the pair of cells is bounded as in
-jhd.distance.cells.moving_minimum, with
+Over a cell of a parametric shape its point is a polynomial of degree 5 but for a rest of the sixth order
+(jhd.arithmetic.truncated). With feet on such a shape b, let P(u) be the moving point and Q(u) polynomials for the
+parameters, through about the feet of some places. Where the second derivatives of |P(u) - b(x)|^2 in x are at least
+2 diag(k) > 0 for all u of the cell and all x of a box E that holds the cell of b and Q, the squared distance is bounded
+as in jhd.distance.cells.moving_minimum, with
 
-    L(u, x) = |a(u) - b(x)|^2,   R = -2 (a(u) - b(Q)).b_x(Q).
+    L(u, x) = |P(u) - b(x)|^2,   R = -2 (P(u) - b(Q)).b_x(Q).
 
-What Q misses the foot by is in R, and so counts squared: where the distance is constant along a the bound is short by
-the sixth order of the size of the cell, and the cell of b may be as large as L is convex. Feet are followed beyond the
-cell of b, and of its piece, by about the size of the cell of a: at joints of smooth shapes nothing has to be cut.
+Feet are followed beyond the cell of b, and of its piece, by about the size of the cell of a: at joints of smooth shapes
+nothing has to be cut.
 
 Rounding: x is counted from -1 to 1 over E, whose ends are floats, and Q is its floating-point coefficients there. A
 part between parameters beyond [0, 1] has control points that are sums of the given ones with factors whose sizes have a
@@ -37,11 +36,10 @@ from jhd.arithmetic.trivariate import power_conversion
 from jhd.arithmetic.truncated import DEGREE, EXPONENTS, Truncated, composed, largest, product, reciprocal, scaled
 from jhd.arithmetic.truncated import plus as added
 from jhd.distance.cells.foot_maps import foot_between
-from jhd.distance.cells.graphs import NODES, fitted
+from jhd.distance.cells.graphs import VALUES, fitted
 from jhd.distance.cells.implicit import between
-from jhd.distance.cells.moving_minimum import least, least_of_rest
-from jhd.distance.cells.pairs import Cell, PairBound, bound, extents
-from jhd.distance.frame.net_jets import Net, eta, jet, part_of, point_error
+from jhd.distance.cells.moving_minimum import MovingPoint, MovingSquare, least, least_of_rest, less
+from jhd.distance.frame.net_jets import Net, eta, jet, part_of
 
 # Newton steps for the foot in the middle, and from there for those of the nodes.
 _FIRST, _STEPS = 4, 4
@@ -50,57 +48,6 @@ _FIRST, _STEPS = 4, 4
 _FARTHER, _BEYOND = 4.0, 0.25
 # Shares of |b_x|^2 that the second derivatives are tried to exceed.
 _MODULI = (0.5, 0.1, 0.01)
-# The most that a cell of b is longer than one of a that is cut first.
-_LONGEST = 64.0
-# The values at the nodes of all terms.
-_VALUES = np.stack([NODES[0] ** i * NODES[1] ** j for i, j in EXPONENTS], axis=1)
-
-
-class WithMovingParameters(NamedTuple):
-    """A pair of parametric shapes in common coordinates, as Parametric, with bounds by feet on b that move as well."""
-
-    a: Net
-    b: Net
-    error: Any
-
-    def bound(self, cell: Cell) -> PairBound:
-        """Bounds over one pair of cells."""
-        n = self.a.parameters
-        still = bound(self.a, self.b, cell)
-        moving = moving_bound(self.a, self.b, cell, still.x[n:])
-        return self._with_moving(cell, still, moving, np.arange(cell.low.size) >= n)
-
-    def _with_moving(self, cell: Cell, still: PairBound, moving: "MovingNetBound", follow: np.ndarray) -> PairBound:
-        """The larger bound; parameters that `follow` the others are cut only if the distance is not convex in them."""
-        extent = extents(self.a, self.b, cell, still.cell)
-        first, second = jnp.max(extent[~follow]), jnp.max(extent[follow])
-        only = moving.convex & (_LONGEST * first > second)
-        axis = jnp.argmax(jnp.where(only & follow, -1.0, extent))
-        return still._replace(lower=jnp.maximum(still.lower, moving.lower), axis=axis)
-
-    @property
-    def floor(self) -> float:
-        """The gap that rounding leaves, in common coordinates."""
-        return 16 * (point_error(self.a) + point_error(self.b))
-
-
-class WithMovingFirst(WithMovingParameters):
-    """The same by feet on a that move with b: needed if b stands still where the distance is constant along a."""
-
-    def bound(self, cell: Cell) -> PairBound:
-        """Bounds over one pair of cells."""
-        n = self.a.parameters
-        still = bound(self.a, self.b, cell)
-        ends = (jnp.concatenate([x[n:], x[:n]]) for x in (cell.low, cell.high))
-        moving = moving_bound(self.b, self.a, Cell(cell.piece_b, cell.piece_a, *ends), still.x[:n])
-        return self._with_moving(cell, still, moving, np.arange(cell.low.size) < n)
-
-
-class MovingNetBound(NamedTuple):
-    """A lower bound over a pair of cells, and whether the distance is proven to be convex in the parameters of b."""
-
-    lower: Array
-    convex: Array
 
 
 class _PartWithErrors(NamedTuple):
@@ -112,28 +59,38 @@ class _PartWithErrors(NamedTuple):
 
 
 class _Powers(NamedTuple):
-    """Rows (i, j, width) of powers of two numbers in [-1, 1], points or homogeneous ones, and errors of the values."""
+    """Rows (i, j, width) of powers of two numbers in [-1, 1], points or homogeneous ones, and errors of the values.
+
+    Points are counted from a centre: what the weights multiply, and their rests with it, is as small as the part.
+    """
 
     rows: Array
     error: Array
+    centre: Array
 
 
-def moving_bound(a: Net, b: Net, cell: Cell, start: Array) -> MovingNetBound:
-    """A lower bound of the distance of two parts; zero where there is none."""
-    n, m, dtype = a.parameters, b.parameters, cell.low.dtype
-    low, high, piece = cell.low[n:], cell.high[n:], b.piece(cell.piece_b)
-    of_a = _powers(_part(a.piece(cell.piece_a), cell.low[:n], cell.high[:n]))
-    on_a = _quotients(_direct(_derivatives(of_a, n, 0)), a.weights is not None, n).point
-    q = _feet(piece, on_a.terms, low, high, start)
+def points_of_net(piece: Net, low: Array, high: Array) -> MovingPoint:
+    """The points of a part of a piece."""
+    powers, n = _powers(_part(piece, low, high)), piece.parameters
+    point = _quotients(_direct(_derivatives(powers, n, 0)), piece.weights is not None, n).point
+    point = _shifted(point, powers.centre)
+    return MovingPoint(point, jnp.zeros_like(point.rest[0]), jnp.zeros(n, point.rest.dtype))
+
+
+def square_to_net(piece: Net, point: Truncated, low: Array, high: Array, start: Array) -> MovingSquare:
+    """A lower bound of the squared distance of moving points from the part of a piece between parameters."""
+    m, dtype, rational = piece.parameters, low.dtype, piece.weights is not None
+    q = _feet(piece, point.terms, low, high, start)
     begin, end = _box(q, low, high)
     half = 0.5 * (end - begin)
     q = q.at[0].add(-0.5 * (begin + end)) / half
     inside = jnp.all(jnp.sum(jnp.abs(q), axis=0) * (1 + gamma(32, dtype)) <= 1)
     of_b = _derivatives(_powers(_part(piece, begin, end)), m, 2)
-    there = _quotients(_along(of_b, q), b.weights is not None, m)
-    over = _quotients(_direct(of_b), b.weights is not None, m)
-    bent = _convexity(on_a, over, jnp.sum(there.first.terms[0] ** 2, axis=0))
-    apart = _less(on_a, there.point)
+    there = _quotients(_along(of_b, q), rational, m)
+    over = _quotients(_direct(of_b), rational, m)
+    point = _shifted(point, -of_b.centre)
+    bent = _convexity(point, over, jnp.sum(there.first.terms[0] ** 2, axis=0))
+    apart = less(point, there.point)
     square = least(_dot(apart, apart))
     apart = Truncated(apart.terms[:, :, None], apart.rest[:, None])
     rest = scaled(_dot(apart, there.first), -2.0)
@@ -144,15 +101,13 @@ def moving_bound(a: Net, b: Net, cell: Cell, start: Array) -> MovingNetBound:
         rest, jnp.where(bent > 0, bent, 1.0), ends[0] - q[0] - size - slack, ends[1] - q[0] + size + slack
     )
     taken = jnp.sum(taken - gamma(8, dtype) * jnp.abs(taken))
-    total = square + taken - gamma(4, dtype) * (jnp.abs(square) + jnp.abs(taken))
-    root = jnp.sqrt(jnp.maximum(total, 0.0)) * (1 - gamma(8, dtype))
-    convex = jnp.all(bent > 0) & inside
-    return MovingNetBound(jnp.where(convex & jnp.isfinite(root), root, 0.0), convex)
+    lower = square + taken - gamma(4, dtype) * (jnp.abs(square) + jnp.abs(taken))
+    return MovingSquare(lower, jnp.all(bent > 0) & inside)
 
 
 def _feet(piece: Net, terms: Array, low: Array, high: Array, start: Array) -> Array:
     """Coefficients (terms, parameters of b) of polynomials through about the feet of the nodes of a cell of a."""
-    values = _VALUES.astype(terms.dtype)
+    values = VALUES.astype(terms.dtype)
     places = jnp.sum(values[:, :, None] * terms[None], axis=1)
     extent = 2 * length(jnp.sum(jnp.abs(terms[1:]), axis=0))
     rate = jax.vmap(length)(jet(piece, start).first)
@@ -192,17 +147,18 @@ def _powers(part: _PartWithErrors) -> _Powers:
     """A part in powers of its parameters, counted from -1 to 1."""
     points, weights = part.net
     dtype, error = points.dtype, jnp.broadcast_to(part.error, points.shape[-1:])
-    rows = points
+    centre = 0.5 * (jnp.min(points, axis=(0, 1)) + jnp.max(points, axis=(0, 1)))
+    rows = points - centre
     if weights is not None:
         most = jnp.max(weights)
-        rows = jnp.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
+        rows = jnp.concatenate([rows * weights[..., None], weights[..., None]], axis=-1)
         error = jnp.append(4 * error * most, part.relative * most)
     sizes = jnp.abs(rows)
     for axis in range(part.net.parameters):
         matrix = jnp.asarray(power_conversion(rows.shape[axis] - 1), dtype)
         rows, sizes = (_applied(x, y, axis) for x, y in ((matrix, rows), (jnp.abs(matrix), sizes)))
     loose = gamma(2 * sum(part.net.degrees) + 12, dtype) * jnp.sum(sizes, axis=(0, 1))
-    return _Powers(rows, (error + loose) * (1 + 1e-3))
+    return _Powers(rows, (error + loose) * (1 + 1e-3), centre)
 
 
 def _applied(matrix: Array, rows: Array, axis: int) -> Array:
@@ -220,8 +176,17 @@ def _direct(powers: _Powers) -> Truncated:
     return Truncated(jnp.stack(within), (rest + powers.error) * (1 + gamma(4, dtype)))
 
 
+def _shifted(point: Truncated, by: Array) -> Truncated:
+    """Points plus a vector."""
+    rest = point.rest + gamma(4, by.dtype) * (jnp.abs(point.terms[0]) + jnp.abs(by) + point.rest)
+    return Truncated(point.terms.at[0].add(by), rest)
+
+
 class _Moved(NamedTuple):
-    """Points (terms, 3) of b, first (terms, 3, n) and, if looked for, second derivatives (terms, 3, n n) there."""
+    """Points (terms, 3) of b there, counted from the centre of its part, and derivatives.
+
+    The first ones are (terms, 3, n); if looked for, the second ones (terms, 3, n n).
+    """
 
     point: Truncated
     first: Truncated
@@ -241,7 +206,8 @@ def _derivatives(powers: _Powers, n: int, order: int) -> _Powers:
             [*factors, np.outer(degrees, degrees).ravel()],
         )
     stacked = jnp.stack(rows, axis=-1)
-    return _Powers(stacked, powers.error[:, None] * np.concatenate(factors).astype(stacked.dtype))
+    error = powers.error[:, None] * np.concatenate(factors).astype(stacked.dtype)
+    return _Powers(stacked, error, powers.centre)
 
 
 def _along(powers: _Powers, q: Array) -> Truncated:
@@ -262,22 +228,18 @@ def _quotients(x: Truncated, rational: bool, n: int) -> _Moved:
     inverse = reciprocal(weight)
     point = product(point, inverse)
     inverse, wide = (Truncated(y.terms[..., None], y.rest[..., None]) for y in (inverse, point))
-    first = product(_less(first, product(wide, slope)), inverse)
+    first = product(less(first, product(wide, slope)), inverse)
     if not second.rest.size:
         return _Moved(point, first, second)
     k, m = np.divmod(np.arange(n * n), n)
-    second = _less(second, product(wide, bend))
+    second = less(second, product(wide, bend))
     for i, j in ((k, m), (m, k)):
-        second = _less(second, product(_last(first, i), _last(slope, j)))
+        second = less(second, product(_last(first, i), _last(slope, j)))
     return _Moved(point, first, product(second, inverse))
 
 
 def _constant(x: Array) -> Truncated:
     return Truncated(jnp.zeros((len(EXPONENTS), *x.shape), x.dtype).at[0].set(x), jnp.zeros_like(x))
-
-
-def _less(x: Truncated, y: Truncated) -> Truncated:
-    return added(x, scaled(y, -1.0))
 
 
 def _sizes(x: Truncated) -> Array:
@@ -323,7 +285,7 @@ def _convexity(on_a: Truncated, over: _Moved, squares: Array) -> Array:
     loose = loose * (1 + gamma(64, dtype))
     h = added(
         _dot(_last(over.first, k), _last(over.first, m)),
-        _less(_dot(Truncated(over.point.terms[..., None], over.point.rest[..., None]), over.second), _last(parts, 0)),
+        less(_dot(Truncated(over.point.terms[..., None], over.point.rest[..., None]), over.second), _last(parts, 0)),
     )
     ranges = between(-largest(scaled(h, -1.0)) - loose, largest(h) + loose)
     h = Ball(*(x.reshape(n, n) for x in ranges))

@@ -49,14 +49,17 @@ class Cell(NamedTuple):
 
 
 class PairBound(NamedTuple):
-    """What is known of a cell: bounds, a pair of points, what is left of the cell, and where to cut it."""
+    """What is known of a cell: bounds, a pair of points, what is left of the cell, and where to cut it.
+
+    The extent is about the lengths along its parameters, negative where they are not to be cut.
+    """
 
     lower: Array
     upper: Array
     distance: Array
     x: Array
     cell: Cell
-    axis: Array
+    extent: Array
     thin: Array
 
 
@@ -238,21 +241,12 @@ def bound(a: Net, b: Net, cell: Cell) -> PairBound:
     rising, falling = _monotone(sides, at_middle)
     excluded = jnp.any((rising & (low > 0)) | (falling & (high < 1)))
     left = Cell(cell.piece_a, cell.piece_b, jnp.where(falling, high, low), jnp.where(rising, low, high))
-    extent = _extents(sides, left)
+    wide = left.high - left.low > _THINNEST * jnp.finfo(dtype).eps
+    extent = jnp.where(wide, jnp.max(sides.first.size, axis=-1), -1.0)
     lower = jnp.where(excluded, jnp.inf, lower)
     # A cell that has only now shrunk to a point is bounded once more, as that point.
     thin = ~jnp.any(high - low > _THINNEST * jnp.finfo(dtype).eps)
-    return PairBound(lower, upper, distance, x[0], left, jnp.argmax(extent), thin)
-
-
-def extents(a: Net, b: Net, cell: Cell, left: Cell) -> Array:
-    """About the lengths along the parameters of what is left of a cell, negative where it is not to be cut."""
-    return _extents(_sides(a, b, cell), left)
-
-
-def _extents(sides: _Sides, left: Cell) -> Array:
-    wide = left.high - left.low > _THINNEST * jnp.finfo(left.low.dtype).eps
-    return jnp.where(wide, jnp.max(sides.first.size, axis=-1), -1.0)
+    return PairBound(lower, upper, distance, x[0], left, extent, thin)
 
 
 def _unit(e: Array) -> Array:

@@ -15,18 +15,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
-from typing_extensions import override
 
 from jhd._results.solution import RESULTS, MinimumSolution, result_where
 from jhd._runtime.arrays import is_traced, varying
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import length
+from jhd.distance.cells.moving import PairProblem
 from jhd.distance.cells.pairs import BestPair, Cell, PairBound, bound
 from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.coordinates import Frame, diagonal
 from jhd.distance.frame.net_jets import Net, eta, point_error
 from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.distance.search.search import AbstractSearch, Standing
 
 # Pairs that are cut in one step.
 WIDTH = 16
@@ -118,10 +117,6 @@ class Parametric(NamedTuple):
         return 16 * (point_error(self.a) + point_error(self.b))
 
 
-# A pair of shapes with `bound(cell)` and `floor`, as Parametric has them; no common class, since both are tuples.
-Problem = Any
-
-
 def pairs_of(counts: tuple[int, ...]) -> np.ndarray:
     """All pairs of so many pieces, in rows."""
     return np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 2)
@@ -188,18 +183,18 @@ def lower_of(state: ClosestState) -> Array:
     return jnp.minimum(jnp.minimum(state.lower[0], state.settled), state.best.upper)
 
 
-def tolerance_of(problem: Problem, wanted: WantedGap, state: ClosestState) -> Array:
+def tolerance_of(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
     """The gap that closes the search: what is asked for, or what rounding leaves."""
     found = jnp.where(jnp.isfinite(state.best.upper), state.best.upper, 0.0)
     return jnp.maximum(jnp.maximum(wanted.atol, wanted.rtol * found), problem.floor)
 
 
-def is_open(problem: Problem, wanted: WantedGap, state: ClosestState) -> Array:
+def is_open(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
     """Whether there are pairs that may hold a distance smaller by more than the tolerance."""
     return state.lower[0] < close_enough(problem, wanted, state)
 
 
-def is_hopeless(problem: Problem, wanted: WantedGap, state: ClosestState) -> Array:
+def is_hopeless(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
     """Whether a family of nearest pairs needs far more steps than are left.
 
     The number of its pairs grows at least like the root of the inverse of the gap: over a curve of them the bounds are
@@ -217,7 +212,7 @@ def is_full(state: ClosestState) -> Array:
 
 
 def advance(
-    problem: Problem, wanted: WantedGap, state: ClosestState, limit: Array | int, growing: Array | bool = False
+    problem: PairProblem, wanted: WantedGap, state: ClosestState, limit: Array | int, growing: Array | bool = False
 ) -> ClosestState:
     """Goes on until the gap is closed or `limit` steps are taken; `growing` stops before the table is full."""
 
@@ -229,7 +224,7 @@ def advance(
     return jax.lax.while_loop(going_on, lambda state: _step(problem, wanted, state), start)
 
 
-def _step(problem: Problem, wanted: WantedGap, state: ClosestState) -> ClosestState:
+def _step(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> ClosestState:
     capacity = state.lower.size
     taken, lower, axis = jax.tree_util.tree_map(lambda x: x[:WIDTH], (state.cell, state.lower, state.axis))
     middle = 0.5 * (taken.low + taken.high)
@@ -265,11 +260,15 @@ def _step(problem: Problem, wanted: WantedGap, state: ClosestState) -> ClosestSt
 
     cell = jax.tree_util.tree_map(merged, found.cell, state.cell)
     return state._replace(
-        lower=kept[:capacity], cell=cell, axis=merged(found.axis, state.axis), settled=settled, lost=lost
+        lower=kept[:capacity],
+        cell=cell,
+        axis=merged(jnp.argmax(found.extent, axis=-1), state.axis),
+        settled=settled,
+        lost=lost,
     )
 
 
-def news_of(problem: Problem, wanted: WantedGap, state: ClosestState, growing: Array) -> Array:
+def news_of(problem: PairProblem, wanted: WantedGap, state: ClosestState, growing: Array) -> Array:
     """Whether it goes on, whether it stopped for want of room, steps, and pairs that wait."""
     going_on = is_open(problem, wanted, state) & ~is_hopeless(problem, wanted, state)
     full = going_on & jnp.asarray(growing) & is_full(state)
@@ -294,49 +293,20 @@ def outcome(
 
 
 def in_one_go(
-    begun: Callable[[Problem], ClosestState],
-    ended: Callable[[Problem, WantedGap, ClosestState], Outcome],
-    problem: Problem,
+    begun: Callable[[Any], ClosestState],
+    ended: Callable[[Any, WantedGap, ClosestState], Outcome],
+    problem: PairProblem,
     wanted: WantedGap,
     max_steps: int,
 ) -> Outcome:
     """All in one program; of a batch the searches run one after the other on a CPU, side by side elsewhere."""
 
-    def search(problem: Problem, wanted: WantedGap) -> Outcome:
+    def search(problem: PairProblem, wanted: WantedGap) -> Outcome:
         return ended(problem, wanted, advance(problem, wanted, begun(problem), max_steps))
 
     if jax.default_backend() == "cpu":
         search = sequential_vmap(search)
     return search(problem, wanted)
-
-
-class ClosestSearch(AbstractSearch):
-    """The search from the host.
-
-    Args:
-        begun: makes the state in which it begins.
-        stretch: goes on from a state until a limit of steps, growing or not; to the state, its outcome and `news_of`.
-        max_steps: most steps.
-    """
-
-    first_steps = _FIRST_STEPS
-
-    def __init__(self, begun: Callable[[], ClosestState], stretch: Callable[..., Any], max_steps: int):
-        self._begun, self._stretch, self.max_steps = begun, stretch, max_steps
-
-    @override
-    def begin(self) -> ClosestState:
-        return self._begun()
-
-    @override
-    def advance(self, state: ClosestState, limit: int, growing: bool) -> tuple[ClosestState, Standing]:
-        growing = growing and may_grow(state)
-        state, found, news = self._stretch(state, np.asarray(limit), np.asarray(growing))
-        return state, Standing(found, *np.asarray(news))
-
-    @override
-    def longer(self, state: ClosestState) -> ClosestState:
-        return longer(state)
 
 
 def may_grow(state: ClosestState) -> bool:
@@ -352,6 +322,6 @@ def longer(state: ClosestState) -> ClosestState:
     return state._replace(lower=lower, cell=cell, axis=axis)
 
 
-def close_enough(problem: Problem, wanted: WantedGap, state: ClosestState) -> Array:
+def close_enough(problem: PairProblem, wanted: WantedGap, state: ClosestState) -> Array:
     """The bound from which on pairs cannot hold a distance smaller by more than the tolerance."""
     return state.best.upper - _CLOSE * tolerance_of(problem, wanted, state)

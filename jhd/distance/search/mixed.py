@@ -22,7 +22,6 @@ from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.scaling import length
 from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
-from jhd.distance.cells.moving_pairs import WithMovingFeet
 from jhd.distance.cells.pairs import BestPair, Cell
 from jhd.distance.frame.coordinates import Frame, extremes
 from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
@@ -32,7 +31,6 @@ from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.nearest.places import exact_radius
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest import (
-    ClosestSearch,
     ClosestState,
     Outcome,
     WantedGap,
@@ -48,7 +46,7 @@ from jhd.distance.search.closest import (
     wanted_gap,
 )
 from jhd.distance.search.from_program import from_program
-from jhd.distance.search.in_turn import InTurn
+from jhd.distance.search.in_turn import InTurn, with_feet
 from jhd.distance.search.isolated_pairs import isolated_pairs
 from jhd.distance.search.looked_at import looked_at
 from jhd.distance.search.near_pairs import Crossing, NearPairs, around, crossing, near_pairs
@@ -155,15 +153,12 @@ def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: 
     elif near is not None:
         pairs, best = near.pairs, _first(task, pieces, near.first, room)
     else:
+        begun = partial(_begun, problem, np.asarray(pieces), capacity)
         if isinstance(net, Side):
             known = isolated_pairs(problem)
-            left = task._replace(problem=known.problem)
-            first, second = partial(_stretch, left), partial(_stretch, left, following=True)
+            task = task._replace(problem=known.problem)
             begun = lambda: known.told(_begun(known.problem, np.asarray(pieces), capacity))  # noqa: E731
-            return InTurn(begun, first, second, method.max_steps)
-        return ClosestSearch(
-            partial(_begun, problem, np.asarray(pieces), capacity), partial(_stretch, task), method.max_steps
-        )
+        return InTurn(begun, partial(_stretch, task), partial(_stretch, task, following=True), method.max_steps)
 
     def filled(start: int) -> ClosestState:
         return _filled(problem, pairs.part(start, PART), best, room)
@@ -317,11 +312,11 @@ def _stretch(
 ) -> tuple[ClosestState, Outcome, Array]:
     """Goes on for some steps, then makes the nearest points sharp; pairs with this bound wait beside the table.
 
-    With `following` bounds have feet that move with the place, which two polynomial surfaces may need.
+    With `following` bounds have feet that move with the place, which families of nearest pairs need.
     """
     problem, wanted = task.problem, task.wanted
-    now: Any = _with_room(problem, state)
-    state = _advanced(WithMovingFeet(*now) if following else now, wanted, state, limit, growing)
+    now = _with_room(problem, state)
+    state = _advanced(with_feet(now, state.best) if following else now, wanted, state, limit, growing)
     state = state._replace(best=_sharp(task, state.best))
     shown = state._replace(settled=jnp.minimum(state.settled, waiting))
     return state, *_standing(_with_room(problem, state), wanted, shown, growing)

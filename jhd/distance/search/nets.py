@@ -12,8 +12,7 @@ from jhd._results.solution import MinimumSolution
 from jhd._runtime.arrays import is_tracing, undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma
-from jhd.distance.cells.moving_nets import WithMovingFirst, WithMovingParameters
-from jhd.distance.cells.pairs import BestPair, derivatives
+from jhd.distance.cells.moving import WithMovingFeet
 from jhd.distance.frame.coordinates import extremes
 from jhd.distance.frame.net_jets import Net, jet, point_error
 from jhd.distance.frame.nets import net_of, prepare_nets
@@ -22,7 +21,6 @@ from jhd.distance.search.closest import (
     ClosestState,
     Outcome,
     Parametric,
-    Problem,
     WantedGap,
     advance,
     begin,
@@ -34,12 +32,9 @@ from jhd.distance.search.closest import (
     room_for,
     wanted_gap,
 )
-from jhd.distance.search.in_turn import InTurn
+from jhd.distance.search.in_turn import InTurn, with_feet
 from jhd.distance.search.search import Listener, Progress, drive
 from jhd.distance.witness.nets import polished, with_net_derivatives
-
-# Feet move on the first shape if the distance is bent along the second one by less than this share of what it is there.
-_FLATTER = 0.125
 
 
 def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None) -> MinimumSolution:
@@ -67,7 +62,7 @@ def _all_pairs(counts: tuple[int, int], capacity: int, problem: Parametric) -> C
     return begin(problem, jnp.asarray(pairs), jnp.ones(len(pairs), bool), room_for(len(pairs), capacity))
 
 
-def _outcome(problem: Problem, wanted: WantedGap, state: ClosestState) -> Outcome:
+def _outcome(problem: Parametric, wanted: WantedGap, state: ClosestState) -> Outcome:
     """Bounds and points of the search as it stands, the nearest pair polished."""
     a, b, error = problem
     dtype, n = state.lower.dtype, a.parameters
@@ -85,37 +80,19 @@ _begun = compiled(begin, (3,))
 
 @compiled
 def _stretch(
-    problem: Problem, wanted: WantedGap, state: ClosestState, limit: Array, growing: Array
+    problem: Parametric | WithMovingFeet, wanted: WantedGap, state: ClosestState, limit: Array, growing: Array
 ) -> tuple[ClosestState, Outcome, Array]:
     """Goes on for some steps, and says how the search stands, in four numbers."""
     state = advance(problem, wanted, state, limit, growing)
-    return state, _outcome(problem, wanted, state), news_of(problem, wanted, state, growing)
+    still: Any = problem.still if isinstance(problem, WithMovingFeet) else problem
+    return state, _outcome(still, wanted, state), news_of(problem, wanted, state, growing)
 
 
 def _following(
     problem: Parametric, wanted: WantedGap, state: ClosestState, limit: Array, growing: Array
 ) -> tuple[ClosestState, Outcome, Array]:
-    """The same with feet that move, on the shape from which the distance is bent more at the nearest pair."""
-    of_a, of_b = np.asarray(_bends(problem, state.best))
-    kind = WithMovingFirst if of_b < _FLATTER * of_a else WithMovingParameters
-    return _stretch(kind(*problem), wanted, state, limit, growing)
-
-
-@compiled
-def _bends(problem: Parametric, best: BestPair) -> Array:
-    """The least second derivative of half the squared distance along each shape, by lengths on it; at most one."""
-    n = problem.a.parameters
-    jets = jet(problem.a.piece(best.piece_a), best.x[:n]), jet(problem.b.piece(best.piece_b), best.x[n:])
-    speeds = jnp.linalg.norm(jnp.concatenate([at.first for at in jets]), axis=-1)
-    speeds = jnp.where(speeds > 0, speeds, 1.0)
-    bent = derivatives(*jets)[2] / (speeds[:, None] * speeds)
-
-    def least(matrix: Array) -> Array:
-        # Of one or two parameters.
-        first, last = matrix[0, 0], matrix[-1, -1]
-        return 0.5 * (first + last) - jnp.hypot(0.5 * (first - last), matrix[0, -1] if len(matrix) > 1 else 0.0)
-
-    return jnp.minimum(jnp.stack([least(bent[:n, :n]), least(bent[n:, n:])]), 1.0)
+    """The same with feet that move."""
+    return _stretch(with_feet(problem, state.best), wanted, state, limit, growing)
 
 
 def _near_pairs(a: Net, b: Net, counts: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

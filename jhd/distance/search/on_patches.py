@@ -359,7 +359,7 @@ def _bounded(net: Net, count: Array, points: Array, piece: Array, low: Array, hi
         lower, upper, distance = _lengths(about, found.lower, found.upper, found.distance)
         left, x = found.cell, found.x
         point = jet(net.piece(k), x).point
-        return lower, upper, distance, x, point, left.low, left.high, found.axis, found.thin
+        return lower, upper, distance, x, point, left.low, left.high, jnp.argmax(found.extent), found.thin
 
     return each(one, count, (points, piece, low, high), _LANES)
 

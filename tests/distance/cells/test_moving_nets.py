@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.distance.cells.moving_nets import moving_bound
+from jhd.distance.cells.moving import moving_bound
 from jhd.distance.cells.pairs import Cell, nearest_in
 from jhd.distance.frame.net_jets import Net, jet, part_of
 from tests.distance.test_families import torus

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from jhd.distance.cells.moving_pairs import narrowed
+from jhd.distance.cells.moving_surfaces import narrowed
 from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.shapes import ImplicitSurface
 

@@ -1,12 +1,20 @@
-"""Lower bounds by feet and multipliers that move, against surfaces whose distance is known at every point."""
+"""Lower bounds by feet and multipliers that move, against shapes whose distance is known at every point."""
+
+from functools import partial
+from itertools import product
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.distance.cells.moving_pairs import moving_bound
+from jhd.distance.cells.moving import moving_bound
+from jhd.distance.cells.pairs import Cell
+from jhd.distance.frame.nets import net_of
 from jhd.distance.frame.surfaces import prepare_surfaces
-from jhd.shapes import ImplicitSurface
+from jhd.shapes import BezierPatches, BezierSegments, ImplicitSurface
+from tests.distance.test_families import sphere as rational_sphere
 from tests.sweeps import swept
 
 CELLS = 32
@@ -15,7 +23,13 @@ SIZES = (0.2, 0.05)
 
 @jax.jit
 def bounds(a, b, low, high, start):
-    return jax.vmap(moving_bound, in_axes=(None, None, 0, 0, 0))(a, b, low, high, start)
+    none = jnp.zeros(CELLS, int)
+    return jax.vmap(partial(moving_bound, a, b))(Cell(none, none, low, high), start)
+
+
+@jax.jit
+def mixed_bounds(a, b, cells, start):
+    return jax.vmap(partial(moving_bound, a, b))(cells, start).lower
 
 
 def sphere(radius, centre=(0.0, 0.0, 0.0)):
@@ -86,3 +100,50 @@ def test_where_nothing_is_lost_but_rounding_bounds_are_true_and_close(dtype):
         found, exact = bounded("spheres", size, dtype)
         assert np.all(found <= exact)
         assert np.median(exact - found) < 2e4 * np.finfo(dtype).eps
+
+
+def to_a_sphere(size, dtype):
+    """Bounds over cells of a rational sphere of radius 1, against all of an implicit one of radius 1.5."""
+    rows: Any = rational_sphere(1.0)
+    net = net_of(BezierPatches(rows.control_points.astype(dtype), rows.weights.astype(dtype)))
+    a, b, frame = prepare_surfaces(net, two(sphere(1.5), sphere(1), dtype)[0])
+    rng = np.random.default_rng(9)
+    low = rng.uniform(0, 1 - size, (CELLS, 2))
+    ends = [
+        np.concatenate([x, np.broadcast_to(y, (CELLS, 3))], axis=1) for x, y in ((low, b.lower), (low + size, b.upper))
+    ]
+    pieces: Any = rng.integers(0, 8, CELLS)
+    cells = Cell(pieces, jnp.zeros(CELLS, int), *(jnp.asarray(x, dtype) for x in ends))
+    return cells, np.zeros((CELLS, 3), dtype), a, b, frame, 0.5
+
+
+def to_an_axis(size, dtype):
+    """Bounds over cells of an implicit cylinder, against all of its axis."""
+    axis = net_of(BezierSegments(np.array([[(0, 0, -2.0), (0, 0, 2)]], dtype)))
+    b, a, frame = prepare_surfaces(axis, two("x**2 + y**2 - 1", sphere(1), dtype)[0])
+    scale, rng = 2.0 ** float(frame.first + frame.second), np.random.default_rng(9)
+    x = tube(1.0, *rng.uniform(0, 2 * np.pi, (2, CELLS)))
+    ends = [
+        np.append((x + s * size * rng.uniform(0.25, 0.75, x.shape)) / scale, np.full((CELLS, 1), s > 0), 1)
+        for s in (-1, 1)
+    ]
+    none = jnp.zeros(CELLS, int)
+    cells = Cell(none, none, *(jnp.asarray(x, dtype) for x in ends))
+    return cells, np.full((CELLS, 1), 0.5, dtype), a, b, frame, 1.0
+
+
+MIXED = list(product([to_a_sphere, to_an_axis], [np.float64, np.float32]))
+
+
+@pytest.mark.parametrize(("made", "dtype"), swept(MIXED, slow=MIXED[::2]))
+def test_bounds_between_parametric_and_implicit_shapes_are_true_and_of_the_sixth_order(made, dtype):
+    short = {}
+    for size in (0.2, 0.05, 1e-2, 1e-3):
+        cells, start, a, b, frame, exact = made(size, dtype)
+        cells, start, a, b = jax.tree_util.tree_map(jnp.asarray, (cells, start, a, b))
+        found = np.asarray(mixed_bounds(a, b, cells, start), np.float64) * 2.0 ** float(frame.first + frame.second)
+        # Stored arcs are off by some roundings of their precision.
+        assert np.all(found <= exact + 8 * np.finfo(dtype).eps)
+        short[size] = np.median(exact - found)
+    assert short[1e-2] < 2e4 * np.finfo(dtype).eps and short[1e-3] < 2e4 * np.finfo(dtype).eps
+    assert dtype is np.float32 or short[0.05] < short[0.2] / 500

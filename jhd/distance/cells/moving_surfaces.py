@@ -48,81 +48,22 @@ from jhd.arithmetic.polynomials import slopes
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.truncated import Truncated, composed, largest, product, scaled
 from jhd.arithmetic.truncated import plus as added
-from jhd.distance.cells.graphs import NODES, GraphOver, beside_graph, fitted, graph_over, values_over
+from jhd.distance.cells.graphs import VALUES, S, T, beside_graph, fitted, graph_over, values_over
 from jhd.distance.cells.implicit import between, shape_over
-from jhd.distance.cells.lagrange import WithSurface
-from jhd.distance.cells.moving_feet import displacement, piece_about
-from jhd.distance.cells.moving_minimum import least, least_of_rest
-from jhd.distance.cells.pairs import Cell, PairBound
+from jhd.distance.cells.moving_feet import piece_about
+from jhd.distance.cells.moving_minimum import MovingPoint, MovingSquare, least, least_of_rest, less
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import boxes, form, slope_changes
 from jhd.distance.nearest.places import local_feet
 
 # Newton steps for the feet of the nodes.
 _STEPS_OF_FEET = 6
-# The node in the middle.
-_MIDDLE = int(np.argmin(np.sum(NODES**2, axis=0)))
 # Shares of the quadratic term, relative to the slope of g, and moduli of convexity 2 m, that are tried.
 _HEAVY = (0.0, 4.0)
 _MODULI = (1.0, 0.1, 0.01)
-# The most that a cell of b is longer than one of a that is cut first: where a is a graph, and where it is none.
-_LONGEST, _LONGEST_OF_NONE = 512.0, 64.0
 # The shortest side of what is left, as a share of the longest, where the cell has room: across thinner ones the
 # polynomial changes by less than its rounding.
 _THINNEST = 2.0**-8
-
-
-class MovingPairBound(NamedTuple):
-    """A lower bound over a pair of cells, and what it rests on.
-
-    Args:
-        lower: the bound.
-        graph: whether a is a graph there.
-        convex: whether L is proven convex.
-        bent: by how much the polynomial of a is not linear, along each coordinate.
-    """
-
-    lower: Array
-    graph: Array
-    convex: Array
-    bent: Array
-
-
-class WithMovingFeet(NamedTuple):
-    """A pair of polynomial surfaces in common coordinates, as WithSurface, with bounds by feet that move as well."""
-
-    a: Side
-    b: Side
-    room: Array | float = 64.0
-
-    def bound(self, cell: Cell) -> PairBound:
-        """Bounds over one pair of cells."""
-        ends = [narrowed(side, cell.low[k], cell.high[k]) for side, k in ((self.a, slice(3)), (self.b, slice(3, 6)))]
-        low, high = (jnp.concatenate(x) for x in zip(*ends, strict=True))
-        cell = cell._replace(low=low, high=high)
-        still = WithSurface(self.a, self.b).bound(cell)
-        moving = moving_bound(self.a, self.b, cell.low, cell.high, still.x[3:])
-        return still._replace(lower=jnp.maximum(still.lower, moving.lower), axis=_axis(cell, moving))
-
-    @property
-    def floor(self) -> Array:
-        """The gap that rounding leaves."""
-        return WithSurface(*self).floor
-
-
-def _axis(cell: Cell, moving: MovingPairBound) -> Array:
-    """Where to cut: a, down to graphs; then b, down to where L is convex; and then a again, unless b is far longer.
-
-    What is no graph yet is cut where it is bent most: sheets next to each other between them.
-    """
-    extent = cell.high - cell.low
-    first, second = jnp.max(extent[:3]), jnp.max(extent[3:])
-    most = jnp.max(moving.bent)
-    bent = first * jnp.sqrt(moving.bent / jnp.where(most > 0, most, 1.0))
-    extent = extent.at[:3].set(jnp.where(moving.graph | ~(most > 0), extent[:3], bent))
-    useful = moving.convex & (moving.lower > 0)
-    only = (first * jnp.where(moving.graph, _LONGEST, _LONGEST_OF_NONE) > second) & (~moving.graph | useful)
-    return jnp.argmax(jnp.where(only & (np.arange(6) >= 3), -1.0, extent))
 
 
 class _MovingFoot(NamedTuple):
@@ -136,26 +77,29 @@ class _MovingFoot(NamedTuple):
     high: Array
 
 
-def moving_bound(a: Side, b: Side, low: Array, high: Array, start: Array) -> MovingPairBound:
-    """A lower bound of the distance of the part of a in one box to that of b in another; zero where there is none."""
-    cells = boxes(low[:3, None], high[:3, None])
+def points_of_surface(a: Side, low: Array, high: Array) -> MovingPoint:
+    """The graph that a is near in a cell."""
+    cells = boxes(low[:, None], high[:, None])
     form_a = form(a, cells)
-    over = graph_over(form_a, a, cells)
-    beside = beside_graph(over.graph, over.on, values_over(over.on))[0]
-    first = _first_foot(b, over.places[:, _MIDDLE], start, low[3:], high[3:])
-    feet = local_feet(b, over.places, jnp.broadcast_to(first, over.places.shape), _STEPS_OF_FEET)
-    moving = _moving(b, over, feet, _multipliers(b, over.places, feet))
-    graph = jnp.isfinite(beside)
-    modulus, heavy = _convexity(b, low[3:], high[3:], moving)
-    square = least(_square(moving))[0]
-    rest = _rest(moving, modulus, heavy, low[3:], high[3:])
-    square = square + rest - gamma(4, low.dtype) * (jnp.abs(square) + jnp.abs(rest))
-    dtype = low.dtype
-    root = jnp.sqrt(jnp.maximum(square, 0.0)) * (1 - gamma(8, dtype)) - beside * (1 + gamma(4, dtype))
-    valid = graph & (modulus > 0) & jnp.isfinite(root)
-    return MovingPairBound(
-        jnp.where(valid, jnp.maximum(root, 0.0), 0.0), graph, modulus > 0, slope_changes(form_a)[:, 0]
-    )
+    graph, on = graph_over(form_a, a, cells)[1:]
+    zero = jnp.zeros_like(graph.height)
+    terms = jnp.stack([zero.at[S].set(1.0), zero.at[T].set(1.0), graph.height], axis=1) * graph.half
+    size = jnp.abs(graph.centre) + jnp.sum(jnp.abs(terms), axis=0)
+    terms, back = terms.at[0].add(graph.centre), jnp.argsort(graph.order, axis=0)
+    terms, rest = jnp.take_along_axis(terms, back[None], axis=1), jnp.take_along_axis(size, back, axis=0)
+    point = Truncated(terms[..., 0], gamma(8, low.dtype) * rest[:, 0])
+    return MovingPoint(point, beside_graph(graph, on, values_over(on))[0], slope_changes(form_a)[:, 0])
+
+
+def square_to_surface(b: Side, point: Truncated, low: Array, high: Array, start: Array) -> MovingSquare:
+    """A lower bound of the squared distance of moving points from the part of b in a cell."""
+    places = jnp.sum(VALUES.astype(low.dtype)[:, :, None] * point.terms[None], axis=1).T
+    first = _first_foot(b, point.terms[0], start, low, high)
+    feet = local_feet(b, places, jnp.broadcast_to(first, places.shape), _STEPS_OF_FEET)
+    moving = _moving(b, point, feet, _multipliers(b, places, feet))
+    modulus, heavy = _convexity(b, low, high, moving)
+    square, rest = least(_square(moving)), _rest(moving, modulus, heavy, low, high)
+    return MovingSquare(square + rest - gamma(4, low.dtype) * (jnp.abs(square) + jnp.abs(rest)), modulus > 0)
 
 
 def _first_foot(b: Side, place: Array, start: Array, low: Array, high: Array) -> Array:
@@ -182,24 +126,19 @@ def _multipliers(b: Side, places: Array, feet: Array) -> Array:
     return 2 * jnp.sum((places - feet) * free, axis=0) / jnp.where(square > 0, square, jnp.inf)
 
 
-def _moving(b: Side, over: GraphOver, feet: Array, multipliers: Array) -> _MovingFoot:
-    count = NODES.shape[1]
-    q = fitted(feet.reshape(3, -1, count).transpose(2, 0, 1))
-    v = fitted(multipliers.reshape(-1, count).T)
-    ranges, on = piece_about(b, q)
-    dtype, graph = q.dtype, over.graph
+def _moving(b: Side, point: Truncated, feet: Array, multipliers: Array) -> _MovingFoot:
+    q, v = fitted(feet.T), fitted(multipliers)
+    ranges, on = piece_about(b, q[..., None])
+    dtype = q.dtype
     # The polynomial and its derivatives in the three sides, side by side.
     forms = jnp.stack([on.local, *(_derivative(on.local, k) for k in range(3))], axis=3)
     variables = Truncated(on.variables.terms[:, :, None], on.variables.rest[:, None])
     four = composed(forms, variables)
     error = on.form.error * np.array([1.0, *[sum(on.local.shape[:3])] * 3])[:, None]
-    four = Truncated(four.terms, four.rest + error * (1 + gamma(4, dtype)))
-    slopes = Truncated(four.terms[:, 1:], four.rest[1:])
-    gradient = scaled(slopes, 1 / ranges.half)
+    four = Truncated(four.terms[..., 0], (four.rest + error * (1 + gamma(4, dtype)))[:, 0])
+    gradient = scaled(Truncated(four.terms[:, 1:], four.rest[1:]), 1 / ranges.half[:, 0])
     gradient = Truncated(gradient.terms, gradient.rest * (1 + gamma(8, dtype)) + gamma(8, dtype) * gradient.size)
-    back = jnp.argsort(graph.order, axis=0)
-    w = displacement(graph, q)
-    apart = Truncated(jnp.take_along_axis(w.terms, back[None], axis=1), jnp.take_along_axis(w.rest, back, axis=0))
+    apart = less(Truncated(q, jnp.zeros_like(q[0])), point)
     value = Truncated(four.terms[:, 0], four.rest[0])
     slack = ranges.reach * (1 + gamma(8, dtype)) + gamma(8, dtype) * jnp.abs(ranges.centre)
     ends = ranges.centre - slack, ranges.centre + slack
@@ -218,8 +157,8 @@ def _convexity(b: Side, low: Array, high: Array, moving: _MovingFoot) -> tuple[A
     """A number 2 m that the second derivatives of L are at least, zero where none is proven, and r."""
     over: Any = shape_over(b, None, jnp.minimum(low, moving.low), jnp.maximum(high, moving.high))
     dtype = low.dtype
-    v = between(-_largest(scaled(moving.multiplier, -1.0)), _largest(moving.multiplier))
-    slope = moving.gradient.terms[0, :, 0]
+    v = between(-largest(scaled(moving.multiplier, -1.0)), largest(moving.multiplier))
+    slope = moving.gradient.terms[0]
     square = jnp.sum(slope**2)
     heavies = jnp.asarray(_HEAVY, dtype) / jnp.where(square > 0, square, jnp.inf)
     eye = jnp.eye(3, dtype=dtype)
@@ -229,7 +168,7 @@ def _convexity(b: Side, low: Array, high: Array, moving: _MovingFoot) -> tuple[A
     def proven(heavy: Array, modulus: Array) -> Array:
         twice = Ball(2 * heavy, jnp.zeros_like(heavy))
         factor = plus(v, times(twice, over.value))
-        h = plus(times(over.bent, Ball(*(x[None, None] for x in factor))), times(outer, twice))
+        h = plus(times(over.bent, factor), times(outer, twice))
         h = plus(h, Ball((2 - modulus) * eye, gamma(4, dtype) * eye))
         return semidefinite(h, jnp.zeros(3, bool))
 
@@ -238,10 +177,6 @@ def _convexity(b: Side, low: Array, high: Array, moving: _MovingFoot) -> tuple[A
     found = jax.vmap(proven)(*each)
     first = jnp.argmax(found)
     return jnp.where(found[first], each[1][first], 0.0), each[0][first]
-
-
-def _largest(x: Truncated) -> Array:
-    return largest(x)[0]
 
 
 def _square(moving: _MovingFoot) -> Truncated:
@@ -259,7 +194,6 @@ def _rest(moving: _MovingFoot, modulus: Array, heavy: Array, low: Array, high: A
     factor = added(moving.multiplier, scaled(moving.value, 2 * heavy))
     pull = product(Truncated(factor.terms[:, None], factor.rest[None]), moving.gradient)
     rest = added(pull, scaled(moving.apart, 2.0))
-    rest = Truncated(rest.terms[:, :, 0], rest.rest[:, 0])
     size = gamma(4, dtype) * (jnp.abs(low) + jnp.abs(high) + jnp.abs(moving.low) + jnp.abs(moving.high))
     # With 2 m the modulus.
     bent = 0.5 * jnp.where(modulus > 0, modulus, 1.0)
