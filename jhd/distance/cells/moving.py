@@ -23,9 +23,10 @@ from jaxtyping import Array
 
 from jhd.arithmetic.rounding import gamma
 from jhd.distance.cells.implicit import parameters
+from jhd.distance.cells.lagrange import WithSurface
 from jhd.distance.cells.moving_nets import points_of_net, square_to_net
 from jhd.distance.cells.moving_surfaces import narrowed, points_of_surface, square_to_surface
-from jhd.distance.cells.pairs import Cell, PairBound
+from jhd.distance.cells.pairs import Cell, PairBound, Parametric
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.surfaces import Side
 
@@ -34,17 +35,7 @@ _LONGEST_NET, _LONGEST_SURFACE, _LONGEST_OF_NONE = 64.0, 512.0, 64.0
 
 
 class PairProblem(Protocol):
-    """A pair of shapes in common coordinates."""
-
-    @property
-    def a(self) -> Net | Side:
-        """The one shape."""
-        ...
-
-    @property
-    def b(self) -> Net | Side:
-        """The other one."""
-        ...
+    """A pair of shapes in common coordinates, as a search takes it."""
 
     @property
     def floor(self) -> Array | float:
@@ -59,17 +50,7 @@ class PairProblem(Protocol):
 class WithMovingFeet(NamedTuple):
     """A pair of shapes with bounds by feet on b that move with a, besides its own."""
 
-    still: PairProblem
-
-    @property
-    def a(self) -> Net | Side:
-        """The one shape."""
-        return self.still.a
-
-    @property
-    def b(self) -> Net | Side:
-        """The other one."""
-        return self.still.b
+    still: Parametric | WithSurface
 
     @property
     def floor(self) -> Array | float:
@@ -77,33 +58,26 @@ class WithMovingFeet(NamedTuple):
         return self.still.floor
 
     def bound(self, cell: Cell) -> PairBound:
-        """Bounds over one pair of cells."""
-        return self._bound(cell, np.arange(cell.low.size) >= parameters(self.a))
-
-    def _bound(self, cell: Cell, follow: np.ndarray) -> PairBound:
-        """The larger bound, where some parameters follow the others."""
-        n = parameters(self.a)
-        for shape, part in ((self.a, slice(0, n)), (self.b, slice(n, None))):
+        """Bounds over one pair of cells: the larger one."""
+        a, b = self.still.a, self.still.b
+        n, on_first = parameters(a), isinstance(self, WithFeetOnFirst)
+        for shape, part in ((a, slice(0, n)), (b, slice(n, None))):
             if isinstance(shape, Side):
                 low, high = narrowed(shape, cell.low[part], cell.high[part])
                 cell = cell._replace(low=cell.low.at[part].set(low), high=cell.high.at[part].set(high))
         still = self.still.bound(cell)
-        if follow[0]:
+        if on_first:
             ends = (jnp.concatenate([x[n:], x[:n]]) for x in (cell.low, cell.high))
-            moving = moving_bound(self.b, self.a, Cell(cell.piece_b, cell.piece_a, *ends), still.x[:n])
+            moving = moving_bound(b, a, Cell(cell.piece_b, cell.piece_a, *ends), still.x[:n])
         else:
-            moving = moving_bound(self.a, self.b, cell, still.x[n:])
-        on_surface = isinstance(self.a if follow[0] else self.b, Side)
-        extent = _to_cut(still.extent, moving, follow, on_surface)
+            moving = moving_bound(a, b, cell, still.x[n:])
+        follow = (np.arange(cell.low.size) < n) == on_first
+        extent = _to_cut(still.extent, moving, follow, isinstance(a if on_first else b, Side))
         return still._replace(lower=jnp.maximum(still.lower, moving.lower), extent=extent)
 
 
 class WithFeetOnFirst(WithMovingFeet):
     """The same by feet on a that move with b: needed if b stands still where the distance is constant along a."""
-
-    def bound(self, cell: Cell) -> PairBound:
-        """Bounds over one pair of cells."""
-        return self._bound(cell, np.arange(cell.low.size) < parameters(self.a))
 
 
 def _to_cut(extent: Array, moving: "MovingBound", follow: np.ndarray, on_surface: bool) -> Array:

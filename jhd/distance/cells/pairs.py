@@ -319,3 +319,20 @@ def bends(a: Ball, b: Ball, vector: Ball) -> Ball:
     row = Ball(vector.mid[None, None], vector.rad[None, None])
     bent_a, bent_b = dot(a, row), dot(b, row)
     return Ball(blocks(bent_a.mid, -bent_b.mid), blocks(bent_a.rad, bent_b.rad))
+
+
+class Parametric(NamedTuple):
+    """A pair of parametric shapes in common coordinates, and what preparing them may have changed."""
+
+    a: Net
+    b: Net
+    error: Any
+
+    def bound(self, cell: Cell) -> PairBound:
+        """Bounds over one pair of cells."""
+        return bound(self.a, self.b, cell)
+
+    @property
+    def floor(self) -> float:
+        """The gap that rounding leaves, in common coordinates."""
+        return 16 * (point_error(self.a) + point_error(self.b))

@@ -21,7 +21,7 @@ from jhd._runtime.arrays import is_traced, varying
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import length
 from jhd.distance.cells.moving import PairProblem
-from jhd.distance.cells.pairs import BestPair, Cell, PairBound, bound
+from jhd.distance.cells.pairs import BestPair, Cell, Parametric
 from jhd.distance.frame.aim import default_tolerance
 from jhd.distance.frame.coordinates import Frame, diagonal
 from jhd.distance.frame.net_jets import Net, eta, point_error
@@ -98,23 +98,6 @@ class Outcome(NamedTuple):
             lower, result = jnp.where(good, lower, 0.0), result_where(good, result, RESULTS.nonfinite_value)
         points = frame.place(self.point_a), frame.place(self.point_b)
         return MinimumSolution(value, lower, upper, *points, result, self.stats)
-
-
-class Parametric(NamedTuple):
-    """A pair of parametric shapes in common coordinates, and what preparing them may have changed."""
-
-    a: Net
-    b: Net
-    error: Any
-
-    def bound(self, cell: Cell) -> PairBound:
-        """Bounds over one pair of cells."""
-        return bound(self.a, self.b, cell)
-
-    @property
-    def floor(self) -> float:
-        """The gap that rounding leaves, in common coordinates."""
-        return 16 * (point_error(self.a) + point_error(self.b))
 
 
 def pairs_of(counts: tuple[int, ...]) -> np.ndarray:

@@ -17,8 +17,9 @@ from jhd._runtime.arrays import array_of
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.polynomials import jets
 from jhd.distance.cells.implicit import parameters
-from jhd.distance.cells.moving import PairProblem, WithFeetOnFirst, WithMovingFeet
-from jhd.distance.cells.pairs import BestPair
+from jhd.distance.cells.lagrange import WithSurface
+from jhd.distance.cells.moving import WithFeetOnFirst, WithMovingFeet
+from jhd.distance.cells.pairs import BestPair, Parametric
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.search.closest import ClosestState, longer, lower_of, may_grow
@@ -90,14 +91,14 @@ def _told(table: ClosestState, other: ClosestState) -> ClosestState:
     return table._replace(lower=lower, settled=settled, best=best, steps=other.steps, pairs=other.pairs)
 
 
-def with_feet(problem: PairProblem, best: BestPair) -> WithMovingFeet:
+def with_feet(problem: Parametric | WithSurface, best: BestPair) -> WithMovingFeet:
     """Bounds with feet that move, on the shape from which the distance is bent more at the nearest pair."""
     of_a, of_b = np.asarray(_bends(problem, best))
     return (WithFeetOnFirst if of_b < _FLATTER * of_a else WithMovingFeet)(problem)
 
 
 @compiled
-def _bends(problem: PairProblem, best: BestPair) -> Array:
+def _bends(problem: Parametric | WithSurface, best: BestPair) -> Array:
     """The least second derivative of half the squared distance along each shape, by lengths on it; at most one."""
     n = parameters(problem.a)
     sides = (problem.a, best.piece_a, best.x[:n]), (problem.b, best.piece_b, best.x[n:])

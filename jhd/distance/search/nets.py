@@ -13,6 +13,7 @@ from jhd._runtime.arrays import is_tracing, undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma
 from jhd.distance.cells.moving import WithMovingFeet
+from jhd.distance.cells.pairs import Parametric
 from jhd.distance.frame.coordinates import extremes
 from jhd.distance.frame.net_jets import Net, jet, point_error
 from jhd.distance.frame.nets import net_of, prepare_nets
@@ -20,7 +21,6 @@ from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest import (
     ClosestState,
     Outcome,
-    Parametric,
     WantedGap,
     advance,
     begin,
