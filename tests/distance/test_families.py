@@ -130,7 +130,7 @@ def paraboloid():
     ("shape", "surface", "exact", "most"),
     [
         pytest.param(sphere(1.0), "x**2 + y**2 + z**2 - 1.5625", 0.25, 900, marks=pytest.mark.slow, id="spheres"),
-        pytest.param(AXIS, "x**2 + y**2 - 1", 1.0, 900, marks=pytest.mark.slow, id="cylinder and axis"),
+        pytest.param(AXIS, "x**2 + y**2 - 1", 1.0, 900, marks=pytest.mark.exhaustive, id="cylinder and axis"),
         pytest.param(
             RING,
             "(x**2 + y**2 + z**2 + 0.91)**2 - 4*x**2 - 4*y**2",
