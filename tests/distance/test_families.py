@@ -155,6 +155,15 @@ def test_the_minimum_distance_of_a_parametric_shape_and_an_implicit_surface_clos
     assert int(found.stats["steps"]) < most
 
 
+@pytest.mark.slow
+def test_all_points_of_a_parametric_sphere_are_as_far_from_an_implicit_one():
+    for radius in (1.0, 1.25):
+        found = jhd.directed_hausdorff(
+            sphere(1.0), implicit(f"x**2 + y**2 + z**2 - {radius**2}"), jhd.BranchAndBound(atol=1e-6)
+        )
+        assert_is(found, radius - 1, 1e-6)
+
+
 @pytest.mark.exhaustive
 def test_the_nearest_points_of_spheres_with_poles_are_given_up_with_steps_to_spare():
     found = jhd.minimum_distance(sphere(1.0), sphere(1.5), throw=False)

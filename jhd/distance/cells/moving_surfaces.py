@@ -102,6 +102,38 @@ def square_to_surface(b: Side, point: Truncated, low: Array, high: Array, start:
     return MovingSquare(square + rest - gamma(4, low.dtype) * (jnp.abs(square) + jnp.abs(rest)), modulus > 0)
 
 
+def distance_to_surface(b: Side, point: Truncated, start: Array) -> Array:
+    """An upper bound of the distances of all moving points from b; infinite where none is proven.
+
+    A point of b is as far from Q(s, t) as |g| is there over the least slope along one direction n, in a box about Q
+    that has room for it: along n the polynomial changes its sign by then.
+
+    Args:
+        b: the surface.
+        point: the moving point.
+        start: a point of b from where feet are looked for.
+    """
+    dtype = start.dtype
+    places = jnp.sum(VALUES.astype(dtype)[:, :, None] * point.terms[None], axis=1).T
+    feet = local_feet(b, places, jnp.broadcast_to(start[:, None], places.shape), _STEPS_OF_FEET)
+    moving = _moving(b, point, feet, jnp.zeros_like(feet[0]))
+    far = jnp.sqrt(jnp.maximum(largest(_square(moving)), 0.0)) * (1 + gamma(4, dtype))
+    value = jnp.maximum(largest(moving.value), largest(scaled(moving.value, -1.0)))
+    slope = moving.gradient.terms[0]
+    size = jnp.sqrt(jnp.sum(slope**2))
+    unit = slope / jnp.where(size > 0, size, 1.0)
+    room = 4 * value / jnp.where(size > 0, size, 1.0)
+    low, high = moving.low - room, moving.high + room
+    over: Any = shape_over(b, None, low, high)
+    least_slope = jnp.sum(unit * over.slope.mid) - jnp.sum(jnp.abs(unit) * over.slope.rad)
+    least_slope -= gamma(8, dtype) * jnp.sum(jnp.abs(unit) * (jnp.abs(over.slope.mid) + over.slope.rad))
+    off = value / jnp.where(least_slope > 0, least_slope, 1.0) * (1 + gamma(16, dtype))
+    inside = jnp.all((low >= jnp.asarray(b.lower)) & (high <= jnp.asarray(b.upper)))
+    total = (far + off) * (1 + gamma(4, dtype))
+    proven = (least_slope > 0) & (off * (1 + gamma(8, dtype)) <= room) & inside & jnp.isfinite(total)
+    return jnp.where(proven, total, jnp.inf)
+
+
 def _first_foot(b: Side, place: Array, start: Array, low: Array, high: Array) -> Array:
     """A foot (3, 1) of a place: of those found from a start and from the place itself the one nearer to a box."""
     own = jnp.clip(place, jnp.asarray(b.lower), jnp.asarray(b.upper))

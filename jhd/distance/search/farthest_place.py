@@ -22,7 +22,7 @@ from jhd.distance.frame.coordinates import Frame, user_length
 from jhd.distance.nearest.target import AbstractTarget, FootRows, ProvenFeet
 from jhd.distance.search.farther_places import FartherPlaces, PlaceFound
 from jhd.distance.search.followed_cells import FollowedFeet
-from jhd.distance.search.followed_graphs import FollowedGraphs
+from jhd.distance.search.followed_graphs import FollowedGraphs, FollowedOnSurface
 from jhd.distance.search.polished_place import About
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells
@@ -115,7 +115,7 @@ class FarthestSearch(AbstractSearch):
         max_steps: most steps.
         about: see FartherPlaces.
         followed: bounds that cost more and are closer, or None.
-        graphs: the same of polynomial surfaces, or None.
+        graphs: the same of and on implicit surfaces, or None.
     """
 
     first_steps = _FIRST_STEPS
@@ -131,7 +131,7 @@ class FarthestSearch(AbstractSearch):
         max_steps: int,
         about: About,
         followed: FollowedFeet | None = None,
-        graphs: FollowedGraphs | None = None,
+        graphs: FollowedGraphs | FollowedOnSurface | None = None,
     ):
         self._places, self._followed, self._graphs = FartherPlaces(source, target, about), followed, graphs
         self._source, self._target, self._frame, self._moved, self._allowed = source, target, frame, moved, allowed

@@ -1,6 +1,7 @@
-"""Bounds over cells of polynomial surfaces by feet on pieces of the other shape that are followed over them.
+"""Bounds over cells by feet that are followed over them, if one of the shapes is an implicit surface.
 
-In a cell that it crosses in one sheet a polynomial surface is about a polynomial graph, proven to be so close to it
+The feet lie on pieces of the other shape, or on the surface itself (jhd.distance.cells.moving_surfaces). In a cell
+that it crosses in one sheet a polynomial surface is about a polynomial graph, proven to be so close to it
 (jhd.distance.cells.graphs). That is a piece of a parametric surface, and is bounded like one, cuts included.
 """
 
@@ -14,19 +15,23 @@ from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import unit_roundoff
 from jhd.distance.cells.foot_maps import Triangles
 from jhd.distance.cells.graphs import beside_graph, control_points, graph_over, values_over
+from jhd.distance.cells.moving_nets import points_of_net
+from jhd.distance.cells.moving_surfaces import distance_to_surface
 from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import boxes, form
 from jhd.distance.nearest.target import AbstractTarget, FootRows
 from jhd.distance.search.followed_cells import FollowedFeet
 from jhd.distance.search.polished_place import PlaceOnPiece
-from jhd.distance.search.rows import BLOCK, in_blocks, in_groups
+from jhd.distance.search.rows import BLOCK, each, in_blocks, in_groups
 from jhd.distance.search.sources import CellRows
 
 # Cells done side by side.
 _LANES = 64
 # A graph serves where it is this close, as a share of the size of the cell.
 _CLOSE = 1e-2
+# Cells from which on feet are followed on a surface: of other shapes fewer are left.
+_MANY = 256
 # Half the sides of boxes about a place whose graph is looked for, as shares of the box of the surface.
 _ABOUT = 2.0 ** -np.arange(15.0, 5, -3)
 
@@ -102,3 +107,37 @@ def _graphs(side: Side, count: Array, low: Array, high: Array) -> Any:
         return jnp.where(good[:, None, None, None], points, 0.0), jnp.where(good, beside, jnp.inf)
 
     return in_groups(group, count, (low, high), _LANES)
+
+
+class FollowedOnSurface:
+    """Bounds between a parametric shape and an implicit surface, in common coordinates.
+
+    Args:
+        net: the shape whose cells are bounded.
+        side: the surface.
+    """
+
+    def __init__(self, net: Net, side: Side):
+        self._shapes = net, side
+
+    def over(self, cells: CellRows, feet: FootRows, goal: float) -> np.ndarray:
+        """Proven upper bounds of the distances of all points in cells; see jhd.distance.cells.moving_surfaces.
+
+        They are off by the sixth order of the size of a cell where the distance is constant, cost much, and are looked
+        for where many cells are about as far.
+        """
+        if len(cells.piece) < _MANY:
+            return np.full(len(cells.piece), np.inf)
+        start = feet.point[:, 0].astype(cells.low.dtype)
+        return in_blocks(_distances, self._shapes, *cells[:3], start).astype(np.float64)
+
+
+@compiled
+def _distances(shapes: tuple[Net, Side], count: Array, piece: Array, low: Array, high: Array, start: Array) -> Array:
+    net, side = shapes
+
+    def one(piece: Array, low: Array, high: Array, start: Array) -> Array:
+        on_a = points_of_net(net.piece(piece), low, high)
+        return distance_to_surface(side, on_a.point, start) + on_a.beside
+
+    return each(one, count, (piece, low, high, start), _LANES)

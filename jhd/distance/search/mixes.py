@@ -29,7 +29,7 @@ from jhd.distance.search.cell_heights import CellHeights
 from jhd.distance.search.closest_triangles import as_mesh
 from jhd.distance.search.farthest_place import FarthestSearch
 from jhd.distance.search.followed_cells import FollowedFeet, padded_pieces
-from jhd.distance.search.followed_graphs import FollowedGraphs, places_on_graphs
+from jhd.distance.search.followed_graphs import FollowedGraphs, FollowedOnSurface, places_on_graphs
 from jhd.distance.search.from_program import AnswerForm, from_program
 from jhd.distance.search.looked_at import looked_at
 from jhd.distance.search.mesh_source import MeshSource
@@ -152,7 +152,7 @@ def _farthest(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> FarthestSearc
 
 def _followed(
     a: Any, b: Any, pair: Together, target: AbstractTarget
-) -> tuple[About, FollowedFeet | None, FollowedGraphs | None]:
+) -> tuple[About, FollowedFeet | None, FollowedGraphs | FollowedOnSurface | None]:
     """What follows feet of places, and bounds by feet that are followed on pieces of b, over those of a or graphs."""
     first, second = _pieces(a, pair.a), _pieces(b, pair.b)
     feet_on = pair.b if isinstance(pair.b, Side) else None if second is None else padded_pieces(second)
@@ -160,7 +160,9 @@ def _followed(
         graphs = None if second is None else FollowedGraphs(pair.a, second, target)
         return partial(places_on_graphs, pair.a, feet_on), None, graphs
     followed = None if second is None else FollowedFeet(first, second, target)
-    return partial(place_of, (padded_pieces(first), feet_on)), followed, None
+    first = padded_pieces(first)
+    graphs = FollowedOnSurface(first, feet_on) if isinstance(first, Net) and isinstance(feet_on, Side) else None
+    return partial(place_of, (first, feet_on)), followed, graphs
 
 
 def heights_of(a: Any, b: Any, pair: Together, target: AbstractTarget) -> CellHeights | None:

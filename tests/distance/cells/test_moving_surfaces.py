@@ -9,8 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jhd.distance.cells import moving_surfaces
 from jhd.distance.cells.moving import moving_bound
+from jhd.distance.cells.moving_nets import points_of_net
+from jhd.distance.cells.moving_surfaces import distance_to_surface
 from jhd.distance.cells.pairs import Cell
+from jhd.distance.frame.net_jets import jet
 from jhd.distance.frame.nets import net_of
 from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.shapes import BezierPatches, BezierSegments, ImplicitSurface
@@ -147,3 +151,65 @@ def test_bounds_between_parametric_and_implicit_shapes_are_true_and_of_the_sixth
         short[size] = np.median(exact - found)
     assert short[1e-2] < 2e4 * np.finfo(dtype).eps and short[1e-3] < 2e4 * np.finfo(dtype).eps
     assert dtype is np.float32 or short[0.05] < short[0.2] / 500
+
+
+def farthest(a, b, cells):
+    """Upper bounds over cells of a parametric shape, with feet looked for from the points in the middle."""
+
+    def one(piece, low, high):
+        point = points_of_net(a.piece(piece), low, high).point
+        return distance_to_surface(b, point, point.terms[0])
+
+    return jax.vmap(one)(cells.piece_a, cells.low[:, :2], cells.high[:, :2])
+
+
+@pytest.mark.parametrize("dtype", swept([np.float64, np.float32], slow=2))
+def test_upper_bounds_on_an_implicit_surface_are_true_and_of_the_sixth_order(dtype):
+    over = {}
+    for size in (0.2, 0.05, 1e-3):
+        cells, _, a, b, frame, exact = to_a_sphere(size, dtype)
+        cells, a, b = jax.tree_util.tree_map(jnp.asarray, (cells, a, b))
+        found = np.asarray(jax.jit(farthest)(a, b, cells), np.float64) * 2.0 ** float(frame.first + frame.second)
+        assert np.all(found >= exact - 8 * np.finfo(dtype).eps) and np.all(np.isfinite(found))
+        over[size] = np.median(found - exact)
+    assert over[1e-3] < 2e4 * np.finfo(dtype).eps
+    assert dtype is np.float32 or over[0.05] < over[0.2] / 500
+
+
+def from_a_cut_sphere(points, centre):
+    """Distances from a sphere of radius 1.5 about (centre, 0, 0), of which only the part below x = 2 is there."""
+    apart = points - np.array([centre, 0, 0])
+    far = np.linalg.norm(apart, axis=-1)
+    beside = np.hypot(points[..., 1], points[..., 2]) - np.sqrt(max(1.5**2 - (2 - centre) ** 2, 0))
+    above = 1.5 * apart[..., 0] > (2 - centre) * far
+    return np.where(above, np.hypot(points[..., 0] - 2, beside), np.abs(far - 1.5))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("centre", "missed"), list(product([0.0, 1.0], [None, 0.0, 0.02])))
+def test_upper_bounds_of_wavy_pieces_hold_all_sampled_distances_or_are_none(centre, missed, monkeypatch):
+    # Pieces through the sphere, near its centre, and out of the box of the surface, which cuts the second one.
+    rng = np.random.default_rng(4)
+    plane = np.stack(np.meshgrid(*[[-1.5, -0.5, 0.5, 1.5]] * 2, indexing="ij"), axis=-1)
+    heights = (-1.9, -1.2, -0.2, 0.0, 0.3, 0.9, 1.4, 2.1)
+    rows = np.stack([np.append(plane, np.full((4, 4, 1), z), axis=-1) for z in heights])
+    net = net_of(BezierPatches(rows + rng.normal(0, 0.2, rows.shape) + np.array([centre, 0, 0])))
+    a, b, frame = prepare_surfaces(net, two(sphere(1.5, (centre, 0, 0)), sphere(1))[0])
+    a, b, unit = *jax.tree_util.tree_map(jnp.asarray, (a, b)), 2.0 ** float(frame.first + frame.second)
+
+    def feet(side, points, starts, steps):
+        """Feet that are off the surface, and on what the box has cut off."""
+        apart = points - jnp.array([[centre], [0], [0]]) / unit
+        return points - apart * (1 - (1.5 - missed) / unit / jnp.linalg.norm(apart, axis=0))
+
+    if missed is not None:
+        monkeypatch.setattr(moving_surfaces, "local_feet", feet)
+    bounds_of = jax.jit(lambda *shapes: farthest(*shapes))
+    pieces, shares = jnp.arange(CELLS) % len(rows), rng.uniform(0, 1, (64, 2))
+    for size in (0.3, 0.1, 0.01):
+        low = jnp.asarray(rng.uniform(0, 1 - size, (CELLS, 2)))
+        found = np.asarray(bounds_of(a, b, Cell(pieces, pieces, low, low + size))) * unit
+        places = jax.vmap(lambda k, x: jax.vmap(lambda u, k=k: jet(a.piece(k), u).point)(x))
+        points = np.asarray(places(pieces, low[:, None] + size * shares)) * unit
+        assert np.all(found >= np.max(from_a_cut_sphere(points, centre), axis=1) - 1e-14)
+    assert np.mean(np.isfinite(found)) > (0.5 if centre else 0.8)
