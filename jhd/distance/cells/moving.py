@@ -15,7 +15,7 @@ b may be as large as L is convex: the number of pairs grows like the third root 
 Source: ours.
 """
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
@@ -34,6 +34,7 @@ from jhd.distance.frame.surfaces import Side
 _LONGEST_NET, _LONGEST_SURFACE, _LONGEST_OF_NONE = 64.0, 512.0, 64.0
 
 
+@runtime_checkable
 class PairProblem(Protocol):
     """A pair of shapes in common coordinates, as a search takes it."""
 
