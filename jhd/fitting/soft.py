@@ -47,9 +47,8 @@ from jhd.shapes.curve import BezierSegments, check_curve
 WEIGHT = 63
 # Samples of one curve, shared among its segments: at least one of each, and not more than so many.
 SAMPLES, MOST = 1024, 256
-# Samples of the other curve, shared likewise, of which the nearest starts the search of a foot: from four of each
-# segment a fifth of the feet on random cubics are not the nearest ones, from so many of four segments seven in a
-# thousand.
+# Samples of the other curve, shared among its segments; the nearest starts the search of a foot. On four random cubics
+# seven feet in a thousand are not the nearest ones; with four samples of each segment it was a fifth of them.
 _STARTS = 256
 # Newton steps that lead from a sample to a foot, one of them lost at each joint that is crossed: in the last one a
 # hundredth of the feet still moves, by more than this share of a segment.
@@ -147,8 +146,7 @@ def sampled(curve: BezierSegments) -> SoftSamples:
 def _distances(of: SoftSamples, b: BezierSegments, long: bool) -> Array:
     """Distances to the feet on b, which are constants: the distance is stationary in their parameters, or they stay."""
     points, known = jax.lax.stop_gradient((of.points, b))
-    seeds = max(_STARTS // b.count, 4)
-    before, starts = preceding(known.following), near_curve(known, long, seeds).starts(points)
+    before, starts = preceding(known.following), near_curve(known, long, _STARTS // b.count).starts(points)
 
     def foot(point: Array, start: CurvePlace, steps: int) -> CurvePlace:
         found = follow_foot(point, known, before, *start, steps)

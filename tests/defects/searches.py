@@ -264,8 +264,8 @@ DEFECTS = [
             "test_upper_bounds_of_wavy_pieces_hold_all_sampled_distances_or_are_none",
         ),
         (
-            "proven = (least_slope > 0) & (off * (1 + gamma(8, dtype)) <= room) & inside",
-            "proven = (least_slope > 0) & (off * (1 + gamma(8, dtype)) <= room)",
+            "proven = (least_slope > 0) & (off * (1 + gamma(8, dtype)) <= reach) & inside",
+            "proven = (least_slope > 0) & (off * (1 + gamma(8, dtype)) <= reach)",
             "test_upper_bounds_of_wavy_pieces_hold_all_sampled_distances_or_are_none",
         ),
     ),

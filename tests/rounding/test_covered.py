@@ -41,7 +41,7 @@ COVERED = {
     ("distance/cells/moving_surfaces.py", "_convexity.proven", 1): _SAMPLED,
     ("distance/cells/moving_surfaces.py", "_moving", 5): _SAMPLED,
     ("distance/cells/moving_surfaces.py", "_rest", 2): _SAMPLED,
-    ("distance/cells/moving_surfaces.py", "distance_to_surface", 5): _SAMPLED,
+    ("distance/cells/moving_surfaces.py", "distance_to_surface", 6): _SAMPLED,
     ("distance/cells/moving_surfaces.py", "points_of_surface", 1): _SAMPLED,
     ("distance/cells/moving_surfaces.py", "square_to_surface", 1): _SAMPLED,
     ("distance/cells/moving_surfaces.py", "narrowed", 6): _SAMPLED,

@@ -122,7 +122,9 @@ def distance_to_surface(b: Side, point: Truncated, start: Array) -> Array:
     slope = moving.gradient.terms[0]
     size = jnp.sqrt(jnp.sum(slope**2))
     unit = slope / jnp.where(size > 0, size, 1.0)
-    room = 4 * value / jnp.where(size > 0, size, 1.0)
+    reach = 4 * value / jnp.where(size > 0, size, 1.0)
+    # With the rounding of the ends of the box.
+    room = reach + gamma(8, dtype) * jnp.maximum(jnp.abs(moving.low), jnp.abs(moving.high))
     low, high = moving.low - room, moving.high + room
     over: Any = shape_over(b, None, low, high)
     least_slope = jnp.sum(unit * over.slope.mid) - jnp.sum(jnp.abs(unit) * over.slope.rad)
@@ -130,7 +132,7 @@ def distance_to_surface(b: Side, point: Truncated, start: Array) -> Array:
     off = value / jnp.where(least_slope > 0, least_slope, 1.0) * (1 + gamma(16, dtype))
     inside = jnp.all((low >= jnp.asarray(b.lower)) & (high <= jnp.asarray(b.upper)))
     total = (far + off) * (1 + gamma(4, dtype))
-    proven = (least_slope > 0) & (off * (1 + gamma(8, dtype)) <= room) & inside & jnp.isfinite(total)
+    proven = (least_slope > 0) & (off * (1 + gamma(8, dtype)) <= reach) & inside & jnp.isfinite(total)
     return jnp.where(proven, total, jnp.inf)
 
 

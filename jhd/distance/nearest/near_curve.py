@@ -67,11 +67,11 @@ class NearCurve(NamedTuple):
         return jax.tree_util.tree_map(lambda x: x[0], nearest_in_blocks(self.guide, point[None]))
 
 
-def near_curve(curve: BezierSegments, long: bool, seeds: int = _SEEDS) -> NearCurve:
-    """The curve, looked at in blocks where it or the other curve is long, else by `seeds` samples of each segment."""
+def near_curve(curve: BezierSegments, long: bool, seeds: int = 0) -> NearCurve:
+    """Return the curve in blocks if it or the other curve is long, else with at least `seeds` samples a segment."""
     skip = repeated(curve.control_points, curve.weights)
     runs = runs_of(curve) if curve.count >= _RUNS_FROM else None
-    return NearCurve(curve, skip, blocks_of(curve) if long else _samples(curve, seeds), runs)
+    return NearCurve(curve, skip, blocks_of(curve) if long else _samples(curve, max(seeds, _SEEDS)), runs)
 
 
 def _samples(b: BezierSegments, seeds: int) -> _NearSamples:

@@ -30,8 +30,9 @@ from jhd.distance.search.sources import CellRows
 _LANES = 64
 # A graph serves where it is this close, as a share of the size of the cell.
 _CLOSE = 1e-2
-# Cells from which on feet are followed on a surface: of other shapes fewer are left.
-_MANY = 256
+# Feet are followed on a surface from so many cells on, and from so many of each piece: fewer are left mostly, and the
+# program takes twelve seconds to compile.
+_MANY, _OF_EACH = 256, 16
 # Half the sides of boxes about a place whose graph is looked for, as shares of the box of the surface.
 _ABOUT = 2.0 ** -np.arange(15.0, 5, -3)
 
@@ -123,10 +124,10 @@ class FollowedOnSurface:
     def over(self, cells: CellRows, feet: FootRows, goal: float) -> np.ndarray:
         """Proven upper bounds of the distances of all points in cells; see jhd.distance.cells.moving_surfaces.
 
-        They are off by the sixth order of the size of a cell where the distance is constant, cost much, and are looked
-        for where many cells are about as far.
+        They are off by the sixth order of the size of a cell if the distance is constant. They cost much, and are
+        infinite unless there are many cells of each piece.
         """
-        if len(cells.piece) < _MANY:
+        if len(cells.piece) < max(_MANY, _OF_EACH * len(np.unique(cells.piece))):
             return np.full(len(cells.piece), np.inf)
         start = feet.point[:, 0].astype(cells.low.dtype)
         return in_blocks(_distances, self._shapes, *cells[:3], start).astype(np.float64)
@@ -137,7 +138,6 @@ def _distances(shapes: tuple[Net, Side], count: Array, piece: Array, low: Array,
     net, side = shapes
 
     def one(piece: Array, low: Array, high: Array, start: Array) -> Array:
-        on_a = points_of_net(net.piece(piece), low, high)
-        return distance_to_surface(side, on_a.point, start) + on_a.beside
+        return distance_to_surface(side, points_of_net(net.piece(piece), low, high).point, start)
 
     return each(one, count, (piece, low, high, start), _LANES)
