@@ -49,8 +49,11 @@ _FROZEN: Any = getattr(beartype, "FrozenDict", None) or beartype.BeartypeHintOve
 # XLA ends a process that names a flag it does not know, and the first one is gone from jaxlib 0.11.2 on.
 FLAGS = ("--xla_cpu_use_fusion_emitters=false",)
 QUICK_FLAGS = (*FLAGS, "--xla_backend_optimization_level=0")
-# Bytes of a process from which on its programs are dropped, so that two processes fit into a laptop of 4 GB.
+# Bytes of a process from which on its programs are dropped, so that two processes fit into a laptop of 4 GB, and how
+# many more than the last drop left it must hold: modules and what the C library holds in pieces stay.
 _ROOM = 1150 << 20
+_GROWTH = 200 << 20
+_left = 0
 # Those that take longest when nothing is compiled yet, quick and slow tests together. Files that share large programs
 # do not stand beside each other: two processes that begin with them would compile the same.
 _LONGEST = (
@@ -133,6 +136,8 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: places.get(item.path.name, len(places)))
 
 
+# Nearly all garbage of traces is young; full collections, which take half a second each, are asked for above.
+gc.set_threshold(50_000, 20, 1_000)
 hypothesis.settings.register_profile("jhd", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("jhd")
 
@@ -144,7 +149,7 @@ def room_for_programs():
     What is there when a file begins mostly stays: to look through all of it again and again for garbage takes a
     fifteenth of the time.
     """
-    drop_programs_above(_ROOM)
+    drop_programs_above(max(_ROOM, _left + _GROWTH))
     gc.freeze()
 
 
@@ -156,14 +161,21 @@ def room_within_a_file():
 
 def drop_programs_above(limit):
     """Drop all programs if the process holds more bytes than the limit."""
-    pages = Path("/proc/self/statm")
-    if pages.exists() and int(pages.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > limit:
+    global _left
+    if _held() > limit:
         from jhd._runtime.compiled import give_back
 
         gc.unfreeze()
         jax.clear_caches()
         gc.collect()
         give_back()
+        _left = _held()
+
+
+def _held():
+    """Bytes that the process holds, 0 where the system does not say."""
+    pages = Path("/proc/self/statm")
+    return int(pages.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if pages.exists() else 0
 
 
 @pytest.fixture(autouse=True)
