@@ -47,11 +47,10 @@ def rounded_diagonal(*shapes: Any) -> float:
     """
     # Help names lengths before the package is imported.
     from jhd.distance.search.mixes import diagonal_of
+    from jhd.shapes.checks import check_same_dim
 
-    first = shapes[0].dim
     for shape in shapes[1:]:
-        if shape.dim != first:
-            raise ValueError(f"a has {first} coordinates a point and b has {shape.dim}; needs the same.")
+        check_same_dim(shapes[0].dim, shape.dim)
     return _rounded(diagonal_of(*shapes))
 
 

@@ -19,6 +19,7 @@ from jhd.distance.witness.critical import local_pairs
 from jhd.distance.witness.derivative import moving
 from jhd.distance.witness.maxima import NEARER, ROUNDED
 from jhd.shapes.as_shape import taken_as
+from jhd.shapes.checks import check_same_dim
 from jhd.shapes.curve import check_curve
 
 
@@ -50,8 +51,7 @@ def critical_pairs(a: Any, b: Any, capacity: int = 16) -> CriticalPairs:
     if capacity < 1:
         raise ValueError(f"capacity is {capacity}; needs at least 1.")
     pair = a.segments(), b.segments()
-    if pair[0].dim != pair[1].dim:
-        raise ValueError(f"a has {pair[0].dim} coordinates a point and b has {pair[1].dim}; needs the same.")
+    check_same_dim(pair[0].dim, pair[1].dim)
     found, frame = local_pairs(*pair, capacity)
     found = _led(found, hausdorff(*undifferentiated(pair), throw=False), frame)
     if not is_traced(*pair):

@@ -31,7 +31,7 @@ from jhd.distance.search.mixes import Together, diagonal_of, dtype_of, heights_o
 from jhd.distance.search.points import is_points
 from jhd.distance.search.search import Listener, Progress, drive
 from jhd.shapes.as_shape import check_shape, taken_as
-from jhd.shapes.checks import Numbers
+from jhd.shapes.checks import Numbers, check_same_dim
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -132,14 +132,30 @@ def deviation(
     return deviation
 
 
-def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[float, float]:
-    """Both tolerances."""
-    if isinstance(a, ImplicitSurface):
-        raise TypeError("a is an ImplicitSurface, whose area is not proven; take a mesh or a parametric surface.")
+def check_kinds(a: Any, b: Any, directed: bool = True) -> None:
+    """Raises TypeError or ValueError unless the distances have a distribution; traced shapes are checked too.
+
+    Args:
+        a: the shape that the distances are taken over.
+        b: the shape that they lead to.
+        directed: False if they are taken over b as well.
+    """
     for name, shape in (("a", a), ("b", b)):
         check_shape(name, shape)
-    if isinstance(a, AbstractPatch) and min(a.patches().degrees) == 0:
-        raise ValueError("a has no area: there is nothing to average over; a patch of degree zero is a curve.")
+    for name, shape in (("a", a),) if directed else (("a", a), ("b", b)):
+        if isinstance(shape, ImplicitSurface):
+            refused = "an ImplicitSurface, whose area is not proven; take a mesh or a parametric surface."
+            raise TypeError(f"{name} is {refused}")
+        if isinstance(shape, AbstractPatch) and min(shape.patches().degrees) == 0:
+            raise ValueError(
+                f"{name} has no area: there is nothing to average over; a patch of degree zero is a curve."
+            )
+    check_same_dim(a.dim, b.dim)
+
+
+def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[float, float]:
+    """Both tolerances."""
+    check_kinds(a, b)
     if is_traced(*jax.tree_util.tree_leaves(undifferentiated((a, b)))):
         raise TypeError(
             "deviation needs known shapes: its cells depend on them. Under tracing take directed_hausdorff."

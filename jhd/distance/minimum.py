@@ -25,7 +25,7 @@ from jhd.distance.search.points import is_points, nearest_points, point_mesh
 from jhd.distance.search.search import Progress, Threshold
 from jhd.distance.witness.nets import apart
 from jhd.shapes.as_shape import check_shape, taken_as
-from jhd.shapes.checks import Numbers
+from jhd.shapes.checks import Numbers, check_same_dim
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -107,8 +107,7 @@ def minimum_distance(
         check_shape(name, shape)
     method = _method(method, {"atol": atol, "rtol": rtol, "max_steps": max_steps, "capacity": capacity})
     check_serves(method, a, b, (BranchAndBound, VoxelPairs))
-    if a.dim != b.dim:
-        raise ValueError(f"a has {a.dim} coordinates a point and b has {b.dim}; needs the same.")
+    check_same_dim(a.dim, b.dim)
     solution = method.minimum(a, b) if isinstance(method, VoxelPairs) else _searched(a, b, method, progress)
     if throw:
         throw_unless_successful(solution)

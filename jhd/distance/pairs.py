@@ -40,7 +40,7 @@ from jhd.distance.witness.derivative import with_derivatives
 from jhd.distance.witness.meshes import with_mesh_derivatives
 from jhd.distance.witness.surfaces import with_surface_derivatives
 from jhd.shapes.as_shape import check_shape, taken_as
-from jhd.shapes.checks import empty_surface
+from jhd.shapes.checks import check_same_dim, empty_surface
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -120,8 +120,7 @@ class CurvePair(AbstractPair):
         self._method = method
         self._given = a.segments(), b.segments()
         p, q = self._given
-        if p.dim != q.dim:
-            raise ValueError(f"a has {p.dim} coordinates a point and b has {q.dim}; needs the same.")
+        check_same_dim(p.dim, q.dim)
         # The two-step method takes fewer samples of a segment where there are more of them.
         sharing = isinstance(method, BranchAndBound)
         self._a, self._b, self._frame = prepare(*undifferentiated(self._given), sharing=sharing)
@@ -233,8 +232,7 @@ class MixedPair(AbstractPair):
         self._method, self._listener = method, Listener(progress)
         self._given = tuple(working(shape) for shape in (a, b))
         p, q = self._given
-        if p.dim != q.dim:
-            raise ValueError(f"a has {p.dim} coordinates a point and b has {q.dim}; needs the same.")
+        check_same_dim(p.dim, q.dim)
 
     @override
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:

@@ -50,6 +50,12 @@ def check_control_points(control_points: Array, weights: Array | None, axes: tup
         raise ValueError(f"weights range from {least:g} to {most:g}; their ratio must be at most {limit:g}.")
 
 
+def check_same_dim(a: int, b: int) -> None:
+    """Raises ValueError unless both shapes have as many coordinates a point."""
+    if a != b:
+        raise ValueError(f"a has {a} coordinates a point and b has {b}; needs the same.")
+
+
 def check_degrees(dtype: DTypeLike, *degrees: int) -> None:
     """Raises ValueError where a degree is larger than any that programs are compiled for."""
     limit = largest_degree(dtype)

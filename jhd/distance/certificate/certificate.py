@@ -26,6 +26,7 @@ from jhd.distance.certificate.verification.reading import lines_of
 from jhd.distance.certificate.verification.structure import FORMAT, VERSION, check_content, digest
 from jhd.distance.certificate.verification.surface_structure import LARGEST, LARGEST_IN_ALL
 from jhd.shapes.as_shape import taken_as
+from jhd.shapes.checks import check_same_dim
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -183,9 +184,7 @@ def _check_arguments(a: object, b: object, solution: object, max_cells: object) 
     for name, shape in (("a", a), ("b", b)):
         if isinstance(shape, ImplicitSurface):
             _check_degrees(name, shape)
-    dims = [shape.dim for shape in (a, b) if isinstance(shape, _Shape)]
-    if dims[0] != dims[1]:
-        raise ValueError(f"a has {dims[0]} coordinates a point and b has {dims[1]}; needs the same.")
+    check_same_dim(*(shape.dim for shape in (a, b) if isinstance(shape, _Shape)))
 
 
 def _check_degrees(name: str, surface: ImplicitSurface) -> None:

@@ -25,7 +25,7 @@ from jhd._results.unproven import relative_tolerance
 from jhd._runtime.arrays import is_traced, is_tracing, real_array, undifferentiated
 from jhd.arithmetic.scaling import common_exponent, scale_of
 from jhd.decimals import interval_text
-from jhd.distance.deviation import checked_weights, deviation
+from jhd.distance.deviation import check_kinds, checked_weights, deviation
 from jhd.distance.deviation_solution import Bounds, Deviation, check_share
 from jhd.distance.frame.attach import carrying
 from jhd.distance.frame.net_jets import Net
@@ -150,8 +150,7 @@ class AbstractMeasure(eqx.Module):
             NotProvenError: the tolerance was not reached, or it is differentiated and the derivative not confirmed to a
                 millionth, and throw is True; else that is NaN.
         """
-        a, b = taken_as("a", a), taken_as("b", b)
-        counts = checked_weights(a, self.weights if weights is None else weights)
+        a, b, counts = self._checked(a, b, weights)
         if _is_hidden(a, b, counts, atol, rtol) and not isinstance(self, Hausdorff):
             shapes, options = _with_weights(a, b, counts)
             options |= {"atol": atol, "rtol": rtol}
@@ -180,14 +179,20 @@ class AbstractMeasure(eqx.Module):
             NotProvenError: it is differentiated without `places`, and the derivative not confirmed to a millionth; in
                 programs that is NaN.
         """
-        a, b = taken_as("a", a), taken_as("b", b)
-        counts = checked_weights(a, self.weights if weights is None else weights)
+        a, b, counts = self._checked(a, b, weights)
         if _is_hidden(a, b, counts) and not isinstance(self, Hausdorff):
             known = partial(_known_value, self, places)
             return answer_in_program(known, partial(jnp.asarray, jnp.inf, dtype_of(a)), *_with_weights(a, b, counts))
         found = self._estimated(a, b, counts, places)
         _throw_unless_confirmed(found, None)
         return found.value
+
+    def _checked(self, a: Any, b: Any, weights: Any) -> tuple[Any, Any, Any]:
+        """Both shapes and the weights, all that can be refused before values are known."""
+        a, b = taken_as("a", a), taken_as("b", b)
+        if not isinstance(self, Hausdorff):
+            check_kinds(a, b, self.directed)
+        return a, b, checked_weights(a, self.weights if weights is None else weights)
 
     def _estimated(self, a: Any, b: Any, weights: Any, places: int | None) -> Estimated:
         """The value alone, in one direction or both."""

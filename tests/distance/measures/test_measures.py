@@ -169,6 +169,23 @@ def test_in_programs_what_a_plain_call_refuses_the_result_says():
     assert (float(found.lower), float(found.upper)) == (0.0, math.inf)
 
 
+def test_kinds_that_have_no_distribution_are_refused_when_a_program_is_traced():
+    sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", -1.5 * np.ones(3), 1.5 * np.ones(3))
+    cloud, flat = jhd.points([(0.0, 0.0, 2.0)]), jhd.BezierPatch(np.arange(9.0).reshape(1, 3, 3))
+    refused = [
+        (jhd.Mean(directed=True), sphere, cloud, TypeError, "a is an ImplicitSurface, whose area is not proven"),
+        (jhd.Quantile(0.5), cloud, sphere, TypeError, "b is an ImplicitSurface, whose area is not proven"),
+        (jhd.Mean(), cloud, flat, ValueError, "b has no area"),
+        (jhd.RootMeanSquare(True), ORIGIN, cloud, ValueError, "a has 2 coordinates a point and b has 3"),
+    ]
+    for measure, a, b, error, message in refused:
+        for call in (measure, measure.estimate):
+            with pytest.raises(error, match=message):
+                call(a, b)
+            with pytest.raises(error, match=message):
+                jax.make_jaxpr(call)(a, b)
+
+
 @pytest.mark.slow
 def test_weights_of_a_measure_count_in_fits():
     scan, target = np.array([[-1.0, 0.0], [1.0, 0.0], [9.0, 0.0]]), np.array([1.0, 1.0, 0.0])
