@@ -7,6 +7,8 @@ import math
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal, localcontext
 from typing import Any
 
+import numpy as np
+
 # The shortest digits that give a float64 back may lie on the wrong side of it. 18 digits give it back on either side:
 # their step is at most 1e-17 of it, and what is read as another number is at least 2^-54 of it away.
 _DIGITS = ".17g", ".18g"
@@ -47,6 +49,21 @@ def interval_text(lower: Any, upper: Any, spec: str = "") -> str:
         spec: a format of decimal numbers; by default in full.
     """
     return f"[{lower_text(lower, spec)}, {upper_text(upper, spec)}]"
+
+
+def point_text(point: Any) -> str:
+    """The coordinates of a point to six digits, `(x, y)`; a few roundoffs of the largest one are printed as zero.
+
+    >>> point_text([-1e-16, 2.0])
+    '(0, 2)'
+
+    Args:
+        point: coordinates, (dim,).
+    """
+    known = np.asarray(point)
+    known = known.astype(np.result_type(known, np.float32))
+    least = 4 * np.finfo(known.dtype).eps * np.abs(known).max()
+    return f"({', '.join(f'{0.0 if abs(x) < least else x:.6g}' for x in known)})"
 
 
 def _text(x: float, spec: str, rounding: str) -> str:

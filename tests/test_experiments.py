@@ -104,8 +104,16 @@ def test_the_gallery_page_holds_every_figure_as_captions_and_pictures_are_now():
     assert sum(file.stat().st_size for file in GALLERY["GALLERY"].iterdir()) < SMALL
 
 
-def test_the_readme_stays_short():
-    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) < 200
+def test_the_readme_stays_short_and_prints_what_it_shows(capsys):
+    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(page.splitlines()) < 200 and max(map(len, page.splitlines())) <= 120
+    source, shown = re.findall(r"^```(?:python)?\n(.*?)^```", page[page.index("```python") :], re.S | re.M)[:2]
+    exec(source, {})
+    printed = capsys.readouterr().out
+    number = r"-?\d+\.\d*"
+    assert re.sub(number, "x", printed) == re.sub(number, "x", shown)
+    found, stated = ([float(x) for x in re.findall(number, text)] for text in (printed, shown))
+    assert found == pytest.approx(stated, abs=1e-9)
 
 
 @pytest.mark.parametrize("script", [*EXPERIMENTS, *FIGURES], ids=lambda path: f"{path.parent.name}-{path.stem}")

@@ -26,7 +26,7 @@ from jhd._results.outcomes import result_where as result_where
 from jhd._results.unproven import NotProvenError as NotProvenError
 from jhd._results.unproven import throw_unless_successful as throw_unless_successful
 from jhd._runtime.arrays import is_traced
-from jhd.decimals import interval_text, lower_text, upper_text
+from jhd.decimals import interval_text, lower_text, point_text, upper_text
 
 
 def stored_fields(value: eqx.Module) -> list[str]:
@@ -186,10 +186,10 @@ class HausdorffSolution(AbstractDistance):
         many = shown_many(self, "value")
         if many is not None:
             return many
-        place = ", ".join(f"{x:.6g}" for x in np.asarray(self.witness.point))
+        place = point_text(self.witness.point)
         return (
             f"HausdorffSolution(value={float(self.value)!r}, lower={lower_text(self.lower)}, "
-            f"upper={upper_text(self.upper)},\n  {name_of(self.event)} at ({place}), {name_of(self.direction)}, "
+            f"upper={upper_text(self.upper)},\n  {name_of(self.event)} at {place}, {name_of(self.direction)}, "
             f"{name_of(self.result)})"
         )
 
@@ -222,10 +222,10 @@ class MinimumSolution(AbstractDistance):
         many = shown_many(self, "value")
         if many is not None:
             return many
-        places = [", ".join(f"{x:.6g}" for x in np.asarray(point)) for point in (self.point_a, self.point_b)]
+        places = point_text(self.point_a), point_text(self.point_b)
         return (
             f"MinimumSolution(value={float(self.value)!r}, lower={lower_text(self.lower)}, "
-            f"upper={upper_text(self.upper)},\n  between ({places[0]}) and ({places[1]}), {name_of(self.result)})"
+            f"upper={upper_text(self.upper)},\n  between {places[0]} and {places[1]}, {name_of(self.result)})"
         )
 
 
@@ -256,9 +256,9 @@ class Projection(AbstractSolution):
         many = shown_many(self, "distance")
         if many is not None:
             return many
-        foot = ", ".join(f"{x:.6g}" for x in np.asarray(self.foot))
+        foot = point_text(self.foot)
         bounds = f"lower={lower_text(self.lower)}, upper={upper_text(self.upper)}"
-        return f"Projection(distance={float(self.distance)!r}, {bounds},\n  foot ({foot}), {name_of(self.result)})"
+        return f"Projection(distance={float(self.distance)!r}, {bounds},\n  foot {foot}, {name_of(self.result)})"
 
 
 class StationaryPoints(AbstractSolution):
