@@ -1,4 +1,4 @@
-"""jhd: Hausdorff distances with a proof and with a gradient."""
+"""jhd: certified, differentiable Hausdorff distances of curves, surfaces and meshes."""
 
 import os as _os
 from importlib import import_module as _import_module
