@@ -27,6 +27,22 @@ difference by 2^k times that. The rest are fewer than 64 roundings of positive n
 four times at most: less than a factor 1 + 10 noise. Points of the surface are off by 4 noise at most, where a power of
 a parameter is good to four units in the last place.
 
+A flat rectangle with uneven parameters is near its triangles, but not at equal parameters. Let q be a convex
+quadrilateral in a plane, and let the surface S over the rectangle and the triangles L both stay within h of the plane.
+Project both onto the plane. Let both stay within e of q, and along each side of the rectangle within b of the edge of q
+between its two corners. If a point of q is farther than b from all edges, it lies on both projections: the border can
+be moved to the edges without meeting the point, so it winds about the point once, as the edges do. Each other point of
+q is within b of an edge, and each point of an edge within b of the border. So each point of S is within e of a point of
+q, which is within 2 b of L, and the same from L to S. They are at most
+
+    sqrt((e + 2 b)^2 + (2 h)^2)
+
+apart. The corners of q are the projected corners of the rectangle; h, e and b are the largest of all control points, as
+the sets in question are convex. The vertices of L are points of S, those on a side points of that side, so the same
+holds for L. Rounding: control points are off by at most `noise`, the distances taken from them by 2 noise more, and the
+border begins and ends within 2 noise of the corners of q: 5 (1 + 2) + 2 2 < 20 noise together. The check that q is
+convex leaves far more room.
+
 Source: Filip, Magedson & Markot, Surface algorithms using bounds on derivatives, CAGD 3 (1986); Farin, Curves and
 Surfaces for CAGD (2002), chapter 14, for the nets. The bound for rational patches and for any triangle is ours.
 
@@ -42,6 +58,9 @@ from jhd.arithmetic.bernstein import basis, blossoms, product_weights
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import common_exponent, unit_weights
 from jhd.shapes.mesh import places_of
+
+# A quadrilateral is taken for convex if the sine of each corner is above this, far above rounding.
+_CONVEX = 1e-3
 
 
 class PatchBorders(NamedTuple):
@@ -210,6 +229,10 @@ class HostPatches(NamedTuple):
         with np.errstate(over="ignore"):
             return np.nextafter(np.ldexp(lengths * (1 + 1e-15), self.power + self.second), np.inf)
 
+    def in_local_units(self, length: float) -> float:
+        """A length in the user's unit as a local one, rounded."""
+        return float(np.ldexp(length, -(self.power + self.second)))
+
     def _local(self, vertices: np.ndarray) -> np.ndarray:
         """Stored points in local coordinates; the subtraction is the only rounding."""
         return np.ldexp(np.ldexp(vertices.astype(np.float64), -self.power) - self.centre, -self.second)
@@ -241,8 +264,14 @@ class HostPatches(NamedTuple):
         return total[:, :3] / total[:, 3:]
 
 
-def with_bounds(patches: HostPatches, cells: PatchCells) -> PatchCells:
-    """The rectangles with their bounds and the parameters to bisect."""
+def with_bounds(patches: HostPatches, cells: PatchCells, enough: float) -> PatchCells:
+    """The rectangles with their bounds and the parameters to bisect.
+
+    Args:
+        patches: the patches.
+        cells: the rectangles.
+        enough: a local length; only of rectangles with a larger bound it is asked whether they are flat.
+    """
     net, noise = _restricted(patches, cells), patches.noise
     corners = [net[:, i, j, :3] / net[:, i, j, 3:] for i, j in ((0, 0), (-1, 0), (-1, -1), (0, -1))]
     raised = _against_corners(net, corners)
@@ -261,7 +290,56 @@ def with_bounds(patches: HostPatches, cells: PatchCells) -> PatchCells:
     wide = np.maximum(_length(corners[1] - corners[0]), _length(corners[2] - corners[3]))
     high = np.maximum(_length(corners[3] - corners[0]), _length(corners[2] - corners[1]))
     along_u = np.where(2 * s_uv > np.maximum(s_uu, s_vv), wide >= high, s_uu >= s_vv)
+    (rows,) = np.nonzero(bound > enough)
+    flat, bent = _flat_bounds(net[rows], noise, bound[rows])
+    bound[rows], along_u[rows] = np.minimum(bound[rows], flat), np.where(np.isfinite(flat), bent, along_u[rows])
     return cells._replace(bound=bound, along_u=along_u)
+
+
+def _flat_bounds(net: np.ndarray, noise: float, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds for flat rectangles, infinite unless far below the most, and whether more is bent along u than along v."""
+    points = net[..., :3] / net[..., 3:]
+    bound, along_u = np.full(len(points), np.inf), np.zeros(len(points), bool)
+    normal = np.cross(points[:, -1, -1] - points[:, 0, 0], points[:, 0, -1] - points[:, -1, 0])
+    size = _length(normal)[:, None]
+    normal = normal / np.where(size > 0, size, 1.0)
+    height = np.einsum("nijk,nk->nij", points - points[:, :1, :1], normal)
+    high = np.abs(height - 0.5 * (height[:, :1, :1] + height[:, -1:, :1])).max(axis=(1, 2), initial=0.0)
+    (rows,) = np.nonzero((size[:, 0] > 0) & (4 * high < most))
+    if len(rows) == 0:
+        return bound, along_u
+    points, normal, high = points[rows], normal[rows], high[rows]
+    flat = points - height[rows, ..., None] * normal[:, None, None]
+    sides = flat[:, :, 0], flat[:, -1], flat[:, ::-1, -1], flat[:, 0, ::-1]
+    start = np.stack([side[:, 0] for side in sides], axis=1)
+    edge = np.stack([side[:, -1] - side[:, 0] for side in sides], axis=1)
+    turn = np.einsum("nek,nk->ne", np.cross(edge, np.roll(edge, -1, axis=1)), normal)
+    convex = np.all(turn > _CONVEX * _length(edge) * np.roll(_length(edge), -1, axis=1), axis=1)
+    border = np.max([_from_chord(side).max(axis=1) for side in sides], axis=0)
+    inner = flat.reshape(len(flat), -1, 3)
+    leftward = np.cross(normal[:, None], edge)
+    inside = np.all(np.einsum("nepk,nek->nep", inner[:, None] - start[:, :, None], leftward) >= 0, axis=1)
+    nearest = np.min([_from_segment(inner, start[:, k], edge[:, k]) for k in range(4)], axis=0)
+    outside = np.where(inside, 0.0, nearest).max(axis=1)
+    found = np.hypot(outside + 2 * border, 2 * high) + 20 * noise
+    bound[rows] = np.where(convex & (found < most[rows]), found, np.inf)
+    # Lines of control points along u, then along v.
+    lines = np.moveaxis(points, 2, 0), np.moveaxis(points, 1, 0)
+    bent = [np.max([_from_chord(line).max(axis=1) for line in of], axis=0) for of in lines]
+    along_u[rows] = bent[0] >= bent[1]
+    return bound, along_u
+
+
+def _from_chord(rows: np.ndarray) -> np.ndarray:
+    """The distances of points (cells, points, 3) from the segment between the first and the last one of each cell."""
+    return _from_segment(rows, rows[:, 0], rows[:, -1] - rows[:, 0])
+
+
+def _from_segment(rows: np.ndarray, start: np.ndarray, edge: np.ndarray) -> np.ndarray:
+    """The distances of points (cells, points, 3) from a segment of each cell."""
+    square = np.sum(edge * edge, axis=-1)[:, None]
+    t = np.einsum("npk,nk->np", rows - start[:, None], edge) / np.where(square > 0, square, 1.0)
+    return _length(rows - start[:, None] - np.clip(t, 0.0, 1.0)[..., None] * edge[:, None])
 
 
 class _Sizes(NamedTuple):

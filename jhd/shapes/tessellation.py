@@ -102,7 +102,8 @@ def _refined(patches: HostPatches, cells: PatchCells, goal: _Goal, off: float) -
     found, count = [], 0
     while len(cells.patch):
         goal.check(2 * (count + len(cells.patch)))
-        parts = [with_bounds(patches, cells.take(rows)) for rows in _chunks(len(cells.patch))]
+        enough = patches.in_local_units(goal.atol) - off
+        parts = [with_bounds(patches, cells.take(rows), enough) for rows in _chunks(len(cells.patch))]
         cells = joined(parts)
         good = patches.in_user_units(cells.bound + off) <= goal.atol
         found.append(cells.take(good))

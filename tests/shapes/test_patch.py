@@ -204,14 +204,52 @@ def test_vertices_that_are_rounded_more_than_cells_bend_are_counted():
     assert 2e-3 < deviation <= 3e-3
 
 
-def test_a_cylinder_is_cut_along_its_axis_alone():
+@pytest.mark.parametrize("heights", [(0, 50, 100), (0, 1, 100)], ids=["even", "uneven"])
+def test_a_cylinder_is_cut_along_its_axis_alone(heights):
     arc = np.array([[1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
-    net = arc[:, None] + np.linspace(0, 100, 3)[None, :, None] * [0, 0, 1.0]
+    net = arc[:, None] + np.array(heights)[None, :, None] * [0, 0, 1.0]
     mesh, deviation = BezierPatch(net, np.array([[1.0], [np.sqrt(0.5)], [1.0]]) * np.ones(3)).to_mesh(1e-4)
     height, vertices = np.round(np.asarray(mesh.vertices)[:, 2], 9), np.asarray(mesh.vertices)
     assert set(height) == {0.0, 100.0} and mesh.count == len(vertices) - 2
     chords = np.linalg.norm(np.diff(vertices[height == 0, :2], axis=0), axis=1)
     assert (1 - np.sqrt(1 - chords**2 / 4)).max() <= deviation <= 1e-4
+
+
+def uneven(random, bend):
+    """Control points of a convex quadrilateral with uneven parameters, bent by so much in each coordinate."""
+    u, v = (np.sort(np.append(random.uniform(size=2) ** 4, [0, 1])) for _ in range(2))
+    corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]]) + random.uniform(-0.3, 0.3, size=(4, 2))
+    across = np.stack([1 - u, u])[:, None, :, None] * np.stack([1 - v, v])[None, :, None, :]
+    flat = np.einsum("ijkl,ijd->kld", across, corners.reshape(2, 2, 2))
+    points = np.concatenate([flat, np.zeros((4, 4, 1))], axis=-1) + np.multiply(
+        bend, random.uniform(-1, 1, size=(4, 4, 3))
+    )
+    return points @ np.linalg.qr(random.normal(size=(3, 3)))[0]
+
+
+def test_a_flat_patch_is_two_triangles_however_uneven_its_parameters_are():
+    patch = BezierPatch(uneven(np.random.default_rng(0), 0.0))
+    mesh, deviation = patch.to_mesh(1e-9)
+    assert mesh.count == 2 and deviation < 100 * ROUNDING
+
+
+def test_nearly_flat_patches_and_their_meshes_are_within_the_deviation_of_each_other():
+    random, line = np.random.default_rng(1), np.linspace(0, 1, 41)
+    along = np.stack([(1 - line) ** 3, 3 * line * (1 - line) ** 2, 3 * line**2 * (1 - line), line**3], axis=1)
+    grid = np.array([(i, j, 8 - i - j) for i in range(9) for j in range(9 - i)]) / 8
+    tight = 0
+    for bend in np.repeat([0.01 * np.ones(3), (0, 0, 0.1)], 6, axis=0):
+        points = uneven(random, bend)
+        mesh, deviation = BezierPatch(points).to_mesh(4 * bend[2])
+        corners = np.asarray(mesh.corners)
+        surface = np.einsum("ai,bj,ijd->abd", along, along, points)
+        steps = max(np.linalg.norm(np.diff(surface, axis=k), axis=-1).max() for k in (0, 1))
+        there = max(distances_to_triangles(x, corners).min() for x in surface[::4, ::4].reshape(-1, 3))
+        samples = np.einsum("kc,tcd->tkd", grid, corners).reshape(-1, 1, 3)
+        back = np.linalg.norm(samples - surface.reshape(-1, 3), axis=-1).min(axis=1).max()
+        assert there <= deviation and back <= deviation + steps
+        tight += there > 0.1 * deviation
+    assert tight > 8
 
 
 def test_the_mesh_moves_with_the_surface_and_has_its_derivatives():
