@@ -1,4 +1,4 @@
-"""What do dense samples cost, and how far off are they, beside the two-step method on two closed curves?
+"""What do dense samples cost, and how accurate are they, compared with the two-step method on closed curves?
 
 A and B are closed uniform cubic B-splines of 90 control points. A is sampled 90 times (once a segment), as in the
 source. The picture shows sample 51, counted from one, with its ten stationary points. Claim: both directed distances

@@ -1,4 +1,4 @@
-"""How fast does an upper bound of the distance over a cell close, and how many cells does a search with it need?
+"""How fast does an upper bound of the distance over a cell converge, and how many cells does a search need?
 
 Four families of bounds on cells of width h, the part of a segment's parameter: (i) Lipschitz, the distance at the
 middle plus half the largest possible length of the cell; (ii) one branch, the largest Bernstein coefficient of

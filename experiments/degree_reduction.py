@@ -1,4 +1,4 @@
-"""How much nearer is a curve of lower degree that minimises the Hausdorff distance itself than those of other losses?
+"""How much nearer is a curve of lower degree that minimizes the Hausdorff distance than one of another loss?
 
 Random plane Bezier curves of degree 7 are replaced by one of degree 3, 4 and 5 with the same ends:
 

@@ -1,4 +1,4 @@
-"""How long does the first call of a process take, with and without the folder of programs?
+"""How long does the first call of a process take, with and without a cache on disk?
 
 A script that asks for one distance pays for importing, tracing, compiling and the search. For each entry three fresh
 processes make one call: with JHD_CACHE=0; with an empty folder, which the call fills; and with the folder that the

@@ -1,4 +1,4 @@
-"""How near does an ellipsoid come to a quartic surface, in the Hausdorff distance itself?
+"""How near does an ellipsoid come to a quartic surface in the Hausdorff distance?
 
 The six numbers of an ellipsoid along the axes (inverse squares of its half axes, and its centre) are fitted to a smooth
 quartic without symmetry, a rounded box. The start is the least-squares fit to points of the quartic. Then the Hausdorff

@@ -1,4 +1,4 @@
-"""Does a network learn to draw shapes from latent numbers by the Hausdorff distance itself, and on unseen ones too?
+"""Does a network learn to draw shapes from latent numbers by the Hausdorff distance, on unseen shapes too?
 
 Shapes with lobes are closed splines of 24 control points that hang on two numbers. A network of equinox (two hidden
 layers of 32) draws for each pair of numbers a closed spline of 12 control points; optax's Adam lowers the mean of its

@@ -1,4 +1,4 @@
-"""How good and how fast are distance transforms of voxel grids, published, exact and SciPy's?
+"""How accurate and fast are distance transforms of voxel grids: published, exact and SciPy's?
 
 Three parts. (1) The one-dimensional example of the paper: seven pixels, the fourth a feature, each with the signed
 offset to it. (2) Grids of n^3 voxels whose features are a thin spherical shell, the places that a knotted tube passes,

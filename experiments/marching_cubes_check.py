@@ -1,4 +1,4 @@
-"""How far is a mesh of marching cubes from the polynomial surface that it stands for, and what do samples say of it?
+"""How far is a marching cubes mesh from its implicit surface, and how well do samples estimate that?
 
 scikit-image's marching cubes make meshes of a smooth quartic surface, a rounded box without symmetry, on grids of 8 to
 32 cells along an axis. Both directed distances between mesh and surface are proven to 5 % of themselves. Beside them

@@ -1,4 +1,4 @@
-"""How fast are nearest points and Hausdorff distances of meshes beside other libraries and beside sampling?
+"""How fast are nearest points and Hausdorff distances of meshes, compared with other libraries and sampling?
 
 Two meshes of one surface, of about 70 000 and 3 000 triangles (with --meshes A B those of two files).
 

@@ -1,4 +1,4 @@
-"""How near do 20 cubics come to noisy outlines of 100 to 10 000 vertices, and how soon, beside what is usual?
+"""How near do 20 cubics come to noisy outlines of 100 to 10 000 vertices, compared with the usual methods?
 
 A closed curve with five bulges, its vertices displaced at random by 0.01 (normal, in both coordinates) and joined by
 straight lines, is fitted by a closed chain of 20 cubics, 60 free points. jhd.fit_curve begins with least squares and

@@ -1,4 +1,4 @@
-"""Which motion lays one outline on another with the least Hausdorff distance, and what does ICP find from there?
+"""Which motion registers one outline to another with the least Hausdorff distance, and what does ICP find?
 
 The letter S of two fonts, boxes centred on the origin, in units of the x-height. Three problems, each from eight
 starting angles, with shift zero and scale one:

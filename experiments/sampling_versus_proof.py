@@ -1,4 +1,4 @@
-"""What do samples and polylines cost for an error, and what does a distance proven to 1e-10 cost beside them?
+"""What do samples and polylines cost for a given error, compared with a distance certified to 1e-10?
 
 Four pairs: two closed cubic B-splines of 90 control points; two single cubics; a parabola with a curved bar between its
 arms and without, whose distance is sqrt(7)/2 exactly, at a point of the bar with two feet; the letter a in two fonts.

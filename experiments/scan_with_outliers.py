@@ -1,4 +1,4 @@
-"""By which measure does a known outline find its scan where a tenth of the points belong to something else?
+"""Which statistic registers a known outline to its scan if a tenth of the points belong to something else?
 
 400 points of a closed cubic spline of 12 control points, with normal noise of 0.01 in both coordinates; a share of them
 lies anywhere in a square beside it instead, as where the table was scanned too. jhd.minimise_hausdorff moves, turns and

@@ -1,4 +1,4 @@
-"""What becomes of the published distance where cells are kept that hold no point of the surface?
+"""What happens to the published distance if cells are kept that hold no point of the surface?
 
 The method of the paper takes every cell that its range of the polynomial cannot exclude for a part of the surface.
 Three pairs on which that fails: (1) a surface B with a factor that nearly vanishes beside A and is zero nowhere, so

@@ -1,4 +1,4 @@
-"""How many cells of a patch does a proven distance take, by the bound that each cell gets?
+"""How many cells of a patch does a certified distance need, for each bound of a cell?
 
 Cells are taken in the order of their upper bounds of the distance from the other patch and cut in two, and the largest
 bound left is followed. Bounds, those of common_surface_bounds.py in NumPy: Lipschitz, the distance in the middle and

@@ -1,4 +1,4 @@
-"""How far are surfaces, curves, points and meshes of one another, and what do samples say in the same time?
+"""How far apart are surfaces, curves, points and meshes, and what do samples give in the same time?
 
 Six pairs of different kinds: a sheet of 100 bicubic patches and the same with its control points moved at random; a
 curve above the sheet; 10 000 noisy points of it; a rational torus and a wider one about the same circle, whose distance

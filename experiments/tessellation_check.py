@@ -1,4 +1,4 @@
-"""How far are triangulations of a surface of 100 NURBS patches from it, what was promised, and what do samples say?
+"""How far are triangulations of 100 NURBS patches from the surface, compared with stated errors and samples?
 
 A sheet of 100 bicubic patches (a NURBS surface whose weights are one) is triangulated by `to_mesh` to tolerances that
 give 299 to 45 900 triangles. The mesher promises a deviation, which is proven but from above alone; both directed

@@ -1,4 +1,4 @@
-"""How many pairs a second are measured in a batch?
+"""How many pairs a second does a batch compute?
 
 Random pairs of two kinds: single cubics, with normal control points; and closed cubic B-splines of 30 control points,
 two noisy tracings of an ellipse each. For every pair the two-sided Hausdorff distance, proven to 1e-10 of the diagonal,

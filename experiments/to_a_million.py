@@ -1,4 +1,4 @@
-"""What would a million shapes take on a cluster, by what a few thousand letters take here?
+"""What would a million shapes take on a cluster, extrapolated from a few thousand letters?
 
 A million shapes are more than one call holds, so they are cut into shards, and each pair of shards is one task: a call
 of `jhd.nearest_shapes` or `jhd.pairs_within` on some worker of any executor, whose results are merged: of the nearest

@@ -3,9 +3,9 @@
 A pair that is a maximum along both curves is marked once, at its place on the target. Numbers by active_set's
 experiment.
 
-Caption: The critical pairs of a fit from a poor start to equal maxima, the distances along both curves, and the
-convergence; a pair that is a maximum along both curves is marked once. The run starts with 1 of 4 pairs at the maximum
-and ends with 7 of 8, equal to 1e-14, at a distance of 0.281167221.
+Caption: Critical pairs of a fit from a poor start to equal maxima, the distances along both curves, and the
+convergence; a pair that is a maximum along both curves is marked once. The run starts with 1 of 4 pairs at the maximum.
+It ends with 7 of 8, equal to 1e-14, at a distance of 0.281167221.
 """
 
 from typing import Any

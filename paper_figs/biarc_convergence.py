@@ -2,8 +2,9 @@
 
 Numbers by biarc_convergence's experiment.
 
-Caption: Number of biarcs against tolerance beside theory for five curves, and how much of the proven deviation is used.
-The count grows with the power -0.31 to -0.34 of the tolerance, and 84 to 96 % of what is proven is reached.
+Caption: Number of biarcs against tolerance for five curves, compared with theory, and the fraction of the certified
+deviation that is attained. The count grows with the power -0.31 to -0.34 of the tolerance. 84 to 96 % of the certified
+deviation is attained.
 """
 
 from typing import Any

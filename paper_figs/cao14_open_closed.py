@@ -1,8 +1,8 @@
 """Four panels of the two-step method on an open and a closed curve; numbers by the experiment of the same name.
 
-Caption: Example 1 and figure 4 of Cao et al. 2014 with data of our own: the distances from eleven samples of A to B,
-the stationary points of one of them, the candidates that the largest samples lead to, and the result. An antipodal and
-a one-to-two maximum are found, each to 1e-10 mm.
+Caption: Example 1 and figure 4 of Cao et al. 2014 with our own data: the distances from eleven samples of A to B, the
+stationary points of one sample, the candidates that the largest samples lead to, and the result. An antipodal and a
+one-to-two maximum are found, each to 1e-10 mm.
 """
 
 from common import Picture

@@ -2,10 +2,10 @@
 
 Numbers by certificates's experiment.
 
-Caption: CPU seconds of the check of a certificate in exact integers, and its cells, for ten random pairs of every mix
-of shapes, the least and the largest of each filled. At the right stands how many forgeries of a mix are refused, of two
-hundred for each certificate: bounds one digit beyond what is proven, cells gone, feet too far, other shapes.
-A decision that one place answers has no cells.
+Caption: CPU seconds of the check of a certificate in exact integers, and its number of cells, for ten random pairs of
+every mix of shapes; the least and the largest are filled. The numbers on the right count refused forgeries, two hundred
+for each certificate: bounds one digit beyond the proven ones, missing cells, wrong foot points, other shapes. Decisions
+that one point answers have no cells.
 """
 
 from typing import Any

@@ -2,9 +2,9 @@
 
 The dashed line is what all distances would take, as estimated from those of a few queries.
 
-Caption: The share of the distances that the nearest letters take, the time, and some letters with their nearest ones;
-the dashed line is what all distances would take. The nearest of 2 000 letters takes at most 0.3 per cent of the
-distances.
+Caption: Fraction of the distances that a search for the nearest letters computes, its time, and some letters with their
+nearest ones; the dashed line shows the time for all distances. The nearest of 2000 letters takes at most 0.3 per cent
+of the distances.
 """
 
 from typing import Any

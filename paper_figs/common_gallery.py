@@ -6,6 +6,7 @@ The minutes are those of the experiment's docstring. This module draws nothing a
 
 import ast
 import html
+import re
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -79,19 +80,20 @@ GROUPS = {
 _HEAD = """\
 # Figures and experiments
 
-`.venv/bin/python paper_figs/NAME.py` draws a figure and runs `experiments/NAME.py` where its numbers are missing;
-`--smoke` is a short run. `paper_figs/all.py` draws all of them, or those that are named, skips what is up to date, and
-writes a contact sheet; `--rerun` takes new numbers where the code has changed since, `--gallery` writes this page and
-its small pictures. Small pictures are there of those whose full numbers were taken by the code of their day; the others
-say so. Numbers that README files state lie here as JSON where they were taken so. `--seed N` and `--set NAME=VALUE` (a
-constant in capitals of the experiment) ask for other numbers, which stand in folders of their own; so do `--meshes FILE
-...` and `--a SHAPE --b SHAPE` of experiments that take files or two shapes, as the command line does:
-`paper_figs/cao14_open_closed.py --a "font:DejaVu Sans:a" --b b.svg`.
+`.venv/bin/python paper_figs/NAME.py` draws a figure, and runs `experiments/NAME.py` first if its numbers are missing.
+`--smoke` makes a short run. `paper_figs/all.py` draws all figures, or those that you name, skips the ones that are up
+to date, and writes a contact sheet. `--rerun` computes new numbers if the code has changed, and `--gallery` writes
+this page and its small pictures. A small picture is shown if its full numbers belong to the code at that date.
+Numbers that README files state are stored here as JSON.
+
+`--seed N` and `--set NAME=VALUE` (a constant in capitals of the experiment) ask for other numbers; these are stored
+in folders of their own. Experiments that take files or two shapes accept `--meshes FILE ...` or `--a SHAPE --b
+SHAPE`, as the command line does: `paper_figs/cao14_open_closed.py --a "font:DejaVu Sans:a" --b b.svg`.
 """
 _SOURCES = """\
 ## Figures of the sources
 
-The sources print no data, so what is drawn is of shapes of our own that are of the same kind and size.
+The sources print no data. The figures here show shapes of our own of the same kind and size.
 
 | source | figure | here |
 |---|---|---|
@@ -101,7 +103,7 @@ The sources print no data, so what is drawn is of shapes of our own that are of 
 | AlgSurf | the example of two cones, its table | `algsurf_table` |
 | | cells that are kept | `spurious_cells`, `ranges` |
 | Kim et al. 2010 | 1 to 3, biarcs | `kim10_figures`, third picture, (a); how many, `biarc_convergence` |
-| | 4, 5, cones about points | not drawn: those about arcs hold them, where an arc ends |
+| | 4, 5, cones about points | not drawn: cones about arcs contain them at the ends of an arc |
 | | 6, 9; 11 to 16 | the third picture, (b), (c); (d) to (h) |
 | | 7, 8 | `kim10_figures`, (b), (a); the second picture, (b) |
 | | 10, 17 | (c), (d); the second picture, (d), with both curves trimmed; `two_sided_trimming` |
@@ -155,7 +157,9 @@ def page() -> str:
 def _entry(name: str) -> str:
     text = caption(name)
     files = pictures(GALLERY, name)
-    shown = "\n".join(f"![{question(name)}]({file.name})" for file in files) or "Small picture not made."
+    # The first sentence of a caption describes the picture.
+    described = re.split(r"(?<! al)[.;] ", text)[0]
+    shown = "\n".join(f"![{described}]({file.name})" for file in files) or "Small picture not made."
     command = f"`.venv/bin/python paper_figs/{name}.py` · {takes(name)}"
     return f"### {name}\n\n{question(name)}\n\n{shown}\n\n{text}\n\n{command}\n"
 

@@ -2,10 +2,10 @@
 
 Numbers by the experiment of the same name; the second figure is convergence_cells (.png, .pdf).
 
-Caption: How fast four upper bounds of the distance over a cell close with its width, at an antipodal and a one-to-two
-maximum and on coincident curves, with the slopes that theory gives; in a second picture, the largest bound left against
-the cells that a search looks at. The bound of jhd is of order 8 at both maxima: 3 cells to 1e-10 of the diagonal,
-against 27 to 71 and more.
+Caption: Convergence of four upper bounds of the distance over a cell with the width of the cell, at an antipodal
+maximum, at a one-to-two maximum and on coincident curves, with the slopes from theory; the second picture shows the
+largest remaining bound against the number of cells of a search. The bound of jhd has order 8 at both maxima. It needs 3
+cells to reach 1e-10 of the diagonal; the other bounds need 27 to 71 and more.
 """
 
 from collections.abc import Callable

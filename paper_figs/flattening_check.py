@@ -1,8 +1,8 @@
 """How much of their tolerance conversions of curves use, and one curve that Agg draws too long; by flattening_check.
 
-Caption: How much of their tolerance the conversions of matplotlib's Agg and of fontTools use, and one curve that Agg
-draws too long. fontTools keeps its tolerance on every input; Agg's half pixel is broken on thin curves and hairpins in
-proportion to their length, proven.
+Caption: Errors of the curve conversions of matplotlib's Agg and of fontTools as a fraction of their tolerance, and one
+curve that Agg draws too long. fontTools keeps its tolerance on every input. Agg exceeds its half pixel on thin curves
+and hairpins, in proportion to their length; this is certified.
 """
 
 from typing import Any

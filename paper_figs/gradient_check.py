@@ -2,10 +2,10 @@
 
 Numbers by gradient_check's experiment.
 
-Caption: An arc passes from one foot to two feet to an end: its distance, and the derivative by jhd, by naive automatic
-differentiation and by differences; then the largest errors over all events and kinds of curve. The rule of jhd agrees
-with differences to 1e-6; naive differentiation is wrong wherever two feet are active, by up to 1.2 where the derivative
-is 2.1.
+Caption: An arc moves past a curve, so that its distance has one foot, then two, then the end of the curve: distance and
+derivative by jhd, by naive automatic differentiation and by differences, and the largest errors for all events and
+kinds of curves. The derivatives of jhd agree with differences to 1e-6. Naive differentiation is wrong wherever two feet
+are active, by up to 1.2 for a derivative of 2.1.
 """
 
 from typing import Any

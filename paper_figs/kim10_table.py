@@ -2,10 +2,9 @@
 
 Numbers by kim10_table's experiment. Each mark is one pair; lines join the geometric means of one size.
 
-Caption: Times, boxes and gains of trimming against the number of control points, beside the times printed in 2010
-(table 1 of Kim et al., with data of our own); each mark is one pair, its form the kind of event, and lines join the
-geometric means of one size. Values agree with the proven distance to 1e-9 of the diagonal, and trimming never looks at
-more boxes.
+Caption: Times, boxes and gains of trimming against the number of control points, with the times printed in 2010 (table
+1 of Kim et al., with our own data); each mark is one pair, its shape the kind of event, and lines join the geometric
+means of one size. Values agree with the certified distance to 1e-9 of the diagonal. Trimming never looks at more boxes.
 """
 
 from typing import Any

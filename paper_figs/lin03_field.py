@@ -5,10 +5,11 @@ which are of a 933 MHz Pentium III and of unknown tolerances.
 
 Numbers by lin03_field's experiment. A second picture has the meshes that are given, and the regions about a triangle.
 
-Caption: Adaptive fields of meshes of 67 500 and 48 000 triangles: slices with their cells, and the surfaces extracted,
-coloured by error; times stand beside those printed in 2003. The error is proven to be below twice the tolerance, and
-the extracted surface is within that of the mesh, both ways. A second picture has the meshes given, and the regions
-about a triangle that tell where its nearest point is (figures 5, 6 and 8 of Lin and Wang, with meshes of our own).
+Caption: Adaptive fields of meshes of 67 500 and 48 000 triangles: slices with their cells, and the extracted surfaces
+colored by error; times are listed next to those printed in 2003. The error is certified to be below twice the
+tolerance. The extracted surface is within that distance of the mesh, both ways. The second picture shows the input
+meshes and the regions around a triangle that decide which feature is nearest (figures 5, 6 and 8 of Lin and Wang, with
+our own meshes).
 """
 
 from typing import Any

@@ -5,9 +5,9 @@ White dots in the slice mark the columns along the third axis in which the publi
 Numbers by lin03_transform's experiment. A second picture has the templates, in one to three dimensions.
 
 Caption: Distance transforms: the one-dimensional example of Lin and Wang, a slice with the errors of vector propagation
-(white dots mark columns in which it errs), and times. It is wrong on less than 0.1 % of the voxels by less than 0.1
-voxel; the exact transform equals SciPy's and takes two thirds of its time or less at 128^3. A second picture has the
-templates (figures 1, 3 and 4), as the one that is printed in the text and the counts of operations allow.
+(white dots mark columns with errors), and times. Vector propagation is wrong on less than 0.1 % of the voxels, by less
+than 0.1 voxel. The exact transform equals SciPy's and takes two thirds of its time or less at 128^3. The second picture
+shows the templates (figures 1, 3 and 4), reconstructed from the printed one and the counts of operations.
 """
 
 from typing import Any

@@ -4,9 +4,9 @@ Grids have one vertex a voxel, as published, or 256 voxels a side where that nee
 
 Numbers by local_search_error's experiment.
 
-Caption: The error of the published search around the nearest vertices: the share of points above each size, and where
-they lie about a long profile. 15 to 30 % of the distances are too large on smooth meshes, 11 to 32 % on parts, there by
-up to 14 % of the diagonal with a vertex a voxel.
+Caption: Errors of the published search around the nearest vertices: the fraction of points above each error, and their
+location about a long profile. 15 to 30 % of the distances are too large on smooth meshes, and 11 to 32 % on parts, by
+up to 14 % of the diagonal with one vertex a voxel.
 """
 
 from typing import Any

@@ -2,9 +2,9 @@
 
 Numbers by marching_cubes_check's experiment.
 
-Caption: A mesh of scikit-image's marching cubes coloured by its distance to the polynomial surface, and the distance
-against the width of the cells. It falls with the square of the width; what is usually looked at, the value at the
-middles of triangles, is a fifth too large on the coarsest mesh and 5 % too small on the finest.
+Caption: A mesh of scikit-image's marching cubes colored by its distance to the implicit surface, and the distance
+against the width of the cells. The distance falls with the square of the width. The usual estimate, the value at the
+centers of triangles, is a fifth too large on the coarsest mesh and 5 % too small on the finest.
 """
 
 from typing import Any

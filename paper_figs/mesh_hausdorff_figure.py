@@ -2,8 +2,8 @@
 
 Numbers by mesh_hausdorff_figure's experiment.
 
-Caption: Two meshes of one surface coloured by their distance to each other, a section through the farthest point, and
-the bounds closing. Both directions are proven to 1e-9 of their size within 20 rounds.
+Caption: Two meshes of one surface colored by their distance to each other, a section through the farthest point, and
+the convergence of the bounds. Both directions are certified to 1e-9 of the size within 20 rounds.
 """
 
 from typing import Any

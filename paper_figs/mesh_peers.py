@@ -2,9 +2,9 @@
 
 Numbers by mesh_peers's experiment.
 
-Caption: Nearest points a second beside libigl, point-cloud-utils, Open3D and trimesh, those of them that are installed,
-and Hausdorff distances: time against error. The proven distance comes in a fraction of the time of a million samples,
-which are off by 1 % and more.
+Caption: Nearest points a second of jhd, libigl, point-cloud-utils, Open3D and trimesh, as far as installed, and
+Hausdorff distances of meshes: time against error. The certified distance takes a fraction of the time of a million
+samples, whose errors are 1 % and more.
 """
 
 from typing import Any

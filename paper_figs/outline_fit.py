@@ -2,9 +2,9 @@
 
 Numbers by outline_fit's experiment.
 
-Caption: Outlines of letters before and after fitting by few cubics, the segments stored, and a fit of 60 parameters in
-time. Every fit keeps its tolerance, proven, with 58 and 62 segments where the longest least-squares pieces take 66 and
-77.
+Caption: Outlines of letters before and after fitting by few cubics, the number of segments, and the progress of a fit
+with 60 parameters. Every fit keeps its tolerance, certified, with 58 and 62 segments; the longest least-squares pieces
+need 66 and 77.
 """
 
 from typing import Any

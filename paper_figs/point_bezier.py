@@ -2,9 +2,9 @@
 
 Writes a strip of six frames (.png, .pdf), the animation (.gif), and the methods compared (_methods.png, .pdf).
 
-Caption: A point slides past a cubic and its foot jumps twice; the second picture counts wrong feet of five methods on
-10 000 random cubics. The proven methods are never wrong, interval halving and Newton's method on several in a hundred
-queries.
+Caption: A point slides past a cubic, and its foot point jumps twice; the second picture counts wrong foot points of
+five methods on 10 000 random cubics. The certified methods are never wrong. Interval halving and Newton's method are
+wrong on several of a hundred queries.
 """
 
 from typing import Any

@@ -2,9 +2,9 @@
 
 Numbers by ranges' experiment.
 
-Caption: Cells that five ways to bound a polynomial keep: on the last level, level by level, and against the time they
-take. Bernstein coefficients keep at most 3 % more cells than are proven to hold a point, modified affine arithmetic 3
-to 34 %, the power form up to nine times as many.
+Caption: Cells that five range bounds of a polynomial keep: on the last level, level by level, and against time.
+Bernstein coefficients keep at most 3 % more cells than are proven to hold a point, and modified affine arithmetic 3 to
+34 %. The power form keeps up to nine times as many.
 """
 
 from typing import Any

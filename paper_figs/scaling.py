@@ -2,9 +2,9 @@
 
 Times are those of the noisy pairs; they jump where the next larger program is taken. The start alone is a plain call.
 
-Caption: Time, cells, memory and compilation from 1 to 2 000 segments. 2 000 by 2 000 segments are proven to 1e-10 of
-the diagonal in a tenth of a second a direction and fewer than n + 64 cells of n segments; above 384 segments, which are
-searched in blocks, programs take about twice as long to compile.
+Caption: Time, cells, memory and compile time for 1 to 2000 segments. 2000 x 2000 segments are certified to 1e-10 of the
+diagonal in a tenth of a second in each direction, with fewer than n + 64 cells for n segments. Above 384 segments the
+search runs in blocks, and compiling takes about twice as long.
 """
 
 from typing import Any

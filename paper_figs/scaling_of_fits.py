@@ -2,8 +2,9 @@
 
 Numbers by scaling_of_fits' experiment.
 
-Caption: Seconds of a fit by cubics against the vertices of its target, to 100 000, and against its own free points. A
-step grows more slowly than the number of vertices, and beyond 120 free points faster than their number.
+Caption: Time of a fit by cubics against the number of vertices of its target, up to 100 000, and against its number of
+free points. The time of a step grows more slowly than the number of vertices. Beyond 120 free points it grows faster
+than their number.
 """
 
 from typing import Any

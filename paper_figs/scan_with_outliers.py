@@ -2,10 +2,9 @@
 
 Numbers by scan_with_outliers' experiment.
 
-Caption: A scan of 400 points, a tenth of them outliers beside it, the known outline where each measure puts it, and the
-largest error of its place against the share of outliers. By the maximum and the root mean square the outline is off by
-20 to 60 times the noise from 5 % of outliers on; by the mean and by a quantile it is within 1.5 times the noise up to
-20 %.
+Caption: A scan of 400 points with a tenth of outliers, the known outline registered to it by each statistic, and the
+largest registration error against the fraction of outliers. From 5 % of outliers on, the maximum and the root mean
+square are off by 20 to 60 times the noise. The mean and a quantile stay within 1.5 times the noise up to 20 %.
 """
 
 from typing import Any

@@ -2,9 +2,9 @@
 
 Numbers by surface_distances's experiment.
 
-Caption: Six pairs of shapes of different kinds: patches, a curve, points, tori, a polynomial surface and a mesh; the
-one that holds the farthest place is coloured by its distance. Every pair closes to its tolerance in less than two
-seconds; in that time samples are off by a hundred times the gap and far more.
+Caption: Six pairs of shapes of different kinds: patches, a curve, points, tori, an implicit surface and a mesh; the
+shape with the farthest point is colored by its distance. Every pair closes to its tolerance in less than two seconds.
+Samples in the same time have errors of a hundred times the gap and more.
 """
 
 from typing import Any

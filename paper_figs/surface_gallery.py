@@ -2,8 +2,8 @@
 
 Numbers by surface_gallery's experiment.
 
-Caption: Six pairs of algebraic surfaces, each with the point where they are farthest from each other, its feet and the
-proof. All but the torus, which has a whole circle of feet and says so, close to 1e-6 within a second.
+Caption: Six pairs of algebraic surfaces, each with its farthest point, the foot points and the certified bounds. All
+but the torus, which has a whole circle of foot points and reports that, close to 1e-6 within a second.
 """
 
 from typing import Any

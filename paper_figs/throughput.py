@@ -2,9 +2,8 @@
 
 Horizontal lines are what goes pair by pair.
 
-Caption: Pairs a second in batches of 1 to 1 024 under vmap; the horizontal lines are what goes pair by pair. On one
-core a batch gains the overhead of the calls: a factor of two to three for single cubics, a third for curves of 30
-segments.
+Caption: Pairs a second in batches of 1 to 1024 under vmap; horizontal lines show one call per pair. On one core a batch
+saves the overhead of the calls: a factor of two to three for single cubics, a third for curves of 30 segments.
 """
 
 from typing import Any

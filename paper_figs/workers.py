@@ -3,8 +3,8 @@
 The horizontal line is a plain loop of calls.
 
 Caption: Pairs a second and CPU time a pair against the number of workers: threads, processes, loky, Dask and simulated
-devices; the horizontal line is a plain loop of calls. What a pair gets is the same to the last bit everywhere, at a
-fraction of the CPU time of the loop.
+devices; the horizontal line is a plain loop of calls. Results are bitwise identical everywhere, at a fraction of the
+CPU time of the loop.
 """
 
 from typing import Any
