@@ -20,7 +20,7 @@ import jax as _jax
 if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "off"):
     _jax.config.update("jax_enable_x64", True)
 
-from jhd import plot  # noqa: E402
+from jhd import arithmetic, plot  # noqa: E402
 from jhd._results import solution  # noqa: E402, F401
 from jhd._results.solution import (  # noqa: E402
     ANSWERS,
@@ -195,6 +195,7 @@ __all__ = [
     "VoxelProgress",
     "Voxels",
     "Witness",
+    "arithmetic",
     "as_shape",
     "biarcs",
     "certify",
@@ -208,6 +209,7 @@ __all__ = [
     "fit_outline",
     "hausdorff",
     "hausdorff_at_most",
+    "io",
     "minimise_hausdorff",
     "minimum_at_most",
     "minimum_distance",

@@ -1,3 +1,5 @@
-"""Numbers and polynomials that carry a proof."""
+"""Arithmetic with certified results: intervals that are rounded outward."""
 
 from jhd.arithmetic.interval import Interval
+
+__all__ = ["Interval"]

@@ -1,31 +1,47 @@
 """Files to shapes and back: fonts, SVG, JSON, IGES, meshes, point clouds, results and certificates."""
 
-from jhd.io.certificates import load_certificate as load_certificate
-from jhd.io.clouds import load_points as load_points
-from jhd.io.curves import curve_from_dict as curve_from_dict
-from jhd.io.curves import curve_to_dict as curve_to_dict
-from jhd.io.curves import load_curve as load_curve
-from jhd.io.curves import save_curve as save_curve
-from jhd.io.errors import ParseError as ParseError
-from jhd.io.iges import load_iges as load_iges
-from jhd.io.iges_writer import save_iges as save_iges
-from jhd.io.load import load_shape as load_shape
-from jhd.io.meshes import load_mesh as load_mesh
-from jhd.io.meshes import save_mesh as save_mesh
-from jhd.io.outlines import outline as outline
-from jhd.io.outlines import outlines as outlines
-from jhd.io.outlines import parse_font_spec as parse_font_spec
-from jhd.io.outward import to_geomdl as to_geomdl
-from jhd.io.outward import to_path as to_path
-from jhd.io.outward import to_scipy as to_scipy
-from jhd.io.outward import to_shapely as to_shapely
-from jhd.io.results import load_result as load_result
-from jhd.io.results import save_result as save_result
-from jhd.io.surfaces import load_surface as load_surface
-from jhd.io.surfaces import save_surface as save_surface
-from jhd.io.surfaces import surface_from_dict as surface_from_dict
-from jhd.io.surfaces import surface_to_dict as surface_to_dict
-from jhd.io.svg import path as path
-from jhd.io.svg import path_data as path_data
-from jhd.io.svg import read_svg as read_svg
-from jhd.io.svg import write_svg as write_svg
+from jhd.io.certificates import load_certificate
+from jhd.io.clouds import load_points
+from jhd.io.curves import curve_from_dict, curve_to_dict, load_curve, save_curve
+from jhd.io.errors import ParseError
+from jhd.io.iges import load_iges
+from jhd.io.iges_writer import save_iges
+from jhd.io.load import load_shape
+from jhd.io.meshes import load_mesh, save_mesh
+from jhd.io.outlines import outline, outlines, parse_font_spec
+from jhd.io.outward import to_geomdl, to_path, to_scipy, to_shapely
+from jhd.io.results import load_result, save_result
+from jhd.io.surfaces import load_surface, save_surface, surface_from_dict, surface_to_dict
+from jhd.io.svg import path, path_data, read_svg, write_svg
+
+__all__ = [
+    "ParseError",
+    "curve_from_dict",
+    "curve_to_dict",
+    "load_certificate",
+    "load_curve",
+    "load_iges",
+    "load_mesh",
+    "load_points",
+    "load_result",
+    "load_shape",
+    "load_surface",
+    "outline",
+    "outlines",
+    "parse_font_spec",
+    "path",
+    "path_data",
+    "read_svg",
+    "save_curve",
+    "save_iges",
+    "save_mesh",
+    "save_result",
+    "save_surface",
+    "surface_from_dict",
+    "surface_to_dict",
+    "to_geomdl",
+    "to_path",
+    "to_scipy",
+    "to_shapely",
+    "write_svg",
+]

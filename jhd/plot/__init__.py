@@ -8,22 +8,33 @@ artist has a gid (`witness`, `feet`, ...), by which it can be found and restyled
 A picture is no proof: curves, surfaces and profiles are drawn from samples.
 """
 
-from jhd.plot.axes import BLUE as BLUE
-from jhd.plot.axes import GREY as GREY
-from jhd.plot.axes import ORANGE as ORANGE
-from jhd.plot.axes import VERMILLION as VERMILLION
-from jhd.plot.curves import curve as curve
-from jhd.plot.curves import profile as profile
-from jhd.plot.deviations import deviation as deviation
-from jhd.plot.deviations import distances as distances
-from jhd.plot.deviations import histogram as histogram
-from jhd.plot.implicit import section as section
-from jhd.plot.implicit import surface as surface
-from jhd.plot.implicit import surfaces as surfaces
-from jhd.plot.implicit import voxels as voxels
-from jhd.plot.meshes import mesh as mesh
-from jhd.plot.meshes import meshes as meshes
-from jhd.plot.neighbours import neighbours as neighbours
-from jhd.plot.pages import page as page
-from jhd.plot.solutions import solution as solution
-from jhd.plot.solutions import witness as witness
+from jhd.plot.axes import BLUE, GREY, ORANGE, VERMILLION
+from jhd.plot.curves import curve, profile
+from jhd.plot.deviations import deviation, distances, histogram
+from jhd.plot.implicit import section, surface, surfaces, voxels
+from jhd.plot.meshes import mesh, meshes
+from jhd.plot.neighbours import neighbours
+from jhd.plot.pages import page
+from jhd.plot.solutions import solution, witness
+
+__all__ = [
+    "BLUE",
+    "GREY",
+    "ORANGE",
+    "VERMILLION",
+    "curve",
+    "deviation",
+    "distances",
+    "histogram",
+    "mesh",
+    "meshes",
+    "neighbours",
+    "page",
+    "profile",
+    "section",
+    "solution",
+    "surface",
+    "surfaces",
+    "voxels",
+    "witness",
+]
