@@ -1,7 +1,8 @@
-"""What users have, as shapes: arrays, and objects of other packages by their attributes. No package is imported.
+"""Conversion of user objects to shapes: arrays, and objects of other packages by their attributes.
 
-Meshes: pairs (vertices, triangles), trimesh, Open3D (legacy and tensor), PyVista's PolyData. Splines: SciPy, geomdl,
-splinepy. Outlines: shapely, matplotlib's paths. Points: arrays, data frames, tensors, point clouds of these packages.
+No other package is imported. Meshes: pairs (vertices, triangles), trimesh, Open3D (legacy and tensor), PyVista's
+PolyData. Splines: SciPy, geomdl, splinepy. Outlines: shapely, matplotlib's paths. Points: arrays, data frames, tensors,
+point clouds of these packages.
 """
 
 from os import PathLike
@@ -30,23 +31,32 @@ Spline = BezierCurve | BSplineCurve | BezierPatch | BSplineSurface
 
 
 def as_shape(shape: Any) -> Any:
-    """The shape that an object stands for; every entry that takes shapes takes such objects by itself.
+    """Convert an array or an object of another package to a shape of jhd.
 
-    An array (count, 2) or (count, 3) is a set of points, a pair of an array of vertices and one of integers (count, 3)
-    a mesh. Of polygons the rings that bound them are meant, of meshes the surface.
+    Every function that takes shapes does this by itself. Polygons stand for their boundary rings and meshes for their
+    surface. The following objects are accepted:
+
+    - a shape of jhd, which is returned unchanged,
+    - an array (count, 2) or (count, 3), or an object that converts to one: a point set,
+    - a pair (vertices, triangles) of coordinates (count, 3) and integers (count, 3): a mesh,
+    - an object with `vertices` and `faces` or `triangles` (trimesh, Open3D),
+    - an object with `points` and `faces` or `lines` (PyVista, Open3D's LineSet and PointCloud),
+    - a spline of SciPy (BSpline, NdBSpline), geomdl or splinepy,
+    - a shapely geometry, or a matplotlib Path.
 
     >>> as_shape([[0, 0], [3, 4]]).count, as_shape(([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])).count
     (2, 1)
 
     Args:
-        shape: a shape of jhd, which is handed back; an array of points, or what becomes one; a pair (vertices,
-            triangles); an object with `vertices` and `faces` or `triangles` (trimesh, Open3D), or with `points` and
-            `faces` or `lines` (PyVista, Open3D's LineSet and PointCloud); a spline of SciPy (BSpline, NdBSpline),
-            geomdl or splinepy; a shapely geometry; a matplotlib Path.
+        shape: an object of this list.
+
+    Returns:
+        The shape.
 
     Raises:
-        TypeError: another object, or entries that are not numbers.
-        ValueError: an object of these that is no shape: empty, not finite, trimmed, with faces that are not triangles.
+        TypeError: an object of another kind, or entries that are not numbers.
+        ValueError: an object of these kinds that is not a valid shape: empty, not finite, trimmed, or with faces that
+            are not triangles.
     """
     found = taken_as(None, shape)
     check_shape("shape", found)
@@ -60,19 +70,19 @@ def check_shape(name: str, value: object) -> None:
 
 
 def check_several(name: str, shapes: object) -> None:
-    """Raises TypeError where one shape stands in the place of many."""
+    """Raises TypeError if one shape is passed instead of a list of shapes."""
     if isinstance(shapes, Shape):
-        raise TypeError(f"{name} must be a list of shapes; got one, a {type(shapes).__name__}.")
+        raise TypeError(f"{name} must be a list of shapes; got a single {type(shapes).__name__}.")
 
 
 def check_rows_first(entry: str, points: object) -> None:
-    """Raises TypeError where a shape stands in the place of the points that come before it."""
+    """Raises TypeError if a shape is passed instead of the points, which come first."""
     if isinstance(points, Shape):
         raise TypeError(f"points is a {type(points).__name__}; {entry} takes an array of points first, then the shape.")
 
 
 def taken_as(name: str | None, value: Any) -> Any:
-    """The shape that an object stands for, under the name that errors give it; an unknown object as it is."""
+    """The shape that an object stands for; errors use the given name. An unknown object is returned as it is."""
     # Every entry comes here before it computes.
     check_process()
     if isinstance(value, Shape):
@@ -88,13 +98,13 @@ def taken_as(name: str | None, value: Any) -> Any:
 def _converted(value: Any) -> Any:
     if isinstance(value, tuple | list) and any(isinstance(entry, Shape) for entry in value):
         raise TypeError(
-            f"a {type(value).__name__} of {len(value)} shapes is not one shape; jhd.pairwise, nearest_shapes and "
-            "pairs_within take lists, jhd.stack_curves makes a batch of curves for vmap."
+            f"a {type(value).__name__} of {len(value)} shapes is not one shape; use jhd.pairwise, nearest_shapes or "
+            "pairs_within for lists, or jhd.stack_curves for a batch of curves under vmap."
         )
     if isinstance(value, str | PathLike):
         raise TypeError(
-            "text is no shape: jhd.io.load_shape reads files, font:NAME:LETTER and SVG path data, "
-            f"jhd.ImplicitSurface.parse polynomials; got {type(value).__name__}."
+            "text is not a shape: jhd.io.load_shape reads files, font:NAME:LETTER and SVG path data, "
+            f"jhd.ImplicitSurface.parse reads polynomials; got {type(value).__name__}."
         )
     if _is_pair(value):
         return TriangleMesh(*value)
@@ -112,7 +122,7 @@ def _converted(value: Any) -> Any:
 
 
 def _is_pair(value: Any) -> bool:
-    """Whether it is a pair of tables, the second one of integers; a list of two points is none."""
+    """Whether the value is a pair of tables, the second one of integers; a list of two points is not."""
     if not isinstance(value, tuple | list) or len(value) != 2:
         return False
     tables = [x if hasattr(x, "ndim") else np.asarray(x, object) for x in value]
@@ -120,7 +130,7 @@ def _is_pair(value: Any) -> bool:
 
 
 def _is_rows(value: Any) -> bool:
-    """Whether it is an array of numbers, or becomes one."""
+    """Whether the value is an array of numbers, or converts to one."""
     if isinstance(value, tuple | list):
         return True
     # PyVista's objects are no arrays, whatever NumPy makes of them.
@@ -134,7 +144,7 @@ def _array(value: Any) -> np.ndarray:
 
 
 def _parts_of(value: Any) -> tuple[Any, Any, Any] | None:
-    """Places, faces and lines of a mesh, a set of lines or a point cloud; None where it is none."""
+    """Points, faces and lines of a mesh, a set of lines or a point cloud; None for other objects."""
     if any(hasattr(value, name) for name in ("entities", "tetras")) or _is_grid(value):
         # Paths of trimesh and solids: their vertices are not the shape.
         return None
@@ -148,7 +158,7 @@ def _parts_of(value: Any) -> tuple[Any, Any, Any] | None:
             return getattr(value, places).positions, faces, lines
     if hasattr(value, "points") and not callable(value.points):
         if getattr(value, "n_strips", 0):
-            raise ValueError("the mesh has strips of triangles; take its triangulate().")
+            raise ValueError("the mesh has strips of triangles; call its triangulate() first.")
         return value.points, getattr(value, "faces", None), getattr(value, "lines", None)
     return None
 
@@ -159,13 +169,13 @@ def _is_grid(value: Any) -> bool:
 
 
 def _assembled(places: Any, faces: Any, lines: Any) -> Shape:
-    """A mesh, segments, or where nothing joins the places a set of points."""
+    """A mesh, segments, or a point set if nothing joins the points."""
     places = _array(places)
     none = np.empty((0, 3), int)
     triangles = none if faces is None else _triangles(_array(faces))
     segments = none if lines is None else _segments(_array(lines))
     if len(triangles) and len(segments):
-        raise ValueError("it has faces and lines; take one of them.")
+        raise ValueError("the object has faces and lines; pass only one of them.")
     if len(triangles):
         return TriangleMesh(places, triangles)
     if len(segments):
@@ -181,18 +191,18 @@ def _triangles(cells: np.ndarray) -> np.ndarray:
         return cells.reshape(-1, 4)[:, 1:]
     rows = _chains(cells)
     wrong = next(k for k, row in enumerate(rows) if len(row) != 3)
-    raise ValueError(f"faces[{wrong}] has {len(rows[wrong])} corners; needs triangles: take its triangulate().")
+    raise ValueError(f"faces[{wrong}] has {len(rows[wrong])} corners; needs triangles: call its triangulate() first.")
 
 
 def _segments(cells: np.ndarray) -> np.ndarray:
-    """Segments in rows, those of PyVista's chains of places too."""
+    """Segments in rows, also from PyVista's chains of points."""
     if cells.ndim == 2 or not len(cells):
         return cells
     return np.concatenate([np.stack([row[:-1], row[1:]], axis=1) for row in _chains(cells)])
 
 
 def _chains(cells: np.ndarray) -> list[np.ndarray]:
-    """What stands one after the other, each behind its number of places."""
+    """The rows of a flat list in which each row follows its length."""
     rows, start = [], 0
     while start < len(cells):
         stop = start + 1 + int(cells[start])
@@ -202,10 +212,10 @@ def _chains(cells: np.ndarray) -> list[np.ndarray]:
 
 
 def spline_of(value: Any) -> Spline | None:
-    """The curve or surface that an object holds: t, c, k of SciPy, or what geomdl and splinepy have; None for others.
+    """The curve or surface of a spline object of SciPy, geomdl or splinepy; None for other objects.
 
     Raises:
-        ValueError: a spline in more than two parameters, one that is trimmed, or as for our classes.
+        ValueError: a spline in more than two parameters, a trimmed spline, or as for our classes.
         TypeError: as for our classes.
     """
     if _has(value, "t", "c", "k"):
@@ -213,7 +223,7 @@ def spline_of(value: Any) -> Spline | None:
     if _has(value, "degrees", "knot_vectors", "control_points", "control_mesh_resolutions"):
         return _of_splinepy(value)
     if _has(value, "degree_w", "knotvector_w"):
-        raise ValueError("a volume of splines is no shape; take the surfaces that bound it.")
+        raise ValueError("a spline volume is not a shape; pass its boundary surfaces.")
     if _has(value, "degree_u", "degree_v", "knotvector_u", "knotvector_v", "ctrlpts"):
         return _of_geomdl(value)
     if _has(value, "degree", "knotvector", "ctrlpts"):
@@ -246,9 +256,9 @@ def _of_scipy(spline: Any) -> Spline:
 
 
 def _of_geomdl(surface: Any) -> BSplineSurface:
-    """A surface of geomdl: its points run along v first; weights are beside them, not multiplied in."""
+    """A surface of geomdl: its points run along v first; weights are separate, not multiplied in."""
     if len(getattr(surface, "trims", ())):
-        raise ValueError("the surface is trimmed, which is not supported; take it without its trimming curves.")
+        raise ValueError("the surface is trimmed, which is not supported; remove its trimming curves.")
     shape = int(surface.ctrlpts_size_u), int(surface.ctrlpts_size_v)
     weights = _weights(surface)
     points = np.asarray(surface.ctrlpts, float).reshape(*shape, -1)

@@ -17,19 +17,19 @@ from jhd.shapes.homogeneous import cartesian, elevate, evaluate, hodograph, rest
 class BezierCurve(AbstractCurve):
     """A Bezier curve of degree points - 1: c(t) = sum w_i B_i(t) p_i / sum w_i B_i(t) for t in [0, 1].
 
-    Outside [0, 1] the polynomial is extended. Degree 0, a single point, is allowed.
+    Outside [0, 1] the polynomials are extended. Degree 0, a single point, is allowed.
 
     >>> curve = BezierCurve([[0, 0], [1, 2], [2, 0]])
     >>> curve(0.5).tolist()
     [1.0, 1.0]
 
     Args:
-        control_points: coordinates, in any unit of length.
-        weights: positive weights, or None for a polynomial curve.
+        control_points: coordinates, in any unit of length; distances have the same unit.
+        weights: positive weights; None means a polynomial curve.
 
     Raises:
-        ValueError: wrong number of axes, no point, other than two or three coordinates, NaN or infinity, weights that
-            are not positive or do not match, a degree above 128 (in single precision 32).
+        ValueError: wrong number of axes, no point, not two or three coordinates, NaN or infinity, weights that are not
+            positive or do not match the points, or a degree above 128 (32 in single precision).
         TypeError: entries that are not real numbers.
     """
 
@@ -52,55 +52,77 @@ class BezierCurve(AbstractCurve):
         return self.control_points.shape[-2] - 1
 
     def with_homogeneous(self, homogeneous: Array) -> "BezierCurve":
-        """A curve from control points in the form of `homogeneous`, polynomial or rational as this one is."""
+        """A curve from homogeneous control points, rational if this curve is.
+
+        Args:
+            homogeneous: array of the same form as the attribute `homogeneous`.
+        """
         return BezierCurve(*cartesian(homogeneous, self.weights is not None))
 
     def __call__(self, t: Numbers) -> Array:
-        """Points at parameters t of any shape, in [0, 1] for the curve itself."""
+        """Points at parameters t of any shape: (*t.shape, dim). The curve itself has t in [0, 1]."""
         weights = None if self.weights is None else self.weights[None]
         return evaluate(self.control_points[None], weights, 0, real_array("t", t))
 
     def segments(self) -> BezierSegments:
-        """The curve as one segment."""
+        """The curve as one Bezier segment."""
         # Of known arrays NumPy takes the view: an operation of JAX costs more than the rest.
         xp = jnp if is_traced(self) else np
         weights = None if self.weights is None else xp.asarray(self.weights)[None]
         return BezierSegments(xp.asarray(self.control_points)[None], weights)
 
     def derivative(self) -> "BezierCurve":
-        """The hodograph; of degree 2 n where the curve is rational."""
+        """The hodograph, the curve of first derivatives; degree 2 n if the curve is rational."""
         return BezierCurve(*hodograph(self.control_points, self.weights))
 
     def split(self, t: Numbers) -> tuple["BezierCurve", "BezierCurve"]:
-        """The parts before and after t, strictly between 0 and 1; t may be traced.
+        """The two parts of the curve, before and after t, each over its own [0, 1].
+
+        Args:
+            t: a number strictly between 0 and 1; may be traced.
 
         Raises:
-            ValueError: t is outside.
+            ValueError: t is outside this range.
         """
         left, right = split(self.homogeneous, checked_between("t", t, 0.0, 1.0))
         return self.with_homogeneous(left), self.with_homogeneous(right)
 
     def restrict(self, t0: Numbers, t1: Numbers) -> "BezierCurve":
-        """The part on [t0, t1] within [0, 1], over its own [0, 1]; t1 < t0 reverses it. Both may be traced.
+        """The part of the curve over [t0, t1], reparametrized to [0, 1].
+
+        Args:
+            t0: parameter of the start, from 0 to 1; may be traced.
+            t1: parameter of the end, from 0 to 1; may be traced. If t1 < t0, the part is reversed.
 
         Raises:
-            ValueError: an end outside [0, 1].
+            ValueError: a parameter outside [0, 1].
         """
         ends = checked_parameter("t0", t0), checked_parameter("t1", t1)
         return self.with_homogeneous(restrict(self.homogeneous, *ends))
 
     def elevate(self, degree: int) -> "BezierCurve":
-        """The same curve written in a higher degree.
+        """The same curve in a higher degree.
+
+        Args:
+            degree: new degree, at least the current degree.
 
         Raises:
-            ValueError: degree is below the one of the curve.
+            ValueError: `degree` is below the degree of the curve.
         """
         return self.with_homogeneous(elevate(self.homogeneous, degree))
 
     def reverse(self) -> "BezierCurve":
-        """The same point set traversed the other way: t becomes 1 - t."""
+        """The same point set, traversed in the opposite direction: t becomes 1 - t."""
         return BezierCurve(self.control_points[::-1], None if self.weights is None else self.weights[::-1])
 
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierCurve":
-        """The image under x -> matrix x + offset; differentiable in both."""
+        """The image under x -> matrix x + offset; differentiable in both.
+
+        Args:
+            matrix: (new_dim, dim) real numbers, with new_dim 2 or 3.
+            offset: (new_dim,) translation in the unit of the coordinates, or one number for all axes.
+
+        Raises:
+            ValueError: wrong shapes, NaN or infinity.
+        """
         return BezierCurve(affine_image(self.control_points, matrix, offset), self.weights)

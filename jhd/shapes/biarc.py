@@ -1,6 +1,6 @@
-"""Biarcs: a plane curve replaced by circular arcs, each with a proven deviation from its piece of the curve.
+"""Biarcs: approximations of plane curves by circular arcs, each with a certified deviation from its piece of the curve.
 
-An arc is kept as its ends and its bulge tan(sweep / 4), as in DXF files: a line is an arc of bulge zero, and nothing
+An arc is stored as its ends and its bulge tan(sweep / 4), as in DXF files. A line is an arc of bulge zero, and nothing
 here or downstream divides by a curvature.
 
 Source: Sir, Feichtinger & Juttler, Approximating curves and their offsets using biarcs and Pythagorean hodograph
@@ -26,17 +26,19 @@ from jhd.shapes.deviation import HostArcs, HostCurve, complex_points
 
 
 class BiarcCurve(eqx.Module):
-    """Circular arcs and lines in the order of the curve they approximate, made by `biarcs`.
+    """Circular arcs and lines that approximate a plane curve, in its order; made by `biarcs`.
 
     Args:
-        start: where each arc starts; in the unit of the coordinates, as all lengths.
-        end: where it ends; the next arc of the same segment starts at the very same numbers.
-        bulge: tan(sweep / 4), at most 1/2 in size: positive to the left (counter-clockwise), zero for a line.
-        segment: the segment of the curve that the arc stands for.
-        t0: where the piece starts on that segment.
-        t1: where it ends.
-        deviation: proven bound of the Hausdorff distance, in both directions, of the arc and its piece.
-        following: for each arc the one that goes on where it ends, -1 at a free end.
+        start: (arcs, 2) start points, in the unit of the coordinates.
+        end: (arcs, 2) end points. The next arc of the same segment starts at exactly these numbers.
+        bulge: (arcs,) values of tan(sweep / 4), from -1/2 to 1/2: positive to the left (counter-clockwise), zero for a
+            line.
+        segment: (arcs,) indices of the segments of the curve that the arcs approximate.
+        t0: (arcs,) local parameters, from 0 to 1, at which the pieces start.
+        t1: (arcs,) local parameters, from 0 to 1, at which the pieces end.
+        deviation: (arcs,) certified bounds of the Hausdorff distance between each arc and its piece, in both
+            directions.
+        following: (arcs,) for each arc the index of the arc that starts at its end, -1 at a free end.
     """
 
     start: Float[Array, "arcs dim"]
@@ -61,7 +63,7 @@ class BiarcCurve(eqx.Module):
 
     @property
     def sweep(self) -> Float[Array, " arcs"]:
-        """The signed angle that the direction turns by, 4 atan(bulge)."""
+        """Signed angle in radians by which the direction turns along each arc: 4 atan(bulge)."""
         return 4 * jnp.arctan(self.bulge)
 
     @property
@@ -72,14 +74,14 @@ class BiarcCurve(eqx.Module):
 
     @property
     def radius(self) -> Float[Array, " arcs"]:
-        """Radius, infinite for lines and points."""
+        """Radius of each arc; infinite for lines and points."""
         xp, b, _, _, length = self._parts()
         radius = length * (1 + b * b) / (4 * xp.abs(xp.where(b == 0, 1.0, b)))
         return jnp.asarray(xp.where(b == 0, xp.inf, radius))[..., 0]
 
     @property
     def centre(self) -> Float[Array, "arcs dim"]:
-        """Centre, infinite for lines and points."""
+        """Center of each arc; infinite for lines and points."""
         xp, b, middle, chord, _ = self._parts()
         some = xp.where(b == 0, 1.0, b)
         centre = middle + _left(xp, chord) * ((1 - some) * (1 + some) / (4 * some))
@@ -87,13 +89,16 @@ class BiarcCurve(eqx.Module):
 
     @property
     def tangents(self) -> Float[Array, "arcs 2 dim"]:
-        """Unit tangents at start and end: the chord turned by half the sweep to either side; zero for points."""
+        """Unit tangents at the start and the end of each arc; zero for points.
+
+        They are the chord turned by half the sweep to either side.
+        """
         xp, b, _, chord, length = self._parts()
         along, across = chord / length * ((1 - b) * (1 + b)), _left(xp, chord) / length * (2 * b)
         return jnp.asarray(xp.stack([along - across, along + across], axis=-2) / (1 + b * b)[..., None])
 
     def segments(self) -> BezierSegments:
-        """The arcs as rational quadratic Bezier segments with weights 1, cos(sweep / 2), 1: exact but for rounding."""
+        """The arcs as rational quadratic segments with weights 1, cos(sweep / 2), 1; exact except for rounding."""
         xp, b, middle, chord, _ = self._parts()
         apex = middle - _left(xp, chord) * (b / ((1 - b) * (1 + b)))
         cosine = (1 - b) * (1 + b) / (1 + b * b)
@@ -119,12 +124,14 @@ def _left(xp: Any, x: Any) -> Any:
 
 
 def biarcs(curve: Any, atol: Numbers) -> BiarcCurve:
-    """Arcs that approximate a plane curve, each within `atol` of its piece of the curve, proven in both directions.
+    """Circular arcs that approximate a plane curve, each within `atol` of its piece in both directions.
 
-    So the Hausdorff distance of the curve and all arcs together is at most the largest deviation. Where the curve is
-    smooth its arcs join smoothly; corners and cusps stay. Exceptions are pieces smaller than a sixteenth of `atol` that
-    turn too far for a biarc: they become lines, as do pieces that are straight up to rounding. The number of arcs grows
-    with atol^(-1/3).
+    The Hausdorff distance between the curve and all arcs together is at most the largest deviation. The number of arcs
+    grows like atol^(-1/3). On smooth parts of the curve the arcs join smoothly; corners and cusps are kept. Two kinds
+    of pieces become lines:
+
+    - pieces that are straight up to rounding,
+    - pieces smaller than atol / 16 that turn too far for a biarc.
 
     >>> from jhd.shapes.curve import circle
     >>> arcs = biarcs(circle([0, 0], 1), 1e-9)
@@ -132,18 +139,18 @@ def biarcs(curve: Any, atol: Numbers) -> BiarcCurve:
     (8, True)
 
     Args:
-        curve: polynomial or rational, in the plane, or what jhd.as_shape takes for one; its control points must be
-            known, not traced.
-        atol: largest deviation allowed, a length in the unit of the coordinates.
+        curve: a polynomial or rational curve in the plane, or an object that `jhd.as_shape` converts to one. Its
+            control points must not be traced.
+        atol: largest deviation allowed, a positive length in the unit of the coordinates.
 
     Returns:
         The arcs in the order of segments and parameters; together their intervals cover every segment.
 
     Raises:
-        TypeError: no curve, or one whose control points are traced: the number of arcs depends on them.
-        ValueError: a curve in space, or an atol that is not positive or is below `least_tolerance`.
-        NotProvenError: weights so uneven that no parameter lies between the ends of a piece that is still too long; it
-            carries the arcs, whose deviations hold.
+        TypeError: not a curve, or a traced one; the number of arcs depends on its numbers.
+        ValueError: a curve in space, or an `atol` that is not positive or is below `least_tolerance`.
+        NotProvenError: the weights are so uneven that a piece cannot be halved any further. The error carries the arcs,
+            whose deviations hold.
     """
     segments = _checked(curve)
     tolerance = real_array("atol", atol)
@@ -154,22 +161,34 @@ def biarcs(curve: Any, atol: Numbers) -> BiarcCurve:
     wanted, host = float(np.asarray(tolerance)), HostCurve.of(segments)
     least = 0.0 if segments.degree <= 1 else host.least
     if wanted < least or wanted <= 0:
-        raise ValueError(f"atol is {wanted:g}; needs at least {max(least, 5e-324):g}, which these coordinates resolve.")
+        raise ValueError(f"atol is {wanted:g}; needs at least {max(least, 5e-324):g} for these coordinates.")
     if segments.degree <= 1:
         return _assembled(segments, _lines(segments))
     found = _assembled(segments, fitted(host, wanted))
     reached = float(np.max(np.asarray(found.deviation)))
     if reached > wanted:
-        message = f"The deviation stays at {reached:g} where atol is {wanted:g}: the weights are too uneven to go on."
+        message = (
+            f"The deviation stays at {reached:g}, above atol = {wanted:g}: the weights are too uneven. Raise atol."
+        )
         raise NotProvenError(message, found)
     return found
 
 
 def least_tolerance(curve: Any) -> float:
-    """The smallest tolerance that `biarcs` accepts: four times what rounding adds to a deviation; 0 for polylines.
+    """The smallest tolerance that `biarcs` accepts: four times the rounding error of a deviation; 0 for polylines.
+
+    >>> from jhd.shapes.curve import polyline
+    >>> least_tolerance(polyline([[0, 0], [1, 2]]))
+    0.0
+
+    Args:
+        curve: a curve in the plane, or an object that `jhd.as_shape` converts to one.
+
+    Returns:
+        A length in the unit of the coordinates.
 
     Raises:
-        TypeError: no curve, or one whose control points are traced.
+        TypeError: not a curve, or a traced one.
         ValueError: a curve in space.
     """
     segments = _checked(curve)

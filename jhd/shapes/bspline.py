@@ -1,7 +1,7 @@
 """B-spline curves, polynomial or rational (NURBS), open or periodic.
 
-Every polynomial is reached by blossoms (`knots.py`), so evaluation, conversion to Bezier segments and knot insertion
-are convex combinations inside the domain, and knots of any multiplicity are allowed.
+Every polynomial is evaluated by blossoms (`knots.py`). Evaluation, conversion to Bezier segments and knot insertion are
+therefore convex combinations inside the domain, and knots of any multiplicity are allowed.
 
 Source: Piegl & Tiller, The NURBS Book (1997), chapters 2 to 5.
 """
@@ -33,28 +33,29 @@ _NO_DEGREE = "it follows from the knots; write BSplineCurve.clamped(control_poin
 
 
 class BSplineCurve(AbstractCurve):
-    """A B-spline curve of degree len(knots) - points - 1, with p for the degree and n for the number of points.
+    """A B-spline curve, polynomial or rational (NURBS), open or periodic.
 
-    Open: the parameter runs over [knots[p], knots[n]]; outside, the end polynomials are extended. Periodic: over
-    [knots[p], knots[p] + period] with period = knots[n] - knots[0]; outside, it wraps. A periodic spline stores each
-    point once; knots[n:] repeat knots[: p + 1], one period later.
+    The degree is p = len(knots) - n - 1 for n control points. An open curve has the domain [knots[p], knots[n]];
+    outside, the polynomials at its ends are extended. A periodic curve has the period knots[n] - knots[0] and the
+    domain [knots[p], knots[p] + period]; outside, the parameter wraps. A periodic curve stores each point once, and
+    knots[n:] repeat knots[: p + 1] one period later.
 
-    At a knot of multiplicity p + 1 or more the curve may jump; it then takes the value from the right.
+    At a knot of multiplicity p + 1 or more the curve may jump; its value there is the limit from the right.
 
     >>> curve = BSplineCurve([[0, 0], [1, 2], [2, 0]], knots=[0, 0, 0, 1, 1, 1])
     >>> curve(0.5).tolist()
     [1.0, 1.0]
 
     Args:
-        control_points: coordinates, in any unit of length; at least p + 1 of them, periodic at least max(p, 1).
-        knots: non-decreasing parameters, n + p + 1 of them; differentiable like the points.
-        weights: positive weights, or None for a polynomial spline.
-        periodic: whether the curve is closed as the papers' closed B-splines are.
+        control_points: coordinates, in any unit of length; at least p + 1 points, or max(p, 1) if periodic.
+        knots: n + p + 1 non-decreasing parameters; differentiable like the points.
+        weights: positive weights; None means a polynomial spline.
+        periodic: whether the curve is closed and its parameter wraps.
 
     Raises:
-        ValueError: wrong number of axes, no point, other than two or three coordinates, NaN or infinity, weights that
-            are not positive or do not match, too few points for the degree, knots that decrease, span no length, or do
-            not repeat.
+        ValueError: wrong number of axes, no point, not two or three coordinates, NaN or infinity; weights that are not
+            positive or do not match the points; too few points for the degree, a degree above 128 (32 in single
+            precision); knots that decrease, span no length or do not repeat.
         TypeError: entries that are not real numbers.
     """
 
@@ -84,39 +85,47 @@ class BSplineCurve(AbstractCurve):
     def uniform(
         cls, control_points: Numbers, degree: int = 3, closed: bool = False, weights: Numbers | None = None
     ) -> "BSplineCurve":
-        """The spline with the knots 0, 1, ..., points + degree; closed: periodic, one piece for each point.
+        """The spline with the knots 0, 1, ..., points + degree; if closed, a periodic one with one piece per point.
 
         >>> BSplineCurve.uniform([[0, 0], [6, 0], [6, 6], [0, 6]], closed=True)(3.0).tolist()
         [5.0, 1.0]
 
         Args:
-            control_points: coordinates; at least degree + 1 points, closed at least max(degree, 1).
-            degree: 3 gives continuous curvature.
-            closed: whether the last point is followed by the first.
-            weights: positive weights, or None.
+            control_points: coordinates of at least degree + 1 points, or max(degree, 1) if closed.
+            degree: degree of the pieces, at least 0; the default 3 gives continuous curvature.
+            closed: whether the curve returns from the last point to the first.
+            weights: positive weights; None means a polynomial spline.
+
+        Returns:
+            The spline.
 
         Raises:
-            ValueError: as the class, or a negative degree.
-            TypeError: as the class, or a degree that is not an integer.
+            ValueError: arguments that the class refuses, or a negative degree.
+            TypeError: arguments that the class refuses, or a degree that is not an integer.
         """
         points, degree = _rows(control_points), _checked_degree(degree)
         return cls(points, np.arange(points.shape[0] + degree + 1.0), weights, closed)
 
     @classmethod
     def clamped(cls, control_points: Numbers, degree: int = 3, weights: Numbers | None = None) -> "BSplineCurve":
-        """The spline from the first point to the last with knots 0, ..., 0, 1, 2, ..., points - degree, repeated too.
+        """The spline that starts at the first point and ends at the last, with uniform inner knots.
+
+        The knots are 0, 1, ..., points - degree; the first and the last have multiplicity degree + 1.
 
         >>> BSplineCurve.clamped([[0, 0], [1, 2], [3, 2], [4, 0]], degree=2).knots.tolist()
         [0.0, 0.0, 0.0, 1.0, 2.0, 2.0, 2.0]
 
         Args:
-            control_points: coordinates; at least degree + 1 points.
-            degree: 3 gives continuous curvature.
-            weights: positive weights, or None.
+            control_points: coordinates of at least degree + 1 points.
+            degree: degree of the pieces, at least 0; the default 3 gives continuous curvature.
+            weights: positive weights; None means a polynomial spline.
+
+        Returns:
+            The spline.
 
         Raises:
-            ValueError: as the class, or a negative degree.
-            TypeError: as the class, or a degree that is not an integer.
+            ValueError: arguments that the class refuses, or a negative degree.
+            TypeError: arguments that the class refuses, or a degree that is not an integer.
         """
         points, degree = _rows(control_points), _checked_degree(degree)
         count = points.shape[0]
@@ -126,15 +135,18 @@ class BSplineCurve(AbstractCurve):
     def from_scipy(cls, spline: Any) -> "BSplineCurve":
         """The curve of a `scipy.interpolate.BSpline` whose coefficients are points.
 
-        One with extrapolate="periodic" becomes periodic if its knots and coefficients repeat; otherwise scipy wraps
-        only the parameter, and the same curve comes as an open spline.
+        A spline with extrapolate="periodic" becomes periodic if its knots and coefficients repeat. If they do not,
+        SciPy wraps only the parameter, and the curve is returned as an open spline.
 
         Args:
-            spline: an object with t (knots), c (coefficients, (points, 2) or (points, 3)) and k (degree).
+            spline: an object with t (knots), c (coefficients (points, 2) or (points, 3)) and k (degree).
+
+        Returns:
+            The same curve over the same parameters.
 
         Raises:
-            TypeError: another object.
-            ValueError: coefficients that are not points in the plane or in space, or as the class.
+            TypeError: `spline` lacks one of these attributes.
+            ValueError: coefficients that are not points in the plane or in space, or arguments that the class refuses.
         """
         if not all(hasattr(spline, name) for name in ("t", "c", "k")):
             raise TypeError(f"spline must be a scipy.interpolate.BSpline (t, c and k); got {type(spline).__name__}.")
@@ -164,11 +176,11 @@ class BSplineCurve(AbstractCurve):
         return self.knots[..., self.degree], self.knots[..., last if self.periodic else last - self.degree]
 
     def opened(self) -> "BSplineCurve":
-        """The same curve as an open spline: a periodic one repeats its first points and knots at the end."""
+        """The same curve as an open spline; a periodic one repeats its first points and knots at the end."""
         return self._open(*self._unrolled())
 
     def closed_up(self) -> "BSplineCurve":
-        """The curve as a periodic spline where its points, weights and knots repeat as in `opened()`; else itself."""
+        """The inverse of `opened`: a periodic spline if points, weights and knots repeat, otherwise itself."""
         knots, p, count = np.asarray(self.knots), self.degree, self.control_points.shape[-2]
         arrays = [np.asarray(x) for x in (self.control_points, self.weights) if x is not None]
         if self.periodic or not all(_repeats(x, knots, p) for x in arrays):
@@ -187,7 +199,7 @@ class BSplineCurve(AbstractCurve):
         return repeated, unrolled(self.knots, p, self.periodic)
 
     def __call__(self, t: Numbers) -> Array:
-        """Points at parameters t of any shape, by de Boor's algorithm."""
+        """Points at parameters t of any shape: (*t.shape, dim). Uses de Boor's algorithm."""
         return self._values(real_array("t", t))
 
     @eqx.filter_jit
@@ -200,10 +212,10 @@ class BSplineCurve(AbstractCurve):
         return cartesian(value.reshape(*t.shape, h.shape[-1]), self.weights is not None)[0]
 
     def segments(self) -> BezierSegments:
-        """One Bezier segment for each knot span of the domain; an empty span gives a segment that is one point.
+        """One Bezier segment for each knot span of the domain; an empty span gives a segment that is a single point.
 
-        A segment starts with the end of the one before it, and is marked as joined to it, wherever the multiplicity of
-        the knot leaves the curve continuous; elsewhere where the points agree.
+        If the multiplicity of a knot leaves the curve continuous, the segments before and after it have the same end
+        point and are joined. Other ends are joined if they agree.
         """
         points, weights, jumps = self._scaled_pieces()
         xp = jnp if is_traced(jumps) else np
@@ -211,14 +223,14 @@ class BSplineCurve(AbstractCurve):
         return BezierSegments(points, weights, completed(xp.where(xp.asarray(jumps)[index], -1, index), points))
 
     def _scaled_pieces(self) -> tuple[Any, Any, Any]:
-        """The pieces, worked out in units in which no product of a point and its weight underflows."""
+        """The pieces, computed in units in which no product of a point and its weight underflows."""
         points, weights, of_points, of_weights = in_unit(self.control_points, self.weights)
         leaves = [points, self.knots] if weights is None else [points, self.knots, weights]
         unflattened = partial(jax.tree_util.tree_unflatten, jax.tree_util.tree_structure(self))
         if is_traced(leaves):
             points, weights, jumps = unflattened(leaves)._pieces()
         else:
-            # On the host: a program would be compiled for every number of points.
+            # On the host: a function would be compiled for every number of points.
             with np.errstate(over="ignore", invalid="ignore"):
                 points, weights, jumps = unflattened([np.asarray(x) for x in leaves])._computed_pieces()
         return out_of_unit(points, of_points), out_of_unit(weights, of_weights), jumps
@@ -228,16 +240,17 @@ class BSplineCurve(AbstractCurve):
         return self._computed_pieces()
 
     def _computed_pieces(self) -> tuple[Any, Any, Any]:
-        """Points and weights of the Bezier pieces, and before which of them the curve may jump."""
+        """Points and weights of the Bezier pieces, and the pieces before which the curve may jump."""
         pieces, jumps = bezier_pieces(*self._unrolled(), self.degree, self.periodic)
         return *cartesian(pieces, self.weights is not None), jumps
 
     @eqx.filter_jit
     def derivative(self) -> "BSplineCurve":
-        """The hodograph over the same parameter.
+        """The hodograph, the curve of first derivatives, over the same parameter.
 
-        Polynomial: degree p - 1 with the points p (d_{j+1} - d_j) / (t_{j+p+1} - t_{j+1}). Rational: degree 2 p, every
-        knot of the domain 2 p + 1 times. Where the curve jumps, the derivative says nothing of the jump.
+        Polynomial curves give degree p - 1 with the points p (d_{j+1} - d_j) / (t_{j+p+1} - t_{j+1}). Rational curves
+        give degree 2 p, with every knot of the domain 2 p + 1 times. If the curve jumps, the derivative does not record
+        the jump.
         """
         p, points = self.degree, self.control_points
         if p == 0:
@@ -264,10 +277,14 @@ class BSplineCurve(AbstractCurve):
     def elevate(self, degree: int) -> "BSplineCurve":
         """The same curve in a higher degree, with every knot of the domain degree + 1 times.
 
-        Where Bezier segments are wanted, raise `segments()` instead: the knots of this spline have many empty spans.
+        To get Bezier segments of higher degree, elevate `segments()` instead: the knots of this spline have many empty
+        spans.
+
+        Args:
+            degree: new degree, at least the current degree.
 
         Raises:
-            ValueError: degree is below the one of the curve.
+            ValueError: `degree` is below the degree of the curve.
         """
         if degree == self.degree:
             return self
@@ -280,11 +297,14 @@ class BSplineCurve(AbstractCurve):
         return self._from_pieces(*cartesian(raised, weights is not None), self._breaks())
 
     def split(self, t: Numbers) -> tuple["BSplineCurve", "BSplineCurve"]:
-        """The parts before and after t, strictly inside the domain; both open, and clamped at the cut.
+        """The two parts of the curve, before and after t; both are open, and clamped at the cut.
+
+        Args:
+            t: a parameter strictly inside the domain.
 
         Raises:
-            ValueError: t is outside.
-            TypeError: t or the knots are traced; the numbers of control points of the parts depend on them.
+            ValueError: t is outside this range.
+            TypeError: t or the knots are traced; the numbers of control points of both parts depend on them.
         """
         if is_traced(t, self.knots):
             raise TypeError("split of a BSplineCurve needs concrete t and knots: the numbers of points depend on them.")
@@ -294,10 +314,13 @@ class BSplineCurve(AbstractCurve):
         return self._open(*before), self._open(*after)
 
     def insert_knot(self, t: Numbers) -> "BSplineCurve":
-        """The same curve with one more knot at t, strictly inside the domain, and one more point; t may be traced.
+        """The same curve with one more knot at t and one more control point.
+
+        Args:
+            t: a parameter strictly inside the domain; may be traced.
 
         Raises:
-            ValueError: t is outside.
+            ValueError: t is outside this range.
         """
         u = checked_between("t", t, *self.domain)
         return self._refined(u)
@@ -317,7 +340,7 @@ class BSplineCurve(AbstractCurve):
 
     @eqx.filter_jit
     def reverse(self) -> "BSplineCurve":
-        """The same point set traversed the other way over the same domain."""
+        """The same point set, traversed in the opposite direction over the same domain."""
         h, knots = self._unrolled()
         start, stop = self.domain
         turned = (start + stop - knots[::-1])[: self.knots.shape[-1]]
@@ -325,7 +348,15 @@ class BSplineCurve(AbstractCurve):
         return BSplineCurve(points, turned, weights, self.periodic)
 
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BSplineCurve":
-        """The image under x -> matrix x + offset; differentiable in both."""
+        """The image under x -> matrix x + offset; differentiable in both.
+
+        Args:
+            matrix: (new_dim, dim) real numbers, with new_dim 2 or 3.
+            offset: (new_dim,) translation in the unit of the coordinates, or one number for all axes.
+
+        Raises:
+            ValueError: wrong shapes, NaN or infinity.
+        """
         points = affine_image(self.control_points, matrix, offset)
         return BSplineCurve(points, self.knots, self.weights, self.periodic)
 
@@ -337,7 +368,7 @@ def _rows(control_points: Numbers) -> Array:
 
 
 def _refuse_degree(name: str, given: object) -> None:
-    """Raises TypeError where a degree stands in the place of an array."""
+    """Raises TypeError if a degree is passed instead of an array."""
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
         raise TypeError(f"{name} is {given}; BSplineCurve() takes no degree: {_NO_DEGREE}.")
 

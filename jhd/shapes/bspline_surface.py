@@ -1,4 +1,4 @@
-"""Tensor-product B-spline surfaces, polynomial or rational, in space; cut into Bezier patches for all that follows.
+"""Tensor-product B-spline surfaces in space, polynomial or rational; searches work on their Bezier patches.
 
 Source: Piegl & Tiller, The NURBS Book (1997), chapters 3 to 5; Farin, Curves and Surfaces for CAGD, 5th edition (2002),
 chapter 15.
@@ -23,11 +23,12 @@ from jhd.slips import belongs
 
 
 class BSplineSurface(AbstractPatch):
-    """A tensor-product B-spline surface, polynomial or rational (NURBS), over the product of two knot intervals.
+    """A tensor-product B-spline surface in space, polynomial or rational (NURBS).
 
-    The degree in u is p = len(knots_u) - rows - 1, in v likewise with columns. The parameters run over
-    [knots_u[p], knots_u[rows]] and the like in v; outside, the polynomials at the border are extended. At a knot of
-    multiplicity p + 1 or more the surface may jump; it then takes the value of the side of larger parameters.
+    The degree in u is p = len(knots_u) - rows - 1, and the degree in v is q = len(knots_v) - columns - 1. The domain is
+    [knots_u[p], knots_u[rows]] x [knots_v[q], knots_v[columns]]; outside, the polynomials at its border are extended.
+    At a knot of multiplicity degree + 1 or more the surface may jump; its value there is the limit from larger
+    parameters.
 
     >>> knots = [0, 0, 1, 1]
     >>> surface = BSplineSurface([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]], knots, knots)
@@ -36,13 +37,13 @@ class BSplineSurface(AbstractPatch):
 
     Args:
         control_points: coordinates, in any unit of length; at least p + 1 rows and q + 1 columns.
-        knots_u: non-decreasing parameters that go with the rows.
-        knots_v: non-decreasing parameters that go with the columns.
-        weights: positive weights, or None for a polynomial surface.
+        knots_u: non-decreasing parameters of the rows.
+        knots_v: non-decreasing parameters of the columns.
+        weights: positive weights; None means that the surface is polynomial.
 
     Raises:
-        ValueError: as for BezierPatch; wrong numbers of knots, too few points for the degrees, knots that decrease or
-            span no length.
+        ValueError: arrays that BezierPatch refuses, wrong numbers of knots, too few points for the degrees, knots that
+            decrease or span no length.
         TypeError: entries that are not real numbers.
     """
 
@@ -67,16 +68,22 @@ class BSplineSurface(AbstractPatch):
     def clamped(
         cls, control_points: Numbers, degrees: tuple[int, int] = (3, 3), weights: Numbers | None = None
     ) -> "BSplineSurface":
-        """The surface between its corner points, with knots 0, ..., 0, 1, 2, ... in both parameters.
+        """The surface that interpolates its four corner points, with uniform inner knots in both parameters.
+
+        >>> BSplineSurface.clamped([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]], (1, 1)).knots_u.tolist()
+        [0.0, 0.0, 1.0, 1.0]
 
         Args:
-            control_points: coordinates (rows, columns, 3); at least one more of each than the degree.
-            degrees: those in u and in v.
-            weights: positive weights, or None.
+            control_points: coordinates (rows, columns, 3), with at least degree + 1 rows and columns.
+            degrees: degrees in u and in v, at least 0; the default (3, 3) gives continuous curvature.
+            weights: positive weights; None means that the surface is polynomial.
+
+        Returns:
+            The surface.
 
         Raises:
-            ValueError: as the class, or a negative degree.
-            TypeError: as the class, or a degree that is not an integer.
+            ValueError: arguments that the class refuses, or a negative degree.
+            TypeError: arguments that the class refuses, or a degree that is not an integer.
         """
         points = checked_net(control_points, None, ("rows", "columns", "3"))[0]
         if np.shape(degrees) != (2,):
@@ -103,7 +110,7 @@ class BSplineSurface(AbstractPatch):
 
     @property
     def domain(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """First and last parameter in u and in v."""
+        """First and last parameter in u, and first and last parameter in v."""
         (p, q), (rows, columns) = self.degrees, self.control_points.shape[-3:-1]
         return (self.knots_u[p], self.knots_u[rows]), (self.knots_v[q], self.knots_v[columns])
 
@@ -114,9 +121,9 @@ class BSplineSurface(AbstractPatch):
         return cartesian(value, self.weights is not None)[0]
 
     def patches(self) -> BezierPatches:
-        """One Bezier patch for each pair of knot spans of the domain, those of one span of u after one another.
+        """One Bezier patch for each pair of knot spans of the domain; the patches of one span of u are consecutive.
 
-        Neighbours share their control points on the common edge exactly, wherever the multiplicity of the knot leaves
+        Neighboring patches have identical control points on their common edge if the multiplicity of the knot leaves
         the surface continuous.
         """
         # In units in which no product of a point and its weight underflows.
@@ -126,18 +133,24 @@ class BSplineSurface(AbstractPatch):
         if is_traced(unit):
             pieces = _pieces(unit)
         else:
-            # On the host: a program would be compiled for every number of points.
+            # On the host: a function would be compiled for every number of points.
             with np.errstate(over="ignore", invalid="ignore"):
                 pieces = _pieces(jax.tree_util.tree_map(np.asarray, unit))
         points, weights = cartesian(pieces, self.weights is not None)
         return BezierPatches(out_of_unit(points, of_points), out_of_unit(weights, of_weights))
 
     def restrict(self, u0: Numbers, u1: Numbers, v0: Numbers, v1: Numbers) -> "BSplineSurface":
-        """The part over [u0, u1] x [v0, v1] within the domain, over the same parameters, clamped where it was cut.
+        """The part of the surface over [u0, u1] x [v0, v1], with the same parameters; clamped at the cuts.
+
+        Args:
+            u0: first parameter in u, inside the domain.
+            u1: last parameter in u, inside the domain and above u0.
+            v0: first parameter in v, inside the domain.
+            v1: last parameter in v, inside the domain and above v0.
 
         Raises:
-            ValueError: an end outside of the domain, or a first one that is not below its second.
-            TypeError: knots or ends are traced; the numbers of points of the part depend on them.
+            ValueError: a parameter outside the domain, or a first parameter that is not below the last.
+            TypeError: knots or parameters are traced; the numbers of control points depend on them.
         """
         if is_traced(self.knots_u, self.knots_v, u0, u1, v0, v1):
             raise TypeError(
@@ -152,6 +165,10 @@ class BSplineSurface(AbstractPatch):
 
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BSplineSurface":
         """The image under x -> matrix x + offset; differentiable in both.
+
+        Args:
+            matrix: (3, 3) real numbers.
+            offset: (3,) translation in the unit of the coordinates, or one number for all axes.
 
         Raises:
             ValueError: wrong shapes, NaN or infinity.
@@ -171,7 +188,7 @@ def _within(name: str, ends: tuple[Numbers, Numbers], domain: tuple[Array, Array
 
 
 def _restricted(h: Array, knots: np.ndarray, p: int, ends: tuple[float, float]) -> tuple[Array, np.ndarray]:
-    """Points and knots of splines along the first axis, one for each place of the others, between both ends."""
+    """Points and knots of splines along the first axis, one for each entry of the other axes, between both ends."""
     rest, rows = h.shape[1:], h.reshape(h.shape[0], -1)
     if ends[0] > knots[p]:
         rows, knots = parted(rows, knots, p, ends[0])[1]

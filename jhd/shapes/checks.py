@@ -1,4 +1,4 @@
-"""Checks of control points, weights and parameters that the curves share."""
+"""Checks of control points, weights and parameters, common to all curves and parametric surfaces."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,8 +19,8 @@ def check_control_points(control_points: Array, weights: Array | None, axes: tup
 
     Args:
         control_points: their coordinates.
-        weights: theirs, or None.
-        axes: names; the last one is "dim", or "3" where the points have to be in space.
+        weights: one for each point, or None.
+        axes: names; the last one is "dim", or "3" if the points must be in space.
     """
     shape = control_points.shape
     if len(shape) != len(axes):
@@ -29,7 +29,7 @@ def check_control_points(control_points: Array, weights: Array | None, axes: tup
         raise ValueError(f"control_points is empty: its shape is {shape}.")
     dims = (3,) if axes[-1] == "3" else (2, 3)
     if shape[-1] not in dims:
-        turned = f" Its shape is {shape}; points are rows: hand in its transpose?" if shape[-2] in (2, 3) else ""
+        turned = f" Its shape is {shape}; points are rows: pass its transpose?" if shape[-2] in (2, 3) else ""
         needed = " or ".join(map(str, dims))
         raise ValueError(f"control_points has {shape[-1]} coordinates a point; needs {needed}.{turned}")
     if weights is None:
@@ -57,10 +57,12 @@ def check_same_dim(a: int, b: int) -> None:
 
 
 def check_degrees(dtype: DTypeLike, *degrees: int) -> None:
-    """Raises ValueError where a degree is larger than any that programs are compiled for."""
+    """Raises ValueError if a degree is larger than any that functions are compiled for."""
     limit = largest_degree(dtype)
     if max(degrees) > limit:
-        raise ValueError(f"the degree is {max(degrees)}; must be at most {limit}: split the curve or surface.")
+        raise ValueError(
+            f"the degree is {max(degrees)}; must be at most {limit}: approximate the shape in a lower degree."
+        )
 
 
 def largest_degree(dtype: DTypeLike) -> int:
@@ -100,7 +102,7 @@ def checked_parameter(name: str, t: Numbers) -> Array:
 
 
 def usable_numbers(control_points: Array, weights: Array | None) -> Array:
-    """Whether points are finite, and weights finite, positive and not too far apart, where that is known only later."""
+    """Whether points are finite, and weights finite, positive and within the largest ratio; for traced values."""
     good = jnp.all(jnp.isfinite(control_points))
     if weights is None:
         return good
@@ -109,6 +111,6 @@ def usable_numbers(control_points: Array, weights: Array | None) -> Array:
 
 
 def empty_surface(name: str = "") -> ValueError:
-    """What to raise for a polynomial surface without points in its box; `name` says which one, where there are two."""
+    """The error to raise for an implicit surface without points in its box; `name` is its name in a pair."""
     of = f"{name}: " if name else ""
     return ValueError(f"{of}the surface is empty: the polynomial is proven to have no zero in the box.")

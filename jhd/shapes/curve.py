@@ -1,7 +1,7 @@
-"""Curves: what every curve can do, and `BezierSegments`, the working form that all distances consume.
+"""Curves: the interface that all curves offer, and `BezierSegments`, the working form of all distances.
 
 A `BezierSegments` is a union of (rational) Bezier segments of one degree. It need not be connected: outlines with
-several contours, polylines and point sets (degree 0) are the same thing.
+several contours, polylines and point sets (degree 0) all have this form.
 """
 
 import math
@@ -36,7 +36,7 @@ class AbstractCurve(eqx.Module):
 
     @abstractmethod
     def segments(self) -> "BezierSegments":
-        """The curve as Bezier segments, the form that all distances consume."""
+        """The curve as Bezier segments, the working form of all distances."""
 
     @abstractmethod
     def derivative(self) -> "AbstractCurve":
@@ -44,15 +44,15 @@ class AbstractCurve(eqx.Module):
 
     @abstractmethod
     def split(self, t: Numbers) -> tuple[Any, Any]:
-        """The parts before and after the parameter t."""
+        """The two parts of the curve, before and after the parameter t."""
 
     @abstractmethod
     def reverse(self) -> "AbstractCurve":
-        """The same point set traversed the other way."""
+        """The same point set, traversed in the opposite direction."""
 
     @abstractmethod
     def elevate(self, degree: int) -> "AbstractCurve":
-        """The same curve written in a higher degree."""
+        """The same curve in a higher degree."""
 
     @abstractmethod
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "AbstractCurve":
@@ -66,7 +66,7 @@ class AbstractCurve(eqx.Module):
         return opaque(self) or described(self, self._summary(), net_text(self.control_points, self.weights))
 
     def _repr_svg_(self) -> str | None:
-        """The curve as notebooks show it; None of a batch, or of what is not known."""
+        """The curve as notebooks show it; None for a batch and for unknown numbers."""
         axes = 3 if isinstance(self, BezierSegments) else 2
         if opaque(self) or not is_known(self.control_points) or self.control_points.ndim != axes:
             return None
@@ -81,63 +81,87 @@ class AbstractCurve(eqx.Module):
         return self.control_points.shape[-1]
 
     def to_polyline(self, atol: Numbers, *, max_segments: int = 1_000_000) -> CurveApproximation:
-        """Straight segments through points of the curve, with a proven deviation of at most atol, both ways.
+        """A polyline through points of the curve, with a certified deviation of at most `atol` in both directions.
 
-        Each segment is halved until its parts are near enough; their number grows like 1 / sqrt(atol). Joints and
-        closed contours stay. Distances of two polylines are those of their curves to within the sum of the deviations.
+        Segments are halved until each part is close enough, so their number grows like 1 / sqrt(atol). Joints and
+        closed contours are kept. The distance between two polylines differs from the distance between their curves by
+        at most the sum of both deviations.
 
         >>> found = circle([0, 0], 1).to_polyline(0.05)
         >>> found.curve.count, found.deviation < 0.05
         (16, True)
 
         Args:
-            atol: the most that the curve may be away from the polyline anywhere, and the polyline from the curve.
-            max_segments: the largest polyline to make.
+            atol: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
+            max_segments: largest number of segments to produce; more raise ValueError.
+
+        Returns:
+            The polyline as `curve`, and `deviation`: a certified bound of its Hausdorff distance to the curve.
 
         Raises:
-            ValueError: atol is not positive, asks for too many segments or for less than rounding; or points.
-            TypeError: the curve is traced; the number of segments depends on it.
+            ValueError: `atol` is not positive, is below the rounding of the coordinates or needs more than
+                `max_segments` segments; or the curve is a point set.
+            TypeError: the curve is traced; the number of segments depends on its numbers.
         """
         return _approximated(self, 1, atol, max_segments)
 
     def to_cubics(self, atol: Numbers, *, max_segments: int = 1_000_000) -> CurveApproximation:
-        """Polynomial cubics with the ends and tangents of parts of the curve, with a proven deviation, both ways.
+        """Polynomial cubics that approximate the curve within `atol`, with the ends and tangents of its parts.
 
-        As `to_polyline`; the number of cubics grows like the fourth root of 1 / atol, of arcs of circles and ellipses
-        like the sixth. Polynomial segments of degree 3 and less are raised to cubics without a deviation but for
-        rounding, which is in it.
+        The number of cubics grows like (1 / atol)^(1/4), and like (1 / atol)^(1/6) for arcs of circles and ellipses.
+        Polynomial segments of degree 3 or less are elevated, which is exact except for rounding; `deviation` includes
+        this rounding.
 
         >>> found = circle([0, 0], 1).to_cubics(1e-4)
         >>> found.curve.count, found.deviation < 5e-6
         (8, True)
+
+        Args:
+            atol: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
+            max_segments: largest number of cubics to produce; more raise ValueError.
+
+        Returns:
+            The cubics as `curve`, and `deviation`: a certified bound of their Hausdorff distance to the curve.
+
+        Raises:
+            ValueError: `atol` is not positive, is below the rounding of the coordinates or needs more than
+                `max_segments` cubics; or the curve is a point set.
+            TypeError: the curve is traced; the number of cubics depends on its numbers.
         """
         return _approximated(self, 3, atol, max_segments)
 
     @property
     def homogeneous(self) -> Float[Array, "*rows width"]:
-        """The control points times their weights, and the weights as one more coordinate where there are any."""
+        """Homogeneous control points: coordinates times weight, then the weight itself if the curve is rational."""
         return homogeneous(self.control_points, self.weights)
 
     def box(self) -> tuple[Array, Array]:
-        """Lower and upper corner of the box of all control points; the curve lies inside, as weights are positive."""
+        """Lower and upper corner of the bounding box of the control points.
+
+        The weights are positive, so the curve lies inside.
+        """
         (control_points,) = on_host(self.segments().control_points)
         low, high = control_points.min(axis=(-3, -2)), control_points.max(axis=(-3, -2))
         return array_of(low), array_of(high)
 
 
 class BezierSegments(AbstractCurve):
-    """A union of (rational) Bezier segments of one degree, plane or space.
+    """A union of polynomial or rational Bezier segments of one degree, in the plane or in space.
+
+    >>> corner = BezierSegments([[[0, 0], [1, 0]], [[1, 0], [1, 2]]])
+    >>> corner.count, corner.following.tolist()
+    (2, [1, -1])
 
     Args:
-        control_points: coordinates, in any unit of length; distances come in the same unit.
-        weights: positive weights, or None for polynomial segments.
-        following: for each segment the index of the one that starts where it ends, -1 at a free end. By default ends
-            that agree within 8 ulp of the largest coordinate are joined; the next segment is preferred. Kept as floats
-            whose derivative is zero, so that jax.grad and optimisers take curves as they are.
+        control_points: coordinates, in any unit of length; distances have the same unit.
+        weights: positive weights; None means polynomial segments.
+        following: for each segment the index of the segment that starts at its end, or -1 at a free end. By default two
+            ends are joined if they agree within 8 ulp of the largest coordinate; the next segment is preferred. The
+            indices are stored as floats with zero derivative, so that jax.grad and optimizers accept curves.
 
     Raises:
-        ValueError: wrong number of axes, no point, other than two or three coordinates, NaN or infinity, weights that
-            are not positive or do not match.
+        ValueError: wrong number of axes, no point, not two or three coordinates, NaN or infinity, weights that are not
+            positive or do not match the points, or a degree above 128 (32 in single precision).
         TypeError: entries that are not real numbers.
     """
 
@@ -155,7 +179,7 @@ class BezierSegments(AbstractCurve):
 
     @property
     def following(self) -> Any:
-        """For each segment the index of the one that starts where it ends, -1 at a free end: (*batch, segments)."""
+        """For each segment the index of the segment that starts at its end, -1 at a free end."""
         return followed(self.links)
 
     def _summary(self) -> str:
@@ -185,45 +209,65 @@ class BezierSegments(AbstractCurve):
         return self.control_points.shape[-2] - 1
 
     def with_homogeneous(self, homogeneous: Array, following: Array | None = None) -> "BezierSegments":
-        """Segments from control points in the form of `homogeneous`, polynomial or rational as this curve is."""
+        """Segments from homogeneous control points, rational if this curve is.
+
+        Args:
+            homogeneous: array of the same form as the attribute `homogeneous`.
+            following: joints, in the form that the class takes; None joins ends that agree.
+        """
         return BezierSegments(*cartesian(homogeneous, self.weights is not None), following)
 
     @staticmethod
     def from_path(path: Any) -> "BezierSegments":
-        """The contours of a matplotlib Path, written in the largest of their degrees.
+        """The contours of a matplotlib Path, all elevated to their largest degree.
 
         Open contours stay open. CLOSEPOLY adds the closing line unless it has length zero.
 
         Args:
-            path: an object with `vertices` and `codes`; codes None stands for one polyline.
+            path: a matplotlib Path, or any object with `vertices` and `codes`; if `codes` is None, the vertices form
+                one polyline.
+
+        Returns:
+            One segment for each line or curve of the path; ends that meet are joined.
 
         Raises:
-            TypeError: another object.
-            ValueError: no segment, NaN or infinity, a code that is unknown, out of place or short of vertices.
+            TypeError: `path` has no `vertices` or no `codes`.
+            ValueError: no segment, NaN or infinity, or a code that is unknown, misplaced or lacks vertices.
         """
         control_points, following = convert.outline_arrays(convert.path_contours(path))
         return BezierSegments(control_points, None, completed(following, array_of(control_points)))
 
     @staticmethod
     def from_shapely(geometry: Any) -> "BezierSegments":
-        """The points and lines of a shapely geometry; polygons give the rings that bound them, not their inside.
+        """The points and lines of a shapely geometry; a polygon gives its boundary rings, not its interior.
 
         Args:
-            geometry: of any type; z coordinates are kept, measures are not.
+            geometry: a shapely geometry of any type. z coordinates are kept; measures (m) are dropped.
+
+        Returns:
+            Segments of degree 1, or of degree 0 if the geometry consists of points.
 
         Raises:
-            TypeError: another object.
-            ValueError: an empty geometry, NaN or infinity, plane and space members in one collection.
+            TypeError: `geometry` is not a shapely geometry.
+            ValueError: an empty geometry, NaN or infinity, or a collection with members in the plane and in space.
         """
         control_points, following = convert.outline_arrays(convert.geometry_contours(geometry))
         return BezierSegments(control_points, None, completed(following, array_of(control_points)))
 
     def point(self, segment: Numbers, t: Numbers) -> Array:
-        """Points of the named segments at local parameters in [0, 1]; both arrays broadcast."""
+        """Points of numbered segments at local parameters: shape (*batch, dim).
+
+        Args:
+            segment: indices of segments.
+            t: local parameters from 0 to 1; broadcast against `segment`.
+        """
         return evaluate(self.control_points, self.weights, jnp.asarray(segment), real_array("t", t))
 
     def __call__(self, t: Numbers) -> Array:
-        """Points at global parameters in [0, segments]: segment k carries [k, k + 1]."""
+        """Points at global parameters t from 0 to the number of segments: shape (*t.shape, dim).
+
+        Segment k covers the parameters [k, k + 1].
+        """
         (t,) = on_host(real_array("t", t))
         xp = module_of(t)
         segment = xp.clip(xp.floor(t), 0, self.count - 1)
@@ -234,16 +278,19 @@ class BezierSegments(AbstractCurve):
         return self
 
     def derivative(self) -> "BezierSegments":
-        """The hodographs of the segments, each over its own [0, 1]; rational ones have degree 2 n."""
+        """The hodographs of all segments, each over its own [0, 1]; degree 2 n if the curve is rational."""
         points, weights = hodograph(self.control_points, self.weights)
         return BezierSegments(points, weights)
 
     def split(self, t: Numbers) -> tuple["BezierSegments", "BezierSegments"]:
-        """The parts before and after the global parameter t, strictly between 0 and the number of segments.
+        """The two parts of the curve, before and after the global parameter t.
+
+        Args:
+            t: a number strictly between 0 and the number of segments.
 
         Raises:
-            ValueError: t is outside.
-            TypeError: t is traced; the numbers of segments of the parts depend on it.
+            ValueError: t is outside this range.
+            TypeError: t is traced; the numbers of segments of both parts depend on it.
         """
         if is_traced(t):
             raise TypeError("split of BezierSegments needs a concrete t: the numbers of segments depend on it.")
@@ -264,32 +311,55 @@ class BezierSegments(AbstractCurve):
         return BezierSegments(control_points, weights, completed(following, control_points))
 
     def restrict(self, t0: Numbers, t1: Numbers) -> "BezierSegments":
-        """Every segment cut to local parameters [t0, t1]; scalars, or one value a segment. t1 < t0 reverses."""
+        """The part of every segment over the local parameters [t0, t1].
+
+        Args:
+            t0: local parameter of the start, from 0 to 1; a scalar, or one value per segment.
+            t1: local parameter of the end, from 0 to 1; if t1 < t0, the segment is reversed.
+
+        Raises:
+            ValueError: a parameter outside [0, 1].
+        """
         ends = [jnp.broadcast_to(checked_parameter(name, t), (self.count,)) for name, t in (("t0", t0), ("t1", t1))]
         return self.with_homogeneous(jax.vmap(restrict)(self.homogeneous, *ends))
 
     def elevate(self, degree: int) -> "BezierSegments":
-        """The same curve written in a higher degree."""
+        """The same curve in a higher degree.
+
+        Args:
+            degree: new degree, at least the current degree.
+        """
         if degree == self.degree:
             # The way through homogeneous coordinates rounds.
             return self
         return self.with_homogeneous(elevate(self.homogeneous, degree), self.following)
 
     def reverse(self) -> "BezierSegments":
-        """The same point set traversed the other way."""
+        """The same point set, traversed in the opposite direction."""
         return self._completed(self.homogeneous[::-1, ::-1], turned(self.following))
 
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierSegments":
-        """The image under x -> matrix x + offset; differentiable in both. Joints stay joints."""
+        """The image under x -> matrix x + offset; differentiable in both. Joints are kept.
+
+        Args:
+            matrix: (new_dim, dim) real numbers, with new_dim 2 or 3.
+            offset: (new_dim,) translation in the unit of the coordinates, or one number for all axes.
+
+        Raises:
+            ValueError: wrong shapes, NaN or infinity.
+        """
         control_points = affine_image(self.control_points, matrix, offset)
         return BezierSegments(control_points, self.weights, completed(self.following, control_points))
 
     def pad(self, count: int) -> "BezierSegments":
-        """The same point set with `count` segments: the last one is repeated, so ragged curves fit one batch.
+        """The same point set with `count` segments, so that ragged curves fit one batch; the last segment is repeated.
+
+        Args:
+            count: new number of segments, at least the current number.
 
         Raises:
-            ValueError: count is below the number of segments.
-            TypeError: count is not a whole number.
+            ValueError: `count` is below the number of segments.
+            TypeError: `count` is not an integer.
         """
         if not isinstance(count, int | np.integer):
             raise TypeError(f"count must be a whole number; got {type(count).__name__}.")
@@ -301,7 +371,16 @@ class BezierSegments(AbstractCurve):
 
     @staticmethod
     def join(curves: Sequence[AbstractCurve]) -> "BezierSegments":
-        """The union of curves as one: degrees are raised to the largest, weights of one added where others have some.
+        """The union of several curves as one, in their largest degree; rational if any of them is.
+
+        >>> BezierSegments.join([polyline([[0, 0], [1, 0]]), points([[2, 2]])]).control_points.shape
+        (2, 2, 2)
+
+        Args:
+            curves: curves of one dimension.
+
+        Returns:
+            The segments of all curves in order. Joints are kept, and free ends that meet are joined.
 
         Raises:
             ValueError: no curve, or curves of different dimensions.
@@ -349,7 +428,7 @@ def _approximated(curve: AbstractCurve, degree: int, atol: Numbers, most: int) -
         raise ValueError(f"atol is {tolerance}; needs one positive number.")
     segments = curve.segments()
     if segments.degree == 0:
-        raise ValueError("the curve is a set of points (degree 0), which nothing joins.")
+        raise ValueError("the curve is a point set (degree 0); join its points with jhd.polyline first.")
     points, weights = np.asarray(segments.control_points), segments.weights
     found = flattened(points, None if weights is None else np.asarray(weights), degree, float(tolerance), most)
     following = pieces_following(found.segment, np.asarray(segments.following))
@@ -374,10 +453,16 @@ def affine_image(points: Array, matrix: Numbers, offset: Numbers) -> Array:
 
 
 def points(array: Numbers) -> BezierSegments:
-    """A point set as a curve of degree 0: one segment a point.
+    """A point set as a curve of degree 0, with one segment per point.
+
+    >>> points([[0, 0], [3, 4]])
+    BezierSegments(2 points, in the plane, box (0, 0) to (3, 4))
 
     Args:
-        array: (count, 2) or (count, 3) coordinates.
+        array: (count, 2) or (count, 3) coordinates, in any unit of length.
+
+    Returns:
+        The points in the given order.
 
     Raises:
         ValueError: wrong shape, no point, NaN or infinity.
@@ -387,14 +472,21 @@ def points(array: Numbers) -> BezierSegments:
 
 
 def polyline(points: Any, closed: bool = False) -> BezierSegments:
-    """The straight segments that join the points in order, and the last to the first where closed.
+    """The straight segments that join consecutive points; a closed polyline also joins the last point to the first.
+
+    >>> polyline([[0, 0], [1, 0], [1, 1]], closed=True).count
+    3
 
     Args:
-        points: (count, 2) or (count, 3) coordinates, at least two; or an object with `coords`, as shapely's LineString.
-        closed: whether the last point is joined to the first; nothing is added where they are the same already.
+        points: (count, 2) or (count, 3) coordinates of at least two points, in any unit of length; or an object with
+            `coords`, for example a shapely LineString.
+        closed: whether to join the last point to the first. Nothing is added if both already agree.
+
+    Returns:
+        Segments of degree 1 in the given order.
 
     Raises:
-        ValueError: wrong shape, too few points, NaN or infinity.
+        ValueError: wrong shape, fewer than two points, NaN or infinity.
     """
     (rows,) = on_host(_rows("points", getattr(points, "coords", points), 2))
     xp = module_of(rows)
@@ -406,7 +498,7 @@ def polyline(points: Any, closed: bool = False) -> BezierSegments:
 def _rows(name: str, value: object, least: int) -> Array:
     rows = real_array(name, value)
     if rows.ndim != 2 or rows.shape[-1] not in (2, 3):
-        turned = " Points are rows: hand in its transpose?" if rows.ndim == 2 and rows.shape[0] in (2, 3) else ""
+        turned = " Points are rows: pass its transpose?" if rows.ndim == 2 and rows.shape[0] in (2, 3) else ""
         raise ValueError(f"{name} has shape {rows.shape}; needs (points, 2) or (points, 3).{turned}")
     if rows.shape[0] < least:
         raise ValueError(f"{name} has {rows.shape[0]} points; needs at least {least}.")
@@ -418,12 +510,18 @@ def circle(centre: Numbers, radius: Numbers) -> BezierSegments:
 
     The weights 1, sqrt(1/2), 1 are rounded, so the stored curve leaves the true circle by about an ulp of the radius.
 
+    >>> circle([0, 0], 2).control_points[0].tolist()
+    [[2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
+
     Args:
-        centre: (2,) coordinates.
-        radius: positive length.
+        centre: (2,) coordinates of the center, in any unit of length.
+        radius: positive radius, in the unit of the center.
+
+    Returns:
+        A closed curve of four segments.
 
     Raises:
-        ValueError: wrong shape, NaN or infinity, a radius that is not positive.
+        ValueError: wrong shape, NaN or infinity, or a radius that is not positive.
     """
     centre, radius = real_array("centre", centre), real_array("radius", radius)
     if centre.shape != (2,):

@@ -46,14 +46,20 @@ _DEEPEST = 40
 
 
 class CurveApproximation(NamedTuple):
-    """Segments of another degree, and a proven bound of how far they and their curve are from each other, both ways."""
+    """An approximation of a curve by lines or cubics: `curve, deviation = ...`.
+
+    Args:
+        curve: the approximation, a `BezierSegments`.
+        deviation: certified bound of the Hausdorff distance between the approximation and the curve, in both
+            directions.
+    """
 
     curve: Any  # BezierSegments
     deviation: float
 
 
 class FlatPieces(NamedTuple):
-    """Control points (pieces, degree + 1, dim) in order, the segment of each, and how far they are off at most."""
+    """Control points (pieces, degree + 1, dim) in order, the segment of each, and their largest deviation."""
 
     control_points: np.ndarray
     segment: np.ndarray
@@ -106,7 +112,7 @@ def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, atol:
     # Below that no number of pieces is enough, since their ends are rounded.
     least = np.ldexp(_error(curve, 0.0), unit) + 4 * float(np.spacing(np.abs(points).max()))
     if not atol >= least:
-        raise ValueError(f"atol is {atol:g}, which is below what rounding allows; {2 * least:.1g} may do.")
+        raise ValueError(f"atol is {atol:g}, below the rounding of the coordinates; try {2 * least:.1g}.")
     segment, t0, t1 = np.arange(count), np.zeros(count), np.ones(count)
     done: list[tuple[np.ndarray, ...]] = []
     for _ in range(_DEEPEST):
@@ -122,15 +128,17 @@ def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, atol:
             order = np.lexsort((t0, segment))
             return FlatPieces(pieces[order], segment[order], float(bound.max()))
         if sum(len(x[0]) for x in done) + 2 * len(segment) > most:
-            raise ValueError(f"atol is {atol:g}; more than {most} pieces would be needed.")
+            raise ValueError(
+                f"atol is {atol:g}; more than max_segments = {most} pieces would be needed. Raise one of them."
+            )
         middle = 0.5 * (t0 + t1)
         segment = np.concatenate([segment, segment])
         t0, t1 = np.concatenate([t0, middle]), np.concatenate([middle, t1])
-    raise ValueError(f"atol is {atol:g}, which is below what rounding allows for coordinates of this size.")
+    raise ValueError(f"atol is {atol:g}, below the rounding of coordinates of this size; raise it.")
 
 
 def _error(curve: _LocalCurve, size: Any) -> Any:
-    """What rounding adds at most to the deviation of pieces whose coordinates have this size, in local units."""
+    """The largest rounding error in the deviation of pieces whose coordinates have this size, in local units."""
     n, dim = len(curve.net) - 1, curve.net.shape[2] - 1
     return 2 * np.sqrt(dim) * gamma(6 * n + 30, np.float64) * np.maximum(size, curve.size)
 

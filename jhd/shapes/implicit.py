@@ -24,37 +24,46 @@ _MOST_TERMS_SHOWN = 12
 
 
 class ImplicitMesh(NamedTuple):
-    """A mesh and a proven bound of how far it and its surface are from each other, both ways."""
+    """A triangle mesh of an implicit surface with a certified deviation; unpack it as `mesh, deviation = ...`.
+
+    Args:
+        mesh: the triangles.
+        deviation: certified bound of the Hausdorff distance between mesh and surface, in the unit of the coordinates.
+    """
 
     mesh: TriangleMesh
     deviation: float
 
 
 class ImplicitSurface(eqx.Module):
-    """The points of a box where a polynomial is zero.
+    """The points of a box at which a polynomial is zero.
 
-    The box is a part of the shape: what is outside is cut off, and the cut is a border of the surface, which changes
-    its distances. Repeated factors are taken out, exactly, since they hide the change of sign that proves a point:
-    (z - 1)^2 becomes z - 1, the same set. `reduced` says so; under tracing the coefficients stay as they are.
+    The box is part of the shape. It cuts the surface off, and the cut is a border of the surface that counts in its
+    distances. Repeated factors are removed exactly, because they hide the sign changes that prove points: (z - 1)^2
+    becomes z - 1, which has the same zeros. `reduced` records this. Traced coefficients are left unchanged.
 
-    Distances are those of the stored coefficients, and a point counts where it can be proven: by a change of sign, or,
-    where the polynomial is zero at a single place that simple fractions name, exactly ((x - 1/2)^2 + y^2 + z^2 is a
-    point; with 0.3 for 1/2 the rounded coefficients are above zero everywhere). Curves without a change of sign, as
-    x^2 + y^2, cannot be proven, and end with RESULTS.unverified or bounds that are wider; so do, under jit, points.
+    Distances refer to the stored coefficients. A point counts if it can be proven, in one of two ways:
+
+    - The polynomial changes its sign there.
+    - The polynomial is zero exactly at an isolated point with simple fractions as coordinates. For example, (x - 1/2)^2
+      + y^2 + z^2 is a point; with 0.3 for 1/2 the rounded coefficients are positive everywhere.
+
+    Curves without a sign change, for example x^2 + y^2, cannot be proven. They lead to RESULTS.unverified or to wider
+    bounds; under `jit` isolated points do as well.
 
     >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
     >>> float(sphere([1.0, 0.0, 2.0])), sphere.gradient([1.0, 0.0, 2.0]).tolist()
     (4.0, [2.0, 0.0, 4.0])
 
     Args:
-        coefficients: entry [i, j, k] belongs to x^i y^j z^k.
-        lower: the corner of the box with the smallest coordinates, in any unit of length, or one number for all axes.
-        upper: the opposite corner, likewise.
-        reduced: None looks for repeated factors; otherwise they are known to be gone, and this says whether there were
-            some.
+        coefficients: (i, j, k) real numbers; entry [i, j, k] is the coefficient of x^i y^j z^k.
+        lower: (3,) smallest coordinates of the box, in any unit of length, or one number for all axes.
+        upper: (3,) largest coordinates of the box, in the same unit, or one number for all axes.
+        reduced: None (the default) looks for repeated factors. True or False means that there are none left, and
+            records whether some were removed before.
 
     Raises:
-        ValueError: wrong shapes, NaN or infinity, a box upside down or without volume, the zero polynomial, or a
+        ValueError: wrong shapes, NaN or infinity, a box that is reversed or has no volume, the zero polynomial, or a
             constant, which has no zeros.
         TypeError: entries that are not real numbers.
     """
@@ -82,8 +91,8 @@ class ImplicitSurface(eqx.Module):
     def parse(cls, polynomial: Any, lower: Numbers, upper: Numbers) -> "ImplicitSurface":
         """The surface of a polynomial written as text, or of a `sympy.Poly`.
 
-        Numbers are exact, 0.1 is one tenth; repeated factors are taken out before anything is rounded; then every
-        coefficient is rounded to the nearest double.
+        Numbers are exact: 0.1 is one tenth. Repeated factors are removed before any rounding. Then every coefficient is
+        rounded to the nearest double.
 
         >>> cone = ImplicitSurface.parse("x^2/4 + y^2/4 - z^2/9", [-2, -2, -2], [2, 2, 2])
         >>> [float(cone.coefficients[i]) for i in ((2, 0, 0), (0, 2, 0), (0, 0, 2))]
@@ -92,14 +101,18 @@ class ImplicitSurface(eqx.Module):
         [[[-1.0, 10.0]]]
 
         Args:
-            polynomial: a sum of products of x, y, z, numbers and parentheses, with whole powers (** or ^) from 0 to 32
-                and divisions by constants.
-            lower: as for the class.
-            upper: as for the class.
+            polynomial: sums and products of x, y, z, numbers and parentheses; integer powers (** or ^) from 0 to 32;
+                divisions by constants.
+            lower: (3,) smallest coordinates of the box, in any unit of length, or one number for all axes.
+            upper: (3,) largest coordinates of the box, in the same unit, or one number for all axes.
+
+        Returns:
+            The surface inside the box.
 
         Raises:
-            ValueError: as the class; text that is no polynomial, with the column (PolynomialError).
-            TypeError: neither text nor a sympy.Poly.
+            ValueError: arguments that the class refuses, or text that is not a polynomial (PolynomialError, which names
+                the column).
+            TypeError: `polynomial` is neither text nor a sympy.Poly.
         """
         text = isinstance(polynomial, str)
         terms = polynomial_text.read(polynomial) if text else polynomial_text.from_sympy(polynomial)
@@ -133,18 +146,18 @@ class ImplicitSurface(eqx.Module):
 
     @property
     def dim(self) -> int:
-        """Number of coordinates."""
+        """Number of coordinates: 3."""
         return 3
 
     @property
     def degrees(self) -> tuple[int, int, int]:
-        """Degree in each variable that the array has room for."""
+        """Largest degree in each variable that the array can hold."""
         i, j, k = self.coefficients.shape[-3:]
         return i - 1, j - 1, k - 1
 
     @property
     def degree(self) -> int:
-        """Largest i + j + k of a coefficient that is not zero; where they are traced, the largest there can be."""
+        """Total degree, the largest i + j + k of a nonzero coefficient; traced coefficients count as nonzero."""
         if is_traced(self.coefficients):
             return sum(self.degrees)
         return exact_polynomials.total_degree(np.asarray(self.coefficients))
@@ -154,7 +167,7 @@ class ImplicitSurface(eqx.Module):
         return self.lower, self.upper
 
     def __call__(self, points: Numbers) -> Array:
-        """Values of the polynomial at points (..., 3), inside the box or not: shape (...)."""
+        """Values of the polynomial at points (..., 3), inside or outside the box: shape (...)."""
         return _values(self.coefficients, _rows("points", points))
 
     def gradient(self, points: Numbers) -> Array:
@@ -162,16 +175,15 @@ class ImplicitSurface(eqx.Module):
         return _gradients(self.coefficients, _rows("points", points))
 
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "ImplicitSurface":
-        """The image under x -> matrix x + offset; differentiable in both, rounded like any evaluation.
+        """The image under x -> matrix x + offset; differentiable in both, with ordinary rounding.
 
-        The new box is the smallest one along the axes that holds the image of the old one. It is the image itself where
-        the matrix scales, mirrors or exchanges the axes and where it is the identity, so those maps and translations
-        give the image of the surface. Any other matrix gives a larger box, in which more of the zeros of the polynomial
-        are a part of the surface.
+        The new box is the smallest axis-parallel box that contains the image of the old box. If the matrix only scales,
+        mirrors or permutes the axes, both agree, and the result is the image of the surface. Any other matrix gives a
+        larger box, which can contain additional zeros of the polynomial.
 
         Args:
-            matrix: (3, 3), not singular. The degree in each variable rises to the total degree where it mixes axes.
-            offset: (3,), or one number for all axes.
+            matrix: (3, 3) invertible matrix. If it mixes axes, the degree in each variable rises to the total degree.
+            offset: (3,) translation in the unit of the coordinates, or one number for all axes.
 
         Raises:
             ValueError: wrong shapes, NaN or infinity, or a singular matrix.
@@ -186,14 +198,19 @@ class ImplicitSurface(eqx.Module):
         return ImplicitSurface(*image, reduced=self.reduced)
 
     def to_mesh(self, atol: Numbers, *, max_triangles: int = 2_000_000) -> "ImplicitMesh":
-        """A triangle mesh with a proven deviation of at most atol, both ways, where the surface is regular.
+        """A triangle mesh of a regular surface with a certified deviation of at most `atol` in both directions.
 
-        Every point of the mesh has a zero of the polynomial in the box within the deviation, and every zero in the box
-        has a point of the mesh within it. Regular means, up to a fine grid: the gradient vanishes nowhere on the
-        surface, the surface is tangent to no face of the box (and lies in none), and it meets edges and corners of the
-        box only where it also enters the box. Elsewhere nothing is proven and NotRegularError says where. Triangles are
-        counter-clockwise seen from where the polynomial is positive; a surface that stays off the faces of its box
-        gives a closed mesh. All cells have one size, so the sharpest bend and the flattest slope decide their number.
+        Every point of the mesh is within the deviation of a zero of the polynomial in the box. Every zero in the box is
+        within the deviation of the mesh. A surface is regular if, up to a fine grid:
+
+        - the gradient vanishes nowhere on the surface,
+        - the surface is tangent to no face of the box and lies in none,
+        - the surface meets edges and corners of the box only if it enters the box there.
+
+        For other surfaces nothing is proven, and NotRegularError names a point. Triangles are counter-clockwise, seen
+        from the side on which the polynomial is positive. A surface that does not meet the faces of its box gives a
+        closed mesh. All grid cells have one size, so their number depends on the largest curvature and the smallest
+        gradient.
 
         >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
         >>> mesh, deviation = sphere.to_mesh(0.1)
@@ -201,13 +218,16 @@ class ImplicitSurface(eqx.Module):
         (True, True)
 
         Args:
-            atol: the most that the surface may be away from the mesh anywhere, and the mesh from the surface.
-            max_triangles: the largest mesh to make; their number grows like 1 / atol.
+            atol: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
+            max_triangles: largest number of triangles to produce; it grows like 1 / atol.
+
+        Returns:
+            The mesh with its deviation.
 
         Raises:
-            NotRegularError: a ValueError; see above.
-            ValueError: atol is not positive, or asks for too many triangles; the surface is empty.
-            TypeError: the surface is traced; the number of triangles depends on it.
+            NotRegularError: a ValueError; the surface could not be proven regular.
+            ValueError: `atol` is not positive or needs more than `max_triangles`; or the surface is empty.
+            TypeError: the surface is traced; the number of triangles depends on its numbers.
         """
         if is_traced(self, atol):
             raise TypeError("to_mesh needs a concrete surface and atol: the number of triangles depends on them.")
@@ -277,7 +297,7 @@ def _gradients_at(coefficients: Array, points: Array) -> Array:
 
 
 def _pattern(matrix: np.ndarray) -> tuple[tuple[bool, ...], ...]:
-    """Which entries of the inverse are not zero, exactly: its multiple by the determinant is made of minors.
+    """The entries of the inverse that are not zero, exactly: its multiple by the determinant consists of minors.
 
     Raises:
         ValueError: the determinant is zero, or an entry of the inverse is no double.
@@ -289,7 +309,7 @@ def _pattern(matrix: np.ndarray) -> tuple[tuple[bool, ...], ...]:
     determinant = sum(x * row[0] for x, row in zip(m[0], adjugate, strict=True))
     largest = Fraction(float(np.finfo(matrix.dtype).max))
     if any(abs(x) >= largest * abs(determinant) for row in adjugate for x in row):
-        raise ValueError(f"matrix is singular: {matrix.tolist()}.")
+        raise ValueError(f"matrix is singular: {matrix.tolist()}; needs an invertible one.")
     return tuple(tuple(x != 0 for x in row) for row in adjugate)
 
 
@@ -305,7 +325,7 @@ def _image_of(
     """Coefficients and box of the image under x -> matrix x + offset.
 
     Args:
-        coefficients: those of the polynomial.
+        coefficients: coefficients of the polynomial.
         lower: the lower corner.
         upper: the upper corner.
         matrix: (3, 3).

@@ -255,13 +255,13 @@ def _cases() -> np.ndarray:
 
 
 class NotRegularError(ValueError):
-    """An implicit surface could not be proven regular near `place`: singular there, or tangent to a face of its box."""
+    """An implicit surface could not be proven regular near `place`: singular there, or tangent to its box."""
 
     def __init__(self, place: np.ndarray):
         shown = ", ".join(f"{x:g}" for x in place)
         super().__init__(
             f"the surface could not be proven regular near ({shown}): its gradient may vanish there, or the "
-            "surface may be tangent to a face of its box, or meet only an edge or a corner of it. Another box may help."
+            "surface may be tangent to a face of its box, or meet only an edge or a corner. Try another box."
         )
         self.place = place
 
@@ -320,9 +320,11 @@ def triangulate(
         if len(cells) == 0:
             raise empty_surface()
         if not box.in_user_units(box.off) <= atol:
-            raise ValueError(f"atol is {atol:g}; the rounding of the vertices alone may be more.")
+            raise ValueError(f"atol is {atol:g}, below the rounding of the vertices; raise it.")
         if len(cells) > most:
-            raise ValueError(f"atol is {atol:g}; more than max_triangles = {most} triangles would be needed.")
+            raise ValueError(
+                f"atol is {atol:g}; more than max_triangles = {most} triangles would be needed. Raise one of them."
+            )
         tau = deviations(polynomial, cells, counts)
         worst = float(tau.max())
         if box.in_user_units(worst + box.off) <= atol:
@@ -376,7 +378,7 @@ def _marched(
     if len(found.triangles) == 0:
         raise empty_surface()
     if len(found.triangles) > most:
-        raise ValueError(f"max_triangles is {most}; {len(found.triangles)} triangles are needed.")
+        raise ValueError(f"max_triangles is {most}; needs at least {len(found.triangles)}.")
     low, high = found.low / counts, found.high / counts
     vertices = box.places(low + found.share[:, None] * (high - low))
     return HostTriangles(vertices, found.triangles, box.in_user_units(worst + box.off))

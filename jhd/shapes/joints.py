@@ -81,7 +81,7 @@ def checked(following: Any, count: int) -> Int[Array, " segments"]:
     """`following` as it is given for so many segments; ValueError for anything that it cannot be."""
     given = following if isinstance(following, Array) else np.asarray(following)
     if given.dtype == object:
-        raise ValueError("following has entries that are no whole numbers, or too large ones.")
+        raise ValueError("following has entries that are not integers or are too large.")
     following = array_of(given)
     if following.shape != (count,) or not jnp.issubdtype(following.dtype, jnp.integer):
         raise ValueError(

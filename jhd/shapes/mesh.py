@@ -1,7 +1,7 @@
-"""Triangle meshes: the union of their triangles, taken as a surface and not as the solid that it may bound.
+"""Triangle meshes: unions of triangles, taken as surfaces and not as the solids that they may bound.
 
-Which edges and vertices belong together is found from the coordinates: vertices at one place count as one, so meshes
-whose files repeat vertices along seams are as closed as they look.
+Common edges and vertices are found from the coordinates. Vertices at the same point count as one, so a mesh whose file
+repeats vertices along seams can still be closed.
 """
 
 from typing import Any, NamedTuple
@@ -25,20 +25,20 @@ _WAYS_TO_MESHES = ("to_mesh", "extract_surface")
 class TriangleMesh(eqx.Module):
     """A surface made of triangles in space; differentiable in the vertices.
 
-    Degenerate triangles, with corners on one line or at one place, count as the segments or points that they are.
-    Vertices that no triangle names are kept, but are no part of the surface.
+    Degenerate triangles count as the segments or points that they are. Vertices that belong to no triangle are kept,
+    but are not part of the surface.
 
     >>> square = TriangleMesh([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]], [[0, 1, 2], [0, 2, 3]])
     >>> float(square.area), square.is_closed, square.normals[0].tolist()
     (4.0, False, [0.0, 0.0, 1.0])
 
     Args:
-        vertices: coordinates, in any unit of length; distances come in the same unit.
-        triangles: indices of the three corners of each triangle, counter-clockwise seen from outside.
+        vertices: (vertices, 3) coordinates, in any unit of length; distances have the same unit.
+        triangles: (triangles, 3) integers from 0: the indices of the corners, counter-clockwise seen from outside.
 
     Raises:
-        ValueError: wrong shapes, no vertex, no triangle, NaN or infinity, indices that are negative or too large.
-        TypeError: vertices that are not real numbers, triangles that are not integers.
+        ValueError: wrong shapes, no vertex, no triangle, NaN or infinity, or indices that are negative or too large.
+        TypeError: vertices that are not real numbers, or triangles that are not integers.
     """
 
     vertices: Float[Array, "vertices 3"]
@@ -52,14 +52,18 @@ class TriangleMesh(eqx.Module):
 
     @classmethod
     def of(cls, mesh: Any) -> "TriangleMesh":
-        """The mesh held by an object of another library.
+        """The mesh of an object of another library.
 
         Args:
-            mesh: a TriangleMesh, or an object with `vertices` and either `faces` (as trimesh has them) or `triangles`.
+            mesh: a TriangleMesh, which is returned unchanged, or an object with `vertices` and either `faces` (for
+                example of trimesh) or `triangles`.
+
+        Returns:
+            The same triangles as a TriangleMesh.
 
         Raises:
-            TypeError: another object.
-            ValueError: as for the class.
+            TypeError: an object without these attributes.
+            ValueError: arrays that the class refuses.
         """
         if isinstance(mesh, cls):
             return mesh
@@ -104,7 +108,7 @@ class TriangleMesh(eqx.Module):
         return described(self, batch_text(self.vertices, 2), *counts, box_text(self.vertices))
 
     def _repr_svg_(self) -> str | None:
-        """The edges, as notebooks show the mesh; None of a batch, or of what is not known."""
+        """The edges, as notebooks show the mesh; None for a batch and for unknown numbers."""
         if opaque(self) or not is_known(self.vertices) or not is_known(self.triangles) or self.vertices.ndim != 2:
             return None
         corners = np.asarray(self.vertices)[np.asarray(self.triangles)]
@@ -117,35 +121,35 @@ class TriangleMesh(eqx.Module):
 
     @property
     def dim(self) -> int:
-        """Number of coordinates."""
+        """Number of coordinates: 3."""
         return 3
 
     @property
     def corners(self) -> Float[Array, "triangles corners 3"]:
-        """The corners of each triangle."""
+        """Coordinates of the three corners of each triangle."""
         vertices, triangles = on_host(self.vertices, self.triangles)
         return array_of(vertices[triangles])
 
     @property
     @np.errstate(over="ignore", invalid="ignore")
     def normals(self) -> Float[Array, "triangles 3"]:
-        """Unit normals; the zero vector where a triangle has no area."""
+        """Unit normals; the zero vector for triangles without area."""
         doubled, length = self._doubled_areas()
         return array_of(doubled / module_of(length).where(length > 0, length, 1.0))
 
     @property
     @np.errstate(over="ignore", invalid="ignore")
     def area(self) -> Float[Array, ""]:
-        """Sum of the areas of the triangles."""
+        """Sum of the areas of all triangles."""
         return array_of(0.5 * self._doubled_areas()[1].sum())
 
     @property
     @np.errstate(over="ignore", invalid="ignore")
     def volume(self) -> Float[Array, ""]:
-        """Enclosed volume of a closed mesh, positive where the normals point outwards.
+        """Enclosed volume of a closed mesh, positive if the normals point outwards.
 
-        The sum of the signed volumes of the cones over all triangles from the middle of the box; of a mesh that is not
-        closed it says little.
+        It is the sum of the signed volumes of the tetrahedra between the triangles and the center of the bounding box.
+        The value is meaningless if the mesh is not closed.
         """
         corners, lower, upper = on_host(self.corners, *self.box())
         xp = module_of(corners)
@@ -154,7 +158,7 @@ class TriangleMesh(eqx.Module):
 
     @property
     def is_closed(self) -> bool:
-        """Whether there is no border: every edge belongs to at least two triangles.
+        """Whether the mesh has no border: every edge belongs to at least two triangles.
 
         Raises:
             TypeError: the mesh is traced.
@@ -164,7 +168,7 @@ class TriangleMesh(eqx.Module):
 
     @property
     def is_manifold(self) -> bool:
-        """Whether no edge belongs to more than two triangles, and no two run along one in the same direction.
+        """Whether every edge belongs to one triangle, or to two that run along it in opposite directions.
 
         Raises:
             TypeError: the mesh is traced.
@@ -173,12 +177,18 @@ class TriangleMesh(eqx.Module):
         return bool(np.all((edges.count <= 2) & ((edges.count == 1) | (edges.balance == 0))))
 
     def box(self) -> tuple[Array, Array]:
-        """Lower and upper corner of the box of all triangles."""
+        """Lower and upper corner of the bounding box of all triangles."""
         (corners,) = on_host(self.corners)
         return array_of(corners.min(axis=(-3, -2))), array_of(corners.max(axis=(-3, -2)))
 
     def point(self, triangle: Numbers, t: Numbers) -> Array:
-        """Points of the named triangles at barycentric coordinates t (..., 3): the sum of t_i times corner i."""
+        """Points of numbered triangles at barycentric coordinates, the sum of t_i times corner i: shape (*batch, 3).
+
+        Args:
+            triangle: indices of triangles.
+            t: (*batch, 3) barycentric coordinates; each row is nonnegative and has the sum 1 for points of the
+                triangle.
+        """
         corners = self.vertices[self.triangles[jnp.asarray(triangle)]]
         return jnp.sum(real_array("t", t)[..., None] * corners, axis=-2)
 
@@ -186,7 +196,11 @@ class TriangleMesh(eqx.Module):
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "TriangleMesh":
         """The image under x -> matrix x + offset; differentiable in both.
 
-        A map that mirrors turns every triangle around, so that what was outside stays outside.
+        A map that mirrors reverses every triangle, so that the outside stays outside.
+
+        Args:
+            matrix: (3, 3) real numbers.
+            offset: (3,) translation in the unit of the coordinates, or one number for all axes.
 
         Raises:
             ValueError: wrong shapes, NaN or infinity.
@@ -215,13 +229,13 @@ class TriangleMesh(eqx.Module):
 
 
 class Edges(NamedTuple):
-    """Which triangles of a mesh share which edges and vertices, where vertices at one place count as one.
+    """Incidence of triangles, edges and vertices of a mesh; vertices at the same point count as one.
 
     Args:
-        places: the corners of the triangles as numbers of places.
-        edge: the edge from corner k to corner k + 1 of each triangle; -1 where two corners are at one place.
+        places: for each corner of each triangle the number of its point.
+        edge: the edge from corner k to corner k + 1 of each triangle; -1 if both corners are at the same point.
         count: the number of triangles at each edge.
-        balance: how many of them run along it one way, less those that run the other way.
+        balance: the number of triangles that run along the edge one way, minus the number that run the other way.
         proper: which triangles have three different corners; the others have no edges.
     """
 
@@ -236,7 +250,7 @@ def edges_of(mesh: TriangleMesh) -> Edges:
     """The edges of a mesh, found on the host.
 
     Raises:
-        TypeError: the mesh is traced; which vertices are at one place depends on the numbers.
+        TypeError: the mesh is traced; which vertices coincide depends on its numbers.
     """
     if is_traced(mesh):
         raise TypeError("the edges of a mesh are found from its numbers; they cannot be traced.")
@@ -255,7 +269,7 @@ def edges_of(mesh: TriangleMesh) -> Edges:
 
 
 def places_of(points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " points"]:
-    """A number for each point, the same for those with the same coordinates; places are sorted by x, then y, then z."""
+    """A number for each point, the same for equal coordinates; numbers are sorted by x, then y, then z."""
     order = np.lexsort((points[:, 2], points[:, 1], points[:, 0]))
     new = np.any(points[order[1:]] != points[order[:-1]], axis=1)
     numbers = np.empty(len(points), np.int64)
@@ -264,8 +278,8 @@ def places_of(points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " points
 
 
 def kind_of(value: object) -> str:
-    """What an object is, for messages; of one that holds a mesh also how it is asked for."""
-    way = next((f": take its {way}()" for way in _WAYS_TO_MESHES if hasattr(value, way)), "")
+    """The type of an object, for messages; if the object holds a mesh, also the method that returns the mesh."""
+    way = next((f": call its {way}()" for way in _WAYS_TO_MESHES if hasattr(value, way)), "")
     return type(value).__name__ + way
 
 
@@ -277,7 +291,7 @@ def check_mesh(name: str, value: object) -> None:
 
 def _check_rows(name: str, shape: tuple[int, ...]) -> None:
     if len(shape) != 2 or shape[1] != 3:
-        turned = " They are rows: hand in the transpose?" if len(shape) == 2 and shape[0] == 3 < shape[1] else ""
+        turned = " They are rows: pass the transpose?" if len(shape) == 2 and shape[0] == 3 < shape[1] else ""
         raise ValueError(f"{name} has shape {shape}; needs ({name}, 3).{turned}")
     if shape[0] == 0:
         raise ValueError(f"{name} is empty: its shape is {shape}.")

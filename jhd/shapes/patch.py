@@ -1,7 +1,7 @@
-"""Parametric surfaces: tensor-product Bezier patches, polynomial or rational, in space.
+"""Parametric surfaces: tensor-product Bezier patches in space, polynomial or rational.
 
-`BezierPatches` is the working form: a union of patches of one pair of degrees, as `BezierSegments` is for curves.
-Meshes of them have a proven deviation (`jhd.shapes.tessellation`).
+`BezierPatches` is the working form: a union of patches of one pair of degrees, as `BezierSegments` is for curves. Their
+meshes have a certified deviation (`jhd.shapes.tessellation`).
 
 Source: Farin, Curves and Surfaces for CAGD, 5th edition (2002), chapters 14 and 15; Piegl & Tiller, The NURBS Book
 (1997), chapters 1 and 4.
@@ -30,7 +30,16 @@ from jhd.shapes.tessellation import tessellate
 
 
 class Partials(NamedTuple):
-    """Points of a surface with their first and second partial derivatives, arrays (*batch, 3)."""
+    """Points of a surface with their first and second partial derivatives.
+
+    Args:
+        point: (*batch, 3) points.
+        u: (*batch, 3) first derivatives in u.
+        v: (*batch, 3) first derivatives in v.
+        uu: (*batch, 3) second derivatives in u.
+        uv: (*batch, 3) mixed second derivatives.
+        vv: (*batch, 3) second derivatives in v.
+    """
 
     point: Array
     u: Array
@@ -44,14 +53,14 @@ class Partials(NamedTuple):
 
 
 class PatchMesh(eqx.Module):
-    """A mesh and a proven bound of how far it and its surface are from each other, both ways: `mesh, deviation = ...`.
+    """A triangle mesh of a parametric surface with a certified deviation; unpack it as `mesh, deviation = ...`.
 
     Args:
         mesh: the triangles; their corners are points of the surface.
-        deviation: the bound, in the unit of the coordinates.
-        patch: a patch of `surface.patches()` that each vertex lies on.
-        u: its first parameter there, from 0 to 1.
-        v: its second one.
+        deviation: certified bound of the Hausdorff distance between mesh and surface, in the unit of the coordinates.
+        patch: for each vertex the index of its patch in `surface.patches()`.
+        u: first parameter of each vertex on its patch, from 0 to 1.
+        v: second parameter of each vertex on its patch, from 0 to 1.
     """
 
     mesh: TriangleMesh
@@ -67,12 +76,18 @@ class PatchMesh(eqx.Module):
         return iter((self.mesh, self.deviation))
 
     def on(self, surface: "AbstractPatch") -> TriangleMesh:
-        """The same triangles with their corners at the same parameters of a surface; differentiable in it.
+        """The same triangles with their corners at the same parameters of another surface; differentiable in it.
 
-        Nothing is said of how far they are from another surface than the one that they were made for.
+        `deviation` holds only for the surface that the mesh was made for.
+
+        Args:
+            surface: a parametric surface with at least as many patches as the original.
+
+        Returns:
+            The moved mesh.
 
         Raises:
-            ValueError: the surface has another number of patches than the vertices ask for.
+            ValueError: the surface has too few patches.
         """
         parts = surface.patches()
         most = int(np.max(np.asarray(self.patch)))
@@ -93,7 +108,7 @@ class AbstractPatch(eqx.Module):
 
     @abstractmethod
     def patches(self) -> "BezierPatches":
-        """The surface as Bezier patches, the form that distances consume."""
+        """The surface as Bezier patches, the working form of all distances."""
 
     @abstractmethod
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "AbstractPatch":
@@ -114,7 +129,7 @@ class AbstractPatch(eqx.Module):
         return described(self, self._summary(), degrees, net_text(self.control_points, self.weights))
 
     def _repr_svg_(self) -> str | None:
-        """Lines of constant parameters, as notebooks show the surface; None of a batch, or of what is not known."""
+        """Lines of constant parameters, as notebooks show the surface; None for a batch and for unknown numbers."""
         axes = 4 if isinstance(self, BezierPatches) else 3
         if opaque(self) or not is_known(self.control_points) or self.control_points.ndim != axes:
             return None
@@ -129,39 +144,51 @@ class AbstractPatch(eqx.Module):
 
     @property
     def homogeneous(self) -> Float[Array, "*rows width"]:
-        """The control points times their weights, and the weights as one more coordinate where there are any."""
+        """Homogeneous control points: coordinates times weight, then the weight itself if the surface is rational."""
         return homogeneous(self.control_points, self.weights)
 
     def __call__(self, u: Numbers, v: Numbers) -> Array:
-        """Points at the parameters, which broadcast: shape (*batch, 3)."""
+        """Points at the parameters u and v, which broadcast: shape (*batch, 3)."""
         u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
         return points_at(self, u, v)
 
     def box(self) -> tuple[Array, Array]:
-        """Lower and upper corner of the box of all control points; the surface lies inside, as weights are positive."""
+        """Lower and upper corner of the bounding box of the control points.
+
+        The weights are positive, so the surface lies inside.
+        """
         control_points = self.patches().control_points
         return jnp.min(control_points, axis=(-4, -3, -2)), jnp.max(control_points, axis=(-4, -3, -2))
 
     def partials(self, u: Numbers, v: Numbers) -> Partials:
-        """Points and their partial derivatives of first and second order in the parameters of the surface."""
+        """Points and their first and second partial derivatives in the parameters of the surface.
+
+        Args:
+            u: first parameters.
+            v: second parameters; broadcast against `u`.
+        """
         u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
         return Partials(*_partials(self, u, v))
 
     def to_mesh(self, atol: Numbers, *, max_triangles: int = 2_000_000) -> "PatchMesh":
-        """A triangle mesh with a proven deviation of at most atol, both ways.
+        """A triangle mesh of the surface with a certified deviation of at most `atol` in both directions.
 
-        Triangles are small where the surface is curved and long where it is straight. Patches whose control points (and
-        weights) agree along a common edge, in either direction, share the vertices there: the mesh has no cracks.
-        Triangles with two corners at one place, as at poles, are kept. Distances between meshes of two surfaces are
-        those of the surfaces to within the sum of their deviations; `on` of the result moves the mesh with the surface.
+        Triangles are small if the surface is curved and long if it is straight. Patches whose control points (and
+        weights) agree along a common edge, in either direction, have the same vertices there, so the mesh has no
+        cracks. Degenerate triangles, for example at poles, are kept. The distance between two meshes differs from the
+        distance between their surfaces by at most the sum of both deviations.
 
         Args:
-            atol: the most that the surface may be away from the mesh anywhere, and the mesh from the surface.
-            max_triangles: the largest mesh to make; their number grows like 1 / atol.
+            atol: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
+            max_triangles: largest number of triangles to produce; it grows like 1 / atol.
+
+        Returns:
+            The mesh with its deviation; its method `on` moves the mesh with the surface.
 
         Raises:
-            ValueError: atol is not positive, or asks for too many triangles or for less than rounding leaves.
-            TypeError: the surface is traced; the number of triangles depends on it.
+            ValueError: `atol` is not positive, is below the rounding of the coordinates or needs more than
+                `max_triangles`.
+            TypeError: the surface is traced; the number of triangles depends on its numbers.
         """
         if is_traced(self, atol):
             raise TypeError("to_mesh needs a concrete surface and atol: the number of triangles depends on them.")
@@ -179,7 +206,7 @@ class AbstractPatch(eqx.Module):
 class BezierPatch(AbstractPatch):
     """A tensor-product Bezier patch: sum w_ij B_i(u) B_j(v) p_ij / sum w_ij B_i(u) B_j(v) for u, v in [0, 1].
 
-    Rows go with u, columns with v; the degrees are rows - 1 and columns - 1. Outside [0, 1] the polynomials are
+    Rows belong to u and columns to v; the degrees are rows - 1 and columns - 1. Outside [0, 1] the polynomials are
     extended. Degree 0 is allowed.
 
     >>> patch = BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]])
@@ -187,12 +214,12 @@ class BezierPatch(AbstractPatch):
     [1.0, 1.0, 1.0]
 
     Args:
-        control_points: coordinates, in any unit of length.
-        weights: positive weights, or None for a polynomial patch.
+        control_points: coordinates, in any unit of length; distances have the same unit.
+        weights: positive weights; None means a polynomial patch.
 
     Raises:
-        ValueError: wrong number of axes, no point, other than three coordinates, NaN or infinity, weights that are not
-            positive or do not match.
+        ValueError: wrong number of axes, no point, not three coordinates, NaN or infinity, weights that are not
+            positive or do not match the points, or a degree above 128 (32 in single precision).
         TypeError: entries that are not real numbers.
     """
 
@@ -209,7 +236,11 @@ class BezierPatch(AbstractPatch):
         return self.control_points.shape[-3] - 1, self.control_points.shape[-2] - 1
 
     def with_homogeneous(self, homogeneous: Array) -> "BezierPatch":
-        """A patch from control points in the form of `homogeneous`, polynomial or rational as this one is."""
+        """A patch from homogeneous control points, rational if this patch is.
+
+        Args:
+            homogeneous: array of the same form as the attribute `homogeneous`.
+        """
         return BezierPatch(*cartesian(homogeneous, self.weights is not None))
 
     def _value(self, u: Array, v: Array) -> Array:
@@ -221,10 +252,14 @@ class BezierPatch(AbstractPatch):
         return BezierPatches(self.control_points[None], None if self.weights is None else self.weights[None])
 
     def split(self, t: Numbers, axis: int = 0) -> tuple["BezierPatch", "BezierPatch"]:
-        """The parts before and after u = t (axis 0) or v = t (axis 1), strictly between 0 and 1; t may be traced.
+        """The two parts of the patch, before and after a line of constant parameter, each over its own unit square.
+
+        Args:
+            t: parameter of the cut, strictly between 0 and 1; may be traced.
+            axis: 0 cuts at u = t, 1 cuts at v = t.
 
         Raises:
-            ValueError: t is outside, or another axis.
+            ValueError: t is outside this range, or `axis` is not 0 or 1.
         """
         if axis not in (0, 1):
             raise ValueError(f"axis is {axis!r}; needs 0 (cut at u = t) or 1 (cut at v = t).")
@@ -232,26 +267,40 @@ class BezierPatch(AbstractPatch):
         return self.with_homogeneous(left), self.with_homogeneous(right)
 
     def restrict(self, u0: Numbers, u1: Numbers, v0: Numbers, v1: Numbers) -> "BezierPatch":
-        """The part on [u0, u1] x [v0, v1] within the unit square, over its own; ends may be traced and reversed.
+        """The part of the patch over [u0, u1] x [v0, v1], reparametrized to the unit square.
+
+        Args:
+            u0: first parameter in u, from 0 to 1; may be traced.
+            u1: last parameter in u, from 0 to 1; may be traced. If u1 < u0, the part is reversed in u.
+            v0: first parameter in v, from 0 to 1; may be traced.
+            v1: last parameter in v, from 0 to 1; may be traced. If v1 < v0, the part is reversed in v.
 
         Raises:
-            ValueError: an end outside [0, 1].
+            ValueError: a parameter outside [0, 1].
         """
         ends = [checked_parameter(name, t) for name, t in zip(("u0", "u1", "v0", "v1"), (u0, u1, v0, v1), strict=True)]
         part = bernstein.restrict(self.homogeneous, ends[0], ends[1], axis=0)
         return self.with_homogeneous(bernstein.restrict(part, ends[2], ends[3], axis=1))
 
     def elevate(self, degree_u: int, degree_v: int) -> "BezierPatch":
-        """The same patch written in higher degrees.
+        """The same patch in higher degrees.
+
+        Args:
+            degree_u: new degree in u, at least the current one.
+            degree_v: new degree in v, at least the current one.
 
         Raises:
-            ValueError: a degree is below the one of the patch.
+            ValueError: a degree is below the current one.
         """
         raised = bernstein.elevate(self.homogeneous, degree_u, axis=0)
         return self.with_homogeneous(bernstein.elevate(raised, degree_v, axis=1))
 
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierPatch":
         """The image under x -> matrix x + offset; differentiable in both.
+
+        Args:
+            matrix: (3, 3) real numbers.
+            offset: (3,) translation in the unit of the coordinates, or one number for all axes.
 
         Raises:
             ValueError: wrong shapes, NaN or infinity.
@@ -260,16 +309,20 @@ class BezierPatch(AbstractPatch):
 
 
 class BezierPatches(AbstractPatch):
-    """A union of Bezier patches of one pair of degrees; they need not be connected.
+    """A union of Bezier patches of one pair of degrees; the patches need not be connected.
 
-    Patch k carries the parameters u in [k, k + 1], v in [0, 1] of a call; `point` takes the patch by its number.
+    A call takes u in [k, k + 1] and v in [0, 1] for patch k; the method `point` takes the index of the patch.
+
+    >>> net = [[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]
+    >>> BezierPatches([net]).count, BezierPatches([net]).degrees
+    (1, (1, 1))
 
     Args:
-        control_points: coordinates, in any unit of length.
-        weights: positive weights, or None for polynomial patches.
+        control_points: coordinates, in any unit of length; distances have the same unit.
+        weights: positive weights; None means polynomial patches.
 
     Raises:
-        ValueError: as for BezierPatch.
+        ValueError: arrays that BezierPatch refuses.
         TypeError: entries that are not real numbers.
     """
 
@@ -303,7 +356,13 @@ class BezierPatches(AbstractPatch):
         return cartesian(value, self.weights is not None)[0]
 
     def point(self, patch: Int[Array, "..."] | int, u: Numbers, v: Numbers) -> Array:
-        """Points of the named patches at local parameters in [0, 1]; all three broadcast."""
+        """Points of numbered patches at local parameters: shape (*batch, 3).
+
+        Args:
+            patch: indices of patches.
+            u: first local parameters, from 0 to 1; broadcast against `patch`.
+            v: second local parameters, from 0 to 1; broadcast against `patch`.
+        """
         patch, u, v = jnp.broadcast_arrays(jnp.asarray(patch), real_array("u", u), real_array("v", v))
         return _points_of(self, patch, u, v)
 
@@ -312,10 +371,14 @@ class BezierPatches(AbstractPatch):
         return self
 
     def elevate(self, degree_u: int, degree_v: int) -> "BezierPatches":
-        """The same patches written in higher degrees.
+        """The same patches in higher degrees.
+
+        Args:
+            degree_u: new degree in u, at least the current one.
+            degree_v: new degree in v, at least the current one.
 
         Raises:
-            ValueError: a degree is below the one of the patches.
+            ValueError: a degree is below the current one.
         """
         if self.degrees == (degree_u, degree_v):
             # The way through homogeneous coordinates rounds.
@@ -325,7 +388,17 @@ class BezierPatches(AbstractPatch):
 
     @staticmethod
     def join(surfaces: Sequence[AbstractPatch]) -> "BezierPatches":
-        """The union of surfaces as one: degrees are raised to the largest, weights of one added where others have some.
+        """The union of several surfaces as one, in their largest degrees; rational if any of them is.
+
+        >>> patch = BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]])
+        >>> BezierPatches.join([patch, patch]).count
+        2
+
+        Args:
+            surfaces: parametric surfaces.
+
+        Returns:
+            The patches of all surfaces in order.
 
         Raises:
             ValueError: no surface.
@@ -348,6 +421,10 @@ class BezierPatches(AbstractPatch):
 
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierPatches":
         """The image under x -> matrix x + offset; differentiable in both.
+
+        Args:
+            matrix: (3, 3) real numbers.
+            offset: (3,) translation in the unit of the coordinates, or one number for all axes.
 
         Raises:
             ValueError: wrong shapes, NaN or infinity.

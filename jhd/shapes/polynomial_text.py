@@ -214,7 +214,7 @@ class _Reader:
     def multiplied(self, f: Terms, g: Terms, place: int) -> Terms:
         degree = sum(max((sum(index) for index in terms), default=0) for terms in (f, g))
         if degree > _LARGEST_DEGREE:
-            raise PolynomialError(f"the degree is {degree}; at most {_LARGEST_DEGREE} is served.", place + 1)
+            raise PolynomialError(f"the degree is {degree}; at most {_LARGEST_DEGREE} is supported.", place + 1)
         self.spend(len(f) * len(g), place)
         result: Terms = {}
         for (a, b, c), x in f.items():

@@ -1,6 +1,6 @@
-"""What searches prepare of a shape: trees, samples, covers, each made when it is first asked for and kept with it.
+"""Data that searches prepare for a shape: trees, samples, covers, each computed at first use and kept with the shape.
 
-Whoever holds a Prepared keeps what was made. The last few are held here too, so asking again about the same numbers
+A caller that holds a Prepared keeps these data. The last few are also held here, so asking again about the same numbers
 costs no more than to compare them.
 """
 
@@ -28,10 +28,10 @@ _HELD, _MOST_BYTES = 16, 1 << 28
 
 
 class Prepared:
-    """A shape whose numbers are known, with what searches have made of it so far.
+    """A shape together with the search data computed for it so far; made by `prepare`.
 
     Args:
-        shape: the shape.
+        shape: a shape in its working form, with numbers that are not traced.
     """
 
     def __init__(self, shape: Any):
@@ -41,7 +41,11 @@ class Prepared:
         self._parts: dict[Callable[[Any], Any], Any] = {}
 
     def part(self, build: Callable[[Any], _R]) -> _R:
-        """What a function makes of the shape, made once."""
+        """The result of a function of the shape, computed once.
+
+        Args:
+            build: a function that takes the shape; its result is stored under the function itself.
+        """
         if build not in self._parts:
             self._parts[build] = build(self.shape)
         return self._parts[build]
@@ -63,11 +67,11 @@ _last: deque[Prepared] = deque()
 
 
 def prepare(shape: Any) -> Prepared:
-    """Keep what queries make of a surface, a mesh or a point set for as long as the result is held.
+    """Compute search data of a surface, a mesh or a point set once, and keep them for as long as the result is held.
 
-    Functions look up the trees, samples and covers for nearest points by the numbers of a shape, and make what is
-    missing. The last few shapes are kept in any case; hold the result if others are asked about in between. What
-    depends on both shapes of a pair is kept for the last few pairs alone, and of curves there is nothing to prepare.
+    Distances look up trees, samples and covers by the numbers of a shape, and compute missing data. The last few shapes
+    are always kept; hold the result if you query many others in between. Data of a pair of shapes are kept only for the
+    last few pairs. Curves need no preparation.
 
     >>> from jhd.shapes.patch import BezierPatch
     >>> patch = BezierPatch([[[0.0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 1]]])
@@ -75,13 +79,13 @@ def prepare(shape: Any) -> Prepared:
     True
 
     Args:
-        shape: any shape, or what `as_shape` takes for one. Its numbers must be known, not traced.
+        shape: any shape, or an object that `as_shape` converts to one. Its numbers must not be traced.
 
     Returns:
-        The shape with what was made of it.
+        The shape with its search data. Hold it, and pass the shape itself to other functions.
 
     Raises:
-        TypeError: an object that is no shape.
+        TypeError: an object that is not a shape.
     """
     shape = taken_as("shape", shape)
     check_shape("shape", shape)
@@ -96,7 +100,7 @@ def working(shape: Any) -> Any:
 
 
 def prepared(shape: Any) -> Prepared:
-    """What is prepared of an object with these arrays, which are known; see `prepare`."""
+    """The Prepared of an object with these arrays, which are not traced; see `prepare`."""
     leaves, form = jax.tree_util.tree_flatten(shape)
     hashed = hashlib.blake2b(str(form).encode())
     for leaf in leaves:

@@ -48,7 +48,7 @@ class _Goal(NamedTuple):
     def check(self, triangles: int) -> None:
         if triangles > self.most:
             needed = f"more than max_triangles = {self.most} triangles would be needed"
-            raise ValueError(f"atol is {self.atol:g}; {needed}.")
+            raise ValueError(f"atol is {self.atol:g}; {needed}. Raise one of them.")
 
 
 class _Loops(NamedTuple):
@@ -116,7 +116,7 @@ def _checked(patches: HostPatches, cells: PatchCells, atol: float, off: float) -
     """The rectangles to bisect; ValueError where that cannot help."""
     width = np.where(cells.along_u, cells.u1 - cells.u0, cells.v1 - cells.v0)
     if len(width) and (width.min() <= _NARROWEST or not patches.in_user_units(patches.noise + off) <= atol):
-        raise ValueError(f"atol is {atol:g}; rounding leaves more on this surface, in any number of triangles.")
+        raise ValueError(f"atol is {atol:g}; rounding leaves more on this surface; raise it.")
     return cells
 
 

@@ -291,9 +291,9 @@ def test_what_is_no_collection_is_refused(as_a_user):
         jhd.pairwise([])
     with pytest.raises(TypeError, match=r"others\[1\]: shape must be a shape of jhd"):
         jhd.pairwise(CURVES, [CURVES[0], 3])
-    with pytest.raises(TypeError, match=r"others\[1\]: text is no shape: jhd\.io\.load_shape"):
+    with pytest.raises(TypeError, match=r"others\[1\]: text is not a shape: jhd\.io\.load_shape"):
         jhd.pairwise(CURVES, [CURVES[0], "a"])
-    one = r"(shapes|queries) must be a list of shapes; got one, a BezierSegments\."
+    one = r"(shapes|queries) must be a list of shapes; got a single BezierSegments\."
     for call in (jhd.pairwise, jhd.nearest_shapes, jhd.signatures):
         with pytest.raises(TypeError, match=one):
             call(CURVES[0], CURVES[1])

@@ -407,7 +407,9 @@ def test_what_is_no_curve_is_refused(entry, shape, as_a_user):
     with pytest.raises(TypeError) as caught:
         entry([0.0, 0.0], shape)
     expected = (
-        ("shape: text is no shape",) if isinstance(shape, str) else ("shape must be a shape", "shape must be a curve")
+        ("shape: text is not a shape",)
+        if isinstance(shape, str)
+        else ("shape must be a shape", "shape must be a curve")
     )
     assert str(caught.value).startswith(expected)
     assert str(caught.value).endswith(f"got {type(shape).__name__}.")

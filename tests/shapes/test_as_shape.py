@@ -147,7 +147,7 @@ def test_pictures_and_arcs_take_what_becomes_a_shape():
     assert plot.curve(path, Figure().add_subplot()).lines[0].get_gid() == "curve"
     space = Figure().add_subplot(projection="3d")
     assert plot.mesh(MESHES["pyvista"], space) is space
-    with pytest.raises(TypeError, match=r"shape: text is no shape: jhd\.io\.load_shape reads files"):
+    with pytest.raises(TypeError, match=r"shape: text is not a shape: jhd\.io\.load_shape reads files"):
         plot.curve("bunny.ply", Figure().add_subplot())
 
 
@@ -161,7 +161,7 @@ def test_traced_arrays_are_points_and_vertices_with_derivatives():
     ("value", "error", "message"),
     [
         (3, TypeError, "shape must be a shape of jhd, an array of points, .*; got int"),
-        ("bunny.ply", TypeError, r"text is no shape: jhd\.io\.load_shape reads files, .*; got str\."),
+        ("bunny.ply", TypeError, r"text is not a shape: jhd\.io\.load_shape reads files, .*; got str\."),
         (np.zeros((2, 4)), ValueError, r"points has shape \(2, 4\)"),
         (np.zeros((0, 3)), ValueError, "at least 1"),
         ((CORNERS, FACES[:, [0, 1, 2, 2]]), ValueError, r"triangles has shape \(2, 4\)"),

@@ -59,7 +59,7 @@ REFUSED = {
     "x**-1": (4, "the exponent is -1"),
     "x^(1/2)": (3, "the exponent is 1/2"),
     "x^33": (3, "the exponent is 33"),
-    "x^20*y^20": (6, "the degree is 40; at most 32 is served"),
+    "x^20*y^20": (6, "the degree is 40; at most 32 is supported"),
     "1/x": (3, "the divisor is no constant"),
     "x/(2 - 2)": (3, "the divisor is zero"),
     "(x": (3, "needs an operator or a closing parenthesis"),

@@ -24,7 +24,7 @@ CORNER = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     [
         ([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], ValueError, r"vertices has shape \(3, 2\); needs \(vertices, 3\)"),
         ([0, 0, 0], [[0, 0, 0]], ValueError, r"vertices has shape \(3,\)"),
-        (np.zeros((3, 9)), [[0, 1, 2]], ValueError, r"needs \(vertices, 3\)\. They are rows: hand in the transpose\?"),
+        (np.zeros((3, 9)), [[0, 1, 2]], ValueError, r"needs \(vertices, 3\)\. They are rows: pass the transpose\?"),
         (np.zeros((0, 3)), [[0, 0, 0]], ValueError, "vertices is empty"),
         (CORNER, np.zeros((0, 3), int), ValueError, "triangles is empty"),
         (CORNER, [], ValueError, r"triangles has shape \(0,\); needs \(triangles, 3\)"),

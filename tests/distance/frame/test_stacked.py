@@ -51,7 +51,7 @@ def test_what_is_no_batch_is_refused(as_a_user):
         jhd.stack_curves([])
     with pytest.raises(ValueError, match=r"curves\[1\] has 3 coordinates a point and curves\[0\] has 2"):
         jhd.stack_curves([LINE, jhd.polyline([(0, 0, 0), (1, 1, 1)])])
-    with pytest.raises(TypeError, match="curves must be a list of shapes; got one, a BezierSegments"):
+    with pytest.raises(TypeError, match="curves must be a list of shapes; got a single BezierSegments"):
         jhd.stack_curves(LINE)  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match=r"curves\[1\]"):
         jhd.stack_curves([LINE, "a"])

@@ -287,7 +287,7 @@ def test_a_surface_that_proves_nothing_raises_and_keeps_what_is_known():
 @pytest.mark.parametrize(
     ("shapes", "method", "message"),
     [
-        ((CONES[0], "x^2 - 1"), None, "b: text is no shape: .*ImplicitSurface.parse polynomials; got str."),
+        ((CONES[0], "x^2 - 1"), None, "b: text is not a shape: .*ImplicitSurface.parse reads polynomials; got str."),
         (
             CONES,
             jhd.TwoStep(),

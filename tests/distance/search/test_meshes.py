@@ -229,7 +229,7 @@ def test_more_cells_than_there_is_room_for_end_the_search_with_true_bounds(monke
 def test_other_shapes_are_refused(as_a_user):
     with pytest.raises(TypeError, match="b must be a shape of jhd, .* a mesh .* got float"):
         jhd.directed_hausdorff(PLATE, 1.0)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(TypeError, match="b: text is no shape"):
+    with pytest.raises(TypeError, match="b: text is not a shape"):
         jhd.directed_hausdorff(PLATE, "a plate")  # pyright: ignore[reportArgumentType]
 
 
