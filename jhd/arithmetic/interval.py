@@ -1,9 +1,9 @@
 """Interval arithmetic on arrays, rounded outward.
 
-Every operation returns an interval that contains the exact result of real arithmetic for every choice of numbers in
-its operands. Ends may be infinite: a bound that is not known. No operation gives NaN; a NaN that is put in gives the
-whole line. One operation widens by two to four units in the last place, so for long formulas an a-priori bound
-(`rounding.absolute_error`) is both cheaper and narrower.
+Every operation returns an interval that contains the exact result of real arithmetic for every choice of numbers in its
+operands. An infinite end means that no bound is known. No operation returns NaN; a NaN operand gives the whole line.
+One operation widens by two to four units in the last place. For long formulas an a-priori bound
+(`rounding.absolute_error`) is therefore both cheaper and narrower.
 
 Source: Moore, Kearfott & Cloud, Introduction to Interval Analysis (2009), chapters 2 to 5; Hickey, Ju & van Emden,
 Interval arithmetic: from principles to implementation, JACM 48 (2001), for the products of zero and infinity.
@@ -28,18 +28,18 @@ Operand = Union["Interval", ArrayLike]
 
 
 class Interval(eqx.Module):
-    """The numbers x with lower <= x <= upper, elementwise; lower > upper says that there are none.
+    """Intervals of real numbers, lower <= x <= upper elementwise, with outward rounding; empty if lower > upper.
 
-    Arithmetic with floats takes them as exact. Ends are zero, normal or infinite: subnormal ones are moved outward,
-    since XLA computes with them as if they were zero, and a NaN becomes an infinite end.
+    Floats in arithmetic are taken as exact. Ends are zero, normal or infinite. Subnormal ends are moved outward,
+    because XLA computes with them as if they were zero. A NaN becomes an infinite end.
 
     >>> third = Interval.exact(1.0) / 3.0
     >>> bool((3.0 * third).contains(1.0)), bool(third.width < 1e-15)
     (True, True)
 
     Args:
-        lower: lower ends; where the default precision has not got a number it is the float below, as in `exact`.
-        upper: upper ends, of the same shape.
+        lower: lower ends; a number that is not a float of the default precision is rounded down, as in `exact`.
+        upper: upper ends, of the same shape; rounded up accordingly.
     """
 
     lower: Float[Array, "..."] = eqx.field(converter=lambda x: rounding.flush_down(_floats(x, "lower")))
@@ -47,11 +47,12 @@ class Interval(eqx.Module):
 
     @classmethod
     def exact(cls, x: ArrayLike) -> "Interval":
-        """The interval of the single number x; of the neighbouring floats where the default precision has not got it.
+        """The interval of the number x alone, or of its neighboring floats if x is not representable.
 
         Args:
-            x: a float array is taken as it is, whatever its precision; Python and NumPy numbers are compared with what
-                they become. NaN gives the whole line, infinity what lies beyond the largest float.
+            x: real numbers. A float array of JAX is taken as it is, whatever its precision; Python and NumPy numbers
+                are compared with their converted values. NaN gives the whole line; infinity gives the numbers beyond
+                the largest float.
         """
         if isinstance(x, jax.Array):
             return cls._of_array(x)
@@ -84,7 +85,11 @@ class Interval(eqx.Module):
 
     @classmethod
     def whole(cls, shape: tuple[int, ...] = ()) -> "Interval":
-        """The whole line, -inf to inf."""
+        """The whole line, from -inf to inf.
+
+        Args:
+            shape: shape of the arrays of ends; the default is a single interval.
+        """
         return cls(jnp.full(shape, -jnp.inf), jnp.full(shape, jnp.inf))
 
     @property
@@ -94,25 +99,29 @@ class Interval(eqx.Module):
 
     @property
     def width(self) -> Float[Array, "..."]:
-        """Upper bound of upper - lower; infinite where an end is."""
+        """Upper bound of upper - lower; infinite if an end is infinite."""
         return rounding.round_up(self.upper - self.lower)
 
     @property
     def midpoint(self) -> Float[Array, "..."]:
-        """A finite float inside, about the middle; 0 for the whole line. Infinite ends count as the largest float."""
+        """A finite float inside the interval, near its middle; 0 for the whole line.
+
+        Infinite ends count as the largest float.
+        """
         top = rounding.largest(self.lower.dtype)
         lower, upper = jnp.maximum(self.lower, -top), jnp.minimum(self.upper, top)
         return jnp.clip(0.5 * lower + 0.5 * upper, lower, upper)
 
     @property
     def empty(self) -> Bool[Array, "..."]:
-        """Where lower > upper, as an intersection of intervals that do not meet."""
+        """Whether lower > upper, for example after the intersection of disjoint intervals."""
         return self.lower > self.upper
 
     def contains(self, x: ArrayLike) -> Bool[Array, "..."]:
-        """Whether lower <= x <= upper; exact for every float, subnormal ones included.
+        """Whether lower <= x <= upper; exact for every float, including subnormal ones.
 
-        Other numbers count as what `exact` encloses them in.
+        Args:
+            x: numbers; one that is not a float counts as the interval that `exact` gives.
         """
         known = Interval.exact(x)
         return (self.lower <= known.lower) & (known.upper <= self.upper)
@@ -139,11 +148,14 @@ class Interval(eqx.Module):
         return self + -as_interval(other)
 
     def __mul__(self, other: Operand) -> "Interval":
-        """The four products of ends, with 0 * inf = 0: an infinite end stands for arbitrarily large numbers."""
+        """The range of products: the hull of the four products of ends, with 0 * inf = 0.
+
+        An infinite end stands for arbitrarily large numbers.
+        """
         return _hull_of_ends(_product, self, as_interval(other))
 
     def __truediv__(self, other: Operand) -> "Interval":
-        """The quotients; the whole line where `other` contains zero, even as an end."""
+        """The range of quotients; the whole line if `other` contains zero, even as an end."""
         other = as_interval(other)
         pole = (other.lower <= 0) & (other.upper >= 0)
         divisor = Interval(jnp.where(pole, 1.0, other.lower), jnp.where(pole, 1.0, other.upper))
@@ -167,7 +179,7 @@ class Interval(eqx.Module):
         return Interval(jnp.maximum(inside, 0.0), jnp.maximum(-self.lower, self.upper))
 
     def __pow__(self, exponent: int) -> "Interval":
-        """The range of x**exponent: even powers are non-negative, odd ones monotone; x**0 is one, also at zero.
+        """The range of x**exponent: even powers are nonnegative, odd ones monotone; x**0 is one, also at zero.
 
         Raises:
             TypeError: the exponent is not an integer.
@@ -188,7 +200,7 @@ class Interval(eqx.Module):
         return self**2
 
     def sqrt(self) -> "Interval":
-        """The square roots of the numbers that are not negative; [0, 0] widened where all are negative."""
+        """The square roots of the nonnegative numbers in the interval; [0, 0], widened, if all numbers are negative."""
         lower, upper = (jnp.sqrt(jnp.maximum(end, 0.0)) for end in (self.lower, self.upper))
         return Interval(
             jnp.where(lower > 0, rounding.round_down(lower), 0.0),
@@ -196,34 +208,50 @@ class Interval(eqx.Module):
         )
 
     def minimum(self, other: Operand) -> "Interval":
-        """The smaller of two numbers, one from each."""
+        """The range of min(x, y) for x and y in the two intervals.
+
+        Args:
+            other: an interval, or exact numbers.
+        """
         other = as_interval(other)
         return Interval(jnp.minimum(self.lower, other.lower), jnp.minimum(self.upper, other.upper))
 
     def maximum(self, other: Operand) -> "Interval":
-        """The larger of two numbers, one from each."""
+        """The range of max(x, y) for x and y in the two intervals.
+
+        Args:
+            other: an interval, or exact numbers.
+        """
         other = as_interval(other)
         return Interval(jnp.maximum(self.lower, other.lower), jnp.maximum(self.upper, other.upper))
 
     def intersection(self, other: Operand) -> "Interval":
-        """The numbers in both; `empty` where there are none."""
+        """The numbers in both intervals; `empty` if there are none.
+
+        Args:
+            other: an interval, or exact numbers.
+        """
         other = as_interval(other)
         return Interval(jnp.maximum(self.lower, other.lower), jnp.minimum(self.upper, other.upper))
 
     def hull(self, other: Operand) -> "Interval":
-        """The smallest interval that contains both."""
+        """The smallest interval that contains both.
+
+        Args:
+            other: an interval, or exact numbers.
+        """
         other = as_interval(other)
         return Interval(jnp.minimum(self.lower, other.lower), jnp.maximum(self.upper, other.upper))
 
 
 def _floats(x: ArrayLike, end: str) -> ArrayLike:
-    """Arrays of floats as they are, and of other numbers that end of their intervals."""
+    """Arrays of floats as they are; for other numbers this end of their intervals."""
     known = isinstance(x, jax.Array) and jnp.issubdtype(x.dtype, jnp.floating)
     return x if known else getattr(Interval.exact(x), end)
 
 
 def as_interval(x: Operand) -> Interval:
-    """An interval as it is, a number as the interval of itself alone."""
+    """An interval as it is; a number as the interval that contains only it."""
     return x if isinstance(x, Interval) else Interval.exact(x)
 
 
@@ -240,8 +268,8 @@ def _quotient(x: Array, y: Array) -> Array:
 def _hull_of_ends(operation: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
     """The extreme values of an operation that is monotone in each operand and has the sign of their product.
 
-    Rounding keeps order, so widening the smallest rounded value covers the smallest exact one. Where the signs are
-    known an end at zero stays there.
+    Rounding keeps order, so widening the smallest rounded value covers the smallest exact one. If the signs are known,
+    an end at zero stays there.
     """
     values = [operation(x, y) for x in (a.lower, a.upper) for y in (b.lower, b.upper)]
     lower = rounding.round_down(jnp.minimum(jnp.minimum(*values[:2]), jnp.minimum(*values[2:])))

@@ -1,4 +1,4 @@
-"""Files to shapes and back: fonts, SVG, JSON, IGES, meshes, point clouds, results and certificates."""
+"""Reading and writing of files: fonts, SVG, JSON, IGES, meshes, point clouds, results and certificates."""
 
 from jhd.io.certificates import load_certificate
 from jhd.io.clouds import load_points

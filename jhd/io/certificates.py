@@ -1,4 +1,4 @@
-"""Certificates in files: lines of strict JSON, read without any doubt about what they say."""
+"""Reading of certificate files: lines of strict JSON in which duplicate keys, NaN and infinity are errors."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -13,15 +13,26 @@ from jhd.io.errors import ParseError
 
 
 def load_certificate(file: str | Path) -> Certificate:
-    """The certificate in a file, compressed or not; `verify` checks what it claims.
+    """Load a certificate from a file, compressed or not; `jhd.verify` checks its claim.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> from jhd import certify, directed_hausdorff, points
+    >>> a, b = points([[0, 0]]), points([[3, 4]])
+    >>> with TemporaryDirectory() as folder:
+    ...     certify(a, b, directed_hausdorff(a, b)).save(f"{folder}/certificate.json")
+    ...     round(verify(load_certificate(f"{folder}/certificate.json")).upper, 9)
+    5.0
 
     Args:
-        file: what `Certificate.save` wrote.
+        file: name of a file written by `Certificate.save`.
+
+    Returns:
+        The certificate, not yet verified.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ParseError: text that is no JSON, with line and column; NaN and Infinity, which Python would read, are none.
-        CertificateError: JSON of another structure, or with a key that occurs twice.
+        FileNotFoundError: the file does not exist.
+        ParseError: text that is not strict JSON (NaN and Infinity are refused), with line and column.
+        CertificateError: JSON of another structure, or with a duplicate key.
     """
     with _read(file) as content:
         if isinstance(content, dict) and isinstance(content.get("cells"), dict):
@@ -35,18 +46,18 @@ def verify_file(
     shapes: Sequence[Any] = (),
     progress: Callable[[str], object] | None = None,
 ) -> Proven:
-    """What the certificate in a file proves, checked cell by cell as it is read.
+    """The claim that the certificate in a file proves; cells are checked one by one as they are read.
 
     Args:
-        file: as for `load_certificate`.
-        seconds: after how long to give up.
-        shapes: a and b, if the claim has to be about them.
-        progress: called with the place in the certificate that is checked next.
+        file: name of a file written by `Certificate.save`.
+        seconds: time limit in seconds; None means no limit.
+        shapes: a and b, if the claim must be about these shapes; an empty sequence accepts any.
+        progress: called with the name of the part of the certificate that is checked next.
 
     Raises:
-        FileNotFoundError: as for `load_certificate`.
-        ParseError: likewise.
-        CertificateError: likewise, or the claim is not proven, or is about other shapes.
+        FileNotFoundError: the file does not exist.
+        ParseError: text that is not strict JSON, with line and column.
+        CertificateError: JSON of another structure, a claim that is not proven, or a claim about other shapes.
     """
     with _read(file) as content:
         proven = verify(content, seconds, progress)

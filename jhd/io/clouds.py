@@ -1,4 +1,4 @@
-"""Point clouds: rows of coordinates in text (.xyz), an array of NumPy (.npy), or the vertices of a PLY file."""
+"""Point clouds: rows of coordinates in text (.xyz), a NumPy array (.npy), or the vertices of a PLY file."""
 
 from io import StringIO
 from pathlib import Path
@@ -14,16 +14,26 @@ CLOUD_SUFFIXES = (".xyz", ".npy")
 
 
 def load_points(file: str | Path) -> BezierSegments:
-    """The set of points that a file holds.
+    r"""Load a point set from a text, NumPy or PLY file.
+
+    >>> from tempfile import NamedTemporaryFile
+    >>> with NamedTemporaryFile("w", suffix=".xyz") as cloud:
+    ...     _ = cloud.write("0 0 0  # first\n3 4 0\n")
+    ...     cloud.flush()
+    ...     load_points(cloud.name)
+    BezierSegments(2 points, in space, box (0, 0, 0) to (3, 4, 0))
 
     Args:
-        file: `NAME.xyz`, with a point in each line, numbers apart by spaces or commas, of which the first three are
-            coordinates, and comments behind #; `NAME.npy`, an array (count, 2) or (count, 3); or `NAME.ply` without
+        file: `NAME.xyz`, with one point per line: numbers separated by spaces or commas, the first three of them
+            coordinates; comments start with #. Or `NAME.npy`, an array (count, 2) or (count, 3). Or `NAME.ply` without
             faces.
 
+    Returns:
+        The points in the order of the file.
+
     Raises:
-        FileNotFoundError: a file that does not exist.
-        ParseError: a file that cannot be read, with the line, that holds no points, or that holds faces.
+        FileNotFoundError: the file does not exist.
+        ParseError: a file that cannot be read, with the line; or a file without points or with faces.
     """
     suffix = Path(file).suffix.lower()
     reader = {".npy": _array, ".ply": _vertices}.get(suffix, _rows)
@@ -41,7 +51,7 @@ def _array(file: str) -> np.ndarray:
     except OSError:
         raise
     except Exception as error:  # NumPy's reader of headers has many kinds for bytes that are none
-        raise ParseError(f"no array of numbers: {' '.join(str(error)[:200].split())}", file) from None
+        raise ParseError(f"not an array of numbers: {' '.join(str(error)[:200].split())}", file) from None
 
 
 def _vertices(file: str) -> np.ndarray:
@@ -56,11 +66,11 @@ def _rows(file: str) -> np.ndarray:
 
 
 def rows_in(text: str, name: str) -> np.ndarray:
-    """The numbers of each line, (lines, numbers), apart by spaces or commas; what stands behind # is left out.
+    """The numbers of each line, (lines, numbers), separated by spaces or commas; text after # is ignored.
 
     Raises:
-        ParseError: what is no number, as 0,5 among spaces or nothing between two commas, or a line of more or fewer
-            numbers than those before, with the name and the line.
+        ParseError: a word that is not a number, such as 0,5 among spaces or nothing between two commas, or a line with
+            more or fewer numbers than the lines before; with the name and the line.
     """
     rows: list[list[float]] = []
     for number, line in enumerate(StringIO(text, newline=None), start=1):
@@ -81,10 +91,10 @@ def rows_in(text: str, name: str) -> np.ndarray:
 
 
 def _words(line: str) -> list[str]:
-    """The numbers of a line, empty ones where commas have nothing between them; a last comma separates nothing."""
+    """The numbers of a line, with empty words for nothing between commas; a last comma separates nothing."""
     words = line.split()
     if "," not in line or (len(words) > 1 and any("," in word.strip(",") for word in words)):
-        # Among spaces, commas within words are decimal ones, and such words are no numbers.
+        # Among spaces, commas within words are decimal commas, and such words are not numbers.
         return words
     parts = " ".join(words).removesuffix(",").split(",")
     return [word for part in parts for word in part.split() or [""]]

@@ -9,8 +9,8 @@
 | `points` | `points` |
 | `circle` | `centre`, `radius` |
 
-A key `comment` is allowed everywhere. The last three are conveniences for files written by hand; what is saved is one
-of the first three. Floats are written so that the same floats are read back.
+A key `comment` is always allowed. The last three types are for files written by hand; saved files use the first three.
+Floats are written so that the same floats are read back.
 """
 
 from pathlib import Path
@@ -35,10 +35,19 @@ CURVE_KINDS: Kinds = {
 
 
 def curve_to_dict(curve: AbstractCurve) -> dict[str, Any]:
-    """The curve as JSON can hold it: its type and its arrays as nested lists; keys without a value are left out.
+    """A dictionary of a curve for JSON: its type and its arrays as nested lists, without empty keys.
+
+    >>> curve_to_dict(BezierCurve([[0, 0], [1, 2], [2, 0]]))
+    {'type': 'BezierCurve', 'control_points': [[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]]}
+
+    Args:
+        curve: a BezierCurve, a BSplineCurve or BezierSegments.
+
+    Returns:
+        A dictionary that `curve_from_dict` converts back to the same curve.
 
     Raises:
-        TypeError: not a curve of a type that files hold.
+        TypeError: a curve of another type, or not a curve.
     """
     check_curve("curve", curve)
     name = type(curve).__name__
@@ -48,24 +57,47 @@ def curve_to_dict(curve: AbstractCurve) -> dict[str, Any]:
 
 
 def curve_from_dict(content: Any) -> AbstractCurve:
-    """The curve that such a dictionary describes; see the table of this module.
+    """The curve that a dictionary describes: the inverse of `curve_to_dict`.
 
     >>> curve_from_dict({"type": "polyline", "points": [[0, 0], [1, 0], [1, 1]], "closed": True}).segments().count
     3
 
+    Args:
+        content: a dictionary with the key `type`: "BezierCurve" (keys `control_points`, optional `weights`),
+            "BSplineCurve" (also `knots`, optional `periodic`), "BezierSegments" (optional `following`), "polyline"
+            (`points`, optional `closed`), "points" (`points`) or "circle" (`centre`, `radius`). A key `comment` is
+            ignored.
+
+    Returns:
+        The curve.
+
     Raises:
-        TypeError: not a dictionary.
-        ValueError: no or an unknown type, a key that is missing or unknown, and whatever the constructor refuses.
+        TypeError: `content` is not a dictionary.
+        ValueError: the type is missing or unknown, a key is missing or unknown, or the constructor refuses a value.
     """
     return built("curve", content, CURVE_KINDS)
 
 
 def save_curve(file: str | Path, curve: AbstractCurve) -> None:
-    """Writes the curve; the suffix names the kind: .json, of one key a line, .svg, see `write_svg`, or .igs or .iges.
+    """Write a curve to a file; the suffix selects the format.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     save_curve(f"{folder}/curve.json", BezierCurve([[0, 0], [1, 2], [2, 0]]))
+    ...     load_curve(f"{folder}/curve.json").control_points.tolist()
+    [[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]]
+
+    Args:
+        file: name with the suffix .json (one key per line), .svg (see `write_svg`), .igs or .iges (see `save_iges`). An
+            existing file is replaced.
+        curve: a BezierCurve, a BSplineCurve or BezierSegments.
+
+    Returns:
+        None.
 
     Raises:
-        TypeError: not a curve of a type that files hold.
-        ValueError: another suffix, or a curve that such a file cannot hold, as one in space in SVG.
+        TypeError: a curve of another type, or not a curve.
+        ValueError: another suffix, or a curve that the format cannot hold, for example a curve in space in SVG.
     """
     suffix = check_suffix("curve", file, (".json", ".svg", *IGES_SUFFIXES))
     if suffix == ".json":
@@ -79,11 +111,23 @@ def save_curve(file: str | Path, curve: AbstractCurve) -> None:
 
 
 def load_curve(file: str | Path) -> AbstractCurve:
-    """The curve in a JSON file, or all that an SVG file draws; `load_shape` reads what other files hold.
+    """Load a curve from a JSON or SVG file; `load_shape` reads other formats too.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     save_curve(f"{folder}/corner.svg", polyline([[0, 0], [1, 0], [1, 1]]))
+    ...     load_curve(f"{folder}/corner.svg").count
+    2
+
+    Args:
+        file: name of a file written by `save_curve` or by hand (see `curve_from_dict`), or an SVG file.
+
+    Returns:
+        The curve; for SVG everything that the file draws, see `read_svg`.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ParseError: text that is no JSON, with line and column; or JSON that is no curve, with the file and the key; or
+        FileNotFoundError: the file does not exist.
+        ParseError: text that is not JSON, with line and column; JSON that does not describe a curve, with the key; or
             an SVG file that `read_svg` refuses.
     """
     if Path(file).suffix.lower() == ".svg":

@@ -1,4 +1,4 @@
-"""Opening files to read, and what reading them raises."""
+"""Reading of files, and the errors that it raises."""
 
 from collections.abc import Iterator
 from io import BytesIO, TextIOWrapper
@@ -6,13 +6,16 @@ from pathlib import Path
 
 
 class ParseError(ValueError):
-    """Text or a file that cannot be read; the message is one line that begins with the place, as compilers write it.
+    """Text or a file cannot be read; the message starts with file, line and column, as in compilers.
+
+    >>> print(ParseError("needs numbers; found 'x'.", "cloud.xyz", 3))
+    cloud.xyz:3: needs numbers; found 'x'.
 
     Args:
-        message: what was found and what was needed.
-        file: the file; None for text that comes from no file.
-        line: its line, from 1; None where it is not known.
-        column: the column in that line, from 1; for text of no file the place in the text.
+        message: the value found and the value needed.
+        file: the file; None for text that does not come from a file.
+        line: line number from 1; None if unknown.
+        column: column in this line, from 1; None if unknown.
     """
 
     def __init__(self, message: str, file: object = None, line: int | None = None, column: int | None = None):
@@ -29,7 +32,7 @@ class ParseError(ValueError):
 
 
 def shown(value: object, most: int = 60) -> str:
-    """What was found, for messages: in quotes where it is text, on one line, cut to `most` characters.
+    """A value for messages: in quotes if it is text, on one line, cut to `most` characters.
 
     >>> shown("x" * 100, 10)
     "'xxxxxx..."
@@ -49,7 +52,7 @@ def read_bytes(file: str | Path) -> bytes:
     """The bytes of a file.
 
     Raises:
-        FileNotFoundError: there is no such file; one line.
+        FileNotFoundError: the file does not exist; its message is one line.
     """
     try:
         return Path(file).read_bytes()
@@ -58,11 +61,11 @@ def read_bytes(file: str | Path) -> bytes:
 
 
 def read_text(file: str | Path) -> str:
-    """The text of a UTF-8 file, a byte order mark left out.
+    """The text of a UTF-8 file, without its byte order mark.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ParseError: the bytes are no UTF-8 text.
+        FileNotFoundError: the file does not exist.
+        ParseError: the bytes are not UTF-8 text.
     """
     try:
         return read_bytes(file).decode("utf-8-sig")
@@ -73,7 +76,8 @@ def read_text(file: str | Path) -> str:
 def numbered_lines(content: bytes, first: int = 1) -> Iterator[tuple[int, str]]:
     """The lines of a text in any superset of ASCII, as characters of one byte each, and their numbers.
 
-    They end where editors end them: what else Python ends lines at, as byte 133, is a part of letters in UTF-8.
+    Lines end as in text editors. Other characters at which Python ends lines, such as byte 133, are parts of letters in
+    UTF-8.
 
     Args:
         content: the text.

@@ -1,13 +1,13 @@
 """Curves and surfaces of IGES files: B-splines, rational or not, lines, circular arcs, and composite curves.
 
-What is read, after IGES 5.3 (US PRO/IPO-100, 1996): splines, 126, in section 4.23 and 128 in 4.24, lines, 110, in 4.13,
-arcs, 100, in 4.3, composite curves, 102, in 4.4, each placed by its transformation matrix, 124 in section 4.21. Form
-numbers say what a spline looks like and are not needed. Coordinates are converted to millimetres from the unit that the
-file names, which rounds them where that is another one.
+The entities read follow IGES 5.3 (US PRO/IPO-100, 1996): spline curves 126 (section 4.23) and surfaces 128 (4.24),
+lines 110 (4.13), arcs 100 (4.3), composite curves 102 (4.4), each with its transformation matrix 124 (4.21). Form
+numbers classify splines and are not needed. Coordinates are converted from the unit of the file to millimeters, which
+rounds them if the units differ.
 
-Left out is what is no shape of its own: hidden entities, annotation, definitions, curves in the parameters of a
-surface, parts of other entities, and what holds no geometry (colours, properties, groups, views). All other entities
-are refused by name, trimmed surfaces among them, since without them the distance would be that of another shape.
+Entities that are not shapes by themselves are skipped: hidden entities, annotation, definitions, curves in the
+parameters of a surface, parts of other entities, and entities without geometry (colors, properties, groups, views). All
+other entities are refused by name, including trimmed surfaces: dropping them would change the distance.
 """
 
 from collections.abc import Sequence
@@ -53,23 +53,33 @@ _NAMES = {
 
 
 def load_iges(file: str | Path, unit: str | None = "MM") -> list[IgesShape]:
-    """The curves and surfaces of an IGES file in the order of its directory; all but single splines as segments.
+    """Load the curves and surfaces of an IGES file, in the order of its directory.
 
-    Curves are curves in space, also those that lie in a plane. Circular arcs are rational quadratics of a quarter turn
-    at most, up to rounding; they end where the file says, and where both ends are the same they are circles. A curve
-    that is marked as periodic and whose points and knots repeat is a periodic one. Surfaces and curves are cut to the
-    parameters that the entity names.
+    Curves are in space, also if they lie in a plane. Circular arcs become rational quadratics of at most a quarter
+    turn, up to rounding. They end at the points in the file; arcs whose ends coincide are full circles. A curve that is
+    marked as periodic is returned as periodic if its points and knots repeat. Curves and surfaces are cut to the
+    parameters that their entity names.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> from jhd.io.iges_writer import save_iges
+    >>> with TemporaryDirectory() as folder:
+    ...     save_iges(f"{folder}/curve.igs", BezierCurve([[0, 0, 0], [1, 2, 0], [2, 0, 0]]))
+    ...     load_iges(f"{folder}/curve.igs")[0].control_points.tolist()
+    [[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [2.0, 0.0, 0.0]]
 
     Args:
-        file: a file in the fixed format of IGES 5.3 or before, of lines of 80 columns.
-        unit: the unit of the coordinates: IN, MM, FT, MI, M, KM, MIL, UM, CM or UIN, to which those of the file are
-            converted, each with a rounding or two. None takes the numbers of the file, whatever its unit.
+        file: name of a file in the fixed format of IGES 5.3 or earlier, with lines of 80 columns.
+        unit: unit of the returned coordinates: IN, MM (the default), FT, MI, M, KM, MIL, UM, CM or UIN. The conversion
+            rounds once or twice. None returns the numbers of the file, whatever its unit.
+
+    Returns:
+        B-spline curves and surfaces; lines, arcs and composite curves as BezierSegments.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ParseError: a file that cannot be read, with the line and the entity; an entity that is not one of these, by
-            name, trimmed surfaces too; an unknown unit; or there is no curve and no surface.
-        ValueError: another unit.
+        FileNotFoundError: the file does not exist.
+        ParseError: a file that cannot be read, with the line and the entity; an unsupported entity, for example a
+            trimmed surface; an unknown unit in the file; or a file without curves and surfaces.
+        ValueError: `unit` is not one of these.
     """
     if unit is not None and unit not in UNITS:
         raise ValueError(f"unit is {unit!r}; needs one of {', '.join(UNITS)}, or None.")
@@ -97,7 +107,7 @@ def united(shapes: Sequence[IgesShape]) -> BezierSegments | BezierPatches:
 
 
 def _single(shape: Any) -> Any:
-    """The spline, as a Bezier curve or patch where it is one: the way through knots rounds products with weights."""
+    """The spline, as a Bezier curve or patch if it is one: the way through knots rounds products with weights."""
     points, weights = shape.control_points, shape.weights
     if isinstance(shape, BSplineCurve) and not shape.periodic and _is_span(shape.knots, shape.degree):
         return BezierCurve(points, weights)
@@ -141,7 +151,7 @@ class _IgesReader:
         except ParseError:
             raise
         except ValueError as error:
-            raise record.error(f"is no shape: {error}") from None
+            raise record.error(f"is not a valid shape: {error}") from None
 
     def _composite(self, entry: IgesEntry) -> BezierSegments:
         record = self.found.record(entry)
@@ -177,7 +187,7 @@ class _IgesReader:
         while at and at not in self.matrices:
             known = self.found.entries.get(at)
             if known is None or known.type != MATRIX or at in chain:
-                reason = "is no transformation matrix (124)" if at not in chain else "refers to itself"
+                reason = "is not a transformation matrix (124)" if at not in chain else "refers to itself"
                 message = f"D{at}, the matrix of D{entry.sequence}, {reason}."
                 raise ParseError(message, self.found.name, entry.line)
             chain[at] = None

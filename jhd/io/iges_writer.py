@@ -1,7 +1,7 @@
-"""B-spline curves and surfaces to IGES files: entities 126 and 128, and 102 where segments hang together.
+"""B-spline curves and surfaces to IGES files: entities 126 and 128, and 102 for joined segments.
 
-The layout and the entities are those of IGES 5.3 (US PRO/IPO-100, 1996), sections 2.2, 4.4, 4.23 and 4.24. Numbers are
-written in double precision with all of their digits, so that `load_iges` gets the same floats back.
+The layout and the entities follow IGES 5.3 (US PRO/IPO-100, 1996), sections 2.2, 4.4, 4.23 and 4.24. Numbers are
+written in double precision with all digits, so that `load_iges` reads the same floats back.
 """
 
 from collections.abc import Iterable, Sequence
@@ -45,20 +45,31 @@ def save_iges(
     *,
     unit: str = "MM",
 ) -> None:
-    """Writes curves and parametric surfaces to an IGES file, bit for bit.
+    """Write curves and parametric surfaces to an IGES file, bit for bit.
 
-    A B-spline or Bezier curve becomes an entity 126, in the plane z = 0 where it has two coordinates; segments become
-    one each, and those that follow one another a composite curve 102. A B-spline surface or patch becomes an entity
-    128, and so does each of several patches. Rational shapes stay rational.
+    A B-spline or Bezier curve becomes an entity 126, in the plane z = 0 if it has two coordinates. Segments become one
+    entity 126 each; joined segments form a composite curve 102. A B-spline surface or patch becomes an entity 128, and
+    so does each of several patches. Rational shapes stay rational.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> from jhd.io.iges import load_iges
+    >>> with TemporaryDirectory() as folder:
+    ...     save_iges(f"{folder}/curve.igs", BezierCurve([[0, 0], [1, 2], [2, 0]]))
+    ...     load_iges(f"{folder}/curve.igs")[0].control_points.tolist()
+    [[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [2.0, 0.0, 0.0]]
 
     Args:
-        file: the file; one that exists is replaced as a whole.
-        shapes: one or several.
-        unit: the unit of the coordinates: IN, MM, FT, MI, M, KM, MIL, UM, CM or UIN. Nothing is scaled.
+        file: name of the file. An existing file is replaced.
+        shapes: a curve or parametric surface, or several.
+        unit: unit of the coordinates, stored in the file: IN, MM (the default), FT, MI, M, KM, MIL, UM, CM or UIN.
+            Nothing is scaled.
+
+    Returns:
+        None.
 
     Raises:
-        TypeError: something that is no curve and no parametric surface.
-        ValueError: no shape, points (degree 0), another unit, or more lines than a file can have.
+        TypeError: an entry that is neither a curve nor a parametric surface.
+        ValueError: no shape, a point set (degree 0), another unit, or more lines than an IGES file can have.
     """
     if unit not in UNITS:
         raise ValueError(f"unit is {unit!r}; needs one of {', '.join(UNITS)}.")

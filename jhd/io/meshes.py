@@ -1,8 +1,8 @@
 """Triangle meshes in files: OBJ, STL (text and binary), PLY (text and binary, either byte order) and OFF.
 
-Polygons become triangles between their corners, convex ones fans about the first. What is no surface (normals, colours,
-textures, lines, materials) is left out; surfaces of other kinds are refused. STL files name no vertices, so equal
-coordinates become one vertex.
+Polygons become triangles between their corners, convex ones fans about the first corner. Data other than the surface
+(normals, colors, textures, lines, materials) are dropped; free-form surfaces are refused. STL files have no common
+vertices, so equal coordinates become one vertex.
 """
 
 from codecs import BOM_UTF8
@@ -26,10 +26,23 @@ _UNREAD = ("surf", "fo", "bsp", "bzp", "cdp", "call")
 
 
 def load_mesh(file: str | Path) -> TriangleMesh:
-    """The mesh in a file, whose suffix names the kind: .obj, .stl, .ply or .off.
+    """Load a triangle mesh from an OBJ, STL, PLY or OFF file.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> triangle = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> with TemporaryDirectory() as folder:
+    ...     save_mesh(f"{folder}/triangle.off", triangle)
+    ...     load_mesh(f"{folder}/triangle.off").triangles.tolist()
+    [[0, 1, 2]]
+
+    Args:
+        file: name with the suffix .obj, .stl, .ply or .off.
+
+    Returns:
+        The mesh; polygons are split into triangles.
 
     Raises:
-        FileNotFoundError: there is no such file.
+        FileNotFoundError: the file does not exist.
         ParseError: another suffix, or content that cannot be read, with the line or byte.
     """
     suffix = Path(file).suffix.lower()
@@ -39,19 +52,29 @@ def load_mesh(file: str | Path) -> TriangleMesh:
 
 
 def save_mesh(file: str | Path, mesh: Any, *, text: bool = False) -> None:
-    """Writes the mesh; the suffix names the kind: .obj, .stl, .ply or .off.
+    """Write a triangle mesh to an OBJ, STL, PLY or OFF file.
 
-    What is read back is the same mesh to the last bit, except from STL files, which keep corners and no vertices, and
-    from binary ones, which keep single precision.
+    `load_mesh` reads the same mesh back bit for bit, with two exceptions: STL files store corners instead of common
+    vertices, and binary STL files have single precision.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> triangle = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> with TemporaryDirectory() as folder:
+    ...     save_mesh(f"{folder}/triangle.ply", triangle)
+    ...     load_mesh(f"{folder}/triangle.ply").vertices.tolist()
+    [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
     Args:
-        file: the file; one that exists is replaced.
-        mesh: the mesh, or what jhd.as_shape takes for one.
-        text: whether STL and PLY files are written as text in place of bytes; the others always are text.
+        file: name with the suffix .obj, .stl, .ply or .off. An existing file is replaced.
+        mesh: a TriangleMesh, or an object that `jhd.as_shape` converts to one.
+        text: whether to write STL and PLY files as text instead of binary; OBJ and OFF files are always text.
+
+    Returns:
+        None.
 
     Raises:
         TypeError: not a mesh.
-        ValueError: another suffix, or coordinates that are beyond the range of a binary STL file.
+        ValueError: another suffix, or coordinates beyond the range of a binary STL file.
     """
     mesh = taken_as("mesh", mesh)
     check_mesh("mesh", mesh)

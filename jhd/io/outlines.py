@@ -1,8 +1,9 @@
 """Outlines of letters as curves, from the fonts that matplotlib knows and from font files.
 
-TrueType outlines are lines and quadratics, with the on-curve points that the format implies written out; those of CFF
-fonts are lines and cubics. Coordinates are font units with y up, exact: integers, and halves where lines are raised to
-quadratics (in CFF fonts lines raised to cubics round by an ulp). No hinting, kerning or ligatures.
+TrueType outlines consist of lines and quadratics; on-curve points that the format only implies are included. Outlines
+of CFF fonts consist of lines and cubics. Coordinates are exact font units with y up: integers, and halves if lines are
+elevated to quadratics. (In CFF fonts, elevating lines to cubics rounds by an ulp.) There is no hinting, kerning or
+ligatures.
 
 Source: Apple, TrueType Reference Manual, chapter "Digitizing letterform designs".
 """
@@ -31,30 +32,33 @@ Point = tuple[float | int, float | int]
 
 
 class _MissingGlyphError(Exception):
-    """A font without the letter that is wanted."""
+    """A font lacks a letter."""
 
 
 class _OutgrownError(Exception):
-    """A letter of more than is drawn of one."""
+    """A letter has more parts or pieces than are allowed."""
 
 
 def outline(font: str | Path, text: str, *, size: float | int | None = None) -> BezierSegments:
-    """The outline of a letter, or of a text set without kerning: every contour of it as one curve, y up.
+    """The outline of a letter, or of a text without kerning: all contours as one curve, with y up.
 
     >>> outline("DejaVu Sans", "l").control_points[0].tolist()
     [[193.0, 1556.0], [377.0, 1556.0]]
 
     Args:
-        font: a family that matplotlib knows (`DejaVu Sans`; its regular face), the name of a font file without suffix
-            (`DejaVuSans-Bold`), or a path to a .ttf or .otf file.
-        text: one letter or several; the first begins at x = 0 on the line y = 0.
-        size: length of the em, in the unit wanted; None keeps font units (1000 or 2048 an em as a rule).
+        font: a font family that matplotlib knows (`DejaVu Sans`; its regular face), the name of a font file without
+            suffix (`DejaVuSans-Bold`), or a path to a .ttf, .otf, .ttc or .otc file.
+        text: one letter or several; the first starts at x = 0 on the baseline y = 0.
+        size: length of the em, a positive number in any unit; None keeps font units (usually 1000 or 2048 per em).
+
+    Returns:
+        A closed curve in the plane.
 
     Raises:
-        FileNotFoundError: a path to no file.
-        ParseError: a file that is no font.
-        ValueError: an unknown font (some known names follow), a letter that the font does not have, a text without
-            outline (spaces), a size that is not positive.
+        FileNotFoundError: the path does not exist.
+        ParseError: a file that is not a font.
+        ValueError: an unknown font (the message lists some known ones), a letter that the font lacks, a text without
+            outline (spaces), or a size that is not positive.
     """
     if not text:
         raise ValueError("text is empty; needs at least one letter.")
@@ -65,16 +69,22 @@ def outline(font: str | Path, text: str, *, size: float | int | None = None) -> 
 
 
 def outlines(font: str | Path, *, size: float | int | None = None) -> dict[str, BezierSegments]:
-    """The outlines of all letters of a font that have one, by letter, in the order of their code points.
+    """The outlines of all letters of a font that have one, in the order of their code points.
+
+    >>> outlines("STIXSizeFiveSym")["_"].count
+    4
 
     Args:
-        font: see `outline`.
-        size: length of the em, in the unit wanted; None keeps font units.
+        font: a family, the name of a font file or a path, see `outline`.
+        size: length of the em, a positive number in any unit; None keeps font units (usually 1000 or 2048 per em).
+
+    Returns:
+        A dictionary from letters to closed curves.
 
     Raises:
-        FileNotFoundError: a path to no file.
-        ParseError: a file that is no font.
-        ValueError: an unknown font, a size that is not positive.
+        FileNotFoundError: the path does not exist.
+        ParseError: a file that is not a font.
+        ValueError: an unknown font, or a size that is not positive.
     """
     letters: list[str] = []
 
@@ -89,7 +99,7 @@ def outlines(font: str | Path, *, size: float | int | None = None) -> dict[str, 
 def _outlines(
     font: str | Path, texts_of: Callable[[TTFont], list[str]], size: float | int | None
 ) -> list[BezierSegments | None]:
-    """The outlines of some texts, None where there is no ink, from a font that is opened once."""
+    """The outlines of some texts, None for texts without ink, from a font that is opened once."""
     if size is not None and not size > 0:
         raise ValueError(f"size is {size}; needs a positive length.")
     file = _font_file(str(font))
@@ -101,11 +111,11 @@ def _outlines(
     except _OutgrownError as error:
         raise ParseError(str(error), file) from None
     except TTLibError as error:
-        raise ParseError(f"is no font that can be read ({error}).", file) from error
+        raise ParseError(f"is not a readable font ({error}).", file) from error
     except Exception as error:
         # Damaged tables surface as nearly every kind of error that Python has.
         reason = f"{type(error).__name__}: {str(error)[:100]}"
-        raise ParseError(f"is no font that can be read ({reason}).", file) from error
+        raise ParseError(f"is not a readable font ({reason}).", file) from error
     if size is None:
         return [assemble(contours) for contours, _ in drawn]
     scaled = [(contours, np.diag([size / units, size / units, 0.0])[:2]) for contours, units in drawn]
@@ -113,13 +123,19 @@ def _outlines(
 
 
 def parse_font_spec(spec: str) -> tuple[str, str]:
-    """Font and text of `font:NAME:TEXT`; the name may hold colons, and the text may be a colon.
+    """Font and text of `font:NAME:TEXT`; the name may contain colons, and the text may be a colon.
 
     >>> parse_font_spec("font:DejaVu Sans:a")
     ('DejaVu Sans', 'a')
 
+    Args:
+        spec: a string of this form.
+
+    Returns:
+        The name of the font, and the text.
+
     Raises:
-        ParseError: anything else.
+        ParseError: a string of another form.
     """
     if spec.startswith("font:"):
         name, _, text = spec.removeprefix("font:").rpartition(":")
@@ -127,7 +143,9 @@ def parse_font_spec(spec: str) -> tuple[str, str]:
             name, text = name[:-1], ":"
         if name and text:
             return name, text
-    raise ParseError(f"{spec!r} is no letter of a font; needs font:NAME:LETTER, for example 'font:DejaVu Sans:a'.")
+    raise ParseError(
+        f"{spec!r} does not name a letter of a font; needs font:NAME:LETTER, for example 'font:DejaVu Sans:a'."
+    )
 
 
 def _font_file(font: str) -> str:
@@ -140,7 +158,7 @@ def _font_file(font: str) -> str:
     wanted = font.casefold()
     matching = [entry for entry in entries if wanted in (entry.name.casefold(), Path(entry.fname).stem.casefold())]
     if not matching:
-        raise ValueError(f"{font!r} is no font known to matplotlib; some that are: {_some_families()}.")
+        raise ValueError(f"{font!r} is not a font known to matplotlib; known are for example {_some_families()}.")
     return min(matching, key=_preference).fname
 
 

@@ -1,7 +1,7 @@
-"""Shapes as other packages hold them: SciPy, geomdl, shapely and matplotlib.
+"""Conversion of shapes to objects of SciPy, geomdl, shapely and matplotlib; `jhd.as_shape` converts back.
 
-What is exact stays bit for bit; what the other side cannot hold (degrees, weights) is drawn by lines or cubics within
-a tolerance that is asked for, with a proven deviation. The way back is `jhd.as_shape`.
+Numbers that the other package can hold are kept bit for bit. Degrees and weights that it cannot hold are approximated
+by lines or cubics within a given tolerance, with a certified deviation.
 """
 
 from typing import Any
@@ -22,26 +22,35 @@ _MOVETO, _CLOSEPOLY = 1, 79
 
 
 def to_scipy(shape: AbstractCurve | AbstractPatch, *, homogeneous: bool = False) -> Any:
-    """The polynomial spline as a `scipy.interpolate.BSpline`, a surface as an `NdBSpline`; bit for bit.
+    """A `scipy.interpolate.BSpline` of a curve or an `NdBSpline` of a surface, with the same numbers bit for bit.
 
-    Parameters are those of the shape: segments are one spline in which segment k carries [k, k + 1]. A periodic curve
-    gets extrapolate="periodic".
+    Parameters are kept. BezierSegments become one spline in which segment k has the parameters [k, k + 1]. A periodic
+    curve gets extrapolate="periodic".
+
+    >>> from jhd.shapes.bezier import BezierCurve
+    >>> to_scipy(BezierCurve([[0, 0], [1, 2], [2, 0]])).t.tolist()
+    [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
 
     Args:
-        shape: a curve, a patch or a B-spline surface.
-        homogeneous: whether the coefficients are the points times their weights, and the weights as one more
-            coordinate: a rational shape is the quotient of the values by the last one.
+        shape: a BezierCurve, a BSplineCurve, BezierSegments, a BezierPatch or a BSplineSurface.
+        homogeneous: whether the coefficients are homogeneous: points times weights, then the weights. A rational shape
+            is the quotient of the first values by the last one.
+
+    Returns:
+        The spline of SciPy.
 
     Raises:
-        TypeError: another shape; or several patches, which are no one spline.
-        ValueError: a rational shape and not `homogeneous`; SciPy's splines have no weights.
+        TypeError: another shape, for example BezierPatches, which are not a single spline.
+        ValueError: a rational shape without `homogeneous`; splines of SciPy have no weights.
     """
     from scipy.interpolate import BSpline, NdBSpline
 
     if not isinstance(shape, AbstractCurve | AbstractPatch):
         raise TypeError(f"shape is a {type(shape).__name__}; SciPy's splines are curves and parametric surfaces.")
     if shape.weights is not None and not homogeneous:
-        raise ValueError("the shape is rational, and SciPy's splines have no weights; homogeneous=True appends them.")
+        raise ValueError(
+            "the shape is rational, and SciPy's splines have no weights; pass homogeneous=True to append them."
+        )
     points = np.asarray(shape.control_points, np.float64)
     if homogeneous:
         weights = np.ones(points.shape[:-1]) if shape.weights is None else np.asarray(shape.weights, np.float64)
@@ -64,7 +73,7 @@ def to_scipy(shape: AbstractCurve | AbstractPatch, *, homogeneous: bool = False)
 
 def _segment_rows(shape: AbstractCurve, points: np.ndarray) -> np.ndarray:
     if not isinstance(shape, BezierSegments):
-        raise TypeError(f"shape is a {type(shape).__name__}; take its segments().")
+        raise TypeError(f"shape is a {type(shape).__name__}; pass its segments() instead.")
     return points
 
 
@@ -79,13 +88,23 @@ def _surface_knots(surface: AbstractPatch) -> tuple[np.ndarray, np.ndarray]:
 
 
 def to_geomdl(surface: AbstractPatch) -> dict[str, Any]:
-    """The surface as a dictionary of plain numbers under the names of geomdl's attributes, points along v first.
+    """A dictionary of the attributes of a `geomdl.NURBS.Surface`, as plain numbers, with points along v first.
 
-    Its entries are set on a `geomdl.NURBS.Surface` in their order, with `ctrlpts_size_u` and `_v` before `ctrlpts`;
-    weights stand beside the points, not multiplied in.
+    Set them in the order of the dictionary, but `ctrlpts_size_u` and `ctrlpts_size_v` before `ctrlpts`. Weights are
+    separate, not multiplied into the points.
+
+    >>> from jhd.shapes.patch import BezierPatch
+    >>> to_geomdl(BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]))["knotvector_u"]
+    [0.0, 0.0, 1.0, 1.0]
+
+    Args:
+        surface: a BSplineSurface or a BezierPatch.
+
+    Returns:
+        Values by the names of the attributes of geomdl.
 
     Raises:
-        TypeError: something else than a BSplineSurface or a BezierPatch.
+        TypeError: another shape.
     """
     knots_u, knots_v = _surface_knots(surface)
     points = np.asarray(surface.control_points, np.float64)
@@ -103,20 +122,28 @@ def to_geomdl(surface: AbstractPatch) -> dict[str, Any]:
 
 
 def to_shapely(curve: AbstractCurve, atol: float | None = None, *, filled: bool = False) -> Any:
-    """The curve as a shapely LineString or MultiLineString, filled as a Polygon or MultiPolygon.
+    """A shapely LineString or MultiLineString of a curve; with `filled`, the Polygon or MultiPolygon that it bounds.
 
-    The geometry is a polyline within a Hausdorff distance of atol of the curve, proven; straight segments are kept bit
-    for bit. Closed contours are closed lines. Filled, they bound the area inside of an odd number of them, and open
-    ones are refused.
+    The geometry is a polyline within a certified Hausdorff distance of `atol` of the curve. Straight segments are kept
+    bit for bit. Closed contours become closed lines. A filled curve bounds the points inside an odd number of its
+    contours; open contours are then refused.
+
+    >>> from jhd.shapes.curve import polyline
+    >>> to_shapely(polyline([[0, 0], [1, 0], [1, 1]], closed=True), filled=True).area
+    0.5
 
     Args:
-        curve: a curve; filled ones in the plane.
-        atol: see `to_polyline`; None for curves of straight segments.
-        filled: whether the area is meant.
+        curve: a curve; in the plane if `filled`.
+        atol: largest deviation, a positive length in the unit of the coordinates; None only for curves of straight
+            segments.
+        filled: whether to return the area instead of the lines.
+
+    Returns:
+        The shapely geometry.
 
     Raises:
         ImportError: shapely is not installed.
-        ValueError: no atol for a curve that is not straight, points, or contours that cross or are open and `filled`.
+        ValueError: a curved curve without `atol`, a point set, or `filled` contours that are open or cross.
         TypeError: not a curve.
     """
     check_curve("curve", curve)
@@ -142,7 +169,7 @@ def _shapely() -> Any:
 
 
 def _chains(points: np.ndarray, following: np.ndarray) -> list[np.ndarray]:
-    """The points of straight segments (segments, 2, dim), those that hang together in one row."""
+    """The points of straight segments (segments, 2, dim); consecutive joined segments form one row."""
     chains, start = [], 0
     for k in range(len(points)):
         if following[k] != k + 1 or k + 1 == len(points) or np.any(points[k, 1] != points[k + 1, 0]):
@@ -157,7 +184,7 @@ def _chains(points: np.ndarray, following: np.ndarray) -> list[np.ndarray]:
 def _area(shapely: Any, chains: list[np.ndarray]) -> Any:
     for chain in chains:
         if chain.shape[1] != 2 or len(chain) < 4 or np.any(chain[0] != chain[-1]):
-            raise ValueError("a filled curve needs closed contours in the plane; this one has another.")
+            raise ValueError("a filled curve needs closed contours in the plane with at least three sides.")
     if len(chains) == 1:
         area = shapely.Polygon(chains[0])
     else:
@@ -165,7 +192,7 @@ def _area(shapely: Any, chains: list[np.ndarray]) -> Any:
     kept = area.boundary.length if area.geom_type.endswith("Polygon") else 0.0
     lost = abs(kept - sum(shapely.LineString(chain).length for chain in chains))
     if not area.is_valid or lost > _LENGTH * kept:
-        raise ValueError("the contours cross each other or themselves; they bound no area.")
+        raise ValueError("the contours cross each other or themselves, so they bound no area.")
     return area
 
 
@@ -174,14 +201,22 @@ _LENGTH = 1e-9
 
 
 def to_path(curve: AbstractCurve, atol: float | None = None) -> Any:
-    """The plane curve as a matplotlib Path: polynomial segments of degree 1 to 3 bit for bit, others by cubics.
+    """A matplotlib Path of a plane curve: polynomial segments of degree 1 to 3 bit for bit, others as cubics.
+
+    >>> from jhd.shapes.curve import polyline
+    >>> to_path(polyline([[0, 0], [1, 0], [1, 1]])).vertices.tolist()
+    [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
 
     Args:
         curve: a curve in the plane.
-        atol: the most that the path may be away from the curve anywhere, proven; None where all segments are kept.
+        atol: largest deviation, certified, a positive length in the unit of the coordinates; None only if all segments
+            are kept.
+
+    Returns:
+        The path.
 
     Raises:
-        ValueError: a curve in space, points, or rational segments and degrees above 3 without atol.
+        ValueError: a curve in space, a point set, or rational segments or degrees above 3 without `atol`.
         TypeError: not a curve.
     """
     from matplotlib.path import Path

@@ -91,7 +91,7 @@ def _header(file: object, content: bytes) -> tuple[str, list[_PlyElement], int, 
     """The byte order (empty for text), the elements, the number of lines, and where the rows begin."""
     end = re.search(rb"(?:^|\n|\r)end_header[ \t]*(\r\n|\n|\r)", content[: 1 << 20])
     if not content.startswith(b"ply") or end is None:
-        raise ParseError("is no PLY file: needs 'ply' at its start and a line 'end_header'.", file, 1)
+        raise ParseError("is not a PLY file: needs 'ply' at its start and a line 'end_header'.", file, 1)
     lines = list(numbered_lines(content[: end.start() + 1]))
     order, elements = None, []
     for number, line in lines[1:]:
@@ -138,7 +138,7 @@ def _check_properties(file: object, element: _PlyElement, before: set[str]) -> N
         raise ParseError(f"the element {shown(element.name)} has two properties of one name.", file)
     for p in element.properties:
         if p.length and "f" in p.length:
-            raise ParseError(f"the list {shown(p.name)} has a length that is no whole number.", file)
+            raise ParseError(f"the list {shown(p.name)} has a length that is not an integer.", file)
     _check_known(file, element)
 
 

@@ -1,8 +1,9 @@
-"""Results in files: JSON to read, npz to compute with.
+"""Results in files: JSON for reading, npz for computing.
 
-Both hold three things: `type`, the name of the result's class; `solution`, its fields; `context`, what the caller adds
-(seed, versions, device, command). JSON writes numbers that are not finite as null; npz keeps them, and keeps arrays.
-Enumerations are stored by the names of their members, fields without a value are null in JSON and absent in npz.
+Both formats hold three entries: `type`, the class name of the result; `solution`, its fields; `context`, additional
+data of the caller (seed, versions, device, command). JSON writes numbers that are not finite as null; npz keeps them,
+and keeps arrays. Enumerations are stored by the names of their members. Fields without a value are null in JSON and
+absent in npz.
 """
 
 import io
@@ -24,15 +25,27 @@ _JOIN = "."
 
 
 def save_result(file: str | Path, solution: eqx.Module, /, **context: Any) -> None:
-    """Writes a result, for example a `HausdorffSolution` or a batch of them, as JSON or npz by the suffix of the file.
+    """Write a result, for example a `HausdorffSolution` or a batch of them, to a JSON or npz file.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> from jhd import directed_hausdorff, points
+    >>> with TemporaryDirectory() as folder:
+    ...     solution = directed_hausdorff(points([[0, 0]]), points([[3, 4]]))
+    ...     save_result(f"{folder}/result.json", solution, seed=7)
+    ...     content = load_result(f"{folder}/result.json")
+    >>> content["solution"]["value"], content["context"]
+    (5.0, {'seed': 7})
 
     Args:
-        file: ends in .json or .npz.
-        solution: any result of this package.
-        context: numbers, texts, lists and dictionaries to keep beside it.
+        file: name with the suffix .json or .npz. An existing file is replaced.
+        solution: a result of this package.
+        context: additional numbers, texts, lists and dictionaries to store with it.
+
+    Returns:
+        None.
 
     Raises:
-        TypeError: the solution is no result, or an entry of the context is nothing that JSON can hold.
+        TypeError: `solution` is not a result, or JSON cannot hold an entry of `context`.
         ValueError: another suffix.
     """
     suffix = _suffix(file)
@@ -51,20 +64,32 @@ def save_result(file: str | Path, solution: eqx.Module, /, **context: Any) -> No
 
 
 def load_result(file: str | Path) -> dict[str, Any]:
-    """What `save_result` wrote: a dictionary of `type`, `solution` and `context`.
+    """Load a result that `save_result` wrote.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> from jhd import directed_hausdorff, points
+    >>> with TemporaryDirectory() as folder:
+    ...     save_result(f"{folder}/result.json", directed_hausdorff(points([[0, 0]]), points([[3, 4]])))
+    ...     content = load_result(f"{folder}/result.json")
+    >>> content["type"], content["solution"]["value"]
+    ('HausdorffSolution', 5.0)
+
+    Args:
+        file: name with the suffix .json or .npz.
 
     Returns:
-        `solution` as a nested dictionary: of numbers, names and lists from JSON, of NumPy arrays from npz.
+        A dictionary with the keys `type`, `solution` and `context`. `solution` is a nested dictionary: of numbers,
+        names and lists from JSON, of NumPy arrays from npz.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ParseError: the file is damaged, or holds something else.
-        ValueError: a suffix other than .json and .npz.
+        FileNotFoundError: the file does not exist.
+        ParseError: the file is damaged, or does not contain a result.
+        ValueError: another suffix.
     """
     content = _load_json(file) if _suffix(file) == ".json" else _load_npz(file)
     missing = {"type", "solution", "context"} - content.keys()
     if missing:
-        raise ParseError(f"is no saved result: it has no {sorted(missing)[0]!r}.", file)
+        raise ParseError(f"is not a saved result: it has no {sorted(missing)[0]!r}.", file)
     return content
 
 
@@ -94,7 +119,7 @@ def _plain(name: str, value: Any) -> Any:
 
 
 def _flatten(name: str, value: Any) -> dict[str, np.ndarray]:
-    """Arrays by joined names; settings that are no arrays as arrays too."""
+    """Arrays by joined names; settings that are not arrays also as arrays."""
     if value is None:
         return {}
     if _is_member(value):
@@ -115,7 +140,7 @@ def _flatten(name: str, value: Any) -> dict[str, np.ndarray]:
 
 
 def _is_member(value: Any) -> bool:
-    """Whether it is a member of an enumeration, or a batch of members; equinox makes them Modules too."""
+    """Whether the value is a member of an enumeration, or a batch of members; equinox makes them Modules too."""
     return hasattr(value, "_enumeration")
 
 
@@ -134,7 +159,7 @@ def _load_json(file: str | Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise ParseError(f"JSON: {shown(str(error), 100)}.", file) from None
     if not isinstance(content, dict):
-        raise ParseError("is no saved result: it is no JSON object.", file)
+        raise ParseError("is not a saved result: it is not a JSON object.", file)
     return content
 
 
@@ -147,7 +172,7 @@ def _load_npz(file: str | Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise FileNotFoundError(f"{file}: no such file.") from None
     except (ValueError, RecursionError) as error:
-        raise ParseError(f"is no npz file of a result: {shown(str(error), 200)}", file) from error
+        raise ParseError(f"is not an npz file of a result: {shown(str(error), 200)}", file) from error
     return content
 
 

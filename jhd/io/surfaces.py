@@ -3,11 +3,11 @@
 | type | keys (optional ones in brackets) |
 |---|---|
 | `BezierPatch` | `control_points` (rows, columns, 3), [`weights`] (rows, columns) |
-| `BSplineSurface` | `control_points`, `knots_u`, `knots_v`, [`weights`], likewise; `knots_u` go with the rows |
+| `BSplineSurface` | `control_points` (rows, columns, 3), `knots_u`, `knots_v`, [`weights`] (rows, columns) |
 | `BezierPatches` | `control_points` (patches, rows, columns, 3), [`weights`] (patches, rows, columns) |
 
-Degrees are not named: they are numbers of knots - rows - 1, or rows - 1. A key `comment` is allowed everywhere. Floats
-are written so that the same floats are read back.
+`knots_u` belong to the rows. Degrees follow from the numbers of knots, rows and columns. A key `comment` is always
+allowed. Floats are written so that the same floats are read back.
 """
 
 from pathlib import Path
@@ -27,10 +27,20 @@ SURFACE_KINDS: Kinds = {
 
 
 def surface_to_dict(surface: AbstractPatch) -> dict[str, Any]:
-    """The surface as JSON can hold it: its type and its arrays as nested lists; keys without a value are left out.
+    """A dictionary of a surface for JSON: its type and its arrays as nested lists, without empty keys.
+
+    >>> net = [[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]
+    >>> sorted(surface_to_dict(BezierPatch(net)))
+    ['control_points', 'type']
+
+    Args:
+        surface: a BezierPatch, a BSplineSurface or BezierPatches.
+
+    Returns:
+        A dictionary that `surface_from_dict` converts back to the same surface.
 
     Raises:
-        TypeError: not a parametric surface of a type that files hold.
+        TypeError: a surface of another type, or not a parametric surface.
     """
     name = type(surface).__name__
     if name not in SURFACE_KINDS:
@@ -39,24 +49,45 @@ def surface_to_dict(surface: AbstractPatch) -> dict[str, Any]:
 
 
 def surface_from_dict(content: Any) -> AbstractPatch:
-    """The surface that such a dictionary describes; see the table of this module.
+    """The surface that a dictionary describes: the inverse of `surface_to_dict`.
 
     >>> net = [[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]
     >>> surface_from_dict({"type": "BezierPatch", "control_points": net})(0.5, 0.5).tolist()
     [1.0, 1.0, 1.0]
 
+    Args:
+        content: a dictionary with the key `type`: "BezierPatch" or "BezierPatches" (keys `control_points`, optional
+            `weights`), or "BSplineSurface" (also `knots_u` and `knots_v`). A key `comment` is ignored.
+
+    Returns:
+        The surface.
+
     Raises:
-        TypeError: not a dictionary.
-        ValueError: no or an unknown type, a key that is missing or unknown, and whatever the constructor refuses.
+        TypeError: `content` is not a dictionary.
+        ValueError: the type is missing or unknown, a key is missing or unknown, or the constructor refuses a value.
     """
     return built("surface", content, SURFACE_KINDS)
 
 
 def save_surface(file: str | Path, surface: AbstractPatch) -> None:
-    """Writes the surface; the suffix names the kind: .json, of one key a line, or .igs or .iges, see `save_iges`.
+    """Write a parametric surface to a file; the suffix selects the format.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     save_surface(f"{folder}/patch.json", BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]))
+    ...     load_surface(f"{folder}/patch.json").degrees
+    (1, 1)
+
+    Args:
+        file: name with the suffix .json (one key per line), .igs or .iges (see `save_iges`). An existing file is
+            replaced.
+        surface: a BezierPatch, a BSplineSurface or BezierPatches.
+
+    Returns:
+        None.
 
     Raises:
-        TypeError: not a parametric surface of a type that files hold.
+        TypeError: a surface of another type, or not a parametric surface.
         ValueError: another suffix.
     """
     content = surface_to_dict(surface)
@@ -67,10 +98,22 @@ def save_surface(file: str | Path, surface: AbstractPatch) -> None:
 
 
 def load_surface(file: str | Path) -> AbstractPatch:
-    """The parametric surface in a JSON file.
+    """Load a parametric surface from a JSON file; `load_iges` and `load_shape` read IGES files.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     save_surface(f"{folder}/patch.json", BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]))
+    ...     load_surface(f"{folder}/patch.json").degrees
+    (1, 1)
+
+    Args:
+        file: name of a file written by `save_surface`, or by hand (see `surface_from_dict`).
+
+    Returns:
+        The surface.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ParseError: text that is no JSON, with line and column; or JSON that is no surface, with the file and the key.
+        FileNotFoundError: the file does not exist.
+        ParseError: text that is not JSON, with line and column; or JSON that does not describe a surface, with the key.
     """
     return load_described("surface", file, SURFACE_KINDS)

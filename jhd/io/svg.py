@@ -1,6 +1,6 @@
 """SVG: path data and files to curves, curves to files.
 
-Coordinates are those of the file: y points down, as in all of SVG, unless `y_up` asks for the mirror image.
+Coordinates are those of the file: y points down, as everywhere in SVG, unless `y_up` asks for the mirror image.
 """
 
 from collections.abc import Iterable, Sequence
@@ -25,18 +25,22 @@ _MARGIN, _STROKE = 0.05, 0.004
 def path(d: str) -> BezierSegments:
     """The curve of SVG path data, the text of an attribute `d`.
 
-    Arcs are exact up to rounding, as rational quadratics of at most a quarter turn; lines and polynomial segments keep
-    their numbers, and are raised to the largest degree of the whole. y is the second number, whichever way it points.
+    Arcs become rational quadratics of at most a quarter turn and are exact up to rounding. Lines and polynomial
+    segments keep their numbers and are elevated to the largest degree of the path. y is the second number, in whichever
+    direction it points.
 
     >>> path("M0 0 H4 V2 Z").control_points[:, 0].tolist()
     [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0]]
 
     Args:
-        d: path data; every command of SVG 1.1, with several contours.
+        d: path data with any commands of SVG 1.1; several contours are allowed.
+
+    Returns:
+        All contours as one curve.
 
     Raises:
-        TypeError: not a string.
-        ParseError: text that is no path data, with line and column; or it draws nothing.
+        TypeError: `d` is not a string.
+        ParseError: text that is not path data, with line and column; or path data that draws nothing.
     """
     if not isinstance(d, str):
         raise TypeError(f"d must be a string of SVG path data; got {type(d).__name__}.")
@@ -47,22 +51,34 @@ def path(d: str) -> BezierSegments:
 
 
 def read_svg(file: str | Path, ids: str | Sequence[str] | None = None, *, y_up: bool = False) -> BezierSegments:
-    """All shapes that an SVG file draws, as one curve: outlines of fills and centre lines of strokes.
+    """All shapes that an SVG file draws, as one curve: outlines of fills and center lines of strokes.
 
-    Coordinates are user units of the root element: transforms of groups and elements are applied; viewBox and size of
-    the root are not, so a drawing without groups keeps its numbers. Nested viewBoxes are. Absolute units become
-    pixels of 1/96 inch. Lengths relative to a font, text, images, clipping and masks are not read. `display` and
-    `visibility` are heeded; places and sizes in styles and style sheets are refused.
+    Coordinates are user units of the root element. Transforms of groups and elements and nested viewBoxes are applied;
+    the viewBox and the size of the root are not. A drawing without groups therefore keeps its numbers. Absolute units
+    become pixels of 1/96 inch.
+
+    Text, images, clipping, masks and font-relative lengths are not read. `display` and `visibility` are respected.
+    Styles and style sheets that set positions or sizes are refused.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = write_svg(f"{folder}/corner.svg", path("M0 0 H4 V2"))
+    ...     read_svg(f"{folder}/corner.svg", y_up=True).control_points[:, 1].tolist()
+    [[4.0, 0.0], [4.0, -2.0]]
 
     Args:
-        file: the file.
-        ids: only the elements of these ids, groups included; a `use` counts as its own id and as that of its target.
+        file: name of the SVG file.
+        ids: read only elements or groups with these ids; None reads all. A `use` element has its own id and the id of
+            its target.
         y_up: whether to mirror, (x, y) -> (x, -y), so that y points up as in plots and fonts.
 
+    Returns:
+        All contours as one curve.
+
     Raises:
-        FileNotFoundError: there is no such file.
-        ParseError: the file is no SVG, something in it cannot be placed exactly (with its line and column), it draws
-            nothing, or nothing of the ids asked for.
+        FileNotFoundError: the file does not exist.
+        ParseError: the file is not SVG; an element whose position cannot be determined exactly, with line and column;
+            or nothing is drawn, or nothing with these ids.
     """
     content = read_bytes(file)
     try:
@@ -93,22 +109,27 @@ def _some(names: list[str]) -> str:
 
 
 def path_data(curve: AbstractCurve, *, atol: float | None = None) -> str:
-    """The text of an attribute `d` that draws a plane curve: the way back from `path`.
+    """The text of an attribute `d` that draws a plane curve: the inverse of `path`.
 
-    Polynomial segments of degree 1 to 3 keep their numbers. Arcs of ellipses, as rational segments of degree 2 or 3,
-    are written as arcs, so that what `path` reads is proven to be within atol. Other segments are drawn by cubics.
+    Polynomial segments of degree 1 to 3 keep their numbers. Rational segments of degree 2 or 3 that are arcs of
+    ellipses are written as arcs; the arc that `path` reads back is within atol, certified. Other segments are
+    approximated by cubics.
 
     >>> path_data(path("M0 0 L4 .5 A2 2 0 0 1 8 .5"))
     'M0.0,0.0 Q2.0,0.25 4.0,0.5 A2 2 0 0 1 6.0,-1.5 A2 2 0 0 1 8.0,0.5'
 
     Args:
         curve: a curve in the plane.
-        atol: how far the curve that is read back may be away from this one, anywhere and either way. None: exact, and
-            arcs within 1e-12 of the largest coordinate; what is neither is refused.
+        atol: largest deviation of the curve that is read back, in both directions, a positive length in the unit of the
+            coordinates. None keeps polynomial segments exactly and arcs within 1e-12 of the largest coordinate, and
+            refuses other segments.
+
+    Returns:
+        The path data.
 
     Raises:
         TypeError: not a curve.
-        ValueError: a curve in space, points, or no atol where one is needed.
+        ValueError: a curve in space, a point set, or `atol` is None but needed.
     """
     _check_atol(atol)
     return path_words(_drawing("curve", curve, False), atol)
@@ -121,22 +142,27 @@ def write_svg(
     y_up: bool = False,
     atol: float | None = None,
 ) -> str:
-    """Writes plane curves as SVG paths, and returns the text of the file.
+    """Write plane curves as paths of an SVG file, and return the text of the file.
 
-    Numbers are written so that `read_svg` gets the same floats back (with the same `y_up`); it leaves out segments that
-    stay at one point. Arcs of ellipses are arcs, and what paths cannot hold is drawn by cubics: see `path_data`. Each
-    curve is one path, of id curve0, curve1, ...; the viewBox is the box of the control points with a margin.
+    `read_svg` reads the same floats back (with the same `y_up`), except that it omits segments that are single points.
+    Arcs of ellipses and segments that paths cannot hold are written as in `path_data`. Each curve is one path with the
+    id curve0, curve1, ... The viewBox is the bounding box of the control points with a margin.
+
+    >>> print(write_svg(None, path("M0 0 H4 V2")).splitlines()[1].strip())
+    <path id="curve0" d="M0.0,0.0 L4.0,0.0 L4.0,2.0"/>
 
     Args:
-        file: where to write; None only returns the text.
-        curves: one curve or several.
-        y_up: whether y of the curves points up: the file holds (x, -y), which viewers show upright.
-        atol: see `path_data`.
+        file: name of the file; None only returns the text. An existing file is replaced.
+        curves: a curve in the plane, or several.
+        y_up: whether y of the curves points up. The file then contains (x, -y), which viewers show upright.
+        atol: largest deviation of segments that paths cannot hold, see `path_data`; None refuses them.
+
+    Returns:
+        The text of the file.
 
     Raises:
         TypeError: not a curve.
-        ValueError: no curve; curves in space or points; rational segments that are no arcs and degrees above 3 where
-            atol is None.
+        ValueError: no curve; a curve in space or a point set; or `atol` is None but needed.
     """
     _check_atol(atol)
     several = list(curves) if isinstance(curves, Iterable) else [curves]

@@ -1,4 +1,4 @@
-"""Shapes: what a user hands in."""
+"""Shapes: curves, parametric and implicit surfaces, meshes and point sets."""
 
 from jhd.shapes.as_shape import as_shape
 from jhd.shapes.bezier import BezierCurve

@@ -43,8 +43,8 @@ def test_rows_of_text_and_arrays_are_points(tmp_path):
         ("a.xyz", b"# nothing\n", "at least 1"),
         ("a.xyz", b"1 2 3 # \xe9\n", "a.xyz: byte 8 is not UTF-8 text"),
         ("a.xyz", "1 2 3 # \u2028 4 5\nx".encode(), "a.xyz:2: needs numbers; found 'x'"),
-        ("a.npy", b"nothing", "no array of numbers"),
-        ("a.npy", npy_header((10**12, 3)) + bytes(48), "no array of numbers"),
+        ("a.npy", b"nothing", "not an array of numbers"),
+        ("a.npy", npy_header((10**12, 3)) + bytes(48), "not an array of numbers"),
         (
             "a.ply",
             PLY + b"element face 1\nproperty list uchar int vertex_index\nend_header\n",

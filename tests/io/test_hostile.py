@@ -66,7 +66,7 @@ REFUSED = {
     "a.ply": (TEXT_PLY + f"3 0 1 {HUGE}\n", "a.ply:13: a whole number is too large"),
     "b.ply": (TEXT_PLY + "3 0 1 2\n3 0 1 2\n", "b.ply:14: a row is left behind the last element"),
     "c.ply": (TEXT_PLY + "3 0 1 2 9\n", "c.ply:13: has 2 numbers; 'face' has 1 properties"),
-    "d.ply": (PLY.format("ascii", "float") + ROWS + "3e300 0 1 2\n", "has a length that is no whole number"),
+    "d.ply": (PLY.format("ascii", "float") + ROWS + "3e300 0 1 2\n", "has a length that is not an integer"),
     "e.ply": (CLOUD.format("element none 2000000000\n", 1) + "end_header\n" + "\0" * 12, "000 rows of no property"),
     "f.ply": (CLOUD.format("", 2_000_000_000) + "end_header\n" + "\0" * 12, "ends after 1 of 2000000000 rows"),
     "g.ply": (CLOUD.format("", 1) + "element vertex 1\nproperty float x\nend_header\n", "g.ply: .*'vertex'"),
@@ -107,8 +107,8 @@ REFUSED = {
     "b.stl": ("\0" * 80 + "\1\0\0\0" + "\0" * 12 + "\0\0\xa0\x7f" * 9 + "\0\0", r"b.stl: .* is not finite"),
     "i.ply": (CLOUD.format("", 1) + "end_header\n" + "\0\0\xa0\x7f" * 3, r"i.ply: .*is not finite"),
     "a.npy": (member("(1, 3)", "<f4", 0) + b"\0\0\xa0\x7f" * 3, r"a.npy: points\[0\] is not finite"),
-    "b.npy": (member("(2,)", "|O", 16), "b.npy: no array of numbers: .*Python objects"),
-    "c.npy": (member("(9999999999999, 3)"), "c.npy: no array of numbers: .*file size"),
+    "b.npy": (member("(2,)", "|O", 16), "b.npy: not an array of numbers: .*Python objects"),
+    "c.npy": (member("(9999999999999, 3)"), "c.npy: not an array of numbers: .*file size"),
     "k.svg": (
         svg('<desc>&i;</desc><path d="M0 0L1 1"/>', '<!DOCTYPE svg [<!ENTITY a "aaaaaaaaaa">' + "".join(
             f'<!ENTITY {chr(98 + k)} "{("&" + chr(97 + k) + ";") * 10}">' for k in range(8)

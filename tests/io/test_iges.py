@@ -229,7 +229,7 @@ def test_one_text_names_all_shapes_of_a_file(tmp_path):
     surfaces = of(SHEET, SHEET)
     assert isinstance(surfaces, jhd.BezierPatches) and (surfaces.count, surfaces.degrees) == (2, (1, 2))
     np.testing.assert_array_equal(surfaces.control_points[1], surfaces.control_points[0])
-    with pytest.raises(ParseError, match=r"a\.igs: holds 1 curve and 2 surfaces; load_iges gives them one by one"):
+    with pytest.raises(ParseError, match=r"a\.igs: holds 1 curve and 2 surfaces; use load_iges to get them one by one"):
         of(LINE, SHEET, SHEET)
 
 
@@ -270,8 +270,8 @@ ENTITIES = {
     "backwards": ([LINE.replace("3.,0.,1.,", "3.,1.,0.,")], "runs from 1 to 0"),
     "no end": ([LINE.replace(";", ",")], "a record has no end at ''; needs ';'"),
     "long string": (["126,70000Habc;"], "a record has no end at '70000Habc;'"),
-    "no matrix": ([(LINE, {"matrix": 3})], "D3, the matrix of D1, is no transformation matrix"),
-    "matrix of another type": ([(LINE, {"matrix": 1})], "D1, the matrix of D1, is no"),
+    "no matrix": ([(LINE, {"matrix": 3})], "D3, the matrix of D1, is not a transformation matrix"),
+    "matrix of another type": ([(LINE, {"matrix": 1})], "D1, the matrix of D1, is not a"),
     "matrix of itself": ([(LINE, {"matrix": 3}), (TURN, {"matrix": 5}), (TURN, {"matrix": 3})], "refers to itself"),
     "form of a matrix": ([(LINE, {"matrix": 3}), (TURN, {"form": 11})], r"entity 124 \(D3\) is of form 11"),
     "matrix not finite": ([(LINE, {"matrix": 3}), TURN.replace("10.", "1E999")], "not finite"),

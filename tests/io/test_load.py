@@ -65,7 +65,7 @@ def test_a_name_that_looks_like_path_data_is_a_file(tmp_path, monkeypatch):
         ("M0 0 L1", ParseError, "^line 1, column 8: path data: needs a number; found the end"),
         ("M0 0", ParseError, "path data: draws nothing"),
         ("font:DejaVu Sans", ParseError, "needs font:NAME:LETTER"),
-        ("font:Nowhere:a", ValueError, "'Nowhere' is no font known to matplotlib"),
+        ("font:Nowhere:a", ValueError, "'Nowhere' is not a font known to matplotlib"),
     ],
 )
 def test_other_texts_are_refused_in_one_line(tmp_path, monkeypatch, text, error, message):

@@ -202,7 +202,7 @@ NAN = [[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]
         ("a.stl", FACET.format("1 0\nvertx"), r"a\.stl:7: needs facet, outer, vertex or their ends; found 'vertx'"),
         ("a.stl", FACET.replace("vertex 1 0 0\n", "").format(1), r"a\.stl:2: a face has 2 corners"),
         ("a.stl", "solid\nendsolid\n", "holds no vertices"),
-        ("a.ply", "plx", r"a\.ply:1: is no PLY file"),
+        ("a.ply", "plx", r"a\.ply:1: is not a PLY file"),
         ("a.ply", "ply\nformat ascii 2\nelement vertex x\nend_header\n", r"a\.ply:3: cannot read 'element vertex x'"),
         ("a.ply", "ply\nformat utf 1.0\nend_header\n", r"a\.ply:2: needs a format of ascii"),
         ("a.ply", "ply\nend_header\n", "has no line 'format'"),

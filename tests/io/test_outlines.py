@@ -154,7 +154,9 @@ def test_other_specs_are_refused(spec):
 
 
 def test_an_unknown_font_is_refused_with_names_of_known_ones():
-    with pytest.raises(ValueError, match="'Helvetika' is no font known to matplotlib; some that are: .*DejaVu Sans"):
+    with pytest.raises(
+        ValueError, match="'Helvetika' is not a font known to matplotlib; known are for example .*DejaVu Sans"
+    ):
         outline("Helvetika", "a")
 
 
@@ -178,5 +180,5 @@ def test_bad_texts_sizes_and_files_are_refused(tmp_path):
         outline(tmp_path / "nothing.ttf", "a")
     broken = tmp_path / "broken.ttf"
     broken.write_bytes(b"no font at all")
-    with pytest.raises(ParseError, match="broken.ttf: is no font that can be read"):
+    with pytest.raises(ParseError, match="broken.ttf: is not a readable font"):
         outline(broken, "a")

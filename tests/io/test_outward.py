@@ -42,7 +42,7 @@ def test_bezier_curves_and_segments_are_splines_over_the_same_parameters():
 
 def test_rational_shapes_go_to_scipy_in_homogeneous_form_alone():
     circle = jhd.circle([1, 2], 3)
-    with pytest.raises(ValueError, match="rational, and SciPy's splines have no weights; homogeneous=True"):
+    with pytest.raises(ValueError, match="rational, and SciPy's splines have no weights; pass homogeneous=True"):
         jhd.io.to_scipy(circle)
     h = jhd.io.to_scipy(circle, homogeneous=True)(np.linspace(0, 4, 17))
     np.testing.assert_allclose(np.linalg.norm(h[:, :2] / h[:, 2:] - [1, 2], axis=1), 3, rtol=1e-15)
@@ -102,7 +102,7 @@ def test_areas_are_those_inside_of_an_odd_number_of_contours():
             ValueError,
             "the contours cross each other or themselves",
         ),
-        (jhd.points([[0, 0]]), {"atol": 1.0}, ValueError, "set of points"),
+        (jhd.points([[0, 0]]), {"atol": 1.0}, ValueError, "curve is a point set"),
     ],
 )
 def test_what_is_no_geometry_is_refused(curve, options, error, message):

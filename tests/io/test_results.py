@@ -140,16 +140,16 @@ def test_files_that_hold_something_else_are_refused(tmp_path):
     with pytest.raises(ParseError, match=r"x\.json:2:1: JSON: Expecting value"):
         load_result(tmp_path / "x.json")
     (tmp_path / "x.json").write_text("[]", encoding="utf-8")
-    with pytest.raises(ParseError, match=r"x\.json: is no saved result: it is no JSON object"):
+    with pytest.raises(ParseError, match=r"x\.json: is not a saved result: it is not a JSON object"):
         load_result(tmp_path / "x.json")
     (tmp_path / "x.json").write_text('{"type": "a", "solution": {}}', encoding="utf-8")
-    with pytest.raises(ParseError, match=r"x\.json: is no saved result: it has no 'context'"):
+    with pytest.raises(ParseError, match=r"x\.json: is not a saved result: it has no 'context'"):
         load_result(tmp_path / "x.json")
     (tmp_path / "x.npz").write_bytes(b"junk")
-    with pytest.raises(ParseError, match=r"x\.npz: is no npz file"):
+    with pytest.raises(ParseError, match=r"x\.npz: is not an npz file"):
         load_result(tmp_path / "x.npz")
     np.savez(tmp_path / "x.npz", a=np.ones(2))
-    with pytest.raises(ParseError, match=r"x\.npz: is no saved result: it has no 'context'"):
+    with pytest.raises(ParseError, match=r"x\.npz: is not a saved result: it has no 'context'"):
         load_result(tmp_path / "x.npz")
 
 
