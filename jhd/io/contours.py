@@ -1,7 +1,7 @@
-"""Contours: what outlines and path data consist of before they become one `BezierSegments` of one degree.
+"""Contours of outlines and path data, before they become one `BezierSegments` of one degree.
 
-Readers append segments of any degree to contours; `assemble` raises them to the largest degree, joins polynomial and
-rational ones, and knows from the contours, not from coordinates alone, which segment follows which.
+Readers append segments of any degree to contours. `assemble` elevates them to the largest degree and joins polynomial
+and rational ones. It takes the order of segments from the contours, not from coordinates alone.
 """
 
 import math

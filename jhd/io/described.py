@@ -18,7 +18,7 @@ _FLAGS = ("closed", "periodic")
 
 
 class DescribedKind(NamedTuple):
-    """How a type is built: by what, from which keys in their order, and which others it takes."""
+    """How a type is built: the constructor, its required keys in order, and its optional keys."""
 
     build: Callable[..., Any]
     needed: tuple[str, ...]
@@ -44,7 +44,7 @@ def built(what: str, content: Any, kinds: Kinds) -> Any:
 
     Raises:
         TypeError: not a dictionary.
-        ValueError: no or an unknown type, a key that is missing or unknown, and whatever the constructor refuses.
+        ValueError: the type is missing or unknown, a key is missing or unknown, or the constructor refuses a value.
     """
     if not isinstance(content, Mapping):
         raise TypeError(f"A {what} is a JSON object with a key 'type'; got {type(content).__name__}.")
@@ -78,10 +78,10 @@ def _check_keys(name: str, kind: DescribedKind, given: Mapping[str, Any]) -> Non
 
 
 def check_suffix(what: str, file: str | Path, known: tuple[str, ...]) -> str:
-    """The suffix of a file to write, in small letters.
+    """The suffix of a file to write, in lower case.
 
     Raises:
-        ValueError: it is none of those known.
+        ValueError: another suffix.
     """
     suffix = Path(file).suffix.lower()
     if suffix not in known:
@@ -99,8 +99,9 @@ def load_described(what: str, file: str | Path, kinds: Kinds) -> Any:
     """The shape of one of the kinds in a JSON file.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ParseError: text that is no JSON, with line and column; or JSON that is no such shape, with the file and key.
+        FileNotFoundError: the file does not exist.
+        ParseError: text that is not JSON, with line and column; or JSON that does not describe such a shape, with the
+            file and key.
     """
     text = read_text(file)
     try:
@@ -117,7 +118,7 @@ def load_described(what: str, file: str | Path, kinds: Kinds) -> Any:
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The object of these keys; ValueError where one occurs twice."""
+    """The object of these keys; ValueError if one occurs twice."""
     content = dict(pairs)
     if len(content) < len(pairs):
         seen: set[str] = set()

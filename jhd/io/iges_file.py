@@ -1,8 +1,9 @@
 """The layout of an IGES file: lines of 80 columns in five sections, directory entries, and records of parameters.
 
-Read is the fixed format of IGES 5.3 (US PRO/IPO-100, 1996), section 2.2: columns 1 to 72 hold data, column 73 the
+We read the fixed format of IGES 5.3 (US PRO/IPO-100, 1996), section 2.2: columns 1 to 72 hold data, column 73 the
 letter of the section, columns 74 to 80 the number of the line in its section. The compressed and the binary format are
-refused. Every line is looked at a fixed number of times, and no number in the file decides how much memory is taken.
+refused. Every line is visited a fixed number of times, and no number in the file determines how much memory is
+allocated.
 """
 
 import re

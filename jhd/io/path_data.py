@@ -1,8 +1,8 @@
 """Path data, the language of the attribute `d` of SVG: text to contours.
 
-All commands of SVG 1.1 chapter 8.3, absolute and relative. Lines and polynomial segments keep the numbers as written;
-elliptic arcs become rational quadratics of at most a quarter turn each, which are the arcs up to rounding (a few ulp of
-the coordinates). Where the standard asks viewers to draw up to the first error, we refuse the text with its place.
+All commands of SVG 1.1 chapter 8.3, absolute and relative. Lines and polynomial segments keep the numbers as written.
+Elliptic arcs become rational quadratics of at most a quarter turn each, exact up to rounding (a few ulp of the
+coordinates). The standard asks viewers to draw up to the first error; we refuse the text and name its line and column.
 """
 
 import math

@@ -1,8 +1,8 @@
 """PLY files: a header that names elements and their properties, then their rows as text or as bytes.
 
-Of all elements only the coordinates of `vertex` and the corners of `face` are kept; the others are skipped. The layout
-is that of the Stanford 3D Scanning Repository (Turk 1994); `vertex_index` and `vertex_indices` are both in use.
-A file without faces is a point cloud.
+Only the coordinates of `vertex` and the corners of `face` are kept; other elements are skipped. The layout follows the
+Stanford 3D Scanning Repository (Turk 1994); `vertex_index` and `vertex_indices` are both in use. A file without faces
+is a point cloud.
 """
 
 import re

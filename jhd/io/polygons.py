@@ -1,13 +1,12 @@
-"""Vertices and polygons as files hold them, made into triangle meshes; every refusal names the place in the file.
+"""Vertices and polygons of files, converted to triangle meshes; every error names the line or byte in the file.
 
-Triangles are fans about the first corner where these are the polygon, else ears that are cut off. A polygon is seen
-along the axis in which its normal is longest. The triangles of a fan do not overlap if all of them,
-and all triangles of the first side and another corner, turn the same way. Of other polygons ears are cut off, one by
-one: corners whose triangle turns as the polygon does and holds no further corner. A corner that does not turn gives a
-triangle without area, so that sides keep the corners that other faces have there.
+A polygon is seen along the axis in which its normal is longest. Its triangles are a fan about the first corner if all
+of them, and all triangles of the first side and another corner, turn the same way: then they do not overlap. From other
+polygons, ears are cut off one by one: corners whose triangle turns as the polygon does and contains no further corner.
+A corner that does not turn gives a triangle without area, so that sides keep the corners that other faces have there.
 
 The triangles turn one way, are glued along their sides, and have the polygon as their border. A polygon that crosses
-itself has no such triangles in general, and is refused. Ears are found in whole numbers, so nothing rounds.
+itself has no such triangles in general, and is refused. Ears are found in integers, so nothing rounds.
 
 Source: Meisters, Polygons have ears, American Mathematical Monthly 82 (1975).
 """

@@ -1,11 +1,11 @@
-"""SVG documents: which shapes are drawn, and where.
+"""SVG documents: which shapes are drawn, and at which coordinates.
 
 Read: groups, links, `switch` (all of its children), nested `svg` and `use` (also of symbols) with viewBox and
-preserveAspectRatio, and the basic shapes, as contours in the coordinates of their element; `display` and `visibility`
-are heeded in attributes and styles. Not read: text, images, stroke widths, clipping and masks. Style sheets and styles
-that place shapes are refused.
+preserveAspectRatio, and the basic shapes, as contours in the coordinates of their element. `display` and `visibility`
+are respected in attributes and styles. Not read: text, images, stroke widths, clipping and masks. Style sheets and
+styles that move or resize shapes are refused.
 
-Source: SVG 2, chapter 10; where it leaves the start and the direction open, those of its equivalent paths.
+Source: SVG 2, chapter 10; if it leaves the start and the direction open, its equivalent paths.
 """
 
 import math

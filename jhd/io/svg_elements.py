@@ -1,7 +1,7 @@
-"""Elements of SVG documents with their places in the file, and their attributes as numbers, lengths and matrices.
+"""Elements of SVG documents with their line and column, and their attributes as numbers, lengths and matrices.
 
-The standard library reads the XML, and nothing is rounded or skipped on the way: what cannot be understood is refused
-with its line and column.
+The standard library reads the XML. Nothing is rounded or skipped on the way: content that cannot be understood is
+refused with its line and column.
 """
 
 import math

@@ -1,15 +1,15 @@
 """Curves to path data, the language of the attribute `d` of SVG.
 
 Polynomial segments of degree 1 to 3 keep their numbers. A rational quadratic whose middle weight is below the geometric
-mean of the others is an arc of an ellipse, and is written as one (A) where the arc that is read back from the numbers
-is proven to be near enough; a rational cubic that is such a quadratic in a higher degree, likewise. Everything else is
-drawn by cubics within a tolerance.
+mean of the others is an arc of an ellipse. It is written as an arc (A) if the arc that is read back from the numbers is
+proven to be close enough. The same holds for a rational cubic that is such a quadratic in a higher degree. Everything
+else is drawn by cubics within a tolerance.
 
 The proof for arcs compares rational segments of one degree, c with points P_i and weights w_i, and c' with P'_i, w'_i.
-As sum B_i w_i (P_i - c) = 0, c' - c = sum B_i (w'_i (P'_i - P_i) + (w'_i - w_i) (P_i - c)) / sum B_i w'_i, and so
-|c' - c| <= max |P'_i - P_i| + max |w'_i - w_i| / w'_i * max |P_i - P_j|. Rounding of the control points that are
-compared is below 64 ulp of the largest coordinate: halving and lowering the degree are combinations of at most four
-numbers with shares that add up to one or to two, and weights enter with a few ulp of the size of the segment.
+As sum B_i w_i (P_i - c) = 0, c' - c = sum B_i (w'_i (P'_i - P_i) + (w'_i - w_i) (P_i - c)) / sum B_i w'_i, and so |c' -
+c| <= max |P'_i - P_i| + max |w'_i - w_i| / w'_i * max |P_i - P_j|. Rounding of the control points that are compared is
+below 64 ulp of the largest coordinate. Halving and lowering the degree are combinations of at most four numbers with
+factors that add up to one or to two, and weights enter with a few ulp of the size of the segment.
 
 Source: SVG 1.1, section 8.3; Piegl & Tiller, The NURBS Book (1997), section 7.3; Farin, Curves and Surfaces for CAGD
 (2002), section 13.2, for standard form and halves of rational quadratics.

@@ -24,8 +24,8 @@ class BezierCurve(AbstractCurve):
     [1.0, 1.0]
 
     Args:
-        control_points: coordinates, in any unit of length; distances have the same unit.
-        weights: positive weights; None means a polynomial curve.
+        control_points: (points, dim) coordinates with dim 2 or 3, in any unit of length; distances have the same unit.
+        weights: (points,) positive weights; None means a polynomial curve.
 
     Raises:
         ValueError: wrong number of axes, no point, not two or three coordinates, NaN or infinity, weights that are not

@@ -1,8 +1,8 @@
-"""Where the arcs of a plane curve begin and end: biarcs on the pieces of ever smaller subdivisions that need them.
+"""End points of biarcs: the pieces of a plane curve, subdivided until each has a biarc within the tolerance.
 
-Two end points and their tangents fix a circle on which the joint of every biarc lies. The joint is taken where the
-curve crosses that circle, so that each arc stands for an interval of parameters of one segment. All of it runs in
-NumPy, on all pieces of one depth together; what comes of it is measured by `deviation`, so nothing here needs a proof.
+Two end points and their tangents determine a circle that contains the joint of every biarc. We take the point at which
+the curve crosses this circle, so that each arc belongs to an interval of parameters of one segment. Everything runs in
+NumPy, on all pieces of one depth together. `deviation` measures the result, so nothing here needs a proof.
 
 Source: Sir, Feichtinger & Juttler, CAD 38 (2006), as used by Kim et al. 2010, section 2.2.
 """

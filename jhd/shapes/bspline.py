@@ -47,9 +47,10 @@ class BSplineCurve(AbstractCurve):
     [1.0, 1.0]
 
     Args:
-        control_points: coordinates, in any unit of length; at least p + 1 points, or max(p, 1) if periodic.
-        knots: n + p + 1 non-decreasing parameters; differentiable like the points.
-        weights: positive weights; None means a polynomial spline.
+        control_points: (n, dim) coordinates with dim 2 or 3, in any unit of length; at least p + 1 points, or max(p, 1)
+            if periodic.
+        knots: (n + p + 1,) non-decreasing parameters; differentiable like the points.
+        weights: (n,) positive weights; None means a polynomial spline.
         periodic: whether the curve is closed and its parameter wraps.
 
     Raises:
@@ -91,10 +92,10 @@ class BSplineCurve(AbstractCurve):
         [5.0, 1.0]
 
         Args:
-            control_points: coordinates of at least degree + 1 points, or max(degree, 1) if closed.
+            control_points: (points, dim) coordinates of at least degree + 1 points, or max(degree, 1) if closed.
             degree: degree of the pieces, at least 0; the default 3 gives continuous curvature.
             closed: whether the curve returns from the last point to the first.
-            weights: positive weights; None means a polynomial spline.
+            weights: (points,) positive weights; None means a polynomial spline.
 
         Returns:
             The spline.
@@ -116,9 +117,9 @@ class BSplineCurve(AbstractCurve):
         [0.0, 0.0, 0.0, 1.0, 2.0, 2.0, 2.0]
 
         Args:
-            control_points: coordinates of at least degree + 1 points.
+            control_points: (points, dim) coordinates of at least degree + 1 points.
             degree: degree of the pieces, at least 0; the default 3 gives continuous curvature.
-            weights: positive weights; None means a polynomial spline.
+            weights: (points,) positive weights; None means a polynomial spline.
 
         Returns:
             The spline.

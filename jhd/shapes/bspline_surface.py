@@ -36,10 +36,10 @@ class BSplineSurface(AbstractPatch):
     [1.0, 1.0, 1.0]
 
     Args:
-        control_points: coordinates, in any unit of length; at least p + 1 rows and q + 1 columns.
-        knots_u: non-decreasing parameters of the rows.
-        knots_v: non-decreasing parameters of the columns.
-        weights: positive weights; None means that the surface is polynomial.
+        control_points: (rows, columns, 3) coordinates, in any unit of length; at least p + 1 rows and q + 1 columns.
+        knots_u: (rows + p + 1,) non-decreasing parameters of the rows.
+        knots_v: (columns + q + 1,) non-decreasing parameters of the columns.
+        weights: (rows, columns) positive weights; None means that the surface is polynomial.
 
     Raises:
         ValueError: arrays that BezierPatch refuses, wrong numbers of knots, too few points for the degrees, knots that
@@ -74,9 +74,9 @@ class BSplineSurface(AbstractPatch):
         [0.0, 0.0, 1.0, 1.0]
 
         Args:
-            control_points: coordinates (rows, columns, 3), with at least degree + 1 rows and columns.
+            control_points: (rows, columns, 3) coordinates, with more rows and columns than the degrees.
             degrees: degrees in u and in v, at least 0; the default (3, 3) gives continuous curvature.
-            weights: positive weights; None means that the surface is polynomial.
+            weights: (rows, columns) positive weights; None means that the surface is polynomial.
 
         Returns:
             The surface.

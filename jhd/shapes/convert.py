@@ -1,7 +1,7 @@
-"""Contours of objects that other packages make, as control points: matplotlib paths and shapely geometries.
+"""Conversion of matplotlib paths and shapely geometries to contours of control points.
 
-Neither package is imported; what is read are `vertices` and `codes`, or `geom_type`, `coords`, `geoms`. A contour is a
-list of segments, each an array of points, so one contour may hold lines, quadratics and cubics.
+Neither package is imported; only `vertices` and `codes`, or `geom_type`, `coords` and `geoms` are read. A contour is a
+list of segments, each an array of points, so one contour may contain lines, quadratics and cubics.
 """
 
 from typing import Any

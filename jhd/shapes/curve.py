@@ -153,11 +153,13 @@ class BezierSegments(AbstractCurve):
     (2, [1, -1])
 
     Args:
-        control_points: coordinates, in any unit of length; distances have the same unit.
-        weights: positive weights; None means polynomial segments.
-        following: for each segment the index of the segment that starts at its end, or -1 at a free end. By default two
-            ends are joined if they agree within 8 ulp of the largest coordinate; the next segment is preferred. The
-            indices are stored as floats with zero derivative, so that jax.grad and optimizers accept curves.
+        control_points: (segments, points, dim) coordinates with dim 2 or 3, in any unit of length; distances have the
+            same unit.
+        weights: (segments, points) positive weights; None means polynomial segments.
+        following: (segments,) integers: for each segment the index of the segment that starts at its end, or -1 at a
+            free end. By default two ends are joined if they agree within 8 ulp of the largest coordinate; the next
+            segment is preferred. The indices are stored as floats with zero derivative, so that jax.grad and optimizers
+            accept curves.
 
     Raises:
         ValueError: wrong number of axes, no point, not two or three coordinates, NaN or infinity, weights that are not
@@ -167,7 +169,7 @@ class BezierSegments(AbstractCurve):
 
     control_points: Float[Array, "segments points dim"]
     weights: Float[Array, "segments points"] | None
-    # Whole numbers where a program of this package works on it: jhd.distance.frame.curves.trusted.
+    # Integers inside the compiled functions of this package: jhd.distance.frame.curves.trusted.
     links: Float[Array, "segments 2"] | Int[Array, " segments"] = eqx.field(metadata={"name": "following"})
 
     def __init__(self, control_points: Numbers, weights: Numbers | None = None, following: Numbers | None = None):
@@ -258,7 +260,7 @@ class BezierSegments(AbstractCurve):
         """Points of numbered segments at local parameters: shape (*batch, dim).
 
         Args:
-            segment: indices of segments.
+            segment: integer indices of segments, from 0.
             t: local parameters from 0 to 1; broadcast against `segment`.
         """
         return evaluate(self.control_points, self.weights, jnp.asarray(segment), real_array("t", t))
@@ -328,6 +330,9 @@ class BezierSegments(AbstractCurve):
 
         Args:
             degree: new degree, at least the current degree.
+
+        Raises:
+            ValueError: `degree` is below the degree of the curve.
         """
         if degree == self.degree:
             # The way through homogeneous coordinates rounds.

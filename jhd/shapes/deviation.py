@@ -1,4 +1,4 @@
-"""The proof behind biarcs: how far a piece of a plane curve and a circular arc are from each other at most.
+"""The proof behind biarcs: bounds of the distance between a piece of a plane curve and a circular arc.
 
 Everything runs in NumPy, in float64, on all pieces together: points are complex numbers and the last axis counts the
 pieces. The bounds are derived in `deviation`.

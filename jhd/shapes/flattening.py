@@ -1,30 +1,31 @@
-"""Straight lines and cubics for Bezier segments of any degree, rational or not, with a proven deviation.
+"""Straight lines and cubics for Bezier segments of any degree, rational or not, with a certified deviation.
 
-A piece of a segment N / w is compared with its line or cubic Q at equal parameters: the coefficients of N - w Q, in the
-sum of both degrees, divided by those of w in that degree bound |N / w - Q|, and so the distance both ways. Of a line
-the parts of these coefficients across it do too, where the control points are between its ends: each point of the piece
-is as far from the line as it is across, and as the piece runs from end to end, each point of the line has one of the
-piece across. Control points that lie beyond an end, and ends that are rounded, add by how much. Pieces that
-are farther off than asked are halved. Cubics have the ends and the tangents of the piece (Hermite), and halving divides
-their deviation by about 16, that of lines by 4.
+A piece of a segment N / w is compared with its line or cubic Q at equal parameters. The coefficients of N - w Q in the
+sum of both degrees, divided by those of w in that degree, bound |N / w - Q|, and so the distance in both directions.
+For a line it is enough to take the components of these coefficients across the line, if the control points lie between
+its ends. Each point of the piece is then as far from the line as it is across. The piece runs from end to end, so each
+point of the line has a point of the piece straight across. Control points beyond an end, and rounded ends, add their
+distance to the bound. Pieces that are farther off than allowed are halved. Cubics have the ends and the tangents of the
+piece (Hermite). Halving divides their deviation by about 16, and the deviation of lines by 4.
 
-Arcs of ellipses, rational quadratics of middle weight w < 1 (where the outer ones are 1), are affine images of arcs of
-the unit circle of half angle h, cos h = w. The cubic with their ends, tangents and middle has its inner points at
-4 w / (3 (1 + w)) of the way to the middle control point; with T = t (1 - t) and k = (1 - w) / (1 + w) it is, over the
-circle, x = w + 4 (1 - w) T, y = sin h (2 t - 1) (1 + 2 k T), so that x^2 + y^2 - 1 = 4 k (1 - w)^2 T^2 (1 - 4 T), which
-is between 0 and (1 - w)^3 / (27 (1 + w)). Its angle runs from -h to h without turning back, since y / x does, so half
-of this bounds the distance along radii both ways, and times the norm of the affine map that of the images. Halving
-divides it by about 64. (Of w a relative error of 1e-14 is left; 1 - w is at least 1e-8, so a share of 1e-5 holds that.)
-The points as they are stored are off from these by what is found, and rounding is as below.
+Arcs of ellipses are rational quadratics of middle weight w < 1 (with outer weights 1). They are affine images of arcs
+of the unit circle of half angle h, cos h = w. Take the cubic with their ends, tangents and middle. Its inner points are
+at 4 w / (3 (1 + w)) of the way to the middle control point. With T = t (1 - t) and k = (1 - w) / (1 + w) it is, over
+the circle, x = w + 4 (1 - w) T, y = sin h (2 t - 1) (1 + 2 k T), so that x^2 + y^2 - 1 = 4 k (1 - w)^2 T^2 (1 - 4 T),
+which is between 0 and (1 - w)^3 / (27 (1 + w)). Its angle runs from -h to h without turning back, since y / x does.
+Half of this bound is therefore a bound of the distance along radii in both directions. Times the norm of the affine map
+it bounds the distance of the images. Halving divides it by about 64. (The weight w keeps a relative error of 1e-14; 1 -
+w is at least 1e-8, so a relative margin of 1e-5 covers this.) The distance of the stored points from the exact ones is
+added, and rounding is treated as below.
 
-A line may be written with weights of its own, those of the ends of the piece: its points move along it, towards those
-of the piece at equal parameters.
+A line may be written with its own weights, those of the ends of the piece: its points then move along it, towards the
+points of the piece at equal parameters.
 
-All of it is in coordinates of order one about a common centre, with the lines and cubics as they are stored. Rounding,
-for points of pieces and of Q of size at most r and segments of degree n: restricted coefficients of N and w pass 3 n
-roundings and two more, with shares that add up to the weight; the terms N_i - w_i Q_j, their shares, sums and the
-quotient pass fewer than 20 more. Each of N / w and Q enters with size r, so the bound is off by at most
-2 sqrt(dim) gamma(6 n + 30) r.
+All computations use coordinates of order one about a common center, with the lines and cubics as they are stored.
+Rounding, for points of pieces and of Q of size at most r and segments of degree n: restricted coefficients of N and w
+pass 3 n roundings and two more, with factors that add up to the weight; the terms N_i - w_i Q_j, their factors, sums
+and the quotient pass fewer than 20 more. Each of N / w and Q enters with size r, so the bound is off by at most 2
+sqrt(dim) gamma(6 n + 30) r.
 
 Source: Farin, Curves and Surfaces for CAGD (2002), chapters 4, 5 and 13; the bound is the one of `tessellation`. The
 cubics of arcs are those of Floater, An O(h^2n) Hermite approximation for conic sections, CAGD 14 (1997); their bound is

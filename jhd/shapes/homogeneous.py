@@ -1,6 +1,6 @@
 """Arrays of (rational) Bezier control points in homogeneous form, and their derivatives.
 
-Homogeneous form: the points times their weights with the weights as one more coordinate; without weights the points.
+Homogeneous form: points times weights, with the weights as the last coordinate; without weights just the points.
 """
 
 import math

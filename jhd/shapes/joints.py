@@ -1,6 +1,6 @@
-"""Which segment of a curve starts where another one ends, so that a seam is not taken for a free end.
+"""Joints of curves: which segment starts at the end of another, so that a seam does not count as a free end.
 
-A user's curve keeps it as floats, since a curve is something to differentiate by; programs take whole numbers.
+Curves of users store joints as floats, so that they can be differentiated; compiled functions take integers.
 """
 
 from typing import Any, Literal

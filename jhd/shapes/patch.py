@@ -178,6 +178,10 @@ class AbstractPatch(eqx.Module):
         cracks. Degenerate triangles, for example at poles, are kept. The distance between two meshes differs from the
         distance between their surfaces by at most the sum of both deviations.
 
+        >>> mesh, deviation = BezierPatch([[[0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 4]]]).to_mesh(0.5)
+        >>> mesh.count, deviation <= 0.5
+        (8, True)
+
         Args:
             atol: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
             max_triangles: largest number of triangles to produce; it grows like 1 / atol.
@@ -214,8 +218,8 @@ class BezierPatch(AbstractPatch):
     [1.0, 1.0, 1.0]
 
     Args:
-        control_points: coordinates, in any unit of length; distances have the same unit.
-        weights: positive weights; None means a polynomial patch.
+        control_points: (rows, columns, 3) coordinates, in any unit of length; distances have the same unit.
+        weights: (rows, columns) positive weights; None means a polynomial patch.
 
     Raises:
         ValueError: wrong number of axes, no point, not three coordinates, NaN or infinity, weights that are not
@@ -318,8 +322,8 @@ class BezierPatches(AbstractPatch):
     (1, (1, 1))
 
     Args:
-        control_points: coordinates, in any unit of length; distances have the same unit.
-        weights: positive weights; None means polynomial patches.
+        control_points: (patches, rows, columns, 3) coordinates, in any unit of length; distances have the same unit.
+        weights: (patches, rows, columns) positive weights; None means polynomial patches.
 
     Raises:
         ValueError: arrays that BezierPatch refuses.
@@ -359,7 +363,7 @@ class BezierPatches(AbstractPatch):
         """Points of numbered patches at local parameters: shape (*batch, 3).
 
         Args:
-            patch: indices of patches.
+            patch: integer indices of patches, from 0.
             u: first local parameters, from 0 to 1; broadcast against `patch`.
             v: second local parameters, from 0 to 1; broadcast against `patch`.
         """

@@ -1,4 +1,4 @@
-"""Rectangles of the parameters of patches, and how far triangles over them are from the surface at most.
+"""Rectangles of the parameters of patches, and bounds of the distance between the surface and triangles over them.
 
 A triangle L whose corners are points S(P_k) of the surface, with all P_k in one rectangle, is off from S at equal
 parameters x = sum l_k P_k by half of sum l_k H_k(P_k - x), H_k second derivatives of S on the way. The variance of a
@@ -16,7 +16,7 @@ difference e = D / w is of second order with its derivatives, and e_u = (D_u - w
 w_uu e) / w, e_uv = (D_uv - w_u e_v - w_v e_u - w_uv e) / w; S_uu = e_uu, S_vv = e_vv, and S_uv = e_uv + t with the
 twist t of B. So little is lost on them. All sizes come from Bernstein coefficients.
 
-All this is done with coordinates about a common centre, divided by powers of two to order one: the largest is r >= 1/2,
+All this is done with coordinates about a common center, divided by powers of two to order one: the largest is r >= 1/2,
 or all are zero and so is all that follows. Rounding: local points and their products with weights take 2 roundings, and
 those of a restriction of degree p 3 p + 1 more, as ends and their differences from one are exact: 2 p in the matrix, 1
 for a product, p for the sum. The coefficients of D take 9: 3 in the shares, which are non-negative and add up to one, 6
@@ -46,7 +46,7 @@ convex leaves far more room.
 Source: Filip, Magedson & Markot, Surface algorithms using bounds on derivatives, CAGD 3 (1986); Farin, Curves and
 Surfaces for CAGD (2002), chapter 14, for the nets. The bound for rational patches and for any triangle is ours.
 
-Borders of patches are one where they have the same control points and weights, in whichever direction they run.
+Borders of two patches are one if they have the same control points and weights, in whichever direction they run.
 """
 
 from typing import Any, NamedTuple

@@ -31,11 +31,11 @@ _MOST_PRODUCTS, _PRODUCTS_EACH = 1_000_000, 10
 
 
 class PolynomialError(ValueError):
-    """Text that is no polynomial in x, y and z; the message begins with the column, from 1.
+    """Text that is not a polynomial in x, y and z; the message starts with the column, from 1.
 
     Args:
-        message: what was found and what was needed.
-        column: its place in the text, from 1.
+        message: what was found and what is needed.
+        column: column in the text, from 1.
     """
 
     def __init__(self, message: str, column: int):

@@ -1,6 +1,6 @@
-"""Sketches of shapes for notebooks: lines as SVG text, without any package that draws.
+"""Sketches of shapes for notebooks: lines as SVG text, without a plotting package.
 
-Shapes in space are seen from a corner, along (-1, -1, -1), with z upward. Lines only: nothing hides what is behind it.
+Shapes in space are seen along (-1, -1, -1), with z upward. Lines are drawn without hiding.
 """
 
 from collections.abc import Sequence

@@ -1,10 +1,10 @@
-"""Triangles for tensor-product patches, with a proven deviation: rectangles of the parameters, cut where it is needed.
+"""Triangles for tensor-product patches, with a certified deviation, from an adaptive subdivision of the parameters.
 
-Every patch is bisected, along the parameter in which it bends more, into rectangles whose triangles are near enough
-(`jhd.shapes.patch_cells` has the proof). The sides of a rectangle hold the corners of all its neighbours, those across
-the border of two patches with the same control points there included, in whichever direction these run. Triangles are
-fans: from a corner whose sides hold no more points, or from a point of a side that is alone on it, or from the middle
-where there is neither. So there are no cracks.
+Every patch is bisected, along the parameter in which it bends more, into rectangles whose triangles are close enough
+(`jhd.shapes.patch_cells` has the proof). The sides of a rectangle contain the corners of all its neighbors. These
+include neighbors across the border of two patches with the same control points there, in whichever direction they run.
+Triangles are fans: from a corner whose sides have no further points, or from the only further point of a side, or else
+from the middle. So there are no cracks.
 """
 
 from typing import NamedTuple
