@@ -76,7 +76,7 @@ def affine(point: complex, matrix: np.ndarray) -> complex:
 
 
 def assemble(contours: Iterable[Contour]) -> BezierSegments | None:
-    """The contours as one curve of the least common degree, or None where they hold no segment.
+    """The contours as one curve of the least common degree, or None if they hold no segment.
 
     Raising a line to degree 2 is exact where the midpoint is a float; to degree 3 it rounds by an ulp. End points stay
     bit for bit. Segments that stay at one point are left out unless the contour consists of nothing else. Open ends

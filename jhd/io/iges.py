@@ -35,9 +35,9 @@ ARC, COMPOSITE, LINE, MATRIX, CURVE, SURFACE = 100, 102, 110, 124, 126, 128
 _SILENT = frozenset((0, 123, MATRIX, 302, 304, 308, 310, 312, 314, 316, 320, 322, 402, 404, 406, 410, *range(202, 231)))
 # Entity use flags of geometry, other and construction geometry; the rest is annotation, definitions, 2-D parameters.
 _USES = (0, 3, 6)
-# By how much the distances of the ends of an arc from its centre may differ, as a share: files of few digits are read.
+# By how much the distances of the ends of an arc from its center may differ, relatively: files of few digits are read.
 _OUT_OF_ROUND = 1e-4
-# By how much the ends of a spline may be beyond its knots, as a share of their domain: programs write ten digits.
+# How far the ends of a spline may be beyond its knots, relative to their domain: other software writes ten digits.
 _ROUNDED = 1e-9
 _NAMES = {
     104: "conic arc", 106: "copious data", 108: "plane",
@@ -181,7 +181,7 @@ class _IgesReader:
         return BezierSegments(points, joined.weights, joined.following)
 
     def _matrix(self, entry: IgesEntry) -> np.ndarray | None:
-        """The rows (R, T) of x -> R x + T, matrices of matrices multiplied; None where nothing is to be moved."""
+        """The rows (R, T) of x -> R x + T, matrices of matrices multiplied; None if nothing is to be moved."""
         chain: dict[int, None] = {}
         at = entry.matrix
         while at and at not in self.matrices:
@@ -234,7 +234,7 @@ def _degree(record: IgesRecord, last: int, degree: int) -> None:
 
 
 def _weights(record: IgesRecord, weights: np.ndarray, polynomial: bool) -> np.ndarray | None:
-    """The weights, None where the entity says that it is polynomial."""
+    """The weights, None if the entity says that it is polynomial."""
     if polynomial and np.any(weights != weights.flat[0]):
         raise record.error("says that it is polynomial, and its weights differ.")
     return None if polynomial and weights.flat[0] > 0 else weights
@@ -304,7 +304,7 @@ def _line(record: IgesRecord, matrix: np.ndarray | None) -> BezierSegments:
 
 
 def _arc(record: IgesRecord, matrix: np.ndarray | None) -> BezierSegments:
-    """Entity 100: the height of its plane, then x and y of the centre and both ends; counter-clockwise from above."""
+    """Entity 100: the height of its plane, then x and y of the center and both ends; counter-clockwise from above."""
     record.needs(7)
     height, *numbers = record.reals(1, 7)
     centre, start, end = np.array(numbers).reshape(3, 2)
@@ -312,7 +312,7 @@ def _arc(record: IgesRecord, matrix: np.ndarray | None) -> BezierSegments:
         first, last = start - centre, end - centre
         radii = np.hypot(*first), np.hypot(*last)
         if not (min(radii) > 0 and abs(radii[0] - radii[1]) <= _OUT_OF_ROUND * radii[0]):
-            raise record.error(f"ends {radii[0]:g} and {radii[1]:g} from its centre; an arc has one radius, above 0.")
+            raise record.error(f"ends {radii[0]:g} and {radii[1]:g} from its center; an arc has one radius, above 0.")
     turn = float(np.arctan2(first[0] * last[1] - first[1] * last[0], first @ last)) % (2 * np.pi)
     if np.array_equal(start, end):
         turn = 2 * np.pi

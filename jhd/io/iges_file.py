@@ -118,7 +118,7 @@ class IgesRecord(NamedTuple):
         return ParseError(f"entity {self.entry.type} (D{self.entry.sequence}) {message}", self.file, self.line)
 
     def needs(self, count: int) -> None:
-        """Raises ParseError where there are fewer than `count` parameters behind the type."""
+        """Raises ParseError if there are fewer than `count` parameters behind the type."""
         if len(self.words) - 1 < count:
             raise self.error(f"has {len(self.words) - 1} parameters; needs {count}.")
 

@@ -127,7 +127,7 @@ def _property(file: object, words: list[str], line: int) -> _Property:
 
 
 def _check_properties(file: object, element: _PlyElement, before: set[str]) -> None:
-    """Raises ParseError where a vertex has no coordinates, a face no corners, or rows consist of nothing."""
+    """Raises ParseError if a vertex has no coordinates, a face no corners, or rows consist of nothing."""
     if element.name in before:
         raise ParseError(f"has two elements {shown(element.name)}.", file)
     if element.count and not element.properties:
@@ -300,7 +300,7 @@ def _uneven(file: object, content: bytes, at: int, order: str, element: _PlyElem
 
 
 def _read(content: bytes, at: int, order: str, element: _PlyElement) -> Iterator[tuple[np.ndarray | None, int]]:
-    """The numbers of each property of one row, and where they end; None where the content does."""
+    """The numbers of each property of one row, and where they end; None if the content does."""
     for p in element.properties:
         size = 1
         if p.length:

@@ -212,7 +212,7 @@ def _turns(p: np.ndarray, q: np.ndarray, ahead: np.ndarray) -> np.ndarray:
 
 
 def ears(corners: np.ndarray) -> list[_Ear] | None:
-    """As many triangles as a fan has, of the corners (corners, 3) of one polygon; None where it crosses itself."""
+    """As many triangles as a fan has, of the corners (corners, 3) of one polygon; None if it crosses itself."""
     flat, _ = integers(corners.ravel().tolist())
     rows = [tuple(flat[k : k + 3]) for k in range(0, len(flat), 3)]
     fan = [(0, k, k + 1) for k in range(1, len(rows) - 1)]
@@ -231,7 +231,7 @@ _SEEN = ((1, 2), (2, 0), (0, 1))
 
 
 def _area(x: Sequence[int], y: Sequence[int]) -> int:
-    """Twice the area of a triangle, positive where it turns from x towards y."""
+    """Twice the area of a triangle, positive if it turns from x towards y."""
     return (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0])
 
 

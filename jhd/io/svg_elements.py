@@ -45,7 +45,7 @@ _DEEPEST = 200
 # in any case.
 _TIMES_GROWN, _ALWAYS_GROWN = 10, 100_000
 
-# Width and height of the surrounding viewport in user units; None where the file does not say.
+# Width and height of the surrounding viewport in user units; None if the file does not say.
 Viewport = tuple[float, float] | None
 
 
@@ -70,7 +70,7 @@ class Element:
         return self.style.get(name, self.attributes.get(name, "").strip().lower())
 
     def check_placed_by_attributes(self, sizes: bool = True) -> None:
-        """Raises ParseError where the element has a place, or one of its sizes, from what is not read."""
+        """Raises ParseError if the element has a place, or one of its sizes, from what is not read."""
         for name in (*_MOVING, *(_SIZES.get(self.tag, ()) if sizes else ())):
             moves = name not in _MOVING_WITH or "transform" in self.attributes
             given = name in self.style and (self.style[name] != "none" or name in self.attributes)
@@ -125,7 +125,7 @@ class Element:
         return math.hypot(width, height) / math.sqrt(2)
 
     def transform(self) -> np.ndarray:
-        """The matrix (2, 3) of the attribute `transform`, the identity where there is none.
+        """The matrix (2, 3) of the attribute `transform`, the identity if there is none.
 
         Raises:
             ParseError: an unknown function, a wrong number of values, text between functions.
@@ -183,7 +183,7 @@ class _DocumentBuilder:
             self.sheet.clear()
 
     def grow(self, count: int) -> None:
-        """Raises ParseError where the texts that are kept are far longer than the file."""
+        """Raises ParseError if the texts that are kept are far longer than the file."""
         self.left -= count
         if self.left < 0:
             raise self.stack[-1].error(f"grows the file to more than {_TIMES_GROWN} times its length, by entities.")

@@ -81,7 +81,7 @@ def pair(point: complex) -> str:
 
 
 def _arcs(points: tuple[complex, ...], weights: tuple[float, ...], atol: float) -> list[str] | None:
-    """The segment as arcs of at most a quarter turn within atol, None where it is none."""
+    """The segment as arcs of at most a quarter turn within atol, None if it is none."""
     p, w, off = np.array(points), np.array(weights) / max(weights), 0.0
     largest = float(np.abs(p).max())
     if len(p) == 4:
@@ -131,7 +131,7 @@ def _quarters(p: np.ndarray, weight: float) -> Iterator[tuple[complex, complex, 
 
 
 def _arc(start: complex, corner: complex, end: complex, weight: float, atol: float) -> str | None:
-    """The command A whose arc, as it is read, is within atol of the segment; None where there is none."""
+    """The command A whose arc, as it is read, is within atol of the segment; None if there is none."""
     axes = _ellipse(start, corner, end, weight)
     if axes is None:
         return None

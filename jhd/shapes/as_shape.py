@@ -236,7 +236,7 @@ def _has(value: Any, *names: str) -> bool:
 
 
 def _weights(value: Any) -> np.ndarray | None:
-    """The weights in one row; None where there are none."""
+    """The weights in one row; None if there are none."""
     weights = getattr(value, "weights", None)
     return None if weights is None else np.asarray(weights, float).ravel()
 

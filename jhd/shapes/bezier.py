@@ -28,8 +28,8 @@ class BezierCurve(AbstractCurve):
         weights: (points,) positive weights; None means a polynomial curve.
 
     Raises:
-        ValueError: wrong number of axes, no point, not two or three coordinates, NaN or infinity, weights that are not
-            positive or do not match the points, or a degree above 128 (32 in single precision).
+        ValueError: wrong number of axes, no point, not two or three coordinates, NaN or infinity; weights that are not
+            positive or do not match the points; or a degree above 128 (32 in single precision).
         TypeError: entries that are not real numbers.
     """
 

@@ -34,7 +34,7 @@ _SHARE, _HOPELESS = 324, 4
 
 
 def fitted(curve: HostCurve, atol: float) -> HostArcs:
-    """Arcs within atol of their pieces: biarcs where they fit, lines where nothing is curved, else both halves.
+    """Arcs within atol of their pieces: biarcs if they fit, lines where nothing is curved, else both halves.
 
     In order of segments and parameters. Where no parameter lies between the ends of a piece that is too long, its line
     has a larger deviation.
@@ -68,7 +68,7 @@ def fitted(curve: HostCurve, atol: float) -> HostArcs:
 
 
 def _measured(curve: HostCurve, lines: HostArcs, pieces: Pieces, wanted: np.ndarray) -> HostArcs:
-    """With the deviations of the lines where they are wanted or may be due to rounding alone, else infinite."""
+    """With the deviations of the lines if they are wanted or may be due to rounding alone, else infinite."""
     length = np.maximum(np.abs(pieces.chord), SHORT)
     off = np.abs(np.imag(pieces.offsets * pieces.chord.conj())).max(axis=0)
     rows = np.flatnonzero(wanted | (off <= 2 * np.ldexp(curve.rounding, -curve.first - curve.second) * length))
@@ -92,7 +92,7 @@ def _hopeless(curve: HostCurve, pieces: Pieces, atol: float) -> np.ndarray:
 
 
 def _biarc(curve: HostCurve, spans: HostArcs, pieces: Pieces) -> tuple[HostArcs, HostArcs, np.ndarray]:
-    """Both arcs of a biarc for each span, measured, and whether there is one; where not, the numbers mean nothing."""
+    """Both arcs of a biarc for each span, measured, and whether there is one; if not, the numbers mean nothing."""
     first, last = _tangents(curve, spans, pieces)
     chord = np.maximum(np.abs(pieces.chord), SHORT)
     slack = np.ldexp(curve.rounding, -curve.first - curve.second) / chord

@@ -54,7 +54,7 @@ def out_of_unit(array: Array | None, power: Any) -> Any:
 
 
 def cartesian(homogeneous: Any, rational: bool) -> tuple[Any, Any]:
-    """Points and weights of an array in homogeneous form; the weights are None where it is not rational."""
+    """Points and weights of an array in homogeneous form; the weights are None if it is not rational."""
     if not rational:
         return homogeneous, None
     return (_quotient if isinstance(homogeneous, np.ndarray) else _compiled_quotient)(homogeneous)

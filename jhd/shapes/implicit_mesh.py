@@ -115,7 +115,7 @@ def near_zero(polynomial: BoxedPolynomial, low: np.ndarray, high: np.ndarray) ->
 
 
 def deviations(polynomial: BoxedPolynomial, cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """The tau of cells (cells, 3) of a grid with these numbers of cells; infinite where nothing is proven."""
+    """The tau of cells (cells, 3) of a grid with these numbers of cells; infinite if nothing is proven."""
     return np.concatenate([_deviations(polynomial, cells[rows], counts) for rows in chunks(len(cells))])
 
 
@@ -146,7 +146,7 @@ def _deviations(polynomial: BoxedPolynomial, cells: np.ndarray, counts: np.ndarr
 
 
 def _reach(delta: np.ndarray, slope: np.ndarray, step: np.ndarray, may: np.ndarray) -> np.ndarray:
-    """How far a change by delta takes at most; infinite where a direction may not be taken or is left too early."""
+    """How far a change by delta takes at most; infinite if a direction may not be taken or is left too early."""
     good = may & (slope > 0)
     reach = delta / np.where(good, slope, 1.0)
     return np.where(good & (reach <= step * (1 - 1e-9)), reach, np.inf)

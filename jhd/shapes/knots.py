@@ -43,7 +43,7 @@ def blossom(
 
 
 def ratio(numerator: Any, width: Any) -> Any:
-    """Numerator over width, zero where the width is not positive: no NaN in the value or in its derivatives."""
+    """Numerator over width, zero if the width is not positive: no NaN in the value or in its derivatives."""
     xp = module_of(width)
     positive = width > 0
     return xp.where(positive, numerator / xp.where(positive, width, 1.0), 0.0)

@@ -222,8 +222,8 @@ class BezierPatch(AbstractPatch):
         weights: (rows, columns) positive weights; None means a polynomial patch.
 
     Raises:
-        ValueError: wrong number of axes, no point, not three coordinates, NaN or infinity, weights that are not
-            positive or do not match the points, or a degree above 128 (32 in single precision).
+        ValueError: wrong number of axes, no point, not three coordinates, NaN or infinity; weights that are not
+            positive or do not match the points; or a degree above 128 (32 in single precision).
         TypeError: entries that are not real numbers.
     """
 

@@ -245,5 +245,5 @@ def _terms(index: tuple[int, int, int], x: Fraction) -> Terms:
 
 
 def _constant(terms: Terms) -> Fraction | None:
-    """The number that the polynomial is, None where it is none."""
+    """The number that the polynomial is, None if it is none."""
     return terms.get((0, 0, 0), Fraction(0)) if set(terms) <= {(0, 0, 0)} else None

@@ -45,7 +45,7 @@ def across(control_points: np.ndarray, weights: np.ndarray | None, lines: int = 
 
 
 def svg(lines: Sequence[np.ndarray] | np.ndarray, title: str, dots: bool = False) -> str | None:
-    """The picture of lines of points (places, dim), or of dots; None where nothing finite is there to see.
+    """The picture of lines of points (places, dim), or of dots; None if nothing finite is there to see.
 
     Of more lines than a sketch can hold evenly chosen ones are drawn.
     """

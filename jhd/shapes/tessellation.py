@@ -113,7 +113,7 @@ def _refined(patches: HostPatches, cells: PatchCells, goal: _Goal, off: float) -
 
 
 def _checked(patches: HostPatches, cells: PatchCells, atol: float, off: float) -> PatchCells:
-    """The rectangles to bisect; ValueError where that cannot help."""
+    """The rectangles to bisect; ValueError if that cannot help."""
     width = np.where(cells.along_u, cells.u1 - cells.u0, cells.v1 - cells.v0)
     if len(width) and (width.min() <= _NARROWEST or not patches.in_user_units(patches.noise + off) <= atol):
         raise ValueError(f"atol is {atol:g}; rounding leaves more on this surface; raise it.")
