@@ -148,7 +148,7 @@ def biarcs(curve: Any, atol: Numbers) -> BiarcCurve:
 
     Raises:
         TypeError: not a curve, or a traced one; the number of arcs depends on its numbers.
-        ValueError: a curve in space, or an `atol` that is not positive or is below `least_tolerance`.
+        ValueError: a curve in space, or an `atol` that is not positive or is below `jhd.shapes.least_tolerance(curve)`.
         NotProvenError: the weights are so uneven that a piece cannot be halved any further. The error carries the arcs,
             whose deviations hold.
     """
