@@ -14,8 +14,8 @@ from jhd._results.solution import names_of, to_plain
 from jhd.console import busy, exit_status, print_json
 from jhd.decimals import interval_text
 from jhd.io import load_shape, outlines
+from jhd.io.glyphs import parse_font_spec
 from jhd.io.load import SHAPE_SUFFIXES
-from jhd.io.outlines import parse_font_spec
 
 _ALL = ":*"
 

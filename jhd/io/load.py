@@ -8,9 +8,9 @@ from jhd.io.clouds import CLOUD_SUFFIXES, load_points
 from jhd.io.curves import CURVE_KINDS
 from jhd.io.described import load_described
 from jhd.io.errors import ParseError, read_bytes
+from jhd.io.glyphs import outline, parse_font_spec
 from jhd.io.iges import IGES_SUFFIXES, load_iges, united
 from jhd.io.meshes import MESH_SUFFIXES, load_mesh
-from jhd.io.outlines import outline, parse_font_spec
 from jhd.io.ply import read_ply
 from jhd.io.polygons import mesh_of
 from jhd.io.surfaces import SURFACE_KINDS

@@ -11,7 +11,7 @@ import numpy as np
 from jhd._runtime.files import replace_file
 from jhd.io.contours import Contour, assemble, contours_of
 from jhd.io.errors import ParseError, read_bytes
-from jhd.io.path_data import parse_path
+from jhd.io.path_text import parse_path
 from jhd.io.svg_document import Drawn, drawn_shapes
 from jhd.io.svg_elements import parse_document
 from jhd.io.svg_paths import path_words

@@ -17,7 +17,7 @@ import numpy as np
 
 from jhd.io.contours import Contour
 from jhd.io.errors import ParseError, shown
-from jhd.io.path_data import parse_path
+from jhd.io.path_text import parse_path
 from jhd.io.svg_elements import Element, Viewport, compose, translation
 
 # Elements that are drawn, where `use` repeats them: so many times as there are in the file, and so many in any case.

@@ -14,7 +14,7 @@ import numpy as np
 
 from jhd.io.contours import unit_direction
 from jhd.io.errors import ParseError, shown
-from jhd.io.path_data import Scanner
+from jhd.io.path_text import Scanner
 
 # User units (CSS pixels, 96 an inch) in each absolute unit.
 _UNITS = {"": 1.0, "px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "pt": 96 / 72, "pc": 16.0}

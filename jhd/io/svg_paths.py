@@ -23,7 +23,7 @@ import numpy as np
 from jhd.arithmetic.bernstein import product_weights
 from jhd.io.contours import Contour, Segment
 from jhd.io.outward import cubic_contours
-from jhd.io.path_data import draw_arc
+from jhd.io.path_text import draw_arc
 from jhd.shapes.curve import BezierSegments
 
 _LETTERS = {1: "L", 2: "Q", 3: "C"}

@@ -13,8 +13,8 @@ DEFECTS = [
         ),
     ),
     *within(
-        "io/path_data.py",
-        "io/test_path_data.py",
+        "io/path_text.py",
+        "io/test_path_text.py",
         ("return bulge if sweep else -bulge", "return bulge", "test_an_arc_lies_on_its_ellipse_between_its_angles"),
         ("sine = min(1.0, ", "sine = (", "test_radii_that_are_too_small_are_scaled_up_to_a_half_turn"),
         (

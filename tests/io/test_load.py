@@ -7,8 +7,8 @@ import pytest
 
 from jhd.io.curves import save_curve
 from jhd.io.errors import ParseError
+from jhd.io.glyphs import outline
 from jhd.io.load import load_shape
-from jhd.io.outlines import outline
 from jhd.io.svg import write_svg
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.curve import polyline

@@ -10,7 +10,7 @@ from svgelements import Path as SvgelementsPath
 
 from jhd.io.contours import assemble
 from jhd.io.errors import ParseError
-from jhd.io.path_data import parse_path
+from jhd.io.path_text import parse_path
 
 # A few roundings of numbers of order ten.
 ROUNDING = 1e-14

@@ -8,7 +8,7 @@ from fontTools.ttLib import TTFont
 from matplotlib.ft2font import FT2Font, LoadFlags
 
 from jhd.io.errors import ParseError
-from jhd.io.outlines import _font_file, outline, parse_font_spec
+from jhd.io.glyphs import _font_file, outline, parse_font_spec
 
 
 def reference_points(font, letter, units):
