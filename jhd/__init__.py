@@ -1,4 +1,54 @@
-"""jhd: certified, differentiable Hausdorff distances of curves, surfaces and meshes."""
+"""jhd: certified, differentiable Hausdorff distances of curves, surfaces and meshes.
+
+A *shape* is a curve, a parametric surface, an implicit surface, a triangle mesh or a point set. The directed Hausdorff
+distance from `a` to `b` is the largest distance from a point of `a` to `b`. Each result has a `value`, which is what to
+differentiate, and bounds with `lower <= exact <= upper`, rounding included. The *witness* is the point that attains the
+distance, with its *foot points*, the nearest points on the other shape.
+
+>>> import jhd
+>>> found = jhd.hausdorff(jhd.points([(0, 3)]), jhd.points([(0, 0), (4, 0)]))
+>>> float(found.value), bool(found.lower <= 5 <= found.upper)
+(5.0, True)
+
+# Which call do I need?
+
+- How far apart are two shapes at most: `hausdorff`; from one shape only: `directed_hausdorff`.
+- How near are they: `minimum_distance`. Is a distance below a limit: `hausdorff_at_most`, `minimum_at_most`.
+- Mean, root mean square and quantiles of the distance: `deviation`; as a loss: `Mean`, `RootMeanSquare`, `Quantile`.
+- The nearest point on a shape: `project`; all stationary points on a curve: `stationary_points`.
+- Inside or outside of a mesh: `signed_distance`; millions of such queries: `AdaptiveDistanceField`.
+- A shape that fits another one: `fit_curve`, `fit_outline`, `minimise_hausdorff`; a smooth loss: `soft_hausdorff`.
+- Many shapes: `pairwise`, `nearest_shapes`, `pairs_within`. Many queries on one shape: `prepare` it first.
+- A proof for others to check: `certify`, `verify`.
+- Files and glyphs: `jhd.io`. Pictures: `jhd.plot`. Objects of other packages: `as_shape`.
+
+# Choose a method
+
+The default, `BranchAndBound`, certifies both bounds and serves every pair of shapes. Pass `BranchAndBound(atol=...)` for
+another gap than 1e-10 of the diagonal of the joint bounding box. The other methods are published ones for comparison.
+`TwoStep` refines samples of curves and certifies a lower bound only. `AlgebraicEvents` and `BiarcTrimming` solve for all
+candidate events of plane curves. `CubeIntervals` and `VoxelPairs` work on cells of surfaces.
+
+# Questions and answers
+
+**Why do my arrays have 64 bits?** Bounds of 1e-10 need float64, and JAX switches it on globally. With `JAX_ENABLE_X64=0`
+in the environment, jhd computes in float32. The bounds stay true, and become wider.
+
+**Why does the first call take seconds?** It compiles. Plain calls on CPUs keep their compiled functions on disk, and other
+processes read them: see `jhd doctor`. `jhd warm plane` compiles in advance.
+
+**What does gap_not_closed mean?** The bounds are true, but the search ended before they met. Raise `max_steps`, or ask for
+a larger `atol`. If whole regions are equally far, as for a shape and its offset, the work grows as the gap shrinks.
+
+**How do I get a result instead of an exception?** Pass `throw=False` and read `result`, a member of `RESULTS`.
+
+**Can I use it inside `jit`, `vmap` and `grad`?** Yes. Searches for points and curves become part of the compiled function;
+the others are called on the host. Shapes may be arguments, closed over, or built inside.
+
+**Which derivative do I get?** The derivative of the distance at the witness. If the witness has several foot points, each
+contributes with its multiplier. If several witnesses are equally far, it is the derivative at one of them. At distance
+zero it is zero.
+"""
 
 import os as _os
 from importlib import import_module as _import_module

@@ -1,4 +1,4 @@
-"""Arguments that are easily looked for in the wrong place, and where they belong."""
+"""Messages for arguments that belong elsewhere, and for calls that cannot be traced."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -37,7 +37,7 @@ def belongs(**places: str) -> Callable[[Called], Called]:
 
 
 def takes(count: int, message: str) -> Callable[[Called], Called]:
-    """A constructor that is called with fewer positional arguments, and no others, raises TypeError with the message.
+    """A constructor called with fewer positional arguments, and no keywords, raises TypeError with the message.
 
     >>> class Pair:
     ...     @takes(2, "write Pair(*both)")
@@ -62,20 +62,20 @@ def takes(count: int, message: str) -> Callable[[Called], Called]:
 
 
 def refuse_tracing(name: str, *values: object) -> None:
-    """Raises TypeError inside a program that is being traced, for a call that works with known numbers alone."""
+    """Raises TypeError inside a function that is being traced, for a call that needs concrete numbers."""
     if is_tracing(*values):
         raise TypeError(
-            f"{name}() is a search on the host, which cannot run inside jit, vmap or grad: call it outside; what is "
-            "differentiable is jhd.hausdorff or jhd.soft_hausdorff of the shape."
+            f"{name}() is a search on the host, which cannot run inside jit, vmap or grad: call it outside, or "
+            "differentiate jhd.hausdorff or jhd.soft_hausdorff of the shape."
         )
 
 
 def traceable(build: Callable[[Any], Any], parameters: Any) -> Any:
-    """build(parameters), whose derivatives are taken; an error that comes of what is not traceable says so."""
+    """build(parameters), to be differentiated; if something in `build` cannot be traced, the error says so."""
     try:
         return build(parameters)
     except jax.errors.JAXTypeError as error:
         raise TypeError(
-            "build is traced, and something in it needs a number that is not known yet: write it in jax.numpy, without "
+            "build is traced, but it needs a value that is unknown during tracing: write it in jax.numpy, without "
             f"NumPy, float() or `if` on the parameters. {str(error).splitlines()[0]}"
         ) from error

@@ -133,7 +133,7 @@ def test_a_parametric_surface_is_named_by_its_patches_and_parameters(run):
         (("distance", BASE, DIAGONAL, "--threshold", "1", "--method", "TwoStep"), "TwoStep"),
         (("distance", BASE, DIAGONAL, "--atol", "1%%"), "argument --atol: invalid length value: '1%%'"),
         (("minimum", BASE, "low.ply"), "a has 2 coordinates a point and b has 3; needs the same."),
-        (("deviation", "z", "low.ply", "--box", "-2", "2"), "whose area is not proven"),
+        (("deviation", "z", "low.ply", "--box", "-2", "2"), "whose area is not certified"),
         (("deviation", "z", "low.ply"), "A is a polynomial; give the box of its surface"),
         (("project", "low.ply", "1", "2", "3", "--box", "0", "1"), "SHAPE is none; leave it out"),
         (("project", "z", "1", "2", "3"), "SHAPE is a polynomial; give the box of its surface"),

@@ -106,7 +106,7 @@ def test_a_batch_of_solutions_is_a_solution_with_leading_axes():
 
 
 def test_only_a_batch_has_an_index_and_only_within():
-    with pytest.raises(TypeError, match="this HausdorffSolution is a single one"):
+    with pytest.raises(TypeError, match="this HausdorffSolution is a single result"):
         a_solution()[0]
     batch = jax.tree_util.tree_map(lambda x: jnp.stack([x, x]), a_solution())
     for index in (2, (0, 1)):
@@ -243,8 +243,8 @@ def test_an_error_says_the_sentence_and_carries_the_solution(name):
         throw_unless_successful(solution)
     assert caught.value.solution is solution
     wide = name in ("gap_not_closed", "capacity_reached", "family_of_maxima")
-    more = ", which method=jhd.BranchAndBound(atol=1) would take" if wide else ""
-    assert str(caught.value) == f"{sentence_of(name)} The bounds reached are 1.5 and 2.5{more}."
+    more = " Pass method=jhd.BranchAndBound(atol=1) to accept them." if wide else ""
+    assert str(caught.value) == f"{sentence_of(name)} The bounds reached are 1.5 and 2.5.{more}"
     assert isinstance(caught.value, RuntimeError)
 
 

@@ -1,6 +1,6 @@
-"""Batches of solutions: one solution whose leaves have leading axes, as vmap makes them.
+"""Batches of solutions: one solution whose leaves have leading axes, as vmap returns it.
 
-They are indexed, tell which of them succeeded, and count the others where they are shown, every kind in one way.
+A batch can be indexed. Its text counts the entries that did not succeed.
 """
 
 from collections import Counter
@@ -26,26 +26,26 @@ _ENDS = {"lower": lower_text, "upper": upper_text}
 
 
 class AbstractSolution(eqx.Module):
-    """What an entry returns, single or as a batch; the axes of `result` are those of the batch."""
+    """Result of an entry point, single or a batch. The batch axes are the axes of `result`."""
 
     # The field `result` is left to each class: checkers of types would take it for the first argument of all.
 
     @property
     def ok(self) -> Array:
-        """Whether everything that was asked for holds: of a batch an array."""
+        """Whether all requested bounds and conditions hold; a boolean array if the solution is a batch."""
         return _result(self) == RESULTS.successful
 
     def __getitem__(self, index: Any) -> Any:
-        """Some of a batch, by an index as NumPy takes it, along its axes.
+        """Entries of a batch, by an index along its axes, as in NumPy.
 
         Raises:
-            TypeError: a single solution.
-            IndexError: outside the batch.
+            TypeError: the solution is not a batch.
+            IndexError: the index is outside the batch.
         """
         shape = np.shape(_result(self)._value)
         if not shape:
             raise TypeError(
-                f"this {type(self).__name__} is a single one; only a batch, as vmap makes it, has an index."
+                f"this {type(self).__name__} is a single result; only a batch, as vmap returns it, can be indexed."
             )
         if not is_traced(index):
             # NumPy says what is outside, where JAX takes what is nearest.
@@ -56,7 +56,7 @@ class AbstractSolution(eqx.Module):
         return on_device(jax.tree_util.tree_map(lambda x: np.asarray(x)[index], self))
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: of a single solution a table of its numbers, else what is printed."""
+        """The solution in a notebook: a table of its numbers; for a batch the printed text."""
         if is_traced(self) or np.shape(_result(self)._value):
             return f"<pre>{escape(repr(self))}</pre>"
         known = {name: getattr(self, name, None) for name in _SHOWN}
@@ -85,7 +85,7 @@ def _cell(name: str, value: Any) -> str:
 
 
 def on_device(solution: Any) -> Any:
-    """The same with arrays of JAX's in place of NumPy's; all together, since one transfer takes as long as many."""
+    """The same solution with JAX arrays instead of NumPy arrays, in one transfer."""
     leaves, structure = jax.tree_util.tree_flatten(solution)
     places = [k for k, leaf in enumerate(leaves) if isinstance(leaf, np.ndarray | np.generic)]
     if not places:
@@ -96,13 +96,13 @@ def on_device(solution: Any) -> Any:
 
 
 def shown_many(solution: Any, name: str) -> str | None:
-    """A batch, or what is traced, in two lines: the range of the numbers of this name, failures by their kinds.
+    """A batch or a traced solution in two lines: the range of the numbers with this name, and counts of failures.
 
-    None for a single solution, which shows itself.
+    None for a single solution, which prints itself.
     """
     kind, numbers, shape = type(solution).__name__, getattr(solution, name), np.shape(solution.result._value)
     if is_traced(solution):
-        return f"{kind}({name}={eqx.tree_pformat(numbers)},\n  traced: known when the program runs)"
+        return f"{kind}({name}={eqx.tree_pformat(numbers)},\n  traced: known at run time)"
     if not shape:
         return None
     numbers, padded = np.asarray(numbers), getattr(solution, "valid", None)

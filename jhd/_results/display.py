@@ -1,7 +1,7 @@
-"""What objects print: kinds, counts and numbers, in one line where that is enough, and never an error.
+"""Printed forms of objects: kinds, counts and numbers, in one line if it suffices, and never an error.
 
-Objects pass through JAX with leaves that are no numbers (tracers, shapes, markers of JAX's own). They are printed too,
-without what is not known of them.
+Objects pass through JAX with leaves that are not numbers (tracers, shapes, markers of JAX). They print too, without the
+unknown parts.
 """
 
 from collections.abc import Callable, Iterable
@@ -25,26 +25,26 @@ _BOUNDS: dict[str, BoundText] = {"lower": lower_text, "upper": upper_text}
 
 
 def described(thing: Any, *parts: str) -> str:
-    """The name of a class with what is to be said of an object of it; empty parts are left out."""
+    """The name of the class of an object with the given parts in parentheses; empty parts are left out."""
     return f"{type(thing).__name__}({', '.join(part for part in parts if part)})"
 
 
 def opaque(thing: Any) -> str | None:
-    """How an object prints whose leaves are not all numbers or arrays with a shape; None of one where they are."""
+    """The text for an object with leaves that are not numbers or arrays; None if all its leaves are."""
     leaves = jax.tree_util.tree_leaves(thing)
     known = all(hasattr(leaf, "shape") or isinstance(leaf, bool | int | float | str) for leaf in leaves)
     return None if known else described(thing, "...")
 
 
 def fields_shown(thing: Any, *names: str) -> str:
-    """The object with the named fields of it that are not None."""
+    """The object with those of the named fields that are not None."""
     pairs = ((name, getattr(thing, name)) for name in names)
     shown = (f"{name}={value_text(value, _BOUNDS.get(name))}" for name, value in pairs if value is not None)
     return opaque(thing) or described(thing, *shown)
 
 
 def value_text(value: Any, bound: BoundText | None = None) -> str:
-    """A value in a few characters: numbers, the sizes of long arrays, whatever prints itself.
+    """A value in a few characters: numbers, the sizes of long arrays, or the text of the object.
 
     Args:
         value: the value.
@@ -66,25 +66,25 @@ def size_text(shape: Iterable[int]) -> str:
 
 
 def count_text(count: int, name: str, plural: str | None = None) -> str:
-    """A number of things: `1 segment`, `2 segments`."""
+    """A count with a noun: `1 segment`, `2 segments`."""
     return f"{count} {name if count == 1 else plural or name + 's'}"
 
 
 def batch_text(values: Any, axes: int) -> str:
-    """How many of a batch there are, where an array has more axes than one object has."""
+    """The size of a batch, if an array has more axes than one object has."""
     lead = values.shape[: len(values.shape) - axes]
     return f"batch of {size_text(lead)}" if lead else ""
 
 
 def net_text(values: Any, weights: Any) -> str:
-    """Where control points are and whether they have weights: `rational, in the plane, control points in ...`."""
+    """The location of control points and whether they have weights: `rational, in the plane, control points in ...`."""
     kind = "" if weights is None else "rational"
     parts = (kind, _SPACES.get(values.shape[-1], ""), box_text(values))
     return ", ".join(part for part in parts if part)
 
 
 def box_text(points: Any, name: str = "box") -> str:
-    """The box of an array of points, whose last axis holds coordinates; nothing of unknown ones."""
+    """The bounding box of an array of points, whose last axis holds coordinates; empty if it is unknown."""
     if is_traced(points):
         return "traced"
     if not is_known(points) or 0 in points.shape:
@@ -94,7 +94,7 @@ def box_text(points: Any, name: str = "box") -> str:
 
 
 def between_text(lower: Any, upper: Any, name: str = "box") -> str:
-    """A box by two of its corners; nothing of unknown ones and of batches."""
+    """A box by two of its corners; empty for unknown corners and batches."""
     if not (is_known(lower) and is_known(upper)) or np.ndim(lower) != 1:
         return ""
     low, high = (", ".join(map(_number, np.asarray(end))) for end in (lower, upper))
@@ -102,12 +102,12 @@ def between_text(lower: Any, upper: Any, name: str = "box") -> str:
 
 
 def most_text(name: str, bounds: Any) -> str:
-    """The largest of upper bounds after a name, rounded up; nothing of unknown ones."""
+    """A name followed by the largest upper bound, rounded up; empty if the bounds are unknown."""
     return f"{name} {upper_text(np.max(np.asarray(bounds)), '.6g')}" if is_known(bounds) and np.size(bounds) else ""
 
 
 def is_known(value: Any) -> bool:
-    """Whether the entries of an array can be looked at here."""
+    """Whether the entries of an array can be read here."""
     if is_traced(value) or not isinstance(value, np.ndarray | np.generic | jax.Array):
         return False
     return getattr(value, "is_fully_addressable", True) and not getattr(value, "is_deleted", lambda: False)()

@@ -1,4 +1,4 @@
-"""How computations end, how a maximum arises, what is answered, and from where to where: enumerations of sentences."""
+"""Enumerations whose members are sentences: results, events, answers and directions."""
 
 from typing import Any
 
@@ -9,93 +9,99 @@ from jaxtyping import Array
 
 
 class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
-    """How a computation ended; `RESULTS.successful` means that everything that was asked for holds."""
+    """How a computation ended. RESULTS.successful: all requested bounds and conditions hold.
 
-    gap_not_closed = "The bounds are true but wider than the tolerance asked for: raise max_steps, or atol or rtol."
+    `RESULTS[member]` is the sentence of a member.
+    """
+
+    gap_not_closed = "The bounds are true but wider than the tolerance: raise max_steps, or raise atol or rtol."
     capacity_reached = (
-        "A queue of fixed length was full, so the answer is true but wider or incomplete: raise capacity (or max_cells "
-        "or max_boxes, where that is its name), or atol or rtol."
+        "A queue of fixed length is full, so the result is true but wider or incomplete: raise capacity (in some calls "
+        "max_cells or max_boxes), or atol or rtol."
     )
-    interrupted = "The search was interrupted: the bounds are those it had reached."
-    fit_steps_exhausted = "The fit was still improving when its steps were used up: raise max_steps."
-    fit_out_of_time = "The time ran out: this is the best so far. Raise max_seconds, or begin with its parameters."
+    interrupted = "The search was interrupted: the bounds are true and not closed."
+    fit_steps_exhausted = "The fit was still improving at its last step: raise max_steps."
+    fit_out_of_time = (
+        "The time limit was reached: this is the best result so far. Raise max_seconds, or continue from its "
+        "parameters."
+    )
     fit_in_a_valley = (
-        "The fit creeps along a valley, by less than a thousandth a step: fix what slides (a parametrisation, a "
-        "weight), start elsewhere, or raise max_steps."
+        "Slow progress (under 0.1 % a step): the problem is nearly degenerate. Fix redundant parameters, change the "
+        "start or raise max_steps."
     )
     fit_at_a_kink = (
-        "No step lowers the distance although its maxima could be lowered to first order: two feet change places "
-        "there, or a maximum is born. Start elsewhere."
+        "No step lowers the distance, although its maxima could be lowered to first order: a foot point jumps there, "
+        "or a new maximum appears. Change the start."
     )
     fit_missed_a_maximum = (
-        "The proven distance is above all maxima that the fit worked with: one is narrower than the samples are apart. "
-        "Split the curves, or start elsewhere."
+        "The certified distance exceeds all maxima that the fit used: a maximum is narrower than the sample spacing. "
+        "Split the curves, or change the start."
     )
     fit_at_rounding = (
-        "What is left to gain is below the rounding of the coordinates: scale or centre them, or be content with it."
+        "The remaining improvement is below the rounding of the coordinates: accept the result, or scale or center the "
+        "coordinates."
     )
     unproven = (
-        "The answer is that of a published method which can miss the exact value and proves no bound: take the default "
-        "method for bounds."
+        "The result comes from a published method that can miss the exact value and certifies no bound: use the "
+        "default method for bounds."
     )
     unverified = (
-        "No cell, or none of those that count, could be proven to hold a point of one of the surfaces, so a bound is "
-        "missing or wide: raise cells. Where a polynomial does not change its sign only single points that simple "
-        "fractions name can be proven."
+        "No cell, or no relevant cell, is certified to hold a point of one of the surfaces, so a bound is missing or "
+        "wide: raise cells. If a polynomial does not change its sign, only single points at simple fractions can be "
+        "certified."
     )
     family_of_maxima = (
-        "The bounds are true but wider than asked for: a whole curve or region of points is about as far as the "
-        "farthest one, or about as near as the nearest, and the work grows like the inverse of the gap: raise atol, or "
-        "max_steps."
+        "The bounds are true but wider than the tolerance: a whole curve or region of points is nearly as far as the "
+        "farthest point, or as near as the nearest. The work grows like 1 / gap: raise atol or max_steps."
     )
     many_nearest_points = (
-        "The bounds are true but not closed: a whole curve or region of the shape is about as near as its nearest "
+        "The bounds are true but not closed: a whole curve or region of the shape is nearly as near as its nearest "
         "point, or a surface has a cuspidal edge there. Use lower and upper, or move the query."
     )
-    empty_surface = "A surface is proven to have no point in its box, so there is no distance: check its box."
+    empty_surface = "A surface is certified to be empty in its box, so the distance is undefined: check its box."
     nonfinite_value = (
-        "An input that was not known when the program was compiled cannot be used: it holds a NaN or an infinity, or "
-        "weights that are not positive or differ by too large a ratio."
+        "An input that was traced is invalid: correct NaN, infinity, or weights that are not positive or differ by too "
+        "large a ratio."
     )
 
 
 # It is inherited without a sentence; a second definition of a member would warn.
-RESULTS._index_to_message[int(RESULTS.successful._value)] = "Everything that was asked for holds."  # pyright: ignore
+RESULTS._index_to_message[int(RESULTS.successful._value)] = "All requested bounds and conditions hold."  # pyright: ignore
 
 
 class EVENTS(eqx.Enumeration):
     """How the maximum of the distance from a to b arises (Elber & Grandine 2008; Cao et al. 2014)."""
 
-    a_end = "It is attained at a free end of a."
-    corner = "It is attained at a joint of a where the tangent jumps."
-    b_end = "Its foot is a free end or a corner of b, and its distance is stationary along a."
-    antipodal = "The joining line is normal to both curves."
-    one_to_two = "Two feet on b are equally near: a crosses the self-bisector of b."
+    a_end = "The maximum is attained at a free end of a."
+    corner = "The maximum is attained at a corner of a (a joint at which the tangent jumps)."
+    b_end = "The foot point is a free end or a corner of b, and the distance is stationary along a."
+    antipodal = "The line from the point to its foot point is normal to both curves."
+    one_to_two = "Two foot points on b are equally near: a crosses the self-bisector of b."
     coincident = "The distance is zero: a lies on b."
 
 
 class ANSWERS(eqx.Enumeration):
     """Whether a distance is at most a threshold."""
 
-    yes = "Proven: the distance is at most the threshold."
-    no = "Proven: the distance is larger than the threshold."
-    undecided = "The bounds reached lie on both sides of the threshold."
+    yes = "Certified: the distance is at most the threshold."
+    no = "Certified: the distance is larger than the threshold."
+    undecided = "Undecided: the threshold lies between the bounds reached; `result` tells why."
 
 
 class DIRECTIONS(eqx.Enumeration):
-    """Which curve carries the point whose distance to the other one is the Hausdorff distance."""
+    """Which shape carries the point that attains the Hausdorff distance."""
 
-    a_to_b = "The point lies on a, its feet on b."
-    b_to_a = "The point lies on b, its feet on a."
+    a_to_b = "The point lies on a, its foot points on b."
+    b_to_a = "The point lies on b, its foot points on a."
 
 
 def result_where(condition: Array, yes: Any, no: Any) -> Any:
-    """RESULTS.where, which type checkers take for a method of a plain enumeration."""
+    """RESULTS.where, which type checkers mistake for a method of a plain enumeration."""
     return RESULTS.where(condition, yes, no)
 
 
 def name_of(item: Any) -> str:
-    """The name of a member of RESULTS, EVENTS, ANSWERS or DIRECTIONS; the members themselves print their sentence."""
+    """The name of a member of RESULTS, EVENTS, ANSWERS or DIRECTIONS. Printing a member shows its sentence."""
     index = int(item._value)
     for name, member in item._enumeration._name_to_item.items():
         if int(member._value) == index:
@@ -104,7 +110,7 @@ def name_of(item: Any) -> str:
 
 
 def names_of(item: Any) -> Any:
-    """The name of a member, or the names of an array of members, in one list."""
+    """The name of a member, or the names of an array of members in one list."""
     by_index = {int(member._value): name for name, member in item._enumeration._name_to_item.items()}
     values = np.asarray(item._value)
     return by_index[int(values)] if values.ndim == 0 else [by_index[int(i)] for i in np.ravel(values)]

@@ -1,7 +1,7 @@
-"""What the entries return: witnesses and solutions; how they ended stands in jhd._results.outcomes, named here too.
+"""Results of the entry points: witnesses and solutions. It also re-exports the names of jhd._results.outcomes.
 
-Every class is a pytree of arrays, so solutions pass through jit and vmap; a batch of solutions is a solution whose
-leaves have leading axes. JSON and files hold them as nested dictionaries, lists, numbers and names.
+Every class is a pytree of arrays, so solutions pass through jit and vmap. A batch of solutions is a solution whose
+leaves have leading axes. JSON and files hold nested dictionaries, lists, numbers and names.
 """
 
 import json
@@ -30,12 +30,12 @@ from jhd.decimals import interval_text, lower_text, point_text, upper_text
 
 
 def stored_fields(value: eqx.Module) -> list[str]:
-    """The names under which the contents of a result stand in files and JSON."""
+    """The names of the fields of a result in files and JSON."""
     return [field.metadata.get("name", field.name) for field in fields(value) if field.metadata.get("stored", True)]
 
 
 def to_plain(value: Any) -> Any:
-    """Nested dictionaries, lists, numbers and names of a result, as JSON can hold them; non-finite numbers are None."""
+    """A result as nested dictionaries, lists, numbers and names, ready for JSON; non-finite numbers become None."""
     if hasattr(value, "_enumeration"):  # a member of an enumeration is a Module too
         return names_of(value)
     if isinstance(value, eqx.Module):
@@ -52,12 +52,12 @@ def to_plain(value: Any) -> Any:
 
 
 def with_result(solution: Any, result: Any) -> Any:
-    """The same solution, ended in another way."""
+    """The same solution with another result code."""
     return eqx.tree_at(lambda s: s.result, solution, result)
 
 
 def with_lengths(solution: Any, value: Any, lower: Any, upper: Any, point: Any, feet: Any) -> Any:
-    """The same HausdorffSolution in another unit; the numbers may still be NumPy's, see `on_device`."""
+    """The same HausdorffSolution in another unit; the numbers may be NumPy arrays, see `on_device`."""
     # By its leaves, in the order of the fields: making the two Modules anew costs five times as much.
     leaves, structure = jax.tree_util.tree_flatten(solution)
     leaves[:3], leaves[5:7] = (value, lower, upper), (point, feet)
@@ -65,7 +65,7 @@ def with_lengths(solution: Any, value: Any, lower: Any, upper: Any, point: Any, 
 
 
 def with_answers(solution: Any, answers: Sequence[tuple[Any, Any, Any, Any, Any]]) -> Any:
-    """The same HausdorffSolution with other numbers: value, t, point, feet, foot_params; of its directions likewise."""
+    """The same HausdorffSolution with other value, t, point, feet and foot_params, and with those of its directions."""
     leaves, structure = jax.tree_util.tree_flatten(solution)
     # The directions come last, each with as many leaves.
     size = len(jax.tree_util.tree_leaves(solution.directions)) // 2
@@ -76,30 +76,31 @@ def with_answers(solution: Any, answers: Sequence[tuple[Any, Any, Any, Any, Any]
 
 
 def in_direction(solution: Any, direction: Any) -> Any:
-    """The same solution, its witness in a direction: what measures from one shape to another knows of no other."""
+    """The same solution with another direction in its witness."""
     return replace(solution, witness=replace(solution.witness, direction=direction))
 
 
 class Witness(eqx.Module):
-    """Where a directed Hausdorff distance is attained; `direction` says which shape carries it and which the feet.
+    """The point that attains a directed Hausdorff distance, with its foot points.
 
-    Where `hausdorff` takes shapes of two kinds, `t` and `foot_params` have the shapes of the richer direction: a single
-    number is repeated, and (u, v) is followed by a zero.
+    `direction` tells which shape carries the point. If `hausdorff` gets shapes of two kinds, `t` and `foot_params` have
+    the larger shape of both directions: a single number is repeated, and (u, v) is followed by a zero.
 
     Args:
-        segment: index of the segment that carries the point; of points, of the point; of a mesh, of its triangle; of a
-            parametric surface, of its Bezier patch; -1 on an implicit surface.
-        t: parameter on it, in [0, 1], of shape (); of points too, where it says nothing; of a mesh, three barycentric
-            coordinates; of a parametric surface, the parameters (u, v) of the patch; NaN on an implicit surface.
-        point: the point there.
-        feet: the active feet on the other shape: two rows where both shapes are curves or points, else four; those that
-            are not used repeat the first one with multiplier 0.
-        foot_segments: their segments, points, triangles or patches; -1 on an implicit surface.
-        foot_params: their parameters, one number a foot on curves and points (where it says nothing), rows (u, v) on
-            patches and rows of barycentric coordinates on meshes; NaN on an implicit surface.
-        multipliers: weights of the feet in the gradient, non-negative with sum one (0.5 each where they are undefined).
-        event: a member of EVENTS.
-        direction: a member of DIRECTIONS.
+        segment: index of the part that carries the point: a segment of a curve, a point of a point set, a triangle of
+            a mesh or a Bezier patch of a parametric surface; -1 on an implicit surface.
+        t: parameter of the point on this segment, in [0, 1], of shape (). On a mesh: three barycentric coordinates. On
+            a parametric surface: (u, v) on the patch. On an implicit surface: NaN. Without meaning for point sets.
+        point: coordinates of the point.
+        feet: foot points on the other shape: two rows if both shapes are curves or points, else four. Unused rows
+            repeat the first one with multiplier 0.
+        foot_segments: indices of the segments, points, triangles or patches of the foot points; -1 on an implicit
+            surface.
+        foot_params: parameters of the foot points: one number each on curves and points (without meaning for points),
+            rows (u, v) on patches, rows of barycentric coordinates on meshes; NaN on an implicit surface.
+        multipliers: weights of the foot points in the gradient, at least 0, with sum one (0.5 each if undefined).
+        event: the member of EVENTS that tells how the maximum arises.
+        direction: the member of DIRECTIONS that tells which shape carries the point.
     """
 
     segment: Int[Array, "*batch"]
@@ -123,7 +124,7 @@ class Witness(eqx.Module):
 
 
 class AbstractDistance(AbstractSolution):
-    """A distance with what is proven of it."""
+    """A distance with certified bounds."""
 
     value: eqx.AbstractVar[Array]
     lower: eqx.AbstractVar[Array]
@@ -131,33 +132,43 @@ class AbstractDistance(AbstractSolution):
 
     def __float__(self) -> float:
         if is_traced(self.value):
-            raise TypeError("the distance is traced: it has no number before the program runs; take its `value` here.")
+            raise TypeError("the distance is traced and has no number yet: use its `value` instead.")
         return float(self.value)
 
     def __format__(self, spec: str) -> str:
-        """Both bounds in a format of numbers, the lower one rounded down and the upper one up; without one the repr."""
+        """Both bounds in a number format, lower rounded down and upper rounded up; without a format the repr."""
         if not spec:
             return str(self)
         if is_traced(self.value) or np.ndim(self.value):
-            raise TypeError("a format of numbers is for the bounds of one distance; these are traced, or a batch.")
+            raise TypeError("a number format needs one distance; this one is traced, or a batch to index.")
         return interval_text(self.lower, self.upper, spec)
 
     def to_json(self, **options: Any) -> str:
-        """The solution as JSON text: bounds that are not proven are null, enumerations are names.
+        """The solution as JSON text: bounds that are not certified are null, members of enumerations are names.
 
         Args:
-            options: handed to json.dumps, for example indent=2.
+            options: options of json.dumps, for example indent=2.
+
+        Returns:
+            The JSON text.
         """
         return json.dumps(to_plain(self), **options)
 
 
 class HausdorffSolution(AbstractDistance):
-    """A Hausdorff distance with its bounds: lower <= exact <= upper.
+    """A Hausdorff distance with certified bounds: lower <= exact <= upper.
 
-    `value` is what to differentiate. upper is inf where the method proves no upper bound, lower 0 where it proves no
-    lower one. `stats` counts work (never seconds). `directed` says whether it is the distance from a to b alone; where
-    it is the larger of both directed ones, `directions` holds these, from a to b and from b to a.
-    `float(solution)` is the value, `f"{solution:.3f}"` both bounds, rounded outward.
+    `float(solution)` is the value. `f"{solution:.3f}"` shows both bounds, rounded outward.
+
+    Args:
+        value: the distance found; differentiable.
+        lower: certified lower bound; 0 if the method certifies none.
+        upper: certified upper bound; inf if the method certifies none.
+        witness: the point that attains the value, with its foot points.
+        result: the member of RESULTS that tells how the search ended.
+        stats: counts of the work (never seconds).
+        directed: whether this is the distance from `a` to `b` only.
+        directions: both directed distances, from `a` to `b` and from `b` to `a`; None if this is a directed distance.
     """
 
     value: Float[Array, "*batch"]
@@ -174,12 +185,12 @@ class HausdorffSolution(AbstractDistance):
 
     @property
     def event(self) -> Any:
-        """The event of the witness."""
+        """The event of the witness, a member of EVENTS."""
         return self.witness.event
 
     @property
     def direction(self) -> Any:
-        """The direction of the witness."""
+        """The direction of the witness, a member of DIRECTIONS."""
         return self.witness.direction
 
     def __repr__(self) -> str:
@@ -195,19 +206,18 @@ class HausdorffSolution(AbstractDistance):
 
 
 class MinimumSolution(AbstractDistance):
-    """A minimum distance of two shapes with its bounds: lower <= exact <= upper.
+    """A minimum distance of two shapes with certified bounds: lower <= exact <= upper.
 
-    `value` is what to differentiate; it is about the distance of the two points. Where the shapes meet, `lower` is 0
-    and `upper` what proves it: the points are that close. `stats` counts work (never seconds).
+    If the shapes meet, `lower` is 0 and `upper` bounds the distance between the two points found.
 
     Args:
-        value: the distance found.
-        lower: proven lower bound.
-        upper: proven upper bound; inf where none is.
-        point_a: the point of a that is nearest to b.
-        point_b: the point of b that is nearest to a.
-        result: a member of RESULTS.
-        stats: counts.
+        value: the distance found, about the distance of the two points; differentiable.
+        lower: certified lower bound.
+        upper: certified upper bound; inf if none is certified.
+        point_a: the point of `a` that is nearest to `b`.
+        point_b: the point of `b` that is nearest to `a`.
+        result: the member of RESULTS that tells how the search ended.
+        stats: counts of the work (never seconds).
     """
 
     value: Float[Array, "*batch"]
@@ -230,17 +240,16 @@ class MinimumSolution(AbstractDistance):
 
 
 class Projection(AbstractSolution):
-    """Nearest points of a shape: distances with bounds, feet and their places; the shape of the queries is kept.
+    """Nearest points of a shape to queries, with bounds of the distances; fields keep the batch shape.
 
     Args:
-        distance: distance to the foot.
-        lower: proven lower bound of the distance to the whole shape; 0 for the local methods.
-        upper: proven upper bound.
+        distance: distance from the query to the foot point.
+        lower: certified lower bound of the distance to the shape; 0 for local methods.
+        upper: certified upper bound of the distance to the shape.
         foot: the nearest point found.
-        segment: its segment; of a mesh, its triangle; of a parametric surface, the number of its Bezier patch; of a
-            polynomial surface -1.
-        t: its parameter there; of a mesh, the three barycentric coordinates, exactly 0 off a face; of a parametric
-            surface, the parameters (u, v) of the patch; of a polynomial surface nan.
+        segment: index of the segment, triangle or Bezier patch that holds the foot point; -1 on an implicit surface.
+        t: parameter of the foot point, in [0, 1]. On a mesh: three barycentric coordinates, exactly 0 off a face. On a
+            parametric surface: (u, v) on the patch. On an implicit surface: NaN.
         result: a member of RESULTS for each query.
     """
 
@@ -264,16 +273,16 @@ class Projection(AbstractSolution):
 class StationaryPoints(AbstractSolution):
     """All stationary parameters of the distance from a point to a curve, in order along the curve, padded and masked.
 
-    Where the distance is constant along a stretch (the centre of a circle), the stretch comes as one interval.
+    A stretch of constant distance (seen from the center of a circle) is one interval.
 
     Args:
-        segment: the segment of each.
+        segment: index of the segment of each entry.
         t: a parameter inside the enclosure.
-        lower: lower end of the enclosure; every stationary parameter is proven to lie in one.
-        upper: upper end of it.
-        distance: distance of the point at t.
-        valid: which entries are enclosures; the others are padding.
-        result: capacity_reached where some did not fit.
+        lower: lower end of the enclosure. Every stationary parameter is certified to lie in one of the enclosures.
+        upper: upper end of the enclosure.
+        distance: distance from the query to the curve point at t.
+        valid: whether the entry is an enclosure; the other entries are padding.
+        result: RESULTS.capacity_reached if some enclosures did not fit.
     """
 
     segment: Int[Array, "*batch capacity"]
@@ -296,10 +305,10 @@ class CriticalPairs(AbstractSolution):
     """Local maxima of the distance between two curves, in both directions, largest first, padded and masked.
 
     Args:
-        value: the distances, which are what to differentiate; 0 where there is no further maximum.
-        witness: where they are attained, and in which direction.
-        valid: which entries hold a maximum.
-        result: capacity_reached where there were more.
+        value: the distances, differentiable; 0 in padded entries.
+        witness: the points that attain them, with foot points and direction.
+        valid: whether the entry is a maximum; the other entries are padding.
+        result: RESULTS.capacity_reached if some maxima did not fit.
     """
 
     value: Float[Array, "*batch capacity"]
@@ -316,20 +325,20 @@ class CriticalPairs(AbstractSolution):
 
 
 class Decision(AbstractSolution):
-    """The answer to whether a distance is at most a threshold, with the bounds that were reached.
+    """Answer to the question whether a distance is at most a threshold, with the bounds reached.
 
-    `if` takes it for what it answers; where it is undecided that raises ValueError.
+    `if decision:` uses the answer; it raises ValueError if the answer is undecided.
 
     Args:
         answer: a member of ANSWERS.
-        lower: proven lower bound of the distance.
-        upper: proven upper bound.
-        result: why it is undecided where it is.
+        lower: certified lower bound of the distance.
+        upper: certified upper bound of the distance.
+        result: RESULTS.successful if it is decided; otherwise the reason.
         stats: counts of the work in both directions.
-        distance: which distance it is about: "directed" from a to b, "two_sided", the larger of both directed ones, or
+        distance: the distance in question: "directed" (from `a` to `b`), "two_sided" (the larger of both directions) or
             "minimum".
-        point_a: of a minimum distance the point of a at which `upper` was reached, otherwise None.
-        point_b: likewise of b.
+        point_a: for a minimum distance, the point of `a` that attains `upper`; otherwise None.
+        point_b: for a minimum distance, the point of `b` that attains `upper`; otherwise None.
     """
 
     answer: Any
@@ -342,16 +351,16 @@ class Decision(AbstractSolution):
     point_b: Float[Array, "*batch dim"] | None = None
 
     def __bool__(self) -> bool:
-        """Whether the answer is yes; an undecided one is neither.
+        """Whether the answer is yes.
 
         Raises:
-            ValueError: it is undecided, or a batch of decisions.
+            ValueError: the answer is undecided, or this is a batch of decisions.
         """
         if np.ndim(self.lower):
-            raise ValueError(f"there are {np.size(self.lower)} decisions; look at `answer`, or index or vmap them.")
+            raise ValueError(f"there are {np.size(self.lower)} decisions: read `answer`, or index or vmap them.")
         if bool(self.answer == ANSWERS.undecided):
             bounds = f"between {lower_text(self.lower)} and {upper_text(self.upper)}"
-            raise ValueError(f"undecided: the distance lies {bounds}; ask for a smaller atol, or read `answer`.")
+            raise ValueError(f"undecided: the distance lies {bounds}; use a smaller atol, or read `answer`.")
         return bool(self.answer == ANSWERS.yes)
 
     def __repr__(self) -> str:
@@ -363,21 +372,21 @@ class Decision(AbstractSolution):
 
 
 class FitSolution(AbstractSolution):
-    """A shape fitted by its Hausdorff distance, with the proven distance.
+    """A shape fitted by its Hausdorff distance to a target, with the certified distance.
 
     Args:
-        parameters: where the fit ended, in the form in which they were given.
-        shape: the curve, surface or mesh that belongs to them.
-        error: the proven Hausdorff distance of the target and the shape.
+        parameters: the fitted parameters, in the form of the initial ones.
+        shape: the curve, surface or mesh built from them.
+        error: the certified Hausdorff distance between target and shape.
         optimality: length of sum mu_j g_j, with the gradients g_j of the largest maxima in the parameters and the best
             multipliers mu_j >= 0 of sum one; zero at a stationary point.
         multipliers: the mu_j of the critical pairs, largest distance first.
-        pairs: the critical pairs of (target, shape); of surfaces and meshes the maximum of each direction, of fits by
-            another measure the largest distance alone.
-        result: successful, or why the fit stopped where it is not stationary.
+        pairs: the critical pairs of (target, shape). For surfaces and meshes: the maximum of each direction. For fits
+            by another measure: the largest distance only.
+        result: RESULTS.successful, or the reason why the fit stopped before a stationary point.
         stats: counts of steps, of Newton steps among them, and of evaluations.
-        history: the distance, or the measure that was fitted by, at the start and after each step.
-        measured: that measure of (target, shape) with its bounds; None where it is the largest distance.
+        history: the distance, or the fitted measure, at the start and after each step.
+        measured: the fitted measure of (target, shape) with its bounds; None for the largest distance.
     """
 
     parameters: Any

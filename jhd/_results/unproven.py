@@ -1,4 +1,4 @@
-"""What is raised where a computation ended without what was asked for: why, the bounds reached, and what would help."""
+"""The exception for computations that miss their goal: the reason, the bounds reached, and a remedy."""
 
 import math
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ Ends = tuple[float, float]
 
 
 class NotProvenError(RuntimeError):
-    """The algorithm ended without what was asked for; `solution` holds the bounds reached, which are still true."""
+    """A computation ended without the requested accuracy. `solution` holds its result, whose bounds are true."""
 
     def __init__(self, message: str, solution: Any):
         super().__init__(message)
@@ -33,12 +33,12 @@ class NotProvenError(RuntimeError):
 
 
 def throw_unless_successful(solution: Any, known: Mapping[str, Ends] | None = None, option: str | None = None) -> None:
-    """Raises NotProvenError carrying the solution unless it is what its method promises, every lane; tracers pass.
+    """Raises NotProvenError with the solution unless every entry is successful or RESULTS.unproven; tracers pass.
 
     Args:
-        solution: what was found.
-        known: the bounds reached, by what they are of, where it has several; by default its own.
-        option: what would have taken them, as it is written in the call; by default a tolerance as wide as they are.
+        solution: the result of a computation.
+        known: the bounds reached, by name, if there are several; by default the bounds of the solution.
+        option: the option that would accept these bounds, as written in a call; by default a tolerance of their width.
     """
     if is_traced(solution.result):
         return
@@ -55,9 +55,9 @@ def throw_unless_successful(solution: Any, known: Mapping[str, Ends] | None = No
 
 
 def relative_tolerance(known: Mapping[str, Ends]) -> str | None:
-    """The least `rtol`, or `atol` where bounds are far apart, that takes all bounds, as it is written in a call.
+    """The least `rtol` that accepts all bounds, as written in a call; `atol` if the bounds are far apart.
 
-    None where there are no bounds, or infinite ones.
+    None if there are no bounds, or infinite ones.
     """
     if not known or not all(math.isfinite(low) and math.isfinite(high) for low, high in known.values()):
         return None
@@ -75,7 +75,7 @@ def _bounds_of(solution: Any, lane: int) -> dict[str, Ends]:
     if np.shape(ends[0]) != np.shape(solution.result._value):
         return {}
     low, high = (float(np.ravel(np.asarray(end))[lane]) for end in ends)
-    of = f"number {lane} of {np.size(solution.lower)}" if np.size(solution.lower) > 1 else ""
+    of = f"entry {lane} of {np.size(solution.lower)}" if np.size(solution.lower) > 1 else ""
     return {of: (low, high)}
 
 
@@ -88,14 +88,14 @@ def _tolerance(solution: Any, known: Mapping[str, Ends]) -> str | None:
 def _reached(known: Mapping[str, Ends], option: str | None) -> str:
     """The bounds as a sentence, and what would take them."""
     parts = [
-        f"{lower_text(low)} and {upper_text(high)}{f' of {of}' if of else ''}"
+        f"{lower_text(low)} and {upper_text(high)}{f' for {of}' if of else ''}"
         for of, (low, high) in known.items()
         if not math.isnan(low) and not math.isnan(high)
     ]
     if not parts:
         return ""
-    would = f", which {option} would take" if option else ""
-    return f" The bounds reached are {', '.join(parts)}{would}."
+    remedy = f" Pass {option} to accept them." if option else ""
+    return f" The bounds reached are {', '.join(parts)}.{remedy}"
 
 
 def _least(tolerance: float) -> str:

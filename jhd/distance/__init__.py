@@ -1,13 +1,17 @@
-"""Distances of shapes, in the order of the argument that proves them.
+"""Distances of shapes, in the order of the argument that certifies them.
 
-Two shapes are brought into common coordinates (`frame`). The distance of a place of a from b is that of the nearest
-point, proven from both sides (`nearest`). Over a cell of a, any map into b bounds the distance from above (`cells`).
-What is attained satisfies a few equations, solved to the last digits, and the value has the derivative of these
-(`witness`). The search keeps cells that cover a, cuts the one with the largest bound, and proves places where that
-raises the lower one, until both bounds meet; or keeps pairs of cells, for the smallest distance (`search`). The methods
-of the sources do without one or the other proof (`published`). Integers can check what was found (`certificate`). Above
-stand the entries: `hausdorff`, `critical_pairs`, `minimum`, `project`, `signed_distance`, `deviation`, the `measures`,
-which integrate what `project` finds, and for many shapes at once (`many`) `collections`.
+1. Two shapes are brought into common coordinates (`frame`).
+2. The distance from a point of a to b is the distance to its nearest point, bounded from both sides (`nearest`).
+3. Over a cell of a, any map into b bounds the distance from above (`cells`).
+4. A maximum satisfies a few equations. They are solved to the last digits, and give the derivative of the value
+   (`witness`).
+5. The search keeps cells that cover a, and cuts the cell with the largest bound. It measures points of a to raise the
+   lower bound, until both bounds meet. For the smallest distance it keeps pairs of cells (`search`).
+6. Published methods omit one proof or another (`published`).
+7. A result can be checked in integer arithmetic (`certificate`).
+
+The entry points are `hausdorff`, `critical_pairs`, `minimum`, `project`, `signed_distance`, `deviation`, the
+`measures`, which integrate the distances found by `project`, and `collections`, for many shapes at once (`many`).
 """
 
 from jhd.distance.certificate.certificate import Certificate, certify

@@ -1,11 +1,11 @@
-"""The entries for many shapes: all pairs, the nearest shapes of each query, all pairs within a threshold.
+"""Entry points for many shapes: all pairs, the nearest shapes of each query, all pairs within a threshold.
 
-Shapes are of any kinds, in every mix of one dimension. Curves, which may differ in degree and in their number of
-segments, are measured in blocks by a few compiled programs; shapes of other kinds one after the other. The work goes to
-threads, or to any executor.
+Shapes can be of any kinds, in every mix of one dimension. Curves, which may differ in degree and number of segments,
+are measured in blocks by a few compiled functions; shapes of other kinds one after the other. The work runs on threads,
+or on any executor.
 
-Signatures tell the pairs that may be within a threshold without a look at all of them: distances from one of the
-points, sorted, leave for each shape a window of others, within which all points are compared.
+Signatures find the pairs that may be within a threshold without visiting all pairs. Distances from one point, sorted,
+give each shape a window of candidates; in this window all points are compared.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -43,14 +43,14 @@ _TOGETHER = 64
 
 
 class Pairwise(eqx.Module):
-    """All distances of two collections with their bounds: rows are the first shapes, columns the second ones.
+    """All distances of two collections with their bounds. Rows are the first shapes, columns the second ones.
 
     Args:
-        value: the distances; NaN where the call was interrupted before.
-        lower: proven lower bounds.
-        upper: proven upper bounds.
-        result: members of RESULTS: how each search ended; RESULTS.interrupted where there was none.
-        computed: how many distances were searched for: of one collection each pair once, and no shape with itself.
+        value: the distances, (rows, columns); NaN if the call was interrupted before.
+        lower: certified lower bounds, (rows, columns).
+        upper: certified upper bounds, (rows, columns).
+        result: members of RESULTS that tell how each search ended; RESULTS.interrupted if it did not begin.
+        computed: number of searches. Within one collection each pair counts once, and no shape is compared with itself.
     """
 
     value: Float[np.ndarray, "rows columns"]
@@ -68,16 +68,17 @@ class Pairwise(eqx.Module):
 class Neighbours(eqx.Module):
     """The nearest shapes of each query, nearest first.
 
-    The k nearest shapes of a query are among those in its row and in its `ties`.
+    The k nearest shapes of a query are among the shapes in its row and in its `ties`.
 
     Args:
-        index: which shapes.
-        value: their distances; NaN where the call was interrupted before.
-        lower: proven lower bounds of these.
-        upper: proven upper bounds.
-        result: members of RESULTS, one a query: RESULTS.interrupted where not all was looked at.
-        ties: for each query the other shapes that are not proven to be farther than the last one in its row.
-        computed: how many distances were searched for.
+        index: indices of the shapes, (queries, k).
+        value: their distances, (queries, k); NaN if the call was interrupted before.
+        lower: certified lower bounds of these distances.
+        upper: certified upper bounds of these distances.
+        result: a member of RESULTS for each query; RESULTS.interrupted if some shapes were not examined.
+        ties: for each query, the indices of other shapes that are not certified to be farther than the last one in its
+            row.
+        computed: number of distances that were searched.
     """
 
     index: Int[np.ndarray, "queries neighbours"]
@@ -90,7 +91,7 @@ class Neighbours(eqx.Module):
 
     @property
     def tied(self) -> Bool[np.ndarray, " queries"]:
-        """Which queries have ties."""
+        """Whether each query has ties."""
         return np.array([len(tie) > 0 for tie in self.ties])
 
     def __repr__(self) -> str:
@@ -99,16 +100,15 @@ class Neighbours(eqx.Module):
 
 
 class PairsWithin(eqx.Module):
-    """The pairs of shapes that are at most a threshold apart, proven, in the order of their indices.
+    """The pairs of shapes that are certified to be at most a threshold apart, in the order of their indices.
 
     Args:
-        index: the shapes of each pair.
-        lower: proven lower bounds of their distances.
-        upper: proven upper bounds, at most the threshold.
-        undecided: pairs of which neither is proven: their bounds lie on both sides of the threshold, or the call was
-            interrupted.
-        result: successful where no pair is undecided, else gap_not_closed or interrupted.
-        computed: how many distances were searched for.
+        index: indices of the shapes of each pair, (pairs, 2).
+        lower: certified lower bounds of their distances.
+        upper: certified upper bounds of their distances, at most the threshold.
+        undecided: the pairs without an answer: the threshold lies between their bounds, or the call was interrupted.
+        result: RESULTS.successful if no pair is undecided, otherwise gap_not_closed or interrupted.
+        computed: number of distances that were searched.
     """
 
     index: Int[np.ndarray, "pairs 2"]
@@ -131,11 +131,11 @@ def pairwise(
     store: str | Path | None = None,
     progress: Report = None,
 ) -> Pairwise:
-    """All Hausdorff distances of two collections, or of one among itself, each with proven bounds.
+    """All Hausdorff distances of two collections, or within one, each with certified bounds.
 
-    What a pair gets does not depend on its place, on the executor, or on how many others there are. Ctrl-C ends the
-    call with what is done. All devices of a process take part; several processes of jax.distributed measure some rows
-    each, `pairwise(shapes[rank::count], shapes)`.
+    The result of a pair is bitwise identical, whatever its position, the executor and the other shapes. Ctrl-C ends the
+    call with the finished distances. All devices of a process take part. Processes of jax.distributed can each measure
+    some rows: `pairwise(shapes[rank::count], shapes)`.
 
     >>> import jhd
     >>> squares = [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in (1, 2, 4)]
@@ -143,19 +143,24 @@ def pairwise(
     [[0.0, 1.414213562, 4.242640687], [1.414213562, 0.0, 2.828427125], [4.242640687, 2.828427125, 0.0]]
 
     Args:
-        shapes: shapes of any kinds, of one dimension, or what jhd.as_shape takes for some.
-        others: likewise; None for the pairs of `shapes` among themselves, each of which is measured once.
-        method: as for jhd.hausdorff; by default BranchAndBound().
-        executor: any concurrent.futures.Executor; by default threads, as many as there are processors.
-        store: a folder that keeps what is done, part by part, safe against kills and loss of power: a second call with
-            the same shapes, options, versions and processor goes on, with the same bits in the end. One call at a time.
-        progress: called with a CollectionProgress now and then.
+        shapes: a sequence of shapes of any kinds and of one dimension, or of objects that `jhd.as_shape` accepts.
+        others: a second sequence of shapes of this dimension; by default `shapes` itself, whose pairs are measured
+            once.
+        method: the method, as in `jhd.hausdorff`; by default BranchAndBound().
+        executor: any concurrent.futures.Executor; by default one thread for each processor.
+        store: a folder that keeps finished parts, safe against kills and loss of power. A second call with the same
+            shapes, options, versions and processor continues there and returns the same bits. Only one call may use it
+            at a time.
+        progress: a function that is called with a CollectionProgress from time to time.
+
+    Returns:
+        A Pairwise: tables of distances, bounds and results.
 
     Raises:
-        TypeError: something that is no shape, traced shapes, or a method that does not serve them.
-        ValueError: an empty collection, shapes of the plane and of space, a surface proven empty in its box; a store
-            that was made for something else, or a folder that is none.
-        MemoryError: the table would take more memory than there is.
+        TypeError: an object that is not a shape, traced shapes, or a method that does not serve the shapes.
+        ValueError: an empty collection, shapes of the plane and of space, a surface that is certified to be empty in
+            its box, or a store that belongs to other inputs or is not a folder.
+        MemoryError: the table needs more than the free memory.
     """
     method = default_method() if method is None else method
     a, b = both_collections("shapes", shapes, "others", others)
@@ -180,11 +185,12 @@ def nearest_shapes(
     executor: Executor | None = None,
     progress: Report = None,
 ) -> Neighbours:
-    """The k nearest shapes of each query by Hausdorff distance, proven, from a small share of the distances.
+    """The k nearest shapes of each query by Hausdorff distance, certified.
 
-    Distances of all shapes from the points of a lattice bound all pairs; what these leave is searched, up to the best
-    bound so far. Shapes tie often, and those that tie are named. Where `queries` is `shapes` each query is its own
-    nearest shape. Ctrl-C ends the call with what is known, once there are bounds of all pairs.
+    Distances of all shapes from the points of a lattice bound the distances of all pairs. Only the remaining pairs are
+    searched, up to the best bound so far; this is a small fraction of all pairs. Shapes often tie, and ties are listed.
+    If `queries` is `shapes`, each query is its own nearest shape. Ctrl-C ends the call with the results so far, once
+    all pairs have bounds.
 
     >>> import jhd
     >>> squares = [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in (1, 2, 4)]
@@ -193,17 +199,20 @@ def nearest_shapes(
     ([[1]], (array([2]),), [[1.414213562]])
 
     Args:
-        queries: shapes of any kinds, of one dimension, or what jhd.as_shape takes for some.
-        shapes: likewise.
-        k: how many.
-        method: options of the search; by default BranchAndBound().
-        executor: any concurrent.futures.Executor; by default threads, as many as there are processors.
-        progress: called with a CollectionProgress now and then.
+        queries: a sequence of shapes of any kinds and of one dimension, or of objects that `jhd.as_shape` accepts.
+        shapes: the shapes to choose from, a sequence of the same dimension.
+        k: number of shapes for each query, at least 1; by default 1.
+        method: options of the search, a BranchAndBound.
+        executor: any concurrent.futures.Executor; by default one thread for each processor.
+        progress: a function that is called with a CollectionProgress from time to time.
+
+    Returns:
+        A Neighbours: indices, distances, bounds and ties.
 
     Raises:
-        TypeError: something that is no shape, traced shapes, or another method.
-        ValueError: an empty collection, k above the number of shapes, shapes of the plane and of space, a surface
-            proven empty in its box.
+        TypeError: an object that is not a shape, traced shapes, or a method that is not BranchAndBound.
+        ValueError: an empty collection, k above the number of shapes, shapes of the plane and of space, or a surface
+            that is certified to be empty in its box.
     """
     method = default_method() if method is None else method
     a, b = both_collections("queries", queries, "shapes", None if queries is shapes else shapes)
@@ -234,10 +243,11 @@ def pairs_within(
     executor: Executor | None = None,
     progress: Report = None,
 ) -> PairsWithin:
-    """All pairs that are at most `threshold` apart, each of them proven, from a small share of the distances.
+    """All pairs of shapes that are at most `threshold` apart, each certified.
 
-    Bounds by distances from a lattice of points leave few pairs, and the search of each ends as soon as its bounds are
-    on one side of the threshold. Ctrl-C ends the call with what is decided, once the candidates are known.
+    Bounds by distances from a lattice of points leave few pairs. The search of each remaining pair ends as soon as its
+    bounds are on one side of the threshold. Ctrl-C ends the call with the decisions so far, once the candidates are
+    known.
 
     >>> import jhd
     >>> squares = [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in (1, 1.01, 4)]
@@ -245,17 +255,21 @@ def pairs_within(
     [[0, 1]]
 
     Args:
-        shapes: shapes of any kinds, of one dimension, or what jhd.as_shape takes for some.
+        shapes: a sequence of shapes of any kinds and of one dimension, or of objects that `jhd.as_shape` accepts.
         threshold: a length of at least 0, in the unit of the coordinates.
-        others: likewise shapes; None for the pairs of `shapes` among themselves, the smaller index first.
-        method: options of the search; its tolerance says when it gives up.
-        executor: any concurrent.futures.Executor; by default threads, as many as there are processors.
-        progress: called with a CollectionProgress now and then.
+        others: a second sequence of shapes of this dimension. By default the pairs within `shapes` are listed, the
+            smaller index first.
+        method: options of the search, a BranchAndBound. A search gives up (undecided) when its tolerance is reached.
+        executor: any concurrent.futures.Executor; by default one thread for each processor.
+        progress: a function that is called with a CollectionProgress from time to time.
+
+    Returns:
+        A PairsWithin: the pairs with their bounds, and the undecided pairs.
 
     Raises:
-        TypeError: something that is no shape, traced shapes, or another method.
-        ValueError: an empty collection, a threshold that is no length, shapes of the plane and of space, a surface
-            proven empty in its box.
+        TypeError: an object that is not a shape, traced shapes, or a method that is not BranchAndBound.
+        ValueError: an empty collection, a threshold that is negative or not one number, shapes of the plane and of
+            space, or a surface that is certified to be empty in its box.
     """
     method = default_method() if method is None else method
     limit = float(checked_limit(threshold))
@@ -291,17 +305,27 @@ def pairs_within(
 def signatures(
     shapes: Sequence[Any], points: Any = None, *, executor: Executor | None = None, progress: Report = None
 ) -> Signatures:
-    """Proven distances of shapes from points: |d(p, a) - d(p, b)| is at most their Hausdorff distance, for every p.
+    """Certified distances of shapes from fixed points.
+
+    For every point p, |d(p, a) - d(p, b)| is at most the Hausdorff distance of a and b.
+
+    >>> import jhd
+    >>> found = jhd.signatures([jhd.polyline([(0, 0), (1, 0)])], [(0, 2), (3, 0)])
+    >>> found.lower.round(6).tolist(), found.upper.round(6).tolist()
+    ([[2.0, 2.0]], [[2.0, 2.0]])
 
     Args:
-        shapes: shapes of any kinds, of one dimension, or what jhd.as_shape takes for some.
-        points: the points (points, dim); by default a lattice over the shapes.
-        executor: any concurrent.futures.Executor; by default threads, as many as there are processors.
-        progress: called with a CollectionProgress now and then.
+        shapes: a sequence of shapes of any kinds and of one dimension, or of objects that `jhd.as_shape` accepts.
+        points: the points, (points, dim); by default a lattice over the shapes.
+        executor: any concurrent.futures.Executor; by default one thread for each processor.
+        progress: a function that is called with a CollectionProgress from time to time.
+
+    Returns:
+        A Signatures: the points, and certified bounds of the distances.
 
     Raises:
-        TypeError: something that is no shape, traced shapes, or points that are not real numbers.
-        ValueError: an empty collection, shapes of the plane and of space, points of another dimension.
+        TypeError: an object that is not a shape, traced shapes, or points that are not real numbers.
+        ValueError: an empty collection, shapes of the plane and of space, or points of another dimension.
     """
     a, _ = both_collections("shapes", shapes, "others", None)
     lattice = None if points is not None else lattice_over(a)
@@ -353,13 +377,13 @@ def _no_pairs() -> list[tuple[np.ndarray, ...]]:
 
 
 def candidates(a: Signatures, b: Signatures, threshold: float, same: bool) -> Iterator[tuple[np.ndarray, ...]]:
-    """Yields rows, columns, lower and upper bounds of the pairs that are not proven to be farther apart.
+    """Yields rows, columns, lower and upper bounds of the pairs that are not certified to be farther apart.
 
     Args:
-        a: of the first shapes.
-        b: of the second ones.
-        threshold: a length in their unit.
-        same: whether both are the same; then each pair comes once, the smaller index first.
+        a: signatures of the first shapes.
+        b: signatures of the second shapes.
+        threshold: a length in the unit of the shapes.
+        same: whether both collections are the same. Then each pair comes once, the smaller index first.
     """
     bounds = SignatureBounds(a, b)
     with np.errstate(invalid="ignore"):

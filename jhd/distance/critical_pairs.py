@@ -1,7 +1,7 @@
-"""The entry: critical pairs of two curves, led by the largest maximum, which the proven search finds if samples do not.
+"""Critical pairs of two curves, led by the largest maximum, which the certified search finds if the samples miss it.
 
-The local maxima are those of jhd.distance.witness.critical. A maximum that is narrower than samples are apart is lost
-there: at the tips of folds that nearly coincide, or next to an end.
+The local maxima come from jhd.distance.witness.critical. That search misses a maximum narrower than the sample spacing:
+at the tips of folds that nearly coincide, or next to an end.
 """
 
 from dataclasses import replace
@@ -24,24 +24,27 @@ from jhd.shapes.curve import check_curve
 
 
 def critical_pairs(a: Any, b: Any, capacity: int = 16) -> CriticalPairs:
-    """The largest local maxima of the distance from a to b and from b to a, largest first.
+    """The largest local maxima of the distance from `a` to `b` and from `b` to `a`, largest first.
 
-    Each has a value and a witness that are differentiable in all arrays of both curves, as those of `hausdorff` are.
-    A pair of points that is a maximum in both directions is given once, as one of a. The first value is at least the
-    lower bound of `hausdorff`. The rest of the list is not proven to be complete. Every value is the distance of a
-    point of one curve to the other curve. Works under jit and vmap.
+    Each maximum has a value and a witness, differentiable in all arrays of both curves as in `hausdorff`. A pair of
+    points that is a maximum in both directions appears once, as a maximum on `a`. The first value is at least the lower
+    bound of `hausdorff`. The other entries are not certified to be complete. Every value is the distance from a point
+    of one curve to the other curve. Works under jit and vmap.
+
+    For example, `found = jhd.critical_pairs(a, b)`; the maxima are then `found.value[found.valid]`.
 
     Args:
-        a: a curve, or what jhd.as_shape takes for one.
+        a: a curve, or an object that `jhd.as_shape` accepts.
         b: a curve of the same dimension.
-        capacity: length of the list; entries beyond the number of maxima are not `valid` and have the value 0.
+        capacity: length of the list, at least 1; by default 16. Unused entries are not `valid` and have the value 0.
 
     Returns:
-        The pairs. Their result is capacity_reached if there are more, or says why the search for the largest failed.
+        A CriticalPairs. Its result is capacity_reached if there are more maxima, or the reason why the search for the
+        largest one failed.
 
     Raises:
-        TypeError: a shape of another kind, or a capacity that is no whole number.
-        ValueError: curves of different dimensions, or a capacity below 1.
+        TypeError: a shape of another kind, or a capacity that is not a whole number.
+        ValueError: the dimensions differ, or the capacity is below 1.
     """
     a, b = taken_as("a", a), taken_as("b", b)
     check_curve("a", a)

@@ -1,4 +1,4 @@
-"""Whether a distance is at most a threshold: what its bounds say."""
+"""Decisions whether a distance is at most a threshold, from its bounds."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,14 +20,14 @@ def checked_limit(threshold: Numbers) -> Array:
 
 
 def of_copies(solution: HausdorffSolution) -> HausdorffSolution:
-    """The solution for a shape and a copy of it: the distance is zero if the shape is proven to have a point."""
+    """The solution for a shape and a copy of it: the distance is zero if the shape is certified to have a point."""
     upper = jnp.where(jnp.isfinite(solution.upper), 0.0, solution.upper)
     return eqx.tree_at(lambda x: (x.lower, x.upper), solution, (jnp.zeros_like(upper), upper))
 
 
 @compiled
 def decided(solution: HausdorffSolution | MinimumSolution, limit: Array) -> Decision:
-    """What the bounds of a distance say about a threshold."""
+    """The decision about a threshold that the bounds of a distance allow."""
     lower, upper, most = (ordered(x) for x in (solution.lower, solution.upper, limit))
     below, above = upper <= most, lower > most
     answer = ANSWERS.where(below, ANSWERS.yes, ANSWERS.where(above, ANSWERS.no, ANSWERS.undecided))

@@ -1,4 +1,4 @@
-"""The distance to one shape along another, as a distribution: largest, mean, root mean square, quantiles, shares."""
+"""Distribution of the distance to one shape over another: maximum, mean, root mean square, quantiles and fractions."""
 
 from collections.abc import Callable
 from fractions import Fraction
@@ -71,25 +71,25 @@ def deviation(
     throw: bool = True,
     progress: Callable[[Progress], object] | None = None,
 ) -> Deviation:
-    """How far b is along a: the largest distance, mean, root mean square, quantiles and shares, with proven bounds.
+    """Distribution of the distance to `b` over `a`: maximum, mean, RMS and quantiles, each with certified bounds.
 
-    a is cut into cells whose lengths or areas and distances to b have proven bounds; those that leave most of the gaps
-    of mean and root mean square are cut on, until both are known to the tolerance. The distance is that of the stored
-    numbers. What a covers twice counts twice.
+    The shape `a` is cut into cells. Their lengths or areas, and their distances to `b`, have certified bounds. The
+    cells that contribute most to the gaps of mean and RMS are cut further, until both gaps are within the tolerance.
+    The result refers to the stored numbers. Parts that `a` covers twice count twice.
 
-    Beside curves and parametric surfaces a cell leaves open what is of fourth order in its size, where it is small
-    beside their curvature and the distance does not change sign: a mesh of a thousand triangles beside the surface that
-    it stands for closes by default with some forty cells a triangle. Beside polynomial surfaces it is of second order,
-    so the number of cells grows like 1 / gap there; where the distance is as small as that, ask for a larger rtol.
-    Quantiles and shares come from the same cells, whose bounds are as wide as the distance varies in them.
-
-    Between two meshes nothing is left open over a face of b that is the nearest one, whether they cross or not: the
-    distance there is the absolute value of an affine function, whose mean, mean square and quantiles are known. The
-    cells are cut where the nearest face changes and where the meshes cross.
+    - If `b` is a curve or a parametric surface, a cell much smaller than the radius of curvature leaves a gap of fourth
+      order in its size, unless the distance changes its sign. By default a mesh of a thousand triangles, compared with
+      the surface it approximates, needs about forty cells a triangle.
+    - If `b` is an implicit surface, the gap is of second order, so the number of cells grows like 1 / gap. Choose a
+      larger `rtol` if the distance is small.
+    - Between two meshes, the distance to the nearest face is the absolute value of an affine function. Its mean, mean
+      square and quantiles have closed forms, also if the meshes cross. Cells are cut at changes of the nearest face and
+      at crossings.
+    - Quantiles and fractions come from the same cells. Their bounds are as wide as the distance varies within a cell.
 
     The value of `maximum` (within about the root of its gap) and the distances of `at(places)` are differentiable in
-    both shapes, to first order; mean and the other bounds are plain numbers. Shapes must be known: there is no
-    deviation under jit or vmap.
+    both shapes, to first order. Mean and bounds are plain numbers. The shapes must be concrete: deviation does not work
+    under jit or vmap.
 
     >>> import jhd
     >>> found = deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.points([(0, 0)]))
@@ -97,24 +97,29 @@ def deviation(
     (True, True)
 
     Args:
-        a: points (jhd.points), a curve, a parametric surface or a mesh, or what jhd.as_shape takes for one.
-        b: any shape of the same dimension, likewise.
-        atol: the gap that may stay between bounds, in the unit of the coordinates; by default 1e-6 of the diagonal of
-            the box of both shapes.
-        rtol: the same relative to the upper bound; the larger of both counts.
-        quantile: a share, above 0 and at most 1, whose quantile is to be known to the tolerance too.
-        weights: what the points of a count, (points,), at least 0; by default one each. The maximum is that of all.
-        max_cells: most cells.
-        throw: whether to raise where the tolerance was not reached.
-        progress: called with a Progress now and then, with the bounds of the mean after those of the maximum.
+        a: points (`jhd.points`), a curve, a parametric surface or a mesh, or an object that `jhd.as_shape` accepts.
+        b: a shape of any kind (implicit surfaces too) and of the same dimension, or an object that `jhd.as_shape`
+            accepts.
+        atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-6 of the diagonal of
+            the joint bounding box.
+        rtol: tolerance relative to the upper bound, at least 0; by default 1e-3. The larger tolerance counts.
+        quantile: a fraction, above 0 and at most 1, whose quantile must reach the tolerance too; by default none.
+        weights: weights of the points of `a`, of shape (points,), at least 0; by default one each. They do not affect
+            the maximum.
+        max_cells: largest number of cells, at least 16.
+        throw: whether to raise NotProvenError if the tolerance is not reached; by default True.
+        progress: a function that is called with a Progress from time to time, first for the maximum, then for the mean.
+
+    Returns:
+        A Deviation: bounds of the statistics, and methods for quantiles and fractions.
 
     Raises:
-        TypeError: what is no shape, traced shapes, a an ImplicitSurface, whose area is not proven, or weights of what
-            is no set of points.
-        ValueError: shapes of different dimensions, a surface b without points in its box, a without length or area, or
-            a negative tolerance.
-        NotProvenError: the tolerance was not reached, or the search was interrupted, and throw is True; it carries the
-            Deviation, whose bounds are true.
+        TypeError: an object that is not a shape, traced shapes, an ImplicitSurface as `a` (its area is not certified),
+            or weights for a shape that is not a point set.
+        ValueError: the dimensions differ, `b` has no point in its box, `a` has no length or area, or a tolerance is
+            negative.
+        NotProvenError: the tolerance was not reached, or the search was interrupted, and `throw` is True. The exception
+            carries the Deviation, whose bounds are true.
     """
     a, b = taken_as("a", a), taken_as("b", b)
     absolute, relative = _checked(a, b, atol, rtol, max_cells)
@@ -144,12 +149,10 @@ def check_kinds(a: Any, b: Any, directed: bool = True) -> None:
         check_shape(name, shape)
     for name, shape in (("a", a),) if directed else (("a", a), ("b", b)):
         if isinstance(shape, ImplicitSurface):
-            refused = "an ImplicitSurface, whose area is not proven; take a mesh or a parametric surface."
+            refused = "an ImplicitSurface, whose area is not certified; pass a mesh or a parametric surface."
             raise TypeError(f"{name} is {refused}")
         if isinstance(shape, AbstractPatch) and min(shape.patches().degrees) == 0:
-            raise ValueError(
-                f"{name} has no area: there is nothing to average over; a patch of degree zero is a curve."
-            )
+            raise ValueError(f"{name} has no area, so averages are undefined; a patch of degree zero is a curve.")
     check_same_dim(a.dim, b.dim)
 
 
@@ -158,7 +161,7 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
     check_kinds(a, b)
     if is_traced(*jax.tree_util.tree_leaves(undifferentiated((a, b)))):
         raise TypeError(
-            "deviation needs known shapes: its cells depend on them. Under tracing take directed_hausdorff."
+            "deviation needs concrete shapes, because its cells depend on them. Under jit use directed_hausdorff."
         )
     check_whole("max_cells", max_cells, 16)
     given = None if atol is None else real_array("atol", atol)
@@ -176,7 +179,7 @@ def checked_weights(a: Any, weights: Any) -> Any:
     if weights is None:
         return None
     if not is_points(a):
-        raise TypeError(f"weights are for points; a is {type(a).__name__}.")
+        raise TypeError(f"weights need a point set; a is {type(a).__name__}: leave weights out.")
     rows, count = real_array("weights", weights), a.segments().count
     known = undifferentiated(rows)
     hidden = is_traced(known)
@@ -223,7 +226,7 @@ def _distributed(
     listener.interrupted = name_of(maximum.result) == "interrupted"
     found = drive(search, listener)
     if source.dimension and not _is_extended(source, found.cells):
-        raise ValueError(f"a has no {('length', 'area')[source.dimension - 1]}: there is nothing to average over.")
+        raise ValueError(f"a has no {('length', 'area')[source.dimension - 1]}, so averages are undefined.")
     flat = found.cells.flat
     return found, pair, _measure(frame, source.dimension, flat) if source.dimension else _size(len(flat.lower), counts)
 

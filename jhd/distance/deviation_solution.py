@@ -1,4 +1,4 @@
-"""What is known of the distance to one shape along another one, with its bounds."""
+"""Results of `deviation`: statistics of the distance to one shape over another, with their bounds."""
 
 import json
 from typing import Any, NamedTuple
@@ -19,11 +19,11 @@ from jhd.shapes.mesh import TriangleMesh
 
 
 class Bounds(NamedTuple):
-    """A number that is proven to lie between two others.
+    """Certified bounds of a number.
 
     Args:
-        lower: the lower one.
-        upper: the upper one; inf where nothing is proven.
+        lower: the lower bound.
+        upper: the upper bound; inf if none is certified.
     """
 
     lower: float
@@ -31,20 +31,20 @@ class Bounds(NamedTuple):
 
     @property
     def value(self) -> float:
-        """The middle, which is off by at most half of what they are apart."""
+        """Midpoint of the bounds; its error is at most half of `upper - lower`."""
         return 0.5 * self.lower + 0.5 * self.upper
 
 
 class DistanceSamples(NamedTuple):
-    """Parts of a that are all of it, for pictures and statistics.
+    """Parts that make up `a`, with bounds of the distance to `b`, for pictures and statistics.
 
     Args:
-        place: the middle of each, about.
-        lower: proven lower bounds of the distance everywhere in the part.
-        upper: proven upper bounds.
-        share: bounds of the share of a that it is, as length, area or number, (parts, 2), up to one common factor.
-        ends: bounds by two affine functions of the place, by their values at the corners of a part; both are constant
-            where none are known that say more.
+        place: approximate midpoints of the parts, (parts, dim).
+        lower: certified lower bounds of the distance on each part, (parts,).
+        upper: certified upper bounds of the distance on each part, (parts,).
+        share: bounds of the length, area or number of points of each part, (parts, 2), up to one common factor.
+        ends: bounds by two affine functions on each part, given by their values at its corners, (parts, corners, 2).
+            Both functions are constant if no better ones are known.
     """
 
     place: Float[np.ndarray, "parts dim"]
@@ -55,20 +55,20 @@ class DistanceSamples(NamedTuple):
 
 
 class Deviation(eqx.Module):
-    """The distance d(x, b) for x along a, as a distribution over the length or area of a, or the number of its points.
+    """Distribution of the distance d(x, b) over x in `a`, by length, area or number of points.
 
-    All bounds are proven: lower <= exact <= upper.
+    All bounds are certified: lower <= exact <= upper.
 
     Args:
-        a: the shape along which the distance is looked at.
-        b: the shape that distances are taken to.
-        maximum: the largest distance, the directed Hausdorff distance; its value is differentiable as that is.
+        a: the shape over which the distance is taken.
+        b: the shape to which distances are measured.
+        maximum: the largest distance: the directed Hausdorff distance, with its differentiable value.
         mean: the mean distance.
-        rms: the root of the mean of the squared distance.
-        measure: the length or area of a, or the number of its points, in the unit of the coordinates.
-        samples: parts of a with bounds, from which quantiles and shares are taken.
-        result: successful where maximum, mean and rms are known to the tolerance, else why they are not.
-        stats: counts.
+        rms: the root of the mean squared distance.
+        measure: the length or area of `a`, in the unit of the coordinates, or the number of its points.
+        samples: the parts of `a` with their bounds, from which quantiles and fractions are computed.
+        result: RESULTS.successful if maximum, mean and rms reach the tolerance; otherwise the reason.
+        stats: counts of the work.
     """
 
     a: Any = eqx.field(metadata={"stored": False})
@@ -82,63 +82,80 @@ class Deviation(eqx.Module):
     stats: dict[str, int]
 
     def quantile(self, q: float) -> Bounds:
-        """The least distance that a share q of a does not exceed; q = 0.5 is the median.
+        """Bounds of the q-quantile of the distance: the least distance that a fraction q of `a` does not exceed.
+
+        The 0.5 quantile is the median. The 0.9 quantile ignores up to 10 % of outliers.
 
         Args:
-            q: above 0 and at most 1; it counts as reached within its rounding, 2^-50 of it.
+            q: a fraction, above 0 and at most 1. It counts as reached within its rounding, 2^-50 q.
+
+        Returns:
+            Bounds of the quantile, in the unit of the coordinates.
 
         Raises:
-            ValueError: another q.
+            ValueError: q is out of range.
         """
         check_share("q", q)
         lower, upper = quantile_bounds(self._weights(), self._values(), float(q))
         return Bounds(lower, min(upper, float(self.maximum.upper)))
 
     def share_within(self, threshold: float) -> Bounds:
-        """The share of a whose distance to b is at most the threshold, between 0 and 1.
+        """Bounds of the fraction of `a` whose distance to `b` is at most a threshold.
 
         Args:
             threshold: a length of at least 0, in the unit of the coordinates.
 
+        Returns:
+            Bounds of the fraction, between 0 and 1.
+
         Raises:
-            ValueError: a threshold that is no length.
+            ValueError: the threshold is negative or NaN.
         """
         if not threshold >= 0:
             raise ValueError(f"threshold is {threshold}; needs a length of at least 0.")
         return Bounds(*share_bounds(self._weights(), *self._values().within(threshold)))
 
     def at(self, places: Numbers | None = None) -> Projection:
-        """Distances to b, with bounds and feet, at places of a; differentiable as `project` is.
+        """Distances from given points of `a` to `b`, with bounds and foot points; differentiable like `project`.
 
         Args:
-            places: None for the points of a set or the vertices of a mesh; of a curve parameters (...,) as in a call of
-                it, of a parametric surface rows (..., 2) of its parameters.
+            places: for a curve its parameters (...,), as in a call of the curve; for a parametric surface rows (..., 2)
+                of its parameters. Leave it out for point sets and meshes, whose points or vertices are used.
+
+        Returns:
+            A Projection: distances, bounds and foot points.
 
         Raises:
-            ValueError: no places on a curve or surface, places on points or a mesh, or rows of another length.
+            ValueError: `places` is missing for a curve or surface, is given for points or a mesh, or has a wrong shape.
         """
         return project(_places(self.a, places), self.b, throw=False)
 
     def reached(self, quantile: float | None = None) -> dict[str, Bounds]:
-        """The bounds by what they are of: the mean, the root mean square, the maximum, and a quantile if it is named.
+        """The bounds of mean, root mean square and maximum, and of a quantile if one is given.
 
         Args:
-            quantile: a share, as of `quantile`.
+            quantile: a fraction, as in `quantile`.
+
+        Returns:
+            A dictionary from names, as they appear in messages, to bounds.
         """
         largest = Bounds(float(self.maximum.lower), float(self.maximum.upper))
         ends = {"the mean": self.mean, "the root mean square": self.rms, "the maximum": largest}
         return ends if quantile is None else ends | {f"the quantile {quantile:g}": self.quantile(quantile)}
 
     def to_json(self, **options: Any) -> str:
-        """The bounds as JSON text, and some quantiles; what is not proven is null.
+        """The bounds and the quantiles 0.5, 0.9 and 0.99 as JSON text; bounds that are not certified are null.
 
         Args:
-            options: handed to json.dumps, for example indent=2.
+            options: options of json.dumps, for example indent=2.
+
+        Returns:
+            The JSON text.
         """
         return json.dumps(self.to_plain(), **options)
 
     def to_plain(self) -> dict[str, Any]:
-        """The bounds as JSON holds them."""
+        """The bounds as nested dictionaries, lists, numbers and names, ready for JSON."""
         quantiles = {str(q): to_plain(list(self.quantile(q))) for q in (0.5, 0.9, 0.99)}
         ends = {name: to_plain(list(getattr(self, name))) for name in ("mean", "rms", "measure")}
         return {"maximum": to_plain(self.maximum), **ends, "quantiles": quantiles, "result": name_of(self.result)} | {
@@ -146,10 +163,13 @@ class Deviation(eqx.Module):
         }
 
     def to_trimesh(self) -> Any:
-        """A trimesh.Trimesh of a mesh a, with the distances at its vertices as the attribute `distance`.
+        """The mesh `a` as a trimesh.Trimesh, with the distances at its vertices as the vertex attribute `distance`.
+
+        Returns:
+            A trimesh.Trimesh.
 
         Raises:
-            TypeError: a is no mesh.
+            TypeError: `a` is not a mesh.
             ImportError: trimesh is not installed.
         """
         made = self._mesh().to_trimesh()
@@ -157,10 +177,13 @@ class Deviation(eqx.Module):
         return made
 
     def to_pyvista(self) -> Any:
-        """A pyvista.PolyData of a mesh a, with the distances at its points as the array `distance`.
+        """The mesh `a` as a pyvista.PolyData, with the distances at its vertices as the point array `distance`.
+
+        Returns:
+            A pyvista.PolyData.
 
         Raises:
-            TypeError: a is no mesh.
+            TypeError: `a` is not a mesh.
             ImportError: PyVista is not installed.
         """
         data = self._mesh().to_pyvista()
@@ -169,7 +192,9 @@ class Deviation(eqx.Module):
 
     def _mesh(self) -> TriangleMesh:
         if not isinstance(self.a, TriangleMesh):
-            raise TypeError(f"a is {type(self.a).__name__}; needs a TriangleMesh: take a.to_mesh(atol).mesh for it.")
+            raise TypeError(
+                f"a is {type(self.a).__name__}; needs a TriangleMesh: measure a.to_mesh(atol).mesh instead."
+            )
         return self.a
 
     def _weights(self) -> Weights:
@@ -189,7 +214,7 @@ class Deviation(eqx.Module):
 
 
 def check_share(name: str, q: float) -> None:
-    """Raises ValueError unless it is the share of a quantile."""
+    """Raises ValueError unless q is a fraction above 0 and at most 1."""
     if not 0 < q <= 1:
         raise ValueError(f"{name} is {q}; needs a number above 0 and at most 1.")
 
@@ -197,10 +222,10 @@ def check_share(name: str, q: float) -> None:
 def _places(shape: Any, places: Any) -> Array:
     if isinstance(shape, TriangleMesh) or is_points(shape):
         if places is not None:
-            raise ValueError("places is for curves and surfaces; those of a mesh are its vertices, of points all.")
+            raise ValueError("places is for curves and surfaces; leave it out for meshes (vertices) and points.")
         return shape.vertices if isinstance(shape, TriangleMesh) else shape.segments().control_points[:, 0]
     if places is None:
-        raise ValueError("places is missing: the parameters on the curve or surface at which distances are wanted.")
+        raise ValueError("places is missing: pass the parameters of the curve or surface at which to measure.")
     rows = real_array("places", places)
     if isinstance(shape, AbstractCurve):
         return shape(rows)

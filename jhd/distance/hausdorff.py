@@ -1,4 +1,4 @@
-"""The entries: directed and two-sided Hausdorff distances of two shapes."""
+"""Entry points for directed and two-sided Hausdorff distances of two shapes."""
 
 import math
 from collections.abc import Callable
@@ -34,35 +34,43 @@ def directed_hausdorff(
     throw: bool = True,
     progress: Callable[[Any], object] | None = None,
 ) -> HausdorffSolution:
-    """Directed Hausdorff distance: the maximum over a of the minimum over b of the distance.
+    """Directed Hausdorff distance from `a` to `b`, with certified bounds.
 
-    The distance is that of the stored numbers (Bezier segments, coefficients, triangles) taken as real. Works under jit
-    and vmap, where checks of values are left out and `throw` is ignored: read `result`. Meshes, parametric surfaces,
-    and shapes of two kinds are searched from the host, there too.
+        h(a, b) = max over p in a of min over q in b of |p - q|
 
-    The value is differentiable in all arrays of both shapes, twice. CubeIntervals() has no derivatives.
+    The result refers to the stored numbers (Bezier segments, coefficients, triangles), taken as real numbers.
 
-    Between parametric surfaces, and shapes of two kinds, the cost grows like diagonal / gap where the distance is
-    constant over a whole part of a (a shape and its offset); the bounds are then true and wider, as
-    RESULTS.family_of_maxima.
+    Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. Meshes,
+    parametric surfaces and mixed pairs are searched by a host call, also under jit.
+
+    The value is differentiable twice in all arrays of both shapes. CubeIntervals() has no derivatives.
+
+    If the distance is constant on a region of `a` (for example a shape and its offset), the cost grows like diagonal /
+    gap for parametric surfaces and mixed pairs. The bounds are then true but wider, with RESULTS.family_of_maxima.
+
+    >>> import jhd
+    >>> found = jhd.directed_hausdorff(jhd.points([(0, 0), (4, 0)]), jhd.points([(0, 3)]))
+    >>> float(found.value), bool(found.lower <= 5 <= found.upper), found.witness.point.tolist()
+    (5.0, True, [4.0, 0.0])
 
     Args:
-        a: the shape whose farthest point is looked for: points (jhd.points), a curve, an ImplicitSurface, a mesh, a
-            parametric surface (BezierPatch, BezierPatches, BSplineSurface), or what jhd.as_shape takes for one.
-        b: the shape that distances are taken to, of any of these kinds and of the same dimension.
-        method: how; by default BranchAndBound(), which serves all. CubeIntervals() serves implicit surfaces, not under
-            jit; TwoStep(), BiarcTrimming() and AlgebraicEvents() serve curves.
-        throw: whether to raise where the method did not reach what it promises.
-        progress: called with a Progress now and then while the search lasts (by CubeIntervals with a VoxelProgress);
-            not under jit. Ctrl-C ends the search with the bounds reached, as RESULTS.interrupted.
+        a: the shape on which the farthest point is sought: points (`jhd.points`), a curve, a parametric surface
+            (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, a mesh, or an object that `jhd.as_shape`
+            accepts.
+        b: the shape to which distances are measured, of any of these kinds and of the same dimension.
+        method: the method with its options; by default BranchAndBound(), which serves all shapes. CubeIntervals()
+            serves implicit surfaces, outside jit. TwoStep(), BiarcTrimming() and AlgebraicEvents() serve curves.
+        throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
+        progress: a function that is called with a Progress from time to time (by CubeIntervals with a VoxelProgress);
+            ignored under jit. Ctrl-C ends the search with the bounds reached and RESULTS.interrupted.
 
     Returns:
-        The distance with its bounds, in the unit of the coordinates.
+        A HausdorffSolution: value, bounds and witness, in the unit of the coordinates.
 
     Raises:
-        TypeError: what is no shape, or a method that does not serve them.
-        ValueError: shapes of different dimensions, or a surface proven empty in its box.
-        NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
+        TypeError: `a` or `b` is not a shape, or the method does not serve this pair of shapes.
+        ValueError: the dimensions differ, or a surface is certified to be empty in its box.
+        NotProvenError: the method failed or was interrupted, and `throw` is True. The exception carries the solution.
     """
     pair = pair_of(a, b, method, progress)
     return _finish(pair.finished(pair.measured()), throw)
@@ -77,26 +85,34 @@ def hausdorff(
     throw: bool = True,
     progress: Callable[[Any], object] | None = None,
 ) -> HausdorffSolution:
-    """Hausdorff distance: the larger of both directed distances; the witness's `direction` says which, a_to_b at a tie.
+    """Hausdorff distance of `a` and `b` (the larger of both directed distances), with certified bounds.
 
-    `directions` holds both directed distances. The one from b to a is looked for only where it exceeds the other one:
-    below that its bounds are true and may be wide. Derivatives are those of the larger one, see `directed_hausdorff`.
+    The witness has a `direction`: `a_to_b` or `b_to_a`, and `a_to_b` at a tie. `directions` holds both directed
+    distances. The search from `b` to `a` stops once its distance is known not to exceed the first one. Its bounds are
+    then true but may be wide. The derivative is the derivative of the larger directed distance; see
+    `directed_hausdorff`.
+
+    >>> import jhd
+    >>> found = jhd.hausdorff(jhd.points([(0, 3)]), jhd.points([(0, 0), (4, 0)]))
+    >>> float(found.value), jhd.DIRECTIONS[found.direction]
+    (5.0, 'The point lies on b, its foot points on a.')
 
     Args:
-        a: points (jhd.points), a curve, an ImplicitSurface, a mesh, a parametric surface (BezierPatch, BezierPatches,
-            BSplineSurface), or what jhd.as_shape takes for one.
-        b: another of these, of the same dimension.
-        method: how; by default BranchAndBound(). CubeIntervals() serves implicit surfaces, not under jit.
-        throw: whether to raise where the method did not reach what it promises.
-        progress: as for `directed_hausdorff`.
+        a: points (`jhd.points`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
+            ImplicitSurface, a mesh, or an object that `jhd.as_shape` accepts.
+        b: a shape of any of these kinds and of the same dimension.
+        method: the method with its options; by default BranchAndBound(), which serves all shapes. CubeIntervals()
+            serves implicit surfaces, outside jit. TwoStep(), BiarcTrimming() and AlgebraicEvents() serve curves.
+        throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
+        progress: a function that is called with a Progress from time to time; see `directed_hausdorff`.
 
     Returns:
-        The distance with its bounds, in the unit of the coordinates.
+        A HausdorffSolution: value, bounds, witness and both directions, in the unit of the coordinates.
 
     Raises:
-        TypeError: what is no shape, or a method that does not serve them.
-        ValueError: shapes of different dimensions, or a surface proven empty in its box.
-        NotProvenError: the method failed or was interrupted and throw is True; it carries the solution.
+        TypeError: `a` or `b` is not a shape, or the method does not serve this pair of shapes.
+        ValueError: the dimensions differ, or a surface is certified to be empty in its box.
+        NotProvenError: the method failed or was interrupted, and `throw` is True. The exception carries the solution.
     """
     pair = pair_of(a, b, method, progress)
     there, back = pair.both()
@@ -113,27 +129,31 @@ def hausdorff_at_most(
     directed: bool = False,
     progress: Callable[[Progress], object] | None = None,
 ) -> Decision:
-    """Whether the Hausdorff distance is at most the threshold: proven yes, proven no, or undecided at the tolerance.
+    """Whether the Hausdorff distance is at most a threshold: certified yes, certified no, or undecided.
 
-    The same search as for the distance, ended as soon as the bounds are on one side of the threshold, which takes a few
-    steps where the threshold is not close to the distance. A shape and itself, or a copy of its numbers, are at the
-    distance 0.
+    This is the search for the distance, stopped as soon as both bounds are on one side of the threshold. It takes few
+    steps unless the distance is close to the threshold. A shape and a copy of its numbers have distance 0.
+
+    >>> import jhd
+    >>> bool(jhd.hausdorff_at_most(jhd.points([(0, 3)]), jhd.points([(0, 0), (4, 0)]), 4))
+    False
 
     Args:
-        a: points (jhd.points), a curve, an ImplicitSurface, a mesh, a parametric surface (BezierPatch, BezierPatches,
-            BSplineSurface), or what jhd.as_shape takes for one.
-        b: another of these, of the same dimension.
+        a: points (`jhd.points`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
+            ImplicitSurface, a mesh, or an object that `jhd.as_shape` accepts.
+        b: a shape of any of these kinds and of the same dimension.
         threshold: a length of at least 0, in the unit of the coordinates.
-        method: options of the search; its tolerance says when it gives up.
-        directed: whether the directed distance from a to b is meant.
-        progress: as for `directed_hausdorff`.
+        method: options of the search, a BranchAndBound. The search gives up (undecided) when its tolerance is reached.
+        directed: whether to test the directed distance from `a` to `b` only; by default False.
+        progress: a function that is called with a Progress from time to time; see `directed_hausdorff`.
 
     Returns:
-        The answer with the bounds of the distance that were reached; `result` says why where it is undecided.
+        A Decision: the answer with the bounds reached. If it is undecided, `result` tells why.
 
     Raises:
-        TypeError: what is no shape, or another method than BranchAndBound.
-        ValueError: shapes of different dimensions, a surface proven empty in its box, or a threshold that is no length.
+        TypeError: `a` or `b` is not a shape, or the method is not BranchAndBound.
+        ValueError: the dimensions differ, a surface is certified to be empty in its box, or the threshold is negative
+            or not one number.
     """
     method = default_method() if method is None else method
     # It proves both bounds, and ends where they say enough.

@@ -1,4 +1,4 @@
-"""The entry for minimum distances of two shapes."""
+"""Entry points for the minimum distance of two shapes."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -47,29 +47,32 @@ def minimum_distance(
     throw: bool = True,
     progress: Callable[[Progress], object] | None = None,
 ) -> MinimumSolution:
-    """Minimum distance of two shapes, min |p - q| over p on a and q on b, with proven bounds.
+    """Minimum distance of two shapes, min |p - q| over p in a and q in b, with certified bounds.
 
-    Pairs of cells are bounded by the hulls of their control points along the line that joins them, left out where the
-    gradient of the distance excludes a minimum, and closed where the distance is proven convex. The distance is that of
-    the stored arrays taken as real numbers. Shapes that meet have distance zero: `upper` is then what rounding leaves
-    between two points found, at most the tolerance, and `lower` is 0.
+    The result refers to the stored arrays, taken as real numbers. Shapes that meet have distance zero: `lower` is then
+    0, and `upper` is the rounding error between the two points found, at most the tolerance.
 
-    The value and the points are differentiable in both shapes; where several pairs are equally near, as for the pair
-    found, and at distance zero the derivative is zero by convention. Works under jit, vmap and grad, where checks of
-    values are left out and `throw` is ignored: read `result`.
+    The value and both points are differentiable in both shapes. If several pairs are equally near, the derivative is
+    the derivative for the pair found. At distance zero the derivative is zero by convention. Works under jit, vmap and
+    grad. There, checks of values are skipped and `throw` is ignored: read `result`.
 
-    Where nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap; bounds
-    are then true and wider, as RESULTS.family_of_maxima. Outside jit it grows far more slowly between shapes that stay
-    apart: curves, parametric surfaces and implicit surfaces, with these up to 64 pieces. Outside jit points are
-    projected one by one onto curves and surfaces, without steps and progress, and as close as rounding leaves.
+    If the nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap. The
+    bounds are then true but wider, with RESULTS.family_of_maxima. Outside jit the cost grows far more slowly if the
+    shapes stay apart: for curves, parametric surfaces, and implicit surfaces with shapes of up to 64 pieces.
 
-    A triangle mesh is a surface and not the solid that it may bound: of a mesh inside another one the distance of the
-    surfaces is meant. Meshes, and a mesh with a point set or a polyline, have a search of their own from the host: the
-    pairs of triangles that count are measured in rational arithmetic, so the bounds are next to each other and meshes
-    that meet have `upper` 0; only where very many pairs are equally near is the tolerance used. Under jit and vmap this
-    search is called from the program. With other shapes the triangles count as patches. Beside a polynomial surface
-    those of many pieces that may be nearest are found first, so thousands of them are served; where an edge of a mesh
-    of many triangles crosses the surface, `upper` is 0 but for the smallest numbers.
+    Method: pairs of cells are bounded by the hulls of their control points along the line that joins them. A pair is
+    discarded if the gradient of the distance excludes a minimum, and closed if the distance is convex on it.
+
+    - Points are projected one by one onto curves and surfaces outside jit, up to rounding and without reporting
+      progress.
+    - A mesh is a surface, not the solid that it may bound. For a mesh inside another one, the result is the distance of
+      the surfaces.
+    - Two meshes, or a mesh with points or a polyline, use a host search. It measures the relevant pairs of triangles in
+      rational arithmetic: the bounds are adjacent floats, and meshes that meet have `upper` 0. Only if very many pairs
+      are equally near does the tolerance apply. Under jit and vmap the compiled function calls this search on the host.
+    - Next to other shapes, triangles are handled as patches. Next to an implicit surface, the triangles that may be
+      nearest are selected first, so thousands of pieces are possible. If an edge of a large mesh crosses the surface,
+      `upper` is 0 up to the smallest floats.
 
     >>> from jhd.shapes.curve import circle
     >>> found = minimum_distance(circle([0, 0], 3.0), circle([0, 7], 2.0))
@@ -77,30 +80,32 @@ def minimum_distance(
     (True, True)
 
     Args:
-        a: points, a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, which
-            is clipped to its box, a TriangleMesh, or what jhd.as_shape takes for one.
-        b: another of these, of the same dimension.
-        method: BranchAndBound(...), by default with the options below; or VoxelPairs(...) for surfaces and meshes,
-            whose answer is RESULTS.unproven and is never raised.
-        atol: as for BranchAndBound, like the next three; not together with a method.
-        rtol: tolerance relative to upper.
-        max_steps: most steps, of sixteen pairs of cells each; of meshes, of a block of pairs or an exact pair.
-        capacity: least length of the table of pairs.
-        throw: whether to raise where the gap is not closed.
-        progress: called with a Progress now and then; not under jit. Ctrl-C ends the search with the bounds reached, as
-            RESULTS.interrupted.
+        a: points (`jhd.points`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
+            ImplicitSurface (clipped to its box), a TriangleMesh, or an object that `jhd.as_shape` accepts.
+        b: a shape of any of these kinds and of the same dimension.
+        method: BranchAndBound(...), by default with the options below. VoxelPairs(...) serves surfaces and meshes; its
+            result is RESULTS.unproven and never raises.
+        atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; the default is described at
+            BranchAndBound. This and the next three options cannot be combined with `method`.
+        rtol: tolerance relative to `upper`, at least 0; by default 0.
+        max_steps: largest number of steps. A step is sixteen pairs of cells; for meshes, a block of pairs or one exact
+            pair.
+        capacity: initial number of pairs that the queue can hold.
+        throw: whether to raise NotProvenError if the bounds do not close; by default True.
+        progress: a function that is called with a Progress from time to time; ignored under jit. Ctrl-C ends the search
+            with the bounds reached and RESULTS.interrupted.
 
     Returns:
-        The distance with its bounds and the nearest points.
+        A MinimumSolution: the distance, its bounds and the nearest points.
 
     Raises:
-        TypeError: a shape of another kind, or a method that does not serve the shapes.
-        ValueError: shapes of different dimensions, a surface that is proven empty in its box, tolerances that are no
-            numbers of at least 0, counts too small, or options beside a method.
-        NotProvenError: the gap was not closed and throw is True; it carries the solution.
+        TypeError: `a` or `b` is not a shape, or the method does not serve this pair of shapes.
+        ValueError: the dimensions differ, a surface is certified to be empty in its box, a tolerance is negative, a
+            count is too small, or options are combined with a method.
+        NotProvenError: the bounds did not close, and `throw` is True. The exception carries the solution.
 
     Source: Lin & Wang, 3D signed Euclidean distance transform and its applications, section on the minimum distance
-    (the problem; their method is VoxelPairs, which proves nothing).
+    (the problem; their method is VoxelPairs, which certifies nothing).
     """
     a, b = taken_as("a", a), taken_as("b", b)
     for name, shape in (("a", a), ("b", b)):
@@ -122,28 +127,30 @@ def minimum_at_most(
     *,
     progress: Callable[[Progress], object] | None = None,
 ) -> Decision:
-    """Whether the minimum distance is at most the threshold: proven yes, proven no, or undecided at the tolerance.
+    """Whether the minimum distance is at most a threshold: certified yes, certified no, or undecided.
 
-    The search of `minimum_distance`, ended between two of its stretches when the bounds are on one side of the
-    threshold. Under jit it runs to its end.
+    This is the search of `minimum_distance`. Outside jit it stops once both bounds are on one side of the threshold.
+    Under jit it runs to its end.
 
     >>> from jhd.shapes.curve import circle
     >>> bool(minimum_at_most(circle([0, 0], 3.0), circle([0, 7], 2.0), 1.5))
     False
 
     Args:
-        a: as for `minimum_distance`.
-        b: likewise.
+        a: points (`jhd.points`), a curve, a parametric surface, an ImplicitSurface, a TriangleMesh, or an object that
+            `jhd.as_shape` accepts.
+        b: a shape of any of these kinds and of the same dimension.
         threshold: a length of at least 0, in the unit of the coordinates.
-        method: options of the search; its tolerance says when it gives up.
-        progress: as for `minimum_distance`.
+        method: options of the search, a BranchAndBound. The search gives up (undecided) when its tolerance is reached.
+        progress: a function that is called with a Progress from time to time; see `minimum_distance`.
 
     Returns:
-        The answer with the bounds of the distance that were reached; `result` says why where it is undecided.
+        A Decision: the answer with the bounds reached. If it is undecided, `result` tells why.
 
     Raises:
-        TypeError: a shape of another kind, or another method than BranchAndBound.
-        ValueError: shapes of different dimensions, a surface proven empty in its box, or a threshold that is no length.
+        TypeError: `a` or `b` is not a shape, or the method is not BranchAndBound.
+        ValueError: the dimensions differ, a surface is certified to be empty in its box, or the threshold is negative
+            or not one number.
     """
     limit, method = checked_limit(threshold), default_method() if method is None else method
     check_serves(method, a, b, (BranchAndBound,))
@@ -157,7 +164,7 @@ def _method(method: BranchAndBound | VoxelPairs | None, options: dict[str, Any])
     if method is None:
         return BranchAndBound(**given) if given else default_method()
     if given:
-        raise ValueError(f"method is given, and so is {', '.join(given)}: options go to the method, or without it.")
+        raise ValueError(f"method is given, and so is {', '.join(given)}: pass the options to the method.")
     return method
 
 

@@ -1,7 +1,7 @@
 """Pairs of shapes of one kind, or of points and any kind: checked, prepared, measured in either direction, reported.
 
-Each kind of pair answers the same few questions, so that the entries need not know of kinds. A pair measures in the
-coordinates of its search; bounds handed from one direction to the other stay in them.
+Each kind of pair offers the same few operations, so that the entry points need not know the kinds. A pair measures in
+the coordinates of its search. Bounds passed from one direction to the other stay in these coordinates.
 """
 
 from abc import ABC, abstractmethod

@@ -1,4 +1,4 @@
-"""The distance to a shape along a curve, as arrays."""
+"""Distances from points along a curve to a shape, as arrays."""
 
 from typing import Any, NamedTuple
 
@@ -14,15 +14,15 @@ from jhd.shapes.curve import check_curve
 
 
 class Profile(NamedTuple):
-    """Distances from places along a curve, in the order of the curve.
+    """Distances from points along a curve to a shape, in the order of the curve.
 
     Args:
-        t: parameters of a.segments(): segment k carries [k, k + 1], and joints come twice.
-        point: the places.
-        distance: from there to the other shape, between the bounds.
-        lower: proven lower bounds of it.
-        upper: proven upper bounds.
-        foot: nearest points of the other shape.
+        t: parameters of `a.segments()`: segment k has the interval [k, k + 1], and joints appear twice.
+        point: the points of `a` at these parameters.
+        distance: distances from these points to `b`, between the bounds.
+        lower: certified lower bounds of the distances.
+        upper: certified upper bounds of the distances.
+        foot: foot points on `b`.
     """
 
     t: Float[Array, " places"]
@@ -40,9 +40,9 @@ class Profile(NamedTuple):
 
 
 def profile(a: Any, b: Any, samples: int = 64) -> Profile:
-    """The distance to b along the curve a at evenly spaced parameters, differentiable as that of `project` is.
+    """Distances to `b` from points of the curve `a` at evenly spaced parameters; differentiable like `project`.
 
-    Its largest value is at most the directed Hausdorff distance; between the places nothing is said.
+    The largest of these distances is at most the directed Hausdorff distance. Between the points nothing is certified.
 
     >>> import jhd
     >>> found = profile(jhd.polyline([(0, 0), (2, 0)]), jhd.points([(0, 0)]), samples=4)
@@ -50,13 +50,16 @@ def profile(a: Any, b: Any, samples: int = 64) -> Profile:
     ([0.0, 0.25, 0.5, 0.75, 1.0], [0.0, 0.5, 1.0, 1.5, 2.0])
 
     Args:
-        a: a curve, or what jhd.as_shape takes for one; of points each is one place.
-        b: any shape of the same dimension.
-        samples: steps along each segment of a.
+        a: a curve, or an object that `jhd.as_shape` accepts. For a point set every point is one entry.
+        b: a shape of any kind and of the same dimension, or an object that `jhd.as_shape` accepts.
+        samples: number of steps along each segment of `a`, at least 1; by default 64.
+
+    Returns:
+        A Profile: parameters, points, distances with bounds, and foot points.
 
     Raises:
-        TypeError: a that is no curve, or b that is no shape.
-        ValueError: shapes of different dimensions, or samples below 1.
+        TypeError: `a` is not a curve, or `b` is not a shape.
+        ValueError: the dimensions differ, or `samples` is below 1.
     """
     a = taken_as("a", a)
     check_curve("a", a)

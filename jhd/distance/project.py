@@ -1,7 +1,7 @@
-"""Foot points of curves, all stationary ones, and the nearest points of every kind of shape.
+"""Nearest points of shapes of every kind, and all stationary points of curves.
 
-On curves there are the methods of jhd.distance.project_methods; meshes have theirs in jhd.distance.nearest.meshes,
-parametric and polynomial surfaces in jhd.distance.search.targets.
+Methods for curves are in jhd.distance.project_methods. Meshes use jhd.distance.nearest.meshes; parametric and implicit
+surfaces use jhd.distance.search.targets.
 
 The stationary parameters are the roots of f(s) = (P - B).B', in Bernstein form of degree 2 n - 1, or 3 n - 2 for
 rational curves.
@@ -65,36 +65,43 @@ def project(
     *,
     throw: bool = True,
 ) -> Projection:
-    """Nearest points of a shape of any kind, with proven lower and upper distances.
+    """Nearest points of a shape to query points, with certified bounds of the distances.
 
-    Distance, foot and parameter are differentiable in the points and in the shape, twice; where several points are
-    equally near that of the foot named is taken, at distance zero the derivative is zero, and at an end or corner of
-    the shape that holds the foot the parameter does not move, nor does the foot leave the face, edge or vertex of a
-    mesh that holds it, or the face of the box of a polynomial surface.
-    At a pole of a parametric surface, where an edge of a patch is one point, derivatives of the foot and second ones of
-    the distance are NaN.
+    Distance, foot point and parameter are differentiable twice in the points and in the shape:
 
-    Works under jit and vmap, where checks of values are left out and `throw` is ignored: read `result`. Surfaces are
-    searched from the host there too.
+    - If several points are equally near, the derivative refers to the foot point returned.
+    - At distance zero, the derivative is zero by convention.
+    - If the foot point is an end or a corner of the shape, its parameter does not move. A foot point stays on the face,
+      edge or vertex of a mesh that holds it, and on the face of the box of an implicit surface.
+    - At a pole of a parametric surface, an edge of a patch is one point. There derivatives of the foot point and second
+      derivatives of the distance are NaN.
+
+    Works under jit and vmap. There, checks of values are skipped and `throw` is ignored: read `result`. Surfaces are
+    searched by a host call, also under jit.
+
+    >>> import jhd
+    >>> found = jhd.project([(1, 2), (5, 0)], jhd.polyline([(0, 0), (2, 0)]))
+    >>> found.distance.round(9).tolist(), found.foot.round(9).tolist()
+    ([2.0, 3.0], [[1.0, 0.0], [2.0, 0.0]])
 
     Args:
-        points: queries (..., dim); the batch shape is kept, and a single point has none.
-        shape: a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, which is
-            clipped to its box, a mesh, or what jhd.as_shape takes for one. Under tracing every query is compared with
-            every triangle of a mesh.
-        method: for curves NearestSearch() or, as safe, ProjectedPolyhedron(), else a local one; for meshes None, which
-            is the exact search, or VertexVoxels(), which is local; for surfaces None.
-        throw: whether to raise where the bounds were not closed.
+        points: query points (..., dim). The result keeps the batch shape; one point has none.
+        shape: points (`jhd.points`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
+            ImplicitSurface (clipped to its box), a mesh, or an object that `jhd.as_shape` accepts. Under tracing, every
+            query is compared with every triangle of a mesh.
+        method: for curves NearestSearch() (default) or ProjectedPolyhedron(), which are certified, or a local method;
+            for meshes None (exact search) or VertexVoxels(), which is local; for surfaces None.
+        throw: whether to raise NotProvenError if the bounds of a query do not close; by default True.
 
     Returns:
-        Distances with bounds, feet, segments and parameters (see Projection for those of other shapes). Local methods
-        prove no lower bound: it is 0. Where no point of a polynomial surface can be proven, upper is infinite.
+        A Projection: distances with bounds, foot points, segments and parameters. Local methods certify no lower bound:
+        it is 0. If no point of an implicit surface can be certified, `upper` is infinite.
 
     Raises:
-        TypeError: points that are not real numbers, a shape or a method of another kind, VertexVoxels under tracing.
-        ValueError: points that are not finite, empty, or of another dimension than the shape; VertexVoxels too small;
-            a polynomial surface without points in its box.
-        NotProvenError: bounds not closed and throw is True.
+        TypeError: points that are not real numbers, a shape or a method of another kind, or VertexVoxels under tracing.
+        ValueError: points that are not finite, that are empty, or whose dimension is not the dimension of the shape; a
+            VertexVoxels whose capacity is too small; an implicit surface without points in its box.
+        NotProvenError: the bounds did not close, and `throw` is True. The exception carries the solution.
     """
     check_rows_first("project", points)
     shape = taken_as("shape", shape)
@@ -121,23 +128,32 @@ def _finished(projection: Projection, throw: bool) -> Projection:
 
 
 def stationary_points(points: Numbers, curve: Any, *, capacity: int = 32, throw: bool = True) -> StationaryPoints:
-    """All parameters at which the distance to each point is stationary: roots of (P - B).B', with proven enclosures.
+    """All parameters at which the distance from a point to a curve is stationary, in certified enclosures.
 
-    They are sorted along the curve; a multiple root comes once, and a stretch of constant distance as one interval. A
-    root at a joint comes once for each of the two segments. None is left out; an enclosure that rounding cannot tell
-    from one with a root may hold none. Queries share one scale: beside one that is 1e150 times as far enclosures are
-    wide.
+    These are the roots of (P - B).B', sorted along the curve. A multiple root is one entry; a stretch of constant
+    distance is one interval. A root at a joint is listed for both segments. No root is missing. If rounding cannot
+    separate an enclosure from one with a root, it is kept, although it may hold none.
+
+    Queries are scaled together: enclosures become wide if another query is 1e150 times as far away.
+
+    >>> import jhd
+    >>> found = jhd.stationary_points((1, 2), jhd.polyline([(0, 0), (2, 0)]))
+    >>> found.t[found.valid].round(9).tolist(), found.distance[found.valid].round(9).tolist()
+    ([0.5], [2.0])
 
     Args:
-        points: queries (..., dim); the batch shape is kept.
-        curve: the curve, or what jhd.as_shape takes for one.
-        capacity: room for the stationary parameters of one query over the whole curve.
-        throw: whether to raise where some did not fit.
+        points: query points (..., dim). The result keeps the batch shape.
+        curve: the curve, or an object that `jhd.as_shape` accepts.
+        capacity: largest number of stationary parameters of one query on the whole curve; by default 32.
+        throw: whether to raise NotProvenError if `capacity` is too small; by default True.
+
+    Returns:
+        A StationaryPoints: segments, parameters, enclosures and distances, padded to `capacity` entries and masked.
 
     Raises:
-        TypeError: points that are not real numbers, or a shape that is no curve.
-        ValueError: points that are not finite, empty, or of another dimension than the curve.
-        NotProvenError: capacity reached and throw is True; the solution holds those that fit.
+        TypeError: points that are not real numbers, or a shape that is not a curve.
+        ValueError: points that are not finite, that are empty, or whose dimension is not the dimension of the curve.
+        NotProvenError: `capacity` is too small, and `throw` is True. The exception carries the points that fit.
     """
     check_rows_first("stationary_points", points)
     check_whole("capacity", capacity, 1)

@@ -1,12 +1,12 @@
-"""How nearest points of curves are found: a search of our own, and four methods of others.
+"""Methods for nearest points of curves: our own search, and four published methods.
 
-The nearest point is one of the roots of f(s) = (P - B).B' or an end of a segment. `NearestSearch` and
-`ProjectedPolyhedron` are global and proven. Interval halving, Newton's method and their hybrid start at the control
-point that is nearest to P and are kept for comparison: they miss the nearest point on 3 to 16 % of random queries,
-prove nothing, and no bound rests on them.
+The nearest point is one of the roots of f(s) = (P - B).B', or an end of a segment. `NearestSearch` and
+`ProjectedPolyhedron` are global and certified. Interval halving, Newton's method and their hybrid start at the control
+point nearest to P and are for comparison: they miss the nearest point for 3 to 16 % of random queries, certify nothing,
+and no bound relies on them.
 
-Changes to the source of the local methods: they serve any number of segments of any degree, rational ones too, and keep
-parameters in [0, 1]. Interval halving stops when the interval is at most its tolerance; the source stops when the
+Changes to the source of the local methods: they serve any number of segments of any degree, also rational ones, and
+keep parameters in [0, 1]. Interval halving stops when the interval is at most its tolerance. The source stops when the
 differences of the three distances are, which depends on the unit and ends early at a flat minimum. Newton's method
 stops at a step of at most its tolerance; the source names no criterion.
 
@@ -66,7 +66,7 @@ def height(e: Array, w: Array | None, s: Array) -> Array:
 def halve(
     e: Array, w: Array | None, start: Array, interval: float, tolerance: float, max_steps: int
 ) -> tuple[Array, Array]:
-    """Interval halving: move to the better neighbour, or halve the interval where the middle is best."""
+    """Interval halving: moves to the better neighbor, or halves the interval if the middle is best."""
 
     def step(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         s, width, count = state
@@ -80,7 +80,7 @@ def halve(
 
 
 def newton(e: Array, w: Array | None, start: Array, tolerance: float, max_steps: int) -> tuple[Array, Array]:
-    """Newton's method on C.C' = 0, kept in [0, 1]; where the slope vanishes it stays."""
+    """Newton's method on C.C' = 0, kept in [0, 1]; it does not move if the slope vanishes."""
 
     def step(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         s, _, count = state
@@ -95,15 +95,24 @@ def newton(e: Array, w: Array | None, start: Array, tolerance: float, max_steps:
 
 
 class AbstractProjectionMethod(eqx.Module):
-    """How the nearest point is found; fields are options."""
+    """A method for nearest points of curves; its fields are options."""
 
     @abstractmethod
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The nearest point to one query, in scaled coordinates; `skip` marks repeated segments."""
+        """The nearest point to one query, in scaled coordinates.
+
+        Args:
+            point: the query (dim,).
+            curve: the curve.
+            skip: marks repeated segments, (segments,).
+
+        Returns:
+            The nearest point, and the member of RESULTS that tells how the search ended.
+        """
 
 
 class NearestSearch(AbstractProjectionMethod):
-    """Best-first search with Bernstein bounds: global, proven, the fastest (see jhd.distance.nearest.curves)."""
+    """Best-first search with Bernstein bounds: global, certified and the fastest (see jhd.distance.nearest.curves)."""
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
         """The nearest point to one query."""
@@ -112,12 +121,12 @@ class NearestSearch(AbstractProjectionMethod):
 
 
 class ProjectedPolyhedron(AbstractProjectionMethod):
-    """All stationary parameters by the projected-polyhedron solver, then the nearest of them and of the ends.
+    """All stationary parameters by the projected-polyhedron solver, then the nearest of these points and of the ends.
 
-    Global and proven. Every segment is solved, so a curve of many segments is better served by NearestSearch.
+    Global and certified. It solves every segment, so NearestSearch is faster for curves of many segments.
 
     Args:
-        capacity: boxes that the solver can keep for one segment.
+        capacity: number of boxes that the solver can hold for one segment.
     """
 
     capacity: int = eqx.field(static=True, default=32)
@@ -132,14 +141,14 @@ class ProjectedPolyhedron(AbstractProjectionMethod):
 
 
 class IntervalHalving(AbstractProjectionMethod):
-    """Steps left and right by an interval that is halved when the middle is best; a local method.
+    """Interval halving in the parameter: a step to the better neighbor, or half the interval; a local method.
 
     Change to the source: it stops on the interval. The source stops on the differences of the three distances.
 
     Args:
-        interval: first interval of the parameter.
-        tolerance: the interval of the parameter at which it stops.
-        max_steps: limit on steps.
+        interval: initial interval of the parameter.
+        tolerance: interval of the parameter at which it stops.
+        max_steps: largest number of steps.
     """
 
     interval: float = eqx.field(static=True, default=0.1)
@@ -152,18 +161,18 @@ class IntervalHalving(AbstractProjectionMethod):
         _check_positive("tolerance", self.tolerance)
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The foot reached from the nearest control point of each segment, the best of all segments."""
+        """The best foot point over all segments, from the nearest control point of each."""
         return best_local(point, curve, lambda e, w, s: halve(e, w, s, self.interval, self.tolerance, self.max_steps))
 
 
 class NewtonProjection(AbstractProjectionMethod):
-    """Newton's method on (P - B).B' = 0 from the nearest control point's parameter; a local method.
+    """Newton's method on (P - B).B' = 0 from the parameter of the nearest control point; a local method.
 
-    Changes to the source: parameters stay in [0, 1], and it stops on the step; the source names no criterion.
+    Changes to the source: parameters stay in [0, 1], and it stops on the step. The source names no criterion.
 
     Args:
-        tolerance: the step at which it stops.
-        max_steps: limit on steps.
+        tolerance: step of the parameter at which it stops.
+        max_steps: largest number of steps.
     """
 
     tolerance: float = eqx.field(static=True, default=1e-14)
@@ -174,7 +183,7 @@ class NewtonProjection(AbstractProjectionMethod):
         _check_positive("tolerance", self.tolerance)
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The foot reached from the nearest control point of each segment, the best of all segments."""
+        """The best foot point over all segments, from the nearest control point of each."""
         return best_local(point, curve, lambda e, w, s: newton(e, w, s, self.tolerance, self.max_steps))
 
 
@@ -184,10 +193,10 @@ class HybridProjection(AbstractProjectionMethod):
     The source suggests it without numbers; the intervals and the criterion are ours.
 
     Args:
-        interval: first interval of the halving.
+        interval: initial interval of the halving.
         rough: interval at which Newton's method takes over.
-        tolerance: the Newton step at which it stops.
-        max_steps: limit on steps of each.
+        tolerance: Newton step at which it stops.
+        max_steps: largest number of steps of each method.
     """
 
     interval: float = eqx.field(static=True, default=0.1)
@@ -201,7 +210,7 @@ class HybridProjection(AbstractProjectionMethod):
             _check_positive(name, getattr(self, name))
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
-        """The foot reached from the nearest control point of each segment, the best of all segments."""
+        """The best foot point over all segments, from the nearest control point of each."""
 
         def local(e: Array, w: Array | None, s: Array) -> tuple[Array, Array]:
             rough, first = halve(e, w, s, self.interval, self.rough, self.max_steps)
@@ -223,7 +232,7 @@ def how_closed(found: NearestOnCurve) -> Any:
 
 
 def failed(result: Any) -> Array:
-    """Whether a result is none that was asked for."""
+    """Whether a result is a failure."""
     return result != RESULTS.successful
 
 

@@ -1,8 +1,9 @@
 """Signed distances to triangle meshes: negative inside, by winding number or by normals at the nearest point.
 
-The winding number needs no closed mesh and forgives self-intersections and wrong triangles; it is the default. The
-pseudonormal at the foot is exact for closed meshes without self-intersections, and wrong for others. The published
-average of the normals at the foot, without weights, is wrong at some sharp vertices too, and there for comparison.
+The winding number is the default: it needs no closed mesh, and tolerates self-intersections and wrong triangles. The
+pseudonormal at the foot point is exact for closed meshes without self-intersections, and wrong for others. The
+published average of the normals at the foot point, without weights, is also wrong at some sharp vertices; it is for
+comparison.
 
 Sources: Jacobson et al. 2013 and Barill et al. 2018 (see jhd.triangles.winding); Baerentzen & Aanaes, Signed distance
 computation using the angle weighted pseudonormal (2005); the average: Lin03 ("3-D signed Euclidean distance transform
@@ -34,28 +35,38 @@ _SIGNS = ("winding", "pseudonormal", "average")
 def signed_distance(
     points: Numbers, mesh: Any, sign: str | None = None, *, method: VertexVoxels | None = None
 ) -> Array:
-    """Distances to the surface of a mesh, negative inside; differentiable in the points and in the vertices, twice.
+    """Signed distances from points to a mesh, negative inside; differentiable twice in the points and in the vertices.
 
-    The sign is certain where the point is off the surface by more than rounding: the winding number is recomputed
-    until its error cannot change the answer. Under jit the number is summed over all triangles, without a bound.
+    The sign is certain if the point is off the surface by more than rounding: the winding number is recomputed until
+    its error cannot change the answer. Under jit the winding number is summed over all triangles, without an error
+    bound.
+
+    >>> import jhd
+    >>> corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    >>> mesh = jhd.TriangleMesh(corners, [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)])
+    >>> jhd.signed_distance([(0.25, 0.25, 0.125), (0.25, 0.25, -2)], mesh).round(9).tolist()
+    [-0.125, 2.0]
 
     Args:
-        points: queries (..., 3); the batch shape is kept.
-        mesh: the surface, or what jhd.as_shape takes for it. Which way round its triangles run does not matter where
-            all agree.
-        sign: "winding": inside is where the winding number is at least 1/2 in absolute value, also for meshes with
-            holes; "pseudonormal": the side of the angle-weighted normal at the nearest point, for closed meshes
-            without self-intersections, which are not looked for; not under jit; "average": the same with all triangles
-            at a vertex counted alike, as published, so that it can be wrong where the nearest point is a vertex. By
-            default "winding", with VertexVoxels "average".
-        method: None for the exact search; VertexVoxels() for the published one, whose distances can be too large, and
-            whose signs rest on the point found.
+        points: query points (..., 3). The result keeps the batch shape.
+        mesh: the surface, or an object that `jhd.as_shape` accepts. The orientation does not matter if all triangles
+            agree.
+        sign: how the sign is found; by default "winding", with VertexVoxels "average".
+            "winding": inside if the winding number is at least 1/2 in absolute value, also for meshes with holes.
+            "pseudonormal": the side of the angle-weighted normal at the nearest point, outside jit, for closed meshes
+            without self-intersections (not checked).
+            "average": like "pseudonormal" without weights at a vertex, as published; it can be wrong at vertices.
+        method: None for the exact search. VertexVoxels() is the published search: its distances can be too large, and
+            its signs rest on the point found.
+
+    Returns:
+        The signed distances (...), in the unit of the coordinates.
 
     Raises:
-        TypeError: points that are not real numbers, another shape than a mesh, another method, or normals of a traced
+        TypeError: points that are not real numbers, a shape that is not a mesh, another method, or normals of a traced
             mesh.
-        ValueError: points that are not finite, empty, or not in space; an unknown sign; normals at the nearest point of
-            a mesh that is not closed and consistently oriented; a grid of VertexVoxels beyond its capacity.
+        ValueError: points that are not finite, that are empty, or not in space; an unknown sign; normals of a mesh that
+            is not closed and consistently oriented; a grid of VertexVoxels above its capacity.
     """
     check_rows_first("signed_distance", points)
     mesh = taken_as("mesh", mesh)
@@ -98,6 +109,6 @@ def _beyond(points: Array, found: Projection, mesh: TriangleMesh, sign: str) -> 
         ValueError: a mesh that is not closed, or not consistently oriented.
     """
     if is_traced(points, mesh):
-        raise TypeError(f"sign={sign!r} needs known points and a known mesh; under jit take sign='winding'.")
+        raise TypeError(f"sign={sign!r} needs concrete points and a concrete mesh; under jit use sign='winding'.")
     triangle, t = np.asarray(found.segment).reshape(-1), np.asarray(found.t).reshape(-1, 3)
     return is_behind(mesh, np.asarray(points).reshape(-1, 3), triangle, t, sign)

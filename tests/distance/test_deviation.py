@@ -286,8 +286,8 @@ def test_an_unreached_tolerance_names_the_bounds_and_one_that_they_meet():
         jhd.deviation(*shapes, rtol=1e-9, atol=0, max_cells=16, quantile=0.5)
     found, message = caught.value.solution, str(caught.value)
     for of, ends in {"the mean": found.mean, "the quantile 0.5": found.quantile(0.5)}.items():
-        assert f"{lower_text(ends.lower)} and {upper_text(ends.upper)} of {of}" in message
-    named = re.search(r"which rtol=([^ ]+) would take", message)
+        assert f"{lower_text(ends.lower)} and {upper_text(ends.upper)} for {of}" in message
+    named = re.search(r"Pass rtol=([^ ]+) to accept them", message)
     assert named is not None
     assert jhd.deviation(*shapes, rtol=float(named[1]), atol=0, max_cells=16, quantile=0.5).stats["cells"] <= 64
 
@@ -339,12 +339,12 @@ def test_what_cannot_be_measured_is_refused(call, error, message):
 
 def test_a_polynomial_surface_has_no_proven_area():
     sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", -1.5 * np.ones(3), 1.5 * np.ones(3))
-    with pytest.raises(TypeError, match="whose area is not proven"):
+    with pytest.raises(TypeError, match="whose area is not certified"):
         jhd.deviation(sphere, jhd.points([(0, 0, 0)]))
 
 
 def test_traced_shapes_are_refused():
-    with pytest.raises(TypeError, match="needs known shapes"):
+    with pytest.raises(TypeError, match="needs concrete shapes"):
         jax.jit(lambda x: jhd.deviation(jhd.polyline(x), jhd.points([(0.0, 0.0)])).mean)(np.array(SEGMENT, float))
 
 

@@ -1,9 +1,9 @@
-"""Certificates: bounds of a Hausdorff distance together with what proves them, to be checked by anyone later.
+"""Certificates: bounds of a distance together with their proof, which anyone can check later.
 
-`certify` makes one from the shapes and a solution, on the host and in a way of its own. Cells cover the shapes (see
-jhd.distance.certificate.subdivision, and surface_cover for pairs with an implicit surface), and one point proves the
-lower bound. The result has been checked exactly while it was made; `Certificate.verify` checks all of it again with
-jhd.distance.certificate.verification alone.
+`certify` makes a certificate from the shapes and a solution, on the host, independently of the search. Cells cover the
+shapes (see jhd.distance.certificate.subdivision, and surface_cover for pairs with an implicit surface), and one point
+proves the lower bound. The certificate is checked exactly while it is made. `Certificate.verify` checks everything
+again, with jhd.distance.certificate.verification alone.
 """
 
 import gzip
@@ -41,13 +41,13 @@ _Shape = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
 
 @dataclass(frozen=True, repr=False)
 class Certificate:
-    """A claim lower <= distance <= upper about two shapes, with what proves it.
+    """A claim lower <= distance <= upper about two shapes, with its proof.
 
     Args:
         content: the JSON object: `format`, `version`, the arrays `a` and `b`, the `claim`, `cells` and the `witness`.
 
     Raises:
-        CertificateError: the content has another structure. Whether it proves its claim is left to `verify`.
+        CertificateError: the content has another structure. `verify` checks whether it proves its claim.
     """
 
     content: dict[str, Any]
@@ -62,18 +62,18 @@ class Certificate:
 
     @property
     def upper(self) -> float:
-        """The claimed upper bound; inf where none is claimed."""
+        """The claimed upper bound; inf if none is claimed."""
         upper = self.content["claim"]["upper"]
         return math.inf if upper is None else float(upper)
 
     @property
     def directed(self) -> bool:
-        """Whether the claim is about the distance from a to b alone."""
+        """Whether the claim is about the distance from `a` to `b` only."""
         return self.content["claim"]["kind"] == "directed"
 
     @property
     def cells(self) -> int:
-        """Number of cells that prove the upper bound, or of pairs that prove the lower one of a minimum."""
+        """Number of cells that prove the upper bound; for a minimum distance, of pairs that prove the lower bound."""
         return sum(map(len, (self.content["cells"] or {}).values()))
 
     def __repr__(self) -> str:
@@ -81,31 +81,44 @@ class Certificate:
         return f"Certificate({lower_text(self.lower)} <= {name} <= {upper_text(self.upper)}, {self.cells} cells)"
 
     def verify(self, seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:
-        """Checks every number in exact arithmetic, without anything of the search.
+        """Checks the whole proof in exact arithmetic, without any result of the search.
 
         Args:
-            seconds: after how long to give up; None never does.
-            progress: called with the place in the certificate that is checked next.
+            seconds: time limit in seconds; by default none.
+            progress: a function that is called with the name of the next part of the certificate.
 
         Returns:
-            What is proven.
+            A Proven: the bounds that are proven.
 
         Raises:
-            CertificateError: a part of the claim is not proven, or takes too long; it says which.
+            CertificateError: a part of the claim is not proven, or the check takes too long. The message names the
+                part.
         """
         return verify(self.content, seconds, progress)
 
     def matches(self, a: Any, b: Any) -> bool:
-        """Whether the claim is about these shapes: the same arrays, to the last digit."""
+        """Whether the claim is about these shapes: their stored arrays must be identical to the last bit.
+
+        Args:
+            a: the first shape, or an object that `jhd.as_shape` accepts.
+            b: the second shape, or an object that `jhd.as_shape` accepts.
+
+        Returns:
+            True if both shapes match.
+        """
         shapes = (plain_shape(taken_as(name, shape)) for name, shape in (("a", a), ("b", b)))
         return all(digest(self.content[name]) == shape["sha256"] for name, shape in zip("ab", shapes, strict=True))
 
     def to_json(self) -> str:
-        """The certificate as lines of JSON, a line for each cell; the same floats are read back."""
+        """The certificate as JSON text, with one line for each cell; floats are read back unchanged."""
         return "".join(lines_of(self.content))
 
     def save(self, file: str | Path) -> None:
-        """Writes the certificate, as a whole or not at all; compressed where the name ends in .gz."""
+        """Writes the certificate to a file, completely or not at all; compressed if the name ends in .gz.
+
+        Args:
+            file: the path of the file, which is replaced if it exists.
+        """
         text = self.to_json()
         replace_file(file, gzip.compress(text.encode(), mtime=0) if str(file).endswith(".gz") else text)
 
@@ -120,43 +133,52 @@ def certify(
     max_cells: int = 100_000,
     progress: Callable[[dict[str, Any]], None] | None = None,
 ) -> Certificate:
-    """A certificate of the bounds of a solution.
+    """A certificate of the bounds of a solution, which can be saved and checked independently.
 
-    An upper bound of inf and a lower bound of 0, where a method proves none, are not claimed or need no proof. The
-    bounds may be a little wider than those of the solution (`atol`), and the certificate says which. Shapes that lie on
-    each other but for rounding take very many cells: then a larger `atol` helps.
+    An upper bound of inf is not claimed, and a lower bound of 0 needs no proof. The certified bounds may be slightly
+    wider than the bounds of the solution (see `atol`); the certificate states them. Shapes that coincide up to rounding
+    need very many cells: choose a larger `atol`.
+
+    >>> import jhd
+    >>> a, b = jhd.points([(0, 0), (4, 0)]), jhd.points([(0, 0)])
+    >>> certificate = jhd.certify(a, b, jhd.directed_hausdorff(a, b))
+    >>> proven = certificate.verify()
+    >>> bool(proven.lower <= 4 <= proven.upper), certificate.matches(a, b)
+    (True, True)
 
     Args:
-        a: the first shape of the distance, as it was handed in: points, a curve, a parametric or polynomial surface, a
+        a: the first shape, as it was passed to the distance: points, a curve, a parametric or implicit surface, or a
             mesh.
-        b: the second one.
-        solution: what directed_hausdorff, hausdorff, hausdorff_at_most, minimum_distance or minimum_at_most returned
-            for them: one, not a batch. Of a decision the bound that answers is proven, of an undecided one both are,
-            and of the distance that it is about.
-        directed: of a decision about the two-sided distance, whether that from a to b alone is to be proven.
-        atol: how much wider than those of the solution the bounds are, in the unit of the coordinates; by default
-            nothing for decisions and for the largest distances of two curves, else a billionth of the diagonal of the
-            box of both shapes.
-        max_cells: most cells in one direction, or pairs of parts. A smooth piece takes a handful,
-            more where b is far from smooth.
-        progress: called with a dictionary of `direction` (or "apart"), `cells` and `open` now and then.
+        b: the second shape, as it was passed to the distance.
+        solution: one result (not a batch) of directed_hausdorff, hausdorff, hausdorff_at_most, minimum_distance or
+            minimum_at_most for these shapes. For a decision, the bound that gives the answer is certified; for an
+            undecided one, both bounds are.
+        directed: for a decision about the two-sided distance: whether to certify the distance from `a` to `b` only; by
+            default False.
+        atol: how much wider the certified bounds may be than the bounds of the solution, in the unit of the
+            coordinates. By default 0 for decisions and for Hausdorff distances of two curves, otherwise 1e-9 of the
+            diagonal of the joint bounding box.
+        max_cells: largest number of cells in one direction, or of pairs of parts. A smooth piece needs a few, or more
+            if `b` is not smooth.
+        progress: a function that is called from time to time with a dictionary of `direction` (or "apart"), `cells` and
+            `open`.
 
     Returns:
-        The certificate; every bound of it has been checked in exact arithmetic.
+        A Certificate, whose bounds have all been checked in exact arithmetic.
 
     Raises:
-        TypeError: a shape or solution of another kind, a traced one or a batch.
-        ValueError: shapes of different dimensions, a polynomial of a high degree, an atol below 0, max_cells that is no
-            positive whole number, or `directed` of a decision about a minimum distance.
-        NotProvenError: a bound of the solution could not be proven of these shapes, or takes more cells; of polynomial
-            surfaces where it rests on points without a change of sign, which prove nothing.
+        TypeError: a shape or solution of another kind, a traced object or a batch.
+        ValueError: the dimensions differ, a polynomial has too high a degree, `atol` is negative, `max_cells` is not a
+            positive whole number, or `directed` is True for a minimum distance.
+        NotProvenError: a bound of the solution could not be certified for these shapes, or needs more cells. For
+            implicit surfaces: a bound rests on points without a change of sign, which prove nothing.
     """
     a, b = taken_as("a", a), taken_as("b", b)
     _check_arguments(a, b, solution, max_cells)
     report = _reporting(progress)
     if isinstance(solution, MinimumSolution) or (isinstance(solution, Decision) and solution.distance == "minimum"):
         if directed:
-            raise ValueError("directed is True, and the decision is about a minimum distance, which has no direction.")
+            raise ValueError("directed is True, but a minimum distance has no direction: leave directed out.")
         slack = _checked_atol(atol, a, b, sharp=isinstance(solution, Decision))
         found = prove_minimum(a, b, solution, slack, max_cells, report)
     else:

@@ -1,4 +1,4 @@
-"""What a method is: fields are its options, and it says which shapes it serves."""
+"""The interface of a method: its fields are options, and it tells which shapes it serves."""
 
 from abc import abstractmethod
 from dataclasses import fields
@@ -19,7 +19,7 @@ class AbstractMethod(eqx.Module):
     @classmethod
     @abstractmethod
     def serves(cls, a: Any, b: Any) -> bool:
-        """Whether it measures the distances of these shapes."""
+        """Whether the method can measure this pair of shapes."""
 
 
 class AbstractHausdorffMethod(AbstractMethod):
@@ -30,7 +30,7 @@ class AbstractHausdorffMethod(AbstractMethod):
 
 
 class AbstractCurveMethod(AbstractHausdorffMethod):
-    """Options of a method for curves alone, and how it is carried out on a pair of them in common coordinates."""
+    """Options of a method for curves only, and how it measures a pair of curves in common coordinates."""
 
     @classmethod
     def serves(cls, a: Any, b: Any) -> bool:
@@ -42,19 +42,22 @@ class AbstractCurveMethod(AbstractHausdorffMethod):
         """The directed distance in the common coordinates, pure and traceable.
 
         Args:
-            a: control points with coordinates in [-1, 1], off by at most `preparation_error`.
-            b: likewise.
-            frame: leads back to the user's coordinates; tolerances are in their unit.
-            aim: what of the answer matters; a method may ignore it.
+            a: the source curve, with control points in [-1, 1], off by at most `preparation_error`.
+            b: the target curve, prepared in the same way.
+            frame: the map back to the coordinates of the user; tolerances are in their unit.
+            aim: the range in which the answer matters; a method may ignore it.
+
+        Returns:
+            A HausdorffSolution in the common coordinates.
         """
 
 
 class AbstractHostMethod(AbstractCurveMethod):
-    """A method whose work depends on the numbers: it runs on the host, on known curves only, not under jit or vmap."""
+    """A method whose work depends on the numbers: it runs on the host, on concrete curves, not under jit or vmap."""
 
 
 def check_serves(method: Any, a: Any, b: Any, known: tuple[type[AbstractMethod], ...]) -> None:
-    """Raises TypeError, naming the known methods that serve a pair of shapes, for anything else."""
+    """Raises TypeError, with the names of the methods that serve the pair, unless the method serves the shapes."""
     if isinstance(method, known) and method.serves(a, b):
         return
     *names, last = [f"{kind.__name__}()" for kind in known if kind.serves(a, b)]

@@ -1,4 +1,4 @@
-"""Ragged curves as one batch: of one degree and one number of segments, stacked along a leading axis."""
+"""Ragged curves as one batch: raised to one degree and one number of segments, stacked along a leading axis."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,25 +16,26 @@ from jhd.shapes.joints import linked
 
 
 def stack_curves(curves: Sequence[Any]) -> BezierSegments:
-    """One batch of curves of any degrees and numbers of segments, for vmap and jit: BezierSegments with a leading axis.
+    """One batch of curves of any degrees and numbers of segments, for vmap and jit.
 
-    Each is raised to the largest degree (which rounds its control points by a few units in the last place; those that
-    have it already are kept to the last bit), and its last segment is repeated, which changes no point set: to 4, 16,
-    48, 96, ... segments, so that programs serve more than one batch. Where one curve has weights all get them.
+    Each curve is raised to the largest degree. This rounds its control points by a few units in the last place; curves
+    of this degree are unchanged. The last segment is then repeated, which does not change the point set, to 4, 16, 48,
+    96, ... segments, so that compiled functions serve more than one batch. If one curve has weights, all get them.
 
     >>> import jhd
     >>> stack_curves([jhd.polyline([(0, 0), (1, 0)]), jhd.circle((0, 0), 1)]).control_points.shape
     (2, 4, 3, 2)
 
     Args:
-        curves: curves, or what jhd.as_shape takes for some, of one dimension. Traced ones are differentiated through.
+        curves: a sequence of curves of one dimension, or of objects that `jhd.as_shape` accepts. Traced curves are
+            differentiated through.
 
     Returns:
-        The batch: `control_points` (curves, segments, points, dim), `weights` and `following` likewise.
+        BezierSegments with a leading axis: `control_points` (curves, segments, points, dim), `weights` and `following`.
 
     Raises:
-        TypeError: something that is no curve.
-        ValueError: no curve, or curves of the plane and of space.
+        TypeError: an object that is not a curve.
+        ValueError: no curves, or curves of the plane and of space.
     """
     check_several("curves", curves)
     rows = [_segments(k, curve) for k, curve in enumerate(curves)]

@@ -1,9 +1,8 @@
 """Signatures: distances of shapes from fixed points, which bound the distances of all pairs at once.
 
 The Hausdorff distance h(a, b) is the largest |d(p, a) - d(p, b)| over all points p of the space. So the distances from
-a few points, taken once for each shape, bound every pair from below. Where a lattice of points reaches the shapes they
-bound from above too: if every point x of a has a point p of the lattice within r, then d(p, a) <= r and d(x, b) <=
-d(p, b) + r.
+a few points, taken once for each shape, bound every pair from below. If every point x of a has a point p of a lattice
+within r, they also bound from above: d(p, a) <= r and d(x, b) <= d(p, b) + r.
 
 Polynomial curves are measured as chords of their segments. Coordinates are at most one there, and u is the roundoff:
 
@@ -17,8 +16,8 @@ Polynomial curves are measured as chords of their segments. Coordinates are at m
   gamma(3 dim + 12) (|o| + |E|), and neither length is above 2 sqrt(dim). Where E.E underflows E is shorter than any of
   these errors.
 
-Other shapes are measured by jhd.project, whose bounds are proven. The idea of comparing distances from fixed points is
-that of pivots in metric search; that these may be any points of the space costs no Hausdorff distance.
+Other shapes are measured by jhd.project, whose bounds are certified. Distances from fixed points are the pivots of
+metric search. Here they may be any points of the space, so they need no Hausdorff distance.
 """
 
 import math
@@ -65,13 +64,13 @@ class PointLattice(NamedTuple):
 
 
 class Signatures(NamedTuple):
-    """Proven distances of shapes from fixed points, in the unit of the coordinates.
+    """Certified distances of shapes from fixed points, in the unit of the coordinates.
 
     Args:
-        points: the points.
-        lower: the distances are at least these.
-        upper: and at most these.
-        reach: every point of a shape has one of the points within this; infinite where that is not known.
+        points: the points, (points, dim).
+        lower: certified lower bounds of the distances, (shapes, points).
+        upper: certified upper bounds of the distances, (shapes, points).
+        reach: for each shape a radius within which each of its points has one of `points`; inf if it is unknown.
     """
 
     points: Float[np.ndarray, "points dim"]
@@ -228,7 +227,7 @@ class SignatureBounds:
         self._dtype = a.lower.dtype
 
     def between(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds (rows, columns) of these shapes of the first collection and these of the second."""
+        """Lower and upper bounds (rows, columns) for these shapes of the first collection and of the second."""
         columns_there = _filled(len(columns))
         b = tuple(x[columns[columns_there]] for x in self._b)
         lower, upper = (np.empty((len(rows), len(columns)), self._dtype) for _ in range(2))

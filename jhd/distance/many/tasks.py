@@ -1,8 +1,8 @@
-"""Distances of many pairs on an executor: which of them make one task, and the results in the order in which they come.
+"""Distances of many pairs on an executor: how pairs form tasks, and the results in the order of completion.
 
-A task is a function of this module and its arguments, which can be pickled: it runs on threads, in other processes or
-on other machines. Curves go in blocks through one program; shapes of other kinds, and curves of very many segments, are
-searched one after the other as jhd.hausdorff does.
+A task is a function of this module with its arguments, which can be pickled. It runs on threads, in other processes or
+on other machines. Curves run in blocks through one compiled function. Shapes of other kinds, and curves of very many
+segments, are searched one after the other, as in jhd.hausdorff.
 """
 
 import os
@@ -37,12 +37,12 @@ _ALONE = 8
 
 
 class CollectionProgress(NamedTuple):
-    """How far a call on collections has come.
+    """Progress of a call on collections.
 
     Args:
-        stage: what is being done: "signatures" (distances of all shapes from common points) or "distances".
-        done: shapes or pairs that are done.
-        total: how many there are to do, as far as is known by now.
+        stage: the current stage: "signatures" (distances of all shapes from common points) or "distances".
+        done: number of shapes or pairs that are done.
+        total: number of shapes or pairs to do, as far as it is known.
     """
 
     stage: str
@@ -51,13 +51,13 @@ class CollectionProgress(NamedTuple):
 
 
 class AskedPairs(NamedTuple):
-    """Pairs of shapes, and what of each distance matters.
+    """Pairs of shapes, and the range in which each distance matters.
 
     Args:
         rows: indices into the first collection.
-        columns: indices into the second.
-        level: nothing up to this length matters.
-        ceiling: nothing more matters above this length.
+        columns: indices into the second collection.
+        level: distances up to this length do not matter.
+        ceiling: distances above this length need no closer bounds.
     """
 
     rows: np.ndarray
@@ -67,7 +67,7 @@ class AskedPairs(NamedTuple):
 
 
 def pairs_between(rows: Any, columns: Any, level: Any = 0.0, ceiling: Any = np.inf) -> AskedPairs:
-    """Pairs with one level and ceiling, or one each."""
+    """Pairs with one common level and ceiling, or one each."""
     shape = np.shape(rows)
     limits = (np.broadcast_to(np.asarray(x, float), shape) for x in (level, ceiling))
     return AskedPairs(np.asarray(rows), np.asarray(columns), *limits)

@@ -1,10 +1,10 @@
-"""What of the distances between two shapes counts as their distance: the largest, a quantile, the mean, or the rms.
+"""Measures of the distance between two shapes: largest, quantile, mean, or root mean square.
 
-Each has proven bounds, from the cells of jhd.distance.deviation, and a value with a derivative. On points the value is
-that of the distances of all points. Along curves, surfaces and meshes it is an integral over places with fixed
-parameters (jhd.distance.measures.quadrature), and so is its derivative.
+Each has certified bounds, from the cells of jhd.distance.deviation, and a differentiable value. On point sets the value
+uses the distances of all points. On curves, surfaces and meshes it is an integral with nodes at fixed parameters
+(jhd.distance.measures.quadrature), and its derivative is the derivative of this integral.
 
-Source: the partial Hausdorff distance by a quantile is that of Huttenlocher, Klanderman & Rucklidge, Comparing Images
+Source: the partial Hausdorff distance by a quantile is due to Huttenlocher, Klanderman & Rucklidge, Comparing Images
 Using the Hausdorff Distance (1993); the larger of both means is the modified Hausdorff distance of Dubuisson & Jain
 (1994).
 """
@@ -48,14 +48,14 @@ from jhd.triangles.closest_point import outward
 
 
 class MeasureSolution(AbstractSolution):
-    """A measure of the distances from one shape to another, or the larger one of both directions.
+    """A measure of the distances from one shape to another, or the larger of both directions.
 
     Args:
         value: the measure, between the bounds; differentiable in both shapes.
-        lower: a proven lower bound.
-        upper: a proven upper bound.
-        direction: the member of DIRECTIONS that it is of.
-        result: successful, or why the bounds are wider than was asked for.
+        lower: certified lower bound.
+        upper: certified upper bound.
+        direction: the member of DIRECTIONS that attains the value.
+        result: RESULTS.successful, or the reason why the bounds are wider than the tolerance.
     """
 
     value: Float[Array, ""]
@@ -76,9 +76,7 @@ class MeasureSolution(AbstractSolution):
 def _directed(given: bool) -> bool:
     if not isinstance(given, bool | np.bool_):
         came = type(given).__name__
-        raise TypeError(
-            f"directed must be True or False; got {came}. Shapes come in a second call, as in Mean()(a, b)."
-        )
+        raise TypeError(f"directed must be True or False; got {came}. Pass shapes in a second call: Mean()(a, b).")
     return bool(given)
 
 
@@ -95,12 +93,12 @@ def _weights(given: Any) -> Array | None:
 
 
 class Along(NamedTuple):
-    """Distances to b at places along a.
+    """Distances to `b` at points along `a`.
 
     Args:
-        distance: differentiable.
-        weight: what each place counts, likewise.
-        off: how far derivatives of sums may be off, as a share.
+        distance: the distances, differentiable in both shapes.
+        weight: the weight of each point, differentiable in `a`.
+        off: bound of the relative error of derivatives of sums.
     """
 
     distance: Array
@@ -109,12 +107,12 @@ class Along(NamedTuple):
 
 
 class AbstractMeasure(eqx.Module):
-    """A measure of the distances between two shapes: `measure(a, b)`.
+    """A measure of the distances between two shapes; call it as `measure(a, b)`.
 
     Args:
-        directed: whether the distances from a to b alone count; else it is the larger one of both directions.
-        weights: of the points of a, (points,), at least 0, wherever a call gives none: so they count in fits too, of
-            which the target is a. By default each counts one.
+        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each. A call can
+            override them. In a fit, `a` is the target.
     """
 
     directed: eqx.AbstractVar[bool]
@@ -130,25 +128,30 @@ class AbstractMeasure(eqx.Module):
         rtol: Numbers = 1e-3,
         throw: bool = True,
     ) -> MeasureSolution:
-        """The measure with proven bounds, its value differentiable in both shapes and in the weights.
+        """The measure with certified bounds; its value is differentiable in both shapes and in the weights.
 
-        Works under jit and vmap, where it is called on the host, one after the other, with first derivatives; checks of
-        values are left out and `throw` is ignored there: read `result`.
+        Works under jit and vmap by host calls, one after the other, with first derivatives. There, checks of values are
+        skipped and `throw` is ignored: read `result`.
 
         Args:
-            a: points, a curve, a parametric surface or a mesh; for Hausdorff() a polynomial surface too, and for
-                directed measures b may be one.
-            b: the other one.
-            weights: of the points of a, (points,), at least 0; by default those of the measure.
-            atol: the gap that may stay between the bounds; by default that of `deviation`, or of `hausdorff`.
-            rtol: the same relative to the upper bound; not for Hausdorff(), whose bounds are closed.
-            throw: whether to raise where the bounds were not closed.
+            a: points, a curve, a parametric surface or a mesh; for Hausdorff() an implicit surface too.
+            b: a shape of any of these kinds and of the same dimension. Directed measures also accept an implicit
+                surface.
+            weights: weights of the points of `a`, of shape (points,), at least 0; by default those of the measure.
+            atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default the tolerance of
+                `deviation`, or of `hausdorff` for Hausdorff().
+            rtol: tolerance relative to the upper bound, at least 0; by default 1e-3. Hausdorff() ignores it.
+            throw: whether to raise NotProvenError if the bounds do not close; by default True.
+
+        Returns:
+            A MeasureSolution: value, bounds and direction.
 
         Raises:
-            TypeError: what is no shape, a surface whose area is not proven, or weights of what is no set of points.
-            ValueError: shapes of different dimensions, or what `deviation` refuses.
-            NotProvenError: the tolerance was not reached, or it is differentiated and the derivative not confirmed to a
-                millionth, and throw is True; else that is NaN.
+            TypeError: an object that is not a shape, a surface whose area is not certified, or weights for a shape that
+                is not a point set.
+            ValueError: the dimensions differ, or `deviation` refuses the shapes.
+            NotProvenError: the tolerance was not reached and `throw` is True. Differentiation also raises it if the
+                derivative is not confirmed to a millionth; if `throw` is False, the derivative is then NaN.
         """
         a, b, counts = self._checked(a, b, weights)
         if _is_hidden(a, b, counts, atol, rtol) and not isinstance(self, Hausdorff):
@@ -166,18 +169,21 @@ class AbstractMeasure(eqx.Module):
         return eqx.tree_at(lambda x: x.value, found.solution, found.value.guarded())
 
     def estimate(self, a: Any, b: Any, weights: Numbers | None = None, places: int | None = None) -> Array:
-        """The value alone, without bounds: for losses that are evaluated often.
+        """The value alone, without bounds, for losses that are evaluated often.
 
         Args:
-            a: as in a call.
-            b: likewise.
-            weights: likewise.
-            places: along a curve or surface at most; by default as many as the integrals need, to the end of what
-                some seconds allow.
+            a: the source shape, as in a call.
+            b: the target shape, as in a call.
+            weights: weights of the points of `a`, as in a call.
+            places: largest number of points along a curve or surface. By default the integrals choose it, within a time
+                limit of some seconds.
+
+        Returns:
+            The value, a scalar array, differentiable in both shapes.
 
         Raises:
-            NotProvenError: it is differentiated without `places`, and the derivative not confirmed to a millionth; in
-                programs that is NaN.
+            NotProvenError: it is differentiated without `places`, and the derivative is not confirmed to a millionth.
+                In compiled functions the derivative is NaN instead.
         """
         a, b, counts = self._checked(a, b, weights)
         if _is_hidden(a, b, counts) and not isinstance(self, Hausdorff):
@@ -233,14 +239,18 @@ class _Directed(NamedTuple):
 
 
 class Hausdorff(AbstractMeasure):
-    """The largest distance: `hausdorff`, or `directed_hausdorff`; weights do not matter to it."""
+    """The largest distance, as `hausdorff` or `directed_hausdorff`. It accepts no weights.
+
+    Args:
+        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+    """
 
     directed: bool = eqx.field(default=False, static=True, converter=_directed)
     weights: Array | None = eqx.field(default=None, init=False)
 
     def _one_way(self, a: Any, b: Any, weights: Any, atol: Any, rtol: Any) -> _Directed:
         if weights is not None:
-            raise ValueError("weights do not matter to the largest distance; leave out points that do not count.")
+            raise ValueError("Hausdorff() accepts no weights; leave out the points that do not count.")
         found = directed_hausdorff(a, b, BranchAndBound(atol=atol), throw=False)
         solution = MeasureSolution(found.value, found.lower, found.upper, DIRECTIONS.a_to_b, found.result)
         return _Directed(solution, Estimated(found.value, 0.0), {})
@@ -253,7 +263,14 @@ class Hausdorff(AbstractMeasure):
 
 
 class Mean(AbstractMeasure):
-    """The mean distance over the length or area of a, or its points."""
+    """The mean distance over the length or area of `a`, or over its points.
+
+    Call it as `jhd.Mean()(a, b)`, or as `jhd.Mean().estimate(a, b)` in a loss.
+
+    Args:
+        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each.
+    """
 
     directed: bool = eqx.field(default=False, static=True, converter=_directed)
     weights: Array | None = eqx.field(default=None, converter=_weights)
@@ -267,7 +284,14 @@ class Mean(AbstractMeasure):
 
 
 class RootMeanSquare(AbstractMeasure):
-    """The root of the mean squared distance over the length or area of a, or its points."""
+    """The root of the mean squared distance over the length or area of `a`, or over its points.
+
+    Call it as `jhd.RootMeanSquare()(a, b)`, or as `jhd.RootMeanSquare().estimate(a, b)` in a loss.
+
+    Args:
+        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each.
+    """
 
     directed: bool = eqx.field(default=False, static=True, converter=_directed)
     weights: Array | None = eqx.field(default=None, converter=_weights)
@@ -283,14 +307,17 @@ class RootMeanSquare(AbstractMeasure):
 
 
 class Quantile(AbstractMeasure):
-    """The partial Hausdorff distance: the least distance that a share q of a does not exceed.
+    """The q-quantile of the distance: the least distance that a fraction q of `a` does not exceed.
+
+    This is the partial Hausdorff distance; call it as `jhd.Quantile(0.9)(a, b)`. The derivative is taken at the points
+    whose distance equals the quantile (or on the region, if a whole region has this distance). `estimate` with
+    `places` smooths the quantile instead, with an error of a few hundredths.
 
     Args:
-        q: above 0 and at most 1, reached within its rounding: of ten points nine are a share of 0.9. 0.5 is the median,
-            1 the largest distance. The derivative is that of the places where the distance passes the level, or of
-            those of a region that is as far; `estimate` with `places` smooths the level instead, good to hundredths.
-        directed: see AbstractMeasure.
-        weights: likewise.
+        q: a fraction, above 0 and at most 1: 0.5 is the median, 1 the largest distance. It counts as reached within its
+            rounding: nine of ten points are a fraction of 0.9.
+        directed: whether to use the distances from `a` to `b` only. By default the larger of both directions counts.
+        weights: default weights of the points of `a`, of shape (points,), at least 0; by default one each.
     """
 
     q: float = eqx.field(static=True)

@@ -1,1 +1,1 @@
-"""The methods of the sources, for comparison: faithful to them, and proven only where they say so."""
+"""Published methods, for comparison: faithful to their sources, and certified only if their documentation says so."""

@@ -1,13 +1,13 @@
-"""Every candidate event by a solver of polynomial systems: the method of Elber & Grandine, for plane curves.
+"""All candidate events by a solver of polynomial systems: the method of Elber & Grandine, for plane curves.
 
 The maximum over a of the distance to b lies at an end of a segment of a, or at one of finitely many events: an
-antipodal pair, a normal of a through an end of b, or two equally near feet. All systems of equations of these events
-are solved (`jhd.distance.published.events`), with feet that may be far from the nearest, so there are many more events
-than maxima.
-Each event is refined by Newton's method and measured by the proven nearest point; the farthest one wins.
+antipodal pair, a normal of a through an end of b, or two equally near foot points. The method solves all systems of
+equations of these events (`jhd.distance.published.events`). Their foot points may be far from the nearest one, so there
+are many more events than maxima. Each event is refined by Newton's method and measured by the certified nearest point;
+the farthest one wins.
 
-Sources: Elber & Grandine, Hausdorff and minimal distances between parametric freeforms in R^2 and R^3, GMP 2008; it is
-the method without trimming that Kim et al. 2010 compare theirs with.
+Sources: Elber & Grandine, Hausdorff and minimal distances between parametric freeforms in R^2 and R^3, GMP 2008. Kim et
+al. 2010 compare their method with this method without trimming.
 """
 
 import equinox as eqx
@@ -30,33 +30,35 @@ _FINAL = 1e-8
 
 
 class AlgebraicEvents(AbstractHostMethod):
-    """Solves for all candidate events; for polynomial curves in the plane whose control points are known.
+    """Solves for all candidate events, for polynomial curves in the plane with concrete control points.
 
     Changes to the source:
 
-     - The trivial solutions, two feet that are one, are left out by divided differences and tests at joints.
-     - Free ends and corners of b are segments of one point, so events there have the same equations.
-     - Every event is measured by the proven nearest point of all of b.
+     - Divided differences and tests at joints remove the trivial solutions, in which both foot points coincide.
+     - Free ends and corners of b are segments of one point, so their events have the same equations.
+     - Every event is measured by the certified nearest point of all of b.
      - Curves of roots are reported as intervals of distances.
 
-    `value` is the largest proven distance of all candidates and `lower` the proven bound of it. `upper` is infinite:
-    the solver drops a box only where rounding allows it, but that no event is missed where the tangents of b differ by
-    rounding at a joint is not proven.
+    `value` is the largest certified distance of all candidates, and `lower` is its certified lower bound. `upper` is
+    infinite. The solver discards a box only if rounding allows it. However, it is not proven that no event is missed if
+    the tangents of b differ by rounding at a joint.
 
-    `stats`: `pairs` of segments looked at, `boxes` examined by the solver, `candidates` (boxes that it ended with, and
-    ends of segments), `roots` (candidates that are isolated roots, double ones included) and `unresolved`: boxes on
-    curves of roots, where equations vanish along a stretch. Those are no roots; the distances there lie between
-    `unresolved_lower` and `unresolved_upper`, in the unit of the coordinates. Where they may exceed the value by more
-    than `atol` the result is gap_not_closed; where max_boxes was reached it is capacity_reached.
+    `stats` counts `pairs` of segments, `boxes` examined, `candidates` (final boxes, and ends of segments).
+    `roots` counts the candidates that are isolated roots, double ones included. `unresolved` counts boxes on curves of
+    roots, on which the equations vanish along a stretch. Their distances lie between `unresolved_lower` and
+    `unresolved_upper`, in the unit of the coordinates. If they may exceed the value by more than `atol`, the result is
+    gap_not_closed. If max_boxes is reached, it is capacity_reached.
+
+    Use it as `jhd.directed_hausdorff(a, b, jhd.AlgebraicEvents())`.
 
     Args:
-        atol: size of final boxes in space, in the unit of the coordinates, before Newton's method; by default 1e-8 of
-            the largest half extent of the pair, between one and two times.
-        capacity: open boxes of one system at which it counts as one with a curve of roots.
-        max_boxes: most boxes examined in all.
+        atol: size of the final boxes in space before Newton's method, in the unit of the coordinates; by default 1e-8
+            of the largest half extent of the pair, up to a factor of two.
+        capacity: number of open boxes of one system from which it counts as a system with a curve of roots.
+        max_boxes: largest number of boxes examined in all.
 
     Raises:
-        ValueError: a negative atol, or numbers too small.
+        ValueError: a negative `atol`, or a count that is too small.
     """
 
     atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
@@ -69,10 +71,19 @@ class AlgebraicEvents(AbstractHostMethod):
         check_whole("max_boxes", self.max_boxes, 0)
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
-        """One direction in common coordinates.
+        """The distance from `a` to `b` in common coordinates.
+
+        Args:
+            a: the source curve, polynomial and in the plane.
+            b: the target curve, polynomial and in the plane.
+            frame: the map back to the coordinates of the user.
+            aim: the range in which the answer matters.
+
+        Returns:
+            A HausdorffSolution in common coordinates.
 
         Raises:
-            TypeError: rational segments, curves in space, or control points that are traced.
+            TypeError: rational segments, curves in space, or traced control points.
         """
         check_served(type(self).__name__, a, b)
         pair = HostPair.of(a, b)

@@ -3,7 +3,7 @@
 Arcs live on the host, in NumPy, the last axis counting them; points are complex numbers in common coordinates.
 
 Source: Kim et al. 2010, section 4.2, whose test of an arc by its control polygon, condition (5), is unsafe; the test in
-`arc_reach` is exact and no dearer.
+`arc_reach` is exact and costs no more.
 """
 
 from typing import Any, NamedTuple

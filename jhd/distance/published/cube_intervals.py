@@ -1,19 +1,20 @@
-"""Distances of implicit surfaces from cells: the published interval, and one that holds.
+"""Distances of implicit surfaces from cells: the published interval, and a certified one.
 
-Both surfaces are voxelised. Two cells have an interval of distances of their points; for each cell of a the smallest
-ends over the cells of b are taken, and the largest of those over the cells of a. The paper takes all kept cells for
-everything, but a kept cell need not hold a point of the surface, and then its interval can miss the distance: a cell of
-b without a point makes the upper end too small, one of a the lower end too large. The safe rule asks for proof where it
-counts: with A the kept cells and V those proven to hold a point,
+Both surfaces are voxelized. Two cells have an interval of distances of their points. For each cell of a, the smallest
+ends over the cells of b are taken; then the largest of these over the cells of a. The paper uses all kept cells
+throughout. A kept cell need not hold a point of the surface, and then its interval can miss the distance: a cell of b
+without a point makes the upper end too small, a cell of a without a point makes the lower end too large. The safe rule
+uses only certified cells for these two ends. With A the kept cells and V the cells certified to hold a point,
 
     lower = max over V(a) of min over A(b) of the smallest distance of two cells,
     upper = max over A(a) of min over V(b) of the largest distance of two cells.
 
-A proven point of a lies in its cell, and the points of b lie in kept cells, so it is as far from b as `lower` says; a
+A certified point of a lies in its cell, and the points of b lie in kept cells, so it is at least `lower` away from b. A
 point of a lies in a kept cell, which has points of b within `upper`.
 
-On one grid of cubes both squared distances are sums over the axes of max(d - 1, 0)^2 and (d + 1)^2, d the difference of
-the places, so the minima over all pairs are taken axis by axis (in integers, exact); otherwise in tiles of pairs.
+On one grid of cubes both squared distances are sums over the axes of max(d - 1, 0)^2 and (d + 1)^2, with d the
+difference of the cell indices. So the minima over all pairs are taken axis by axis (exactly, in integers); otherwise in
+tiles of pairs.
 
 Source: AlgSurf (modified affine arithmetic, octree, intervals of cubes), section 2; the safe rule is ours.
 """
@@ -50,34 +51,36 @@ Progress = Callable[[VoxelProgress], object] | None
 
 
 class CubeIntervals(AbstractHausdorffMethod):
-    """Distances of implicit surfaces from intervals of cells, to about the size of a cell.
+    """Distances of implicit surfaces from intervals of cells, up to about the size of a cell.
 
-    rule="safe": lower <= exact <= upper. RESULTS.unverified, and NaN for the value, where an end is missing because no
-    cell of a surface could be proven to hold a point of it. rule="paper": the published interval and its midpoint,
-    RESULTS.unproven; it can miss the distance: take rule="safe" for bounds. The ranges are those of Bernstein
-    coefficients for the one, of modified affine arithmetic for the other.
+    - rule="safe": lower <= exact <= upper. If no cell of a surface is certified to hold a point, a bound is missing,
+      the value is NaN and the result RESULTS.unverified. Ranges of polynomials come from Bernstein coefficients.
+    - rule="paper": the published interval and its midpoint, with RESULTS.unproven. It can miss the distance. Ranges
+      come from modified affine arithmetic.
 
     Changes to the source:
 
-     - The number of cells is given. The source names their largest edge.
-     - Minima are taken of squared distances, axis by axis where that is exact.
+     - The number of cells is given. The source gives their largest edge.
+     - Minima are taken of squared distances, axis by axis if this is exact.
 
-    `value` is the middle of the interval, not made to be differentiated. The witness is the centre of the cell of the
-    largest upper end, its foot that of the nearest cell; the event is a_end or b_end where one of them is at the border
-    of its box, antipodal elsewhere. Segments are -1 and parameters NaN.
+    `value` is the midpoint of the interval and has no derivatives. The witness is the center of the cell with the
+    largest upper end, and its foot point is the center of the nearest cell. The event is a_end or b_end if one of them
+    is at the border of its box, otherwise antipodal. Segments are -1 and parameters NaN.
+
+    Use it as `jhd.hausdorff(a, b, jhd.CubeIntervals(64))`.
 
     Args:
-        cells: cells along each axis of each box, up to 2^20; the paper's 1/64 of the side is 64.
-        rule: "safe" or "paper".
-        pairs: "separable" takes the minima axis by axis where both surfaces have one box, a cube, and at most 256
-            cells; "tiles", and everything else, compares all pairs of cells.
-        ends: both ways of the source's step 4 to the interval of two cells. "cells" takes all their points by interval
-            arithmetic. "vertices" takes the 64 distances between their vertices: for rule="paper" only, since the left
-            end can exceed the least distance where cells of different grids overlap. On one grid both are the same.
+        cells: number of cells along each axis of each box, up to 2^20. The paper's 1/64 of the side is 64.
+        rule: "safe" or "paper", as above.
+        pairs: "separable" takes the minima axis by axis if both surfaces have the same cubic box and at most 256 cells.
+            "tiles" compares all pairs of cells, as do all other cases.
+        ends: how step 4 of the source finds the interval of two cells. "cells" bounds all their points by interval
+            arithmetic. "vertices" uses the 64 distances between their vertices, for rule="paper" only: its left end can
+            exceed the least distance if cells of different grids overlap. On one grid both are the same.
 
     Raises:
-        TypeError: cells is no whole number.
-        ValueError: cells out of range, another rule or way, or ends="vertices" with the safe rule.
+        TypeError: `cells` is not a whole number.
+        ValueError: `cells` is out of range, an option has an unknown value, or ends="vertices" with the safe rule.
     """
 
     cells: int = eqx.field(static=True, default=64)
@@ -92,11 +95,11 @@ class CubeIntervals(AbstractHausdorffMethod):
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; needs {' or '.join(map(repr, allowed))}.")
         if self.ends == "vertices" and self.rule == "safe":
-            raise ValueError("ends is 'vertices', which bounds nothing; needs rule='paper'.")
+            raise ValueError("ends is 'vertices', which certifies no bound; use it with rule='paper'.")
 
     @classmethod
     def serves(cls, a: Any, b: Any) -> bool:
-        """Whether both are implicit surfaces."""
+        """Whether both shapes are implicit surfaces."""
         return isinstance(a, ImplicitSurface) and isinstance(b, ImplicitSurface)
 
     def directed_surfaces(
@@ -105,27 +108,33 @@ class CubeIntervals(AbstractHausdorffMethod):
         """The directed distance, max over a of min over b.
 
         Args:
-            a: an implicit surface; it and its box are known, not traced.
-            b: likewise; its box may be another one.
-            progress: called with a VoxelProgress while the surfaces are voxelised.
+            a: an implicit surface with a box, both concrete.
+            b: an implicit surface; its box may differ from the box of `a`.
+            progress: a function that is called with a VoxelProgress while the surfaces are voxelized.
+
+        Returns:
+            A HausdorffSolution with the interval as its bounds.
 
         Raises:
             TypeError: shapes of another kind, or traced ones.
-            ValueError: a surface that is proven empty in its box.
+            ValueError: a surface that is certified to be empty in its box.
         """
         return self.measured(*self.cells_of(a, b, progress), DIRECTIONS.a_to_b)
 
     def surfaces(self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Progress = None) -> HausdorffSolution:
-        """The Hausdorff distance, the larger of both directed ones; each end is the larger of both ends.
+        """The Hausdorff distance, the larger of both directed ones; each bound is the larger of both bounds.
 
         Args:
-            a: as for `directed_surfaces`.
-            b: likewise.
-            progress: likewise.
+            a: an implicit surface with a box, both concrete.
+            b: an implicit surface; its box may differ from the box of `a`.
+            progress: a function that is called with a VoxelProgress while the surfaces are voxelized.
+
+        Returns:
+            A HausdorffSolution with the interval as its bounds.
 
         Raises:
             TypeError: shapes of another kind, or traced ones.
-            ValueError: a surface that is proven empty in its box.
+            ValueError: a surface that is certified to be empty in its box.
         """
         p, q, scale = self.cells_of(a, b, progress)
         return larger_interval(
@@ -135,7 +144,16 @@ class CubeIntervals(AbstractHausdorffMethod):
     def cells_of(
         self, a: ImplicitSurface, b: ImplicitSurface, progress: Progress
     ) -> tuple["_GridCells", "_GridCells", "_Scale"]:
-        """The cells of both surfaces in common coordinates."""
+        """The cells of both surfaces in common coordinates.
+
+        Args:
+            a: an implicit surface with a box, both concrete.
+            b: an implicit surface; its box may differ from the box of `a`.
+            progress: a function that is called with a VoxelProgress while the surfaces are voxelized.
+
+        Returns:
+            The cells of `a`, the cells of `b`, and the scale of the common coordinates.
+        """
         check_surface("a", a)
         check_surface("b", b)
         ranges = "bernstein" if self.rule == "safe" else "modified_affine"
@@ -144,7 +162,17 @@ class CubeIntervals(AbstractHausdorffMethod):
         return common((a, b), voxels, self.cells)
 
     def measured(self, p: "_GridCells", q: "_GridCells", scale: "_Scale", direction: Any) -> HausdorffSolution:
-        """The directed distance from the surface of the cells p; the direction is a member of DIRECTIONS."""
+        """The directed distance from the surface of the cells p to the surface of the cells q.
+
+        Args:
+            p: cells of the source surface.
+            q: cells of the target surface.
+            scale: the scale of the common coordinates.
+            direction: the member of DIRECTIONS for the witness.
+
+        Returns:
+            A HausdorffSolution with the interval as its bounds.
+        """
         safe = self.rule == "safe"
         proven = q.proven if safe else np.ones_like(q.proven)
         by_axes = self.pairs == "separable" and scale.exact
@@ -174,7 +202,7 @@ class CubeIntervals(AbstractHausdorffMethod):
 
 
 def larger_interval(there: HausdorffSolution, back: HausdorffSolution) -> HausdorffSolution:
-    """The larger of both directions, whose value is the middle of its own interval."""
+    """The larger of both directions; its value is the midpoint of its own interval."""
     found = larger(there, back)
     return replace(found, value=_value(found.lower, found.upper, found.result))
 

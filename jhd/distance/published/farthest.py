@@ -1,4 +1,4 @@
-"""The farthest of many places of a by proven distances, and the solution that it makes."""
+"""The farthest of many points of a by certified distances, and the solution made from it."""
 
 from typing import Any, NamedTuple
 

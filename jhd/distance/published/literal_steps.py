@@ -7,8 +7,8 @@
     taken for one-to-two and bisection solves (15).
  3. If a is open, its ends are candidates with their distances to b; if b is open, its ends with theirs to a.
 
-The last rule is false: the distance from an end of b to a can be larger than that from a to b. The source leaves open
-how many samples are refined and what is small; the constants below say it.
+The last rule is false: the distance from an end of b to a can exceed the distance from a to b. The source does not say
+how many samples are refined, and which |Q1 Q2| is small; the constants below fix both.
 
 Source: Cao, Dong and Cao, Computation of Hausdorff distance between planar curves, 2014, sections 2 and 3.
 """

@@ -4,7 +4,7 @@
     (rendering, here 0) and eps3 (half the diagonal of a pixel) is the lower bound LB, as in (1) and (2).
  2. For an arc of either curve, the pixels of its three control points name arcs of the other curve; the one that is
     nearest there is tested. If it passes (8), (9) or (10), the piece of the arc is trimmed.
- 3. What is left of both curves is where events are looked for.
+ 3. Events are sought on the rest of both curves.
 
 None of this is safe. Test (8) passes arcs that reach beyond LB (`within_offset_unsafe`). Trimming b can remove the foot
 of the maximum; the largest event that is left is then too small, and often below LB.

@@ -1,9 +1,9 @@
 """Refinement of one interval of a, in which the distance to b may have a maximum: the second step of the method.
 
-The feet of both ends are followed as branches. Where the branches differ, bisection on the difference of their
-distances finds the crossing, and Newton's method solves the three equations of a one-to-two event; on either side of
-it, or on the whole interval where the branches are one, bisection on (A - B).A' and Newton's method give an antipodal
-event. The root finds are optimistix's, on several intervals side by side.
+The foot points of both ends are followed as branches. If the branches differ, bisection on the difference of their
+distances finds the crossing, and Newton's method solves the three equations of a one-to-two event. On either side of
+the crossing, or on the whole interval if the branches agree, bisection on (A - B).A' and Newton's method give an
+antipodal event. The root finders come from optimistix and run on several intervals side by side.
 
 Source: Cao, Dong and Cao, Computation of Hausdorff distance between planar curves, 2014, section 4.
 """

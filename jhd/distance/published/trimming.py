@@ -1,12 +1,12 @@
-"""Biarcs and trimming before the equations: where a cannot be farthest from b no event is looked for.
+"""Biarcs and trimming before the equations: no event is sought on the parts of a that cannot be farthest from b.
 
- 1. Both curves are replaced by biarcs with proven deviations; `hausdorff` uses them in both directions.
- 2. A lower bound of the distance: places on a are ranked by their distance to the arcs of b, and the best ones are
-    measured by the proven nearest point. Such a bound owes nothing to the deviation of the arcs or to pixels.
- 3. A piece of a is trimmed where all of it, with both deviations, is nearer to b than the lower bound: first by the
-    middle of its arc, then by the quarters of the arc, then by short chords of what is left.
- 4. The systems of all events are solved on what is left, for distances between the lower bound and the bound of each
-    piece.
+ 1. Both curves are replaced by biarcs with certified deviations; `hausdorff` uses them in both directions.
+ 2. A lower bound of the distance: points of a are ranked by their distance to the arcs of b, and the best ones are
+    measured by the certified nearest point. This bound does not depend on the deviation of the arcs or on pixels.
+ 3. A piece of a is trimmed if all of it, with both deviations, is nearer to b than the lower bound: tested first by the
+    middle of its arc, then by the quarters of the arc, then by short chords of the rest.
+ 4. The systems of all events are solved on the remaining pieces, for distances between the lower bound and the bound of
+    each piece.
 
 Source: Kim et al. 2010, sections 2 to 4.
 """
@@ -53,45 +53,47 @@ _NOTHING = (
 
 
 class BiarcTrimming(AbstractHostMethod):
-    """Biarcs, trimming, then all events on what is left; for polynomial plane curves with known control points.
+    """Biarcs and trimming, then all events on the rest, for polynomial plane curves with concrete control points.
 
     Changes to the source:
 
      - A measured distance is the lower bound. The source reads a distance map by pixels and subtracts the terms eps1 to
        eps3 of (1) and (2).
      - An arc is tested exactly (`arc_bounds`). The source tests control points by (3) and (5) to (10); (5) is unsafe.
-     - Arcs of b next to an arc are looked up by their ends and middles. The source takes those that the pixels of its
-       control points name.
+     - Arcs of b next to an arc are looked up by their ends and middles. The source takes the arcs that the pixels of
+       its control points name.
      - Quarters of arcs and then short chords are tested as well as whole arcs.
-     - Only the curve of the maximum is trimmed; feet are told by their distances. The source trims both curves, which
-       can remove a foot of the maximum.
-     - Each direction has a lower bound of its own. The source takes one for both.
+     - Only the curve of the maximum is trimmed; foot points are distinguished by their distances. The source trims both
+       curves, which can remove a foot point of the maximum.
+     - Each direction has its own lower bound. The source uses one for both.
      - Divided differences leave the trivial solutions r = s out of (13).
-     - Each event is measured by the proven nearest point of all of b. The source takes the largest solution.
+     - Each event is measured by the certified nearest point of all of b. The source takes the largest solution.
 
-    `variant="paper"` takes back the first five (`printed_trimming`). Each direction reads its own map, which is
-    evaluated at the middles of pixels instead of rendered. Its value is RESULTS.unproven, without an upper bound: its
-    test of arcs is unsafe, and it trims both curves. `stats` also has `lower_bound`, which the source calls LB, and
-    `trimmed_of_b`. A directed value below LB says that an event was lost.
+    `variant="paper"` reverts the first five (`printed_trimming`). Each direction reads its own map, which is evaluated
+    at the middles of pixels instead of rendered. The result is RESULTS.unproven, without an upper bound: its test of
+    arcs is unsafe, and it trims both curves. `stats` also has `lower_bound`, which the source calls LB, and
+    `trimmed_of_b`. A directed value below LB shows that an event was lost.
 
-    `value` and `lower` as for AlgebraicEvents, and so are the counts in `stats`; in addition `arcs` of both curves,
-    `trimmed` (the share of the parameters of a that was removed) and `pieces` left. `upper` is the bound by which
-    pieces are trimmed: it is proven whatever the solver does, and above the value by a few deviations of the arcs, so
-    that a finer `deviation` brings it closer. That the value itself is the maximum is not proven. The result is
-    gap_not_closed where the events on what is left stay below a distance that was measured, which says that one was
-    missed.
+    `value`, `lower` and the counts in `stats` are as in AlgebraicEvents. `stats` also counts `arcs` of both curves,
+    `trimmed` (the fraction of the parameters of a that was removed) and remaining `pieces`. `upper` is the bound by
+    which pieces are trimmed. It is certified whatever the solver does, and exceeds the value by a few deviations of the
+    arcs, so a finer `deviation` lowers it. It is not proven that the value itself is the maximum. The result is
+    gap_not_closed if the events on the remaining pieces stay below a measured distance: then one was missed.
+
+    Use it as `jhd.directed_hausdorff(a, b, jhd.BiarcTrimming())`.
 
     Args:
-        atol: size of final boxes in space, as for AlgebraicEvents.
-        deviation: largest deviation of the biarcs, in the unit of the coordinates; by default a 64th of the distance
-            of the best of a few samples, between 1e-5 and 1e-2 of the extent. Finer arcs trim more and cost more.
-        capacity: open boxes of one system at which it counts as one with a curve of roots.
-        max_boxes: most boxes examined in all.
-        variant: "ours", or "paper".
-        pixels: pixels along the longer side of the distance map, for variant="paper".
+        atol: size of the final boxes in space, in the unit of the coordinates, as in AlgebraicEvents.
+        deviation: largest deviation of the biarcs, in the unit of the coordinates; by default 1/64 of the distance of
+            the best of a few samples, between 1e-5 and 1e-2 of the extent. Finer arcs trim more and cost more.
+        capacity: number of open boxes of one system from which it counts as a system with a curve of roots.
+        max_boxes: largest number of boxes examined in all.
+        variant: "ours" or "paper", as above.
+        pixels: number of pixels along the longer side of the distance map, for variant="paper".
 
     Raises:
-        ValueError: a negative atol, a deviation that is not positive, numbers too small, or another variant.
+        ValueError: a negative `atol`, a deviation that is not positive, a count that is too small, or an unknown
+            variant.
     """
 
     atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
@@ -113,10 +115,19 @@ class BiarcTrimming(AbstractHostMethod):
         check_scalar("deviation", self.deviation, positive=True)
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
-        """One direction in common coordinates; what lies below the level of the aim is trimmed too.
+        """The distance from `a` to `b` in common coordinates; parts below the level of the aim are trimmed too.
+
+        Args:
+            a: the source curve, polynomial and in the plane.
+            b: the target curve, polynomial and in the plane.
+            frame: the map back to the coordinates of the user.
+            aim: the range in which the answer matters.
+
+        Returns:
+            A HausdorffSolution in common coordinates.
 
         Raises:
-            TypeError: rational segments, curves in space, or control points that are traced.
+            TypeError: rational segments, curves in space, or traced control points.
         """
         check_served(type(self).__name__, a, b)
         pair, arcs = _replaced(a, b, None if self.deviation is None else float(self.deviation), frame)
@@ -155,12 +166,13 @@ def _counts(pair: HostPair, arcs: tuple[Arcs, Arcs], pieces: EventPieces) -> dic
 
 
 def arc_deviation(pair: HostPair, wanted: float | None, frame: Frame) -> float:
-    """The deviation that is asked of the arcs, in common coordinates.
+    """The deviation required of the arcs, in common coordinates.
 
     Args:
         pair: both curves.
-        wanted: in the unit of the user's coordinates; None takes a share of the distance of the best of some samples.
-        frame: leads back to those coordinates.
+        wanted: the deviation in the unit of the user; None takes a fraction of the distance of the best of some
+            samples.
+        frame: the map back to the coordinates of the user.
     """
     if wanted is not None:
         return float(frame.common(np.asarray(wanted)))

@@ -1,15 +1,16 @@
 """The two-step method: sample a, then refine the local maxima of the distance by root finding.
 
 Step 1 samples every segment of a and finds the nearest point of b for each sample. An interval between two samples is
-kept where the distance rises at its left and falls at its right end, where its ends have different feet, or where it
-touches a sample above both neighbours ("small-large-small").
-Step 2 follows the feet of both ends as branches. Where the branches differ, bisection on the difference of their
-distances finds the crossing, and Newton's method solves the three equations of a one-to-two event; on either side of
-it, or on the whole interval where the branches are one, bisection on (A - B).A' and Newton's method on two equations
-give an antipodal event. Every candidate is then measured by the proven nearest point; where a third branch turns out to
-be nearer than the two that were followed, the interval is cut there and both parts are refined again.
+kept if the distance rises at its left and falls at its right end, if its ends have different foot points, or if it
+touches a sample above both neighbors ("small-large-small").
 
-The method proves a lower bound only: it can miss a maximum that lies between samples.
+Step 2 follows the foot points of both ends as branches. If the branches differ, bisection on the difference of their
+distances finds the crossing, and Newton's method solves the three equations of a one-to-two event. On either side of
+the crossing, or on the whole interval if the branches agree, bisection on (A - B).A' and Newton's method on two
+equations give an antipodal event. Every candidate is then measured by the certified nearest point. If a third branch is
+nearer than the two that were followed, the interval is cut there and both parts are refined again.
+
+The method certifies a lower bound only: it can miss a maximum that lies between samples.
 
 Source: Cao, Dong and Cao, Computation of Hausdorff distance between planar curves, 2014, sections 3 and 4.
 """
@@ -51,33 +52,36 @@ _ARC = 1.25
 
 
 class TwoStep(AbstractCurveMethod):
-    """Sampling and root finding; fast, and good to about 1e-12 of the size, but without a proven upper bound.
+    """Sampling and root finding: fast, with errors of about 1e-12 of the size, but without a certified upper bound.
 
     Changes to the source:
 
-     - The nearest point of a sample comes from a proven best-first search, not from the projected polyhedron.
-     - An interval is kept if the slopes at its ends or its feet ask for it, too. The source keeps "small-large-small".
-     - No constant tells the kinds of events apart: every interval is searched for both. The source compares |Q1 Q2| or
+     - The nearest point of a sample comes from a certified best-first search, not from the projected polyhedron.
+     - An interval is also kept if the slopes at its ends, or its foot points, require it. The source keeps
+       "small-large-small" only.
+     - No constant separates the kinds of events: every interval is searched for both. The source compares |Q1 Q2| or
        |s1 - s2| with a constant to choose between equations (14) and (15).
      - Bisection ends at 2^-8 of the interval and Newton's method goes on. The source bisects to 1e-10.
-     - Branches are followed by continuation. In (15) the source ranks feet by their distances, which fails if a third
-       branch comes between.
-     - Corners of both curves and feet at ends are events. At an end of b the distance is a maximum along a; the source
-       takes the nearest point of a, which is a minimum.
+     - Branches are followed by continuation. In (15) the source ranks foot points by their distances, which fails if a
+       third branch comes between.
+     - Corners of both curves and foot points at ends are events. At an end of b the distance is a maximum along a; the
+       source takes the nearest point of a, which is a minimum.
 
-    `variant="paper"` leaves these changes out (`literal_steps`), but for feet at ends of segments of b, which are no
-    roots. Its value is RESULTS.unproven: a maximum can be missed, and if b is open the value can be too large.
+    `variant="paper"` leaves these changes out (`literal_steps`), except for foot points at ends of segments of b, which
+    are no roots. Its result is RESULTS.unproven: a maximum can be missed, and if b is open the value can be too large.
 
-    `stats["samples"]` counts the samples: ends of segments that meet are one sample, and padding is none.
+    `stats["samples"]` counts the samples. Ends of segments that meet are one sample; padding is not counted.
+
+    Use it as `jhd.directed_hausdorff(a, b, jhd.TwoStep())`.
 
     Args:
-        samples: intervals between samples; more samples find narrower maxima. By default 512 in all, at least 6 and at
-            most 128 a segment; with variant="paper" 90 in all.
-        spacing: "uniform" in the parameter, or "curvature": denser where the tangent turns.
-        max_rounds: limit on rounds of refinement, eight intervals each, largest possible distance first.
-        per: whether `samples` counts the intervals of each "segment" or those of the whole "curve", as the source
-            does. With "curve" the ends of segments are samples too. variant="paper" always counts the whole curve.
-        variant: "ours", or "paper".
+        samples: number of intervals between samples; more samples find narrower maxima. By default 512 in all, with 6
+            to 128 for each segment; with variant="paper" 90 in all.
+        spacing: "uniform" in the parameter, or "curvature": denser if the tangent turns faster.
+        max_rounds: largest number of rounds of refinement, eight intervals each, largest possible distance first.
+        per: whether `samples` counts the intervals of each "segment", or of the whole "curve" as in the source. With
+            "curve" the ends of segments are samples too. variant="paper" always counts the whole curve.
+        variant: "ours" or "paper", as above.
     """
 
     samples: int | None = eqx.field(static=True, default=None)
@@ -96,12 +100,12 @@ class TwoStep(AbstractCurveMethod):
                 raise ValueError(f"{name} is {getattr(self, name)!r}; needs {' or '.join(map(repr, allowed))}.")
         whole = self.per == "curve" or self.variant == "paper"
         if whole and self.spacing == "curvature":
-            raise ValueError("spacing is 'curvature'; samples that are counted over the whole curve need 'uniform'.")
+            raise ValueError("spacing is 'curvature'; per='curve' and variant='paper' need 'uniform'.")
         if self.per == "curve" and self.samples is None:
             raise ValueError("samples is None; per='curve' needs a whole number of at least 1.")
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
-        """One direction in common coordinates."""
+        """The distance from `a` to `b` in common coordinates."""
         skip = (repeated(curve.control_points, curve.weights) for curve in (a, b))
         pair = RefinedPair(a, b, preceding(b.following), *skip)
         if self.variant == "paper":

@@ -1,10 +1,10 @@
-"""The published local search for the nearest triangle of a mesh: fast to describe, and not always right.
+"""The published local search for the nearest triangle of a mesh: simple, and not always right.
 
-The cube around a mesh is cut into voxels, those that hold a vertex are features, and the distance transform tells every
-voxel its nearest feature. For a point, the features that are as near as this one to the voxel of the point are taken,
-all of them, and the triangles around the vertices in them are searched. Nothing makes the nearest triangle one of
-these: a large triangle can pass close by a point whose nearest vertices belong to others. So the distance found is an
-upper bound, and there is no lower one.
+The cube around a mesh is cut into voxels. Voxels that hold a vertex are features, and the distance transform gives
+every voxel its nearest feature. For a point, all features that are equally near to its voxel are taken, and the
+triangles around their vertices are searched. The nearest triangle need not be one of these: a large triangle can pass
+close to a point whose nearest vertices belong to others. So the distance found is an upper bound, and there is no lower
+bound.
 
 Source: C. Lin, C. Wang, "3-D signed Euclidean distance transform and its applications" (2003), section 3, algorithm 1,
 steps 1, 2, 3.1.1 and 3.1.2.
@@ -236,27 +236,29 @@ def _expanded(starts: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 class VertexVoxels(AbstractMeshSearch):
-    """The published local search, of triangles around the vertices in the nearest voxels alone; not always right.
+    """The published local search, over triangles around the vertices in the nearest voxels; not always right.
 
-    The cube around the mesh is cut into voxels, as this module says. The distance found is that of a triangle, so the
-    upper bound holds; nothing is proven about the others, so the lower bound is 0. Not under jit. A grid is kept with
-    its mesh; while it is made, each voxel takes some 50 bytes.
+    The distance found is the distance to one triangle, so it is an upper bound. Nothing is certified about the other
+    triangles, so the lower bound is 0. It does not work under jit. A grid is kept with its mesh; while it is made, each
+    voxel takes about 50 bytes.
 
     Changes to the source:
 
      - The distance transform is exact by default.
      - The number of voxels along a side is a power of two.
-     - A point outside the cube takes the voxel next to it.
+     - A point outside the cube uses the nearest voxel of the cube.
      - Equally near features come from a tree. The source walks over the voxels between two cubes.
 
+    Use it as `jhd.project(points, mesh, jhd.VertexVoxels())`.
+
     Args:
-        resolution: voxels along each side of the cube. By default the least power of two for which no voxel holds more
-            than one vertex, as published; unevenly spaced vertices can need more than there is memory for.
-        capacity: most voxels of a grid; the default is 256 along each side.
-        transform: the method of jhd.distance_transform: "exact", or "vector_propagation", which is the paper's.
+        resolution: number of voxels along each side of the cube. By default the least power of two for which no voxel
+            holds more than one vertex, as published; unevenly spaced vertices can then need more memory than there is.
+        capacity: largest number of voxels of a grid; by default 256 along each side.
+        transform: the method of jhd.distance_transform: "exact", or "vector_propagation" as in the paper.
 
     Raises:
-        ValueError: numbers that are not whole and positive, another transform.
+        ValueError: a count that is not a positive whole number, or an unknown transform.
     """
 
     resolution: int | None = eqx.field(static=True, default=None)
@@ -272,19 +274,32 @@ class VertexVoxels(AbstractMeshSearch):
             raise ValueError(f"transform is {self.transform!r}; needs one of {', '.join(map(repr, METHODS))}.")
 
     def voxels(self, mesh: TriangleMesh) -> int:
-        """Voxels along each side of the cube around a mesh.
+        """Number of voxels along each side of the cube around a mesh.
+
+        Args:
+            mesh: a concrete TriangleMesh.
+
+        Returns:
+            The number, an int.
 
         Raises:
-            TypeError: not a mesh, or one that is traced.
+            TypeError: not a mesh, or a traced one.
             ValueError: a grid of more voxels than the capacity.
         """
         check_mesh("mesh", mesh)
         if is_traced(mesh):
-            raise TypeError("voxels are counted from the numbers of a mesh; they cannot be traced.")
+            raise TypeError("the number of voxels depends on the vertices; pass a concrete mesh, outside jit.")
         return resolution_of(mesh, self._options())
 
     def search(self, points: np.ndarray, mesh: TriangleMesh) -> ClosestPoints:
-        """The nearest points that the search finds, all numbers known.
+        """The nearest points that the search finds.
+
+        Args:
+            points: concrete query points, (points, 3).
+            mesh: a concrete TriangleMesh.
+
+        Returns:
+            The nearest points, with lower bounds of 0.
 
         Raises:
             ValueError: a grid of more voxels than the capacity.

@@ -1,12 +1,12 @@
-"""The minimum distance of two surfaces by voxels, as published: fast, and without any proof.
+"""The minimum distance of two surfaces by voxels, as published: fast, and without any certified bound.
 
-Both surfaces are put on one grid of cubes; of the cubes that the one and the other meet, the nearest pair is taken, the
-surfaces in it are sampled along lines, and the nearest samples are the answer. Nothing makes the nearest points of the
-surfaces lie in the nearest cubes, so the error can exceed the step of the samples, and where several pairs of cubes are
-equally near the answer depends on which is taken.
+Both surfaces are put on one grid of cubes. Of the cubes that they meet, the nearest pair is taken. The surfaces in
+these two cubes are sampled along lines, and the nearest samples are the answer. The nearest points of the surfaces need
+not lie in the nearest cubes, so the error can exceed the step of the samples. If several pairs of cubes are equally
+near, the answer depends on the choice.
 
-Implicit surfaces are met where their polynomial has roots on the lines. Meshes are met triangle by triangle. Parametric
-surfaces are replaced by a mesh within a given tolerance.
+For implicit surfaces, the samples are roots of the polynomial on the lines. Meshes are intersected triangle by
+triangle. Parametric surfaces are replaced by a mesh within a given tolerance.
 
 Source: Lin & Wang, 3D signed Euclidean distance transform and its applications (2003), section 4.
 """
@@ -199,11 +199,11 @@ class TiedPairs(NamedTuple):
     """The pairs of cubes that are equally near, and the nearest samples in each.
 
     Args:
-        cells_a: places in the grid of the cubes of a, sorted with those of b.
-        cells_b: those of b.
-        distance: distance of the nearest samples, infinite where a surface has none in its cube.
-        points_a: the samples on a, NaN where there are none.
-        points_b: those on b.
+        cells_a: grid indices of the cubes of `a`, sorted together with `cells_b`.
+        cells_b: grid indices of the cubes of `b`.
+        distance: distance of the nearest samples, infinite if a surface has none in its cube.
+        points_a: the nearest samples on `a`, NaN if there are none.
+        points_b: the nearest samples on `b`, NaN if there are none.
     """
 
     cells_a: Int[np.ndarray, "pairs 3"]
@@ -214,27 +214,30 @@ class TiedPairs(NamedTuple):
 
 
 class VoxelPairs(AbstractMethod):
-    """The published method: samples in the nearest pair of cubes. Its answer is RESULTS.unproven, with no bounds.
+    """The published method: samples in the nearest pair of cubes. Its result is RESULTS.unproven, without bounds.
 
-    It serves implicit surfaces, meshes, parametric surfaces, and pairs of these.
+    It serves implicit surfaces, meshes, parametric surfaces, and mixed pairs of these.
 
     Changes to the source:
 
-     - The nearest cubes come from the exact distance transform, all of them, and `ties` says which are sampled.
-     - The projected area that the axis of the lines is chosen by is measured by the number of lines that meet the
+     - The exact distance transform finds all nearest pairs of cubes, and `ties` says which are sampled.
+     - The axis of the lines is chosen by the projected area. This area is measured by the number of lines that meet the
        surface in the cube.
-     - A parametric surface is sampled on a mesh that is within a hundredth of the distance of lines.
+     - A parametric surface is sampled on a mesh within 1/100 of the spacing of the lines.
 
-    The paper takes spacing = (samples - 1) eps for an error of eps, which it does not keep in general.
+    The paper uses spacing = (samples - 1) eps for an error of eps; it does not reach this error in general.
+
+    Use it as `jhd.minimum_distance(a, b, jhd.VoxelPairs(spacing=0.1, samples=11))`.
 
     Args:
-        spacing: side of the cubes, in the unit of the coordinates.
+        spacing: side of the cubes, in the unit of the coordinates, positive.
         samples: number of lines along each of two axes, both faces included; at least 2.
         ties: "first" takes the first pair in the order of the cubes, "all" the best of all nearest pairs.
-        origin: the lower corner of the grid; by default that of both boxes. It moves the answer.
+        origin: the lower corner of the grid, of shape (3,); by default the lower corner of the joint bounding box. It
+            affects the answer.
 
     Raises:
-        ValueError: numbers out of range, another name.
+        ValueError: a number out of range, or an unknown value of `ties`.
     """
 
     spacing: float = eqx.field(static=True)
@@ -253,20 +256,27 @@ class VoxelPairs(AbstractMethod):
 
     @classmethod
     def serves(cls, a: Any, b: Any) -> bool:
-        """Whether both are surfaces."""
+        """Whether both shapes are surfaces."""
         return isinstance(a, _SERVED) and isinstance(b, _SERVED)
 
     def minimum(self, a: Any, b: Any) -> MinimumSolution:
         """The distance of the nearest samples, as a solution without bounds.
 
+        Args:
+            a: an implicit surface, a parametric surface or a mesh.
+            b: a surface of any of these kinds.
+
+        Returns:
+            A MinimumSolution with RESULTS.unproven.
+
         Raises:
-            TypeError: a shape of another kind, or under tracing.
-            ValueError: a surface without points in its box, too many cubes, no sample in the cubes taken.
+            TypeError: a shape of another kind, or a call under tracing.
+            ValueError: a surface without points in its box, too many cubes, or no sample in the nearest cubes.
         """
         found = self.pairs(a, b)
         best = int(np.argmin(found.distance)) if self.ties == "all" else 0
         if not np.isfinite(found.distance[best]):
-            raise ValueError("the nearest cubes hold no sample of one of the surfaces; needs more samples.")
+            raise ValueError("the nearest cubes hold no sample of one of the surfaces; raise samples.")
         value, points = jnp.asarray(found.distance[best]), (found.points_a[best], found.points_b[best])
         stats = {"ties": jnp.asarray(len(found.distance))}
         point_a, point_b = (jnp.asarray(point) for point in points)
@@ -276,8 +286,15 @@ class VoxelPairs(AbstractMethod):
     def pairs(self, a: Any, b: Any) -> TiedPairs:
         """All pairs of cubes that are equally near, each with its nearest samples.
 
+        Args:
+            a: an implicit surface, a parametric surface or a mesh.
+            b: a surface of any of these kinds.
+
+        Returns:
+            A TiedPairs: cubes, distances and samples.
+
         Raises:
-            TypeError: a shape of another kind, or under tracing.
+            TypeError: a shape of another kind, or a call under tracing.
             ValueError: a surface without points in its box, or too many cubes.
         """
         for name, shape in (("a", a), ("b", b)):
@@ -286,12 +303,12 @@ class VoxelPairs(AbstractMethod):
                     f"{name} must be an implicit or parametric surface or a mesh; got {type(shape).__name__}."
                 )
         if is_traced(a, b, self):
-            raise TypeError("VoxelPairs runs on the host: the numbers of cubes and samples depend on the surfaces.")
+            raise TypeError("VoxelPairs runs on the host, not under jit: the grid depends on the surfaces.")
         sides = [cube_side(shape, _MESHED * self.spacing / (self.samples - 1)) for shape in (a, b)]
         origin, cells = self._grid(sides)
         occupied = [side.occupied(origin, self.spacing, cells) for side in sides]
         if not all(len(rows) for rows in occupied):
-            raise ValueError("a or b is a surface without points in its box.")
+            raise ValueError("a or b is a surface without points in its box; check the box.")
         near = _nearest_cells(*occupied)
         tables = [self._samples_in(side, origin, rows) for side, rows in zip(sides, near, strict=True)]
         rows = [_nearest(tables[0][tuple(p)], tables[1][tuple(q)]) for p, q in zip(*near, strict=True)]

@@ -1,6 +1,7 @@
-"""The default method: proven lower and upper bounds, closed by branch and bound.
+"""The default method: certified lower and upper bounds, closed by branch and bound.
 
-The search itself is in jhd.distance.search.curves; here are its options, and how it runs in one program under tracing.
+This file holds its options and how it runs inside a compiled function. The search itself is in
+jhd.distance.search.curves.
 """
 
 from functools import lru_cache
@@ -33,19 +34,25 @@ _LONG_SHARE = 8
 
 
 class BranchAndBound(AbstractHausdorffMethod):
-    """Certified distance: lower <= exact <= upper, with upper - lower below the tolerance.
+    """Branch and bound: certified bounds, lower <= exact <= upper, closed to a tolerance.
+
+    >>> import jhd
+    >>> method = jhd.BranchAndBound(atol=1e-3)
+    >>> found = jhd.directed_hausdorff(jhd.points([(0, 0), (4, 0)]), jhd.points([(0, 3)]), method)
+    >>> bool(found.upper - found.lower <= 1e-3)
+    True
 
     Args:
-        atol: absolute tolerance on upper - lower, in the unit of the coordinates; by default 1e-10 (in float32: 64
-            units in the last place) of the diagonal of the box of both shapes' control points, or what rounding leaves
-            where that is more. Of implicit surfaces the boxes count. If rounding leaves more than what was asked for,
-            the result says that the gap is not closed.
-        rtol: tolerance relative to upper; the larger of both tolerances counts.
-        max_steps: most steps, of four cells each (of implicit surfaces 32, of meshes 16384).
-        capacity: least length of the table of cells; twice the number of segments of a where that is more. Of curves,
-            and for minimum distances, a longer table is taken outside jit and vmap where this one is full; of implicit
-            surfaces it is 32 times as long from the start, for the next power of two, and the tables and steps of
-            nearest points follow it, and of meshes 2048 times as many cells may wait.
+        atol: absolute tolerance on `upper - lower`, in the unit of the coordinates. The default is 1e-10 (in float32:
+            64 units in the last place) of the diagonal of the joint bounding box of the control points, or the rounding
+            error if it is larger. For implicit surfaces their boxes count. If rounding prevents the given tolerance,
+            the result is RESULTS.gap_not_closed.
+        rtol: tolerance relative to `upper`, at least 0; by default 0. The larger tolerance counts.
+        max_steps: largest number of steps. A step cuts four cells (implicit surfaces: 32, meshes: 16384).
+        capacity: initial size of the queue of open cells, at least twice the number of segments of `a`. Outside jit and
+            vmap it grows automatically for curves and minimum distances. Implicit surfaces use 32 times this size,
+            rounded up to a power of two, and scale the nearest-point search with it. Meshes hold 2048 times as many
+            cells.
     """
 
     atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
@@ -62,14 +69,14 @@ class BranchAndBound(AbstractHausdorffMethod):
     @classmethod
     @override
     def serves(cls, a: Any, b: Any) -> bool:
-        """It serves every pair that there is a search for."""
+        """Whether the method can measure this pair: always true."""
         return True
 
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
-        """One direction in common coordinates, in one go.
+        """The distance from `a` to `b` in common coordinates, in one loop.
 
-        Of a batch the searches run one after the other on a CPU, where side by side all would take as long as the
-        longest of them, and side by side elsewhere.
+        In a batch on a CPU the searches run one after the other: side by side, all would take as long as the longest
+        one. On other devices they run side by side.
         """
 
         def search(a: BezierSegments, b: BezierSegments, wanted: Wanted) -> HausdorffSolution:
@@ -82,7 +89,7 @@ class BranchAndBound(AbstractHausdorffMethod):
         return search(a, b, wanted_of(self, a, frame, aim))
 
     def directed_surfaces(self, pair: CoveredPair, frame: Frame, aim: Aim, direction: Any) -> HausdorffSolution:
-        """One direction of two surfaces in common coordinates, in one go; batches as for curves."""
+        """The distance between two surfaces in one direction, in common coordinates, in one loop."""
 
         def search(pair: CoveredPair, wanted: Wanted) -> HausdorffSolution:
             return in_one_go(pair, wanted, length_of_table(self, pair.a), self.max_steps, direction)
@@ -102,7 +109,7 @@ def default_method() -> BranchAndBound:
 
 # Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.
 def length_of_table(method: BranchAndBound, a: BezierSegments | Target) -> int:
-    """Number of cells there is room for."""
+    """Initial number of cells in the queue."""
     if not isinstance(a, BezierSegments):
         return _SURFACE_ROWS * (1 << (method.capacity - 1).bit_length())
     # Of a long curve few cells are left when the first bounds are known; where more are, it begins anew with room.
@@ -110,7 +117,7 @@ def length_of_table(method: BranchAndBound, a: BezierSegments | Target) -> int:
 
 
 def wanted_of(method: BranchAndBound, a: BezierSegments | Target, frame: Frame, aim: Aim) -> Wanted:
-    """What is asked for, in the common coordinates."""
+    """The tolerances and the aim in common coordinates."""
     dtype: Any = a.control_points.dtype if isinstance(a, BezierSegments) else a.side.lower.dtype
     xp: Any = jnp if is_traced(method, frame) else np
     # One program serves a given tolerance and the default one.

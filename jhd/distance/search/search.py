@@ -1,8 +1,9 @@
-"""What a search is, and the one loop that runs it from the host.
+"""The interface of a search, and the one loop that runs it from the host.
 
-A search goes in stretches of a bounded number of steps. Between two of them Python hears Ctrl-C, progress is reported,
-and a table that is about to be full is exchanged for a longer one. Its bounds are true wherever it stands. So an
-interruption hands back those reached, and what a call searches after one (the other direction) those it begins with.
+A search runs in stretches of a bounded number of steps. Between two stretches Python can handle Ctrl-C, progress is
+reported, and a queue that is nearly full is replaced by a longer one. The bounds are true at every stage, so an
+interrupted call returns the bounds reached. The other direction, which the call would search next, returns its initial
+bounds.
 """
 
 import time
@@ -22,14 +23,14 @@ _TICK = 1e-9
 
 
 class Progress(NamedTuple):
-    """How far a search has come; bounds in the unit of the coordinates.
+    """Progress of a search; bounds are in the unit of the coordinates.
 
     Args:
-        direction: the name of a member of DIRECTIONS; None for a minimum distance, which has none.
-        steps: steps taken in this direction.
-        waiting: cells, or pairs of them, that are still to be looked at.
-        lower: proven lower bound of the distance in this direction.
-        upper: proven upper bound of it.
+        direction: name of a member of DIRECTIONS; None for a minimum distance.
+        steps: number of steps done in this direction.
+        waiting: number of cells, or pairs of cells, in the queue.
+        lower: certified lower bound of the distance in this direction.
+        upper: certified upper bound of the distance in this direction.
     """
 
     direction: str | None

@@ -104,7 +104,7 @@ def test_a_decision_about_a_minimum_distance_is_proven_of_it():
     assert proven.upper is not None and distance <= proven.upper <= 1.1 * distance
     proven = certify(a, b, no).verify()
     assert proven.kind == "minimum" and proven.upper is None and 0.9 * distance < proven.lower <= distance
-    with pytest.raises(ValueError, match="directed is True, and the decision is about a minimum distance"):
+    with pytest.raises(ValueError, match="directed is True, but a minimum distance has no direction"):
         certify(a, b, no, directed=True)
 
 

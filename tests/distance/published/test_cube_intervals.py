@@ -251,7 +251,7 @@ def test_progress_is_reported_for_both_surfaces():
         ({"cells": 2.5}, TypeError, "cells must be a whole number; got float"),
         ({"rule": "fast"}, ValueError, "rule is 'fast'; needs 'safe' or 'paper'"),
         ({"pairs": "some"}, ValueError, "pairs is 'some'; needs 'separable' or 'tiles'"),
-        ({"ends": "vertices"}, ValueError, "ends is 'vertices', which bounds nothing; needs rule='paper'"),
+        ({"ends": "vertices"}, ValueError, "ends is 'vertices', which certifies no bound; use it with rule='paper'"),
     ],
 )
 def test_other_options_are_refused(options, kind, message):

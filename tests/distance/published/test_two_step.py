@@ -276,7 +276,7 @@ def test_few_rounds_are_needed(name, direction):
         ({"per": "curve"}, "samples is None; per='curve' needs a whole number of at least 1."),
         (
             {"samples": 9, "per": "curve", "spacing": "curvature"},
-            "spacing is 'curvature'; samples that are counted over the whole curve need 'uniform'.",
+            "spacing is 'curvature'; per='curve' and variant='paper' need 'uniform'.",
         ),
         ({"variant": "printed"}, "variant is 'printed'; needs 'ours' or 'paper'."),
         ({"max_rounds": -1}, "max_rounds is -1; needs a whole number of at least 0."),

@@ -60,9 +60,13 @@ NAMES = {"directed": "h(A, B)", "two_sided": "H(A, B)", "minimum": "d(A, B)"}
 
 
 class Proven(NamedTuple):
-    """What a certificate proves: lower <= distance <= upper, upper None where it claims none; cells that were checked.
+    """The bounds that a certificate proves: lower <= distance <= upper.
 
-    `kind` is "directed", the largest distance of a point of a to b, "two_sided", the Hausdorff distance, or "minimum".
+    Args:
+        kind: "directed" (largest distance of a point of a to b), "two_sided" (Hausdorff distance) or "minimum".
+        lower: the proven lower bound.
+        upper: the proven upper bound; None if the certificate claims none.
+        cells: number of cells that were checked.
     """
 
     kind: str
@@ -97,16 +101,27 @@ class _Deadline:
 
 
 def verify(content: Any, seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:
-    """What the certificate proves, after every number of it has been checked.
+    """Checks a certificate completely in exact arithmetic, and returns the bounds that it proves.
+
+    >>> import jhd
+    >>> a, b = jhd.points([(0, 0), (4, 0)]), jhd.points([(0, 0)])
+    >>> proven = jhd.verify(jhd.certify(a, b, jhd.directed_hausdorff(a, b)))
+    >>> proven.kind, bool(proven.lower <= 4 <= proven.upper)
+    ('directed', True)
 
     Args:
-        content: the certificate as `opened` reads it, or a Certificate; its lists of cells may be any iterables.
-        seconds: after how long to give up, before the first cell where their number and the degrees tell; None never
-            does.
-        progress: called with the place in the certificate that is checked next.
+        content: a Certificate, or the content of a certificate file as `opened` reads it. Its lists of cells may be any
+            iterables.
+        seconds: time limit in seconds; by default none. The check ends before the first cell if the number of cells and
+            the degrees show that it would take longer.
+        progress: a function that is called with the name of the next part of the certificate.
+
+    Returns:
+        A Proven: the kind of distance, and its proven bounds.
 
     Raises:
-        CertificateError: something is missing, of a wrong kind, or not proven, or takes too long; it says which.
+        CertificateError: something is missing, invalid or not proven, or the check takes too long. The message names
+            it.
     """
     deadline, content = _Deadline(seconds, progress), getattr(content, "content", content)
     sizes = check_content(content)
@@ -236,7 +251,7 @@ def _checked(place: str, entries: Any, check: Callable[[str, Any], None]) -> Ite
 
 
 def sentence(proven: Proven) -> str:
-    """What is proven, in a line."""
+    """The proven bounds in one line."""
     name = NAMES[proven.kind]
     lower = _OUTWARD[0].create_decimal_from_float(proven.lower)
     upper = "" if proven.upper is None else f" <= {_OUTWARD[1].create_decimal_from_float(proven.upper):g}"

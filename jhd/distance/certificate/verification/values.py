@@ -10,7 +10,7 @@ MOST_BITS = 256
 
 
 class CertificateError(ValueError):
-    """A certificate that is refused: no such format, or a claim in it that is not proven by what it holds."""
+    """A certificate is refused: it has an unknown format, is incomplete, or does not prove its claim."""
 
 
 def check_keys(place: str, value: Any, keys: Sequence[str], more: Sequence[str] = ()) -> None:
