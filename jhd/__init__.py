@@ -24,30 +24,32 @@ distance, with its *foot points*, the nearest points on the other shape.
 
 # Choose a method
 
-The default, `BranchAndBound`, certifies both bounds and serves every pair of shapes. Pass `BranchAndBound(atol=...)` for
-another gap than 1e-10 of the diagonal of the joint bounding box. The other methods are published ones for comparison.
-`TwoStep` refines samples of curves and certifies a lower bound only. `AlgebraicEvents` and `BiarcTrimming` solve for all
-candidate events of plane curves. `CubeIntervals` and `VoxelPairs` work on cells of surfaces.
+The default, `BranchAndBound`, certifies both bounds and serves every pair of shapes. Pass `BranchAndBound(atol=...)`
+for another gap than 1e-10 of the diagonal of the joint bounding box. The other methods are published ones for
+comparison. `TwoStep` refines samples of curves and certifies a lower bound only. `AlgebraicEvents` and
+`BiarcTrimming` solve for all candidate events of plane curves. `CubeIntervals` and `VoxelPairs` work on cells of
+surfaces.
 
 # Questions and answers
 
-**Why do my arrays have 64 bits?** Bounds of 1e-10 need float64, and JAX switches it on globally. With `JAX_ENABLE_X64=0`
-in the environment, jhd computes in float32. The bounds stay true, and become wider.
+**Why do my arrays have 64 bits?** Bounds of 1e-10 need float64, and JAX switches it on globally. With
+`JAX_ENABLE_X64=0` in the environment, jhd computes in float32. The bounds stay true, and become wider.
 
-**Why does the first call take seconds?** It compiles. Plain calls on CPUs keep their compiled functions on disk, and other
-processes read them: see `jhd doctor`. `jhd warm plane` compiles in advance.
+**Why does the first call take seconds?** It compiles. Plain calls on CPUs keep their compiled functions on disk, and
+other processes read them: see `jhd doctor`. `jhd warm plane` compiles in advance.
 
-**What does gap_not_closed mean?** The bounds are true, but the search ended before they met. Raise `max_steps`, or ask for
-a larger `atol`. If whole regions are equally far, as for a shape and its offset, the work grows as the gap shrinks.
+**What does gap_not_closed mean?** The bounds are true, but the search ended before they met. Raise `max_steps`, or
+ask for a larger `atol`. If whole regions are equally far, as for a shape and its offset, the work grows as the gap
+shrinks.
 
 **How do I get a result instead of an exception?** Pass `throw=False` and read `result`, a member of `RESULTS`.
 
-**Can I use it inside `jit`, `vmap` and `grad`?** Yes. Searches for points and curves become part of the compiled function;
-the others are called on the host. Shapes may be arguments, closed over, or built inside.
+**Can I use it inside `jit`, `vmap` and `grad`?** Yes. Searches for points and curves become part of the compiled
+function; the others are called on the host. Shapes may be arguments, closed over, or built inside.
 
-**Which derivative do I get?** The derivative of the distance at the witness. If the witness has several foot points, each
-contributes with its multiplier. If several witnesses are equally far, it is the derivative at one of them. At distance
-zero it is zero.
+**Which derivative do I get?** The derivative of the distance at the witness. If the witness has several foot points,
+each contributes with its multiplier. If several witnesses are equally far, it is the derivative at one of them. At
+distance zero it is zero.
 """
 
 import os as _os
