@@ -1,9 +1,9 @@
-"""The command line: `jhd` or `python -m jhd`; without a command it is the demonstration.
+"""The command line: `jhd` or `python -m jhd`; without a command it runs the demonstration.
 
-Exit status: 0 done and what was asked for holds; 1 the bounds are true but wider than asked for (or the self-check of
-`jhd doctor` fails, or `jhd verify` refuses a certificate); 2 bad input, with one line on stderr; 70 anything that was
-not foreseen (JHD_TRACEBACK=1 shows where); 130 interrupted, with the bounds reached in place of the result where there
-are any; 141 the reader of the output went away. With --threshold: 0 proven yes, 3 proven no, 1 undecided.
+Exit status: 0 done, and the requested property holds; 1 the bounds are true but wider than requested (or the self-check
+of `jhd doctor` fails, or `jhd verify` refuses a certificate); 2 invalid input, with one line on stderr; 70 unexpected
+error (JHD_TRACEBACK=1 shows its location); 130 interrupted, with the bounds reached, if any; 141 the reader of the
+output closed it. With --threshold: 0 certified yes, 3 certified no, 1 undecided.
 """
 
 import argparse
@@ -17,25 +17,39 @@ import jhd
 from jhd._cli import lengths
 from jhd._runtime.starting import INTERRUPTED
 
-# Those of jhd._cli.warming and jhd.fields, written out, as their import takes seconds.
+# The names of jhd._cli.warming and jhd.fields, written out, as their import takes seconds.
 _KINDS = "plane", "space", "rational", "surfaces", "meshes"
 _MODES, _SIGNS = ("band", "full"), ("winding", "pseudonormal", "none")
 _FULL = errno.ENOSPC, errno.EFBIG, errno.EDQUOT
-_CURVE_HELP = "a curve: a JSON or SVG file, or font:NAME:LETTER"
-_SHAPE_HELP = (
-    f"{_CURVE_HELP}; or a parametric surface: a JSON file; or a mesh: an OBJ, OFF, PLY or STL file; or points: an XYZ, "
-    "NPY or PLY file"
-)
-_OR_POLYNOMIAL = "; with --box a polynomial in x, y, z"
-_MANY_HELP = "a shape; or a folder or a pattern of files (scans/*.ply), or all letters of a font: font:NAME:*"
-_BOX_HELP = "polynomials: the box they are cut off at, its two ends for all axes, or three lower and three upper ones"
-_ATOL_HELP = "tolerance on upper - lower, in input units or as a share of the diagonal"
-_THRESHOLD_HELP = "answer only whether the distance is at most this: exit status 0 yes, 3 no, 1 undecided"
-_METHOD_HELP = "the method, a class of jhd; an unknown name lists those there are"
-_PAGE_HELP = "write one page for a browser: to walk along plane curves, or turn shapes in space (extra jhd[web])"
-_EPILOG = """\
+_BOX_HELP = "box of an implicit surface: LOWER UPPER for all axes, or three lower and then three upper ends"
+_ATOL_HELP = "largest upper - lower (default: 1e-10 of the diagonal)"
+_THRESHOLD_HELP = "question: is the distance at most LENGTH? The exit status is the answer: 0 yes, 3 no, 1 undecided"
+_METHOD_HELP = "method, a class of jhd (default: {}); an unknown name lists all methods"
+_PLOT_HELP = "file for a picture of {}; the suffix selects the format (.png, .svg, .pdf, ...)"
+_PAGE_HELP = "file for an HTML page: walk along plane curves, or rotate shapes in space (with the extra jhd[web])"
+_CERTIFICATE_HELP = "file for a certificate of the bounds, which jhd verify checks"
+_FILES_EPILOG = """\
+SHAPE is one of
+  a curve              .json, .svg or .igs file, font:NAME:LETTER, or SVG path data ("M 0 0 L 1 2")
+  a parametric surface .json or .igs file
+  a triangle mesh      .obj, .off, .ply or .stl file
+  a point set          .xyz or .npy file, or .ply file without faces
+"""
+_SHAPES_EPILOG = f"""\
+{_FILES_EPILOG}\
+  an implicit surface  polynomial in x, y, z ("x**2 + y**2 + z**2 - 1"), with --box
+"""
+_MANY_EPILOG = f"""\
+{_FILES_EPILOG}
+For several shapes, give a folder, a quoted pattern of files ("scans/*.ply"), or all letters of a font (font:NAME:*).
+"""
+_LENGTH_EPILOG = """\
+
+LENGTH is a number in input units, or a percentage of the diagonal of the joint bounding box, for example 0.1%.
+"""
+_EPILOG = f"""\
 examples:
-  jhd                                                 the demonstration; writes jhd-demo.png here
+  jhd                                                 the demonstration; writes jhd-demo.png to this folder
   jhd distance a.svg b.json --plot distance.png
   jhd distance a.svg b.json --certificate proof.json
   jhd distance "x**2/4 + y**2/4 - z**2/9" "x**2/16 + y**2/4 - z**2/9" --box -2 2
@@ -54,10 +68,12 @@ examples:
   jhd warm plane rational --degree 3
   jhd doctor
 
-exit status: 0 done, 1 bounds not closed or certificate refused, 2 bad input, 130 interrupted, with the bounds reached;
-with --threshold 0 yes, 3 no, 1 undecided
-LENGTH is a number in input units, or a share of the diagonal of the box of the shapes, as 0.1%
-JHD_CACHE=FOLDER is where compiled programs are kept, JHD_CACHE=0 keeps none; JAX_ENABLE_X64=0 means float32.
+{_SHAPES_EPILOG}{_LENGTH_EPILOG}
+Exit status: 0 done; 1 bounds not closed, or certificate refused; 2 invalid input; 70 unexpected error;
+130 interrupted, with the bounds reached. With --threshold: 0 yes, 3 no, 1 undecided.
+
+Environment: JHD_CACHE=FOLDER is the folder of compiled functions, JHD_CACHE=0 keeps none. JAX_ENABLE_X64=0 computes in
+float32. JHD_TRACEBACK=1 shows the location of an unexpected error.
 """
 
 
@@ -65,7 +81,7 @@ def main(argv: list[str] | None = None) -> int:
     """Runs one command and returns the exit status.
 
     Args:
-        argv: the arguments without the name of the program; those of the process by default.
+        argv: the arguments without the name of the program. None means the arguments of the process.
     """
     try:
         status = _run(sys.argv[1:] if argv is None else argv)
@@ -88,7 +104,7 @@ def main(argv: list[str] | None = None) -> int:
         if os.environ.get("JHD_TRACEBACK"):
             raise
         # Nothing of this is foreseen: neither the input nor the bounds are said to be wrong.
-        kind, hint = type(error).__name__, "JHD_TRACEBACK=1 in the environment shows where"
+        kind, hint = type(error).__name__, "set JHD_TRACEBACK=1 to see its location"
         print("jhd: failed:", *f"{kind}: {error}".split(), f"({hint})", file=sys.stderr)
         return 70
 
@@ -170,118 +186,144 @@ def _parser() -> argparse.ArgumentParser:
     _add_deviation(commands)
     _add_collections(commands)
 
-    fit = commands.add_parser("fit", help="fewer or lower-degree segments within a proven distance")
-    fit.add_argument("target", metavar="TARGET", help=_CURVE_HELP)
-    fit.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help="how far it may be")
-    fit.add_argument("--degree", type=int, default=3, metavar="N", help="of the segments (default: 3)")
-    fit.add_argument("--smooth", action="store_true", help="one tangent at the joints inside a contour")
-    fit.add_argument("--out", metavar="FILE", help="write the fit: .svg, .json or .igs")
-    fit.add_argument("--plot", metavar="FILE", help="draw both curves, the witness and the distance profiles")
+    purpose = "curve of few segments within a tolerance of a curve"
+    fit = _added(commands, "fit", purpose, _LENGTH_EPILOG.lstrip())
+    curve = "curve to approximate: a .json, .svg or .igs file, font:NAME:LETTER, or SVG path data"
+    fit.add_argument("target", metavar="TARGET", help=curve)
+    tolerance = "largest certified Hausdorff distance"
+    fit.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help=tolerance)
+    fit.add_argument("--degree", type=int, default=3, metavar="N", help="degree of the segments (default: 3)")
+    smooth = "continuous tangents at the joints (default: corners allowed)"
+    fit.add_argument("--smooth", action="store_true", help=smooth)
+    fit.add_argument("--out", metavar="FILE", help="file for the fitted curve: .svg or .json")
+    shown = "both curves, the witness and the distance profiles"
+    fit.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     fit.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
-    fit.set_defaults(command="fit")
 
-    verify = commands.add_parser("verify", help="check a certificate in exact arithmetic")
-    verify.add_argument("file", metavar="FILE", help="what jhd distance --certificate wrote")
-    verify.add_argument("shapes", nargs="*", metavar="A B", type=_as_given, help="the shapes that it has to be about")
-    verify.add_argument("--seconds", type=float, metavar="S", help="give up after so long (default: never)")
-    verify.set_defaults(command="verify")
+    verify = _added(commands, "verify", "check of a certificate in exact arithmetic", _FILES_EPILOG)
+    verify.add_argument("file", metavar="FILE", help="certificate, written by jhd distance or jhd minimum")
+    both = "both shapes, each a SHAPE, to compare with those of the certificate (default: none)"
+    verify.add_argument("shapes", nargs="*", metavar="A B", type=_as_given, help=both)
+    verify.add_argument("--seconds", type=float, metavar="S", help="time limit in seconds (default: none)")
 
     _add_others(commands)
     for command in commands.choices.values():
-        command.add_argument("--json", action="store_true", help="print JSON and nothing else")
+        command.add_argument("--json", action="store_true", help="output as JSON only")
+    return parser
+
+
+def _added(commands: Any, name: str, purpose: str, epilog: str | None = None) -> Any:
+    """A command, whose purpose stands in the list of commands and in its own help."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = commands.add_parser(
+        name, help=purpose, description=f"{purpose[0].upper()}{purpose[1:]}.", epilog=epilog, formatter_class=raw
+    )
+    parser.set_defaults(command=name)
     return parser
 
 
 def _add_distances(commands: Any) -> None:
     """The largest and the smallest distance of two shapes."""
-    distance = commands.add_parser("distance", help="the Hausdorff distance of two shapes of any kinds")
+    epilog = _SHAPES_EPILOG + _LENGTH_EPILOG
+    distance = _added(commands, "distance", "Hausdorff distance of two shapes, with certified bounds", epilog)
     _add_shapes(distance)
-    distance.add_argument("--directed", action="store_true", help="only the largest distance of points of A to B")
-    distance.add_argument("--method", metavar="NAME", help=_METHOD_HELP)
+    directed = "directed distance, the largest distance from a point of A to B (default: larger of both directions)"
+    distance.add_argument("--directed", action="store_true", help=directed)
+    distance.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("BranchAndBound"))
     distance.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=_ATOL_HELP)
     distance.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
-    distance.add_argument("--plot", metavar="FILE", help="draw both, the witness and, of curves, the distance profiles")
+    shown = "both shapes, the witness and, for curves, the distance profiles"
+    distance.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     distance.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
-    distance.add_argument("--certificate", metavar="FILE", help="write what proves the bounds, for jhd verify")
-    distance.set_defaults(command="distance")
+    distance.add_argument("--certificate", metavar="FILE", help=_CERTIFICATE_HELP)
 
-    minimum = commands.add_parser("minimum", help="the smallest distance of two shapes of any kinds")
+    minimum = _added(commands, "minimum", "minimum distance of two shapes, with certified bounds", epilog)
     _add_shapes(minimum)
     minimum.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=_ATOL_HELP)
     minimum.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
-    minimum.add_argument("--plot", metavar="FILE", help="draw both and the nearest points")
-    minimum.add_argument("--certificate", metavar="FILE", help="write what proves the bounds, for jhd verify")
-    minimum.set_defaults(command="minimum")
+    minimum.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format("both shapes and their nearest points"))
+    minimum.add_argument("--certificate", metavar="FILE", help=_CERTIFICATE_HELP)
 
 
 def _add_others(commands: Any) -> None:
-    """Nearest points, fields, and what is kept on disk."""
-    project = commands.add_parser("project", help="the nearest point of a shape of any kind to points")
-    project.add_argument("shape", metavar="SHAPE", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
-    project.add_argument("coordinates", metavar="X", nargs="*", type=float, help="the point: X Y or X Y Z")
+    """Nearest points, fields, and the compiled functions on disk."""
+    project = _added(commands, "project", "nearest points of a shape to given points", _SHAPES_EPILOG)
+    project.add_argument("shape", metavar="SHAPE", type=_as_given, help="shape, see below")
+    point = "coordinates of one point: X Y or X Y Z"
+    project.add_argument("coordinates", metavar="X", nargs="*", type=float, help=point)
     project.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
-    project.add_argument("--points", metavar="FILE", help="points in rows instead; without X or with -, standard input")
-    project.add_argument("--method", metavar="NAME", help=_METHOD_HELP)
-    project.set_defaults(command="project")
+    rows = "file with one point in each row instead of X; - or neither means standard input"
+    project.add_argument("--points", metavar="FILE", help=rows)
+    project.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("chosen by the kind of shape"))
 
-    field = commands.add_parser("field", help="the distance field of a mesh on an octree")
-    field.add_argument("mesh", metavar="MESH", help="an OBJ, OFF, PLY or STL file")
-    field.add_argument("--atol", type=lengths.length, required=True, metavar="LENGTH", help="tolerance")
-    field.add_argument("--out", required=True, metavar="FILE", help="where to: a name in .npz")
-    field.add_argument("--mode", choices=_MODES, default="band", help="refine at the surface (default) or everywhere")
-    field.add_argument("--sign", choices=_SIGNS, default="winding", help="how inside is told from outside")
-    field.add_argument("--surface", metavar="FILE", help="write the zero set of the field: .obj, .off, .ply or .stl")
-    field.add_argument("--resolution", type=int, metavar="N", help="cells along the longest side for that surface")
-    field.set_defaults(command="field")
+    field = _added(commands, "field", "distance field of a mesh on an octree", _LENGTH_EPILOG.lstrip())
+    field.add_argument("mesh", metavar="MESH", help="mesh: an .obj, .off, .ply or .stl file")
+    tolerance = "tolerance of the interpolation"
+    field.add_argument("--atol", type=lengths.length, required=True, metavar="LENGTH", help=tolerance)
+    field.add_argument("--out", required=True, metavar="FILE", help="file for the field: .npz")
+    refined = "region that is refined: near the surface, or everywhere (default: band)"
+    field.add_argument("--mode", choices=_MODES, default="band", help=refined)
+    sign = "rule that tells inside from outside (default: winding)"
+    field.add_argument("--sign", choices=_SIGNS, default="winding", help=sign)
+    surface = "file for the zero set of the field, with --resolution: .obj, .off, .ply or .stl"
+    field.add_argument("--surface", metavar="FILE", help=surface)
+    resolution = "number of cells of the zero set along the longest side, 2 to 4096"
+    field.add_argument("--resolution", type=int, metavar="N", help=resolution)
 
-    warm = commands.add_parser("warm", help="compile the programs of some kinds of shapes and keep them")
-    warm.add_argument("kinds", metavar="KIND", nargs="*", help=f"{', '.join(_KINDS)} (default: all of them)")
-    warm.add_argument("--degree", type=int, metavar="N", help="of curves (default: 3) and polynomial surfaces (2)")
-    warm.set_defaults(command="warm")
+    warm = _added(commands, "warm", "compilation for some kinds of shapes in advance, kept on disk")
+    warm.add_argument("kinds", metavar="KIND", nargs="*", help=f"kinds of shapes: {', '.join(_KINDS)} (default: all)")
+    degree = "degree of curves (default: 3), and of implicit surfaces in each variable (default: 2)"
+    warm.add_argument("--degree", type=int, metavar="N", help=degree)
 
-    doctor = commands.add_parser("doctor", help="versions, devices, what is kept, and a check with a known answer")
-    doctor.set_defaults(command="doctor")
+    _added(commands, "doctor", "versions, devices, cache, and a self-check with a known distance")
 
 
-def _add_shapes(parser: Any, other: str = "the other one") -> None:
-    parser.add_argument("a", metavar="A", type=_as_given, help=_SHAPE_HELP + _OR_POLYNOMIAL)
-    parser.add_argument("b", metavar="B", type=_as_given, help=other)
+def _add_shapes(parser: Any, first: str = "first shape", second: str = "second shape") -> None:
+    parser.add_argument("a", metavar="A", type=_as_given, help=f"{first}: a SHAPE, see below")
+    parser.add_argument("b", metavar="B", type=_as_given, help=f"{second}: a SHAPE, see below")
     parser.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
 
 
 def _add_deviation(commands: Any) -> None:
-    parser = commands.add_parser("deviation", help="the distance along a shape: mean, rms, quantiles, maximum")
-    _add_shapes(parser, "the one that distances are taken to")
-    parser.add_argument("--atol", type=lengths.length, metavar="LENGTH", help="gap of the bounds that may stay")
-    parser.add_argument("--rtol", type=float, default=1e-3, metavar="SHARE", help="the same as a share (default: 1e-3)")
-    parser.add_argument("--within", type=lengths.length, metavar="LENGTH", help="also the share of A that is this near")
-    parser.add_argument("--plot", metavar="FILE", help="draw A in the colours of its distance, with a histogram")
+    purpose = "distribution of the distance to B over A: maximum, mean, RMS, quantiles"
+    parser = _added(commands, "deviation", purpose, _SHAPES_EPILOG + _LENGTH_EPILOG)
+    _add_shapes(
+        parser, "shape over which distances are taken, no implicit surface", "shape to which distances are taken"
+    )
+    atol = "largest upper - lower of the mean and the RMS (default: 1e-6 of the diagonal)"
+    parser.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=atol)
+    rtol = "the same relative to the upper bound; the larger of both counts (default: 1e-3)"
+    parser.add_argument("--rtol", type=float, default=1e-3, metavar="FRACTION", help=rtol)
+    within = "distance up to which the fraction of A is printed too"
+    parser.add_argument("--within", type=lengths.length, metavar="LENGTH", help=within)
+    shown = "A colored by its distance, with a histogram"
+    parser.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     parser.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
-    parser.set_defaults(command="deviation")
 
 
 def _add_collections(commands: Any) -> None:
-    pairwise = commands.add_parser("pairwise", help="the Hausdorff distances of all pairs of many shapes")
-    pairwise.add_argument("shapes", metavar="SHAPE", nargs="+", help=_MANY_HELP)
-    pairwise.add_argument("--store", metavar="FOLDER", help="keep what is done there; another call goes on with it")
-    pairwise.set_defaults(command="pairwise")
+    pairwise = _added(commands, "pairwise", "Hausdorff distances of all pairs of many shapes", _MANY_EPILOG)
+    pairwise.add_argument("shapes", metavar="SHAPE", nargs="+", help="shapes, see below")
+    store = "folder for finished distances; a later call continues from it (default: none)"
+    pairwise.add_argument("--store", metavar="FOLDER", help=store)
 
-    nearest = commands.add_parser("nearest", help="the nearest of many shapes, proven")
-    nearest.add_argument("query", metavar="QUERY", help="the shape, or shapes, whose neighbours are wanted, likewise")
-    nearest.add_argument("shapes", metavar="SHAPE", nargs="+", help=_MANY_HELP)
-    nearest.add_argument("--count", dest="k", type=int, default=1, metavar="N", help="how many (default: 1)")
-    nearest.add_argument("--plot", metavar="FILE", help="draw the first queries with their nearest shapes")
-    nearest.add_argument("--html", metavar="FILE", help="the same as a page for a browser")
-    nearest.set_defaults(command="nearest")
+    nearest = _added(commands, "nearest", "nearest of many shapes by the Hausdorff distance, certified", _MANY_EPILOG)
+    nearest.add_argument("query", metavar="QUERY", help="shape or shapes whose nearest shapes are searched, see below")
+    nearest.add_argument("shapes", metavar="SHAPE", nargs="+", help="shapes among which to search, see below")
+    count = "number of nearest shapes for each query (default: 1)"
+    nearest.add_argument("--count", dest="k", type=int, default=1, metavar="N", help=count)
+    shown = "the first queries with their nearest shapes"
+    nearest.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
+    nearest.add_argument("--html", metavar="FILE", help="file for an HTML page with the same picture")
 
-    duplicates = commands.add_parser("duplicates", help="the pairs of many shapes that are within a distance")
-    duplicates.add_argument("shapes", metavar="SHAPE", nargs="+", help=_MANY_HELP)
-    duplicates.add_argument("--within", type=float, required=True, metavar="X", help="the distance, in input units")
-    duplicates.set_defaults(command="duplicates")
+    duplicates = _added(commands, "duplicates", "pairs of many shapes within a Hausdorff distance", _MANY_EPILOG)
+    duplicates.add_argument("shapes", metavar="SHAPE", nargs="+", help="shapes, see below")
+    within = "largest Hausdorff distance of a pair, in input units"
+    duplicates.add_argument("--within", type=float, required=True, metavar="X", help=within)
 
 
 def _switch_cache_on() -> None:
-    """Lets JAX keep what it compiles around jhd's own programs too, beside them, unless it has a folder already."""
+    """Lets JAX cache its own compiled functions next to those of jhd, unless it has a cache folder already."""
     import jax
 
     from jhd._runtime.storage import chosen_folder, made

@@ -1,4 +1,4 @@
-"""What commands share: the word that something lasts, seconds, JSON, the exit status, and what the program runs on."""
+"""Tools for commands: progress on a terminal, times, JSON, the exit status, device and precision."""
 
 import _thread
 import json
@@ -26,7 +26,7 @@ _PACE = 0.1
 
 
 def print_json(solution: Any, content: Any = None, **context: Any) -> None:
-    """Prints the result as `jhd.io.save_result` writes it, so that `jhd.io.load_result` reads it; or content for it."""
+    """Prints a result in the format of `jhd.io.save_result`; `content` replaces the fields of the solution."""
     context |= {"version": jhd.__version__, "device": device(), "precision": precision()}
     plain = to_plain(solution) if content is None else content
     stored = {"type": type(solution).__name__, "solution": plain, "context": context}
@@ -34,14 +34,14 @@ def print_json(solution: Any, content: Any = None, **context: Any) -> None:
 
 
 def exit_status(*solutions: Any) -> int:
-    """The exit status: 0 where all were reached as asked for, 130 where one was interrupted, else 1."""
+    """The exit status: 0 if all solutions are successful, 130 if one was interrupted, otherwise 1."""
     if any(interrupted(solution) for solution in solutions):
         return INTERRUPTED
     return 0 if all(successful(solution) for solution in solutions) else 1
 
 
 def timed(action: Callable[[], Any]) -> tuple[Any, float]:
-    """What the action returns, when all of it has been computed, and the seconds that took."""
+    """The value of the action, after all of it has been computed, and the elapsed seconds."""
     start = time.perf_counter()
     value = jax.block_until_ready(action())
     return value, time.perf_counter() - start
@@ -49,9 +49,10 @@ def timed(action: Callable[[], Any]) -> tuple[Any, float]:
 
 @contextmanager
 def busy(message: str) -> Iterator[Callable[[Any], None]]:
-    """Shows the message while the block runs, and the progress handed to what it yields; on a terminal only.
+    """Shows a message and the elapsed seconds while the block runs; only if standard error is a terminal.
 
-    The seconds go on while nothing is handed over: compiling reports nothing.
+    Yields a function that shows progress: pass it a text, or pass it as `progress=` to a search. The seconds also count
+    during compilation, which reports no progress.
     """
     if not sys.stderr.isatty():
         yield lambda _: None
@@ -85,7 +86,7 @@ def busy(message: str) -> Iterator[Callable[[Any], None]]:
 
 
 def paced(show: Callable[[Any], None]) -> Callable[[Any], None]:
-    """The same, for what comes thousands of times a second: most of it is not shown."""
+    """The same for thousands of reports a second, most of which are not shown."""
     last = -_PACE
 
     def call(progress: Any) -> None:
@@ -99,10 +100,10 @@ def paced(show: Callable[[Any], None]) -> Callable[[Any], None]:
 
 @contextmanager
 def interrupts_heard() -> Iterator[None]:
-    """Sends an interrupt again that Python has dropped while the block runs.
+    """Resends an interrupt that Python has dropped while the block runs.
 
-    Python drops what is raised where nobody can catch it: in a finaliser, or in a function that the garbage collector
-    calls. JAX has one of these, and an interrupt that comes during a collection is always raised there.
+    Python drops exceptions that nobody can catch: those in a finalizer, or in a function that the garbage collector
+    calls. JAX has such a function, and an interrupt that arrives during a collection is always raised there.
     """
     usual, sent = sys.unraisablehook, []
 
@@ -125,10 +126,10 @@ def interrupts_heard() -> Iterator[None]:
 
 
 def device() -> str:
-    """The name of the device that programs run on."""
+    """The name of the device that JAX uses."""
     return jax.devices()[0].device_kind
 
 
 def precision() -> str:
-    """The precision of all numbers."""
+    """The precision of all numbers: float64 or float32."""
     return "float64" if jax.config.jax_enable_x64 else "float32"  # pyright: ignore[reportAttributeAccessIssue]

@@ -1,6 +1,6 @@
-"""Bounds in decimal digits: a lower one is rounded down and an upper one up, so that they are true as printed.
+"""Bounds in decimal digits, rounded outward: a lower bound down and an upper bound up, so the printed bounds are true.
 
-Without a format they have as many digits as it takes to read the same floating-point number back.
+Without a format, the number of digits is the smallest that reads back as the same floating-point number.
 """
 
 import math
@@ -15,44 +15,44 @@ _DIGITS = ".17g", ".18g"
 
 
 def lower_text(bound: Any, spec: str = "") -> str:
-    """A lower bound in digits that are not above it.
+    """A lower bound in decimal digits, rounded down.
 
     >>> lower_text(2 / 3, ".3f"), lower_text(0.1), lower_text(0.3)
     ('0.666', '0.1', '0.29999999999999998')
 
     Args:
         bound: one number.
-        spec: a format of decimal numbers; by default in full.
+        spec: format specification of a decimal number, for example ".3f". By default all digits are written.
     """
     return _text(float(bound), spec, ROUND_FLOOR)
 
 
 def upper_text(bound: Any, spec: str = "") -> str:
-    """An upper bound in digits that are not below it.
+    """An upper bound in decimal digits, rounded up.
 
     >>> upper_text(2 / 3, ".3f"), upper_text(0.1), upper_text(0.3)
     ('0.667', '0.10000000000000001', '0.3')
 
     Args:
         bound: one number.
-        spec: a format of decimal numbers; by default in full.
+        spec: format specification of a decimal number, for example ".3f". By default all digits are written.
     """
     return _text(float(bound), spec, ROUND_CEILING)
 
 
 def interval_text(lower: Any, upper: Any, spec: str = "") -> str:
-    """Both bounds of a number, `[lower, upper]`.
+    """Both bounds of a number as `[lower, upper]`, rounded outward.
 
     Args:
-        lower: the lower one.
-        upper: the upper one; infinite if nothing is proven.
-        spec: a format of decimal numbers; by default in full.
+        lower: lower bound.
+        upper: upper bound; infinite if none is proven.
+        spec: format specification of a decimal number, for example ".3f". By default all digits are written.
     """
     return f"[{lower_text(lower, spec)}, {upper_text(upper, spec)}]"
 
 
 def point_text(point: Any) -> str:
-    """The coordinates of a point to six digits, `(x, y)`; a few roundoffs of the largest one are printed as zero.
+    """The coordinates of a point to six digits, `(x, y)`; coordinates at rounding level are printed as zero.
 
     >>> point_text([-1e-16, 2.0])
     '(0, 2)'

@@ -220,7 +220,7 @@ def test_progress_is_shown_on_a_terminal_and_wiped(run, monkeypatch):
 
 def test_progress_of_every_kind_is_one_line_that_says_how_much_is_done():
     search = Progress(None, 3, 5, 0.9991, 1.0)
-    assert progress_text(search) == f"[{7 * '#'}{17 * '.'}] 3/10 digits, 0.999099999 to 1, step 3, 5 cells wait"
+    assert progress_text(search) == f"[{7 * '#'}{17 * '.'}] 3/10 digits, 0.999099999 to 1, step 3, 5 open cells"
     for lower, upper, digits in ((0, np.inf, 0), (0, 0, 10), (1, 1, 10), (1, 1 + 1e-14, 10)):
         assert f" {digits}/10 digits" in progress_text(search._replace(lower=lower, upper=upper))
     assert progress_text(FitProgress(1, 2, 0.5, 0.25)) == "start 1, step 2: distance 0.5, optimality 2.5e-01"
@@ -351,12 +351,14 @@ def test_warm_shows_a_bar(run, monkeypatch, tmp_path):
 
 @CPU_ONLY
 def test_warm_says_where_nothing_can_be_kept(run, monkeypatch, tmp_path):
-    assert run("warm")[2] == "jhd: error: JHD_CACHE is 0, or there is no home folder: programs are not kept.\n"
+    assert run("warm")[2] == (
+        "jhd: error: JHD_CACHE is 0, or there is no home folder; set JHD_CACHE=FOLDER to keep compiled functions.\n"
+    )
     monkeypatch.setenv("JHD_CACHE", str(tmp_path))
     monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
     (tmp_path / "programs").write_text("")
     status, _, err = run("warm")
-    assert status == 2 and err.endswith("programs are not kept there: it is no folder.\n")
+    assert status == 2 and err.endswith("compiled functions are not kept there: it is no folder.\n")
     (tmp_path / "programs").unlink()
     assert "unknown kind 'cubes'; there are plane, space" in run("warm", "cubes")[2]
     assert "--degree is 0; needs at least 1." in run("warm", "--degree", "0")[2]
@@ -514,7 +516,7 @@ def test_beside_a_polynomial_any_file_is_a_shape(run, monkeypatch):
     missing = run("minimum", "bunny.ply", "x - 1", "--box", -2, 2)
     assert missing[0] == 2 and "bunny.ply" in missing[2] and "column" not in missing[2]
     neither = run("distance", "line.json", "line.json", "--box", -2, 2)
-    assert neither[0] == 2 and "--box is for polynomials" in neither[2]
+    assert neither[0] == 2 and "--box is for implicit surfaces" in neither[2]
 
 
 def test_what_nobody_foresaw_is_one_line_and_a_status_of_its_own(run, monkeypatch):
@@ -525,7 +527,7 @@ def test_what_nobody_foresaw_is_one_line_and_a_status_of_its_own(run, monkeypatc
     monkeypatch.delenv("JHD_TRACEBACK", raising=False)
     status, out, error = run("verify", "proof.json")
     assert (status, out, error.count("\n")) == (70, "", 1)
-    assert error.startswith("jhd: failed: OverflowError: too large (JHD_TRACEBACK=1")
+    assert error.startswith("jhd: failed: OverflowError: too large (set JHD_TRACEBACK=1")
     monkeypatch.setenv("JHD_TRACEBACK", "1")
     with pytest.raises(OverflowError):
         run("verify", "proof.json")

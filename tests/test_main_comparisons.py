@@ -53,8 +53,8 @@ def test_a_length_is_a_number_or_a_share_of_the_diagonal():
 
 def test_a_tolerance_may_be_a_share_and_the_distance_is_printed_as_one(run):
     status, out, _ = run("distance", "low.ply", "high.ply", "--atol", "0.1%")
-    assert status == 0 and "  share    57.7% of the diagonal\n" in out
-    assert "diagonal   1.732, of the box of both shapes" in out
+    assert status == 0 and "  relative 57.7% of the diagonal\n" in out
+    assert "diagonal   1.732, of the joint bounding box" in out
     status, out, _ = run("minimum", "low.ply", "high.ply", "--atol", "0.1%", "--json")
     context = json.loads(out)["context"]
     assert status == 0 and context["diagonal"] == 1.732
@@ -109,7 +109,7 @@ def test_points_and_polynomials_are_measured_and_projected(run):
     (line,) = (line for line in out.splitlines() if line.startswith("  mean"))
     lower, upper, share = line.split()[1:]
     assert status == 0 and float(lower) <= 0.5 <= float(upper) and share == "7.22%"
-    assert "share within 2.078" in out
+    assert "fraction within 2.078" in out
 
 
 @pytest.mark.slow  # compiles the search of a patch
@@ -135,9 +135,9 @@ def test_a_parametric_surface_is_named_by_its_patches_and_parameters(run):
         (("minimum", BASE, "low.ply"), "a has 2 coordinates a point and b has 3; needs the same."),
         (("deviation", "z", "low.ply", "--box", "-2", "2"), "whose area is not certified"),
         (("deviation", "z", "low.ply"), "A is a polynomial; give the box of its surface"),
-        (("project", "low.ply", "1", "2", "3", "--box", "0", "1"), "SHAPE is none; leave it out"),
+        (("project", "low.ply", "1", "2", "3", "--box", "0", "1"), "SHAPE is not one; leave it out"),
         (("project", "z", "1", "2", "3"), "SHAPE is a polynomial; give the box of its surface"),
-        (("project", "z", "1", "2", "--box", "0", "1"), "a point has 2 coordinates; the polynomial surface has 3."),
+        (("project", "z", "1", "2", "--box", "0", "1"), "a point has 2 coordinates; the implicit surface has 3."),
         (("field", "corners.npy", "--atol", "1%", "--out", "f.npz"), "MESH is a set of points; needs a mesh."),
     ],
 )

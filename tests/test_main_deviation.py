@@ -40,7 +40,7 @@ def test_the_table_holds_proven_bounds_and_the_picture_is_written(run):
     assert plt.get_fignums() == []
     cosine = 1 / np.sqrt(1.25)
     exact = {"mean": 1.25 * cosine, "rms": cosine * np.sqrt(1.25**2 + 1 / 48), "maximum": 1.5 * cosine}
-    exact |= {"area of A": 1.0, "50% within": 1.25 * cosine, "share within 1.118": 2 * (1.118 / cosine - 1)}
+    exact |= {"area of A": 1.0, "50% within": 1.25 * cosine, "fraction within 1.118": 2 * (1.118 / cosine - 1)}
     for name, value in exact.items():
         lower, upper = numbers_of(out, name)
         assert lower <= value <= upper, name

@@ -1,1 +1,1 @@
-"""The command line: parsing of options, one handler for each command, reports."""
+"""The command line: parsing of options, one function for each command, and reports."""

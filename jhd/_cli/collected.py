@@ -1,4 +1,4 @@
-"""What the commands of the command line do that take many shapes: files, folders, patterns and fonts."""
+"""The commands that take many shapes, from files, folders, patterns and fonts."""
 
 import glob
 from argparse import Namespace
@@ -58,7 +58,7 @@ def nearest(options: Namespace) -> int:
                 line = _line(found.value[row, k], found.lower[row, k], found.upper[row, k])
                 print(line, query, names[index], *_unless_successful(results[row]), sep="\t")
             if ties[row]:
-                print(f"as near as the last, as far as is proven: {', '.join(ties[row])}")
+                print(f"possibly as near as the last one: {', '.join(ties[row])}")
         print_files(picture=options.plot, page=options.html)
     return exit_status(found)
 
@@ -81,10 +81,10 @@ def duplicates(options: Namespace) -> int:
 
 
 def collected(words: list[str]) -> tuple[list[str], list[Any]]:
-    """Names and shapes that the words stand for: a folder or a pattern for files, `font:NAME:*` for all letters.
+    """Names and shapes for the words: a folder or a pattern of files, `font:NAME:*` for all letters, or one shape.
 
     Raises:
-        ValueError: a folder or pattern without files of shapes, or what is no shape.
+        ValueError: a folder or pattern has no files of shapes, or a word is no shape.
     """
     pairs = [pair for word in words for pair in _pairs_of(word)]
     return [name for name, _ in pairs], [shape for _, shape in pairs]
@@ -101,12 +101,12 @@ def _pairs_of(word: str) -> list[tuple[str, Any]]:
     else:
         files = [word]
     if not files:
-        raise ValueError(f"{word}: no file of a shape there.")
+        raise ValueError(f"{word}: no file of a shape found; see jhd --help for the file formats.")
     return [(file, load_shape(file)) for file in files]
 
 
 def short_name(name: str) -> str:
-    """What a picture calls a shape: its file without folders, or its letter, by its number where it may not print."""
+    """The name of a shape in a picture: its file name, or its letter (by its number if fonts may lack it)."""
     if name.startswith("font:"):
         letter = parse_font_spec(name)[1]
         return letter if letter.isascii() else " ".join(f"U+{ord(sign):04X}" for sign in letter)

@@ -1,6 +1,6 @@
-"""What the commands of the command line do: each takes the parsed options, prints, and returns the exit status.
+"""The commands of the command line: each takes the parsed options, prints, and returns the exit status.
 
-Those that measure shapes stand in jhd._cli.comparisons and are named here.
+Commands that measure shapes are in jhd._cli.comparisons, and are imported here by name.
 """
 
 import json
@@ -44,7 +44,7 @@ _PACKAGES = "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib"
 
 
 def demo(options: Namespace) -> int:
-    """Both directed distances between one letter in two fonts, in print and as a picture."""
+    """Both directed distances between one letter in two fonts, as text and as a picture."""
     specs = [f"font:{font}:{_DEMO_LETTER}" for font in _DEMO_FONTS.values()]
     a, b = (curve_of(name, spec) for name, spec in zip("AB", specs, strict=True))
     print(f"The letter {_DEMO_LETTER} in two fonts, in font units\n")
@@ -69,7 +69,7 @@ def demo(options: Namespace) -> int:
 
 
 def fit(options: Namespace) -> int:
-    """An outline by few segments of a degree, within a tolerance; its proven distance."""
+    """Fit of an outline by few segments within a tolerance, with its certified distance."""
     target = curve_of("TARGET", options.target)
     if options.out and Path(options.out).suffix not in (".svg", ".json"):
         raise ValueError(f"{options.out}: the name must end in .svg or .json.")
@@ -105,9 +105,9 @@ def fit(options: Namespace) -> int:
 
 
 def verify(options: Namespace) -> int:
-    """Checks a certificate in exact arithmetic and prints what it proves; on request that it is about given shapes."""
+    """Checks a certificate in exact arithmetic, optionally for given shapes, and prints the proven bounds."""
     if len(options.shapes) not in (0, 2):
-        raise ValueError(f"there is {len(options.shapes)} shape beside the certificate; needs both, or none.")
+        raise ValueError(f"shapes after the certificate: {len(options.shapes)}; needs both shapes, or none.")
     shapes = [load_shape(text) for text in options.shapes]
     start = time.perf_counter()
     try:
@@ -126,12 +126,12 @@ def verify(options: Namespace) -> int:
 
 
 def field(options: Namespace) -> int:
-    """The adaptive distance field of a mesh, stored; on request the surface that it stands for."""
+    """The adaptive distance field of a mesh, stored; on request its zero set as a mesh."""
     mesh = mesh_of("MESH", options.mesh)
     if not options.out.endswith(".npz"):
         raise ValueError(f"{options.out}: the name must end in .npz.")
     if (options.surface is None) != (options.resolution is None):
-        raise ValueError("--surface and --resolution go together.")
+        raise ValueError("--surface and --resolution go together; give both or none.")
     if options.surface and Path(options.surface).suffix.lower() not in MESH_SUFFIXES:
         raise ValueError(f"{options.surface}: the name must end in {' or '.join(MESH_SUFFIXES)}.")
     check_writable(options.out, options.surface)
@@ -150,9 +150,9 @@ def field(options: Namespace) -> int:
         print(json.dumps({"mesh": options.mesh, "atol": atol, **asked, **facts}, indent=2))
         return status
     print(shape_line("A", options.mesh, mesh), end="\n\n")
-    print(f"leaves     {made.leaves}, of them {made.unresolved} off by more than {atol!r} where they were tested")
+    print(f"leaves     {made.leaves}; {made.unresolved} of them exceed {atol!r} at a test point")
     where = "near the surface" if options.mode == "band" else "in the box"
-    print(f"error      {upper_text(error)} at most at random points {where}")
+    print(f"error      {upper_text(error)}, the largest found at random points {where}")
     print(f"time       {seconds:.2f} s with compilation")
     for name, file in (("field", options.out), ("surface", options.surface)):
         if file:
@@ -161,7 +161,7 @@ def field(options: Namespace) -> int:
 
 
 def doctor(options: Namespace) -> int:
-    """Versions, devices, precision, what is kept of compiled programs, and one distance with a known answer."""
+    """Versions, devices, precision, the cache of compiled functions, and a self-check with a known distance."""
     facts = {
         "jhd": jhd.__version__,
         "python": f"{platform.python_version()} on {platform.platform()}",
@@ -177,8 +177,8 @@ def doctor(options: Namespace) -> int:
     good = bool(float(solution.lower) <= 3.0 <= float(solution.upper)) and abs(float(solution) - 3.0) <= 1e-5
     if refused:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in sorted(refused.items()))
-        facts["not kept"] = f"WARNING: compiled again in each process, since this JAX is not known ({reasons})"
-    facts["self-check"] = f"{'passed' if good else 'FAILED'}: the distance is 3, found {float(solution)!r}"
+        facts["not kept"] = f"WARNING: compiled again in each process, because this JAX version is unknown ({reasons})"
+    facts["self-check"] = f"{'passed' if good else 'FAILED'}: the distance is 3; computed {float(solution)!r}"
     if options.json:
         print(json.dumps({**facts, "passed": good}, indent=2))
     else:
@@ -188,14 +188,14 @@ def doctor(options: Namespace) -> int:
 
 
 def warm(options: Namespace) -> int:
-    """Compiles the programs of some kinds of shapes and keeps them, for the processes that come."""
+    """Compiles the functions for some kinds of shapes and keeps them on disk, for later processes."""
     folder = storage.programs_folder()
     if folder is None:
-        raise ValueError("JHD_CACHE is 0, or there is no home folder: programs are not kept.")
+        raise ValueError("JHD_CACHE is 0, or there is no home folder; set JHD_CACHE=FOLDER to keep compiled functions.")
     if jax.default_backend() != "cpu":
-        raise ValueError(f"programs are kept for CPUs only; this device is {device()}.")
+        raise ValueError(f"compiled functions are kept for CPUs only; this device is {device()}.")
     if not storage.made(folder):
-        raise ValueError(f"{folder}: programs are not kept there: {storage.refusal(folder)}.")
+        raise ValueError(f"{folder}: compiled functions are not kept there: {storage.refusal(folder)}.")
     unknown = [kind for kind in options.kinds if kind not in KINDS]
     if unknown:
         raise ValueError(f"unknown kind {unknown[0]!r}; there are {', '.join(KINDS)}.")
@@ -224,12 +224,12 @@ def _version(name: str) -> str:
 
 
 def _kept() -> str:
-    """The folder of jhd's own programs and what it holds, or why it is not used."""
+    """The folder of the compiled functions of jhd and its content, or the reason why it is not used."""
     folder = storage.programs_folder()
     if folder is None:
         return "not kept: JHD_CACHE is 0, or there is no home folder"
     if jax.default_backend() != "cpu":
-        return "not kept: that is done for CPUs only"
+        return "not kept: only for CPUs"
     if not folder.exists():
         return f"{folder} (not there yet)"
     reason = storage.refusal(folder)
@@ -240,7 +240,7 @@ def _kept() -> str:
 
 
 def _cache() -> str:
-    """The folder of what JAX itself keeps, and what it holds."""
+    """The cache folder of JAX itself, and its content."""
     folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if not folder:
         return "off"

@@ -1,6 +1,6 @@
-"""What the commands of the command line do that measure one shape against another, or points against a shape.
+"""The commands that measure one shape against another, or points against a shape.
 
-Lengths may be given as shares of the diagonal of the box of both shapes, and are printed as such too.
+Lengths may be given as percentages of the diagonal of the joint bounding box, and are printed as such too.
 """
 
 import sys
@@ -53,16 +53,16 @@ from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.patch import AbstractPatch
 
-# A directed distance whose bounds are this close, as a share, is drawn as it is.
+# A directed distance whose bounds agree to this fraction is drawn.
 _CLOSED = 1e-6
 # Points that are projected at once, some seconds of work: on surfaces, and on all else.
 _FEW_POINTS, _MANY_POINTS = 1_000, 100_000
-# The exit status of each answer: an undecided one is that of bounds not closed.
+# The exit status of each answer; undecided counts as bounds not closed.
 _STATUS = {"yes": 0, "no": 3, "undecided": 1}
 
 
 def distance(options: Namespace) -> int:
-    """The Hausdorff distance of two shapes of any kinds, or the directed one; or whether it is at most a threshold."""
+    """The (directed) Hausdorff distance of two shapes, or whether it is at most a threshold."""
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
     atol = None if options.atol is None else options.atol.of(a, b)
@@ -107,18 +107,18 @@ def _title(options: Namespace) -> str:
 
 
 def _print_run(seconds: float, size: float) -> None:
-    """The last lines of every answer in words."""
-    print(f"diagonal   {size!r}, of the box of both shapes")
+    """The last lines of every answer in text form."""
+    print(f"diagonal   {size!r}, of the joint bounding box")
     print(f"time       {seconds:.2f} s with compilation")
     print(f"device     {device()}, {precision()}")
 
 
 def _distance_at_most(options: Namespace, a: Any, b: Any, method: Any) -> int:
-    """Whether the distance is at most the threshold, by a search that ends as soon as it knows."""
+    """Whether the distance is at most the threshold, by a search that ends as soon as this is decided."""
     given = {"--plot": options.plot, "--html": options.html, "--certificate": options.certificate}
     if any(given.values()):
         name = next(name for name, value in given.items() if value)
-        raise ValueError(f"{name}: with --threshold the search ends before the farthest place is known; leave it out.")
+        raise ValueError(f"{name}: with --threshold the search ends before the farthest point is known; leave it out.")
     limit = _limit(options, a, b)
     decide = partial(jhd.hausdorff_at_most, a, b, limit, method, directed=options.directed)
     with busy("computing; a first run compiles") as show:
@@ -151,7 +151,7 @@ def _print_decision(
 
 
 def minimum(options: Namespace) -> int:
-    """The minimum distance of two shapes of any kinds, and the nearest points; or whether it is at most a threshold."""
+    """The minimum distance of two shapes and their nearest points, or whether it is at most a threshold."""
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
     atol = None if options.atol is None else options.atol.of(a, b)
@@ -185,7 +185,7 @@ def minimum(options: Namespace) -> int:
 
 
 def deviation(options: Namespace) -> int:
-    """The distance to B along A as a distribution."""
+    """The distribution of the distance to B over A."""
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
     check_drawn(options, a.dim)
@@ -212,7 +212,7 @@ def deviation(options: Namespace) -> int:
 
 
 def project(options: Namespace) -> int:
-    """The nearest points of a shape of any kind to given points, one row each."""
+    """The nearest points of a shape to given points, one row for each point."""
     shape = shape_of(options)
     points = points_of(options)
     if points.shape[1] != shape.dim:
@@ -240,7 +240,7 @@ def project(options: Namespace) -> int:
 
 
 def _projected(points: np.ndarray, shape: Any, method: Any, show: Callable[[Any], None]) -> Any:
-    """The projections of the points, some thousands at a time; of those that were done where it is interrupted."""
+    """The projections of the points, thousands at a time; only the finished ones after an interrupt."""
     size = _FEW_POINTS if isinstance(shape, AbstractPatch | ImplicitSurface) else _MANY_POINTS
     parts: list[Any] = []
     try:
@@ -255,7 +255,7 @@ def _projected(points: np.ndarray, shape: Any, method: Any, show: Callable[[Any]
 
 
 def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
-    """The picture of a distance: of curves with both directions, unless only one was asked for."""
+    """The picture of a distance; for curves with all directions that were computed."""
     if isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve):
         picture(file, a, b, directions_of(solution))
     else:
@@ -263,7 +263,7 @@ def _draw(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
 
 
 def check_drawn(options: Namespace, dim: int) -> None:
-    """Raises an error unless the picture and the page that are asked for can be written."""
+    """Raises an error if a requested picture or page cannot be written."""
     if options.plot:
         check_picture_file(options.plot)
     if options.html:
@@ -284,7 +284,7 @@ def print_files(**files: str | None) -> None:
 
 
 def directions_of(solution: HausdorffSolution) -> list[HausdorffSolution | None]:
-    """The directed distances of a solution; None for the second where the first one left its bounds wide."""
+    """The directed distances of a solution; None for the second if its bounds are wide."""
     if solution.directions is None:
         return [solution]
     there, back = solution.directions
@@ -292,7 +292,7 @@ def directions_of(solution: HausdorffSolution) -> list[HausdorffSolution | None]
 
 
 def _certified(file: str, a: Any, b: Any, solution: HausdorffSolution | MinimumSolution) -> bool:
-    """Writes the certificate of the solution; False, after a line on stderr, where its bounds could not be proven."""
+    """Writes the certificate of the solution; False, after a line on stderr, if its bounds cannot be proven."""
     try:
         with busy("certifying") as show:
             certificate = jhd.certify(a, b, solution, progress=show)

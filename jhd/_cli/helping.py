@@ -1,6 +1,6 @@
-"""Help and the version at once: the command line answers them before the package is imported, which takes seconds.
+"""Fast help: the command line prints help and the version before it imports the package, which takes seconds.
 
-Programs that import the package see nothing of this.
+Importing the package from Python is not affected.
 """
 
 import sys
@@ -12,7 +12,7 @@ _ASKED = {"-h", "--help", "--version"}
 
 
 def asks_for_help(words: Sequence[str]) -> bool:
-    """Whether a command line asks for help or the version: it is answered, or refused, without any computation."""
+    """Whether a command line asks for help or the version, which needs no computation."""
     return not _ASKED.isdisjoint(words[: words.index("--")] if "--" in words else words)
 
 

@@ -1,6 +1,6 @@
-"""Lengths of the command line: numbers, or shares of the diagonal of the box of the shapes, as 0.1%.
+"""Lengths of the command line: numbers, or percentages of the diagonal of the joint bounding box, for example 0.1%.
 
-The diagonal and its shares are rounded to four digits, so that they are read and typed again as they are used.
+The diagonal and its fractions are rounded to four digits, so that the printed numbers are the numbers used.
 """
 
 import math
@@ -10,12 +10,12 @@ _DIGITS = 4
 
 
 class Length(NamedTuple):
-    """A length as it was given.
+    """A length as given on the command line.
 
     Args:
-        number: a length in input units, or a share of the diagonal.
-        of_diagonal: whether it is a share.
-        text: the words given.
+        number: length in input units, or fraction of the diagonal.
+        of_diagonal: whether the number is a fraction of the diagonal.
+        text: text on the command line.
     """
 
     number: float
@@ -23,19 +23,19 @@ class Length(NamedTuple):
     text: str
 
     def of(self, *shapes: Any) -> float:
-        """The length in input units beside these shapes."""
+        """The length in input units for these shapes."""
         return _rounded(self.number * rounded_diagonal(*shapes)) if self.of_diagonal else self.number
 
 
 def length(text: str) -> Length:
-    """The length that a text says.
+    """The length written in a text.
 
     Raises:
-        ValueError: the text says none.
+        ValueError: the text is no length.
     """
     number, sign, rest = text.strip().partition("%")
     if rest:
-        raise ValueError(f"{text!r} is no length")
+        raise ValueError(f"{text!r} is no length; needs a number, or a percentage such as 0.1%")
     return Length(float(number) / 100 if sign else float(number), bool(sign), text.strip())
 
 
@@ -43,7 +43,7 @@ def rounded_diagonal(*shapes: Any) -> float:
     """The diagonal of the box of all control points, vertices and boxes, to four digits.
 
     Raises:
-        ValueError: shapes of different dimensions.
+        ValueError: the dimensions of the shapes differ.
     """
     # Help names lengths before the package is imported.
     from jhd.distance.search.mixes import diagonal_of
@@ -59,6 +59,6 @@ def _rounded(x: float) -> float:
 
 
 def share_text(distance: Any, diagonal: float) -> str:
-    """A distance as a share of the diagonal, to three digits; empty where there is no diagonal or no distance."""
+    """A distance as a percentage of the diagonal, to three digits; empty without a diagonal or a distance."""
     share = float(distance) / diagonal if diagonal > 0 else math.nan
     return f"{100 * share:.3g}%" if math.isfinite(share) else ""

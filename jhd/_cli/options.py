@@ -1,4 +1,4 @@
-"""What the words of the command line stand for: shapes, methods and points."""
+"""Conversion of the words of the command line to shapes, methods and points."""
 
 import inspect
 import sys
@@ -26,17 +26,17 @@ PROJECTIONS = (AbstractProjectionMethod, jhd.VertexVoxels)
 
 
 def shapes_of(options: Namespace) -> tuple[Any, Any]:
-    """Both shapes, of any kinds; where there is a box, what names no file, letter or path is a polynomial.
+    """Both shapes, of all kinds. With a box, a text that names no file, letter or path is read as a polynomial.
 
     Raises:
-        ValueError: a box that is none or serves no polynomial, or text that is no polynomial, with the column.
+        ValueError: the box is invalid or there is no polynomial for it, or a text is no polynomial (with the column).
     """
     a, b = _read({"A": options.a, "B": options.b}, options.box)
     return a, b
 
 
 def shape_of(options: Namespace) -> Any:
-    """The shape of a command that takes one, read as those of two are."""
+    """The shape of a command that takes one, read in the same way."""
     return _read({"SHAPE": options.shape}, options.box)[0]
 
 
@@ -44,18 +44,18 @@ def _read(texts: dict[str, str], box: list[float] | None) -> list[Any]:
     if box is None:
         return [_without_box(name, text) for name, text in texts.items()]
     if len(box) not in (2, 6):
-        raise ValueError(f"--box has {len(box)} numbers; needs 2, or 6: three lower ends, then three upper ones.")
+        raise ValueError(f"--box has {len(box)} numbers; needs 2, or 6: three lower ends, then three upper ends.")
     lower, upper = np.array(box).reshape(2, -1)
     shapes = [_in_box(name, text, lower, upper) for name, text in texts.items()]
     if not any(isinstance(shape, ImplicitSurface) for shape in shapes):
         which = " nor ".join(texts)
-        none = f"neither {which} is one" if len(texts) > 1 else f"{which} is none"
-        raise ValueError(f"--box is for polynomials, and {none}; leave it out.")
+        none = f"neither {which} is one" if len(texts) > 1 else f"{which} is not one"
+        raise ValueError(f"--box is for implicit surfaces, and {none}; leave it out.")
     return shapes
 
 
 def _in_box(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> Any:
-    """The shape that a text names, or the surface of the polynomial that it is."""
+    """The shape that a text names, or the implicit surface of the polynomial in the text."""
     try:
         return load_shape(text)
     except FileNotFoundError:
@@ -65,23 +65,23 @@ def _in_box(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> Any:
 
 
 def box_of(*shapes: Any) -> dict[str, Any]:
-    """The box of the polynomials among the shapes, for the context of a stored result."""
+    """The box of the implicit surfaces among the shapes, for the context of a stored result."""
     surface = next((shape for shape in shapes if isinstance(shape, ImplicitSurface)), None)
     return {} if surface is None else {"box": [np.asarray(end).tolist() for end in surface.box()]}
 
 
 def check_writable(*files: str | None) -> None:
-    """Raises ValueError for a file whose folder is not there: better known before a long computation than after it."""
+    """Raises ValueError if the folder of a file does not exist, before a long computation and not after it."""
     for file in files:
         if file and not Path(file).absolute().parent.is_dir():
             raise ValueError(f"{file}: no such folder.")
 
 
 def kind_of(shape: Any) -> str:
-    """What a shape is, in words."""
+    """The kind of a shape in words."""
     if is_points(shape):
         return "set of points"
-    kinds = {AbstractCurve: "curve", TriangleMesh: "mesh", ImplicitSurface: "polynomial surface"}
+    kinds = {AbstractCurve: "curve", TriangleMesh: "mesh", ImplicitSurface: "implicit surface"}
     return next((name for kind, name in kinds.items() if isinstance(shape, kind)), "parametric surface")
 
 
@@ -89,7 +89,7 @@ def curve_of(name: str, text: str) -> AbstractCurve:
     """The curve that a text names.
 
     Raises:
-        TypeError: a shape of another kind.
+        TypeError: the shape is no curve.
     """
     shape = load_shape(text)
     if not isinstance(shape, AbstractCurve):
@@ -101,7 +101,7 @@ def mesh_of(name: str, text: str) -> TriangleMesh:
     """The mesh that a text names.
 
     Raises:
-        TypeError: a shape of another kind.
+        TypeError: the shape is no mesh.
     """
     shape = load_shape(text)
     if not isinstance(shape, TriangleMesh):
@@ -130,10 +130,10 @@ def _surface(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> Impl
 
 
 def method_of(name: str | None, atol: float | None, kind: Any) -> Any:
-    """The method of that name, with the tolerance if there is one; the default of the entries without both.
+    """The method of this name, with the tolerance if one is given; without both the default method.
 
     Raises:
-        ValueError: an unknown name, or a tolerance for a method that has none.
+        ValueError: the name is unknown, or the method has no tolerance.
     """
     if name is None and atol is None:
         return jhd.BranchAndBound() if kind is AbstractHausdorffMethod else jhd.NearestSearch()
@@ -159,19 +159,19 @@ def method_of(name: str | None, atol: float | None, kind: Any) -> Any:
 
 
 def method_name(method: Any) -> str:
-    """The name of its class."""
+    """The name of the class of a method."""
     return type(method).__name__
 
 
 def points_of(options: Namespace) -> np.ndarray:
-    """The points of the command line, of the file, or of standard input; rows of numbers apart by spaces or commas."""
+    """Points from the command line, a file, or standard input, in rows of numbers separated by spaces or commas."""
     if options.coordinates and options.points:
-        raise ValueError("give the point as X Y [Z] or by --points, not both.")
+        raise ValueError("give the point as X Y [Z] or with --points, not both.")
     if options.coordinates:
         return np.array([options.coordinates])
     name = options.points or "-"
     if name == "-" and sys.stdin.isatty():
-        raise ValueError("no point: give X Y [Z], --points FILE, or rows on standard input.")
+        raise ValueError("there is no point; give X Y [Z], --points FILE, or rows on standard input.")
     rows = rows_in(sys.stdin.read() if name == "-" else read_text(name), name)
     if not len(rows):
         raise ValueError(f"{name} holds no points.")

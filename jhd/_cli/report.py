@@ -1,6 +1,6 @@
-"""What the command line shows: lines about shapes and solutions, and pictures.
+"""Output of the command line: lines about shapes and solutions, and pictures.
 
-Numbers are written in full: a bound that is read back is the one that was proven, and its digits are rounded outward.
+Numbers are written in full: a bound that is read back is the certified bound. Digits are rounded outward.
 """
 
 import io
@@ -28,13 +28,13 @@ from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
 
-# What says where a point lies, of each kind of shape: its piece and the parameters there.
+# The columns that locate a point on each kind of shape: its piece and the parameters there.
 PLACES = {
     "curve": ("segment", "t"),
     "set of points": ("segment", "t"),
     "mesh": ("triangle", "t1", "t2", "t3"),
     "parametric surface": ("patch", "u", "v"),
-    "polynomial surface": ("",),
+    "implicit surface": ("",),
 }
 _MILLIMETRES = 1 / 25.4
 _PICTURE_SIZE = 180 * _MILLIMETRES, 102 * _MILLIMETRES  # two columns of a journal
@@ -46,13 +46,13 @@ _SPEC_WIDTH = 60  # path data can be pages long
 
 
 def bar(done: int, count: int) -> str:
-    """How much of a number of things is done."""
+    """A progress bar, with the number of finished items."""
     filled = _BAR * done // count
     return f"[{'#' * filled}{'.' * (_BAR - filled)}] {done}/{count}"
 
 
 def names_of(solution: HausdorffSolution) -> tuple[str, str]:
-    """The letters of the shape with the point and of that with the feet."""
+    """The letters of the shape with the witness and of the shape with its feet."""
     return ("A", "B") if name_of(solution.direction) == "a_to_b" else ("B", "A")
 
 
@@ -63,7 +63,7 @@ def solution_text(title: str, solution: HausdorffSolution, name: str, other: str
         title,
         f"  value    {_number(solution)}",
         *_bound_lines(solution, "not proven by this method"),
-        *_share_line("  share    ", solution.value, diagonal),
+        *_share_line("  relative ", solution.value, diagonal),
         f"  event    {name_of(solution.event)}",
         f"  witness  {_place(name, w.segment, w.t, w.point)}",
     ]
@@ -78,13 +78,13 @@ def solution_text(title: str, solution: HausdorffSolution, name: str, other: str
 
 
 def deviation_text(found: Deviation, threshold: float | None, diagonal: float) -> str:
-    """Bounds of the numbers of a deviation in a table."""
+    """A table of the bounds of a deviation."""
     largest = Bounds(float(found.maximum.lower), float(found.maximum.upper))
     rows = {"maximum": largest, "rms": found.rms, "mean": found.mean}
     rows |= {f"{q:.0%} within": found.quantile(q) for q in (0.5, 0.9, 0.99)}
     lengths = len(rows)
     if threshold is not None:
-        rows[f"share within {threshold!r}"] = found.share_within(threshold)
+        rows[f"fraction within {threshold!r}"] = found.share_within(threshold)
     kind = "points" if is_points(found.a) else "length" if isinstance(found.a, AbstractCurve) else "area"
     rows[f"{kind} of A"] = found.measure
     width = max(map(len, rows))
@@ -102,7 +102,7 @@ def deviation_text(found: Deviation, threshold: float | None, diagonal: float) -
 
 
 def decision_text(title: str, found: Decision, threshold: float, diagonal: float) -> str:
-    """The answer to whether a distance is at most a threshold, with the bounds that were reached."""
+    """The answer to whether a distance is at most a threshold, with the bounds reached."""
     return "\n".join(
         [
             f"{title} at most {threshold!r}: {name_of(found.answer)}",
@@ -116,7 +116,7 @@ def decision_text(title: str, found: Decision, threshold: float, diagonal: float
 def minimum_text(found: MinimumSolution, diagonal: float) -> str:
     """The minimum distance in lines, with the nearest points."""
     lines = ["minimum distance", f"  value    {float(found.value)!r}", *_bound_lines(found)]
-    lines += _share_line("  share    ", found.value, diagonal)
+    lines += _share_line("  relative ", found.value, diagonal)
     for name, point in (("A", found.point_a), ("B", found.point_b)):
         lines.append(f"  point    {name} at ({', '.join(f'{float(x):.9g}' for x in point)})")
     if not successful(found):
@@ -125,7 +125,7 @@ def minimum_text(found: MinimumSolution, diagonal: float) -> str:
 
 
 def directions_text(there: HausdorffSolution, back: HausdorffSolution) -> str:
-    """The bounds of both directed distances; those from B to A are wide where only the other ones matter."""
+    """The bounds of both directed distances; the smaller distance may have wide bounds."""
     lines = []
     for way, solution in (("A to B", there), ("B to A", back)):
         lines.append(f"{way}     {lower_text(solution.lower)} to {_upper(solution)}")
@@ -141,18 +141,18 @@ def _upper(solution: Any, unproven: str = "not proven") -> str:
 
 
 def _share_line(title: str, distance: Any, diagonal: float | None) -> list[str]:
-    """The line that says which share of the diagonal a distance is, where it is one."""
+    """The line with a distance as a percentage of the diagonal, if that is known."""
     share = "" if diagonal is None else share_text(distance, diagonal)
     return [f"{title}{share} of the diagonal"] if share else []
 
 
 def _with_sentence(item: Any) -> str:
-    """The name of a member of an enumeration and the sentence that it stands for."""
+    """The name of a member of an enumeration and its message."""
     return f"{name_of(item)}: {item._enumeration._index_to_message[int(item._value)]}"
 
 
 def _place(name: str, segment: Any, t: Any, point: Any) -> str:
-    """A point of a shape; of an implicit surface there are no parameters."""
+    """A point of a shape with its parameters, which implicit surfaces lack."""
     if int(segment) < 0:
         where = ""
     elif np.ndim(t):
@@ -168,7 +168,7 @@ def _number(solution: HausdorffSolution) -> str:
 
 
 def shape_line(name: str, spec: str, shape: Any) -> str:
-    """What a shape is, after its name and how it was given."""
+    """A line with the name of a shape, its text on the command line, and its kind and size."""
     shown = spec if len(spec) <= _SPEC_WIDTH else f"{spec[: _SPEC_WIDTH - 3]}..."
     if isinstance(shape, ImplicitSurface):
         ends = zip(*(np.asarray(end) for end in shape.box()), strict=True)
@@ -191,17 +191,17 @@ def shape_line(name: str, spec: str, shape: Any) -> str:
 
 
 def successful(solution: Any) -> bool:
-    """Whether every result in it is."""
+    """Whether every result of a solution is successful."""
     return bool(np.all(np.asarray(solution.result._value) == np.asarray(RESULTS.successful._value)))
 
 
 def interrupted(solution: Any) -> bool:
-    """Whether any result in it is that of an interrupted search."""
+    """Whether any result of a solution comes from an interrupted search."""
     return bool(np.any(np.asarray(solution.result._value) == np.asarray(RESULTS.interrupted._value)))
 
 
 def progress_text(progress: Any) -> str:
-    """One line that says how far something has come that reports progress."""
+    """One line for a progress report of any kind."""
     if isinstance(progress, VoxelProgress):
         p = progress
         return f"cells of level {p.level} of {p.levels}: {p.kept} kept, {p.tested} tested so far"
@@ -221,11 +221,11 @@ def progress_text(progress: Any) -> str:
     name = "" if p.direction is None else f"{p.direction}: "
     digits = f"{bar(_digits(p.lower, p.upper), _DIGITS)} digits"
     ends = f"{lower_text(p.lower, '.9g')} to {upper_text(p.upper, '.9g')}"
-    return f"{name}{digits}, {ends}, step {p.steps}, {p.waiting} cells wait"
+    return f"{name}{digits}, {ends}, step {p.steps}, {p.waiting} open cells"
 
 
 def _digits(lower: float, upper: float) -> int:
-    """How many digits of a distance both bounds agree in, about; no more than are shown."""
+    """About how many digits of a distance are common to both bounds, at most the number shown."""
     if lower == upper:
         return _DIGITS
     if not math.isfinite(upper):
@@ -235,7 +235,7 @@ def _digits(lower: float, upper: float) -> int:
 
 
 def check_picture_file(file: str) -> None:
-    """Raises ValueError unless a picture can have this name: better known before a long computation than after it."""
+    """Raises ValueError if a picture cannot have this name, before a long computation and not after it."""
     from matplotlib.figure import Figure
 
     formats = Figure().canvas.get_supported_filetypes()
@@ -264,7 +264,7 @@ def picture(
     labels: Sequence[str] = ("A", "B"),
     unit: str = "input units",
 ) -> None:
-    """Writes the curves with the larger of the directed distances, and beside them the profile of each, None too."""
+    """Writes the curves with the larger of the directed distances, next to the profile of each direction."""
     # A figure without pyplot: no window, and the backend that the user has set stays as it is.
     from matplotlib.figure import Figure
 
@@ -281,7 +281,7 @@ def picture(
 
 
 def space_picture(file: str, a: Any, b: Any, solution: HausdorffSolution) -> None:
-    """Writes two polynomial surfaces with the witness; of other shapes the farther one in colours of its distance."""
+    """Writes two implicit surfaces with the witness, or the shape with the witness colored by its distance."""
     if not (isinstance(a, ImplicitSurface) and isinstance(b, ImplicitSurface)):
         _save_and_close(file, plot.distances(a, b, solution).figure)
         return
@@ -305,12 +305,12 @@ def minimum_picture(file: str, a: Any, b: Any, found: MinimumSolution) -> None:
 
 
 def deviation_picture(file: str, found: Any) -> None:
-    """Writes the shape in the colours of its distance, with a histogram."""
+    """Writes the shape colored by its distance, with a histogram."""
     _save_and_close(file, plot.deviation(found).figure)
 
 
 def neighbours_picture(file: str, queries: Any, shapes: Any, found: Any, names: tuple[list[str], list[str]]) -> None:
-    """Writes the first queries with their nearest shapes, as a picture or page; names are those of both."""
+    """Writes the first queries with their nearest shapes, as a picture or page."""
     axes = plot.neighbours(queries, shapes, found, query_names=names[0], names=names[1])
     if not file.lower().endswith((".html", ".htm")):
         _save_and_close(file, axes[0, 0].figure)
@@ -322,7 +322,7 @@ def neighbours_picture(file: str, queries: Any, shapes: Any, found: Any, names: 
 
 
 def save_figure(file: str, figure: Any) -> None:
-    """Writes a picture in the format of its suffix, as a whole or not at all."""
+    """Writes a picture in the format of its suffix; an interrupted call leaves no partial file."""
     stream = io.BytesIO()
     figure.savefig(stream, format=Path(file).suffix.removeprefix(".").lower(), dpi=PICTURE_DPI)
     replace_file(file, stream.getvalue())

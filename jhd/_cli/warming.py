@@ -1,7 +1,7 @@
-"""What `jhd warm` prepares: for each kind of shape the calls that its programs are compiled by, on small examples.
+"""The calls of `jhd warm`: for each kind of shape, calls on small examples that compile the functions needed later.
 
-Programs are kept by the kind of shape, the dimension and the degree, and one of them serves all curves of up to some
-dozens of segments (jhd.distance.frame.curves), so a call on an example leaves what a call on a user's shapes looks for.
+Compiled functions are kept by the kind of shape, the dimension and the degree. One function serves all curves of up to
+some dozens of segments (jhd.distance.frame.curves), so a call on an example compiles the function for users' shapes.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -13,12 +13,12 @@ import numpy as np
 
 import jhd
 
-# The kinds by name, with what they stand for.
+# The kinds by name, with their meaning.
 KINDS = {
     "plane": "curves in the plane",
     "space": "curves in space",
     "rational": "rational curves in the plane",
-    "surfaces": "polynomial surfaces",
+    "surfaces": "implicit surfaces",
     "meshes": "triangle meshes",
 }
 _CURVE_DEGREE, _SURFACE_DEGREE = 3, 2
@@ -26,7 +26,7 @@ _BOX = [-2.0] * 3, [2.0] * 3
 
 
 class Preparation(NamedTuple):
-    """One call: what it is called, and how it is made."""
+    """One call, and its name."""
 
     name: str
     run: Callable[[], Any]
@@ -37,7 +37,7 @@ def preparations(kinds: Sequence[str], degree: int | None = None) -> list[Prepar
 
     Args:
         kinds: names in KINDS.
-        degree: of curves and of polynomial surfaces in each variable; by default 3 and 2.
+        degree: degree of curves, and of implicit surfaces in each variable; by default 3 and 2.
     """
     return [Preparation(f"{KINDS[kind]}: {name}", run) for kind in kinds for name, run in _calls(kind, degree)]
 
@@ -53,7 +53,7 @@ def _calls(kind: str, degree: int | None) -> Iterator[tuple[str, Callable[[], An
         a, b = (_curve(n, 3 if kind == "space" else 2, kind == "rational", move) for move in (0.0, 0.5))
     yield "Hausdorff distance", partial(jhd.hausdorff, a, b, throw=False)
     yield "decision", partial(jhd.hausdorff_at_most, a, b, 1.0)
-    yield "smallest distance", partial(jhd.minimum_distance, a, b, throw=False)
+    yield "minimum distance", partial(jhd.minimum_distance, a, b, throw=False)
     yield (
         "nearest points",
         partial(jhd.project, np.zeros((1, 2 if kind in ("plane", "rational") else 3)), b, throw=False),
