@@ -1,4 +1,4 @@
-"""Fields: distance stored on cells."""
+"""Distance fields and distance grids of surfaces, meshes and plane curves."""
 
 from jhd.fields.adaptive import AdaptiveDistanceField
 from jhd.fields.adaptive_build import FieldProgress

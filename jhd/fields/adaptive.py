@@ -1,8 +1,8 @@
-"""Adaptively sampled distance fields: distances of a mesh on an octree, signed or not, interpolated between corners.
+"""Adaptively sampled distance fields of surfaces: distances on an octree, signed or not, interpolated between corners.
 
-Such a field answers millions of queries a second, has a derivative almost everywhere, and can be turned into a mesh
-again. It is an approximation: the tolerance of its construction is checked at 19 points of each cell. How far it is off
-can be sampled, or proven.
+A field answers millions of queries a second, has a derivative almost everywhere, and can be converted back to a mesh.
+It is an approximation: its construction checks the tolerance at 19 points of each cell only. The error of a field can
+be sampled (`sampled_error`) or bounded with a proof (`proven_error`).
 
 Sources: "3-D signed Euclidean distance transform and its applications" (Lin03, 2003), section 3; Frisken, Perry,
 Rockwood, Jones, Adaptively sampled distance fields (2000).
@@ -40,29 +40,35 @@ _FORMAT = "jhd.AdaptiveDistanceField 1"
 
 
 class AdaptiveDistanceField(eqx.Module):
-    """Distances to a mesh, negative inside or without a sign, stored at the corners of the leaves of an octree.
+    """Distances to a surface on an octree, negative inside or unsigned, stored at the corners of the leaves.
 
-    Within a leaf the field is the trilinear interpolation of the values at its corners. Between leaves of one size it
-    is continuous; between others it may jump by up to the tolerance. Made by `build`.
+    Within a leaf the field is the trilinear interpolation of its corner values. The field is continuous between leaves
+    of equal size; between leaves of different sizes it may jump by up to the tolerance. Create a field with `build`.
 
-    In mode "band" the field is refined where the surface is, and coarse elsewhere. Leaves that miss the surface of a
-    closed mesh have corners on one side of it, so there the sign is right. In mode "full" it is refined everywhere.
+    In mode "band" the field is refined near the surface and coarse elsewhere. If the mesh is closed, every leaf that
+    misses the surface has all corners on one side, so the sign is correct there. Mode "full" refines everywhere.
+
+    >>> corners = [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]
+    >>> mesh = TriangleMesh(corners, [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
+    >>> field = AdaptiveDistanceField.build(mesh, atol=0.5)
+    >>> abs(float(field([0.0, 0.0, 0.0])) + 3**-0.5) < 0.5
+    True
 
     Args:
-        lower: the lower corner of the box, which has a margin about the mesh.
-        spacing: the side of the finest cells; the box has roots.shape << depth of them along each axis.
-        roots: for each cell of the coarsest grid a node, or -1 - i for leaf i.
-        nodes: the same for the eight parts of each node, numbered 4 x + 2 y + z.
-        places: lower corners of the leaves, counted in finest cells.
-        widths: sides of the leaves, counted likewise.
-        corners: the values at the corners of each leaf, numbered as the parts are.
-        values: signed distances in the unit of the mesh; leaves share them.
-        atol: the tolerance of the construction.
-        depth: how often a cell of the coarsest grid is halved to give a finest one.
+        lower: lower corner of the box, which has a margin around the mesh.
+        spacing: side of the finest cells. The box has `roots.shape << depth` finest cells along each axis.
+        roots: for each cell of the coarsest grid the index of its node, or -1 - i for leaf i.
+        nodes: for each node the same numbers for its eight children; child (x, y, z) has index 4 x + 2 y + z.
+        places: lower corners of the leaves, in units of finest cells.
+        widths: sides of the leaves, in units of finest cells.
+        corners: indices into `values` of the corners of each leaf, numbered like the children.
+        values: distances in the unit of the mesh; leaves with a common corner use the same entry.
+        atol: tolerance of the construction, in the unit of the mesh.
+        depth: number of times that a cell of the coarsest grid is halved to give a finest cell.
         mode: "band" or "full".
-        sign: "winding", "pseudonormal" or "none"; "average" of the published method.
-        unresolved: leaves that are off by more than the tolerance at one of their 19 points, because the largest depth
-            or number of cells was reached.
+        sign: "winding", "pseudonormal" or "none"; "average" for the published method.
+        unresolved: number of leaves whose error exceeds the tolerance at one of their 19 test points, because
+            `max_depth` or `max_cells` was reached.
     """
 
     lower: Float[Array, "3"]
@@ -100,36 +106,40 @@ class AdaptiveDistanceField(eqx.Module):
         progress: Callable[[FieldProgress], object] | None = None,
         method: Any = None,
     ) -> "AdaptiveDistanceField":
-        """The field of a surface, refined until the interpolation is within the tolerance at 19 points of each cell.
+        """The field of a surface, refined until the interpolation error is within `atol` at 19 points of each cell.
 
-        That is no bound of the error elsewhere: see `sampled_error` and `proven_error`. Gaps and sheets that are
-        thinner than the tolerance can be lost, as an error of that size may close them. Parametric and polynomial
-        surfaces are measured from their `to_mesh` at a quarter of the tolerance, which is proven, turned outward where
-        it is closed; the side of a point is that of this mesh.
+        This is no bound of the error elsewhere; see `sampled_error` and `proven_error`. Gaps and sheets thinner than
+        the tolerance can be lost. Parametric and implicit surfaces are first converted by `to_mesh`, with a certified
+        error of a quarter of the tolerance. Closed ones are oriented outward. The sign of a point is then its side of
+        this mesh.
 
         Args:
-            mesh: the surface: a mesh, a parametric or polynomial surface, or what jhd.as_shape takes for one.
-            atol: the tolerance, positive, in the unit of the mesh.
-            mode: "band" refines only cells that may meet the surface; "full" all of them, as published.
-            sign: as for jhd.signed_distance: "winding", the default, for all meshes (where one is not closed the field
-                jumps across its holes), or "pseudonormal", for closed ones without self-intersections; or "none":
-                distances are at least 0, for open surfaces. These bend at the surface, so cells there are about as wide
-                as twice atol.
-            max_depth: most halvings of the cells of the first grid, 9 to 16 of which are as long as the box.
-            max_cells: cells beyond which none is split; a million take 1.3 gigabytes while the field is
-                built.
-            progress: called with a FieldProgress after each level.
-            method: None for exact distances. With mode="full", jhd.VertexVoxels(transform="vector_propagation") makes
-                this algorithm 1 of Lin & Wang (2003) as published: it starts from the one cube about the mesh, takes
-                the distances of the local search, which can be too large, and signs by averaged normals, which can be
-                wrong. Where either jumps by more than the tolerance, cells are split to `max_depth`.
+            mesh: mesh, parametric or implicit surface, or an object that jhd.as_shape converts to one.
+            atol: tolerance, positive, in the unit of the mesh.
+            mode: "band" refines only the cells that may meet the surface; "full" refines all cells, as published.
+            sign: how the side of a point is determined; see jhd.signed_distance. None means "winding", for all
+                meshes; if a mesh is not closed, the field jumps across its holes. "pseudonormal" is for closed meshes
+                without self-intersections. "none" stores unsigned distances, for open surfaces; the field has a crease
+                at the surface, so cells there are about 2 atol wide.
+            max_depth: largest number of halvings of the cells of the first grid, 0 to 15. The first grid has 9 to 16
+                cells along the longest side of the box.
+            max_cells: number of cells beyond which no cell is split. A million cells take 1.3 GB during the
+                construction.
+            progress: callback that receives a FieldProgress after each level.
+            method: None computes exact distances. jhd.VertexVoxels(transform="vector_propagation") with mode="full"
+                gives algorithm 1 of Lin & Wang (2003) as published. It starts from one cube around the mesh. Its
+                distances come from the local search and can be too large; its signs come from averaged normals and can
+                be wrong. If either jumps by more than the tolerance, cells are split down to `max_depth`.
+
+        Returns:
+            The field. Its `unresolved` is 0 if the tolerance was reached at all tested points.
 
         Raises:
-            TypeError: no surface, one that is traced, or numbers of another kind.
-            ValueError: a tolerance that is not positive and finite, an unknown mode or sign, a depth or number out of
-                range, normals of a mesh that is not closed and consistently oriented, a parametric or polynomial
-                surface that is open where a sign is asked for, or one of which `to_mesh` makes no mesh; a method
-                together with another mode or a sign.
+            TypeError: the input is no surface, it is traced, or a number has the wrong type.
+            ValueError: the tolerance is not positive and finite, the mode or sign is unknown, or a number is out of
+                range; pseudonormals are requested for a mesh that is not closed and consistently oriented; a sign is
+                requested for an open parametric or implicit surface; `to_mesh` fails; or a method is given with another
+                mode or with a sign.
         """
         shape, tolerance = taken_as("mesh", mesh), positive("atol", atol)
         if method is not None and (mode != "full" or sign is not None):
@@ -140,7 +150,7 @@ class AdaptiveDistanceField(eqx.Module):
         depth = whole("max_depth", max_depth, 0, DEEPEST)
         most = whole("max_cells", max_cells, 1, 1 << 27)
         grid = first_grid(mesh, tolerance) if method is None else bounding_cube(mesh)
-        # What is beyond floats there asks for all cells, or for none.
+        # A tolerance beyond floats in this unit refines all cells, or none.
         asked = _scaled(tolerance if mesh is shape else (1 - MESH_SHARE) * tolerance, -power)
         tree = build_octree(
             Task(surface, grid.scaled(-power), asked, one_of("mode", mode, MODES), depth, most, progress)
@@ -168,19 +178,25 @@ class AdaptiveDistanceField(eqx.Module):
 
     @property
     def upper(self) -> Float[Array, "3"]:
-        """The upper corner of the box."""
+        """Upper corner of the box."""
         return self.lower + self.spacing * (np.array(self.roots.shape) << self.depth)
 
     def __call__(self, points: Numbers) -> Float[Array, "..."]:
-        """The field at points (..., 3), the batch shape kept; differentiable in the points and in the values.
+        """Values of the field at points of shape (..., 3); differentiable in the points and in the values.
 
-        Outside of the box it is the value at the nearest point of the box plus the distance to that point: where the
-        value there is right, an upper bound of the distance to the mesh, too large by twice that distance at most.
-        At the faces of leaves the derivative is that of the leaf with the larger coordinates.
+        Outside the box, the value is the field at the nearest point of the box plus the distance to that point. If the
+        field is exact there, this is an upper bound of the distance to the mesh, too large by at most twice the
+        distance to the box. On a face between leaves, the derivative comes from the leaf with the larger coordinates.
+
+        Args:
+            points: coordinates, (..., 3), in the unit of the mesh.
+
+        Returns:
+            Distances of shape (...), negative inside.
 
         Raises:
-            TypeError: points that are not real numbers.
-            ValueError: points that are not finite, empty, or not in space. Under tracing NaN gives NaN.
+            TypeError: the points are not real numbers.
+            ValueError: the points are not finite, empty, or not in space. Under tracing, NaN gives NaN.
         """
         queries = real_array("points", points)
         if queries.ndim == 0 or queries.shape[-1] != 3:
@@ -190,22 +206,25 @@ class AdaptiveDistanceField(eqx.Module):
         return values_at(self._cells(), queries.reshape(-1, 3), self.depth).reshape(queries.shape[:-1])
 
     def to_mesh(self, resolution: int) -> TriangleMesh:
-        """The zero set by marching cubes, vertices outward; closed for the field of a closed mesh.
+        """Zero set of the field as a mesh, by marching cubes; closed if the field was built from a closed mesh.
 
-        What is thinner than a cell of the grid may be lost, whatever the field is.
+        Parts thinner than a cell of the marching-cubes grid may be lost, regardless of the accuracy of the field.
 
         Args:
-            resolution: cells of the grid along the longest side of the box, 2 to 4096. Time and memory go with its
+            resolution: number of grid cells along the longest side of the box, 2 to 4096. Time and memory grow with its
                 square.
+
+        Returns:
+            A TriangleMesh in the unit of the field, oriented outward.
 
         Raises:
             ImportError: scikit-image is not installed.
-            TypeError: a resolution that is no whole number, or a field that is traced.
-            ValueError: a resolution out of range, no zero on the grid, or a field without signs.
-            MemoryError: the mesh would take more memory than there is.
+            TypeError: the resolution is no whole number, or the field is traced.
+            ValueError: the resolution is out of range, the field has no zero on the grid, or it has no signs.
+            MemoryError: the mesh would need more memory than is free.
         """
         if self.sign == "none":
-            raise ValueError("the field has no signs, so its zero set is no surface; needs a field with signs.")
+            raise ValueError("the field has no signs, so its zero set is no surface; build it with sign='winding'.")
         count, known = whole("resolution", resolution, 2, 4096), self._known()
         power = int(common_exponent(np.asarray(known.lower), np.asarray(known.upper)))
         known = known._times(-power)
@@ -218,19 +237,22 @@ class AdaptiveDistanceField(eqx.Module):
         return TriangleMesh(np.ldexp(np.asarray(found.vertices), power), found.triangles)
 
     def sampled_error(self, mesh: Any, samples: int = 100_000, seed: int = 0) -> float:
-        """The largest |field - distance| at random points: of the band in mode "band", of the box in "full".
+        """Largest |field - distance| at random points: in the band for mode "band", in the box for mode "full".
 
-        The band is the leaves that may meet the surface; points are uniform in it. For a parametric or polynomial
-        surface the signed distance is that of the mesh that `build` made of it.
+        The band consists of the leaves that may meet the surface; points are uniform in the band. For a parametric or
+        implicit surface, the distance is measured to the mesh that `build` made of the surface.
 
         Args:
-            mesh: the surface that the field was built from.
-            samples: number of points.
-            seed: of the random numbers.
+            mesh: surface from which the field was built.
+            samples: number of points, at least 1.
+            seed: seed of the random numbers, at least 0.
+
+        Returns:
+            The largest error found, in the unit of the mesh: a lower bound of the largest error.
 
         Raises:
-            TypeError: no surface, numbers that are not whole, or what is traced.
-            ValueError: numbers out of range, or no leaf that meets the mesh.
+            TypeError: the input is no surface, a number is not whole, or the field or the mesh is traced.
+            ValueError: a number is out of range, or no leaf meets the mesh.
         """
         surface, power = _surface("mesh", meshed(mesh, float(self._known().atol), self.sign)[0], self._kind)
         count = whole("samples", samples, 1, 1 << 31)
@@ -245,38 +267,46 @@ class AdaptiveDistanceField(eqx.Module):
         return float(_scaled(np.max(np.abs(known._numbers(points) - exact)), power))
 
     def proven_error(self, mesh: Any, *, rtol: float = 0.25, max_boxes: int = 400_000) -> float:
-        """A proven upper bound of |field - signed distance|: in the band in mode "band", in the box in "full".
+        """Certified upper bound of |field - signed distance|: in the band for mode "band", in the box for mode "full".
 
-        The signed distance is that by the winding number (without a sign where the field has none), the mesh and the
-        values are taken as they are stored, and the field as their exact interpolation in each leaf, its faces
-        included; see jhd.fields.adaptive_error. Leaves are split for the proof until the bound is near the largest
-        error seen, or there are too many boxes; then it is true, and larger than it might be. Some seconds for a
-        hundred thousand boxes. Of a parametric or polynomial surface the bound holds for its distance with the side
-        that its mesh gives, which is off by the mesh's deviation at most; where the point is farther than that from the
-        surface, the side is the surface's own.
+        The sign of the distance is given by the winding number (a field without signs is compared with the unsigned
+        distance). The mesh and the values are taken as stored, and the field as their exact interpolation in each leaf,
+        faces included; see jhd.fields.adaptive_error. Leaves are split until the bound is close to the largest error
+        seen, or until there are too many boxes; the bound is then valid but wider. A hundred thousand boxes take
+        seconds.
+
+        For a parametric or implicit surface, the bound holds for its distance, with the side determined by its mesh.
+        The side can differ from the side of the surface only within the certified error of that mesh.
 
         Args:
-            mesh: the surface that the field was built from, or any other.
-            rtol: how far above the largest error seen the bound may stay, relative to that error.
-            max_boxes: boxes beyond which none is split; the leaves themselves are looked at in any case.
+            mesh: surface from which the field was built, or any other.
+            rtol: allowed excess of the bound over the largest error seen, relative to that error; positive.
+            max_boxes: number of boxes beyond which no box is split. All leaves are examined in any case.
+
+        Returns:
+            The bound, in the unit of the mesh.
 
         Raises:
-            TypeError: no surface, numbers of another kind, or what is traced.
-            ValueError: a mesh that is not closed and consistently oriented, whose signed distance jumps; numbers out of
-                range; or no leaf that meets the mesh.
+            TypeError: the input is no surface, a number has the wrong type, or the field or the mesh is traced.
+            ValueError: the mesh is not closed and consistently oriented, so its signed distance jumps; a number is out
+                of range; or no leaf meets the mesh.
         """
         mesh, deviation = meshed(mesh, float(self._known().atol), self.sign)
         surface, power = _surface("mesh", mesh, self._kind)
         if not surface.linked:
-            needed = "every edge of the mesh run along as often one way as the other"
-            raise ValueError(f"proven_error needs {needed}: else the signed distance jumps across the holes.")
+            needed = "a mesh whose edges are each traversed equally often in both directions"
+            raise ValueError(f"proven_error needs {needed}; otherwise the signed distance jumps across the holes.")
         ratio, most = positive("rtol", rtol), whole("max_boxes", max_boxes, 1, 1 << 31)
         error = largest_error(surface, self._known()._times(-power)._boxes(surface), ratio, most)
         bound = np.nextafter(_scaled(error, power), np.inf)
         return float(np.nextafter(bound + deviation, np.inf) if deviation else bound)
 
     def save(self, path: str | Path) -> None:
-        """Writes the field as an .npz file of arrays, with exactly this name, as a whole or not at all."""
+        """Writes the field to an .npz file with exactly this name. An interrupted call leaves no partial file.
+
+        Args:
+            path: name of the file.
+        """
         known = self._known()
         arrays = {name: np.asarray(getattr(known, name)) for name in _ARRAYS}
         stream = io.BytesIO()
@@ -287,9 +317,15 @@ class AdaptiveDistanceField(eqx.Module):
     def load(cls, path: str | Path) -> "AdaptiveDistanceField":
         """Reads a field that `save` wrote, in the default precision.
 
+        Args:
+            path: name of the file.
+
+        Returns:
+            The field.
+
         Raises:
-            FileNotFoundError: there is no such file.
-            ValueError: the file is no field, or is damaged; the message begins with its name.
+            FileNotFoundError: the file does not exist.
+            ValueError: the file holds no field, or is damaged; the message begins with its name.
         """
         try:
             return cls(**_checked(_content(path)))
@@ -307,12 +343,12 @@ class AdaptiveDistanceField(eqx.Module):
         lengths = lambda f: (f.lower, f.spacing, f.values, f.atol)  # noqa: E731
         scaled = [_scaled(np.asarray(x), power) for x in lengths(self)]
         if not all(np.isfinite(x).all() for x in scaled[:3]):
-            raise ValueError("the field is too large beside the mesh; needs the mesh that it was built from.")
+            raise ValueError("the field is too large compared with the mesh; needs the mesh that it was built from.")
         return eqx.tree_at(lengths, self, tuple(jnp.asarray(x) for x in scaled))
 
     @property
     def _kind(self) -> str:
-        """The sign by which errors are told: pseudonormals give that of winding numbers where they are of use."""
+        """The sign for measuring errors: valid pseudonormals give the same sign as winding numbers."""
         return "none" if self.sign == "none" else "winding"
 
     def _cells(self) -> LeafCells:
@@ -320,7 +356,7 @@ class AdaptiveDistanceField(eqx.Module):
 
     def _known(self) -> "AdaptiveDistanceField":
         if is_traced(self):
-            raise TypeError("the field must be known here: what is found depends on its numbers; it is traced.")
+            raise TypeError("the field is traced; needs known numbers here, as the cells depend on them.")
         return self
 
     def _numbers(self, points: np.ndarray) -> np.ndarray:
@@ -329,7 +365,7 @@ class AdaptiveDistanceField(eqx.Module):
         return np.asarray(values_at(self._cells(), rows, self.depth), np.float64)
 
     def _boxes(self, surface: Surface) -> LeafBoxes:
-        """The leaves that errors are about."""
+        """The leaves in which errors are measured."""
         lower, spacing, values = (np.asarray(x, np.float64) for x in (self.lower, self.spacing, self.values))
         places, widths, corners = (np.asarray(x) for x in (self.places, self.widths, self.corners))
         boxes = LeafBoxes(lower + spacing * places, spacing * widths, values[corners])
@@ -346,7 +382,7 @@ _OTHERS = ("depth", "mode", "sign", "unresolved")
 def _content(path: str | Path) -> Mapping[str, np.ndarray]:
     """The arrays of an archive."""
     if str(read_arrays(path, ["format"])["format"]) != _FORMAT:
-        raise ValueError(f"it holds no field, or one of another version; needs {_FORMAT!r}.")
+        raise ValueError(f"the file holds no field, or a field of another version; needs {_FORMAT!r}.")
     return read_arrays(path, (*_ARRAYS, *_OTHERS))
 
 
@@ -374,7 +410,7 @@ def _checked(content: Mapping[str, np.ndarray]) -> dict[str, Any]:
         if numbers.size and not (first <= numbers.min() and numbers.max() < end):
             raise ValueError(f"{name} has numbers out of range; needs {first} to {end - 1}.")
     if known["roots"].ndim != 3 or not known["roots"].size or not 0 <= known["depth"] <= DEEPEST:
-        raise ValueError(f"roots has shape {known['roots'].shape} and depth is {known['depth']}; that is no octree.")
+        raise ValueError(f"roots has shape {known['roots'].shape} and depth is {known['depth']}; this is no octree.")
     _check_leaves(known)
     return known
 
@@ -396,15 +432,15 @@ def _check_leaves(known: dict[str, Any]) -> None:
 
 
 def _surface(name: str, mesh: Any, sign: str = "winding", method: Any = None) -> tuple[Surface, int]:
-    """The mesh prepared in a unit of its own, and the power of two of that."""
+    """The mesh prepared in a unit of its own, and the power of two of this unit."""
     check_mesh(name, mesh)
     if is_traced(mesh):
-        raise TypeError(f"{name} must be known: the cells depend on its numbers, so it cannot be traced.")
+        raise TypeError(f"{name} is traced; needs known numbers, as the cells depend on them.")
     unit, power = in_unit(mesh)
     return surface_of(unit, sign, None if method is None else method.search), power
 
 
 def _scaled(x: Any, power: int) -> Any:
-    """The product x 2^power, infinite where that is beyond all floats."""
+    """The product x 2^power, infinite if it exceeds all floats."""
     with np.errstate(over="ignore"):
         return np.ldexp(x, power)

@@ -1,14 +1,15 @@
 """Builds an adaptively sampled distance field: an octree over a mesh, refined level by level.
 
-A cell is compared at 19 points, the middles of its edges and faces and its own, with the trilinear interpolation of the
-distances at its corners, and split where one is off by more than the tolerance. Points are named by integers, so what
-cells share is computed once: those of one level are no points of coarser ones, and those of a cell that is split are
-the corners of its parts. In the band, cells that are proven to miss the surface are neither compared nor split.
+At 19 points of a cell (the midpoints of its edges and faces, and its center) the distance is compared with the
+trilinear interpolation of the corner values. A cell is split if one of them is off by more than the tolerance. Points
+have integer names, so points common to several cells are computed once: a point of one level is no point of a coarser
+level, and the points of a cell that is split are the corners of its children. In the band, cells that are proven to
+miss the surface are neither compared nor split.
 
-All coordinates are multiples of powers of two that fit into a float, so every sample lies exactly where it should.
+All coordinates are multiples of powers of two that fit into a float, so the position of every sample is exact.
 
-Source: "3-D signed Euclidean distance transform and its applications" (Lin03, 2003), algorithm 1, whose test of a cell
-this is; Frisken et al., Adaptively sampled distance fields (2000). Working by levels, and the band, are ours.
+Source: "3-D signed Euclidean distance transform and its applications" (Lin03, 2003), algorithm 1, for the test of a
+cell; Frisken et al., Adaptively sampled distance fields (2000). The order by levels and the band are ours.
 """
 
 from collections.abc import Callable
@@ -26,11 +27,11 @@ from jhd.shapes.mesh import TriangleMesh
 MODES = ("band", "full")
 # Cells along the longest side of the first grid: more than half as many, and at most this many.
 _FIRST = 16
-# The mesh keeps this share of its size, and this many tolerances, away from the sides of the box.
+# The margin between the mesh and the sides of the box: this fraction of its size, and this many tolerances.
 _MARGIN, _TOLERANCES = 1 / 16, 2
 # Units in the last place of the largest coordinate that the margin has at least.
 _LEAST = 64
-# Halvings that places in the grid have room for: three of them share 63 bits.
+# Halvings for which positions in the grid have room: three positions fit into 63 bits.
 DEEPEST, _BITS = 15, 21
 
 # The 27 points of a cell in half sides, x slowest; which of them are corners, which are compared, and the middle.
@@ -48,13 +49,13 @@ _ROUNDS = 4
 
 
 class FieldProgress(NamedTuple):
-    """How far the construction of a field has come.
+    """Progress of the construction of a field.
 
     Args:
-        level: the level of the octree that was worked on, 0 for the first grid.
-        tested: cells of this level that were compared.
-        split: those that were split.
-        samples: points at which the distance is known.
+        level: level of the octree that was processed, 0 for the first grid.
+        tested: number of cells of this level that were compared.
+        split: number of cells of this level that were split.
+        samples: number of points at which the distance is known.
     """
 
     level: int
@@ -132,7 +133,7 @@ class _OctreeLevel(NamedTuple):
 
 
 class Task(NamedTuple):
-    """What is asked for: see AdaptiveDistanceField.build; all of it, the first grid too, in the unit of the surface."""
+    """The arguments of AdaptiveDistanceField.build, all in the unit of the surface."""
 
     surface: Surface
     grid: Grid

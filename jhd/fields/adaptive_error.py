@@ -1,6 +1,6 @@
-"""A proven bound of the error of an adaptively sampled distance field, from the Lipschitz property alone.
+"""A certified bound of the error of an adaptively sampled distance field, from the Lipschitz property alone.
 
-The signed distance s of a closed mesh changes by no more than one moves, so for any points z and x
+The signed distance s of a closed mesh is 1-Lipschitz, so for all points z and x
 
     s(z) - |x - z|  <=  s(x)  <=  s(z) + |x - z|.
 
@@ -9,8 +9,8 @@ so is |x - z| - f(x). With the corners c this gives, for every z and with no oth
 
     f - s <= max_c (f(c) + |c - z|) - s(z)      and      s - f <= max_c (|c - z| - f(c)) + s(z)      in the box.
 
-With z far away along the normal, on either side of the surface, both are sharp to second order in the size of the box,
-where s is smooth; so z is tried at some distances from the middle. Boxes whose bound is too large are split.
+With z far away along the normal, on either side of the surface, both are sharp to second order in the size of the box
+if s is smooth there. So z is tried at several distances from the center. Boxes whose bound is too large are split.
 """
 
 from typing import NamedTuple

@@ -1,7 +1,7 @@
-"""Values of an adaptively sampled distance field: the kernel for one point, and the batches made of it.
+"""Values of an adaptively sampled distance field: the kernel for one point, and its batches.
 
-Cells are found with integers, counted in the finest cells: the first grid names a cell, and each of the lower digits of
-the place, in base two, one of its parts. The leaf found is interpolated trilinearly.
+Cells are found by integer arithmetic in units of the finest cells. The first grid gives a cell, and each lower binary
+digit of the position selects one of its children. The values at the corners of the leaf are interpolated trilinearly.
 """
 
 from typing import Any, NamedTuple
@@ -44,7 +44,7 @@ def interpolated(values: Array, w: Array) -> Array:
 
 
 def value_at(cells: LeafCells, point: Float[Array, "3"], depth: int) -> Float[Array, ""]:
-    """The field at one point; outside of the box, the value at the nearest point of it plus the distance to that."""
+    """The field at one point; outside the box, the value at the nearest point of the box plus the distance to it."""
     count = np.array(cells.roots.shape) << depth
     upper = cells.lower + cells.spacing * count
     inside = jnp.where(point < cells.lower, cells.lower, jnp.where(point > upper, upper, point))

@@ -1,11 +1,11 @@
 """The zero set of an adaptively sampled distance field as a mesh, by marching cubes on a regular grid.
 
 Only blocks of the grid that meet leaves of both signs are evaluated: everywhere else the field has one sign. The blocks
-lie side by side in one volume for marching cubes, so time and memory go with the surface and not with the grid. Blocks
-repeat the samples between them; their vertices are joined by the edges of the grid that they lie on, and computed again
-in full precision, as zeros of the field along their edges.
+are stored side by side in one volume, so time and memory grow with the surface and not with the grid. Blocks repeat the
+samples between them. Their vertices are merged by the grid edges on which they lie, and recomputed in full precision,
+as zeros of the field along these edges.
 
-Source: marching cubes by Lewiner et al. (2003), as scikit-image has it.
+Source: marching cubes by Lewiner et al. (2003), as implemented in scikit-image.
 """
 
 from collections.abc import Callable, Iterator
@@ -120,7 +120,7 @@ def extracted(
     parts = [_marched(lattice, blocks) for blocks in _batches(met)]
     found = [part for part in parts if part is not None]
     if not found:
-        raise ValueError(f"no zero was found with a resolution of {resolution}; needs more, or the field has none.")
+        raise ValueError(f"no zero was found with a resolution of {resolution}; try a larger one.")
     keys, triangles = np.unique(np.concatenate([part.triangles for part in found]), return_inverse=True)
     inner = np.concatenate([part.inner for part in found])
     places = np.concatenate([part.places for part in found])[np.argsort(inner)]

@@ -1,9 +1,9 @@
-"""Signed distances of many points to one mesh, for a search that asks more and more of them.
+"""Signed distances of many points to one mesh, for a search that requests more and more of them.
 
-Where every edge of a mesh is run along as often one way as the other, its winding number is constant off the mesh; the
-signed distance then has the Lipschitz constant 1, and two points are on one side wherever |p - q| < d(p) + d(q), since
-the open balls about them that are free of the mesh meet. So few winding numbers are evaluated: `spread` hands signs
-from points to their neighbours, with distances rounded down.
+If every edge of a mesh is traversed equally often in both directions, its winding number is constant off the mesh. The
+signed distance then has Lipschitz constant 1. Two points with |p - q| < d(p) + d(q) are on the same side, since the
+open balls around them, which do not meet the mesh, intersect. So few winding numbers are evaluated: `spread` passes
+signs from points to their neighbors, with distances rounded down.
 """
 
 from collections.abc import Callable
@@ -37,7 +37,7 @@ _LIFTS = 5
 
 
 class Samples(NamedTuple):
-    """What is known of points about a mesh.
+    """Points near a mesh with their known distances and sides.
 
     Args:
         distance: to the mesh, as rounded, in its unit.

@@ -1,7 +1,7 @@
-"""Meshes that stand for parametric and polynomial surfaces where adaptive distance fields are built and checked.
+"""Meshes in place of parametric and implicit surfaces, for building and checking adaptive distance fields.
 
-A mesh within d of a surface, both ways, has distances within d of those to the surface. The side of a point is that of
-the mesh; where the point is farther than d from the surface, this is the surface's own.
+If a mesh is within d of a surface in both directions, their distances differ by at most d. The side of a point is its
+side of the mesh; for points farther than d from the surface this is also their side of the surface.
 """
 
 from typing import Any
@@ -30,7 +30,7 @@ def meshed(shape: Any, atol: float, sign: str = "none") -> tuple[Any, float]:
         return shape, 0.0
     mesh, deviation = shape.to_mesh(MESH_SHARE * atol)
     if sign != "none" and not mesh.is_closed:
-        raise ValueError("the surface is open, so it has no inside; take sign='none' for distances without a sign.")
+        raise ValueError("the surface is open, so it has no inside; pass sign='none' for unsigned distances.")
     if mesh.is_closed and _signed_volume(mesh) < 0:
         mesh = TriangleMesh(mesh.vertices, np.asarray(mesh.triangles)[:, [0, 2, 1]])
     return mesh, deviation

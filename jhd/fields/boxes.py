@@ -1,4 +1,4 @@
-"""Boxes: their children, and the distances between the points of two of them."""
+"""Boxes: their children, and the smallest and largest distances between points of two boxes."""
 
 from functools import reduce
 

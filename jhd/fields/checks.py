@@ -1,4 +1,4 @@
-"""Checks of the options of distance fields: each returns the value, or says what is needed."""
+"""Checks of the options of distance fields: each returns the value, or raises an error with the valid range."""
 
 import math
 import operator

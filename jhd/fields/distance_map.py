@@ -1,9 +1,9 @@
-"""The distance map of a plane curve: on a grid of pixels, the distance to its arcs and which arc is nearest.
+"""Distance map of a plane curve: for each pixel of a grid, the distance to its arcs and the index of the nearest arc.
 
-The distance is evaluated at the centres of the pixels, not rendered as cones into a depth buffer, so rounding is its
-only error. The grid is cut into tiles. A quadtree above them drops the arcs that cannot be nearest anywhere in a
-square: those that are farther from its centre than the nearest one by more than its diagonal. So a tile meets the few
-arcs about it however many there are, and memory beyond the map itself is bounded.
+The distance is evaluated at the centers of the pixels, not rendered as cones into a depth buffer, so rounding is its
+only error. The grid is divided into tiles. A quadtree above the tiles drops the arcs that cannot be nearest anywhere in
+a square: arcs farther from its center than the nearest arc by more than the diagonal. So each tile processes only the
+few arcs near it, and memory beyond the map itself is bounded.
 
 Source: Kim et al. 2010, section 3.1, with the depth buffer of Hoff et al., SIGGRAPH 1999, replaced by evaluation.
 """
@@ -32,11 +32,11 @@ from jhd.shapes.checks import Numbers
 
 # Pixels on the side of a tile: of 16, 32, 64 the fastest on a CPU, whose cache holds what a tile needs.
 _TILE = 32
-# Tiles of one call of the compiled program, and pairs of a tile and an arc kept at once; tens of megabytes.
+# Tiles of one call of the compiled function, and pairs of a tile and an arc kept at once; tens of megabytes.
 _TILES, _PAIRS = 4096, 2**20
 # Tiles that a GPU works on side by side; a CPU takes one after the other.
 _BATCH = 256
-# The deviation of biarcs made for a map, as a share of the pixel's smaller side.
+# The deviation of biarcs made for a map, as a fraction of the pixel's smaller side.
 _SHARE = 1 / 8
 # Shorter chords count as points: their curvature squared must not overflow, in single precision either.
 _SHORT = 2.0**-60
@@ -48,18 +48,19 @@ _Tiles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class DistanceMap(eqx.Module):
-    """Distances from the centres of pixels to a curve; the first axis is x, the second y.
+    """Distances from the centers of pixels to a curve; the first axis is x, the second y.
 
-    Pixel (i, j) has its centre at lower + (i + 1/2, j + 1/2) * spacing. There the exact distance to the curve is within
-    `error` of the stored one; anywhere in the pixel within `reach`, since distances change by no more than one moves.
+    Pixel (i, j) has its center at lower + (i + 1/2, j + 1/2) * spacing. At the center, the stored distance is within
+    `error` of the exact distance to the curve. Anywhere in the pixel it is within `reach`, as distances are
+    1-Lipschitz.
 
     Args:
         distance: distances to the nearest arc, in the unit of the coordinates.
-        nearest: the index of that arc; the first one where several are as near.
-        lower: the lower corner of the box.
-        spacing: the sides of a pixel.
-        error: proven bound of |distance - exact|: the largest deviation of the arcs, and rounding.
-        arcs: the arcs that `nearest` counts.
+        nearest: index of the nearest arc; the smallest index at a tie.
+        lower: lower corner of the box.
+        spacing: side lengths of a pixel.
+        error: certified bound of |distance - exact|: the largest deviation of the arcs from the curve, plus rounding.
+        arcs: arcs to which `nearest` refers.
     """
 
     distance: Float[Array, "columns rows"]
@@ -78,7 +79,7 @@ class DistanceMap(eqx.Module):
 
     @property
     def centres(self) -> tuple[Float[Array, " columns"], Float[Array, " rows"]]:
-        """The x and the y coordinates of the centres of the pixels."""
+        """The x and the y coordinates of the centers of the pixels."""
         columns, rows = self.distance.shape
         return (
             self.lower[0] + (jnp.arange(columns) + 0.5) * self.spacing[0],
@@ -87,20 +88,26 @@ class DistanceMap(eqx.Module):
 
     @property
     def reach(self) -> Float[Array, ""]:
-        """Proven bound of |distance - exact| for all points of a pixel: the error and half of the pixel's diagonal."""
+        """Certified bound of |distance - exact| for all points of a pixel: `error` plus half the pixel's diagonal."""
         half = jnp.hypot(0.5 * self.spacing[0], 0.5 * self.spacing[1])
         small = 2 * rounding.smallest_normal(half.dtype)
         return rounding.round_up(self.error + (half * (1 + rounding.gamma(8, half.dtype)) + small))
 
     def enclose(self, points: Numbers) -> Interval:
-        """Proven bounds of the exact distances of points (..., 2) to the curve, from the pixels that they are in.
+        """Certified bounds of the exact distances of points to the curve, from the pixels that contain the points.
 
-        Points outside of the box use the nearest pixel. The bounds are those at its centre, moved outward by the
-        distance from there, whose coordinates cost at most 8 roundings.
+        The bounds at the center of the pixel are widened by the distance from the center. A point outside the box uses
+        the nearest pixel. Center coordinates are off by at most 8 roundings, which the bounds include.
+
+        Args:
+            points: coordinates, (..., 2).
+
+        Returns:
+            An Interval of lower and upper bounds of shape (...).
 
         Raises:
-            ValueError: points that are not (..., 2) finite numbers.
-            TypeError: entries that are not real numbers.
+            TypeError: the points are not real numbers.
+            ValueError: the points do not have shape (..., 2) or are not finite.
         """
         x = real_array("points", points)
         if x.ndim < 1 or x.shape[-1] != 2:
@@ -129,24 +136,31 @@ def distance_map(
     atol: Numbers | None = None,
     tile: int = _TILE,
 ) -> DistanceMap:
-    """Distances to a plane curve on a grid of pixels, with the nearest arc of each.
+    """Distances to a plane curve on a grid of pixels, with the nearest arc of each pixel.
+
+    >>> from jhd.shapes.curve import polyline
+    >>> found = distance_map(polyline([(0, 0), (2, 0)]), [0, 0], [2, 2], 2)
+    >>> [[round(x, 3) for x in column] for column in found.distance.tolist()]
+    [[0.5, 1.5], [0.5, 1.5]]
 
     Args:
-        curve: a curve, or what jhd.as_shape takes for one, which is replaced by biarcs first; or the arcs.
-        lower: the lower corner (x, y) of the box that the pixels fill.
-        upper: its upper corner.
-        resolution: the number of pixels along x and along y, or one number for both.
-        atol: deviation of the arcs from the curve; by default an eighth of the smaller side of a pixel, or what the
-            coordinates resolve where that is more. Not for arcs, which have theirs.
-        tile: pixels on the side of the squares that are computed together; the map does not depend on it.
+        curve: plane curve, or an object that jhd.as_shape converts to one, which is first approximated by biarcs; or a
+            BiarcCurve.
+        lower: lower corner (x, y) of the box that the pixels fill.
+        upper: upper corner (x, y) of the box.
+        resolution: number of pixels along x and along y, or one number for both.
+        atol: largest deviation of the arcs from the curve, a positive length. None selects an eighth of the smaller
+            side of a pixel, or the resolution of the coordinates if that is larger. Not allowed for a BiarcCurve.
+        tile: number of pixels along the side of the squares that are computed together, at least 1. The map does not
+            depend on it.
 
     Returns:
-        The map, with a proven bound of its error.
+        The map, with a certified bound of its error.
 
     Raises:
-        TypeError: another kind of object, or one that is traced: the number of arcs depends on the curve.
-        ValueError: a curve in space, a box that is empty or upside down, NaN or infinity, a number of pixels or a tile
-            below one, an atol given for arcs, or one that `biarcs` refuses.
+        TypeError: the input is no curve, or it is traced: the number of arcs depends on the curve.
+        ValueError: the curve is in space, the box is empty or upside down, a corner is not finite, a number of pixels
+            or the tile is below 1, `atol` is given for arcs, or `biarcs` refuses it.
     """
     columns, rows = _checked_resolution(resolution)
     if not isinstance(tile, int | np.integer) or isinstance(tile, bool) or tile < 1:
@@ -155,7 +169,9 @@ def distance_map(
     dtype = jnp.result_type(float)
     spacing = ((high / 2 - low / 2) / np.array([columns, rows]) * 2).astype(dtype).astype(np.float64)
     if not np.all(spacing > 0):
-        raise ValueError(f"resolution is {(columns, rows)}; the pixels of the box from {low} to {high} have no size.")
+        raise ValueError(
+            f"resolution is {(columns, rows)}; needs fewer pixels: they have no size in the box from {low} to {high}."
+        )
     arcs = _checked_arcs(curve, atol, float(spacing.min()))
     frame = _PixelFrame.of(arcs, low, high)
     table, step = frame.table(arcs).astype(dtype), np.ldexp(spacing, -frame.first - frame.second).astype(dtype)
@@ -181,7 +197,7 @@ def _checked_box(lower: Numbers, upper: Numbers) -> tuple[np.ndarray, np.ndarray
     for name, value in (("lower", lower), ("upper", upper)):
         corner = real_array(name, value)
         if is_traced(corner):
-            raise TypeError(f"distance_map needs a known {name}, not a traced one.")
+            raise TypeError(f"distance_map needs a known {name}, not a traced array.")
         if corner.shape != (2,):
             raise ValueError(f"{name} has shape {corner.shape}; needs (2,).")
         corners.append(np.asarray(corner, np.float64))
@@ -194,9 +210,9 @@ def _checked_box(lower: Numbers, upper: Numbers) -> tuple[np.ndarray, np.ndarray
 def _checked_arcs(curve: Any, atol: Numbers | None, pixel: float) -> BiarcCurve:
     if isinstance(curve, BiarcCurve):
         if is_traced(curve):
-            raise TypeError("distance_map needs known arcs, not traced ones.")
+            raise TypeError("distance_map needs known arcs, not traced arcs.")
         if atol is not None:
-            raise ValueError("atol is for a curve; these arcs have the deviation that they were made with.")
+            raise ValueError("atol is for a curve; the arcs already have a deviation, so leave atol out.")
         return curve
     least = least_tolerance(curve)
     return biarcs(curve, max(_SHARE * pixel, least, rounding.smallest_normal(np.float64)) if atol is None else atol)
@@ -295,7 +311,7 @@ def _mapped(table: np.ndarray, step: np.ndarray, size: tuple[int, int], tile: in
 
 
 def _bucket(count: int) -> int:
-    """The next power of four: few programs are compiled."""
+    """The next power of four: few functions are compiled."""
     return 4 ** max(2, math.ceil(math.log(count, 4) - 1e-9))
 
 

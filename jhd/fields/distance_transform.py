@@ -1,15 +1,15 @@
-"""Distance transforms of grids: for each voxel the distance to the nearest feature voxel, and which one that is.
+"""Distance transforms of grids: for each voxel the distance to the nearest feature voxel, and its index.
 
-Two methods. The exact one takes one axis after the other: with g(j) the squared distance within the other axes, the
-squared distance at i is the minimum of g(j) + (i - j)^2 over j. The minimum is taken over growing offsets d = |i - j|,
-plane by plane, until d^2 exceeds what it could improve; where the sides of a voxel are equal, the squared distance and
-the index share one integer, so that one minimum finds both.
+There are two methods. The exact method processes one axis after another. With g(j) the squared distance within the
+processed axes, the squared distance at i is the minimum of g(j) + (i - j)^2 over j. The minimum is taken over growing
+offsets d = |i - j|, plane by plane, until d^2 exceeds every possible improvement. If the sides of a voxel are equal,
+the squared distance and the index are packed into one integer, so that one minimum finds both.
 
-The published one passes vectors to neighbours ("3-D signed Euclidean distance transform", where "signed" means the
-signs of the components of these vectors). It is kept for comparison: a nearest feature is lost where none of the
-neighbours has it, so some distances are too large by a fraction of a voxel. The figure with its templates is lost; the
-counts of its shifts and comparisons (not that of its additions, which is two more), and the only template printed, fit
-the templates below, whose errors are small.
+The published method passes vectors to neighbors ("3-D signed Euclidean distance transform"; "signed" refers to the
+signs of the components of these vectors). It is kept for comparison. A nearest feature is lost if no neighbor has it,
+so some distances are too large by a fraction of a voxel. The figure with its templates is lost. The templates below
+fit the published counts of shifts and comparisons (not the count of additions, which is larger by two) and the only
+template in print; their errors are small.
 
 Changes to the source of "vector_propagation": planes of constant k are swept, and in them rows of constant i. The text
 sweeps planes of constant i and rows of constant k, which does not fit templates that "act in the k plane". Voxels at
@@ -39,19 +39,19 @@ from jhd.shapes.checks import Numbers
 METHODS = ("exact", "vector_propagation")
 # Offsets looked at between two tests for the end.
 _UNROLLED = 4
-# Grids with no longer side are padded to cubes, which takes milliseconds where another program takes a second.
+# Grids with no longer side are padded to cubes, which takes milliseconds; another compilation takes a second.
 _CUBE = 64
 # A squared distance above all others, and so is its sum with another one; 32 bits hold both.
 _FAR = np.int32(2**29)
 
 
 class DistanceTransform(eqx.Module):
-    """Distances on a grid; the shape of the grid is kept.
+    """Distances to the nearest feature on a grid, in the shape of the grid.
 
     Args:
-        distance: from the centre of each voxel to the centre of the nearest feature voxel, in the unit of the spacing;
-            infinite where there is no feature at all.
-        nearest: the indices of that feature along the axes of the grid, last axis; -1 where there is none.
+        distance: distance from the center of each voxel to the center of the nearest feature voxel, in the unit of the
+            spacing; infinite if there is no feature.
+        nearest: indices of the nearest feature voxel along the axes of the grid, in the last axis; -1 if there is none.
     """
 
     distance: Float[Array, "..."]
@@ -65,24 +65,28 @@ class DistanceTransform(eqx.Module):
 
 
 def distance_transform(features: Any, spacing: Numbers = 1.0, *, method: str = "exact") -> DistanceTransform:
-    """The Euclidean distance transform of a grid of one to three dimensions, with the nearest feature of each voxel.
+    """Euclidean distance transform of a grid of one to three dimensions, with the nearest feature of each voxel.
+
+    If several features are equally near, any of them may be returned. Works under jit and vmap. The distances are
+    differentiable in the spacing, with the features held fixed.
 
     >>> transform = distance_transform([False, False, True, False], spacing=0.5)
     >>> transform.distance.tolist(), transform.nearest[:, 0].tolist()
     ([1.0, 0.5, 0.0, 0.5], [2, 2, 2, 2])
 
-    Where several features are as near, which one is named is not specified. Works under jit and vmap; the distances
-    are differentiable in the spacing, the features held.
-
     Args:
-        features: booleans, True at feature voxels.
-        spacing: the sides of a voxel, one number for all or one for each axis, in the unit of length.
-        method: "exact", or "vector_propagation": the published templates, with errors as the module says.
+        features: boolean array of one to three axes, True at feature voxels.
+        spacing: side lengths of a voxel: one positive number for all axes, or one for each axis.
+        method: "exact" (the default), or "vector_propagation" for the published method, whose distances can be too
+            large by a fraction of a voxel.
+
+    Returns:
+        A DistanceTransform with the distances and the indices of the nearest features.
 
     Raises:
-        TypeError: features that are not booleans.
-        ValueError: a grid of no or more than three dimensions or without voxels, sides that are not positive, or
-            another method.
+        TypeError: the features are not booleans.
+        ValueError: the grid has no or more than three dimensions or is empty, a side is not positive, or the method is
+            unknown.
     """
     if method not in METHODS:
         raise ValueError(f"method is {method!r}; needs one of {', '.join(map(repr, METHODS))}.")
@@ -93,20 +97,25 @@ def distance_transform(features: Any, spacing: Numbers = 1.0, *, method: str = "
 
 
 def signed_distance_transform(inside: Any, spacing: Numbers = 1.0) -> Float[Array, "..."]:
-    """Distance to the inside minus distance to the outside, between centres of voxels: negative inside.
+    """Exact signed distances on a grid, between centers of voxels: positive outside, negative inside.
 
-    Exact. Infinite where there is no inside at all, minus infinity where there is no outside.
+    At an outside voxel, the value is the distance to the nearest inside voxel. At an inside voxel, it is minus the
+    distance to the nearest outside voxel. The value is infinite if nothing is inside, and minus infinity if nothing is
+    outside.
 
     >>> signed_distance_transform([False, False, True, True]).tolist()
     [2.0, 1.0, -1.0, -2.0]
 
     Args:
-        inside: booleans, one to three axes.
-        spacing: as for `distance_transform`.
+        inside: boolean array of one to three axes, True at inside voxels.
+        spacing: side lengths of a voxel: one positive number for all axes, or one for each axis.
+
+    Returns:
+        Distances in the unit of the spacing, in the shape of the grid.
 
     Raises:
-        TypeError: as `distance_transform`.
-        ValueError: likewise.
+        TypeError: `inside` is not boolean.
+        ValueError: the grid has no or more than three dimensions or is empty, or a side is not positive.
     """
     grid = _checked_grid("inside", inside)
     sides, power, equal = _checked_spacing(spacing, grid.ndim)
@@ -121,7 +130,7 @@ def _checked_grid(name: str, value: Any) -> Any:
     if not 1 <= grid.ndim <= 3:
         raise ValueError(f"{name} has {grid.ndim} axes; needs one to three.")
     if 0 in grid.shape:
-        raise ValueError(f"{name} has shape {grid.shape}, without any voxel.")
+        raise ValueError(f"{name} has shape {grid.shape}; needs at least one voxel.")
     return grid
 
 
@@ -138,7 +147,7 @@ def _checked_spacing(spacing: Numbers, axes: int) -> tuple[Array, int, bool]:
             raise ValueError(f"spacing{'' if equal else f'[{i}]'} is {known[i]:g}; needs a positive number.")
         equal = bool(np.all(known == known[0]))
         if np.min(known) < smallest_normal(known.dtype):
-            # Compiled programs take these for zeros.
+            # Compiled functions flush these to zero.
             power = int(common_exponent(known))
             given = np.ldexp(np.asarray(given), -power)
     return jnp.broadcast_to(given, (axes,)), power, equal
@@ -174,7 +183,7 @@ def _bits(shape: tuple[int, ...]) -> int | None:
 
 
 def _room(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """The shapes for which programs are compiled: small cubes, and above them lengths an eighth or less apart."""
+    """The shapes for which functions are compiled: small cubes, and above them lengths at most an eighth apart."""
     largest = max(shape)
     if largest <= _CUBE:
         side = max(8, 1 << (largest - 1).bit_length())
@@ -184,7 +193,7 @@ def _room(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _padded(volume: Any) -> tuple[Any, Any]:
-    """The volume at a length for which there is a program, and its true lengths; as it is where it is traced."""
+    """The volume padded to a compiled shape, and its true lengths; a traced volume stays unchanged."""
     if is_traced(volume):
         return volume, np.array(volume.shape, np.int32)
     room = tuple((0, m - n) for m, n in zip(_room(volume.shape), volume.shape, strict=True))
@@ -347,7 +356,7 @@ def _nearer(here: Array, offered: Array, place: Array, squares: Array) -> Array:
 
 
 def _around(x: Array, axis: int) -> list[Array]:
-    """What is at -1, 0 and 1 along an axis."""
+    """The entries at -1, 0 and 1 along an axis."""
     room = [(0, 0)] * x.ndim
     room[axis] = (1, 1)
     wide = jnp.pad(x, room, constant_values=_NOWHERE)

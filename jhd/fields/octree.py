@@ -1,13 +1,13 @@
-"""Implicit surfaces on a grid of cells: an octree keeps those that a range of the polynomial cannot exclude.
+"""Implicit surfaces on a grid of cells: an octree keeps the cells that a range of the polynomial cannot exclude.
 
-The polynomial is first written, in exact arithmetic, in coordinates w in which the box is centred at zero and has at
-most the size [-1, 1] and all corners of all cells are floats. So neither the size nor the place of the box costs digits
-and cells fit without gaps.
+The polynomial is first rewritten, in exact arithmetic, in coordinates w in which the box is centered at zero, has at
+most the size [-1, 1], and the corners of all cells are floats. So neither the size nor the position of the box costs
+digits, and cells fit without gaps.
 
-A kept cell need not meet the surface. It is *proven* to where the polynomial has two signs in it, or is zero at a
-corner: the cell is closed and connected, so this holds for parts that are cut by the box as well. Signs are taken at
-the corners, in exact arithmetic where rounding leaves them open, and at the point of the cell where a quadratic model
-is most of the other sign, which may lie in a face or on an edge.
+A kept cell need not meet the surface. It is *proven* to meet it if the polynomial takes both signs in the cell, or is
+zero at a corner. The cell is closed and connected, so this holds for cells at the border of the box too. Signs are
+evaluated at the corners, in exact arithmetic if rounding leaves them open. One more point is tested: the point of the
+cell, possibly on a face or an edge, at which a quadratic model is most of the opposite sign.
 
 Source: AlgSurf, section 2, steps 1 to 3; the proofs are ours.
 """
@@ -47,15 +47,15 @@ _LARGEST = (1 << 20) + 1
 
 
 class Voxels(eqx.Module):
-    """The cells of a grid that may hold a point of a surface: all that do are among them.
+    """Cells of a grid that may contain a point of a surface; no cell that contains one is missing.
 
     Cell (i, j, k) is the closed box from lower + spacing (i, j, k) to lower + spacing (i + 1, j + 1, k + 1).
 
     Args:
-        cells: places of the cells in the grid, in no particular order.
-        lower: the corner of the grid with the smallest coordinates.
-        spacing: sides of a cell.
-        proven: which cells are proven to hold a point of the surface.
+        cells: indices (i, j, k) of the cells in the grid, in no particular order.
+        lower: corner of the grid with the smallest coordinates.
+        spacing: side lengths of a cell.
+        proven: for each cell, whether it is proven to contain a point of the surface.
     """
 
     cells: Int[Array, "cells 3"]
@@ -77,18 +77,18 @@ class Voxels(eqx.Module):
 
     @property
     def centres(self) -> Float[Array, "cells 3"]:
-        """The middle of each cell."""
+        """Centers of the cells."""
         return self.lower + self.spacing * (self.cells + 0.5)
 
 
 class VoxelProgress(NamedTuple):
-    """How far a voxelisation has come.
+    """Progress of a voxelization.
 
     Args:
-        level: the level of the octree that is being worked on; the cells asked for have level `levels`.
-        levels: the last level.
-        tested: cells tested on all levels.
-        kept: cells kept on this level.
+        level: level of the octree in progress; the requested cells are at level `levels`.
+        levels: last level.
+        tested: number of cells tested so far, on all levels.
+        kept: number of cells kept so far on this level.
     """
 
     level: int
@@ -103,21 +103,29 @@ def voxelise(
     ranges: str = "bernstein",
     progress: Callable[[VoxelProgress], object] | None = None,
 ) -> Voxels:
-    """The cells of a grid over the surface's box that may hold a point of it, found level by level from the whole box.
+    """Grid cells in the box of an implicit surface that may contain a point of the surface, by octree subdivision.
 
     The working memory is bounded; the result takes 13 bytes a cell.
 
+    >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
+    >>> found = voxelise(sphere, 2)
+    >>> found.count, int(found.proven.sum())
+    (8, 8)
+
     Args:
-        surface: an implicit surface whose coefficients are known: the number of cells depends on them.
-        cells: number of cells along each axis, up to 2^20; not only powers of two.
-        ranges: how the range of the polynomial over a cell is bounded: "bernstein", which keeps the fewest cells,
-            "modified_affine", the paper's, "interval", "horner" or "centred".
-        progress: called with a VoxelProgress now and then.
+        surface: implicit surface with known coefficients; it cannot be traced, as the number of cells depends on it.
+        cells: number of cells along each axis, 1 to 2^20; not only powers of two.
+        ranges: how the range of the polynomial over a cell is bounded: "bernstein" (the default, which keeps the fewest
+            cells), "modified_affine" (as published), "interval", "horner" or "centred".
+        progress: callback that receives a VoxelProgress several times per level.
+
+    Returns:
+        The kept cells, and for each whether it is proven to contain a point of the surface.
 
     Raises:
-        TypeError: another kind of surface, coefficients or a box that are traced, or cells that are no whole number.
-        ValueError: cells out of range, an unknown name of ranges, or a surface proven empty in its box.
-        MemoryError: the cells of the next level would take more memory than there is.
+        TypeError: the shape is no implicit surface, it is traced, or `cells` is no whole number.
+        ValueError: `cells` is out of range, `ranges` is unknown, or the surface is proven to be empty in its box.
+        MemoryError: the cells of the next level would need more memory than is free.
     """
     cells, ranges = checked_cells(cells), _checked_ranges(ranges)
     grid = _grid(surface, cells)
@@ -178,7 +186,7 @@ class _VoxelGrid(NamedTuple):
 def _grid(surface: ImplicitSurface, cells: int) -> _VoxelGrid:
     check_surface("surface", surface)
     if is_traced(surface):
-        raise TypeError("surface must be known: the number of cells depends on it, so it cannot be traced.")
+        raise TypeError("surface is traced; needs a known surface, as the number of cells depends on it.")
     levels = (cells - 1).bit_length()
     lower, upper = ([Fraction(float(x)) for x in np.asarray(end)] for end in surface.box())
     box = list(zip(lower, upper, strict=True))
@@ -251,7 +259,7 @@ def _signs_of(coefficients: Array, cells: Array, origin: Array, h: Array) -> tup
 
 
 def _opposite_of(coefficients: Array, cells: Array, origin: Array, h: Array, sign: Array) -> Array:
-    """Whether a point of each cell is found where the polynomial is proven to have not this sign, but the other one.
+    """Whether a point is found in each cell at which the polynomial is proven to have the opposite sign.
 
     A pattern search on the quadratic part of the local form, in steps that are powers of two, so that the point is
     exactly in the cell.

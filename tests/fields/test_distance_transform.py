@@ -175,7 +175,7 @@ def test_grids_are_padded_to_few_shapes():
         (np.zeros((2, 2)), {}, TypeError, "features must be booleans; its dtype is float64."),
         (np.zeros((2, 2, 2, 2), bool), {}, ValueError, "features has 4 axes; needs one to three."),
         (np.zeros((), bool), {}, ValueError, "features has 0 axes; needs one to three."),
-        (np.zeros((2, 0), bool), {}, ValueError, r"features has shape \(2, 0\), without any voxel."),
+        (np.zeros((2, 0), bool), {}, ValueError, r"features has shape \(2, 0\); needs at least one voxel."),
         (np.zeros(2, bool), {"spacing": [1.0, 1.0]}, ValueError, r"spacing has shape \(2,\); needs one number or"),
         (np.zeros((2, 2), bool), {"spacing": [1.0, 0.0]}, ValueError, r"spacing\[1\] is 0; needs a positive number."),
         (np.zeros(2, bool), {"spacing": -1.0}, ValueError, "spacing is -1; needs a positive number."),

@@ -211,7 +211,7 @@ def test_other_options_are_refused(cells, ranges, kind, message):
 def test_other_shapes_are_refused():
     with pytest.raises(TypeError, match="surface must be an ImplicitSurface; got str"):
         voxelise("x", 4)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(TypeError, match="surface must be known"):
+    with pytest.raises(TypeError, match="surface is traced"):
         jax.jit(lambda c: voxelise(ImplicitSurface(c, LOWER, UPPER), 4).cells)(np.ones((2, 1, 1)))
 
 
