@@ -1,7 +1,7 @@
-"""Fitting by the Hausdorff distance itself: minimax fits with a proven error and a certificate of stationarity.
+"""Fits that minimize the Hausdorff distance itself, with certified errors and a stationarity measure.
 
-At the optimum several maxima of the distance are equal, so descent on the largest one zigzags; here all of them take
-part in each step (jhd.fitting.minimax). A stationary point is a local minimum at best: start from several places.
+At the optimum several local maxima of the distance are equal, so descent on the largest one zigzags. Here every step
+uses all of them (jhd.fitting.minimax). A stationary point is at best a local minimum, so try several starts.
 """
 
 from collections.abc import Callable
@@ -39,13 +39,13 @@ Fitted = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
 _CAPACITIES = ((14, 32), (40, 64))
 _LARGEST_CAPACITY = 128
 # Pieces of least squares within this many tolerances are tried first, for minimax fits are nearer by such a factor at
-# best; then each time within this share of the last, so many times at most.
+# best; then each time within this fraction of the last, so many times at most.
 _GAIN, _CLOSER, _TRIES = 4.0, 0.75, 40
 # Corners are looked for at a scale of so many tolerances.
 _CORNERS = 8.0
-# Fits of a higher degree are no shorter, and programs for them take minutes to compile.
+# Fits of a higher degree have no fewer segments, and take minutes to compile.
 _LARGEST_DEGREE = 32
-# Other starts differ from the first by this share of the target's size.
+# Other starts differ from the first by this fraction of the target's size.
 _SPREAD = 0.1
 
 
@@ -65,46 +65,56 @@ def minimise_hausdorff(
     method: AbstractHausdorffMethod | None = None,
     progress: Callable[[FitProgress], object] | None = None,
 ) -> FitSolution:
-    """The parameters for which build(parameters) is nearest to the target, in the Hausdorff distance or a measure.
+    """Parameters that minimize the distance from build(parameters) to a target, in the Hausdorff distance or a measure.
 
-    A local minimum near the start. What is to stay fixed (ends, tangents, closedness) is what `build` does not vary.
-    Curves are fitted by all maxima of their distance and their curvature; surfaces and meshes, of which one maximum of
-    each direction is known, by a bundle of their gradients, which ends where a convex combination of those nearby is
-    below a twentieth of their length.
+    The result is a local minimum near the start. To keep ends, tangents or closedness fixed, let `build` not vary them.
 
-    Where the product of both curves' numbers of segments is above 1024 the maxima near the top alone take part, found
-    with trees of samples: the search of a step grows like the sum of both numbers, its model at most like the cube of
-    the number of parameters. Such a fit ends where four steps together gain less than a thousandth, named
-    fit_in_a_valley. If the proven distance shows that a maximum was missed, it looks closer and goes on.
+    - Curves: each step uses all local maxima of the distance and their curvature. If the product of both numbers of
+      segments exceeds 1024, only the maxima near the largest take part, found with trees of samples. Such a fit stops
+      with the result fit_in_a_valley if four steps together gain less than a thousandth. If the certified distance
+      shows that a maximum was missed, the search is refined and the fit continues.
+    - Implicit surfaces and meshes: only one maximum of each direction is known, so a bundle of gradients is used. The
+      fit stops when a convex combination of nearby gradients is shorter than a twentieth of their length.
+    - With another measure, shapes of all kinds can be fitted, also to point sets. For example,
+      `Quantile(0.9, directed=True)` ignores up to 10 % of outliers in a scan.
 
-    By another measure any shapes are fitted, points among the targets: a quantile or
-    a mean of the distances from a scan, `Quantile(0.9, directed=True)`, leaves its outliers out.
+    >>> from jhd.shapes.curve import BezierSegments, circle
+    >>> quarter = BezierSegments(circle([0, 0], 1).control_points[:1], circle([0, 0], 1).weights[:1])
+    >>> fit = minimise_hausdorff(lambda h: BezierSegments(jnp.array([[(1, 0), (1, h), (h, 1), (0, 1)]])), 0.5, quarter)
+    >>> round(float(fit.parameters), 6), round(float(fit), 6)
+    (0.551915, 0.000196)
 
     Args:
-        build: from the parameters to a shape of the target's kind; traced, so written in jax.numpy. A module-level
-            function or a Module is compiled once, a lambda at each call.
-        parameters: the start: an array or a pytree of arrays.
-        target: the curve, implicit surface or mesh to be near to; for other measures any shape that they take.
-        measure: Hausdorff(), which is the default, Mean(), RootMeanSquare() or Quantile(q), of (target, shape).
-        temperature: of curves, where the start is far: a length, about a third of the distance there. Steps on
-            `soft_hausdorff` with it and less and less, down to a fiftieth, come first and are not reported.
-        starts: how many starts, the first at `parameters` and the others about it; or their parameters, stacked along
-            a new leading axis. The best end is returned.
-        seed: of the random starts.
-        max_steps: most steps from each start.
-        max_seconds: wall time after which the best so far is returned, with the result fit_out_of_time; what has begun
-            is given up, but for the first evaluation, and the proof of the error is ended a tenth of the time later
-            with the bounds it has. Where less than half a minute is left, fits of curves to their largest distance do
-            without searches that are not compiled yet, and the bounds of the error are wider then; other fits wait for
-            them. None for no limit.
-        atol: a distance at which the fit is good enough; zero goes on to a stationary point.
-        capacity: of curves, how many maxima take part; by default enough for the number of parameters.
-        method: how the error is proven; by default BranchAndBound().
-        progress: called with a FitProgress after each step.
+        build: function that maps parameters to a shape. It is traced, so write it in jax.numpy. A module-level function
+            or an equinox Module is compiled once, a lambda in every call.
+        parameters: start of the fit: an array or a pytree of arrays.
+        target: curve, implicit surface or mesh, of the kind that `build` returns. With a measure other than the
+            Hausdorff distance, all shapes for which the measure is defined.
+        measure: loss: Hausdorff() (the default), Mean(), RootMeanSquare() or Quantile(q), applied to (target, shape).
+        temperature: positive length for starts that are far away, for curves only: about a third of the distance at the
+            start. Steps on `soft_hausdorff` come first, with temperatures from this value down to a fiftieth. They are
+            not reported. None (the default) omits them.
+        starts: number of starts, at least 1; the first is `parameters`, the others are random points near it. Or the
+            starts themselves, stacked along a new leading axis. The best fit is returned.
+        seed: seed of the random starts.
+        max_steps: largest number of steps from each start.
+        max_seconds: wall time in seconds after which the best fit so far is returned, with the result fit_out_of_time.
+            Running work is canceled, except for the first evaluation. The certification of the error may take a tenth
+            of the time longer, and keeps the bounds that it has reached. If less than 30 s are left, fits of curves by
+            the Hausdorff distance skip searches that are not compiled yet, and their bounds are wider. Other fits wait
+            for the compilation. None (the default) sets no limit.
+        atol: distance at which the fit is good enough and stops. 0 (the default) continues to a stationary point.
+        capacity: number of local maxima used in each step, for curves. None chooses it by the number of parameters.
+        method: method that certifies the error. None selects BranchAndBound().
+        progress: callback that receives a FitProgress after each step.
+
+    Returns:
+        A FitSolution with the best parameters, their shape, its certified error, and the result of the best start.
 
     Raises:
-        TypeError: a target that is no curve, surface or mesh, or shapes of another kind than the target.
-        ValueError: no parameter, starts of another shape, or a temperature that is no length or beside a measure.
+        TypeError: the target is no curve, surface or mesh, or `build` returns a shape of another kind.
+        ValueError: there are no parameters, `starts` has another shape, or a temperature is not a positive length or is
+            given together with a measure.
     """
     refuse_tracing("minimise_hausdorff", parameters, target)
     options = {"measure": measure, "starts": starts, "seed": seed, "max_steps": max_steps, "atol": atol}
@@ -128,11 +138,11 @@ def _minimised(
     method: AbstractHausdorffMethod | None = None,
     progress: Callable[[FitProgress], object] | None = None,
 ) -> FitSolution:
-    """As `minimise_hausdorff`, within the time of a clock."""
+    """The same as `minimise_hausdorff`, within the time of a clock."""
     target = taken_as("target", target)
     flat, unravel = ravel_pytree(jax.tree_util.tree_map(lambda x: jnp.asarray(x, dtype=float), parameters))
     if flat.size == 0:
-        raise ValueError("parameters holds no number; needs at least one.")
+        raise ValueError("parameters holds no number; needs at least one number.")
     built = _Flat(build, unravel)
     limits = Limits(max_steps, atol, _capacity(flat.size) if capacity is None else capacity, clock, method)
     way = way_of(built, target, measure, limits)
@@ -166,10 +176,10 @@ def fit_curve(
     method: AbstractHausdorffMethod | None = None,
     progress: Callable[[FitProgress], object] | None = None,
 ) -> FitSolution:
-    """Polynomial Bezier segments that are nearest to a connected curve, in the Hausdorff distance.
+    """Fit of polynomial Bézier segments to a connected curve, by the Hausdorff distance or a measure.
 
-    The start is a least-squares fit to points of the target. A fit with free ends goes on from the one with fixed ends,
-    so it is never farther. A local minimum; its `parameters` are the free control points.
+    The start is a least-squares fit to points of the target. A fit with free ends starts from the fit with fixed ends,
+    so its error is never larger. The result is a local minimum.
 
     >>> from jhd.shapes.curve import BezierSegments, circle
     >>> quarter = BezierSegments(circle([0, 0], 1).control_points[:1], circle([0, 0], 1).weights[:1])
@@ -177,25 +187,28 @@ def fit_curve(
     6.844e-05
 
     Args:
-        target: one contour, its segments in order.
-        degree: of the segments, at most 32; at least 3 with `smooth`, and 2 for one segment with fixed ends.
-        segments: how many, one by default; the target is divided at its corners, and evenly between them.
-        tolerance: in place of `segments`, the largest proven distance: few segments that come below it, as by
-            `fit_outline`, up to 64; with ends as the target has them.
-        measure: what is made least; by default Hausdorff(), see `minimise_hausdorff`.
-        ends: "fixed" at those of the target, or "free".
-        closed: whether the last segment leads to the first; by default as the target is.
-        smooth: whether the tangent is continuous at the joints; without it they may be corners.
-        max_steps: most steps from each start.
-        max_seconds: wall time after which the best so far is returned; see `minimise_hausdorff`.
-        atol: a distance at which the fit is good enough; zero goes on to a stationary point.
-        method: how the error is proven; by default BranchAndBound().
-        progress: called with a FitProgress after each step.
+        target: curve of one contour, with its segments in order.
+        degree: degree of the segments, 1 to 32; at least 3 with `smooth`, at least 2 for one segment with fixed ends.
+        segments: number of segments; None means 1. The target is divided at its corners, and evenly between them.
+        tolerance: largest certified distance, in the unit of the coordinates. Pass it instead of `segments` to get few
+            segments, at most 64, as from `fit_outline`; the ends are then fixed.
+        measure: loss to minimize; None selects Hausdorff(). See `minimise_hausdorff`.
+        ends: "fixed" keeps the end points of the target; "free" fits them too.
+        closed: whether the last segment joins the first; None takes this from the target.
+        smooth: whether the tangent is continuous at the joints. By default joints may be corners.
+        max_steps: largest number of steps from each start.
+        max_seconds: wall time in seconds after which the best fit so far is returned; see `minimise_hausdorff`.
+        atol: distance at which the fit is good enough and stops. 0 (the default) continues to a stationary point.
+        method: method that certifies the error. None selects BranchAndBound().
+        progress: callback that receives a FitProgress after each step.
+
+    Returns:
+        A FitSolution with the fitted curve (`shape`), its certified error, and the free control points (`parameters`).
 
     Raises:
-        TypeError: a target that is no curve.
-        ValueError: a target of several contours or of points, sizes that are too small, or a tolerance beside what it
-            decides.
+        TypeError: the target is no curve.
+        ValueError: the target has several contours or is a point set, a size is out of range, or a tolerance is given
+            together with an option that it determines.
     """
     refuse_tracing("fit_curve", target)
     target, clock = taken_as("target", target), Clock(max_seconds)
@@ -204,7 +217,7 @@ def fit_curve(
     _refuse_points(curve)
     following = np.asarray(curve.following)
     if np.any(following[:-1] != np.arange(1, curve.count)):
-        raise ValueError("target has several contours; needs one, with its segments in order.")
+        raise ValueError("target has several contours; needs one, with its segments in order; or use fit_outline.")
     if tolerance is not None:
         others = {"segments": segments, "measure": measure, "method": method}
         others |= {"closed": closed, "ends": None if ends == "fixed" else ends, "atol": atol or None}
@@ -243,15 +256,15 @@ def fit_curve(
 def _refuse_points(curve: BezierSegments) -> None:
     if curve.degree == 0:
         raise ValueError(
-            "target is a set of points, which do not follow each other; join them by polyline, or fit them "
-            "by minimise_hausdorff."
+            "target is a set of points, which have no order; join them by jhd.polyline, or fit them "
+            "by minimise_hausdorff with a measure."
         )
 
 
 def _refuse_beside_tolerance(others: dict[str, Any]) -> None:
     for name, given in others.items():
         if given is not None:
-            raise ValueError(f"{name} is given with a tolerance, which decides it; give one of both.")
+            raise ValueError(f"{name} is given together with a tolerance, which determines it; pass only one of them.")
 
 
 def fit_outline(
@@ -265,27 +278,39 @@ def fit_outline(
     max_seconds: float | None = None,
     progress: Callable[[FitProgress], object] | None = None,
 ) -> list[FitSolution]:
-    """Each contour of the target within the tolerance, by few segments; one fit for each contour, in their order.
+    """Fits of all contours of an outline within a tolerance, by few segments.
 
-    Joints are laid so that each piece of least squares is as long as it can be within some tolerances: first so many
-    that only a minimax fit can come below one, then fewer, down to where least squares are there already. A smaller
-    number of segments is not ruled out. A contour that stays above the tolerance with `max_segments` says so in its
-    `error`. Ends of open contours are kept; a closed one begins at a corner where it has one.
+    Pieces between joints are as long as possible while their least-squares fits stay within a multiple of the
+    tolerance. The first multiple is so large that only a minimax fit can meet the tolerance. Smaller multiples, with
+    more segments, follow until a fit meets it. A smaller number of segments is not ruled out.
+
+    If a contour exceeds the tolerance even with `max_segments`, its `error` says so. The end points of open contours
+    are kept. A closed contour starts at a corner if it has one.
+
+    >>> from jhd.shapes.curve import BezierSegments, circle
+    >>> quarter = BezierSegments(circle([0, 0], 1).control_points[:1], circle([0, 0], 1).weights[:1])
+    >>> [fit] = fit_outline(quarter, 1e-3)
+    >>> fit.shape.count, bool(fit.error.upper <= 1e-3)
+    (1, True)
 
     Args:
-        target: an outline of one or several contours, each with its segments in order.
-        tolerance: largest proven Hausdorff distance between a contour and its fit, in the unit of the coordinates.
-        degree: of the segments, 1 to 32.
-        smooth: whether inner joints have one tangent.
-        max_segments: most segments of one contour.
-        max_steps: most steps of one fit; a fit within the tolerance takes no more.
-        max_seconds: wall time for all contours, see `minimise_hausdorff`; then the fits in hand are returned, which may
-            be above the tolerance.
-        progress: called with a FitProgress after each step.
+        target: outline of one or several contours, each with its segments in order.
+        tolerance: largest certified Hausdorff distance between a contour and its fit, positive, in the unit of the
+            coordinates.
+        degree: degree of the segments, 1 to 32.
+        smooth: whether the tangent is continuous at the joints inside a contour. By default joints may be corners.
+        max_segments: largest number of segments of one contour.
+        max_steps: largest number of steps of one fit. A fit stops as soon as it is within the tolerance.
+        max_seconds: wall time in seconds for all contours together; see `minimise_hausdorff`. When it is over, the
+            present fits are returned, which may exceed the tolerance.
+        progress: callback that receives a FitProgress after each step.
+
+    Returns:
+        A list with one FitSolution for each contour, in the order of the contours.
 
     Raises:
-        TypeError: a target that is no curve.
-        ValueError: a tolerance that is not positive.
+        TypeError: the target is no curve.
+        ValueError: the target is a point set, the degree is out of range, or the tolerance is not positive.
     """
     refuse_tracing("fit_outline", target)
     _check_degree(degree, 1)
@@ -312,7 +337,7 @@ def _within(
     max_steps: int,
     progress: Callable[[FitProgress], object] | None,
 ) -> FitSolution:
-    """The first fit within the limit, of joints that are laid closer and closer; else the last one."""
+    """The first fit within the limit, with joints closer and closer together; otherwise the last fit."""
     closed = bool(np.asarray(contour.following)[-1] == 0)
     least = 2 if closed else 1
     fit: Any = None
@@ -333,7 +358,7 @@ def _within(
 
 
 def _reach(contour: BezierSegments, limit: float) -> float:
-    """The share of the length at which corners are to be seen that matter to a tolerance."""
+    """The scale, as a fraction of the length, at which corners matter for a tolerance."""
     length = float(np.sum(lengths_of(np.asarray(contour.homogeneous), contour.weights is not None)))
     return min(_CORNERS * limit / length, 0.1) if length > 0 else 0.0
 
@@ -348,7 +373,7 @@ class _Flat(eqx.Module):
         found = traceable(self.build, self.unravel(parameters))
         if not isinstance(found, Shape):
             came = "an array" if isinstance(found, jax.Array) else type(found).__name__
-            raise TypeError(f"build(parameters) must be a shape of jhd, as jhd.BezierCurve makes one; got {came}.")
+            raise TypeError(f"build(parameters) must be a shape of jhd, for example a jhd.BezierCurve; got {came}.")
         return found
 
 

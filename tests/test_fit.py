@@ -303,7 +303,7 @@ def test_a_curve_in_space_is_fitted_within_a_tolerance(smooth):
 @pytest.mark.parametrize(
     ("build", "options", "message"),
     [
-        (lambda p: p, {}, "must be a shape of jhd, as jhd.BezierCurve makes one; got an array"),
+        (lambda p: p, {}, "must be a shape of jhd, for example a jhd.BezierCurve; got an array"),
         (jhd.BezierCurve, {"measure": "mean"}, r"measure must be Hausdorff\(\), Mean\(\), .*; got 'mean'"),
         (jhd.BezierCurve, {"measure": jhd.Quantile}, "got the class Quantile: call it"),
         (jhd.BezierCurve, {"max_seconds": "5"}, "max_seconds must be a number; got '5'"),

@@ -49,7 +49,7 @@ def annealing(
         return lambda parameters: parameters
     if measure is not None and measure != Hausdorff():
         name = type(measure).__name__
-        raise ValueError(f"temperature is given with the measure {name}; it softens the Hausdorff distance alone.")
+        raise ValueError(f"temperature is given with the measure {name}; it is for the Hausdorff distance only.")
     check_curve("target", target)
     heat = real_array("temperature", temperature)
     check_scalar("temperature", heat, positive=True)

@@ -195,7 +195,7 @@ def motions(build: Callable[[Any], Target], parameters: Any) -> Any:
     start = jnp.asarray(parameters)
     shape = build(start)
     if not isinstance(shape, Target):
-        raise TypeError(f"build must give an ImplicitSurface or a TriangleMesh; got {type(shape).__name__}.")
+        raise TypeError(f"build must return an ImplicitSurface or a TriangleMesh; got {type(shape).__name__}.")
     if isinstance(shape, TriangleMesh):
         if shape.vertices.size * start.size > _NUMBERS:
             return np.ones(start.size)

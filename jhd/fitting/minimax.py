@@ -1,4 +1,4 @@
-"""Minimising the largest of all critical pairs: a trust region with a quadratic model of each, then Newton's method.
+"""Minimizing the largest of all critical pairs: a trust region with a quadratic model of each, then Newton's method.
 
 A step minimises max_i h_i + g_i d + d H_i d / 2 in a box, over the maxima of both directions, with the convex parts of
 their Hessians; a step is taken where the true maximum falls. Near the end Newton's method on the optimality system of
@@ -48,13 +48,13 @@ _SETTLED = 4
 
 
 class FitProgress(NamedTuple):
-    """How far a fit has come.
+    """Progress of a fit.
 
     Args:
-        start: number of the start, from 0.
-        step: steps taken from there.
+        start: index of the start, from 0.
+        step: number of steps taken from this start.
         value: largest distance of the critical pairs, in the unit of the coordinates.
-        optimality: length of sum mu_j g_j.
+        optimality: length of sum mu_j g_j (zero at a stationary point); see FitSolution.
     """
 
     start: int

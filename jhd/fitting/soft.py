@@ -1,18 +1,18 @@
-"""A smooth upper bound of the Hausdorff distance of two curves, with a gradient in all of their control points.
+"""A smooth upper bound of the Hausdorff distance of two curves, differentiable in all of their control points.
 
-S = H + tau log(1 + K M), where H is the proven upper bound of the distance, tau the temperature, and M the mean over
-samples of both curves, each curve half of it, of exp((min(d, H) - H) / tau) with their distances d to the other curve.
-Each term of M lies in [0, 1], so
+S = H + tau log(1 + K M), where H is the certified upper bound of the distance, tau the temperature, and M the mean of
+exp((min(d, H) - H) / tau) over samples of both curves with distances d to the opposite curve. Each curve contributes
+half of M. Each term of M lies in [0, 1], so
 
     H <= S <= H + tau log(1 + K)
 
-however the samples lie and whatever their feet are: the proof is that of the hard distance alone. The gradient of S
-is a mean of that of H and those of all d, with weights that fall by e for each tau that d is below H. As tau goes to
-zero it is that of H; from the spacing of the samples on upwards it is smooth where the farthest place jumps. First
-derivatives are exact; second ones leave out how feet move.
+for all samples and all feet: only the hard distance needs a proof. The gradient of S is a mean of the gradients of H
+and of all d, with weights that fall by a factor e for each tau that d lies below H. It tends to the gradient of H as
+tau goes to zero. If tau is at least the spacing of the samples, S is smooth even if the farthest point jumps. First
+derivatives are exact; second derivatives ignore how the feet move.
 
-Samples lie at fixed parameters and count by the length of the curve there, so a change of the parametrisation alone
-changes little; their feet are those that Newton's method reaches from near the nearest samples of the other curve.
+Samples lie at fixed parameters and are weighted by the local length of the curve, so a reparametrization changes
+little. Their feet are found by Newton's method from near the nearest samples of the opposite curve.
 """
 
 import math
@@ -43,37 +43,38 @@ from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import BezierSegments, check_curve
 
-# What all samples together count beside the farthest place: more makes kinks of the maximum milder and S larger.
+# Weight of all samples relative to the farthest point: a larger weight makes S smoother and larger.
 WEIGHT = 63
-# Samples of one curve, shared among its segments: at least one of each, and not more than so many.
+# Samples of one curve, divided among its segments: at least one each, at most so many.
 SAMPLES, MOST = 1024, 256
-# Samples of the other curve, shared among its segments; the nearest starts the search of a foot. On four random cubics
-# seven feet in a thousand are not the nearest ones; with four samples of each segment it was a fifth of them.
+# Samples of the opposite curve, divided among its segments; the nearest starts the search of a foot. On four random
+# cubics seven feet in a thousand are not the nearest ones; with four samples of each segment it was a fifth of them.
 _STARTS = 256
 # Newton steps that lead from a sample to a foot, one of them lost at each joint that is crossed: in the last one a
-# hundredth of the feet still moves, by more than this share of a segment.
+# hundredth of the feet still moves, by more than this fraction of a segment.
 _FOLLOW, _STILL = 5, 2.0**-26
 # So many more for these, as many of them side by side: a step of all costs sixteen times as much.
 _FURTHER, _SIDE_BY_SIDE = 8, 64
-# A temperature below this share of the size softens nothing that floats could tell.
+# A temperature below this fraction of the size softens less than rounding.
 _COLD = 1e-15
 
 
 class SoftSamples(NamedTuple):
-    """Points of a curve at fixed parameters, and what they count, with sum one."""
+    """Points of a curve at fixed parameters, and their weights, which sum to one."""
 
     points: Array
     weight: Array
 
 
 def soft_hausdorff(a: Any, b: Any, temperature: Numbers, method: AbstractHausdorffMethod | None = None) -> Array:
-    """A smooth upper bound S of the Hausdorff distance H of two curves, a loss with dense gradients.
+    """Smooth upper bound S of the Hausdorff distance H of two curves: a loss with dense gradients.
 
-    H <= S <= H + temperature log 64, both proven: S is the largest distance softened over it and the distances of a
-    thousand samples of each curve, so its gradient moves all control points that are within some temperatures of the
-    maximum, where that of `hausdorff` moves those at one place. It costs one `hausdorff` and feet of the samples. Begin
-    with a temperature of a third of the distance and lower it, and S falls to H. Works under jit, vmap and grad, for
-    first derivatives.
+    S satisfies H <= S <= H + temperature * log(64), and both bounds are certified. S softens the maximum over H and the
+    distances at a thousand samples of each curve. Its gradient therefore moves all control points whose distance is
+    within a few temperatures of the maximum; the gradient of `hausdorff` acts at one point only.
+
+    Start with a temperature of a third of the distance and lower it, so that S tends to H. The cost is one `hausdorff`
+    and the feet of the samples. Works under jit, vmap and grad, for first derivatives.
 
     >>> from jhd.shapes.curve import polyline
     >>> a, b = polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)])
@@ -81,14 +82,18 @@ def soft_hausdorff(a: Any, b: Any, temperature: Numbers, method: AbstractHausdor
     [1.4159, 1.0416]
 
     Args:
-        a: a curve, or what jhd.as_shape takes for one.
-        b: a curve of the same dimension.
-        temperature: a positive length, in the unit of the coordinates.
-        method: options of the search for the largest distance; with a wider tolerance the bound is as much wider.
+        a: curve, or an object that jhd.as_shape converts to a curve.
+        b: curve of the same dimension as `a`.
+        temperature: positive length, in the unit of the coordinates.
+        method: BranchAndBound with the options of the search for H; a wider tolerance widens the bound by as much. None
+            selects BranchAndBound().
+
+    Returns:
+        The bound S, a scalar in the unit of the coordinates.
 
     Raises:
-        TypeError: what is no curve, or another method than BranchAndBound.
-        ValueError: curves of different dimensions, or a temperature that is no positive length.
+        TypeError: a shape is no curve, or the method is not BranchAndBound.
+        ValueError: the dimensions differ, or the temperature is not a positive length.
         NotProvenError: the search did not reach its tolerance.
     """
     a, b = taken_as("a", a), taken_as("b", b)

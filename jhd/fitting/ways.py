@@ -1,6 +1,6 @@
-"""The ways to fit: by all maxima of curves, by a bundle of gradients of surfaces and meshes, by another measure.
+"""The ways to fit: by all maxima (curves), by a bundle of gradients (surfaces and meshes), or by another measure.
 
-Fits hand back where they ended, with the proven distance.
+Fits return their last parameters with the certified distance.
 """
 
 from collections.abc import Callable
