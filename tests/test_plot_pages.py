@@ -132,7 +132,7 @@ def test_a_page_in_space_holds_both_shapes_the_distances_as_colours_and_the_mark
         np.testing.assert_allclose(first["intensity"], 0.5, atol=1e-6)
         assert max(max(first[axis]) for axis in "ijk") < len(first["x"]) == len(first["intensity"])
         assert line["z"][2] is None and sorted(line["z"][:2]) == [0, 0.5]
-        assert [mark["name"] for mark in marks] == ["farthest place", "foot"]
+        assert [mark["name"] for mark in marks] == ["farthest point", "foot"]
         assert any("Plotly" in script and len(script) > 1_000_000 for script in page.scripts)
 
 
@@ -179,7 +179,7 @@ def test_in_a_browser_the_marker_moves_with_the_slider(lines, tmp_path):
     assert quiet == silent == []
     first, second = (Page(page).ids["marker"] for page in (still, moved))
     assert first["cx"] != second["cx"]
-    assert "the farthest place, by a end" in still and "the farthest place" not in moved.split('id="told"')[1][:400]
+    assert "the farthest point, by a end" in still and "the farthest point" not in moved.split('id="told"')[1][:400]
 
 
 @pytest.mark.slow

@@ -1,9 +1,9 @@
-"""Pictures: shapes, the witness of a distance, distances along a curve or as colours, and the cells of a surface.
+"""Pictures of shapes, witnesses, distances along a curve or as colors, and the cells of a surface.
 
-Every function takes axes and returns them; without axes it makes a figure 85 mm wide (one column of a journal) with
-pyplot, which is imported only then. Nothing global is changed. Lengths on the axes carry the unit of the input
-coordinates. The colours are those of Okabe & Ito, and line styles and markers tell the same things apart in grey. Every
-artist has a gid (`witness`, `feet`, ...), by which it can be found and restyled, also in an SVG.
+Every function takes axes and returns them. Without axes it creates a figure 85 mm wide (one column of a journal) with
+pyplot, which is imported only then. Global settings stay unchanged. Lengths on the axes are in the unit of the input
+coordinates. Colors are those of Okabe & Ito; line styles and markers keep them apart in print without color. Every
+artist has a gid (`witness`, `feet`, ...), by which you can find and restyle it, also in an SVG file.
 
 A picture is no proof: curves, surfaces and profiles are drawn from samples.
 """

@@ -1,4 +1,4 @@
-"""Axes of pictures: made where none are given, with colours and sizes that print."""
+"""Axes of pictures, created on demand, with colors and sizes suitable for print."""
 
 from typing import Any
 
@@ -12,13 +12,13 @@ TEXT_POINTS = 8  # size of text that stays legible when a column is printed
 
 
 def axes_for(ax: Any, dim: int) -> Any:
-    """The axes given, checked, or those of a new figure one column wide."""
+    """The given axes, checked, or the axes of a new figure one column wide."""
     if ax is None:
         import matplotlib.pyplot as plt
 
         size = COLUMN_INCHES, COLUMN_INCHES
         if dim == 3:
-            # No layout engine sees the labels of space axes: room for that of z is left at the right.
+            # No layout engine sees the labels of space axes: the label of z needs room at the right.
             return plt.figure(figsize=size).add_axes((0.0, 0.13, 0.86, 0.75), projection="3d")
         return plt.figure(figsize=size, layout="constrained").add_subplot()
     if dim == 3 and ax.name != "3d":

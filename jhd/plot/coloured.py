@@ -1,4 +1,4 @@
-"""Shapes as pieces for pictures: triangles of a surface, lines of a curve, fine enough for colours along them."""
+"""Shapes as pieces for pictures: triangles of a surface, lines of a curve, small enough for colors along them."""
 
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ from jhd.shapes.mesh import TriangleMesh
 _TRIANGLES, _LINES = 16_000, 3_000
 # Colours that can be told from each other between none and the largest distance.
 _COLOURS = 256
-# Cells along each axis of a polynomial surface.
+# Cells along each axis of an implicit surface.
 _CELLS = 48
 
 
@@ -45,7 +45,7 @@ def pieces_of(shape: Any) -> DrawnPieces:
 
 
 def distances_at(points: np.ndarray, b: Any, top: float, samples: DistanceSamples | None = None) -> np.ndarray:
-    """The distances of drawn points to a shape, in the colours of a picture exact.
+    """The distances of drawn points to a shape, exact to the resolution of the colors.
 
     Distances differ by no more than the points are apart, so those of samples are taken where they tell the colour.
 
@@ -53,7 +53,7 @@ def distances_at(points: np.ndarray, b: Any, top: float, samples: DistanceSample
         points: points on the shape that is coloured, (points, dim).
         b: the shape that distances are taken to.
         top: the largest distance.
-        samples: what is known of the distances already.
+        samples: known distances, if any.
     """
     values, known = np.empty(len(points)), np.zeros(len(points), bool)
     if samples is not None:

@@ -1,4 +1,4 @@
-"""Pictures of curves, and of the distance along one of them."""
+"""Pictures of curves, and of the distance along a curve."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +14,7 @@ from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.slips import belongs
 
 _PROFILE_SAMPLES = 1500  # in all; more than the pixels of a column at 300 dpi
-_LEVEL = 1e-9  # share of the largest distance below which a rise is rounding, not a maximum
+_LEVEL = 1e-9  # fraction of the largest distance below which a rise is rounding, not a maximum
 
 
 @belongs(color="write colour=")
@@ -28,19 +28,29 @@ def curve(
     control_polygon: bool = True,
     samples: int = 32,
 ) -> Any:
-    """Axes with a plane or space curve: a point set as dots, contours that are not joined left apart.
+    """Axes with a plane or space curve; point sets are drawn as dots, contours that are not joined stay separate.
+
+    >>> from jhd.shapes.curve import polyline
+    >>> from matplotlib.figure import Figure
+    >>> ax = curve(polyline([(0, 0), (1, 1)]), Figure().add_subplot())
+    >>> [line.get_gid() for line in ax.lines]
+    ['curve']
 
     Args:
-        shape: the curve, or what jhd.as_shape takes for one, as in all of these.
-        ax: axes to draw on, three-dimensional ones for a space curve; None makes a figure.
-        colour: of the curve and, faint, of its control polygon.
-        linestyle: of the curve, as matplotlib takes it.
-        label: name in a legend.
-        control_polygon: whether the control polygons are drawn (a polyline is its own).
-        samples: steps for each segment of degree two or more.
+        shape: curve, or an object that jhd.as_shape converts to one.
+        ax: matplotlib axes; a space curve needs axes with projection="3d". None creates a figure.
+        colour: color of the curve and, faint, of its control polygon.
+        linestyle: line style of the curve, as in matplotlib.
+        label: name in a legend. None means no entry.
+        control_polygon: whether to draw the control polygons of segments of degree two or more.
+        samples: number of steps for each segment of degree two or more.
+
+    Returns:
+        The axes.
 
     Raises:
-        ValueError: a space curve on plane axes.
+        TypeError: the shape is no curve.
+        ValueError: a space curve is drawn on plane axes.
     """
     shape = taken_as("shape", shape)
     check_curve("shape", shape)
@@ -72,23 +82,33 @@ def profile(
     colour: str = BLUE,
     samples: int | None = None,
 ) -> Any:
-    """Axes with the distance profile t -> d(a(t), b): its largest value is the directed Hausdorff distance.
+    """Axes with the distance profile t -> d(a(t), b), whose largest value is the directed Hausdorff distance.
 
-    The parameter is the global one: segment k carries [k, k + 1]. Local maxima, the candidates for the witness, are
-    circled as far as the samples show them; vertical lines are the boundaries of segments.
+    The parameter is global: segment k has the parameters [k, k + 1]. Circles mark the local maxima that the samples
+    show, which are the candidates for the witness. Vertical lines mark the boundaries of segments.
+
+    >>> from jhd.shapes.curve import polyline
+    >>> from matplotlib.figure import Figure
+    >>> a, b = polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)])
+    >>> profile(a, b, Figure().add_subplot()).get_ylabel()
+    'distance to B (input units)'
 
     Args:
-        a: the curve that is walked along; of a point set every point is one dot.
-        b: the curve to which distances are measured.
-        ax: plane axes to draw on; None makes a figure.
-        solution: a distance of the two; its value is drawn as a level and, where its witness lies on `a`, the witness.
-        labels: the names of the curves on the axes.
-        unit: the unit of the coordinates, as the axis names it.
-        colour: of the profile.
-        samples: steps for each segment of a; about 1500 in all by default.
+        a: curve along which the distance is drawn; of a point set, every point gives one dot.
+        b: curve to which the distances are measured, of the same dimension.
+        ax: plane matplotlib axes. None creates a figure.
+        solution: Hausdorff distance of both curves. Its value is drawn as a level, and its witness if it lies on `a`.
+        labels: names of both curves on the axes.
+        unit: unit of the coordinates, for the labels.
+        colour: color of the profile.
+        samples: number of steps for each segment of `a`. None means about 1500 steps in total.
+
+    Returns:
+        The axes.
 
     Raises:
-        ValueError: curves of different dimensions, samples below one, or a batch of solutions.
+        TypeError: a shape is no curve.
+        ValueError: the dimensions differ, `samples` is below 1, or `solution` is a batch.
     """
     a, b = taken_as("a", a), taken_as("b", b)
     check_pair(a, b)
@@ -141,7 +161,7 @@ def check_pair(a: AbstractCurve, b: AbstractCurve) -> None:
 def _sample(pieces: BezierSegments, t: np.ndarray) -> np.ndarray:
     """Points of all segments at the local parameters t, (segments, samples, dim).
 
-    In NumPy, by the basis: a compiled program for every number of segments would take longer than the picture.
+    In NumPy, by the basis: a compiled function for every number of segments would take longer than the picture.
     """
     values = np.einsum("ti,kid->ktd", basis(pieces.degree, t), np.asarray(pieces.homogeneous))
     return values if pieces.weights is None else values[..., :-1] / values[..., -1:]

@@ -1,4 +1,4 @@
-"""Pictures of a deviation: a shape coloured by its distance to another one, its histogram, and the farthest place."""
+"""Pictures of a deviation: a shape colored by its distance to another, the histogram, and the farthest point."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from jhd.shapes.as_shape import as_shape
 
 # Seen in grey and by the colour-blind, and as bright on paper as far.
 _COLOURS = "viridis"
-# Height of a whole picture as a share of its width, in a column.
+# Height of a whole picture as a fraction of its width, in a column.
 _TALL = 1.5
 # Where a whole picture has the shape in space or in the plane, the colour bar, the histogram and the inset.
 _SPACE, _PLANE, _BAR = (0.05, 0.45, 0.63, 0.52), (0.18, 0.5, 0.53, 0.47), (0.76, 0.52, 0.03, 0.44)
@@ -24,9 +24,9 @@ _HISTOGRAM, _SECTION = (0.16, 0.1, 0.38, 0.23), (0.655, 0.1, 0.33, 0.23)
 # The inset of a picture that has no histogram.
 _SECTION_ALONE = (0.2, 0.1, 0.6, 0.23)
 _BINS = 40
-# Axes shorter than this share of the longest have two ticks alone.
+# Axes shorter than this fraction of the longest have only two ticks.
 _SHORT = 0.35
-# The inset shows this many distances to each side, at least this share of the shapes' size.
+# The inset shows this many distances to each side, at least this fraction of the shapes' size.
 _AROUND, _LEAST = 1.6, 0.02
 
 
@@ -39,25 +39,32 @@ def deviation(
     witness: bool = True,
     colour_bar: bool = True,
 ) -> Any:
-    """Axes with a coloured by its distance to b, and the place that is farthest.
+    """Axes with `a` colored by its distance to `b`, and the farthest point.
 
-    Without axes it makes a whole figure one column wide: below the shape come the histogram of the distances and an
-    inset of the farthest place, which is the section of both shapes that holds it and its foot. Shapes in space are
-    seen from the side of that place.
+    Without axes it creates a whole figure one column wide. Below the shape are the histogram of the distances and an
+    inset of the farthest point: a section of both shapes through this point and its foot. Shapes in space are seen from
+    the side of the farthest point.
+
+    >>> import jhd
+    >>> from matplotlib.figure import Figure
+    >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.points([(0, 0)]))
+    >>> deviation(found, Figure().add_subplot(), colour_bar=False).lines[0].get_gid()
+    'witness'
 
     Args:
-        found: what jhd.deviation found.
-        ax: axes to draw on, three-dimensional ones for shapes in space; None makes a figure.
+        found: result of jhd.deviation.
+        ax: matplotlib axes; shapes in space need axes with projection="3d". None creates a figure.
         labels: names of both shapes.
-        unit: of the coordinates, for the labels.
-        witness: whether the farthest place is marked.
-        colour_bar: whether there is one; on the axes given it takes some of their room.
+        unit: unit of the coordinates, for the labels. None omits it.
+        witness: whether to mark the farthest point.
+        colour_bar: whether to draw a color bar; it takes some room from the given axes.
 
     Returns:
-        The axes of the shape; the others are found as `ax.figure.axes`, with the gids `histogram` and `inset`.
+        The axes of the shape. The axes of the histogram and the inset are in `ax.figure.axes`, with the gids
+        `histogram` and `inset`.
 
     Raises:
-        ValueError: a shape in space on plane axes.
+        ValueError: a shape in space is drawn on plane axes.
     """
     if ax is None:
         shown = _ColouredPair(found.a, found.b, found.maximum, labels, unit, found.samples)
@@ -81,27 +88,34 @@ def distances(
     witness: bool = True,
     colour_bar: bool = True,
 ) -> Any:
-    """Axes with the shape that holds the witness of a distance, coloured by its distance to the other shape.
+    """Axes with the shape that contains the witness of a distance, colored by its distance to the opposite shape.
 
-    What `deviation` draws, for shapes of any kinds and without a search of its own, so without the histogram. Without
-    axes it makes a whole figure one column wide, with an inset of the farthest place.
+    Like `deviation`, for shapes of all kinds and from the solution alone, so without the histogram. Without axes it
+    creates a whole figure one column wide, with an inset of the farthest point.
+
+    >>> from jhd.distance.hausdorff import hausdorff
+    >>> from jhd.shapes.curve import polyline
+    >>> from matplotlib.figure import Figure
+    >>> a, b = polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)])
+    >>> distances(a, b, hausdorff(a, b), Figure().add_subplot(), colour_bar=False).lines[0].get_gid()
+    'witness'
 
     Args:
-        a: the first shape.
-        b: the second one, of the same dimension.
-        solution: their distance; where its witness lies on b that is the shape in colours.
-        ax: axes to draw on, three-dimensional ones for shapes in space; None makes a figure.
+        a: first shape.
+        b: second shape, of the same dimension.
+        solution: Hausdorff distance of both shapes. If its witness lies on `b`, then `b` is the colored shape.
+        ax: matplotlib axes; shapes in space need axes with projection="3d". None creates a figure.
         labels: names of both shapes.
-        unit: of the coordinates, for the labels.
-        witness: whether the farthest place is marked.
-        colour_bar: whether there is one; on the axes given it takes some of their room.
+        unit: unit of the coordinates, for the labels. None omits it.
+        witness: whether to mark the farthest point.
+        colour_bar: whether to draw a color bar; it takes some room from the given axes.
 
     Returns:
-        The axes of the shape; the inset is found in `ax.figure.axes`, with the gid `inset`.
+        The axes of the shape. The axes of the inset are in `ax.figure.axes`, with the gid `inset`.
 
     Raises:
-        TypeError: what is no shape.
-        ValueError: a shape in space on plane axes.
+        TypeError: an object is no shape.
+        ValueError: a shape in space is drawn on plane axes.
     """
     a, b = as_shape(a), as_shape(b)
     shown = _ColouredPair(a, b, solution, labels, unit)
@@ -115,16 +129,25 @@ def distances(
 
 
 def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A", "B"), unit: str | None = None) -> Any:
-    """Axes with the histogram of the distances: the share of a, by length, area or number, at each distance.
+    """Axes with the histogram of the distances: the fraction of `a`, by length, area or number, at each distance.
 
-    Each part of a counts by the mean of the affine functions that bound its distance, or evenly between its bounds. The
-    mean, the root mean square and the maximum are marked.
+    Each part of `a` is counted by the mean of the affine functions that bound its distance, or evenly between its
+    bounds. The mean, the root mean square and the maximum are marked.
+
+    >>> import jhd
+    >>> from matplotlib.figure import Figure
+    >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.points([(0, 0)]))
+    >>> histogram(found, Figure().add_subplot()).get_ylabel()
+    'fraction of A (%)'
 
     Args:
-        found: what jhd.deviation found.
-        ax: plane axes; None makes a figure.
+        found: result of jhd.deviation.
+        ax: plane matplotlib axes. None creates a figure.
         labels: names of both shapes.
-        unit: of the coordinates, for the labels.
+        unit: unit of the coordinates, for the labels. None omits it.
+
+    Returns:
+        The axes.
     """
     ax = axes_for(ax, 2)
     parts = found.samples
@@ -144,7 +167,7 @@ def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A",
         ax.axvline(value, color=colour, linestyle=style, linewidth=1.2, label=name, gid=name)
     ax.set_xlim(0, 1.04 * edges[-1])
     ax.set_xlabel(_length("distance", labels, unit), fontsize=TEXT_POINTS)
-    ax.set_ylabel(f"share of {labels[0]} (%)", fontsize=TEXT_POINTS)
+    ax.set_ylabel(f"fraction of {labels[0]} (%)", fontsize=TEXT_POINTS)
     ax.tick_params(labelsize=TEXT_POINTS)
     ax.locator_params(axis="x", nbins=3)
     ax.locator_params(axis="y", nbins=4)
@@ -166,7 +189,7 @@ def _weights_below(ends: np.ndarray, lower: np.ndarray, upper: np.ndarray, weigh
 
 
 class _ColouredPair(NamedTuple):
-    """A shape to colour, the one that distances are taken to, the largest one, and what is known of the others."""
+    """A shape to color, the shape to which distances are taken, the largest distance, and known samples."""
 
     a: Any
     b: Any
@@ -193,7 +216,7 @@ def _whole(shown: _ColouredPair, witness: bool, colour_bar: bool, section: tuple
 
 
 def _coloured(shown: _ColouredPair, ax: Any, witness: bool, beside: Any, bar: Any = None) -> None:
-    """The shape in colours, and the colour bar beside some axes or on its own."""
+    """The shape in colors, and the color bar next to some axes or in its own axes."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -253,7 +276,7 @@ def _as_lines(ax: Any, pieces: DrawnPieces, rgba: np.ndarray) -> None:
 
 
 def _as_faces(ax: Any, pieces: DrawnPieces, rgba: np.ndarray) -> None:
-    """The colours say the distance, so no light changes them; what is nearer hides what is behind."""
+    """The colors show the distance, so no light changes them; nearer faces hide farther ones."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     # Thousands of faces as paths would make files that no viewer opens; edges close the seams between them.
@@ -288,7 +311,7 @@ def _turned(ax: Any, outward: np.ndarray) -> None:
 
 
 def _inset(shown: _ColouredPair, ax: Any) -> None:
-    """The section of both shapes that holds the farthest place, its foot and a direction along a."""
+    """The section of both shapes through the farthest point and its foot, along a direction of a."""
     found = shown.maximum
     point, foot = (np.asarray(x, float) for x in (found.witness.point, found.witness.feet[0]))
     distance = float(found.value)
@@ -311,7 +334,7 @@ def _inset(shown: _ColouredPair, ax: Any) -> None:
     ax.set_xticks([])
     ax.set_yticks([])
     place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
-    # The marks need no names: the place is that of the picture above.
+    # The marks need no names: they are those of the picture above.
     ax.legend(fontsize=TEXT_POINTS, frameon=False, handlelength=1.8, labelspacing=0.2, **place)
     ax.set_xlabel(distance_text(found).replace(" ≤ $d$ ≤ ", " ≤ $d$\n≤ "), fontsize=TEXT_POINTS)
 
@@ -333,7 +356,7 @@ def _across(shape: Any, point: np.ndarray, up: np.ndarray) -> np.ndarray:
 
 
 def _flat_lines(shape: Any, point: np.ndarray, axes: np.ndarray, reach: float) -> np.ndarray:
-    """Lines of a shape in a plane, parted by rows of NaN; of curves in space and points what is near the plane."""
+    """Lines of a shape in a plane, separated by rows of NaN; for space curves and points, the parts near the plane."""
     pieces = pieces_of(shape)
     if pieces.rows.shape[1] == 3:
         lines = section(pieces, point, np.cross(*axes))

@@ -1,8 +1,8 @@
-"""Faces in space, shaded by the light on them: what pictures of surfaces, cells and meshes are made of.
+"""Faces in space, shaded by the light on them: the basis of pictures of surfaces, cells and meshes.
 
-Few large faces are drawn in an order in which those in front hide what is behind. Sorted by their mean depth they would
-hide what stands before them. In a tree of planes every face lies on one side of the
-planes above it, cut where it would not, and what is on the far side of a plane never hides what is on that of the eye.
+A few large faces are drawn from back to front. Sorted by mean depth, they would hide faces that lie in front of them.
+In a tree of planes, every face lies on one side of the planes above it, and is cut if it would not. A face on the far
+side of a plane never hides a face on the side of the eye.
 
 Source: Fuchs, Kedem & Naylor, On visible surface generation by a priori tree structures, SIGGRAPH 1980.
 """
@@ -17,10 +17,10 @@ from jhd.plot.axes import draw, finish
 
 # Faces of planes that are tried at each node; the one that cuts fewest others is taken.
 _TRIED = 6
-# What lies in a plane, as a share of the size of the whole.
+# Tolerance for lying in a plane, as a fraction of the total size.
 _FLAT = 1e-9
 _LIGHT = np.array([0.35, -0.5, 0.79])  # where the light comes from, above the left shoulder of the usual view
-_SHADE = 0.45  # share of a colour that faces turned from the light lose
+_SHADE = 0.45  # fraction of a color that faces turned from the light lose
 # So many triangles, which are large, are drawn in their right order, cut in so many parts at most; others by depth.
 _FEW, _PARTS = 400, 4000
 

@@ -1,4 +1,4 @@
-"""Pictures of polynomial and parametric surfaces, and of the cells that hold them."""
+"""Pictures of implicit and parametric surfaces, and of the cells that contain them."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -26,20 +26,28 @@ def surface(
     alpha: float = 0.75,
     cells: int = 48,
 ) -> Any:
-    """Space axes with a surface; a polynomial one is cut off at its box.
+    """Space axes with a surface; an implicit surface is cut off at its box.
+
+    >>> from matplotlib.figure import Figure
+    >>> plane = ImplicitSurface.parse("x + y + z", [-1, -1, -1], [1, 1, 1])
+    >>> surface(plane, Figure().add_subplot(projection="3d"), cells=4).name
+    '3d'
 
     Args:
-        shape: the surface, polynomial or parametric.
-        ax: three-dimensional axes to draw on; None makes a figure.
-        colour: of the surface.
-        label: name in a legend.
-        alpha: opacity.
-        cells: cells along each axis that a polynomial surface is drawn from, of which finer parts can be missing, or
-            along each side of a parametric one, about.
+        shape: implicit or parametric surface.
+        ax: matplotlib axes with projection="3d". None creates a figure.
+        colour: color of the surface.
+        label: name in a legend. None means no entry.
+        alpha: opacity, 0 to 1.
+        cells: for an implicit surface, the number of grid cells along each axis; finer parts may be missing. For a
+            parametric surface, the approximate number of cells along each side.
+
+    Returns:
+        The axes.
 
     Raises:
-        TypeError: another kind of shape.
-        ValueError: plane axes.
+        TypeError: the shape is no implicit or parametric surface.
+        ValueError: the axes are plane.
     """
     return surfaces((shape,), ax, colours=(colour,), labels=(label,), alpha=alpha, cells=cells)
 
@@ -54,19 +62,27 @@ def surfaces(
     alpha: float = 0.6,
     cells: int = 48,
 ) -> Any:
-    """Space axes with several surfaces, drawn as one, so that those in front hide what is behind.
+    """Space axes with several surfaces, drawn together so that faces in front hide faces behind.
+
+    >>> from matplotlib.figure import Figure
+    >>> planes = [ImplicitSurface.parse(text, [-1, -1, -1], [1, 1, 1]) for text in ("x + y + z", "x - y")]
+    >>> surfaces(planes, Figure().add_subplot(projection="3d"), cells=4).name
+    '3d'
 
     Args:
-        shapes: the surfaces.
-        ax: three-dimensional axes to draw on; None makes a figure.
-        colours: one for each.
-        labels: their names in a legend.
-        alpha: opacity.
-        cells: as for `surface`.
+        shapes: implicit or parametric surfaces.
+        ax: matplotlib axes with projection="3d". None creates a figure.
+        colours: colors, one for each surface.
+        labels: names in a legend, one for each surface.
+        alpha: opacity, 0 to 1.
+        cells: number of cells along each axis of an implicit surface, or each side of a parametric one; see `surface`.
+
+    Returns:
+        The axes.
 
     Raises:
-        TypeError: another kind of shape.
-        ValueError: plane axes.
+        TypeError: a shape is no implicit or parametric surface.
+        ValueError: the axes are plane.
     """
     for number, shape in enumerate(shapes):
         check_drawn(f"shapes[{number}]", shape)
@@ -78,14 +94,14 @@ def surfaces(
 
 
 def check_drawn(name: str, shape: object) -> None:
-    """Raises TypeError unless a shape is a surface that `surfaces` draws."""
+    """Raises TypeError unless the shape is a surface that `surfaces` can draw."""
     if not isinstance(shape, ImplicitSurface | AbstractPatch):
         got = type(shape).__name__
         raise TypeError(f"{name} must be an ImplicitSurface or a parametric surface; got {got}.")
 
 
 def net(shape: ImplicitSurface | AbstractPatch, cells: int) -> np.ndarray:
-    """Quadrilaterals of a surface, polynomial or parametric (quadrilaterals, 4, 3)."""
+    """Quadrilaterals of an implicit or parametric surface, (quadrilaterals, 4, 3)."""
     return (
         quadrilaterals(shape, cells) if isinstance(shape, ImplicitSurface) else quadrilaterals_of_patches(shape, cells)
     )
@@ -93,16 +109,26 @@ def net(shape: ImplicitSurface | AbstractPatch, cells: int) -> np.ndarray:
 
 @belongs(color="write colours=", colour="write colours=", colors="write colours=")
 def voxels(cells: Voxels, ax: Any = None, *, colours: Sequence[str] = (BLUE, VERMILLION), legend: bool = True) -> Any:
-    """Space axes with the kept cells of a surface: those that are proven to hold a point of it, and the others.
+    """Space axes with the kept cells of a surface, colored by whether they are proven to contain one of its points.
+
+    >>> from jhd.fields.octree import voxelise
+    >>> from matplotlib.figure import Figure
+    >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
+    >>> ax = voxels(voxelise(sphere, 2), Figure().add_subplot(projection="3d"))
+    >>> [text.get_text() for text in ax.get_legend().get_texts()]
+    ['proven (8)']
 
     Args:
-        cells: what `voxelise` returned.
-        ax: three-dimensional axes to draw on; None makes a figure.
-        colours: of the proven cells and of the others.
-        legend: whether a legend with their numbers is put above the axes.
+        cells: result of `voxelise`.
+        ax: matplotlib axes with projection="3d". None creates a figure.
+        colours: colors of the proven cells and of the remaining cells.
+        legend: whether to draw a legend with the numbers of cells above the axes.
+
+    Returns:
+        The axes.
 
     Raises:
-        ValueError: plane axes.
+        ValueError: the axes are plane.
     """
     ax = axes_for(ax, 3)
     places, proven = np.asarray(cells.cells), np.asarray(cells.proven)
@@ -130,22 +156,32 @@ def section(
     at: float | None = None,
     legend: bool = True,
 ) -> Any:
-    """Plane axes with a layer of cells by what is known of them, and the curve in which a plane cuts the surface.
+    """Plane axes with one layer of cells, colored by their state, and the curve in which a plane cuts the surface.
 
-    A cell that is not kept is inside or outside: the polynomial has one sign on all of it, negative inside. A kept cell
-    at the boundary is proven to hold a point of the surface, or it may hold one (hatched).
+    A cell that `voxelise` dropped is inside or outside: the polynomial has one sign in the whole cell, negative inside.
+    A kept cell at the boundary is proven to contain a point of the surface, or it may contain one (hatched).
+
+    >>> from jhd.fields.octree import voxelise
+    >>> from matplotlib.figure import Figure
+    >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
+    >>> ax = section(sphere, voxelise(sphere, 2), Figure().add_subplot())
+    >>> ax.get_xlabel(), ax.get_ylabel()
+    ('$x$', '$y$')
 
     Args:
-        shape: the surface.
-        cells: its cells, from `voxelise`.
-        ax: plane axes to draw on; None makes a figure.
-        axis: the coordinate that is constant: 0, 1 or 2.
-        at: its value, which chooses the layer; by default the middle of the box.
-        legend: whether a legend is put above the axes.
+        shape: implicit surface.
+        cells: cells of this surface, from `voxelise`.
+        ax: plane matplotlib axes. None creates a figure.
+        axis: coordinate that is constant in the layer: 0, 1 or 2.
+        at: value of this coordinate, which selects the layer. None means the middle of the box.
+        legend: whether to draw a legend above the axes.
+
+    Returns:
+        The axes.
 
     Raises:
-        TypeError: another kind of shape.
-        ValueError: another axis, or a plane outside of the box.
+        TypeError: the shape is no implicit surface.
+        ValueError: the axis is not 0, 1 or 2, or the plane lies outside the box.
     """
     check_surface("shape", shape)
     low, high = (np.asarray(end, float) for end in shape.box())
@@ -177,7 +213,7 @@ _CLASSES = (("inside", PALE_BLUE), ("outside", "white"), ("boundary", ORANGE), (
 
 
 def _classes(shape: ImplicitSurface, cells: Voxels, axis: int, layer: int, counts: np.ndarray) -> np.ndarray:
-    """What is known of each cell of a layer."""
+    """The state of each cell of a layer."""
     u, v = (k for k in range(3) if k != axis)
     places = np.insert(np.argwhere(np.ones((counts[u], counts[v]))), axis, layer, axis=-1)
     centres = np.asarray(cells.lower) + np.asarray(cells.spacing) * (places + 0.5)

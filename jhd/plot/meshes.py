@@ -13,24 +13,32 @@ from jhd.slips import belongs
 
 # More triangles of all meshes together take many seconds to draw, and are smaller than a printed dot.
 _MOST = 20_000
-# Cells along the longest side that vertices are gathered in, at first; each try takes this share of the last.
+# Cells along the longest side that vertices are gathered in, at first; each try takes this fraction of the last.
 _CELLS, _COARSER = 256, 0.75
 
 
 @belongs(color="write colour=")
 def mesh(shape: Any, ax: Any = None, *, colour: str = BLUE, label: str | None = None, alpha: float = 1.0) -> Any:
-    """Space axes with a triangle mesh; of one with very many triangles a coarser image.
+    """Space axes with a triangle mesh; a coarser image is drawn if the mesh has more than 20 000 triangles.
+
+    >>> from matplotlib.figure import Figure
+    >>> square = TriangleMesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
+    >>> mesh(square, Figure().add_subplot(projection="3d")).name
+    '3d'
 
     Args:
-        shape: the mesh, or what jhd.as_shape takes for one.
-        ax: three-dimensional axes to draw on; None makes a figure.
-        colour: of its triangles.
-        label: name in a legend.
-        alpha: opacity.
+        shape: mesh, or an object that jhd.as_shape converts to one.
+        ax: matplotlib axes with projection="3d". None creates a figure.
+        colour: color of the triangles.
+        label: name in a legend. None means no entry.
+        alpha: opacity, 0 to 1.
+
+    Returns:
+        The axes.
 
     Raises:
-        TypeError: another kind of shape.
-        ValueError: plane axes.
+        TypeError: the shape is no mesh.
+        ValueError: the axes are plane.
     """
     return meshes((shape,), ax, colours=(colour,), labels=(label,), alpha=alpha)
 
@@ -44,19 +52,28 @@ def meshes(
     labels: Sequence[str | None] = ("A", "B"),
     alpha: float = 0.6,
 ) -> Any:
-    """Space axes with several meshes, drawn as one, so that those in front hide what is behind.
+    """Space axes with several meshes, drawn together so that faces in front hide faces behind.
+
+    If the meshes have more than 20 000 triangles in total, coarser images with merged vertices are drawn.
+
+    >>> from matplotlib.figure import Figure
+    >>> square = TriangleMesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
+    >>> meshes([square, square], Figure().add_subplot(projection="3d")).name
+    '3d'
 
     Args:
-        shapes: the meshes, or what jhd.as_shape takes for some; of very many triangles a coarser image is drawn, its
-            vertices gathered in cells.
-        ax: three-dimensional axes to draw on; None makes a figure.
-        colours: one for each.
-        labels: their names in a legend.
-        alpha: opacity.
+        shapes: meshes, or objects that jhd.as_shape converts to meshes.
+        ax: matplotlib axes with projection="3d". None creates a figure.
+        colours: colors, one for each mesh.
+        labels: names in a legend, one for each mesh.
+        alpha: opacity, 0 to 1.
+
+    Returns:
+        The axes.
 
     Raises:
-        TypeError: another kind of shape.
-        ValueError: plane axes.
+        TypeError: a shape is no mesh.
+        ValueError: the axes are plane.
     """
     shapes = [taken_as(f"shapes[{number}]", shape) for number, shape in enumerate(shapes)]
     for number, shape in enumerate(shapes):
@@ -68,7 +85,7 @@ def meshes(
 
 
 def faces_of(shape: TriangleMesh, most: int = _MOST // 2) -> np.ndarray:
-    """Its triangles, or where these are more a coarser image of it, as quadrilaterals (triangles, 4, 3)."""
+    """The triangles of a mesh as quadrilaterals (triangles, 4, 3); a coarser image if there are more than `most`."""
     # The last corner twice makes a quadrilateral of a triangle.
     return _few(np.asarray(shape.corners), most)[:, [0, 1, 2, 2]]
 

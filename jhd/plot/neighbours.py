@@ -1,4 +1,4 @@
-"""Pictures of the nearest shapes of some queries: each neighbour over its query, with the distance."""
+"""Pictures of the nearest shapes of some queries: each neighbor over its query, with the distance."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -35,29 +35,40 @@ def neighbours(
     query_names: Sequence[str] | None = None,
     names: Sequence[str] | None = None,
 ) -> Any:
-    """Axes in rows: a query alone, then each of its nearest shapes over it, nearest first, with the distances.
+    """Axes in rows: a query alone, then each of its nearest shapes drawn over it, nearest first, with the distances.
 
-    All panels of a row have one scale. Where shapes are not proven to be farther than the last one of a row, that is
-    told above it.
+    All panels of a row have the same scale. If further shapes may be as near as the last one of a row, their number is
+    written above the last panel.
+
+    >>> import jhd
+    >>> from matplotlib.figure import Figure
+    >>> squares = [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in (1, 2, 4)]
+    >>> queries = [jhd.polyline([(0, 0), (3, 0), (3, 3), (0, 3)], closed=True)]
+    >>> found = jhd.nearest_shapes(queries, squares)
+    >>> neighbours(queries, squares, found, Figure().subplots(1, 2, squeeze=False)).shape
+    (1, 2)
 
     Args:
-        queries: what jhd.nearest_shapes was called with.
-        shapes: likewise.
-        found: what it found.
-        axes: an array (rows, 1 + neighbours) of axes to draw on, three-dimensional ones for shapes in space; None makes
-            a figure.
-        rows: which of the queries; by default the first ones.
-        query_names: names of the queries; by default their numbers.
-        names: names of the shapes; by default their numbers.
+        queries: queries that were passed to jhd.nearest_shapes.
+        shapes: shapes that were passed to jhd.nearest_shapes.
+        found: result of jhd.nearest_shapes.
+        axes: array of axes, one row for each drawn query with 1 + neighbors columns; shapes in space need
+            projection="3d". None creates a figure.
+        rows: indices of the queries to draw. None means the first eight.
+        query_names: names of the queries. None means their indices.
+        names: names of the shapes. None means their indices.
+
+    Returns:
+        The array of axes.
 
     Raises:
-        TypeError: what is no shape, or a `found` that is not what jhd.nearest_shapes returned.
-        ValueError: axes of another number.
+        TypeError: an object is no shape, or `found` is no result of jhd.nearest_shapes.
+        ValueError: `axes` has the wrong shape.
     """
     if not isinstance(found, Neighbours):
         got = type(found).__name__
         raise TypeError(
-            f"found is a {got}; needs what jhd.nearest_shapes returned: neighbours(queries, shapes, found)."
+            f"found is a {got}; needs the result of jhd.nearest_shapes: neighbours(queries, shapes, found)."
         )
     chosen = list(range(min(len(queries), _ROWS)) if rows is None else rows)
     width = 1 + found.index.shape[1]
@@ -91,7 +102,7 @@ def _figure(rows: int, columns: int, dim: int) -> Any:
 
 
 def _draw(ax: Any, shapes: list[Any]) -> None:
-    """Curves as lines; surfaces together, so that those in front hide what is behind."""
+    """Curves as lines; surfaces together, so that faces in front hide faces behind."""
     for surfaces, group in groupby(enumerate(shapes), lambda item: not isinstance(item[1], AbstractCurve)):
         numbers, drawn = zip(*group, strict=True)
         colours = [_COLOURS[k] for k in numbers]

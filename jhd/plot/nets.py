@@ -1,4 +1,4 @@
-"""Quadrilaterals of surfaces, for pictures; of a polynomial in a box one vertex in each cell that has both signs.
+"""Quadrilaterals of surfaces, for pictures; an implicit surface has one vertex in each cell of both signs.
 
 Source: surface nets, Gibson, Constrained elastic surface nets, MICCAI 1998. Ours: layers of flat cells on the faces of
 the box, which make the quadrilaterals end on them, and the step of the vertices onto the surface.
@@ -38,7 +38,7 @@ def quadrilaterals(surface: ImplicitSurface, cells: int) -> Float[np.ndarray, "c
 
 
 def quadrilaterals_of_patches(shape: AbstractPatch, cells: int) -> Float[np.ndarray, "cells corners 3"]:
-    """Quadrilaterals of a parametric surface, about so many along each side of it, their corners in cyclic order."""
+    """Quadrilaterals of a parametric surface, about so many along each side, with corners in cyclic order."""
     patches = shape.patches()
     n = int(np.clip(np.ceil(cells / np.sqrt(patches.count)), _LEAST, cells))
     t = np.linspace(0.0, 1.0, n + 1)

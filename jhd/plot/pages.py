@@ -1,7 +1,7 @@
-"""A distance as one page of HTML that needs no network: to walk along plane curves, or to turn shapes in space.
+"""A distance as one HTML page that needs no network: walk along plane curves, or rotate shapes in space.
 
-A page of plane curves is SVG with some lines of JavaScript of our own; one of shapes in space holds the script of
-plotly. Outlines and colours are drawn from samples; the bounds that are written are those that are proven.
+A page of plane curves consists of SVG and a few lines of our own JavaScript; a page of shapes in space contains the
+plotly script. Outlines and colors are drawn from samples; the bounds in the text are certified.
 """
 
 import html
@@ -50,7 +50,7 @@ OUTLINE = (
 )
 
 PLANE = """\
-<p>{key} · move along a profile, or its slider; <button id="farthest">farthest place</button></p>
+<p>{key} · move along a profile or its slider; <button id="farthest">farthest point</button></p>
 <svg id="shapes" viewBox="0 0 {width} {height}" width="{width}" height="{height}">
 {paths}
 <path id="spokes" fill="none" stroke="black" stroke-width="1.2"/>
@@ -74,7 +74,7 @@ PROFILE = """\
 <label>{text}<br><input type="range" id="slider-{k}" min="0" max="{last}" value="0"></label>
 """
 
-# Places of the data are in input units; those of the pictures are pixels.
+# Positions in the data are in input units, positions in the pictures in pixels.
 SCRIPT = """\
 "use strict";
 const data = JSON.parse(document.getElementById("data").textContent);
@@ -97,10 +97,10 @@ function show(k, i) {
   set(chart.querySelector("line.here"), {x1: across, x2: across});
   set(chart.querySelector("circle.here"), {cx: across, cy: data.high * (1 - walk.distance[i] / most)});
   by(`slider-${k}`).value = i;
-  const upper = walk.upper[i] === null ? "not proven from above" : `at most ${walk.upper[i]}`;
-  const event = i === walk.farthest ? `; the farthest place, by ${walk.event}` : "";
+  const upper = walk.upper[i] === null ? "no certified upper bound" : `at most ${walk.upper[i]}`;
+  const event = i === walk.farthest ? `; the farthest point, by ${walk.event}` : "";
   by("told").textContent = `t = ${walk.t[i].toFixed(4)}, at ${at(walk.point[i])}: distance ${walk.distance[i]} ` +
-    `${data.unit}, proven to be at least ${walk.lower[i]}, ${upper}; ` +
+    `${data.unit}, certified at least ${walk.lower[i]}, ${upper}; ` +
     `${walk.feet[i].length === 1 ? "foot" : "feet"} ${walk.feet[i].map(at).join(" and ")}${event}`;
 }
 
@@ -124,8 +124,8 @@ show(data.first, data.walks[data.first].farthest);
 """
 
 SPACE = """\
-<p>Drag to turn, scroll to come nearer. The farthest place arises by {event}. Colours are the distances of the places
-that are drawn; what is proven are the bounds above.</p>
+<p>Drag to rotate, scroll to zoom. Event at the farthest point: {event}. Colors show the distances of the drawn
+points; the bounds above are certified.</p>
 <div id="space"></div>
 <script>{script}</script>
 <script type="application/json" id="data">{data}</script>
@@ -155,11 +155,11 @@ def page(
     labels: Sequence[str] = ("A", "B"),
     unit: str = "input units",
 ) -> str:
-    """A distance as the text of a page of HTML, self-contained, for a browser.
+    """A distance as the text of a self-contained HTML page.
 
-    Of plane curves it shows both, and for each direction the profile of the distance, along which a marker is moved:
-    then the page says the distance there with its bounds, the foot, and at the farthest place the event. Shapes in
-    space can be turned; the one with the farthest place is coloured by its distance to the other.
+    For plane curves, the page shows both curves and the profile of the distance in each direction. Moving a marker
+    along a profile shows the distance there with its bounds and the foot, and at the farthest point the event. Shapes
+    in space can be rotated; the shape with the farthest point is colored by its distance to the opposite shape.
 
     >>> import jhd
     >>> a, b = jhd.polyline([(0, 0), (1, 0)]), jhd.polyline([(0, 1), (1, 1)])
@@ -168,24 +168,27 @@ def page(
     '<!doctype html>'
 
     Args:
-        a: the first shape; or what jhd.deviation found, which holds both shapes and the largest distance.
-        b: the second one, of the same dimension.
-        solution: their distance, one and not a batch.
-        labels: the names of both shapes.
-        unit: the unit of the coordinates.
+        a: first shape; or a result of jhd.deviation, which contains both shapes and the largest distance.
+        b: second shape, of the same dimension.
+        solution: Hausdorff distance of both shapes, one and not a batch.
+        labels: names of both shapes.
+        unit: unit of the coordinates.
+
+    Returns:
+        The text of the page, to be written to a file.
 
     Raises:
-        TypeError: no second shape or no solution, or what is no shape.
-        ValueError: a batch of solutions.
-        ImportError: shapes in space, without plotly, which the extra `web` brings.
+        TypeError: the second shape or the solution is missing, or an object is no shape.
+        ValueError: the solution is a batch.
+        ImportError: the shapes are in space and plotly is not installed (extra `web`).
     """
     told = solution
     if isinstance(a, Deviation):
         a, b, solution, told = a.a, a.b, a.maximum, a
     if b is None or solution is None:
-        raise TypeError("page() needs two shapes and their distance, or what jhd.deviation found.")
+        raise TypeError("page() needs two shapes and their distance, or a result of jhd.deviation.")
     if not isinstance(solution, HausdorffSolution):
-        raise TypeError(f"solution must be what jhd.hausdorff found; got {type(solution).__name__}.")
+        raise TypeError(f"solution must be a result of jhd.hausdorff; got {type(solution).__name__}.")
     if np.ndim(solution.value) > 0:
         raise ValueError(f"solution is a batch of shape {np.shape(solution.value)}; show one at a time.")
     a, b = as_shape(a), as_shape(b)
@@ -197,7 +200,7 @@ def page(
 
 
 def page_of_figure(figure: Any, title: str) -> str:
-    """A figure of matplotlib's as the text of a page: SVG within it, which is sharp at any size."""
+    """A matplotlib figure as the text of an HTML page, with the figure as SVG, which is sharp at any size."""
     drawn = StringIO()
     figure.savefig(drawn, format="svg")
     text = drawn.getvalue()
@@ -207,7 +210,7 @@ def page_of_figure(figure: Any, title: str) -> str:
 
 
 def check_pages_in_space() -> None:
-    """Raises ImportError where pages of shapes in space cannot be made."""
+    """Raises ImportError if pages of shapes in space cannot be made."""
     _plotly()
 
 
@@ -256,7 +259,7 @@ def _in_plane(a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str]
 
 
 def _walk(a: AbstractCurve, b: Any, solution: HausdorffSolution) -> dict[str, Any]:
-    """Places along a curve with their distances, the farthest one that was found among them, and its event."""
+    """Points along a curve with their distances, among them the farthest point, and its event."""
     count = a.segments().count
     found = profile(a, b, samples=int(np.clip(_PLACES // count, _LEAST, _MOST)))
     names = ("t", "point", "distance", "lower", "upper")
@@ -310,7 +313,7 @@ def _key(labels: Sequence[str]) -> str:
 def _in_space(
     a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str], unit: str, samples: DistanceSamples | None
 ) -> str:
-    """Both shapes as plotly draws them, the one with the farthest place in the colours of its distance."""
+    """Both shapes as plotly draws them; the shape with the farthest point is colored by its distance."""
     script = _plotly()
     names = list(labels)
     if name_of(solution.direction) == "b_to_a":
@@ -368,7 +371,7 @@ def _in_key(name: str, place: np.ndarray) -> dict[str, Any]:
 
 
 def _marks(solution: HausdorffSolution) -> list[dict[str, Any]]:
-    """The farthest place, its feet, and the lines that join them."""
+    """The farthest point, its feet, and the lines that join them."""
     point, feet = np.asarray(solution.witness.point), np.unique(np.asarray(solution.witness.feet), axis=0)
     spokes = np.concatenate([[point, foot, np.full(3, np.nan)] for foot in feet])
     dot, square = {"size": 6, "color": VERMILLION}, {"size": 5, "color": "white", "symbol": "square"}
@@ -376,7 +379,7 @@ def _marks(solution: HausdorffSolution) -> list[dict[str, Any]]:
     return [
         {"type": "scatter3d", "mode": "lines", "name": "joining line", "line": {"color": "black", "width": 5}}
         | _places(spokes),
-        {"type": "scatter3d", "mode": "markers", "name": "farthest place", "marker": dot | edge} | _places(point[None]),
+        {"type": "scatter3d", "mode": "markers", "name": "farthest point", "marker": dot | edge} | _places(point[None]),
         {"type": "scatter3d", "mode": "markers", "name": "foot", "marker": square | edge} | _places(feet),
     ]
 
@@ -386,7 +389,7 @@ def _places(points: np.ndarray) -> dict[str, list[float | None]]:
 
 
 def _short(values: np.ndarray) -> list[float | None]:
-    """Numbers as far as a screen shows them; None of what is not finite."""
+    """Numbers to the precision of a screen; None for numbers that are not finite."""
     return [float(f"{x:.7g}") if np.isfinite(x) else None for x in values.tolist()]
 
 

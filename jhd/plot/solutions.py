@@ -1,4 +1,4 @@
-"""Pictures of a distance: the witness, its feet, and the shapes they are on."""
+"""Pictures of a distance: the witness, its feet, and the shapes on which they lie."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -29,21 +29,32 @@ def witness(
     distance: bool = True,
     empty_circle: bool = True,
 ) -> Any:
-    """Axes with the witness point, its feet, the lines that join them, and the distance in writing.
+    """Axes with the witness, its feet, the lines that join them, and the distance in writing.
 
-    Of a minimum distance these are the two nearest points and the line between them.
+    For a minimum distance, these are the two nearest points and the line between them.
+
+    >>> from jhd.distance.hausdorff import hausdorff
+    >>> from jhd.shapes.curve import polyline
+    >>> from matplotlib.figure import Figure
+    >>> found = hausdorff(polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)]))
+    >>> ax = witness(found, Figure().add_subplot())
+    >>> sorted(line.get_gid() for line in ax.lines)
+    ['empty_circle', 'feet', 'joining_lines', 'witness']
 
     Args:
-        solution: one solution, not a batch.
-        ax: axes to draw on; None makes a figure.
-        distance: whether the distance is also written beside the line to the first foot. It labels the joining lines
-            in any case: `d = ` if that is exact, `d ≈ ` if the bounds agree in the digits shown, otherwise the
-            inequality that is proven.
-        empty_circle: whether, in the plane, the circle about the witness through its feet is drawn: the other curve
-            does not enter it; not of a minimum distance.
+        solution: Hausdorff distance or minimum distance, one and not a batch.
+        ax: matplotlib axes; points in space need axes with projection="3d". None creates a figure.
+        distance: whether to write the distance next to the line to the first foot. The legend entry of the lines always
+            holds the distance: as `d = ` if it is exact, as `d ≈ ` if both bounds agree in the digits shown, otherwise
+            as the certified inequality.
+        empty_circle: whether to draw the circle around the witness through its feet, in the plane: the opposite curve
+            does not enter this circle. Not drawn for a minimum distance.
+
+    Returns:
+        The axes.
 
     Raises:
-        ValueError: a batch of solutions, or a witness in space on plane axes.
+        ValueError: the solution is a batch, or its points lie in space and the axes are plane.
     """
     if np.ndim(solution.value) > 0:
         raise ValueError(f"solution is a batch of shape {np.shape(solution.value)}; draw one at a time.")
@@ -79,21 +90,32 @@ def solution(
     control_polygon: bool = True,
     legend: bool = True,
 ) -> Any:
-    """Axes with both shapes, the witness, its feet and the distance between them.
+    """Axes with both shapes, the witness, its feet and the distance between the shapes.
+
+    >>> from jhd.distance.hausdorff import hausdorff
+    >>> from jhd.shapes.curve import polyline
+    >>> from matplotlib.figure import Figure
+    >>> a, b = polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)])
+    >>> ax = solution(a, b, hausdorff(a, b), Figure().add_subplot())
+    >>> [text.get_text() for text in ax.get_legend().get_texts()][:4]
+    ['A', 'B', 'witness', 'foot']
 
     Args:
-        a: the first shape, blue; a curve is solid, a surface or mesh in one colour, to see through.
-        b: the second shape, orange, a curve dashed; of the same dimension.
-        solution: their distance, the Hausdorff distance or the minimum one.
-        ax: axes to draw on, three-dimensional ones for shapes in space; None makes a figure.
-        labels: the names of the shapes in the legend.
-        control_polygon: whether the control polygons of curves are drawn.
-        legend: whether a legend, which then holds the distance, is put above the axes; otherwise the distance is
-            written beside the joining line.
+        a: first shape, drawn in blue: a curve as a solid line, a surface or mesh in one translucent color.
+        b: second shape, of the same dimension, drawn in orange; a curve as a dashed line.
+        solution: Hausdorff distance or minimum distance of both shapes.
+        ax: matplotlib axes; shapes in space need axes with projection="3d". None creates a figure.
+        labels: names of both shapes in the legend.
+        control_polygon: whether to draw the control polygons of curves.
+        legend: whether to draw a legend, with the distance, above the axes. Otherwise the distance is written next to
+            the joining line.
+
+    Returns:
+        The axes.
 
     Raises:
-        TypeError: what is no shape, or no such solution.
-        ValueError: shapes of different dimensions, a batch of solutions, or shapes in space on plane axes.
+        TypeError: an object is no shape, or the solution has another type.
+        ValueError: the dimensions differ, the solution is a batch, or shapes in space are drawn on plane axes.
     """
     a, b = as_shape(a), as_shape(b)
     if not isinstance(solution, HausdorffSolution | MinimumSolution):
@@ -122,7 +144,7 @@ def _faces(shape: Any) -> np.ndarray:
 
 
 def _ends(solution: HausdorffSolution | MinimumSolution) -> tuple[np.ndarray, np.ndarray]:
-    """The point that the distance is taken from, and those that it is taken to."""
+    """The point from which the distance is measured, and the points to which it is measured."""
     if isinstance(solution, MinimumSolution):
         return np.asarray(solution.point_a), np.asarray(solution.point_b)[None]
     return np.asarray(solution.witness.point), _distinct(np.asarray(solution.witness.feet))
@@ -139,7 +161,7 @@ def distance_text(solution: HausdorffSolution | MinimumSolution) -> str:
 
 
 def bounds_text(lower: float, upper: float) -> str:
-    """The same of a distance of which there are bounds alone."""
+    """The same for a distance given by its bounds."""
     below, above, near = lower_text(lower, ".4g"), upper_text(upper, ".4g"), f"{lower:.4g}"
     if near == f"{upper:.4g}":
         return f"$d$ {'=' if below == above else '≈'} {near}"
@@ -149,7 +171,7 @@ def bounds_text(lower: float, upper: float) -> str:
 def _write_distance(
     ax: Any, solution: HausdorffSolution | MinimumSolution, point: np.ndarray, feet: np.ndarray
 ) -> None:
-    """Writes the distance beside the first joining line, on the side that holds no other foot."""
+    """Writes the distance next to the first joining line, on the side without another foot."""
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=2.5, foreground="white")]
