@@ -1,5 +1,5 @@
 # pyright: strict
-"""Certificates: bounds as a file that anyone can check in exact arithmetic, without this package."""
+"""Certificates: bounds in a file that anyone can check in exact arithmetic, without this package."""
 
 import subprocess
 import sys
@@ -16,13 +16,13 @@ proven = certificate.verify()
 print(proven)
 assert proven.lower <= 1.5 and proven.upper is not None and 1.5 <= proven.upper
 
-# The checker is a folder that needs nothing but Python.
+# The checker is a folder that needs only Python.
 checker = str(Path(jhd.__file__).parent / "distance/certificate/verification")
 checked = subprocess.run([sys.executable, checker, "proof.json"], capture_output=True, text=True)
 print(checked.stdout.strip())
 assert checked.returncode == 0
 
-# What is no certificate is refused.
+# An invalid certificate is refused.
 text = Path("proof.json").read_text()
 Path("garbage.json").write_text(text[: len(text) // 2])
 refused = subprocess.run([sys.executable, checker, "garbage.json"], capture_output=True)

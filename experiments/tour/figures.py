@@ -1,5 +1,5 @@
 # pyright: strict
-"""Figures and files: outlines of fonts, path data, curves in and out, and pictures of distances."""
+"""Figures and files: font outlines, SVG path data, curve files, and pictures of distances."""
 
 import jhd
 import jhd.io
@@ -8,7 +8,7 @@ a = jhd.io.outline("DejaVu Sans", "a")
 b = jhd.io.path("M 0 0 C 100 900 900 900 1000 0 A 500 200 0 0 1 0 0 Z")
 jhd.io.save_curve("b.json", b)
 jhd.io.save_iges("b.igs", b)
-c = jhd.io.load_shape("b.json")  # any file that the README lists, "font:DejaVu Serif:g", or path data
+c = jhd.io.load_shape("b.json")  # a file, "font:DejaVu Serif:g", or SVG path data
 solution = jhd.hausdorff(a, c)
 print(a, c, solution, sep="\n")
 

@@ -1,5 +1,5 @@
 # pyright: strict
-"""Collections: the nearest of many shapes, and near-duplicates, with few distances searched for."""
+"""Collections: the nearest of many shapes, and near-duplicates, from a fraction of all distances."""
 
 import numpy as np
 

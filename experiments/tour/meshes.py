@@ -1,4 +1,4 @@
-"""Meshes: their distance, its derivative in a move, the smallest distance, and a field of signed distances."""
+"""Meshes: their Hausdorff distance and its derivative, the minimum distance, and a field of signed distances."""
 
 import math
 
@@ -13,7 +13,7 @@ mesh = jhd.TriangleMesh(corners, faces)
 
 
 def moved(x):
-    """The tetrahedron, so far to the right."""
+    """The tetrahedron, translated by x to the right."""
     return jhd.TriangleMesh(corners + jnp.array([x, 0, 0]), faces)
 
 
@@ -22,10 +22,10 @@ print(solution)
 assert solution.lower <= 0.5 <= solution.upper <= solution.lower + 1e-9
 
 slope = jax.grad(lambda x: jhd.hausdorff(mesh, moved(x)).value)(0.5)
-print(f"the distance grows by {slope:.6g} for each unit of the move")
+print(f"derivative in the translation: {slope:.6g}")
 assert abs(slope - 1) < 1e-12
 
-# They meet, so the smallest distance is zero.
+# The meshes intersect, so the minimum distance is zero.
 assert jhd.minimum_distance(mesh, moved(0.5)).upper == 0
 
 field = jhd.AdaptiveDistanceField.build(mesh, atol=0.01)

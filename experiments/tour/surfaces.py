@@ -1,5 +1,5 @@
 # pyright: strict
-"""Surfaces: two cones as polynomials in a box, and the interval of a published method for them."""
+"""Surfaces: the distance of two cones (implicit surfaces in a box), and the interval of a published method."""
 
 import math
 
@@ -12,7 +12,7 @@ solution = jhd.hausdorff(a, b)
 assert solution.lower <= (math.sqrt(43) - 4) / 3 <= solution.upper <= solution.lower + 1e-9
 print(solution)
 
-# The published rule takes cells for points; 64 of them along the box, an edge of 1/16, give the interval it prints.
+# The published rule treats cells as points. With 64 cells along the box (side 1/16), it gives the published interval.
 cells = jhd.hausdorff(a, b, jhd.CubeIntervals(64, rule="paper"))
 assert (cells.lower, cells.upper) == (math.sqrt(17 / 32), math.sqrt(103 / 128))
 print(cells)

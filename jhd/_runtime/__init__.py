@@ -1,1 +1,1 @@
-"""What runs the package: compiled programs and their cache, memory, processes, files, arrays in traces."""
+"""Runtime support: compiled functions and their cache, memory, processes, files, and arrays in traced code."""

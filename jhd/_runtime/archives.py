@@ -1,4 +1,4 @@
-"""Archives of arrays (.npz files) from strangers: no pickles, and never more memory than the file can justify."""
+"""Archives of arrays (.npz files) from untrusted sources: no pickles, and no more memory than the file can justify."""
 
 import io
 import zipfile

@@ -1,4 +1,4 @@
-"""Checks of what a user hands in: real, finite arrays, with messages that name what came; and tables of arrays."""
+"""Checks of user input (real, finite arrays, with messages that name the input), and tables of arrays."""
 
 from collections.abc import Sequence
 from typing import Any, TypeVar

@@ -1,7 +1,7 @@
-"""Programs compiled quickly, kept between processes, and not more of them than a process can hold.
+"""Functions compiled quickly, kept between processes, and limited to the number that a process can hold.
 
-A process holds at most `MOST` executables, about 1.7 MB each. If there are more, the functions that were called longest
-ago lose theirs; they are read from disk, or compiled, if the function is called again.
+A process holds at most `MOST` executables, about 1.7 MB each. Beyond that number, the least recently called functions
+lose theirs. They are read from disk, or compiled again, when the function is called again.
 """
 
 import ctypes

@@ -1,4 +1,4 @@
-"""Processes that are forked from one that has computed: what JAX would wait for there for ever."""
+"""Refusal to compute in processes forked from one that has used JAX, where JAX would wait forever."""
 
 import os
 

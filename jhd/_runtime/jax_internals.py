@@ -1,7 +1,7 @@
-"""What this package uses of JAX and equinox that is not their public interface, each use in one place.
+"""All uses of interfaces of JAX and equinox that are not public, each in one function.
 
-Every function says with which versions of jax it was seen to work and what happens in a version without it: no answer
-of this package depends on one of them, only what is kept between processes and what is refused early.
+Every function states its behavior in a version without the interface. No numerical result of this package depends on
+these interfaces: only the cache between processes, and early refusals.
 """
 
 import copyreg
@@ -26,7 +26,7 @@ _any_layout = getattr(_layout, "AutoLayout", None)
 if _any_layout is not None:
     copyreg.pickle(type(_any_layout), lambda _: "AutoLayout")
 
-# All of this was seen in jax 0.10.2 and 0.12.0.1, with equinox 0.13.8.
+# All of this was tested with jax 0.10.2 and 0.12.0.1, and equinox 0.13.8.
 
 # The settings that a trace depends on besides its arguments, as a tuple. None if JAX does not say: then no executable
 # is kept on disk.

@@ -1,4 +1,4 @@
-"""Memory that work would take, known before it begins, against what there is."""
+"""Estimates of the memory that a computation needs, compared with the free memory before the computation begins."""
 
 from contextlib import suppress
 from pathlib import Path

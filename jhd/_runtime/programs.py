@@ -1,9 +1,9 @@
-"""Compiled programs kept between processes: what tells one from all others, and how it gets into a file and back.
+"""Executables kept between processes: their names, and their conversion to files and back.
 
-A program is read without being traced, so its name must hold all that tracing and compiling depend on: the function and
-the source of this package, kinds and structure of the arguments, settings and versions of what compiles, the processor.
-What cannot be named so that nothing else has the same name is not kept. Nor is a program that calls anything but
-LAPACK outside itself: a callback is an address in the process that made it.
+An executable is read without tracing, so its name must cover everything that tracing and compilation depend on: the
+function and the source of this package, the kinds and structure of the arguments, the settings and versions of the
+compiler, and the processor. A function that cannot be named uniquely is not kept. Neither is an executable with calls
+to anything but LAPACK: a callback is an address in the process that created it.
 """
 
 import enum

@@ -1,4 +1,4 @@
-"""Batches whose axis is explicitly sharded: each device computes its own share of them."""
+"""Batches with an explicitly sharded axis: each device computes its own part."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar

@@ -1,7 +1,7 @@
-"""An interrupt while the package is imported: the command line ends with one line and a status, as it does later.
+"""Interrupts while the package is imported: the command line ends with one line and a status, as it does later.
 
-The import takes a second, and is over before `main` can catch anything. Programs that import the package see the
-interrupt as Python raises it.
+The import takes a second, and is over before `main` can catch an interrupt. Python code that imports the package gets
+the usual KeyboardInterrupt.
 """
 
 import sys

@@ -1,8 +1,8 @@
-"""The folder that compiled programs are kept in: where it is, whether it is safe, and files that are whole or absent.
+"""The folder of compiled functions: its location, its safety, and its files, which are complete or absent.
 
-What lies in it is executable code, so it is read only from a folder and from files that belong to this user and that
-nobody else can write. A file appears under its name when all of it is written, and is read only where its sum is right.
-JHD_CACHE names the folder, 0 for none; the oldest files go when it gets too large.
+The files are executable code. They are read only if the folder and the files belong to this user and nobody else can
+write to them. A file gets its name only after it is completely written, and is read only if its checksum is right.
+JHD_CACHE names the folder, or 0 for none. If the folder grows too large, the oldest files are removed.
 """
 
 import hashlib
