@@ -238,7 +238,7 @@ def test_nearly_flat_patches_and_their_meshes_are_within_the_deviation_of_each_o
     along = np.stack([(1 - line) ** 3, 3 * line * (1 - line) ** 2, 3 * line**2 * (1 - line), line**3], axis=1)
     grid = np.array([(i, j, 8 - i - j) for i in range(9) for j in range(9 - i)]) / 8
     tight = 0
-    for bend in np.repeat([0.01 * np.ones(3), (0, 0, 0.1)], 6, axis=0):
+    for bend in np.repeat(np.array([(0.01, 0.01, 0.01), (0, 0, 0.1)]), 6, axis=0):
         points = uneven(random, bend)
         mesh, deviation = BezierPatch(points).to_mesh(4 * bend[2])
         corners = np.asarray(mesh.corners)
