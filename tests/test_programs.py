@@ -24,7 +24,7 @@ from jhd._runtime import programs
 from jhd._runtime.compiled import asking, compiled
 from jhd._runtime.programs import NotKeptError, is_ours, name_of_program
 from jhd.distance.frame import directions
-from jhd.distance.witness import balance, meshes, places
+from jhd.distance.witness import balance
 from tests.processes import at_once
 from tests.sweeps import CPU_ONLY
 
@@ -239,10 +239,10 @@ def test_functions_as_constants_are_told_by_their_names_and_the_constants_of_the
     def name(function):
         return name_of_program(directions.larger.__wrapped__, jax.tree_util.tree_structure(0), [], (), function)
 
-    assert name(balance.from_place) != name(places._from_point)
-    before = name(meshes._moving)
-    monkeypatch.setattr(meshes, "_ON_EDGE", 0.5)
-    assert name(meshes._moving) != before
+    assert name(balance.from_place) != name(balance.from_pair)
+    before = name(balance.from_place)
+    monkeypatch.setattr(balance, "_ON_EDGE", 0.5)
+    assert name(balance.from_place) != before
     with pytest.raises(NotKeptError):
         name(lambda rows: rows)
 

@@ -23,7 +23,7 @@ from jhd.distance.search.mixes import diagonal_of
 from jhd.distance.search.nets import of_nets
 from jhd.distance.search.points import is_points, nearest_points, point_mesh
 from jhd.distance.search.search import Progress, Threshold
-from jhd.distance.witness.nets import apart
+from jhd.distance.witness.balance import apart
 from jhd.shapes.as_shape import check_shape, taken_as
 from jhd.shapes.checks import Numbers, check_same_dim
 from jhd.shapes.curve import AbstractCurve, BezierSegments

@@ -37,8 +37,7 @@ from jhd.distance.search.points import is_points
 from jhd.distance.search.search import Listener, Standing, drive
 from jhd.distance.search.solutions import CoveredPair, target
 from jhd.distance.witness.derivative import with_derivatives
-from jhd.distance.witness.meshes import with_mesh_derivatives
-from jhd.distance.witness.surfaces import with_surface_derivatives
+from jhd.distance.witness.places import with_place_derivatives
 from jhd.shapes.as_shape import check_shape, taken_as
 from jhd.shapes.checks import check_same_dim, empty_surface
 from jhd.shapes.curve import AbstractCurve, BezierSegments
@@ -204,7 +203,7 @@ class SurfacePair(AbstractPair):
 
     @override
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
-        return with_surface_derivatives(solution, *self._given)
+        return with_place_derivatives(solution, *self._given)
 
 
 class MeshPair(AbstractPair):
@@ -222,7 +221,7 @@ class MeshPair(AbstractPair):
 
     @override
     def differentiable(self, solution: HausdorffSolution) -> HausdorffSolution:
-        return with_mesh_derivatives(solution, *self._meshes)
+        return with_place_derivatives(solution, *self._meshes)
 
 
 class MixedPair(AbstractPair):

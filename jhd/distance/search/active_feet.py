@@ -5,21 +5,16 @@ from collections.abc import Callable
 import numpy as np
 
 from jhd.arithmetic.rounding import smallest_normal
-from jhd.distance.cells.surfaces import FEET
 from jhd.distance.nearest.target import AbstractTarget, FootRows
-from jhd.distance.witness.multipliers import balanced
+from jhd.distance.witness.multipliers import balanced_feet
 
 # Points are looked for around the place this far away, and count as nearest within this much; shares of the distance.
 _RING, _EQUAL = 1e-6, 1e-8
 # Of the latter the share that bounds of distances around the place may leave open.
 _SURE = 0.1
 _CUBE = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
-# So many points that are about equally near are looked at.
-_MOST = 16
 # By how much the gap may be too small.
 _OPEN = 4
-# Multipliers leave no more than this where they balance.
-_UNBALANCED = 1e-4
 
 
 def reach_of(place: np.ndarray, foot: FootRows, gap: float, into: np.ndarray) -> float:
@@ -75,19 +70,7 @@ def active_feet(
     every = FootRows(*(np.concatenate([x, y]) for x, y in zip(foot, found, strict=True)))
     distance = np.linalg.norm(place.astype(np.float64) - every.point, axis=1)
     equal = max(_OPEN * gap, _EQUAL * size, 2 * reach)
-    order = [k for k in np.argsort(distance, kind="stable") if distance[k] <= distance.min() + equal]
-    # Those around move with the places that they belong to.
-    kept: list[int] = []
-    for k in order:
-        apart = [np.max(np.abs(every.point[k] - every.point[j])) for j in kept]
-        if len(kept) < _MOST and min(apart, default=np.inf) > target.same * size:
-            kept.append(int(k))
-    kept = kept or [0]
-    units = (place - every.point[kept]) / np.maximum(distance[kept], smallest_normal(np.float64))[:, None]
-    excess = (distance[kept] - distance[kept].min()) / equal
-    shares = balanced(units, free, excess)
-    if len(into) < len(free) and np.max(np.abs(free @ units.T @ shares)) > _UNBALANCED:
-        shares = balanced(units, into, excess)
-    chosen = np.flatnonzero(shares)
-    rows = np.array(kept)[np.append(chosen, np.full(FEET - len(chosen), chosen[0]))]
-    return every.map(lambda x: x[rows]), np.append(shares[chosen], np.zeros(FEET - len(chosen)))
+    # Feet around move with the places that they belong to.
+    directions = (free, into) if len(into) < len(free) else (free,)
+    rows, shares = balanced_feet(place, every.point, distance, (equal, target.same * size), directions)
+    return every.map(lambda x: x[rows]), shares

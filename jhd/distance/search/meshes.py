@@ -20,13 +20,14 @@ from typing_extensions import override
 
 from jhd._results.solution import RESULTS, HausdorffSolution
 from jhd._runtime.arrays import array_of, is_tracing, joined
+from jhd.distance.cells.surfaces import FEET
 from jhd.distance.cells.triangles import MeshSide, TriangleCells, first_cells, split
 from jhd.distance.frame.aim import Aim, AllowedGap, default_tolerance
 from jhd.distance.frame.coordinates import diagonal, exact_middle, extremes, frame_of
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.from_program import AnswerForm, from_program
 from jhd.distance.search.search import AbstractSearch, Listener, Standing, drive
-from jhd.distance.witness.meshes import FEET, active_feet, witness_of
+from jhd.distance.witness.meshes import active_feet, witness_of
 from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.closest_point import in_unit_of, outward, triangle_tree
 

@@ -6,17 +6,15 @@ about them, and signs in integers prove the surface to be within an ulp or two, 
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from jhd._results.solution import RESULTS, MinimumSolution
-from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
+from jhd._runtime.arrays import is_tracing, undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.scaling import length
@@ -24,7 +22,6 @@ from jhd.distance.cells.implicit import error_of, parameters, size_of
 from jhd.distance.cells.lagrange import WithSurface, joined_upper, stationary
 from jhd.distance.cells.pairs import BestPair, Cell
 from jhd.distance.frame.coordinates import Frame, extremes
-from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.frame.nets import net_of, repeated
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
@@ -53,9 +50,7 @@ from jhd.distance.search.near_pairs import Crossing, NearPairs, around, crossing
 from jhd.distance.search.queued import PART, QueuedSearch
 from jhd.distance.search.search import AbstractSearch, Listener, Progress, drive
 from jhd.distance.search.targets import usable
-from jhd.distance.witness.balance import NetRows, Polynomial, balance, distance, started
-from jhd.distance.witness.nets import apart
-from jhd.distance.witness.places import parts_of
+from jhd.distance.witness.places import with_pair_derivatives
 from jhd.shapes.checks import empty_surface
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -90,12 +85,9 @@ def with_surface(
         found = _from_program(still, method, is_mesh)
     else:
         found = _in_program(still, method)
-    if not is_traced(shapes):
-        return found.solution
     outcome, solution = undifferentiated(found)
-    parts = _parts(shapes[0], outcome.best.piece_a), _parts(shapes[1], outcome.best.piece_b)
-    moved = following(_moving, {"value": solution.value}, parts, (outcome, solution))
-    return replace(found.solution, **moved)
+    best = outcome.best
+    return with_pair_derivatives(solution, shapes, (best.piece_a, best.piece_b), best.x, best.distance)
 
 
 class _FoundBoth(NamedTuple):
@@ -376,25 +368,3 @@ def _nearer(problem: WithSurface, best: BestPair, x: Array, radii: Array) -> Bes
     upper = joined_upper(distance, radii)
     new = BestPair(upper, distance, best.piece_a, best.piece_b, x)
     return BestPair(*(jnp.where(upper < best.upper, y, z) for y, z in zip(new, best, strict=True)))
-
-
-def _parts(shape: Net | ImplicitSurface, piece: Array) -> Any:
-    if isinstance(shape, ImplicitSurface):
-        return parts_of(shape, piece)
-    return NetRows(
-        TouchedRows(shape.points, piece), None if shape.weights is None else TouchedRows(shape.weights, piece)
-    )
-
-
-def _moving(rows: tuple[Any, Any], constants: tuple[Outcome, MinimumSolution]) -> MovingNumbers:
-    """The distance as a function of both shapes, from the outcome in both coordinates.
-
-    At distance zero, and where nothing was found, all derivatives are zero.
-    """
-    found, solution = constants
-    n = rows[0].net.parameters if isinstance(rows[0], NetRows) else 3
-    usable = apart(solution, found.best.distance)
-    rows = rows[0], rows[1] if isinstance(rows[1], Polynomial) else jax.tree_util.tree_map(lambda x: x[None], rows[1])
-    x, points = found.best.x, (solution.point_a, solution.point_b[None])
-    start = started(rows, (x[:n], x[None, n:]), points, jnp.ones(1, x.dtype), solution.value)
-    return MovingNumbers({"value": distance(balance(start, rows, False), rows, rows)}, usable)

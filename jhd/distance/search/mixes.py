@@ -42,7 +42,6 @@ from jhd.distance.search.search import AbstractSearch, Listener, Standing, drive
 from jhd.distance.search.sources import AbstractSource, NetSource
 from jhd.distance.search.surface_source import SurfaceSource
 from jhd.distance.search.targets import target_of, usable
-from jhd.distance.witness.meshes import with_mesh_derivatives
 from jhd.distance.witness.places import with_place_derivatives
 from jhd.shapes.checks import empty_surface
 from jhd.shapes.curve import BezierSegments
@@ -84,7 +83,7 @@ def mixed_directed(
     if isinstance(a, TriangleMesh) and is_points(b):
         points: Any = as_mesh(b)
         found = mesh_directed(*undifferentiated((a, points)), method, aim, listener, direction)
-        return with_mesh_derivatives(found, a, points)
+        return with_place_derivatives(found, a, points)
     found = _directed(*undifferentiated((a, b)), method, aim, listener, direction)
     return with_place_derivatives(found, a, b)
 

@@ -34,7 +34,8 @@ from jhd.distance.search.closest import (
 )
 from jhd.distance.search.in_turn import InTurn, with_feet
 from jhd.distance.search.search import Listener, Progress, drive
-from jhd.distance.witness.nets import polished, with_net_derivatives
+from jhd.distance.witness.nets import polished
+from jhd.distance.witness.places import with_pair_derivatives
 
 
 def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None) -> MinimumSolution:
@@ -54,7 +55,8 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress
             begun, partial(_stretch, problem, wanted), partial(_following, problem, wanted), method.max_steps
         )
         found = drive(search, Listener(progress, frame))
-    return with_net_derivatives(found.solution(frame), *nets, frame, found.best)
+    best = found.best
+    return with_pair_derivatives(found.solution(frame), nets, (best.piece_a, best.piece_b), best.x, best.distance)
 
 
 def _all_pairs(counts: tuple[int, int], capacity: int, problem: Parametric) -> ClosestState:

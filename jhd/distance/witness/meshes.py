@@ -1,4 +1,4 @@
-"""The witness of a distance between meshes: all nearest triangles of the farthest point, their weights, derivatives.
+"""The witness of a distance between meshes: all nearest triangles of the farthest point, and their weights.
 
 The distance from a point to one foot is a convex function, so a maximum over a that is no vertex of a has several feet
 at one distance, and one at a vertex can have. To first order the maximum moves so that they stay equal, and its
@@ -6,25 +6,18 @@ derivative is the sum of theirs at the fixed place on a, with the multipliers of
 balance along a face; at an edge or a vertex no direction into one of the triangles there raises the distance.
 """
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
-from jhd._results.solution import DIRECTIONS, EVENTS, HausdorffSolution, Witness
-from jhd._runtime.arrays import array_of, is_traced
+from jhd._results.solution import DIRECTIONS, EVENTS, Witness
+from jhd._runtime.arrays import array_of
 from jhd.arithmetic.rounding import smallest_normal
 from jhd.arithmetic.scaling import unit
 from jhd.distance.cells.triangles import MeshSide
-from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
-from jhd.distance.witness.balance import CornerRows, from_place
-from jhd.distance.witness.multipliers import balanced
-from jhd.shapes.mesh import TriangleMesh
+from jhd.distance.witness.multipliers import balanced_feet
 from jhd.triangles.closest_point import barycentric_of, nearest_triangles, pair_squares
 
-FEET = 4
 # Triangles are looked for around the point this far away, and count as nearest within this much; shares of the size.
 _RING, _EQUAL = 1e-6, 1e-8
 # In these directions: within the plane of a face, else all around, to the corners, edges and sides of a cube.
@@ -75,21 +68,10 @@ def active_feet(side: MeshSide, owner: int, weights: np.ndarray, nearest: int, g
     distance = np.sqrt(pair_squares(side.tree.table, rows, triangles).astype(np.float64))
     equal = max(4 * gap, _EQUAL * size)
     near = np.flatnonzero(distance <= distance.min() + equal)
-    near = near[np.argsort(distance[near], kind="stable")]
     t = barycentric_of(side.tree, rows[: len(near)], triangles[near])
     feet = np.einsum("nk,nkd->nd", t, _corners_of(side, triangles[near]))
-    # Triangles that share the foot are one.
-    kept: list[int] = []
-    for k in range(len(near)):
-        if all(np.max(np.abs(feet[k] - feet[i])) > 1e-2 * _RING * size for i in kept):
-            kept.append(k)
-    units = np.array([unit(point - feet[k]) for k in kept])
-    multipliers = balanced(units, rays, (distance[near][kept] - distance.min()) / equal)
-    chosen = np.flatnonzero(multipliers)
-    rows_ = [kept[k] for k in chosen]
-    padded = rows_ + rows_[:1] * (FEET - len(rows_))
-    shares = np.append(multipliers[chosen], np.zeros(FEET - len(rows_)))
-    return MeshFeet(triangles[near][padded], t[padded], shares, len(rows_))
+    rows, multipliers = balanced_feet(point, feet, distance[near], (equal, 1e-2 * _RING * size), (rays,))
+    return MeshFeet(triangles[near][rows], t[rows], multipliers, int(np.count_nonzero(multipliers)))
 
 
 def _corners_of(side: MeshSide, triangles: np.ndarray) -> np.ndarray:
@@ -132,27 +114,6 @@ def event_of(feet: MeshFeet, weights: np.ndarray, distance: float) -> Any:
     if np.any(weights <= _ON_EDGE):
         return EVENTS.corner
     return EVENTS.antipodal if np.all(feet.t[0] > 0) else EVENTS.b_end
-
-
-def with_mesh_derivatives(solution: HausdorffSolution, a: TriangleMesh, b: TriangleMesh) -> HausdorffSolution:
-    """The solution, its value and witness differentiable in the vertices of both meshes.
-
-    At distance zero all derivatives are zero.
-    """
-    if not is_traced(a, b):
-        return solution
-    w = solution.witness
-    parts = [[TouchedRows(mesh.vertices, k, mesh.triangles) for mesh in (a, b)] for k in (w.segment, w.foot_segments)]
-    found = {"value": solution.value, "point": w.point, "feet": w.feet}
-    moved = following(_moving, found, parts, (solution.value, w))
-    return replace(solution, value=moved["value"], witness=replace(w, point=moved["point"], feet=moved["feet"]))
-
-
-def _moving(corners: list[list[Array]], constants: tuple[Array, Witness]) -> MovingNumbers:
-    """Value, point and feet, from the corners on both meshes that a witness on either of them may lie on."""
-    turned = constants[1].direction == DIRECTIONS.b_to_a
-    rows = jnp.where(turned, *corners[0][::-1]), jnp.where(turned, *corners[1])
-    return from_place((CornerRows(rows[0]), CornerRows(rows[1])), constants)
 
 
 def witness_of(feet: MeshFeet, side: MeshSide, owner: int, weights: np.ndarray, distance: float) -> Witness:

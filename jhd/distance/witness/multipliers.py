@@ -23,6 +23,7 @@ Source: Danskin, The theory of max-min and its application to weapons allocation
 text on linear programming.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -32,11 +33,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jhd._runtime.arrays import varying
 from jhd.arithmetic.least_squares import non_negative
+from jhd.arithmetic.scaling import unit
+from jhd.distance.cells.surfaces import FEET
 
 # Slopes of unit vectors along unit vectors below this are none: rounding of feet leaves 1e-12.
 _FLAT = 1e-11
 # What it costs, in units of a violation, to take the farthest of the feet that count as equally near for the nearest.
 _FARTHER = 1e-4
+# Multipliers that balance leave no more than this.
+_UNBALANCED = 1e-4
 # Multipliers below this are none: the violation is no larger then.
 _NONE = 1e-6
 
@@ -93,6 +98,38 @@ def two_of(
     return jnp.stack([firsts[best], seconds[best]]), shares[best]
 
 
+def balanced_feet(
+    point: Float[np.ndarray, "3"],
+    feet: Float[np.ndarray, "feet 3"],
+    distance: Float[np.ndarray, " feet"],
+    limits: tuple[float, float],
+    rays: Sequence[Float[np.ndarray, "_ 3"]],
+) -> tuple[Any, Any]:
+    """The rows (FEET,) of the feet that are about nearest to a point and balance there, and their multipliers.
+
+    Unused rows repeat the first one, with multiplier zero.
+
+    Args:
+        point: the farthest point.
+        feet: points that may be nearest to it.
+        distance: their distances from the point.
+        limits: by how much a foot may be farther than the nearest one, and the distance up to which two feet are one.
+        rays: sets of directions along a. The first set that the multipliers balance counts, else the last one.
+    """
+    (equal, same), least, kept = limits, np.min(distance), [int(np.argmin(distance))]
+    for k in np.argsort(distance, kind="stable"):
+        if distance[k] <= least + equal and np.min(np.max(np.abs(feet[kept] - feet[k]), axis=1)) > same:
+            kept.append(int(k))
+    units, excess = unit(point - feet[kept]), (distance[kept] - least) / equal
+    for directions in rays:
+        shares = balanced(units, directions, excess)
+        if np.max(np.abs(directions @ units.T @ shares), initial=0.0) <= _UNBALANCED:
+            break
+    chosen = np.flatnonzero(shares)
+    unused = FEET - len(chosen)
+    return np.array(kept)[np.append(chosen, np.full(unused, chosen[0]))], np.append(shares[chosen], np.zeros(unused))
+
+
 def balanced(
     units: Float[np.ndarray, "feet 3"], rays: Float[np.ndarray, "rays 3"], excess: Float[np.ndarray, " feet"]
 ) -> Any:
@@ -112,7 +149,7 @@ def balanced(
     rows[-1, :feet] = 1.0
     found = non_negative(rows, np.append(np.zeros(count + feet), 1.0))[:feet]
     found = _of_sum_one(found)
-    if np.count_nonzero(found) > 4:
+    if np.count_nonzero(found) > FEET:
         # Four vectors in space have every combination that more of them have.
         used = np.flatnonzero(found)
         pull = np.append(found @ units, 1.0)

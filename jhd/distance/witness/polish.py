@@ -124,16 +124,16 @@ def polish(
     solved_to, converged = like_double(_SOLVED, dtype), like_double(_CONVERGED, dtype)
     solver = lx.SVD(rcond=like_double(_FLAT, dtype))
     method = optx.Newton(rtol=solved_to, atol=solved_to, linear_solver=solver)
-    problem, start, at = started(stacked(fa, box_a, fb, box_b), places, used / jnp.maximum(jnp.sum(used), 1))
+    problem, start, at = _started(_stacked(fa, box_a, fb, box_b), places, used / jnp.maximum(jnp.sum(used), 1))
 
     def turn(state: tuple) -> tuple:
         turns, active, _, _ = state
-        solution = optx.root_find(equations, method, start, (problem, active), max_steps=_NEWTON, throw=False)
-        rest = jnp.stack([jnp.max(jnp.abs(x)) for x in equations(solution.value, (problem, active))])
+        solution = optx.root_find(_equations, method, start, (problem, active), max_steps=_NEWTON, throw=False)
+        rest = jnp.stack([jnp.max(jnp.abs(x)) for x in _equations(solution.value, (problem, active))])
         known = jnp.all(jnp.isfinite(rest))
         found = jax.tree_util.tree_map(lambda x, y: jnp.where(known, x, y), solution.value, start)
         at = problem.jets(found.x)
-        after = revised(found, at, problem, active)
+        after = _revised(found, at, problem, active)
         same = jnp.all(after.faces == active.faces) & jnp.all(after.used == active.used)
         # A corner has no equation left to be on the surface.
         off = jnp.abs(at.value / problem.scale) > converged
@@ -141,8 +141,8 @@ def polish(
         solved = same & known & jnp.all(rest <= converged) & ~off[0] & ~jnp.any(off[1:] & after.used)
         return jnp.where(same, _ROUNDS, turns + 1), after, found, solved
 
-    faces = first_faces(problem, at.gradient, _NEAR)
-    start = multiplied(start, at, faces)
+    faces = _first_faces(problem, at.gradient)
+    start = _multiplied(start, at, faces)
     # A foot from which the distance falls along b misleads; another one stands for it if there is one.
     nearest = used & ~_saddles(start, at, faces, problem.size)
     active = ActiveSet(faces, jnp.where(jnp.any(nearest), nearest, used))
@@ -161,32 +161,26 @@ class Shapes(NamedTuple):
     upper: Array
 
 
-def stacked(fa: Array, box_a: tuple[Array, Array], fb: Array, box_b: tuple[Array, Array]) -> Shapes:
+def _stacked(fa: Array, box_a: tuple[Array, Array], fb: Array, box_b: tuple[Array, Array]) -> Shapes:
     """Both surfaces with their coefficients padded to one shape."""
     shape = [max(sizes) for sizes in zip(fa.shape, fb.shape, strict=True)]
     padded = [jnp.pad(f, [(0, n - m) for n, m in zip(shape, f.shape, strict=True)]) for f in (fa, fb)]
     return Shapes(jnp.stack(padded), *(jnp.stack(corners) for corners in zip(box_a, box_b, strict=True)))
 
 
-def posed(shapes: Shapes, centre: Array, size: Array) -> MaximumProblem:
-    """The problem in coordinates about a centre in units of a size, without what belongs to its start."""
+def _started(shapes: Shapes, places: Array, weights: Array) -> tuple[MaximumProblem, Unknowns, PolynomialJet]:
+    """The problem about the first of five places, in units of the boxes, all unknowns there, and the jets."""
     owner = jnp.array([0, 1, 1, 1, 1])
+    centre, size = places[0], jnp.max(shapes.upper - shapes.lower)
     lower, upper = ((x[owner] - centre) / size for x in (shapes.lower, shapes.upper))
-    start, scale = jnp.zeros((5, 3), size.dtype), jnp.ones(5, size.dtype)
-    return MaximumProblem(shapes.f[owner], lower, upper, start, centre, size, scale)
-
-
-def started(shapes: Shapes, places: Array, weights: Array) -> tuple[MaximumProblem, Unknowns, PolynomialJet]:
-    """The problem about the first of five places, all unknowns there, and the jets."""
-    size = jnp.max(shapes.upper - shapes.lower)
-    problem = posed(shapes, places[0], size)
-    x = (places - places[0]) / size
+    x = (places - centre) / size
+    problem = MaximumProblem(shapes.f[owner], lower, upper, x, centre, size, jnp.ones(5, size.dtype))
     at = problem.jets(x)
     slopes = length(at.gradient)
     slopes = jnp.where(slopes > 0, slopes, 1.0)
     s = -jnp.sum(x * at.gradient, axis=-1) / slopes
     start = Unknowns(x, s, weights, jnp.sum(weights * length(x[1:])))
-    return problem._replace(start=x, scale=slopes * size), start, at
+    return problem._replace(scale=slopes * size), start, at
 
 
 class Balance(NamedTuple):
@@ -198,7 +192,7 @@ class Balance(NamedTuple):
     distances: Array  # (4,)
 
 
-def balance(y: Unknowns, at: PolynomialJet, faces: Array) -> Balance:
+def _balance(y: Unknowns, at: PolynomialJet, faces: Array) -> Balance:
     """The terms at some values of the unknowns, from the jets there."""
     slopes = length(jnp.where(faces == 0, at.gradient, 0.0))
     slopes = jnp.where(slopes > 0, slopes, 1.0)
@@ -213,10 +207,10 @@ def balance(y: Unknowns, at: PolynomialJet, faces: Array) -> Balance:
     return Balance(at.value, slopes, pull, jnp.where(along, signs * y.s[1:], lengths))
 
 
-def equations(y: Unknowns, args: tuple[MaximumProblem, ActiveSet]) -> tuple:
+def _equations(y: Unknowns, args: tuple[MaximumProblem, ActiveSet]) -> tuple:
     """The equations of the module's docstring for one active set, as many as there are unknowns."""
     problem, (faces, used) = args
-    terms, free = balance(y, problem.jets(y.x), faces), faces == 0
+    terms, free = _balance(y, problem.jets(y.x), faces), faces == 0
     counts = jnp.concatenate([jnp.ones(1, bool), used])
     rows = jnp.where(free, terms.pull, y.x - problem.face(faces))
     closed = jnp.where(jnp.any(free, axis=-1), terms.values / problem.scale, y.s)
@@ -228,10 +222,10 @@ def equations(y: Unknowns, args: tuple[MaximumProblem, ActiveSet]) -> tuple:
     )
 
 
-def first_faces(problem: MaximumProblem, gradients: Array, near: float) -> Array:
+def _first_faces(problem: MaximumProblem, gradients: Array) -> Array:
     """Faces within a share of the size from the start, but for those that the surface nearly touches there."""
     x = problem.start
-    faces = jnp.where(x <= problem.lower + near, -1.0, jnp.where(x >= problem.upper - near, 1.0, 0.0))
+    faces = jnp.where(x <= problem.lower + _NEAR, -1.0, jnp.where(x >= problem.upper - _NEAR, 1.0, 0.0))
     slopes = length(gradients)[:, None]
     rest = length(jnp.where(faces == 0, gradients, 0.0))[:, None]
     touched = (rest <= _TANGENT * slopes) & jnp.any(faces == 0, axis=-1, keepdims=True)
@@ -239,18 +233,18 @@ def first_faces(problem: MaximumProblem, gradients: Array, near: float) -> Array
     return jnp.where(touched & (jnp.abs(gradients) > _TANGENT * slopes), 0.0, faces)
 
 
-def multiplied(y: Unknowns, at: PolynomialJet, faces: Array) -> Unknowns:
+def _multiplied(y: Unknowns, at: PolynomialJet, faces: Array) -> Unknowns:
     """The unknowns with the multipliers of least squares, those of p and of the feet."""
     y = y._replace(s=y.s.at[0].set(0.0))
-    terms = balance(y, at, faces)
+    terms = _balance(y, at, faces)
     normals = jnp.where(faces == 0, at.gradient, 0.0) / terms.slopes[:, None]
     feet = jnp.sum((y.x[0] - y.x[1:]) * normals[1:], axis=-1)
     return y._replace(s=jnp.concatenate([jnp.sum(terms.pull[0] * normals[0])[None], feet]))
 
 
-def revised(y: Unknowns, at: PolynomialJet, problem: MaximumProblem, active: ActiveSet) -> ActiveSet:
+def _revised(y: Unknowns, at: PolynomialJet, problem: MaximumProblem, active: ActiveSet) -> ActiveSet:
     """The active set after a solution: faces that were passed hold; what has a negative multiplier is let go."""
-    terms = balance(y, at, active.faces)
+    terms = _balance(y, at, active.faces)
     unit = jnp.concatenate([jnp.ones(1), jnp.where(terms.distances > 0, terms.distances, 1.0)])
     outward = active.faces * terms.pull / unit[:, None]
     passed = _passed(y.x, problem)

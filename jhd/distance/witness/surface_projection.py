@@ -23,7 +23,7 @@ from jhd._runtime.arrays import varying
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.polynomials import jets, slopes
 from jhd.arithmetic.scaling import common_exponent, frexp, length, scale_of, unit
-from jhd.distance.frame.attach import attached, without_derivative
+from jhd.distance.frame.attach import at_rest, attached, without_derivative
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.nearest.feet import presses
 
@@ -72,7 +72,7 @@ def distances_from_patches(queries: Array, segment: Array, t: Array, net: Net) -
             step = _step(apart, at, held, apart + at.point)
             x = x + jnp.where(jnp.all(jnp.isfinite(step)), step, 0.0)
         x = without_derivative(x, pole)
-        distance = _settled_distance((piece, apart), x, held)
+        distance = at_rest(_distance_at, (x, held), (piece, apart))
         return distance / scale, jet(piece, x).point / scale + origin, jnp.concatenate([x, t[n:]])
 
     return jax.vmap(one)(queries, segment, t)
@@ -103,28 +103,16 @@ def _size(piece: Net) -> Array:
     return jnp.max(jnp.abs(piece.points - piece.points[0, 0]))
 
 
-@jax.custom_jvp
-def _settled_distance(given: tuple[Net, Array], x: Array, held: Array) -> Array:
+def _distance_at(settled: tuple[Array, Array], given: tuple[Net, Array]) -> Array:
     """The distance from the origin of a piece, moved, at parameters where it is stationary or that are held.
 
     To first order it does not change with them. Autodiff adds what rounding leaves of that times their speed, which is
     large beside a collapsed edge.
     """
-    return _distance_at(given, x, held)
-
-
-@_settled_distance.defjvp
-def _(primals: Any, tangents: Any) -> Any:
-    given, x, held = primals
-    change = jax.jvp(lambda given: _distance_at(given, x, held), (given,), (tangents[0],))[1]
-    return _settled_distance(*primals), change
-
-
-def _distance_at(given: tuple[Net, Array], x: Array, held: Array) -> Array:
-    (piece, apart), n = given, x.size
+    (x, held), (piece, apart) = settled, given
     at = jet(piece, x)
-    free = ~jnp.any(held) if n == 2 else False
-    normal = jnp.cross(at.first[0], at.first[1]) if n == 2 else jnp.zeros_like(at.point)
+    free = ~jnp.any(held) if x.size == 2 else False
+    normal = jnp.cross(at.first[0], at.first[1]) if x.size == 2 else jnp.zeros_like(at.point)
     return _length(apart + at.point, normal, free)
 
 

@@ -9,7 +9,7 @@ import pytest
 from mpmath import mp, mpf
 
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
-from jhd.distance.witness.surfaces import with_surface_derivatives
+from jhd.distance.witness.places import with_place_derivatives
 from jhd.shapes.implicit import ImplicitSurface
 from tests.surface_cases import BY_NAME, Surface
 from tests.surface_reference import solve
@@ -99,7 +99,7 @@ def value_along(t, found, given, change):
         ImplicitSurface(s[0] + t * c[0], s[1] + t * c[1], s[2] + t * c[2], reduced=False)
         for s, c in zip(given, change, strict=True)
     ]
-    return with_surface_derivatives(found, *surfaces).value
+    return with_place_derivatives(found, *surfaces).value
 
 
 _first = jax.jit(jax.grad(value_along))
@@ -162,7 +162,7 @@ def transformed(parameters, found, a, b):
     """The distance after a translation and a linear map of a alone, in the order of the direction."""
     matrix, offset = parameters
     a, b = (ImplicitSurface(*s, reduced=False) for s in (a, b))
-    return with_surface_derivatives(found, a.transform(matrix, offset), b).value
+    return with_place_derivatives(found, a.transform(matrix, offset), b).value
 
 
 _transformed = jax.jit(jax.grad(transformed))
@@ -187,7 +187,7 @@ def test_numbers_stay_and_nothing_is_done_without_a_derivative():
     d = directions("sphere_ellipsoid")[0]
     found = solution(d)
     surfaces = [ImplicitSurface(*s) for s in (d.a, d.b)]
-    assert with_surface_derivatives(found, *surfaces) is found
+    assert with_place_derivatives(found, *surfaces) is found
     given = arguments(d, changes(d, 1))
     assert float(jax.jit(value_along)(0.0, *given)) == float(found.value)
 
