@@ -6,9 +6,12 @@ axes or none. Nothing is enclosed here; see `jhd.arithmetic.trivariate` for rang
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+from jhd.arithmetic.scaling import frexp, scale_of
 
 # Second derivatives xx, yy, zz, xy, xz, yz as a matrix.
 SYMMETRIC = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
@@ -90,3 +93,17 @@ def derivatives(coefficients: Float[Array, "i j k"]) -> Float[Array, "10 i j k"]
     first = [derived(coefficients, axis) for axis in range(3)]
     second = [derived(first[i], j) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     return jnp.stack([coefficients, *first, *second])
+
+
+def rescaled(coefficients: Float[Array, "i j k"], scale: Array) -> Array:
+    """The polynomial in coordinates multiplied by a power of two, with a largest coefficient in [1/2, 1).
+
+    All factors are powers of two. Their exponents are reduced by the largest one of the results before the powers are
+    formed, and each factor is applied in two halves. So no factor leaves the range of the numbers.
+    """
+    degrees = np.sum(np.indices(coefficients.shape), axis=0)
+    power = degrees * (1 - frexp(scale)[1])
+    mantissa, own = frexp(jax.lax.stop_gradient(coefficients))
+    power = power - jnp.max(jnp.where(mantissa != 0, own + power, jnp.iinfo(power.dtype).min))
+    half = power // 2
+    return coefficients * scale_of(-half, scale.dtype) * scale_of(half - power, scale.dtype)

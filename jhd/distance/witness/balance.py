@@ -27,7 +27,7 @@ from jaxtyping import Array
 
 from jhd._results.solution import MinimumSolution, Witness
 from jhd._runtime.arrays import varying
-from jhd.arithmetic.polynomials import jets, slopes
+from jhd.arithmetic.polynomials import jets, rescaled, slopes
 from jhd.arithmetic.rounding import like_double, smallest_normal, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, length, scale_of
 from jhd.distance.frame.following import MovingNumbers
@@ -170,14 +170,18 @@ def _point(rows: Any, x: Array) -> Array:
 
 
 def _constraint(rows: Any, x: Array) -> tuple[Array, Array]:
-    """The value of a constraint, which is about a length, and its gradient."""
+    """The value of a constraint, and its gradient.
+
+    Values are lengths on an implicit surface and squares of lengths on a triangle, which keep multipliers about one.
+    """
     if isinstance(rows, Polynomial):
         value, gradient = slopes(rows.coefficients, x)
         steep = jax.lax.stop_gradient(length(gradient))
         steep = jnp.where(steep > 0, steep, 1.0)
         return value / steep, gradient / steep
-    bound = jnp.asarray(isinstance(rows, CornerRows), x.dtype)
-    return bound * (jnp.sum(x) - 1), bound * jnp.ones_like(x)
+    edges = rows.corners - rows.corners[0] if isinstance(rows, CornerRows) else jnp.zeros_like(x)
+    square = jax.lax.stop_gradient(jnp.max(jnp.abs(edges)) ** 2)
+    return square * (jnp.sum(x) - 1), jnp.full_like(x, square)
 
 
 def _rounding(rows: Any, x: Array) -> Array:
@@ -210,7 +214,8 @@ def from_place(rows: tuple[Any, Any], constants: tuple[Array, Witness]) -> Movin
     """
     rows, (found, w) = finite((rows, constants))
     scale, rows = in_one_unit(rows, found)
-    start = _started(rows, (w.t[None], w.foot_params), (w.point[None], w.feet), w.multipliers, found * scale)
+    points = scale * w.point[None], scale * w.feet
+    start = _started(rows, (w.t[None], w.foot_params), points, w.multipliers, found * scale)
     fixed = _fixed(*jax.lax.stop_gradient((start, rows)), True)
     moving = _at_places(_moving_point, (start.x, fixed.held, fixed.low), rows, jax.lax.stop_gradient(rows))
     numbers = {"value": _distance(start, rows, fixed) / scale, "point": moving[0] / scale, "feet": moving[1:] / scale}
@@ -229,7 +234,7 @@ def from_pair(rows: tuple[Any, Any], constants: tuple[MinimumSolution, Array, Ar
     n = rows[0].net.parameters if isinstance(rows[0], NetRows) else 3
     rows = rows[0], rows[1] if isinstance(rows[1], Polynomial) else jax.tree_util.tree_map(lambda y: y[None], rows[1])
     scale, rows = in_one_unit(rows, solution.value)
-    points = solution.point_a[None], solution.point_b[None]
+    points = scale * solution.point_a[None], scale * solution.point_b[None]
     start = _started(rows, (x[None, :n], x[None, n:]), points, jnp.ones(1, x.dtype), solution.value * scale)
     fixed = _fixed(*jax.lax.stop_gradient((start, rows)), False)
     return MovingNumbers({"value": _distance(start, rows, fixed) / scale}, apart(solution, distance))
@@ -263,16 +268,24 @@ def _started(rows: tuple[Any, Any], t: tuple[Array, Array], at: tuple[Array, Arr
 
 
 def in_one_unit(rows: tuple[Any, Any], far: Array) -> tuple[Array, tuple[Any, Any]]:
-    """A power of two, and the rows about a point of a in a unit in which squares of lengths are numbers.
+    """A power of two, and the rows in a unit in which lengths are at most about one.
 
-    Implicit surfaces keep their coordinates: their coefficients hang on them.
+    Unknowns differ by powers of the size of the shapes: lengths, their squares and parameters. Dividing the rows and
+    then the columns of the linearized conditions by their largest entries does not undo this if the size is large.
+
+    Control points count from a point of a. Implicit surfaces keep the origin: their coefficients hang on it.
     """
-    if any(isinstance(part, Polynomial) for part in rows):
-        return jnp.ones((), far.dtype), rows
-    still = jax.lax.stop_gradient(rows[0][0])
-    origin = still.reshape(-1, still.shape[-1])[0]
-    scale = scale_of(common_exponent(still - origin, far), far.dtype)
-    return scale, tuple(part._replace(**{part._fields[0]: (part[0] - origin) * scale}) for part in rows)
+    still = jax.lax.stop_gradient(rows)
+    boxes = [part.upper - part.lower for part in still if isinstance(part, Polynomial)]
+    origin = jnp.zeros(3, far.dtype) if boxes else still[0][0].reshape(-1, still[0][0].shape[-1])[0]
+    scale = scale_of(common_exponent(*(boxes or [still[0][0] - origin]), far), far.dtype)
+    return scale, tuple(_in_unit(part, origin, scale) for part in rows)
+
+
+def _in_unit(part: Any, origin: Array, scale: Array) -> Any:
+    if isinstance(part, Polynomial):
+        return Polynomial(rescaled(part.coefficients, scale), part.lower * scale, part.upper * scale)
+    return part._replace(**{part._fields[0]: (part[0] - origin) * scale})
 
 
 @jax.custom_jvp

@@ -15,14 +15,13 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 from jhd._results.solution import Projection
 from jhd._runtime.arrays import varying
 from jhd._runtime.compiled import compiled
-from jhd.arithmetic.polynomials import jets, slopes
-from jhd.arithmetic.scaling import common_exponent, frexp, length, scale_of, unit
+from jhd.arithmetic.polynomials import jets, rescaled, slopes
+from jhd.arithmetic.scaling import common_exponent, length, scale_of, unit
 from jhd.distance.frame.attach import at_rest, attached, without_derivative
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.nearest.feet import presses
@@ -177,7 +176,7 @@ def _length(apart: Array, normal: Array, free: Array | bool) -> Array:
 def distance_from_surface(queries: Array, feet: Array, coefficients: Array, box: Array) -> tuple[Array, Array]:
     """Distances and feet on a polynomial surface, as functions of all but the feet."""
     scale = scale_of(common_exponent(jax.lax.stop_gradient(box)), box.dtype)
-    c = _in_unit(coefficients, scale)
+    c = rescaled(coefficients, scale)
     box = box * scale
     # Where nothing is proven there is no foot; its derivatives are not used, but they must be numbers.
     feet = jnp.where(jnp.isfinite(feet), feet, 0.0)
@@ -206,22 +205,6 @@ def distance_from_surface(queries: Array, feet: Array, coefficients: Array, box:
         return distance / scale, y[:3] / scale
 
     return jax.vmap(one)(queries, feet)
-
-
-def _in_unit(coefficients: Array, scale: Array) -> Array:
-    """The polynomial in units in which no power of a coordinate overflows, its largest coefficient one.
-
-    The powers of two that the coefficients get are divided by the largest one of what comes out before they are formed,
-    and multiplied in two halves: no factor leaves the range of the numbers.
-    """
-    degrees = np.sum(np.indices(coefficients.shape), axis=0)
-    still = jax.lax.stop_gradient(coefficients)
-    power = degrees * (1 - frexp(scale)[1])
-    mantissa, own = frexp(still)
-    power = power - jnp.max(jnp.where(mantissa != 0, own + power, jnp.iinfo(power.dtype).min))
-    half = power // 2
-    c = coefficients * scale_of(-half, scale.dtype) * scale_of(half - power, scale.dtype)
-    return c / jax.lax.stop_gradient(jnp.max(jnp.abs(c)))
 
 
 def _start(c: Array, x: Array, p: Array, at_low: Array, at_high: Array) -> tuple[Array, Array, Array]:
