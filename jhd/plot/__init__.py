@@ -12,8 +12,8 @@ from jhd.plot.axes import BLUE, GREY, ORANGE, VERMILLION
 from jhd.plot.curves import curve, profile
 from jhd.plot.deviations import deviation, distances, histogram
 from jhd.plot.implicit import section, surface, surfaces, voxels
-from jhd.plot.meshes import mesh, meshes
-from jhd.plot.neighbours import neighbours
+from jhd.plot.mesh_pictures import mesh, meshes
+from jhd.plot.neighbour_pictures import neighbours
 from jhd.plot.pages import page
 from jhd.plot.solutions import solution, witness
 

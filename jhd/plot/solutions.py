@@ -11,7 +11,7 @@ from jhd.plot.axes import BLUE, GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for,
 from jhd.plot.curves import curve
 from jhd.plot.faces import frame, shaded_shapes
 from jhd.plot.implicit import net
-from jhd.plot.meshes import faces_of
+from jhd.plot.mesh_pictures import faces_of
 from jhd.shapes.as_shape import as_shape
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
