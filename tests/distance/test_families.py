@@ -164,6 +164,20 @@ def test_all_points_of_a_parametric_sphere_are_as_far_from_an_implicit_one():
         assert_is(found, radius - 1, 1e-6)
 
 
+@pytest.mark.parametrize(
+    ("curve", "surface", "exact"),
+    [
+        pytest.param(RING, "(x**2 + y**2 + z**2 + 0.91)**2 - 4*x**2 - 4*y**2", 0.3, marks=pytest.mark.slow, id="torus"),
+        pytest.param(AXIS, "x**2 + y**2 - 1", 1.0, marks=pytest.mark.exhaustive, id="cylinder"),
+    ],
+)
+def test_all_points_of_a_curve_are_as_far_from_the_surface_about_it(curve, surface, exact):
+    # A whole circle of the surface is nearest to each of them.
+    found = jhd.directed_hausdorff(curve, implicit(surface))
+    assert_is(found, exact, 1e-9)
+    assert int(found.stats["cells"]) < 1000
+
+
 @pytest.mark.exhaustive
 def test_the_nearest_points_of_spheres_with_poles_are_given_up_with_steps_to_spare():
     found = jhd.minimum_distance(sphere(1.0), sphere(1.5), throw=False)

@@ -78,8 +78,11 @@ def points_of_net(piece: Net, low: Array, high: Array) -> MovingPoint:
 
 
 def square_to_net(piece: Net, point: Truncated, low: Array, high: Array, start: Array) -> MovingSquare:
-    """A lower bound of the squared distance of moving points from the part of a piece between parameters."""
+    """A lower bound of the squared distance of moving points from a point, or a piece between parameters."""
     m, dtype, rational = piece.parameters, low.dtype, piece.weights is not None
+    if piece.degrees == (0, 0):
+        apart = less(point, _constant(piece.points[0, 0]))
+        return MovingSquare(least(_dot(apart, apart)), jnp.asarray(True))
     q = _feet(piece, point.terms, low, high, start)
     begin, end = _box(q, low, high)
     half = 0.5 * (end - begin)

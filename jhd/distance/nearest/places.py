@@ -28,6 +28,8 @@ from jhd.shapes.implicit import ImplicitSurface
 
 # The longest step, as a share of the box, and how far from singular the system of a foot has to be.
 _LONGEST, _DEFINITE = 0.3, 0.1
+# From this second derivative of half the squared distance on, a direction is one along which it grows.
+_GROWS = 0.5
 # A direction within a face serves unless the gradient is this much longer.
 _TANGENT = 0.1
 # A change of sign farther away than this proves nothing about the point itself; near singular points it is about the
@@ -132,8 +134,13 @@ def _tangential(apart: Array, gradient: Array, hessian: Array, held: Array) -> A
     trace = h[0, 0] + h[1, 1] + h[2, 2]
     minor = 0.5 * (trace**2 - jnp.sum(h**2, axis=(0, 1)))
     definite = (1 + trace + minor > _DEFINITE) & (2 + trace > 2 * _DEFINITE)
-    h = jnp.where(definite, h, size * jnp.eye(3, dtype=h.dtype)[..., None])
-    return _solved(h + jnp.eye(3, dtype=h.dtype)[..., None], t)
+    # Where the distance grows along one direction alone steps along that one stay Newton's.
+    eye = jnp.eye(3, dtype=h.dtype)[..., None]
+    root = jnp.sqrt(jnp.maximum(0.25 * trace**2 - minor, 0.0))
+    first, second = 0.5 * trace + root, 0.5 * trace - root
+    across = (first * (eye - unit[:, None] * unit) - h) / positive(first - second)
+    h = jnp.where(definite, h, jnp.where(1 + first > _GROWS, h + (size - second) * across, size * eye))
+    return _solved(h + eye, t)
 
 
 def _solved(matrix: Array, right: Array) -> Array:

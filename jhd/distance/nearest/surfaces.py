@@ -143,6 +143,7 @@ def nearest(
     least: Float[Array, ""],
     close: Float[Array, ""],
     capacity: int = CAPACITY,
+    most: Array | int = CAPACITY,
 ) -> NearestOnSurface:
     """Bounds of the distance from a point to the surface.
 
@@ -156,6 +157,7 @@ def nearest(
         least: the search ends as soon as the distance is proven to be at most this.
         close: and as soon as both bounds are as close as this, or as rounding lets them be.
         capacity: open cells that there is room for; steps follow it.
+        most: the search is given up as soon as more are open.
     """
     max_steps = _MAX_STEPS * capacity // CAPACITY
     u = unit_roundoff(point.dtype)
@@ -175,7 +177,8 @@ def nearest(
 
     def open_(state: _SurfaceQuery) -> Array:
         lowest = jnp.min(state.bound)
-        return (lowest < target(state)) & (state.upper > least) & (state.steps < max_steps)
+        few = jnp.sum(state.bound < target(state)) <= most
+        return (lowest < target(state)) & (state.upper > least) & (state.steps < max_steps) & few
 
     def step(state: _SurfaceQuery) -> _SurfaceQuery:
         _, index = jax.lax.top_k(-state.bound.astype(jnp.float32), _LANES)

@@ -243,7 +243,7 @@ class FarthestSearch(AbstractSearch):
         Where they do not seem so the feet may be those of a place alone, which leave its cell and the cells beside it
         with bounds too large: the nearest ones are looked for.
         """
-        least = self._level if best is None else max(best.lower, self._level)
+        least = self._level if best is None else max(best.lower + self._close(best), self._level)
         return self._target.nearest(points, np.where(seems > least, least, -np.inf), self._close(best))
 
     def _bounded(
@@ -285,7 +285,7 @@ class FarthestSearch(AbstractSearch):
             mending: whether cells whose places do not seem farther count too: their feet may not be the nearest.
         """
         place, seems = np.argmax(high, axis=1), np.max(high, axis=1)
-        least = -np.inf if best is None else best.lower
+        least = -np.inf if best is None else best.lower + self._close(best)
         matters = np.flatnonzero(upper > self._goal(best))
         worth = matters[seems[matters] > least]
         if best is None and not len(worth):

@@ -14,13 +14,17 @@ from typing_extensions import override
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma, round_up, smallest_normal, unit_roundoff
 from jhd.distance.cells.beside import beside_surface, of_points
+from jhd.distance.cells.moving import moving_bound
+from jhd.distance.cells.moving_surfaces import narrowed
+from jhd.distance.cells.pairs import Cell
 from jhd.distance.frame.coordinates import Frame, common_points
+from jhd.distance.frame.net_jets import Net
 from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.nearest.places import local_feet, proven_radius, reach, with_singular_radius
-from jhd.distance.nearest.surfaces import nearest, nearest_places, proven_distances
+from jhd.distance.nearest.surfaces import CAPACITY, halved, nearest, nearest_places, proven_distances
 from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
 from jhd.distance.search.candidates import Target
-from jhd.distance.search.looked_at import looked_at
+from jhd.distance.search.looked_at import looked_at, may_vanish
 from jhd.distance.search.rows import each, in_blocks, in_groups
 from jhd.shapes.checks import empty_surface
 from jhd.shapes.implicit import ImplicitSurface
@@ -32,6 +36,9 @@ _STARTS, _FOOT_STEPS, _LANES = 4, 6, 64
 _CLOSE, _ULPS = 1e-12, 64
 # Queries whose distances to all cells of a cover are formed at once.
 _ROWS = 1024
+# A query with more open cells is given up in searches, unless it is by itself: then its distance is bounded by as many
+# graphs at most.
+_MANY, _GRAPHS = 512, 1 << 12
 # A query this many boxes away takes the box for a point.
 _FAR = {8: 2.0**56, 4: 2.0**26}
 
@@ -121,14 +128,19 @@ class SurfaceTarget(AbstractTarget):
     @override
     def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
         x, far = self._scaled(points)
-        least = np.ldexp(enough, -self.exponent)
-        leasts = np.broadcast_to(least, len(x)).astype(x.dtype)
-        lower, upper, foot = in_blocks(_nearest, self.target, x, leasts)
+        least, apart = np.ldexp(enough, -self.exponent), float(np.ldexp(close, -self.exponent))
+        leasts, most = np.broadcast_to(least, len(x)), np.full(len(x), _MANY if apart > 0 else CAPACITY)
+        lower, upper, foot = in_blocks(_nearest, self.target, x, leasts.astype(x.dtype), most)
         lower, upper = lower.astype(np.float64) - _moved(x), upper.astype(np.float64) + _moved(x)
         distance = np.sqrt(np.sum((foot - x) ** 2, axis=1))
         u = unit_roundoff(x.dtype)
         share = 4 * max(_CLOSE, _ULPS * u)
-        closed = (upper - lower <= share * (1 + np.where(np.isfinite(upper), upper, 0.0))) | (upper <= least)
+        allowed = np.maximum(share * (1 + np.where(np.isfinite(upper), upper, 0.0)), apart)
+        open_ = (upper - lower > allowed) & (upper > leasts) & np.isfinite(upper) & ~far
+        if apart > 0 and len(x) == 1 and open_[0]:
+            found = self._by_graphs(x[0], upper[0], 0.5 * allowed[0]) - _moved(x)[0]
+            lower[0] = max(lower[0], min(found, upper[0]))
+        closed = (upper - lower <= allowed) | (upper <= least)
         low, high = (outward(end, self.exponent, points.dtype, sign) for end, sign in ((lower, -1), (upper, 1)))
         places = np.asarray(self.frame.place(foot))
         own, other = self._from_afar(points)
@@ -148,6 +160,34 @@ class SurfaceTarget(AbstractTarget):
             t=np.full(len(x), np.nan, points.dtype),
             closed=closed & known,
         )
+
+    def _by_graphs(self, point: np.ndarray, upper: float, close: float) -> float:
+        """A lower bound of the distance of a query of which a whole curve or region may be nearest.
+
+        Cells that are crossed in one sheet are bounded by their graphs, to the sixth order of their size.
+
+        Args:
+            point: the query.
+            upper: an upper bound.
+            close: by how much the bounds may be apart.
+        """
+        side, cover, most = self.target.side, self.target.cover, _GRAPHS
+        low, high = (np.asarray(end).T[np.asarray(cover.alive)] for end in cover[:2])
+        goal, settled = upper - close, np.inf
+        while True:
+            apart = np.maximum(np.maximum(low - point, point - high), 0.0).astype(np.float64)
+            lower = np.sqrt(np.sum(apart**2, axis=1)) * (1 - gamma(8, point.dtype))
+            near = lower < goal
+            most -= np.count_nonzero(near)
+            if most >= 0 and np.any(near):
+                lower[near] = np.fmax(lower[near], in_blocks(_from_graphs, (side, point), low[near], high[near]))
+            left = lower < goal
+            settled = min(settled, np.min(lower[~left], initial=np.inf))
+            if most < 0 or not np.any(left):
+                return float(min(settled, np.min(lower, initial=np.inf)))
+            low, high = (x.reshape(3, -1).T for x in halved(low[left].T, high[left].T))
+            rows = may_vanish(side, low, high)
+            low, high = low[rows], high[rows]
 
     def within(self, points: np.ndarray, upper: float) -> np.ndarray:
         """Which of the points may be this near, by the cover."""
@@ -242,18 +282,31 @@ def _feet(target: Target, count: Array, points: Array) -> Any:
 
 
 @compiled
-def _nearest(target: Target, count: Array, points: Array, least: Array) -> Any:
+def _nearest(target: Target, count: Array, points: Array, least: Array, most: Array) -> Any:
     """Bounds and feet, one query after the other."""
     close = jnp.asarray(max(_CLOSE, _ULPS * unit_roundoff(points.dtype)), points.dtype)
 
-    def one(point: Array, least: Array) -> Any:
+    def one(point: Array, least: Array, most: Array) -> Any:
         starts = nearest_places(target.cloud, point, _STARTS)
-        found = nearest(target.side, target.cover, point, starts, least, close)
+        found = nearest(target.side, target.cover, point, starts, least, close, most=most)
         # Distances are as good as they get where feet are off by the root of that; some steps mend it.
         upper, foot = _mended(target, point, found.foot)
         return found.lower, jnp.minimum(upper, found.upper), foot
 
-    return each(one, count, (points, least), 1)
+    return each(one, count, (points, least, most), 1)
+
+
+@compiled
+def _from_graphs(shapes: tuple[Side, Array], count: Array, low: Array, high: Array) -> Array:
+    side, point = shapes
+    net, first, zero = Net(point[None, None, None], None), jnp.zeros((), int), jnp.zeros(1, low.dtype)
+
+    def one(low: Array, high: Array) -> Array:
+        low, high = narrowed(side, low, high)
+        cell = Cell(first, first, jnp.append(low, zero), jnp.append(high, zero))
+        return moving_bound(side, net, cell, zero).lower
+
+    return each(one, count, (low, high), _LANES)
 
 
 @compiled
