@@ -134,5 +134,9 @@ def test_flags_that_the_user_gave_to_the_compiler_go_before_the_level_of_a_progr
             module._options.cache_clear()
             assert module._options(2) == options
         assert module._options(None) is None
+        # Only programs that are to compile quickly do without windows.
+        monkeypatch.setenv("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=true")
+        assert module._options(1) == {"xla_disable_hlo_passes": "tree_reduction_rewriter"}
+        assert module._options(3) == {}
     finally:
         module._options.cache_clear()

@@ -35,6 +35,9 @@ _R = TypeVar("_R")
 # every loop: twice the time to compile and four times the memory mappings, for programs that run no faster. Level 1
 # saves a quarter of the rest, and what does not loop over large arrays runs as fast.
 _EMITTERS, _LEVEL = "xla_cpu_use_fusion_emitters", "xla_backend_optimization_level"
+# Cuts reductions of more than 32 numbers into windows, which become up to a thousand lines of code each: a twelfth of
+# the code of a search. At level 1 they stay whole; large arrays want several threads, for which they must be cut.
+_PASSES, _WINDOWS = "xla_disable_hlo_passes", "tree_reduction_rewriter"
 # Linux ends a process at its limit of mappings, by a crash; code takes some hundreds of them for each program.
 _MAPPINGS, _LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
 _SHARE = 0.75
@@ -358,7 +361,8 @@ def _options(level: int | None) -> dict[str, Any] | None:
     if level is None or jax.default_backend() != "cpu":
         return None
     flags = os.getenv("XLA_FLAGS", "")
-    options = ((_EMITTERS, False), (_LEVEL, level))
+    whole = [(_PASSES, _WINDOWS)] if level == 1 else []
+    options = [(_EMITTERS, False), (_LEVEL, level), *whole]
     return {name: value for name, value in options if name not in flags and _is_option(name, value)}
 
 
