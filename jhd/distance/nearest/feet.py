@@ -115,13 +115,13 @@ def follow_foot(point: Array, b: BezierSegments, before: Array, segment: Array, 
 
 def foot_in(point: Array | float, piece: Piece, s: Array, steps: int, low: Any = 0.0, high: Any = 1.0) -> Array:
     """The local foot of a point reached from s by Newton's method, kept in [low, high]."""
-    step = lambda _, s: step_in(point, piece, s, low, high)  # noqa: E731
+    step = lambda _, s: step_in(equation(point, piece, s), s, low, high)  # noqa: E731
     return jax.lax.fori_loop(0, steps, step, varying(s, point, piece, low, high))
 
 
-def step_in(point: Array | float, piece: Piece, s: Array, low: Any = 0.0, high: Any = 1.0) -> Array:
-    """The parameter in [low, high] after a step of Newton's method towards a local foot."""
-    return jnp.clip(s + newton_step(equation(point, piece, s), _DOWNHILL * (high - low)), low, high)
+def step_in(here: FootEquation, s: Array, low: Any = 0.0, high: Any = 1.0) -> Array:
+    """The parameter in [low, high] after a step of Newton's method from s towards a local foot."""
+    return jnp.clip(s + newton_step(here, _DOWNHILL * (high - low)), low, high)
 
 
 def nearest_passed(point: Array, piece: Piece, s: Array, steps: int) -> Array:
@@ -134,18 +134,13 @@ def nearest_passed(point: Array, piece: Piece, s: Array, steps: int) -> Array:
     def newton(_: Any, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         s, best, least = state
         here = equation(point, piece, s)
-        best, least = _nearer(s, here.distance_sq, best, least)
-        return gauss_newton(s, here), best, least
+        # At a tie the later one, which Newton's method has improved beyond what the squares can tell.
+        nearer = here.distance_sq <= least
+        return gauss_newton(s, here), jnp.where(nearer, s, best), jnp.where(nearer, here.distance_sq, least)
 
+    # One step more than are taken, whose place is only compared: one evaluation in a program instead of two.
     start = varying((s, s, jnp.full_like(s, jnp.inf)), point, piece)
-    last, best, least = jax.lax.fori_loop(0, steps, newton, start)
-    return _nearer(last, equation(point, piece, last).distance_sq, best, least)[0]
-
-
-def _nearer(s: Array, square: Array, best: Array, least: Array) -> tuple[Array, Array]:
-    # At a tie the later one, which Newton's method has improved beyond what the squares can tell.
-    nearer = square <= least
-    return jnp.where(nearer, s, best), jnp.where(nearer, square, least)
+    return jax.lax.fori_loop(0, steps + 1, newton, start)[1]
 
 
 def equation(point: Array | float, piece: Piece, s: Array) -> FootEquation:

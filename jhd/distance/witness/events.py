@@ -18,7 +18,7 @@ from jhd._runtime.arrays import varying
 from jhd.distance.frame.jets import jet
 from jhd.distance.frame.pieces import CurvePlace, Piece, piece_of, preceding
 from jhd.distance.nearest.curves import repeated, segment_bounds
-from jhd.distance.nearest.feet import Branch, equation, holds, step_in
+from jhd.distance.nearest.feet import Branch, FootEquation, equation, holds, step_in
 from jhd.distance.witness.ends import Around, around
 from jhd.distance.witness.multipliers import two_of
 from jhd.shapes.curve import BezierSegments
@@ -158,16 +158,14 @@ def describe(a: BezierSegments, b: BezierSegments, at: CurvePlace, foot: CurvePl
         foot: its nearest point on b, as proven; it stands in where the local feet miss it, as at a cusp.
     """
     here = jet(*piece_of(a, at.segment), at.t)
-    segments, params = _local_feet(here.point, b, foot)
+    segments, params, equations = _local_feet(here.point, b, foot)
 
-    def measured(segment: Array, s: Array) -> tuple[Array, ...]:
-        piece = piece_of(b, segment)
-        found = equation(here.point, piece, s)
-        held = holds(found, piece, s)
+    def measured(segment: Array, s: Array, found: FootEquation) -> tuple[Array, ...]:
+        held = holds(found, piece_of(b, segment), s)
         uncertainty = jnp.where(held, 0.0, found.uncertainty)
         return found.apart, held, uncertainty, held | found.is_minimum
 
-    apart, held, uncertainty, sound = jax.vmap(measured)(segments, params)
+    apart, held, uncertainty, sound = jax.vmap(measured)(segments, params, equations)
     distances = jnp.sqrt(jnp.sum(apart**2, axis=-1))
     missed = ~jnp.any(sound[:-1] & (distances[:-1] <= distances[-1] + ZERO))
     sound = sound.at[-1].set(missed)
@@ -179,25 +177,32 @@ def describe(a: BezierSegments, b: BezierSegments, at: CurvePlace, foot: CurvePl
     )
 
 
-def _local_feet(point: Array, b: BezierSegments, foot: CurvePlace) -> tuple[Array, Array]:
-    """Local feet from several starts on each of the nearest segments, and from a known one, which follows as it is."""
+def _local_feet(point: Array, b: BezierSegments, foot: CurvePlace) -> tuple[Array, Array, FootEquation]:
+    """Local feet from several starts on each of the nearest segments, and from a known one, which follows as it is.
+
+    Returns:
+        Their segments and parameters, and the equation of each foot there.
+    """
     segments = jnp.arange(b.count)
     if b.count > _SEARCHED:
         lower, _ = segment_bounds(point, b.control_points, b.weights)
         lower = jnp.where(repeated(b.control_points, b.weights), jnp.inf, lower)
         segments = jnp.sort(jax.lax.top_k(-lower.astype(jnp.float32), _SEARCHED)[1])
     starts = jnp.linspace(0.0, 1.0, _STARTS, dtype=b.control_points.dtype)
-    starts = jnp.append(jnp.tile(starts, segments.size), foot.t)
-    segments = jnp.append(jnp.repeat(segments, _STARTS), foot.segment)
+    starts = jnp.concatenate([jnp.tile(starts, segments.size), jnp.stack([foot.t, foot.t])])
+    segments = jnp.concatenate([jnp.repeat(segments, _STARTS), jnp.stack([foot.segment, foot.segment])])
 
-    def step(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        s, _, count = state
-        new = jax.vmap(lambda k, s: step_in(point, piece_of(b, k), s))(segments, s)
-        return new, jnp.max(jnp.abs(new - s)), count + 1
+    def step(state: tuple[Array, FootEquation, Array, Array]) -> tuple[Array, FootEquation, Array, Array]:
+        s, here, _, count = state
+        new = jnp.where(jnp.arange(s.size) < s.size - 1, jax.vmap(step_in)(here, s), s)
+        here = jax.vmap(lambda k, s: equation(point, piece_of(b, k), s))(segments, new)
+        return new, here, jnp.max(jnp.abs(new - s)), count + 1
 
-    def moves(state: tuple[Array, Array, Array]) -> Array:
-        return (state[1] > _SETTLED) & (state[2] < _NEWTON_STEPS)
+    def moves(state: tuple[Array, FootEquation, Array, Array]) -> Array:
+        return (state[2] > _SETTLED) & (state[3] <= _NEWTON_STEPS) | (state[3] < 2)
 
-    begin = starts, jnp.ones((), starts.dtype), jnp.array(0)
-    params, _, _ = jax.lax.while_loop(moves, step, varying(begin, point, b))
-    return jnp.append(segments, foot.segment), jnp.append(params, foot.t)
+    # The first step stays where it is, so that the equation is evaluated at one place of the program.
+    zeros, rows = jnp.zeros_like(starts), jnp.zeros((starts.size, b.dim), starts.dtype)
+    begin = starts, FootEquation(rows, rows, zeros, zeros + 1, zeros), zeros[0], jnp.array(0)
+    params, equations, _, _ = jax.lax.while_loop(moves, step, varying(begin, point, b))
+    return segments, params, equations
