@@ -106,7 +106,7 @@ def two_branches(a: Patch, b: Patch, cell: Rectangle) -> float:
     """The least that shares of the two branches that continue the feet of opposite corners give, or one alone."""
     corners = [cell.places(np.array(x, float)) for x in ((0, 0), (1, 0), (0, 1), (1, 1))]
     feet = [foot(b, a.at(*x)) for x in corners]
-    apart = [np.linalg.norm(x - feet[0]) for x in feet]
+    apart = [float(np.linalg.norm(x - feet[0])) for x in feet]
     branches = [_branch(a, b, cell, feet[k]) for k in (0, int(np.argmax(apart)))]
     best = min(float(np.max(s * branches[0] + (1 - s) * branches[1])) for s in _SHARES)
     return min(_root(best), affine_foot(a, b, cell))

@@ -109,7 +109,7 @@ def _draw_intervals(ax: Axes, pair: dict[str, Any], cells: list[int], name: str)
         else:
             ends = [found["lower"], found["upper"]]
             ax.plot([len(cells)] * 2, ends, color=PURPLE, linewidth=4, solid_capstyle="butt")
-            ax.plot([len(cells)], [np.mean(ends)], marker="*", color=PURPLE, markersize=7, zorder=5)
+            ax.plot([len(cells)], [float(np.mean(ends))], marker="*", color=PURPLE, markersize=7, zorder=5)
     if pair["exact"] is not None:
         ax.axhline(pair["exact"], color=BLACK, linestyle=(0, (4, 2)), linewidth=0.9)
     else:

@@ -76,8 +76,8 @@ def test_what_is_drawn_last_along_a_ray_is_what_it_meets_first(name):
 
 def test_parts_are_those_of_the_faces_and_have_their_area():
     tree = DepthTree(SCENES["pierced"], 1000)
-    areas = [np.linalg.norm(np.sum(np.cross(x[1:-1] - x[0], x[2:] - x[0]), axis=0)) for x in tree.parts]
-    whole = [np.linalg.norm(np.cross(x[1] - x[0], x[2] - x[0])) for x in SCENES["pierced"]]
+    areas = [float(np.linalg.norm(np.sum(np.cross(x[1:-1] - x[0], x[2:] - x[0]), axis=0))) for x in tree.parts]
+    whole = [float(np.linalg.norm(np.cross(x[1] - x[0], x[2] - x[0]))) for x in SCENES["pierced"]]
     np.testing.assert_allclose(np.bincount(tree.owner, areas), whole, rtol=1e-9)
     assert len(areas) > len(whole) and len(DepthTree(CUBE, 12).parts) == 12
     with pytest.raises(ValueError, match="more than 15 parts"):

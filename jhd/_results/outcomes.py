@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 
 class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
-    """How a computation ended. RESULTS.successful: all requested bounds and conditions hold.
+    """How a computation ended; the member successful says that all requested bounds and conditions hold.
 
     `RESULTS[member]` is the sentence of a member.
     """

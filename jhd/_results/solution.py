@@ -333,7 +333,7 @@ class Decision(AbstractSolution):
         answer: a member of ANSWERS.
         lower: certified lower bound of the distance.
         upper: certified upper bound of the distance.
-        result: RESULTS.successful if it is decided; otherwise the reason.
+        result: the member successful of RESULTS if it is decided; otherwise the reason.
         stats: counts of the work in both directions.
         distance: the distance in question: "directed" (from `a` to `b`), "two_sided" (the larger of both directions) or
             "minimum".

@@ -67,7 +67,7 @@ class Deviation(eqx.Module):
         rms: the root of the mean squared distance.
         measure: the length or area of `a`, in the unit of the coordinates, or the number of its points.
         samples: the parts of `a` with their bounds, from which quantiles and fractions are computed.
-        result: RESULTS.successful if maximum, mean and rms reach the tolerance; otherwise the reason.
+        result: the member successful of RESULTS if maximum, mean and rms reach the tolerance; otherwise the reason.
         stats: counts of the work.
     """
 

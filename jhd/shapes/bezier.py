@@ -55,7 +55,7 @@ class BezierCurve(AbstractCurve):
         """A curve from homogeneous control points, rational if this curve is.
 
         Args:
-            homogeneous: array of the same form as the attribute `homogeneous`.
+            homogeneous: control points times weights and then the weights, or control points if there are none.
         """
         return BezierCurve(*cartesian(homogeneous, self.weights is not None))
 

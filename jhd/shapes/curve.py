@@ -214,7 +214,7 @@ class BezierSegments(AbstractCurve):
         """Segments from homogeneous control points, rational if this curve is.
 
         Args:
-            homogeneous: array of the same form as the attribute `homogeneous`.
+            homogeneous: control points times weights and then the weights, or control points if there are none.
             following: joints, in the form that the class takes; None joins ends that agree.
         """
         return BezierSegments(*cartesian(homogeneous, self.weights is not None), following)

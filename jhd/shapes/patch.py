@@ -243,7 +243,7 @@ class BezierPatch(AbstractPatch):
         """A patch from homogeneous control points, rational if this patch is.
 
         Args:
-            homogeneous: array of the same form as the attribute `homogeneous`.
+            homogeneous: control points times weights and then the weights, or control points if there are none.
         """
         return BezierPatch(*cartesian(homogeneous, self.weights is not None))
 

@@ -310,7 +310,7 @@ class Quantile(AbstractMeasure):
     """The q-quantile of the distance: the least distance that a fraction q of `a` does not exceed.
 
     This is the partial Hausdorff distance; call it as `jhd.Quantile(0.9)(a, b)`. The derivative is taken at the points
-    whose distance equals the quantile (or on the region, if a whole region has this distance). `estimate` with
+    whose distance equals the quantile (or on the region, if a whole region has this distance). The method estimate with
     `places` smooths the quantile instead, with an error of a few hundredths.
 
     Args:
