@@ -161,7 +161,7 @@ SLIPS: dict[str, tuple[Any, str]] = {
     "saved": (lambda: jhd.io.save_curve("none.svg", cast(Any, MESH)), "curve must be a curve .* got TriangleMesh"),
     "neighbours": (
         lambda: jhd.plot.neighbours(cast(Any, None), [LINE], cast(Any, [LINE])),
-        "found is a list; needs what",
+        "found is a list; needs the result of jhd.nearest_shapes",
     ),
     "color": (lambda: cast(Any, jhd.plot.curve)(LINE, color="red"), r"curve\(\) takes no color: write colour="),
     "colors": (lambda: cast(Any, jhd.plot.meshes)([MESH], colors=["red"]), r"takes no colors: write colours="),

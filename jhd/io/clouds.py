@@ -16,11 +16,11 @@ CLOUD_SUFFIXES = (".xyz", ".npy")
 def load_points(file: str | Path) -> BezierSegments:
     r"""Load a point set from a text, NumPy or PLY file.
 
-    >>> from tempfile import NamedTemporaryFile
-    >>> with NamedTemporaryFile("w", suffix=".xyz") as cloud:
-    ...     _ = cloud.write("0 0 0  # first\n3 4 0\n")
-    ...     cloud.flush()
-    ...     load_points(cloud.name)
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder, "cloud.npy")
+    ...     np.save(file, [(0.0, 0, 0), (3, 4, 0)])
+    ...     load_points(file)
     BezierSegments(2 points, in space, box (0, 0, 0) to (3, 4, 0))
 
     Args:

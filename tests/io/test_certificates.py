@@ -102,7 +102,7 @@ def test_verify_compares_with_the_shapes_at_hand(made, file, tmp_path, capsys):
     status, _, err = run(capsys, "verify", file, tmp_path / "a.json", tmp_path / "a.json")
     assert status == 1 and "the claim is proven, but B is another shape than the one given" in err
     status, _, err = run(capsys, "verify", file, tmp_path / "a.json")
-    assert status == 2 and "needs both, or none" in err
+    assert status == 2 and "needs both shapes, or none" in err
 
 
 def test_a_hash_that_is_not_that_of_the_arrays_is_refused(made, file):
