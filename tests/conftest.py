@@ -52,7 +52,7 @@ QUICK_FLAGS = (*FLAGS, "--xla_backend_optimization_level=0")
 # Bytes of a process from which on its programs are dropped, so that two processes fit into a laptop of 4 GB, and how
 # many more than the last drop left it must hold: modules and what the C library holds in pieces stay.
 _ROOM = 1150 << 20
-_GROWTH = 200 << 20
+_GROWTH = 150 << 20
 _left = 0
 # Those that take longest when nothing is compiled yet, quick and slow tests together. Files that share large programs
 # do not stand beside each other: two processes that begin with them would compile the same.

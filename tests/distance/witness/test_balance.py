@@ -43,6 +43,7 @@ def sphere(radius, center, scale=1.0, dtype: Any = float):
     return scale * f.at[2, 0, 0].set(1.0).at[0, 2, 0].set(1.0).at[0, 0, 2].set(1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("x", [0.0, 1e3], ids=["origin", "far"])
 def test_close_spheres_have_the_derivatives_of_their_closed_form(x):
     # The sphere of radius 1 + gap about c + 2 gap n is 3 gap away: h = |center - c| + gap.
@@ -106,6 +107,7 @@ def test_derivatives_in_coefficients_do_not_vanish_where_squares_of_gradients_do
     np.testing.assert_allclose(change, 0.5, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_feet_that_do_not_count_stay_where_they_are():
     # Two points above a sphere; the third and fourth foot have no multiplier, and lie on no face.
     feet = np.array([[0.0, 0, 1], NORMAL])
@@ -138,6 +140,7 @@ def test_refused_pairs_have_the_derivative_zero_in_reverse_mode_too(nowhere):
     assert not any(np.any(x) for x in slopes)
 
 
+@pytest.mark.slow
 def test_second_derivatives_at_a_collapsed_edge_are_refused():
     # An octant of the unit sphere, whose last edge is the pole.
     s = np.sqrt(0.5)
