@@ -104,9 +104,14 @@ def test_the_gallery_page_holds_every_figure_as_captions_and_pictures_are_now():
     assert sum(file.stat().st_size for file in GALLERY["GALLERY"].iterdir()) < SMALL
 
 
-def test_the_readme_stays_short_and_prints_what_it_shows(capsys):
+def test_the_readme_stays_short():
     page = (ROOT / "README.md").read_text(encoding="utf-8")
     assert len(page.splitlines()) < 200 and max(map(len, page.splitlines())) <= 120
+
+
+@pytest.mark.slow
+def test_the_readme_prints_what_it_shows(capsys):
+    page = (ROOT / "README.md").read_text(encoding="utf-8")
     source, shown = re.findall(r"^```(?:python)?\n(.*?)^```", page[page.index("```python") :], re.S | re.M)[:2]
     exec(source, {})
     printed = capsys.readouterr().out
