@@ -321,7 +321,7 @@ def _second_order(
     convex = semidefinite(h, jnp.zeros(z.shape, bool))
     reach = jnp.maximum(z, 1 - z) + at.shift
     off_diagonal = jnp.where(jnp.eye(z.size, dtype=bool), jnp.maximum(-h.lower, 0.0), h.size)
-    curved = 0.5 * jnp.sum(off_diagonal * reach[:, None] * reach) * (1 + gamma(24, dtype))
+    curved = 0.5 * jnp.sum(off_diagonal * reach[:, None] * reach) * (1 + gamma(z.size**2 + 24, dtype))
     up = jnp.maximum(slope.upper, 0.0) * (z + at.shift)
     down = jnp.maximum(-slope.lower, 0.0) * (1 - z + at.shift)
     taken = jnp.sum(jnp.maximum(up, down)) * (1 + gamma(16, dtype)) + jnp.where(convex, 0.0, curved)

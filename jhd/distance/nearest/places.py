@@ -76,8 +76,9 @@ def local_feet(
     """Points of the surface near the starts that are about the nearest ones of their part of it.
 
     A step solves (1 + mu T) s = t for the move s along the surface, with t the tangential part of point - q, mu its
-    share of the gradient, and T the tangential part of the second derivatives; where that is not positive, its size is
-    taken. Faces that the move would leave hold their coordinate for this step.
+    share of the gradient, and T the tangential part of the second derivatives. If 1 + mu T is not positive definite,
+    only its non-positive direction is damped; if neither direction is clearly positive, both are. Faces that the move
+    would leave hold their coordinate for this step.
     """
     lower, upper = jnp.asarray(side.lower)[:, None], jnp.asarray(side.upper)[:, None]
 
@@ -134,7 +135,7 @@ def _tangential(apart: Array, gradient: Array, hessian: Array, held: Array) -> A
     trace = h[0, 0] + h[1, 1] + h[2, 2]
     minor = 0.5 * (trace**2 - jnp.sum(h**2, axis=(0, 1)))
     definite = (1 + trace + minor > _DEFINITE) & (2 + trace > 2 * _DEFINITE)
-    # Where the distance grows along one direction alone steps along that one stay Newton's.
+    # If the distance grows along only one direction, the step along it stays Newton's.
     eye = jnp.eye(3, dtype=h.dtype)[..., None]
     root = jnp.sqrt(jnp.maximum(0.25 * trace**2 - minor, 0.0))
     first, second = 0.5 * trace + root, 0.5 * trace - root

@@ -143,7 +143,7 @@ def nearest(
     least: Float[Array, ""],
     close: Float[Array, ""],
     capacity: int = CAPACITY,
-    most: Array | int = CAPACITY,
+    most: Array | int | None = None,
 ) -> NearestOnSurface:
     """Bounds of the distance from a point to the surface.
 
@@ -157,9 +157,10 @@ def nearest(
         least: the search ends as soon as the distance is proven to be at most this.
         close: and as soon as both bounds are as close as this, or as rounding lets them be.
         capacity: open cells that there is room for; steps follow it.
-        most: the search is given up as soon as more are open.
+        most: number of open cells beyond which the search stops with valid, wider bounds; None means never.
     """
     max_steps = _MAX_STEPS * capacity // CAPACITY
+    most = capacity if most is None else most
     u = unit_roundoff(point.dtype)
 
     def better(state: _SurfaceQuery, places: Array) -> tuple[Array, Array]:
