@@ -72,7 +72,7 @@ def _cusped() -> np.ndarray:
 
 def _measured(curve: jhd.BezierSegments, shares: list[float]) -> dict[str, Any]:
     """All tolerances of one curve."""
-    low, high = curve.box()
+    low, high = curve.bounds
     diagonal = float(jnp.linalg.norm(high - low))
     rows = [_at(curve, share, diagonal) for share in shares]
     theory = _theory(curve)

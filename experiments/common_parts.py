@@ -47,7 +47,7 @@ def turned(offset: float = 0.0, bulge: float = 0.0) -> jhd.BSplineSurface:
 
 def diagonal(*shapes: Any) -> float:
     """The diagonal of the box of all control points, vertices and boxes."""
-    ends = np.array([[np.asarray(end) for end in shape.box()] for shape in shapes])
+    ends = np.array([[np.asarray(end) for end in shape.bounds] for shape in shapes])
     return float(np.linalg.norm(ends[:, 1].max(axis=0) - ends[:, 0].min(axis=0)))
 
 

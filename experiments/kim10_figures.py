@@ -99,7 +99,7 @@ def _checked(
 def _trimmed(first: AbstractCurve, second: AbstractCurve, pixels: int, drawn: int) -> dict[str, Any]:
     """The published lower bound, what of a is left by it, and the check of both."""
     a, b = first.segments(), second.segments()
-    low, high = (np.asarray(x) for x in jhd.BezierSegments.join([a, b]).box())
+    low, high = (np.asarray(x) for x in jhd.BezierSegments.join([a, b]).bounds)
     diagonal = float(np.linalg.norm(high - low))
     box = low - MARGIN * diagonal, high + MARGIN * diagonal
     proven = jhd.directed_hausdorff(a, b)

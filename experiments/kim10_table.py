@@ -67,7 +67,7 @@ def main() -> None:
 def _measured(kind: str, count: int, budget: float) -> dict[str, Any]:
     """One pair: values, boxes and times by method."""
     a, b = (curve.segments() for curve in pair(kind, count))
-    low, high = (np.asarray(x) for x in jhd.BezierSegments.join([a, b]).box())
+    low, high = (np.asarray(x) for x in jhd.BezierSegments.join([a, b]).bounds)
     diagonal = float(np.linalg.norm(high - low))
     methods = {
         "AlgebraicEvents": jhd.AlgebraicEvents(),

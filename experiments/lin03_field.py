@@ -91,7 +91,7 @@ def knot(rows: int, columns: int) -> jhd.TriangleMesh:
 
 
 def _measured(name: str, mesh: jhd.TriangleMesh, run: Run, full: bool) -> dict[str, Any]:
-    lower, upper = (np.asarray(end) for end in mesh.box())
+    lower, upper = (np.asarray(end) for end in mesh.bounds)
     size = float(np.max(upper - lower))
     atol = (20 if run.smoke else 1) * BAND * size
     resolution = 24 if run.smoke else RESOLUTION

@@ -62,7 +62,7 @@ def _profile() -> jhd.TriangleMesh:
 
 
 def _measured(mesh: jhd.TriangleMesh, run: Run) -> dict[str, Any]:
-    lower, upper = (np.asarray(end) for end in mesh.box())
+    lower, upper = (np.asarray(end) for end in mesh.bounds)
     points = run.random.uniform(lower, upper, (SMOKE_QUERIES if run.smoke else QUERIES, 3))
     diagonal = float(np.linalg.norm(upper - lower))
     exact, seconds = _timed(mesh, points, None)
@@ -114,7 +114,7 @@ def _errors(error: np.ndarray) -> dict[str, Any]:
 
 def _section(mesh: jhd.TriangleMesh, cells: int) -> dict[str, Any]:
     """Errors of the published grid in a section across the middle of a profile, and its outline there."""
-    lower, upper = (np.asarray(end) for end in mesh.box())
+    lower, upper = (np.asarray(end) for end in mesh.bounds)
     low, high = lower[:2] - MARGIN, upper[:2] + MARGIN
     x, y = (np.linspace(low[k], high[k], cells) for k in (0, 1))
     points = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((cells, cells), LENGTH / 2)], axis=-1)

@@ -108,7 +108,7 @@ _PEERS: dict[str, tuple[Callable[[np.ndarray, np.ndarray], Queries], str, float]
 
 def _queries(mesh: jhd.TriangleMesh, run: Run) -> list[dict[str, Any]]:
     vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
-    lower, upper = (np.asarray(end) for end in mesh.box())
+    lower, upper = (np.asarray(end) for end in mesh.bounds)
     count, diagonal = SMOKE_QUERIES if run.smoke else QUERIES, float(np.linalg.norm(upper - lower))
     even = run.random.uniform(lower, upper, (count, 3))
     near = _spread(mesh, count, run.random) + NEAR * diagonal * run.random.normal(size=(count, 3))

@@ -94,7 +94,7 @@ class _Side(NamedTuple):
 
 def _trial(a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
     """One pair: the distance proven, and as it comes out for either bound with one or both curves trimmed."""
-    low, high = (np.asarray(x) for x in jhd.BezierSegments.join([a, b]).box())
+    low, high = (np.asarray(x) for x in jhd.BezierSegments.join([a, b]).bounds)
     diagonal = float(np.linalg.norm(high - low))
     proven = jhd.hausdorff(a, b)
     p, q, frame = prepare(a, b)

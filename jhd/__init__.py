@@ -1,7 +1,7 @@
 """jhd: certified, differentiable Hausdorff distances of curves, surfaces and meshes.
 
 A *shape* is a curve, a parametric surface, an implicit surface, a triangle mesh or a point set. The directed Hausdorff
-distance from `a` to `b` is the largest distance from a point of `a` to `b`. Each result has a `value`, which is what to
+distance from `a` to `b` is the largest distance from a point of `a` to `b`. Distances have a `value`, which is what to
 differentiate, and bounds with `lower <= exact <= upper`, rounding included. The *witness* is the point that attains the
 distance, with its *foot points*, the nearest points on the other shape.
 
@@ -13,12 +13,13 @@ distance, with its *foot points*, the nearest points on the other shape.
 # Which call do I need?
 
 - How far apart are two shapes at most: `hausdorff`; from one shape only: `directed_hausdorff`.
-- How near are they: `minimum_distance`. Is a distance below a limit: `hausdorff_at_most`, `minimum_at_most`.
+- The smallest distance between them: `minimum_distance`.
+- Is a distance below a limit: `hausdorff_at_most`, `minimum_at_most`.
 - Mean, root mean square and quantiles of the distance: `deviation`; as a loss: `Mean`, `RootMeanSquare`, `Quantile`.
 - The nearest point on a shape: `project`; all stationary points on a curve: `stationary_points`.
 - Inside or outside of a mesh: `signed_distance`; millions of such queries: `AdaptiveDistanceField`.
 - A shape that fits another one: `fit_curve`, `fit_outline`, `minimise_hausdorff`; a smooth loss: `soft_hausdorff`.
-- Many shapes: `pairwise`, `nearest_shapes`, `pairs_within`. Many queries on one shape: `prepare` it first.
+- Many shapes, by Hausdorff distance: `pairwise`, `nearest_shapes`, `pairs_within`.
 - A proof for others to check: `certify`, `verify`.
 - Files and glyphs: `jhd.io`. Pictures: `jhd.plot`. Objects of other packages: `as_shape`.
 
@@ -42,7 +43,7 @@ other processes read them: see `jhd doctor`. `jhd warm plane` compiles in advanc
 ask for a larger `atol`. If whole regions are equally far, as for a shape and its offset, the work grows as the gap
 shrinks.
 
-**How do I get a result instead of an exception?** Pass `throw=False` and read `result`, a member of `RESULTS`.
+**How do I get a result instead of an exception?** Pass `throw=False` and read `ok`, or `result`, a member of `RESULTS`.
 
 **Can I use it inside `jit`, `vmap` and `grad`?** Yes. Searches for points and curves become part of the compiled
 function; the others are called on the host. Shapes may be arguments, closed over, or built inside.

@@ -45,7 +45,7 @@ For several shapes, give a folder, a quoted pattern of files ("scans/*.ply"), or
 """
 _LENGTH_EPILOG = """\
 
-LENGTH is a number in input units, or a percentage of the diagonal of the joint bounding box, for example 0.1%.
+LENGTH is a number in input units, or a percentage of the diagonal of the box around all given shapes, for example 0.1%.
 """
 _EPILOG = f"""\
 examples:
@@ -69,8 +69,8 @@ examples:
   jhd doctor
 
 {_SHAPES_EPILOG}{_LENGTH_EPILOG}
-Exit status: 0 done; 1 bounds not closed, or certificate refused; 2 invalid input; 70 unexpected error;
-130 interrupted, with the bounds reached. With --threshold: 0 yes, 3 no, 1 undecided.
+Exit status: 0 done; 1 bounds not closed, fit outside its tolerance, or certificate refused; 2 invalid input;
+70 unexpected error; 130 interrupted, with the bounds reached. With --threshold: 0 yes, 3 no, 1 undecided.
 
 Environment: JHD_CACHE=FOLDER is the folder of compiled functions, JHD_CACHE=0 keeps none. JAX_ENABLE_X64=0 computes in
 float32. JHD_TRACEBACK=1 shows the location of an unexpected error.
@@ -177,7 +177,8 @@ class _Parser(argparse.ArgumentParser):
 def _parser() -> argparse.ArgumentParser:
     """The parser; options.command names the function in jhd._cli.commands."""
     raw = argparse.RawDescriptionHelpFormatter
-    parser = _Parser("jhd", description=jhd.__doc__, epilog=_EPILOG, formatter_class=raw)
+    summary = (jhd.__doc__ or "").partition("\n")[0]
+    parser = _Parser("jhd", description=summary, epilog=_EPILOG, formatter_class=raw)
     parser.add_argument("--version", action="version", version=f"jhd {jhd.__version__}")
     parser.set_defaults(command="demo")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
@@ -186,7 +187,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_deviation(commands)
     _add_collections(commands)
 
-    purpose = "curve of few segments within a tolerance of a curve"
+    purpose = "fit of a curve by few segments, within a tolerance"
     fit = _added(commands, "fit", purpose, _LENGTH_EPILOG.lstrip())
     curve = "curve to approximate: a .json, .svg or .igs file, font:NAME:LETTER, or SVG path data"
     fit.add_argument("target", metavar="TARGET", help=curve)
@@ -223,7 +224,7 @@ def _added(commands: Any, name: str, purpose: str, epilog: str | None = None) ->
 
 
 def _add_distances(commands: Any) -> None:
-    """The largest and the smallest distance of two shapes."""
+    """Hausdorff distance and minimum distance of two shapes."""
     epilog = _SHAPES_EPILOG + _LENGTH_EPILOG
     distance = _added(commands, "distance", "Hausdorff distance of two shapes, with certified bounds", epilog)
     _add_shapes(distance)
@@ -270,7 +271,7 @@ def _add_others(commands: Any) -> None:
     resolution = "number of cells of the zero set along the longest side, 2 to 4096"
     field.add_argument("--resolution", type=int, metavar="N", help=resolution)
 
-    warm = _added(commands, "warm", "compilation for some kinds of shapes in advance, kept on disk")
+    warm = _added(commands, "warm", "compile functions for some kinds of shapes in advance, and keep them on disk")
     warm.add_argument("kinds", metavar="KIND", nargs="*", help=f"kinds of shapes: {', '.join(_KINDS)} (default: all)")
     degree = "degree of curves (default: 3), and of implicit surfaces in each variable (default: 2)"
     warm.add_argument("--degree", type=int, metavar="N", help=degree)
@@ -290,7 +291,7 @@ def _add_deviation(commands: Any) -> None:
     _add_shapes(
         parser, "shape over which distances are taken, no implicit surface", "shape to which distances are taken"
     )
-    atol = "largest upper - lower of the mean and the RMS (default: 1e-6 of the diagonal)"
+    atol = "largest upper - lower of maximum, mean and RMS (default: 1e-6 of the diagonal)"
     parser.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=atol)
     rtol = "the same relative to the upper bound; the larger of both counts (default: 1e-3)"
     parser.add_argument("--rtol", type=float, default=1e-3, metavar="FRACTION", help=rtol)
@@ -308,7 +309,7 @@ def _add_collections(commands: Any) -> None:
     pairwise.add_argument("--store", metavar="FOLDER", help=store)
 
     nearest = _added(commands, "nearest", "nearest of many shapes by the Hausdorff distance, certified", _MANY_EPILOG)
-    nearest.add_argument("query", metavar="QUERY", help="shape or shapes whose nearest shapes are searched, see below")
+    nearest.add_argument("query", metavar="QUERY", help="query shape or shapes, see below")
     nearest.add_argument("shapes", metavar="SHAPE", nargs="+", help="shapes among which to search, see below")
     count = "number of nearest shapes for each query (default: 1)"
     nearest.add_argument("--count", dest="k", type=int, default=1, metavar="N", help=count)

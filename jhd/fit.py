@@ -88,8 +88,8 @@ def minimise_hausdorff(
         build: function that maps parameters to a shape. It is traced, so write it in jax.numpy. A module-level function
             or an equinox Module is compiled once, a lambda in every call.
         parameters: start of the fit: an array or a pytree of arrays.
-        target: curve, implicit surface or mesh, of the kind that `build` returns. With a measure other than the
-            Hausdorff distance, all shapes for which the measure is defined.
+        target: curve or point set, implicit surface or mesh, of the kind that `build` returns. With a measure other
+            than the Hausdorff distance, all shapes for which the measure is defined.
         measure: loss: Hausdorff() (the default), Mean(), RootMeanSquare() or Quantile(q), applied to (target, shape).
         temperature: positive length for starts that are far away, for curves only: about a third of the distance at the
             start. Steps on `soft_hausdorff` come first, with temperatures from this value down to a fiftieth. They are
@@ -392,7 +392,7 @@ def _starts(build: Callable, first: np.ndarray, starts: Any, seed: int, target: 
         raise ValueError(f"starts is {starts}; needs at least 1.")
     if starts == 1:
         return first[None]
-    low, high = target.box()
+    low, high = target.bounds
     spread = _SPREAD * float(jnp.max(high - low)) * scales_of(build, target)(first)
     noise = np.random.default_rng(seed).normal(size=(starts - 1, first.size))
     return np.concatenate([first[None], first + spread * noise])

@@ -212,7 +212,7 @@ def test_one_command_draws_what_is_missing_once_and_says_what_is_drawn_of_old_nu
 @pytest.mark.slow
 @pytest.mark.parametrize("script", TOUR, ids=names(TOUR))
 def test_a_script_of_the_tour_says_what_it_shows_and_what_it_says_holds(script, tmp_path, monkeypatch, capsys):
-    assert len(TOUR) == 10 and ast.get_docstring(ast.parse(script.read_text(encoding="utf-8")))
+    assert len(TOUR) == 11 and ast.get_docstring(ast.parse(script.read_text(encoding="utf-8")))
     monkeypatch.chdir(tmp_path)
     run(script, monkeypatch)
     assert capsys.readouterr().out

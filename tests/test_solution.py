@@ -1,6 +1,7 @@
 """Results, events, witnesses and solutions: what they say, and that they pass through transformations and JSON."""
 
 import json
+import operator
 
 import equinox as eqx
 import jax
@@ -219,6 +220,20 @@ def test_a_format_of_numbers_is_that_of_both_bounds_rounded_outward():
     assert f"{solution}" == repr(solution)
     with pytest.raises(TypeError, match="one distance"):
         f"{jax.tree_util.tree_map(lambda x: x[None], solution):.3f}"
+
+
+def test_a_dictionary_holds_what_json_holds_for_every_kind_of_solution():
+    line = jhd.polyline([(0, 0), (1, 0)])
+    kinds = [a_solution(), jhd.project([(0, 1)], line), jhd.hausdorff_at_most(line, line, 1)]
+    for solution in kinds:
+        assert json.loads(solution.to_json()) == solution.to_dict() and solution.to_dict()["result"]
+
+
+@pytest.mark.parametrize("compare", [operator.lt, operator.le, operator.gt, operator.ge])
+def test_an_order_of_distances_is_refused_with_what_decides(compare):
+    for other in (1, 2.0, a_solution()):
+        with pytest.raises(TypeError, match="is not a number: .* hausdorff_at_most"):
+            compare(a_solution(), other)
 
 
 def test_json_takes_the_options_of_json_dumps():

@@ -202,7 +202,7 @@ def deviation(options: Namespace) -> int:
     if options.json:
         asked = {"atol": atol, "rtol": options.rtol, "a": options.a, "b": options.b, "within": threshold}
         shares = {} if within is None else {"share_within": list(within)}
-        print_json(found, found.to_plain() | shares, **asked, **box_of(a, b), diagonal=size, seconds=seconds)
+        print_json(found, found.to_dict() | shares, **asked, **box_of(a, b), diagonal=size, seconds=seconds)
         return exit_status(found)
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     print(deviation_text(found, threshold, size), end="\n\n")

@@ -67,7 +67,7 @@ def _in_box(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> Any:
 def box_of(*shapes: Any) -> dict[str, Any]:
     """The box of the implicit surfaces among the shapes, for the context of a stored result."""
     surface = next((shape for shape in shapes if isinstance(shape, ImplicitSurface)), None)
-    return {} if surface is None else {"box": [np.asarray(end).tolist() for end in surface.box()]}
+    return {} if surface is None else {"box": [np.asarray(end).tolist() for end in surface.bounds]}
 
 
 def check_writable(*files: str | None) -> None:

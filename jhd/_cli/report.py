@@ -171,7 +171,7 @@ def shape_line(name: str, spec: str, shape: Any) -> str:
     """A line with the name of a shape, its text on the command line, and its kind and size."""
     shown = spec if len(spec) <= _SPEC_WIDTH else f"{spec[: _SPEC_WIDTH - 3]}..."
     if isinstance(shape, ImplicitSurface):
-        ends = zip(*(np.asarray(end) for end in shape.box()), strict=True)
+        ends = zip(*(np.asarray(end) for end in shape.bounds), strict=True)
         box = " x ".join(interval_text(low, high, ".9g") for low, high in ends)
         return f"{name}  {shown}: surface of degree {shape.degree} in {box}"
     if isinstance(shape, TriangleMesh):

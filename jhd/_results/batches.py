@@ -3,6 +3,7 @@
 A batch can be indexed. Its text counts the entries that did not succeed.
 """
 
+import json
 from collections import Counter
 from html import escape
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jhd._results.outcomes import RESULTS, names_of
+from jhd._results.plain import to_plain
 from jhd._runtime.arrays import is_traced
 from jhd.decimals import lower_text, upper_text
 
@@ -54,6 +56,25 @@ class AbstractSolution(eqx.Module):
             return jax.tree_util.tree_map(lambda x: x[index], self)
         # On the host, where nothing is compiled.
         return on_device(jax.tree_util.tree_map(lambda x: np.asarray(x)[index], self))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The solution as nested dictionaries, lists, numbers and names.
+
+        Returns:
+            One entry for each field. Numbers that are not finite are None, and members of enumerations are names.
+        """
+        return to_plain(self)
+
+    def to_json(self, **options: Any) -> str:
+        """The solution as JSON text: numbers that are not finite are null, members of enumerations are names.
+
+        Args:
+            options: options of json.dumps, for example indent=2.
+
+        Returns:
+            The JSON text of `to_dict`.
+        """
+        return json.dumps(self.to_dict(), **options)
 
     def _repr_html_(self) -> str:
         """The solution in a notebook: a table of its numbers; for a batch the printed text."""

@@ -4,9 +4,8 @@ Every class is a pytree of arrays, so solutions pass through jit and vmap. A bat
 leaves have leading axes. JSON and files hold nested dictionaries, lists, numbers and names.
 """
 
-import json
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -23,32 +22,12 @@ from jhd._results.outcomes import RESULTS as RESULTS
 from jhd._results.outcomes import name_of as name_of
 from jhd._results.outcomes import names_of as names_of
 from jhd._results.outcomes import result_where as result_where
+from jhd._results.plain import stored_fields as stored_fields
+from jhd._results.plain import to_plain as to_plain
 from jhd._results.unproven import NotProvenError as NotProvenError
 from jhd._results.unproven import throw_unless_successful as throw_unless_successful
 from jhd._runtime.arrays import is_traced
 from jhd.decimals import interval_text, lower_text, point_text, upper_text
-
-
-def stored_fields(value: eqx.Module) -> list[str]:
-    """The names of the fields of a result in files and JSON."""
-    return [field.metadata.get("name", field.name) for field in fields(value) if field.metadata.get("stored", True)]
-
-
-def to_plain(value: Any) -> Any:
-    """A result as nested dictionaries, lists, numbers and names, ready for JSON; non-finite numbers become None."""
-    if hasattr(value, "_enumeration"):  # a member of an enumeration is a Module too
-        return names_of(value)
-    if isinstance(value, eqx.Module):
-        return {name: to_plain(getattr(value, name)) for name in stored_fields(value)}
-    if isinstance(value, dict):
-        return {name: to_plain(item) for name, item in value.items()}
-    if isinstance(value, jax.Array | np.ndarray):
-        return to_plain(np.asarray(value).tolist())
-    if isinstance(value, list):
-        return [to_plain(item) for item in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
 
 
 def with_result(solution: Any, result: Any) -> Any:
@@ -143,16 +122,11 @@ class AbstractDistance(AbstractSolution):
             raise TypeError("a number format needs one distance; this one is traced, or a batch to index.")
         return interval_text(self.lower, self.upper, spec)
 
-    def to_json(self, **options: Any) -> str:
-        """The solution as JSON text: bounds that are not certified are null, members of enumerations are names.
+    def _compared(self, other: object) -> Any:
+        ask = "compare its value, lower or upper, or use hausdorff_at_most or minimum_at_most"
+        raise TypeError(f"a {type(self).__name__} is not a number: {ask}.")
 
-        Args:
-            options: options of json.dumps, for example indent=2.
-
-        Returns:
-            The JSON text.
-        """
-        return json.dumps(to_plain(self), **options)
+    __lt__ = __le__ = __gt__ = __ge__ = _compared
 
 
 class HausdorffSolution(AbstractDistance):
@@ -161,7 +135,7 @@ class HausdorffSolution(AbstractDistance):
     `float(solution)` is the value. `f"{solution:.3f}"` shows both bounds, rounded outward.
 
     Args:
-        value: the distance found; differentiable.
+        value: the distance found, between the bounds; differentiable.
         lower: certified lower bound; 0 if the method certifies none.
         upper: certified upper bound; inf if the method certifies none.
         witness: the point that attains the value, with its foot points.

@@ -66,9 +66,10 @@ class Pairwise(eqx.Module):
 
 
 class Neighbours(eqx.Module):
-    """The nearest shapes of each query, nearest first.
+    """The nearest shapes of each query, in the order of `value`.
 
-    The k nearest shapes of a query are among the shapes in its row and in its `ties`.
+    The k nearest shapes of a query are among the shapes in its row and in its `ties`. The order of two shapes whose
+    bounds overlap is not certified.
 
     Args:
         index: indices of the shapes, (queries, k).
@@ -189,6 +190,7 @@ def nearest_shapes(
 
     Distances of all shapes from the points of a lattice bound the distances of all pairs. Only the remaining pairs are
     searched, up to the best bound so far; this is a small fraction of all pairs. Shapes often tie, and ties are listed.
+    Shapes are compared at their positions: nothing is aligned or scaled.
     If `queries` is `shapes`, each query is its own nearest shape. Ctrl-C ends the call with the results so far, once
     all pairs have bounds.
 

@@ -152,10 +152,14 @@ class Deviation(eqx.Module):
         Returns:
             The JSON text.
         """
-        return json.dumps(self.to_plain(), **options)
+        return json.dumps(self.to_dict(), **options)
 
-    def to_plain(self) -> dict[str, Any]:
-        """The bounds as nested dictionaries, lists, numbers and names, ready for JSON."""
+    def to_dict(self) -> dict[str, Any]:
+        """The bounds and the quantiles 0.5, 0.9 and 0.99 as nested dictionaries, lists, numbers and names.
+
+        Returns:
+            The entries maximum, mean, rms, measure, quantiles, result and stats.
+        """
         quantiles = {str(q): to_plain(list(self.quantile(q))) for q in (0.5, 0.9, 0.99)}
         ends = {name: to_plain(list(getattr(self, name))) for name in ("mean", "rms", "measure")}
         return {"maximum": to_plain(self.maximum), **ends, "quantiles": quantiles, "result": name_of(self.result)} | {

@@ -58,8 +58,10 @@ def directed_hausdorff(
             (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, a mesh, or an object that `jhd.as_shape`
             accepts.
         b: the shape to which distances are measured, of any of these kinds and of the same dimension.
-        method: the method with its options; by default BranchAndBound(), which serves all shapes. CubeIntervals()
-            serves implicit surfaces, outside jit. TwoStep(), BiarcTrimming() and AlgebraicEvents() serve curves.
+        method: the method with its options; by default BranchAndBound(), which serves all shapes and closes the bounds
+            to 1e-10 of the diagonal. Write BranchAndBound(atol=...) for another tolerance. CubeIntervals() serves
+            implicit surfaces, outside jit. TwoStep() serves curves. BiarcTrimming() and AlgebraicEvents() serve
+            polynomial curves in the plane, outside jit.
         throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
         progress: a function that is called with a Progress from time to time (by CubeIntervals with a VoxelProgress);
             ignored under jit. Ctrl-C ends the search with the bounds reached and RESULTS.interrupted.
@@ -101,8 +103,10 @@ def hausdorff(
         a: points (`jhd.points`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
             ImplicitSurface, a mesh, or an object that `jhd.as_shape` accepts.
         b: a shape of any of these kinds and of the same dimension.
-        method: the method with its options; by default BranchAndBound(), which serves all shapes. CubeIntervals()
-            serves implicit surfaces, outside jit. TwoStep(), BiarcTrimming() and AlgebraicEvents() serve curves.
+        method: the method with its options; by default BranchAndBound(), which serves all shapes and closes the bounds
+            to 1e-10 of the diagonal. Write BranchAndBound(atol=...) for another tolerance. CubeIntervals() serves
+            implicit surfaces, outside jit. TwoStep() serves curves. BiarcTrimming() and AlgebraicEvents() serve
+            polynomial curves in the plane, outside jit.
         throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
         progress: a function that is called with a Progress from time to time; see `directed_hausdorff`.
 

@@ -187,7 +187,7 @@ def first_grid(mesh: TriangleMesh, atol: float) -> Grid:
     Raises:
         ValueError: a box that leaves the range of floats.
     """
-    lower, upper = (np.asarray(end, np.float64) for end in mesh.box())
+    lower, upper = (np.asarray(end, np.float64) for end in mesh.bounds)
     info = np.finfo(np.asarray(mesh.vertices).dtype)
     size, reach = float(np.max(upper - lower)), float(np.max(np.abs([lower, upper])))
     # A mesh that is a single place still has a box that floats can divide.
@@ -206,7 +206,7 @@ def first_grid(mesh: TriangleMesh, atol: float) -> Grid:
 
 def bounding_cube(mesh: TriangleMesh) -> Grid:
     """The published first level: the one cube about the box of a mesh, from its lower corner."""
-    lower, upper = (np.asarray(end, np.float64) for end in mesh.box())
+    lower, upper = (np.asarray(end, np.float64) for end in mesh.bounds)
     side, reach = float(np.max(upper - lower)) or 1.0, float(np.max(np.abs([lower, upper])))
     room = side / (max(reach, side) * float(np.finfo(np.asarray(mesh.vertices).dtype).eps))
     deepest = int(np.clip(np.floor(np.log2(room)) - 2, 0, DEEPEST))

@@ -188,7 +188,7 @@ def _grid(surface: ImplicitSurface, cells: int) -> _VoxelGrid:
     if is_traced(surface):
         raise TypeError("surface is traced; needs a known surface, as the number of cells depends on it.")
     levels = (cells - 1).bit_length()
-    lower, upper = ([Fraction(float(x)) for x in np.asarray(end)] for end in surface.box())
+    lower, upper = ([Fraction(float(x)) for x in np.asarray(end)] for end in surface.bounds)
     box = list(zip(lower, upper, strict=True))
     exact = exact_polynomials.trimmed(exact_polynomials.integers(np.asarray(surface.coefficients)))
     exact = exact_polynomials.substituted(

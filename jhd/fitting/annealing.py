@@ -53,7 +53,7 @@ def annealing(
     check_curve("target", target)
     heat = real_array("temperature", temperature)
     check_scalar("temperature", heat, positive=True)
-    low, high = (np.asarray(end) for end in target.box())
+    low, high = (np.asarray(end) for end in target.bounds)
     size = float(np.max(high - low)) or 1.0
 
     def annealed(parameters: Any) -> Any:

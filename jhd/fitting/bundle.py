@@ -102,7 +102,7 @@ def minimise_by_cuts(
         report: called with step, distance and optimality.
         clock: ends it.
     """
-    low, high = target.box()
+    low, high = target.bounds
     size = float(np.max(np.asarray(high) - np.asarray(low)))
     point = evaluated(build, target, parameters)
     scale = motions(build, parameters)

@@ -69,9 +69,10 @@ class SoftSamples(NamedTuple):
 def soft_hausdorff(a: Any, b: Any, temperature: Numbers, method: AbstractHausdorffMethod | None = None) -> Array:
     """Smooth upper bound S of the Hausdorff distance H of two curves: a loss with dense gradients.
 
-    S satisfies H <= S <= H + temperature * log(64), and both bounds are certified. S softens the maximum over H and the
-    distances at a thousand samples of each curve. Its gradient therefore moves all control points whose distance is
-    within a few temperatures of the maximum; the gradient of `hausdorff` acts at one point only.
+    S satisfies H <= S <= H + temperature * log(64), for the certified upper bound H of the distance. S softens the
+    maximum over H and the distances at about a thousand samples of each curve, at most 256 a segment. Its gradient
+    therefore moves all control points whose distance is within a few temperatures of the maximum; the gradient of
+    `hausdorff` acts at one point only.
 
     Start with a temperature of a third of the distance and lower it, so that S tends to H. The cost is one `hausdorff`
     and the feet of the samples. Works under jit, vmap and grad, for first derivatives.
@@ -82,8 +83,8 @@ def soft_hausdorff(a: Any, b: Any, temperature: Numbers, method: AbstractHausdor
     [1.4159, 1.0416]
 
     Args:
-        a: curve, or an object that jhd.as_shape converts to a curve.
-        b: curve of the same dimension as `a`.
+        a: curve or point set, or an object that jhd.as_shape converts to one.
+        b: curve or point set of the same dimension as `a`.
         temperature: positive length, in the unit of the coordinates.
         method: BranchAndBound with the options of the search for H; a wider tolerance widens the bound by as much. None
             selects BranchAndBound().

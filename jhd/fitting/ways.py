@@ -112,7 +112,7 @@ def fit_by_measure(
     report: Callable[[int, float, float], object],
 ) -> Descended:
     """Steps from the parameters, a vector, until the measure of (target, shape) is stationary; see descend."""
-    low, high = (np.asarray(end) for end in target.box())
+    low, high = (np.asarray(end) for end in target.bounds)
     size = float(np.max(high - low)) or 1.0
     function = lambda p: measure.estimate(target, build(p), places=_PLACES)  # noqa: E731
     return descend(function, parameters, scale, size, max_steps, atol, clock, report)

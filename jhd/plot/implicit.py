@@ -89,7 +89,7 @@ def surfaces(
     ax = axes_for(ax, 3)
     nets = [net(shape, cells) for shape in shapes]
     shaded_shapes(ax, nets, colours, labels, alpha)
-    frame(ax, [np.asarray(end) for shape in shapes for end in shape.box()])
+    frame(ax, [np.asarray(end) for shape in shapes for end in shape.bounds])
     return ax
 
 
@@ -184,7 +184,7 @@ def section(
         ValueError: the axis is not 0, 1 or 2, or the plane lies outside the box.
     """
     check_surface("shape", shape)
-    low, high = (np.asarray(end, float) for end in shape.box())
+    low, high = (np.asarray(end, float) for end in shape.bounds)
     if axis not in (0, 1, 2):
         raise ValueError(f"axis is {axis}; needs 0, 1 or 2.")
     at = float(low[axis] + high[axis]) / 2 if at is None else float(at)

@@ -80,7 +80,7 @@ def meshes(
         check_mesh(f"shapes[{number}]", shape)
     ax = axes_for(ax, 3)
     shaded_shapes(ax, [faces_of(shape, _MOST // len(shapes)) for shape in shapes], colours, labels, alpha)
-    frame(ax, [np.asarray(end) for shape in shapes for end in shape.box()])
+    frame(ax, [np.asarray(end) for shape in shapes for end in shape.bounds])
     return ax
 
 

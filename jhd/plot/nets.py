@@ -24,7 +24,7 @@ def quadrilaterals(surface: ImplicitSurface, cells: int) -> Float[np.ndarray, "c
     Parts of the surface that change no sign on the grid are missed.
     """
     coefficients = np.asarray(surface.coefficients, float)
-    low, high = (np.asarray(end, float) for end in surface.box())
+    low, high = (np.asarray(end, float) for end in surface.bounds)
     # The first and the last layer of cells are flat.
     x, y, z = lines = [np.pad(np.linspace(low[k], high[k], cells + 1), 1, mode="edge") for k in range(3)]
     values = polygrid3d(x, y, z, coefficients)

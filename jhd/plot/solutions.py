@@ -129,7 +129,7 @@ def solution(
     if faced:
         faces, colours, names = zip(*faced, strict=True)
         shaded_shapes(ax, faces, colours, names, _ALPHA)
-        frame(ax, [np.asarray(end) for shape in (a, b) for end in shape.box()])
+        frame(ax, [np.asarray(end) for shape in (a, b) for end in shape.bounds])
     for shape, colour, dashes, name in drawn:
         if isinstance(shape, AbstractCurve):
             curve(shape, ax, colour=colour, linestyle=dashes, label=name, control_polygon=control_polygon)

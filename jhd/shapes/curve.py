@@ -135,7 +135,8 @@ class AbstractCurve(eqx.Module):
         """Homogeneous control points: coordinates times weight, then the weight itself if the curve is rational."""
         return homogeneous(self.control_points, self.weights)
 
-    def box(self) -> tuple[Array, Array]:
+    @property
+    def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner of the bounding box of the control points.
 
         The weights are positive, so the curve lies inside.
@@ -147,6 +148,9 @@ class AbstractCurve(eqx.Module):
 
 class BezierSegments(AbstractCurve):
     """A union of polynomial or rational Bezier segments of one degree, in the plane or in space.
+
+    Ends that meet are stored twice, once in each segment. To move an outline without tearing it, build both copies from
+    one array.
 
     >>> corner = BezierSegments([[[0, 0], [1, 0]], [[1, 0], [1, 2]]])
     >>> corner.count, corner.following.tolist()

@@ -162,7 +162,8 @@ class ImplicitSurface(eqx.Module):
             return sum(self.degrees)
         return exact_polynomials.total_degree(np.asarray(self.coefficients))
 
-    def box(self) -> tuple[Array, Array]:
+    @property
+    def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner of the box."""
         return self.lower, self.upper
 

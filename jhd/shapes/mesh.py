@@ -151,7 +151,7 @@ class TriangleMesh(eqx.Module):
         It is the sum of the signed volumes of the tetrahedra between the triangles and the center of the bounding box.
         The value is meaningless if the mesh is not closed.
         """
-        corners, lower, upper = on_host(self.corners, *self.box())
+        corners, lower, upper = on_host(self.corners, *self.bounds)
         xp = module_of(corners)
         a, b, c = xp.moveaxis(corners - (lower + 0.5 * (upper - lower)), -2, 0)
         return array_of((a * xp.cross(b, c)).sum() / 6)
@@ -176,7 +176,8 @@ class TriangleMesh(eqx.Module):
         edges = edges_of(self)
         return bool(np.all((edges.count <= 2) & ((edges.count == 1) | (edges.balance == 0))))
 
-    def box(self) -> tuple[Array, Array]:
+    @property
+    def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner of the bounding box of all triangles."""
         (corners,) = on_host(self.corners)
         return array_of(corners.min(axis=(-3, -2))), array_of(corners.max(axis=(-3, -2)))

@@ -152,7 +152,8 @@ class AbstractPatch(eqx.Module):
         u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
         return points_at(self, u, v)
 
-    def box(self) -> tuple[Array, Array]:
+    @property
+    def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner of the bounding box of the control points.
 
         The weights are positive, so the surface lies inside.

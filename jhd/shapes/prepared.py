@@ -82,7 +82,7 @@ def prepare(shape: Any) -> Prepared:
         shape: any shape, or an object that `as_shape` converts to one. Its numbers must not be traced.
 
     Returns:
-        The shape with its search data. Hold it, and pass the shape itself to other functions.
+        An object that keeps the search data. Hold it, and pass the shape itself to other functions.
 
     Raises:
         TypeError: an object that is not a shape.

@@ -65,7 +65,7 @@ def test_the_map_is_within_its_error_of_the_projected_distance():
 @pytest.mark.parametrize("name", [name for name in CASES if name != "uneven weights"])
 def test_the_map_of_every_kind_of_curve_is_within_its_error(name):
     curve = CASES[name]
-    low, high = (np.asarray(x) for x in curve.box())
+    low, high = (np.asarray(x) for x in curve.bounds)
     side = float(np.max(high - low)) or 1.0
     found = distance_map(curve, low - 0.5 * side, high + 0.4 * side, (33, 20))
     index, at = pixels(found, 30)

@@ -152,7 +152,7 @@ def test_pictures_and_arcs_take_what_becomes_a_shape():
 
 
 def test_traced_arrays_are_points_and_vertices_with_derivatives():
-    slope = jax.jit(jax.grad(lambda x: as_shape(x).box()[1].sum()))(jnp.asarray(CORNERS[:1]))
+    slope = jax.jit(jax.grad(lambda x: as_shape(x).bounds[1].sum()))(jnp.asarray(CORNERS[:1]))
     np.testing.assert_array_equal(slope, np.ones((1, 3)))
     assert jax.jit(jax.grad(lambda x: as_shape((x, FACES)).area))(jnp.asarray(CORNERS))[1, 0] > 0
 

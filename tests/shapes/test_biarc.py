@@ -104,7 +104,7 @@ def exact_distance(x, start, end, bulge):
 
 
 def arcs_of(curve, share):
-    low, high = (np.asarray(x) for x in curve.box())
+    low, high = (np.asarray(x) for x in curve.bounds)
     atol = max(share * float(np.hypot(*(high - low))), 1.01 * least_tolerance(curve), 1e-300)
     return biarcs(curve, atol), atol
 
@@ -271,7 +271,7 @@ def test_corners_stay():
 
 def test_the_number_of_arcs_grows_with_the_cube_root_of_the_tolerance():
     curve = spline(30)
-    low, high = (np.asarray(x) for x in curve.box())
+    low, high = (np.asarray(x) for x in curve.bounds)
     diagonal = float(np.hypot(*(high - low)))
     counts = [biarcs(curve, share * diagonal).count for share in (1e-4, 1e-5, 1e-8)]
     assert counts[0] <= 100

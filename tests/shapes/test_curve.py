@@ -238,10 +238,10 @@ def test_anything_but_a_curve_is_refused_by_name():
 
 
 def test_box_holds_the_control_points():
-    lower, upper = BezierSegments(CUBICS, WEIGHTS).box()
+    lower, upper = BezierSegments(CUBICS, WEIGHTS).bounds
     np.testing.assert_array_equal(lower, CUBICS.min(axis=(0, 1)))
     np.testing.assert_array_equal(upper, CUBICS.max(axis=(0, 1)))
-    lower, upper = jhd.BezierCurve(CUBICS[0]).box()
+    lower, upper = jhd.BezierCurve(CUBICS[0]).bounds
     np.testing.assert_array_equal(upper - lower, np.ptp(CUBICS[0], axis=0))
 
 

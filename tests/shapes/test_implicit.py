@@ -148,9 +148,9 @@ def test_what_is_no_surface_is_refused(arguments, kind, message):
 def test_one_number_is_the_end_of_the_box_along_all_axes(as_a_user):
     for box, meant in (((-2, 2), (LOWER, UPPER)), ((-2.0, [1, 2, 3]), ([-2] * 3, [1, 2, 3]))):
         surface = ImplicitSurface(BALL, *box)
-        np.testing.assert_array_equal(surface.box(), meant)
+        np.testing.assert_array_equal(surface.bounds, meant)
         assert surface.lower.shape == surface.upper.shape == (3,)
-    np.testing.assert_array_equal(ImplicitSurface.parse("x", -1, 1).box(), [[-1.0] * 3, [1.0] * 3])
+    np.testing.assert_array_equal(ImplicitSurface.parse("x", -1, 1).bounds, [[-1.0] * 3, [1.0] * 3])
 
 
 @pytest.mark.parametrize("text", ["x - x", "3", "(x - y)^2 - x^2 + 2*x*y - y^2"])

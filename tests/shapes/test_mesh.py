@@ -49,7 +49,7 @@ def test_what_is_no_mesh_is_refused(vertices, triangles, error, message):
 def test_a_cube_has_its_area_volume_box_and_normals():
     cube = TriangleMesh(CORNERS + [1e3, 0, 0], CUBE)
     assert (float(cube.area), float(cube.volume), cube.count, cube.dim) == (6.0, 1.0, 12, 3)
-    np.testing.assert_array_equal(cube.box(), [[1e3, 0, 0], [1e3 + 1, 1, 1]])
+    np.testing.assert_array_equal(cube.bounds, [[1e3, 0, 0], [1e3 + 1, 1, 1]])
     outward = cube.corners.mean(axis=1) - jnp.array([1e3 + 0.5, 0.5, 0.5])
     assert float(jnp.min(jnp.sum(cube.normals * outward, axis=1))) >= 0.5
     assert cube.is_closed and cube.is_manifold
@@ -81,7 +81,7 @@ def test_degenerate_triangles_have_no_normal_no_edges_and_finite_derivatives():
 
 def test_vertices_that_no_triangle_names_are_no_part_of_the_box():
     mesh = TriangleMesh([*CORNER, [9, 9, 9]], [[0, 1, 2]])
-    np.testing.assert_array_equal(mesh.box(), [[0, 0, 0], [1, 1, 0]])
+    np.testing.assert_array_equal(mesh.bounds, [[0, 0, 0], [1, 1, 0]])
     assert mesh.vertices.shape == (5, 3)
 
 

@@ -309,7 +309,7 @@ def test_meshes_are_refused_where_they_cannot_be():
 def test_several_patches_are_one_surface():
     both = BezierPatches(np.stack([POINTS, POINTS + [5.0, 0, 0]]))
     np.testing.assert_allclose(both(1.25, 0.5), both.point(1, 0.25, 0.5), atol=ROUNDING)
-    lower, upper = both.box()
+    lower, upper = both.bounds
     assert np.all(lower <= POINTS.min((0, 1))) and upper[0] == POINTS[..., 0].max() + 5.0
 
 

@@ -88,7 +88,7 @@ def prepare_surfaces(a: Any, b: Any) -> tuple[Any, Any, Frame]:
 
 def _box(xp: Any, shape: ImplicitSurface | Net) -> tuple[Any, Any]:
     if isinstance(shape, ImplicitSurface):
-        return shape.box()
+        return shape.bounds
     return extremes(xp.asarray(shape.points))
 
 

@@ -86,5 +86,5 @@ def _working(name: str, value: Any) -> Any:
 def _corners(shape: Any) -> tuple[np.ndarray, np.ndarray]:
     if isinstance(shape, BezierSegments):
         return extremes(np.asarray(shape.control_points))
-    low, high = shape.box()
+    low, high = shape.bounds
     return np.asarray(low), np.asarray(high)

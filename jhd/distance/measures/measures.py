@@ -175,8 +175,8 @@ class AbstractMeasure(eqx.Module):
             a: the source shape, as in a call.
             b: the target shape, as in a call.
             weights: weights of the points of `a`, as in a call.
-            places: largest number of points along a curve or surface. By default the integrals choose it, within a time
-                limit of some seconds.
+            places: largest number of points along a curve or surface. By default the integrals choose it, up to a
+                fixed limit that takes some seconds.
 
         Returns:
             The value, a scalar array, differentiable in both shapes.
@@ -311,7 +311,7 @@ class Quantile(AbstractMeasure):
 
     This is the partial Hausdorff distance; call it as `jhd.Quantile(0.9)(a, b)`. The derivative is taken at the points
     whose distance equals the quantile (or on the region, if a whole region has this distance). The method estimate with
-    `places` smooths the quantile instead, with an error of a few hundredths.
+    `places` smooths the quantile instead, with a relative error of up to a few hundredths.
 
     Args:
         q: a fraction, above 0 and at most 1: 0.5 is the median, 1 the largest distance. It counts as reached within its
@@ -455,5 +455,5 @@ def _scaled(a: Any, scale: float) -> Net:
 
 def _scale(a: Any, b: Any) -> float:
     """The power of two by which the coordinates of both shapes are of about one."""
-    boxes = [np.asarray(end) for shape in undifferentiated((a, b)) for end in shape.box()]
+    boxes = [np.asarray(end) for shape in undifferentiated((a, b)) for end in shape.bounds]
     return float(scale_of(common_exponent(*boxes), boxes[0].dtype))

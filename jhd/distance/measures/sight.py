@@ -83,7 +83,7 @@ class Sight:
             self._target = NetTarget(_cut(net, self._cuts))
         elif is_points(b) or not isinstance(b, AbstractCurve):
             self._target = target_of(self.b.segments() if is_points(b) else self.b)
-        low, high = (np.asarray(end) for end in self.b.box())
+        low, high = (np.asarray(end) for end in self.b.bounds)
         self._close = _CLOSE * float(np.max(high - low))
         few = _MOST_ON_SURFACES if isinstance(b, AbstractPatch | ImplicitSurface) else _MOST_ON_CURVES
         self.most = (_MOST if is_points(b) or isinstance(b, TriangleMesh) else few) * (_PATIENCE if derived else 1)
@@ -143,7 +143,7 @@ class Sight:
         if isinstance(self.b, TriangleMesh):
             held = np.sort(np.where(t > 0, np.asarray(self.b.triangles, np.int64)[segment] + 1, 0), axis=1)
             return held @ (len(self.b.vertices) + 1) ** np.arange(3, dtype=np.int64)
-        low, high = self.b.box() if isinstance(self.b, ImplicitSurface) else (0.0, 1.0)
+        low, high = self.b.bounds if isinstance(self.b, ImplicitSurface) else (0.0, 1.0)
         at = foot if isinstance(self.b, ImplicitSurface) else t.reshape(len(t), -1)
         ends = (at <= np.asarray(low)) + 2 * (at >= np.asarray(high))
         return 27 * segment + ends @ 3 ** np.arange(ends.shape[1])

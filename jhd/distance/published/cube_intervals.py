@@ -254,7 +254,7 @@ class _Scale(NamedTuple):
 
 
 def _same_cube(a: ImplicitSurface, b: ImplicitSurface) -> bool:
-    ends = [np.asarray(end, float) for surface in (a, b) for end in surface.box()]
+    ends = [np.asarray(end, float) for surface in (a, b) for end in surface.bounds]
     sides = {Fraction(float(u)) - Fraction(float(v)) for v, u in zip(ends[0], ends[1], strict=True)}
     return bool(np.all(ends[0] == ends[2]) and np.all(ends[1] == ends[3])) and len(sides) == 1
 
@@ -263,7 +263,7 @@ def _on_one_grid(
     surfaces: tuple[ImplicitSurface, ImplicitSurface], voxels: list[Voxels], cells: int
 ) -> tuple[_GridCells, _GridCells, _Scale]:
     """Corners in units of a cell: whole numbers."""
-    lower, upper = (Fraction(float(end[0])) for end in surfaces[0].box())
+    lower, upper = (Fraction(float(end[0])) for end in surfaces[0].bounds)
     corners = [np.asarray(v.cells).T.astype(np.float32) for v in voxels]
     p, q = (_cells_of(v, corner, corner + 1) for v, corner in zip(voxels, corners, strict=True))
     return p, q, _Scale((upper - lower) / cells, True)
@@ -273,7 +273,7 @@ def _on_two_grids(
     surfaces: tuple[ImplicitSurface, ImplicitSurface], voxels: list[Voxels], cells: int
 ) -> tuple[_GridCells, _GridCells, _Scale]:
     """Corners from the lower corner of the first box, in units of a power of two that is about as large as both."""
-    boxes = [[[Fraction(float(x)) for x in np.asarray(end)] for end in surface.box()] for surface in surfaces]
+    boxes = [[[Fraction(float(x)) for x in np.asarray(end)] for end in surface.bounds] for surface in surfaces]
     origin = boxes[0][0]
     size = max(abs(x - o) for box in boxes for end in box for x, o in zip(end, origin, strict=True))
     exponent = math.floor(math.log2(size.numerator)) - math.floor(math.log2(size.denominator))

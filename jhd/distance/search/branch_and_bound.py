@@ -44,11 +44,12 @@ class BranchAndBound(AbstractHausdorffMethod):
 
     Args:
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates. The default is 1e-10 (in float32:
-            64 units in the last place) of the diagonal of the joint bounding box of the control points, or the rounding
-            error if it is larger. For implicit surfaces their boxes count. If rounding prevents the given tolerance,
-            the result is RESULTS.gap_not_closed.
+            64 units in the last place) of the diagonal of the joint bounding box, or the rounding error if that is
+            larger. The box holds control points, vertices and the boxes of implicit surfaces: see `bounds` of each
+            shape. If rounding prevents the given tolerance, the result is RESULTS.gap_not_closed.
         rtol: tolerance relative to `upper`, at least 0; by default 0. The larger tolerance counts.
-        max_steps: largest number of steps. A step cuts four cells (implicit surfaces: 32, meshes: 16384).
+        max_steps: largest number of steps. For Hausdorff distances a step cuts four cells (implicit surfaces: 32,
+            meshes: 16384); for minimum distances see `minimum_distance`.
         capacity: initial size of the queue of open cells, at least twice the number of segments of `a`. Outside jit and
             vmap it grows automatically for curves and minimum distances. Implicit surfaces use 32 times this size,
             rounded up to a power of two, and scale the nearest-point search with it. Meshes hold 2048 times as many

@@ -258,7 +258,7 @@ def diagonal_of(*shapes: Any) -> float:
 def _box(shape: Any) -> tuple[Any, Any]:
     if isinstance(shape, TriangleMesh):
         return extremes(np.asarray(shape.vertices)[np.asarray(shape.triangles)])
-    return shape.box()
+    return shape.bounds
 
 
 def _form(a: Any, b: Any) -> AnswerForm:

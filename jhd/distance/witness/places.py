@@ -100,7 +100,7 @@ def with_pair_derivatives(
 def _parts_of(shape: Any, index: Array) -> Any:
     """The rows of a shape that one of its points, or several, hang on."""
     if isinstance(shape, ImplicitSurface):
-        return Polynomial(TouchedRows(shape.coefficients), *map(TouchedRows, shape.box()))
+        return Polynomial(TouchedRows(shape.coefficients), *map(TouchedRows, shape.bounds))
     if isinstance(shape, TriangleMesh):
         return CornerRows(TouchedRows(shape.vertices, index, shape.triangles))
     if isinstance(shape, BezierSegments) and shape.degree == 0:

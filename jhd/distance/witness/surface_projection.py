@@ -44,7 +44,7 @@ def with_patch_derivatives(found: Projection, queries: Array, net: Net) -> Proje
 
 def with_surface_derivatives(found: Projection, queries: Array, surface: Any) -> Projection:
     """Nearest points (points, ...) of a polynomial surface, differentiable in queries, coefficients and box."""
-    coefficients, box = surface.coefficients, jnp.stack(surface.box())
+    coefficients, box = surface.coefficients, jnp.stack(surface.bounds)
     distance, foot = distance_from_surface(queries, found.foot, coefficients, box)
     return attached(attached(found, found.distance > 0, distance=distance), foot=foot)
 

@@ -228,7 +228,7 @@ def test_common_coordinates_are_the_exact_ones_with_their_errors():
             unit = Fraction(2) ** int(frame.first + frame.second)
             origin = [Fraction(float(x)) * Fraction(2) ** int(frame.first) for x in frame.centre]
             corners = [np.asarray(x) for x in (side.lower, side.upper)]
-            for corner, exact in zip(corners, surface.box(), strict=True):
+            for corner, exact in zip(corners, surface.bounds, strict=True):
                 for x, o, y in zip(corner, origin, np.asarray(exact), strict=True):
                     assert Fraction(float(x)) * unit + o == Fraction(float(y))
                 assert np.max(np.abs(corner)) <= 1

@@ -85,7 +85,7 @@ def check_against_branch_and_bound(a, b, method):
 
 def check_within(ours, proven, a, b):
     """Whether a solution lies within proven bounds."""
-    corners = np.concatenate([np.asarray(x.box()) for x in (a, b)])
+    corners = np.concatenate([np.asarray(x.bounds) for x in (a, b)])
     accuracy = PROMISED * float(np.linalg.norm(np.ptp(corners, axis=0)))
     assert float(proven.lower) - accuracy <= float(ours) <= float(proven.upper) + accuracy
     assert 0 <= ours.lower <= min(ours.value, proven.upper)

@@ -207,7 +207,7 @@ def test_cells_in_common_coordinates_cover_the_exact_ones():
     rounded = 0
     for cells, surface in zip(both, (a, b), strict=True):
         for axis in range(3):
-            low, high = (Fraction(float(end[axis])) for end in surface.box())
+            low, high = (Fraction(float(end[axis])) for end in surface.bounds)
             for i, below, above in zip(cells.places[:, axis], cells.lower[axis], cells.upper[axis], strict=True):
                 ends = [(low + (high - low) * (int(i) + k) / 7 - origin[axis]) / scale.unit for k in (0, 1)]
                 assert Fraction(float(below)) <= ends[0] and ends[1] <= Fraction(float(above))

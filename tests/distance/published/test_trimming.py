@@ -210,7 +210,7 @@ PAIRS = list(itertools.product(kim10.KINDS, kim10.COUNTS))
 @pytest.mark.parametrize(("kind", "count"), swept(PAIRS, [x for x in PAIRS if x[1] == 5], [(kim10.KINDS[0], 30)]))
 def test_trimming_examines_many_times_fewer_boxes(kind, count):
     a, b = kim10.pair(kind, count)
-    deviation = 1e-4 * float(np.linalg.norm(np.ptp(np.concatenate([x.box() for x in (a, b)]), axis=0)))
+    deviation = 1e-4 * float(np.linalg.norm(np.ptp(np.concatenate([x.bounds for x in (a, b)]), axis=0)))
     methods = jhd.AlgebraicEvents(), jhd.BiarcTrimming(deviation=deviation)
     full, less = (jhd.hausdorff(a, b, method) for method in methods)
     assert abs(float(full) - float(less)) <= 1e-9

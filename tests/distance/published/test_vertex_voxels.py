@@ -154,7 +154,7 @@ def test_algorithm_1_as_published_splits_the_cube_about_the_mesh_by_local_distan
             for step in np.ndindex(2, 2, 2):
                 recurse(low + 0.5 * side * np.array(step), 0.5 * side, level + 1)
 
-    low, high = (np.asarray(end) for end in mesh.box())
+    low, high = (np.asarray(end) for end in mesh.bounds)
     recurse(low, float(np.max(high - low)), 0)
     spacing = np.asarray(field.spacing)
     places = np.asarray(field.lower) + spacing * np.asarray(field.places)

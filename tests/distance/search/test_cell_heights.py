@@ -56,7 +56,7 @@ def shape(random: np.random.Generator, kind: str) -> Any:
 
 def beside(random: np.random.Generator, b: Any, kind: str) -> Any:
     """Small pieces near a place of b, above it by about the square of their size."""
-    low, high = (np.asarray(end) for end in b.box())
+    low, high = (np.asarray(end) for end in b.bounds)
     place = jhd.project(random.uniform(low, high, (8, 3)), b).foot
     size = 10.0 ** random.uniform(-2, -0.5)
     u, v = np.linspace(0, 1, 3)[:, None], np.linspace(0, 1, 3)

@@ -153,7 +153,7 @@ BORDER = jhd.ImplicitSurface.parse("x**2 + 2*y**2 + 3*z**2 + x*y*z - 1", [-1.5, 
     swept(
         [
             (on_patch, (np.array([[1.0, 1, 2], [-1, 1, 1], [4, 5, 0], [2, 1, -1]]), BUMPY)),
-            (on_surface, (np.array([[0.1, -0.9, 1.1], [1, 1, 1], [0.2, -2, 0]]), BORDER.coefficients, *BORDER.box())),
+            (on_surface, (np.array([[0.1, -0.9, 1.1], [1, 1, 1], [0.2, -2, 0]]), BORDER.coefficients, *BORDER.bounds)),
         ],
         slow=1,
     ),
