@@ -162,13 +162,16 @@ class AbstractTarget(ABC):
         return FootRows(found.foot, self.error(found), segment, np.where(np.isnan(t), 0.0, t))
 
     @abstractmethod
-    def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
+    def nearest(
+        self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0, hasty: bool = False
+    ) -> ProvenFeet:
         """Nearest points with proven bounds.
 
         Args:
             points: queries (points, dim), finite.
             enough: the bounds of a query may stay apart where its upper one is at most this; of all, or of each.
             close: by so much bounds may stay apart.
+            hasty: whether a query that takes long may be given up; its bounds are then wider, and not closed.
         """
 
 
@@ -222,7 +225,9 @@ class PointTarget(AbstractTarget):
         return ConvexPieces(who, held[:, None], held)
 
     @override
-    def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
+    def nearest(
+        self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0, hasty: bool = False
+    ) -> ProvenFeet:
         """The bounds are always those of rounding."""
         tree, scaled = in_unit_of(self.tree, in_space(points))
         found = nearest_triangles(tree, scaled)
@@ -289,7 +294,9 @@ class MeshTarget(AbstractTarget):
         return ConvexPieces(who, corners, foot)
 
     @override
-    def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
+    def nearest(
+        self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0, hasty: bool = False
+    ) -> ProvenFeet:
         """The bounds are always those of rounding."""
         found = closest_points(self.mesh, points)
         return ProvenFeet(*found, closed=np.ones(len(points), bool))

@@ -115,7 +115,7 @@ class FartherPlaces:
         if found is None:
             return None
         found, radius = self._source.proven(found, best.radius)
-        there = self._target.nearest(found.point[None], close=close)
+        there = self._target.nearest(found.point[None], close=close, hasty=True)
         lower, foot = (float(there.lower[0]) - radius) * (1 - 4e-16), self._target.rows_of(there)
         return PlaceFound(best.piece, found.x, found.point, foot, lower, float(there.distance[0]), radius)
 

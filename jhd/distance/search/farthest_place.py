@@ -244,7 +244,7 @@ class FarthestSearch(AbstractSearch):
         with bounds too large: the nearest ones are looked for.
         """
         least = self._level if best is None else max(best.lower + self._close(best), self._level)
-        return self._target.nearest(points, np.where(seems > least, least, -np.inf), self._close(best))
+        return self._target.nearest(points, np.where(seems > least, least, -np.inf), self._close(best), hasty=True)
 
     def _bounded(
         self,

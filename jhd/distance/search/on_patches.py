@@ -143,7 +143,9 @@ class NetTarget(AbstractTarget):
         return t if self.net.parameters == 2 else t[:, 0]
 
     @override
-    def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
+    def nearest(
+        self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0, hasty: bool = False
+    ) -> ProvenFeet:
         scaled, shift = self._scaled(points)
         unit = self.exponent + shift
         with np.errstate(over="ignore"):

@@ -36,7 +36,7 @@ _STARTS, _FOOT_STEPS, _LANES = 4, 6, 64
 _CLOSE, _ULPS = 1e-12, 64
 # Queries whose distances to all cells of a cover are formed at once.
 _ROWS = 1024
-# A query with more open cells is given up in searches, unless it is by itself: then its distance is bounded by as many
+# A hasty query with more open cells is given up, unless it is by itself: then its distance is bounded by as many
 # graphs at most.
 _MANY, _GRAPHS = 512, 1 << 12
 # A query this many boxes away takes the box for a point.
@@ -126,10 +126,12 @@ class SurfaceTarget(AbstractTarget):
         return np.full(len(t), np.nan)
 
     @override
-    def nearest(self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0) -> ProvenFeet:
+    def nearest(
+        self, points: np.ndarray, enough: float | np.ndarray = -np.inf, close: float = 0.0, hasty: bool = False
+    ) -> ProvenFeet:
         x, far = self._scaled(points)
         least, apart = np.ldexp(enough, -self.exponent), float(np.ldexp(close, -self.exponent))
-        leasts, most = np.broadcast_to(least, len(x)), np.full(len(x), _MANY if apart > 0 else CAPACITY)
+        leasts, most = np.broadcast_to(least, len(x)), np.full(len(x), _MANY if hasty else CAPACITY)
         lower, upper, foot = in_blocks(_nearest, self.target, x, leasts.astype(x.dtype), most)
         lower, upper = lower.astype(np.float64) - _moved(x), upper.astype(np.float64) + _moved(x)
         distance = np.sqrt(np.sum((foot - x) ** 2, axis=1))
@@ -137,7 +139,7 @@ class SurfaceTarget(AbstractTarget):
         share = 4 * max(_CLOSE, _ULPS * u)
         allowed = np.maximum(share * (1 + np.where(np.isfinite(upper), upper, 0.0)), apart)
         open_ = (upper - lower > allowed) & (upper > leasts) & np.isfinite(upper) & ~far
-        if apart > 0 and len(x) == 1 and open_[0]:
+        if hasty and len(x) == 1 and open_[0]:
             found = self._by_graphs(x[0], upper[0], 0.5 * allowed[0]) - _moved(x)[0]
             lower[0] = max(lower[0], min(found, upper[0]))
         closed = (upper - lower <= allowed) | (upper <= least)
