@@ -123,6 +123,7 @@ class AbstractDistance(AbstractSolution):
         return interval_text(self.lower, self.upper, spec)
 
     def _compared(self, other: object) -> Any:
+        # Bounds may overlap, so there is no order.
         ask = "compare its value, lower or upper, or use hausdorff_at_most or minimum_at_most"
         raise TypeError(f"a {type(self).__name__} is not a number: {ask}.")
 

@@ -41,7 +41,7 @@ apart. The corners of q are the projected corners of the rectangle; h, e and b a
 the sets in question are convex. The vertices of L are points of S, those on a side points of that side, so the same
 holds for L. Rounding: control points are off by at most `noise`, the distances taken from them by 2 noise more, and the
 border begins and ends within 2 noise of the corners of q: 5 (1 + 2) + 2 2 < 20 noise together. The check that q is
-convex leaves far more room.
+convex leaves more room.
 
 Source: Filip, Magedson & Markot, Surface algorithms using bounds on derivatives, CAGD 3 (1986); Farin, Curves and
 Surfaces for CAGD (2002), chapter 14, for the nets. The bound for rational patches and for any triangle is ours.
@@ -59,8 +59,9 @@ from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import common_exponent, unit_weights
 from jhd.shapes.mesh import places_of
 
-# A quadrilateral is taken for convex if the sine of each corner is above this, far above rounding.
-_CONVEX = 1e-3
+# A quadrilateral is taken for convex if the sine of each corner is above this, and each edge longer than so many times
+# the rounding of its corners, which then turns an edge by less than a tenth of that sine.
+_CONVEX, _LONG = 1e-3, 3e4
 
 
 class PatchBorders(NamedTuple):
@@ -297,7 +298,7 @@ def with_bounds(patches: HostPatches, cells: PatchCells, enough: float) -> Patch
 
 
 def _flat_bounds(net: np.ndarray, noise: float, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds for flat rectangles, infinite unless far below the most, and whether more is bent along u than along v."""
+    """Bounds for flat rectangles, infinite unless below `most`, and whether more is bent along u than along v."""
     points = net[..., :3] / net[..., 3:]
     bound, along_u = np.full(len(points), np.inf), np.zeros(len(points), bool)
     normal = np.cross(points[:, -1, -1] - points[:, 0, 0], points[:, 0, -1] - points[:, -1, 0])
@@ -314,7 +315,8 @@ def _flat_bounds(net: np.ndarray, noise: float, most: np.ndarray) -> tuple[np.nd
     start = np.stack([side[:, 0] for side in sides], axis=1)
     edge = np.stack([side[:, -1] - side[:, 0] for side in sides], axis=1)
     turn = np.einsum("nek,nk->ne", np.cross(edge, np.roll(edge, -1, axis=1)), normal)
-    convex = np.all(turn > _CONVEX * _length(edge) * np.roll(_length(edge), -1, axis=1), axis=1)
+    long = _length(edge)
+    convex = np.all((turn > _CONVEX * long * np.roll(long, -1, axis=1)) & (long > _LONG * noise), axis=1)
     border = np.max([_from_chord(side).max(axis=1) for side in sides], axis=0)
     inner = flat.reshape(len(flat), -1, 3)
     leftward = np.cross(normal[:, None], edge)
