@@ -1,7 +1,7 @@
 """Which maxima of the distance take part while a curve is fitted, and do they end up equal?
 
 A hand-drawn m, a Bezier curve of degree 7, is approximated by one of degree 4 with the same ends, from the straight
-line between them, in one run of jhd.minimise_hausdorff. At every step: the curve, all critical pairs of both directions
+line between them, in one run of jhd.minimize_hausdorff. At every step: the curve, all critical pairs of both directions
 (the active set of the minimax problem is those at the maximum), the distances along both curves, the distance h and the
 optimality. The curve after k steps is that of a run with at most k steps, which takes the same ones.
 
@@ -45,12 +45,12 @@ def main() -> None:
     target, build = jhd.BezierCurve(LETTER), Between(jnp.asarray(LETTER[[0, -1]]))
     share = np.linspace(0.0, 1.0, DEGREE + 1)[1:-1, None]
     line = (1 - share) * LETTER[0] + share * LETTER[-1]
-    end = jhd.minimise_hausdorff(build, line, target)
+    end = jhd.minimize_hausdorff(build, line, target)
     steps = int(end.stats["steps"])
     samples = 65 if run.smoke else 401
     # A short run keeps the start and the end alone.
     kept = range(0, steps, steps if run.smoke else 1)
-    solutions = [jhd.minimise_hausdorff(build, line, target, max_steps=k) for k in kept] + [end]
+    solutions = [jhd.minimize_hausdorff(build, line, target, max_steps=k) for k in kept] + [end]
     states = [_state(target, solution, samples) for solution in solutions]
     numbers = {
         "target": LETTER,

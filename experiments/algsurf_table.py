@@ -73,7 +73,7 @@ def _by_cells(run: Run, a: Any, b: Any, count: int, rule: str) -> dict[str, Any]
     numbers["kept"] = [int(found.stats[f"a_to_b_cells_{name}"]) for name in "ab"]
     # Both directions, both ends of the interval for each.
     numbers["pairs"] = 2 * math.prod(numbers["kept"])
-    numbers["voxelise"] = seconds(lambda: [jhd.voxelise(x, count, ranges).proven for x in (a, b)], repeats)
+    numbers["voxelize"] = seconds(lambda: [jhd.voxelize(x, count, ranges).proven for x in (a, b)], repeats)
     for pairs in ("separable", "tiles"):
         if pairs == "separable" or count in TILED:
             numbers[pairs] = seconds(lambda pairs=pairs: whole(pairs).upper, repeats)
@@ -103,7 +103,7 @@ def _tables(numbers: dict[str, Any]) -> list[str]:
         rate = "" if rate_of(found, "tiles") is None else f"{rate_of(found, 'tiles') / 1e6:.0f}"
         edge = str(Fraction(4, found["cells"]))
         row = [f"CubeIntervals, {found['rule']}", found["cells"], edge, *bounds_text(lower, upper, 10)]
-        row += [f"{(upper - lower) / 2:.1e}", "{} x {}".format(*found["kept"]), f"{found['voxelise']:.3f}"]
+        row += [f"{(upper - lower) / 2:.1e}", "{} x {}".format(*found["kept"]), f"{found['voxelize']:.3f}"]
         row += [f"{found['tiles']:.3f}" if "tiles" in found else "", f"{found['separable']:.3f}", rate]
         same = found["cells"] == PAPER_CELLS
         rows.append([*row, f"{PAPER_SECONDS / found['separable']:.1e}" if same else ""])
@@ -127,8 +127,8 @@ def _tables(numbers: dict[str, Any]) -> list[str]:
 
 def rate_of(found: dict[str, Any], way: str) -> Any:
     """Pairs of cells a second, both directions; None where it was not measured or drowns in the time of the cells."""
-    spent = found.get(way, 0.0) - found["voxelise"]
-    return found["pairs"] / spent if spent > 0.1 * found["voxelise"] else None
+    spent = found.get(way, 0.0) - found["voxelize"]
+    return found["pairs"] / spent if spent > 0.1 * found["voxelize"] else None
 
 
 def bounds_of(found: dict[str, Any]) -> np.ndarray:

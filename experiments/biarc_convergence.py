@@ -124,7 +124,7 @@ def _sampled(curve: jhd.BezierSegments, arcs: jhd.BiarcCurve) -> np.ndarray:
 
 
 def _distance(x: np.ndarray, start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> np.ndarray:
-    """Distances of points to arcs, whose centres are o = start + n / (4 b), n = chord (2 b + (1 - b^2) i).
+    """Distances of points to arcs, whose centers are o = start + n / (4 b), n = chord (2 b + (1 - b^2) i).
 
     Complex numbers; with d = x - start, |x - o|^2 - r^2 = |d|^2 - Re(d conj(n)) / (2 b): no radius is
     subtracted, and lines need no case of their own.

@@ -2,7 +2,7 @@
 
 An open Bezier curve A of degree six is sampled in ten steps; B is a closed uniform cubic B-spline of 90 control points.
 Claim: both directed distances agree with a reference in NumPy to 1e-10 mm, the two samples that are larger than their
-neighbours lead to one antipodal and one one-to-two event, and the larger of the two is h(A, B).
+neighbors lead to one antipodal and one one-to-two event, and the larger of the two is h(A, B).
 
 Feeds: figure and table "open and closed curve" (example 1 and figure 4 of Cao et al. 2014, with data of our own).
 Takes: 1 minute, 5 seconds once compiled.

@@ -25,8 +25,8 @@ _FONTS = ("DejaVu Serif", "DejaVu Sans")
 _QUERIES, _SIZES, _COUNTS = 500, (125, 500, 2000), (1, 5)
 # Queries whose distances are all computed.
 _CHECKED = 8
-# Letters whose neighbours are drawn, and how many of these.
-_SHOWN, _NEIGHBOURS = "gR&", 4
+# Letters whose neighbors are drawn, and how many of these.
+_SHOWN, _NEIGHBORS = "gR&", 4
 
 
 def main() -> None:
@@ -82,11 +82,11 @@ def _surely(lower: np.ndarray, upper: np.ndarray, k: int) -> set[int]:
 def _shown(first: Glyphs, shapes: Glyphs, letters: list[str]) -> dict[str, Any]:
     """Some letters with their nearest shapes, for the picture."""
     queries = first.take([first.letters.index(letter) for letter in letters])
-    found = jhd.nearest_shapes(queries.curves, shapes.curves, _NEIGHBOURS)
+    found = jhd.nearest_shapes(queries.curves, shapes.curves, _NEIGHBORS)
     return {
         "letters": queries.letters,
         "queries": [curve.control_points for curve in queries.curves],
-        "neighbours": [shapes.take(index).letters for index in found.index],
+        "neighbors": [shapes.take(index).letters for index in found.index],
         "shapes": [[shapes.curves[k].control_points for k in index] for index in found.index],
         "value": found.value,
         "lower": found.lower,

@@ -1,6 +1,6 @@
 """The two examples of Cao et al. 2014, rebuilt with data of our own: curves, the steps of the method, the table.
 
-The source prints no control points. These curves are of the same kind and size (millimetres, 90 control points).
+The source prints no control points. These curves are of the same kind and size (millimeters, 90 control points).
 """
 
 from typing import Any
@@ -66,7 +66,7 @@ class Example:
         return jhd.directed_hausdorff(a.pad(self.count), b.pad(self.count), self.method)
 
     def peaks(self) -> np.ndarray:
-        """Samples not below their neighbours ("small-large-small"), largest first; ends of a are no peaks."""
+        """Samples not below their neighbors ("small-large-small"), largest first; ends of a are no peaks."""
         d = self.distance
         left, right = np.roll(d, 1), np.roll(d, -1)
         inner = np.ones(len(d), bool)
@@ -75,7 +75,7 @@ class Example:
         return found[np.argsort(-d[found])]
 
     def candidate(self, k: int) -> dict[str, Any]:
-        """One peak: the sample, its neighbours, their feet, and the maximum between them."""
+        """One peak: the sample, its neighbors, their feet, and the maximum between them."""
         around = [(k - 1) % len(self.t), k, (k + 1) % len(self.t)]
         solution = self.directed(self._stretch(around), self.b)
         steps = float(solution.witness.segment + solution.witness.t)

@@ -31,7 +31,7 @@ def chain(points: Any) -> np.ndarray:
 
 
 def alphabet(font: str, letters: str) -> dict[str, jhd.BezierSegments]:
-    """The letters in units of the font's x-height (the top of its x), centred in x on their boxes, y = 0 the baseline.
+    """The letters in units of the font's x-height (the top of its x), centered in x on their boxes, y = 0 the baseline.
 
     The boxes are those of control points, and both steps round by an ulp: the curves are these arrays.
     """

@@ -34,7 +34,7 @@ def surface(text: str, lower: Any = BOX[0], upper: Any = BOX[1]) -> jhd.Implicit
 
 
 def kept(shape: jhd.ImplicitSurface, cells: int, ranges: str) -> dict[str, Any]:
-    """Cells kept on each level of a voxelisation, and those tested in all."""
+    """Cells kept on each level of a voxelization, and those tested in all."""
     levels: dict[int, int] = {}
     tested = 0
 
@@ -42,7 +42,7 @@ def kept(shape: jhd.ImplicitSurface, cells: int, ranges: str) -> dict[str, Any]:
         nonlocal tested
         levels[progress.level], tested = progress.kept, progress.tested
 
-    voxels = jhd.voxelise(shape, cells, ranges, report)
+    voxels = jhd.voxelize(shape, cells, ranges, report)
     return {"levels": list(levels.values()), "tested": tested, "proven": int(voxels.proven.sum())}
 
 

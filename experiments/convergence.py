@@ -15,7 +15,7 @@ Theory: the map misses the foot by O(h^p) with p = 2 (affine), 3 (Moebius), 4 (c
 it is not zero, because a foot is a minimum, and by O(h^p) where it is; (iv) adds nothing to that. (i) is of first
 order; (ii) of second where one branch has a smooth top and of first at a crossing of two; (iii) of second. Claims: the
 fitted slopes are these. Ours is of order 8 at both maxima (with an affine map 4), and on coincident curves of order 4,
-exact where the parametrisations differ by a Moebius map, as soon as its few Newton steps reach the feet (h < 1/8). A
+exact where the parametrizations differ by a Moebius map, as soon as its few Newton steps reach the feet (h < 1/8). A
 search for 1e-10 of the diagonal bounds 3 cells at a maximum, 9 where cells are halved, against 27 to 71 or, with
 Lipschitz bounds at an antipodal maximum, more than can be waited for. The kernel levels off at its allowance for
 rounding, some 1e-14, which the fits leave out.
@@ -75,7 +75,7 @@ _DATA = {
         (None, None),
         (np.sqrt(7) / 2, 0.4),
     ),
-    # No curved cubic has a cubic parametrisation but the affine ones.
+    # No curved cubic has a cubic parametrization but the affine ones.
     "coincident_line": (
         ((0.0, 0.0), (1.0, 0.5), (2.0, 1.0), (3.0, 1.5)),
         ((0.0, 0.0), (0.75, 0.375), (1.25, 0.625), (3.0, 1.5)),

@@ -8,7 +8,7 @@ Random plane Bezier curves of degree 7 are replaced by one of degree 3, 4 and 5 
 - by Adam on a Chamfer loss (mean distance, or mean squared distance, of samples of both curves) and on a soft Hausdorff
   loss (p-norm of the same distances, p rising during the run).
 
-The baselines are given what favours them: feet of the samples are on the other curve itself and not on its samples;
+The baselines are given what favors them: feet of the samples are on the other curve itself and not on its samples;
 Adam starts at the projected least squares and near to it, with every learning rate and p of a grid; the best settings
 run again with more samples and steps; and among all runs the one with the least proven error counts. The seconds of a
 baseline are those of that one run, alone and compiled; those of the whole search stand beside them. All errors are

@@ -1,8 +1,8 @@
 """How near does an ellipsoid come to a quartic surface in the Hausdorff distance?
 
-The six numbers of an ellipsoid along the axes (inverse squares of its half axes, and its centre) are fitted to a smooth
+The six numbers of an ellipsoid along the axes (inverse squares of its half axes, and its center) are fitted to a smooth
 quartic without symmetry, a rounded box. The start is the least-squares fit to points of the quartic. Then the Hausdorff
-distance is lowered by `minimise_hausdorff`, whose model is made of the gradients of both directions at all places
+distance is lowered by `minimize_hausdorff`, whose model is made of the gradients of both directions at all places
 visited: at the optimum several points are equally far, and the gradient of one of them says nothing.
 
 Claims: the distance falls by a fifth from least squares to the end, both proven, in some 40 evaluations; at the end a
@@ -39,10 +39,10 @@ def main() -> None:
     # Wide bounds of a short run close before a search goes on with a second program.
     method = jhd.BranchAndBound(atol=SMOKE_ATOL) if run.smoke else None
     steps = SMOKE_STEPS if run.smoke else STEPS
-    fit = jhd.minimise_hausdorff(ellipsoid, start, target, method=method, max_steps=steps, progress=note)
+    fit = jhd.minimize_hausdorff(ellipsoid, start, target, method=method, max_steps=steps, progress=note)
     first, last = (_found(target, x, method) for x in (start, np.asarray(fit.parameters)))
     share = 100 * (1 - last["upper"] / first["lower"])
-    header = ["at", "lower", "upper - lower", *("a", "b", "c"), "centre", "event", "direction"]
+    header = ["at", "lower", "upper - lower", *("a", "b", "c"), "center", "event", "direction"]
     rows = [_row(name, found) for name, found in (("least squares", first), ("end", last))]
     counts = {name: int(count) for name, count in fit.stats.items()}
     said = f"{counts['evaluations']} evaluations, {counts['steps']} of them lower; {share:.1f} % less at least;"
@@ -68,8 +68,8 @@ def _least_squares(target: jhd.ImplicitSurface) -> np.ndarray:
     points = quadrilaterals(target, 24)[:, 0]
     found = np.linalg.lstsq(np.concatenate([points**2, points], axis=1), np.ones(len(points)), rcond=None)[0]
     square, linear = found[:3], found[3:]
-    centre = -linear / (2 * square)
-    return np.concatenate([square / (1 + np.sum(square * centre**2)), centre])
+    center = -linear / (2 * square)
+    return np.concatenate([square / (1 + np.sum(square * center**2)), center])
 
 
 def _found(target: jhd.ImplicitSurface, parameters: np.ndarray, method: jhd.BranchAndBound | None) -> dict[str, Any]:
@@ -91,9 +91,9 @@ def _found(target: jhd.ImplicitSurface, parameters: np.ndarray, method: jhd.Bran
 
 def _row(name: str, found: dict[str, Any]) -> list[object]:
     axes = 1 / np.sqrt(found["parameters"][:3])
-    centre = "({:.4f}, {:.4f}, {:.4f})".format(*found["parameters"][3:])
+    center = "({:.4f}, {:.4f}, {:.4f})".format(*found["parameters"][3:])
     gap = f"{found['upper'] - found['lower']:.1e}"
-    row = [name, f"{found['lower']:.7f}", gap, *(f"{axis:.4f}" for axis in axes), centre]
+    row = [name, f"{found['lower']:.7f}", gap, *(f"{axis:.4f}" for axis in axes), center]
     return [*row, found["event"], found["direction"]]
 
 

@@ -2,7 +2,7 @@
 
 All 26 x 26 two-sided Hausdorff distances between the lower-case outlines of DejaVu Sans (a sans serif of even strokes)
 and STIX General (a Times: serifs, contrast, a g of two storeys), each letter scaled to the x-height of its font and
-centred. Fonts of one design would find each other by their skeletons; these two share nothing but the alphabet. Then
+centered. Fonts of one design would find each other by their skeletons; these two share nothing but the alphabet. Then
 the nearest letters are looked for without the matrix: boxes give a first proven lower bound, the letters that they
 leave are asked whether they are nearer than the best so far (hausdorff_at_most), and only those that are get their
 distance computed. And SciPy's k-d tree on samples of the outlines, in one process on one core, trees built once for
@@ -193,7 +193,7 @@ def _sampled(first: Letters, second: Letters, spacing: float, matrix: dict[str, 
 
 
 def _samples(curve: jhd.BezierSegments, spacing: float) -> np.ndarray:
-    """Points along all segments, neighbours at most about `spacing` apart."""
+    """Points along all segments, neighbors at most about `spacing` apart."""
     points = np.asarray(curve.control_points)
     lengths = np.sum(np.linalg.norm(np.diff(points, axis=1), axis=-1), axis=-1)
     rows = [sample(piece[None], int(np.ceil(length / spacing))) for piece, length in zip(points, lengths, strict=True)]

@@ -78,7 +78,7 @@ def _stored(field: jhd.DistanceMap) -> dict[str, Any]:
 
 def _drawn(field: jhd.DistanceMap) -> dict[str, Any]:
     """Distances to five digits, for drawing."""
-    return {"x": field.centres[0], "y": field.centres[1], "distance": np.round(np.asarray(field.distance), 5)}
+    return {"x": field.centers[0], "y": field.centers[1], "distance": np.round(np.asarray(field.distance), 5)}
 
 
 def _checked(
@@ -86,7 +86,7 @@ def _checked(
 ) -> dict[str, float]:
     """The largest difference between stored and proven distances at random pixels, which may not exceed the error."""
     i, j = (random.integers(0, size, number) for size in field.distance.shape)
-    x, y = (np.asarray(centre) for centre in field.centres)
+    x, y = (np.asarray(center) for center in field.centers)
     found = jhd.project(np.stack([x[i], y[j]], axis=1), b)
     stored = np.asarray(field.distance)[i, j]
     off = np.maximum(np.asarray(found.lower) - stored, stored - np.asarray(found.upper))

@@ -39,7 +39,7 @@ FIRST, LAST, COLD = 0.1, 0.002, 1e-12
 MOVED = 1e-3
 # Under the root of a squared distance, which has no slope at zero.
 TINY = 1e-24
-# Of XLA's optimisation of a program; a smoke run runs it a few times only.
+# Of XLA's optimization of a program; a smoke run runs it a few times only.
 LEVEL, SMOKE_LEVEL = 3, 0
 
 

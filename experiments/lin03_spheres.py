@@ -22,7 +22,7 @@ from common import Run, markdown
 import jhd
 
 EPS, LINES = 0.01, 10
-RADII, CENTRE = (3.0, 2.0), 7.0
+RADII, CENTER = (3.0, 2.0), 7.0
 PRINTED = 2.0020
 # The points as printed; the second number is the coordinate that is read as 0.0700.
 PRINTED_POINTS = ((0.0070, 2.9992, 0.0), (0.0070, 5.0012, 0.0))
@@ -79,12 +79,12 @@ def _answers(first: jhd.ImplicitSurface, second: jhd.ImplicitSurface, i: int, j:
 
 def _along(x: float) -> float:
     """Distance of the spheres along the line with this x and z = 0."""
-    return CENTRE - sum(np.sqrt(r**2 - x**2) for r in RADII)
+    return CENTER - sum(np.sqrt(r**2 - x**2) for r in RADII)
 
 
 def _off(x: float, y: float, z: float) -> float:
     """How far a point is from the nearer of the spheres."""
-    return min(abs(np.hypot(np.hypot(x, y - c), z) - r) for c, r in zip((0.0, CENTRE), RADII, strict=True))
+    return min(abs(np.hypot(np.hypot(x, y - c), z) - r) for c, r in zip((0.0, CENTER), RADII, strict=True))
 
 
 def _text(numbers: dict[str, Any]) -> str:

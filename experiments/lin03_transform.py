@@ -63,7 +63,7 @@ def main() -> None:
 
 
 def shell(n: int) -> np.ndarray:
-    """Voxels about a sphere whose centre is no voxel."""
+    """Voxels about a sphere whose center is no voxel."""
     places = np.indices((n, n, n), np.float32) - np.float32(n / 2 - 0.3)
     return np.abs(np.sqrt((places**2).sum(0)) - n / 3) < 0.6
 
@@ -72,12 +72,12 @@ def tube(n: int) -> np.ndarray:
     """Voxels that points on a tube about a trefoil knot fall into."""
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 24 * n), np.linspace(0, 2 * np.pi, 4 * n, endpoint=False))
     radius = 2 + np.cos(3 * u)
-    centre = np.stack([radius * np.cos(2 * u), radius * np.sin(2 * u), 1.5 * np.sin(3 * u)])
-    along = np.gradient(centre, axis=2)
+    center = np.stack([radius * np.cos(2 * u), radius * np.sin(2 * u), 1.5 * np.sin(3 * u)])
+    along = np.gradient(center, axis=2)
     side = np.cross(along, np.array([0.0, 0.0, 1.0]).reshape(3, 1, 1), axis=0)
     up = np.cross(side, along, axis=0)
     side, up = (x / np.linalg.norm(x, axis=0) for x in (side, up))
-    points = centre + 0.45 * (np.cos(v) * side + np.sin(v) * up)
+    points = center + 0.45 * (np.cos(v) * side + np.sin(v) * up)
     features = np.zeros((n, n, n), bool)
     features[tuple(np.clip((points / 7.4 + 0.5) * n, 0, n - 1).astype(int).reshape(3, -1))] = True
     return features
@@ -134,7 +134,7 @@ def _check_templates(features: np.ndarray) -> None:
 
 
 def _offer(nearest: np.ndarray, place: tuple[int, int, int], steps: np.ndarray) -> None:
-    """The voxel takes the feature of a neighbour that is nearer than its own."""
+    """The voxel takes the feature of a neighbor that is nearer than its own."""
     for step in steps:
         other = np.array(place) + step
         if np.all(other >= 0) and np.all(other < nearest.shape[:3]):

@@ -20,7 +20,7 @@ from common import Run, markdown, plain
 
 import jhd
 
-# Places that colours are computed for, on each mesh.
+# Places that colors are computed for, on each mesh.
 PLACES, SMOKE_PLACES = 40_000, 2_000
 # Half the width of the section, in distances.
 WINDOW = 4.0
@@ -38,8 +38,8 @@ def main() -> None:
     found = {"a_to_b": _directed(a, b), "b_to_a": _directed(b, a)}
     best = max(DIRECTIONS, key=lambda name: found[name]["solution"].value)
     numbers = {
-        "a": {"vertices": a.vertices, "triangles": a.triangles, **_coloured(a, b, places)},
-        "b": {"vertices": b.vertices, "triangles": b.triangles, **_coloured(b, a, places)},
+        "a": {"vertices": a.vertices, "triangles": a.triangles, **_colored(a, b, places)},
+        "b": {"vertices": b.vertices, "triangles": b.triangles, **_colored(b, a, places)},
         "directions": found,
         "larger": best,
         "section": _section(a, b, found[best]["solution"].witness),
@@ -61,7 +61,7 @@ def _directed(a: jhd.TriangleMesh, b: jhd.TriangleMesh) -> dict[str, Any]:
     return {"solution": solution, "seconds": time.perf_counter() - start, "rounds": rounds}
 
 
-def _coloured(mesh: jhd.TriangleMesh, other: jhd.TriangleMesh, places: int) -> dict[str, Any]:
+def _colored(mesh: jhd.TriangleMesh, other: jhd.TriangleMesh, places: int) -> dict[str, Any]:
     """The triangles cut into k^2 parts, about as many as places, and the distances of the parts' middles."""
     k = max(1, round((places / mesh.count) ** 0.5))
     up = [[(i, j), (i + 1, j), (i, j + 1)] for i in range(k) for j in range(k - i)]
@@ -108,7 +108,7 @@ def _cut(mesh: jhd.TriangleMesh, point: np.ndarray, axes: np.ndarray, width: flo
 
 
 def _table(a: jhd.TriangleMesh, b: jhd.TriangleMesh, numbers: dict[str, Any]) -> str:
-    header = ["direction", "triangles", "lower", "upper", "farthest place coloured", "event", "rounds", "seconds"]
+    header = ["direction", "triangles", "lower", "upper", "farthest place colored", "event", "rounds", "seconds"]
     rows = []
     for name, counts in zip(DIRECTIONS, ((a.count, b.count), (b.count, a.count)), strict=True):
         entry, farthest = numbers["directions"][name], float(numbers[name[0]]["distance"].max())

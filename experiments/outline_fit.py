@@ -225,7 +225,7 @@ def _case(run: Run, degree: int, segments: int) -> dict[str, Any]:
         start = end + (DISPLACEMENT * run.random.normal(size=end.shape) if number else 0.0)
         name = f"displaced {number}" if number else "continued"
         runs[name] = _timed(
-            lambda report, start=start: jhd.minimise_hausdorff(
+            lambda report, start=start: jhd.minimize_hausdorff(
                 Loop(segments), start, target, max_steps=2 * steps, progress=report
             )
         )

@@ -66,7 +66,7 @@ def build(c: Any) -> jhd.BezierCurve:
 
 
 def _one_parameter(start: float, **options: Any) -> jhd.FitSolution:
-    return jhd.minimise_hausdorff(build, jnp.asarray(start), QUARTER, method=PROOF, **options)
+    return jhd.minimize_hausdorff(build, jnp.asarray(start), QUARTER, method=PROOF, **options)
 
 
 def _history(start: float) -> dict[str, Any]:

@@ -1,15 +1,15 @@
 """Which range of a polynomial over cells keeps the fewest of them, and at what cost?
 
-Surfaces from a cone to the Barth sextic are voxelised at 64^3 with each of the five ways to bound a polynomial over a
-box that jhd offers: the power form and Horner's scheme in interval arithmetic, the centred form, modified affine
+Surfaces from a cone to the Barth sextic are voxelized at 64^3 with each of the five ways to bound a polynomial over a
+box that jhd offers: the power form and Horner's scheme in interval arithmetic, the centered form, modified affine
 arithmetic (the paper's), Bernstein coefficients. Counted are the cells kept on each level of the octree and those
 tested in all; of the kept cells at least the proven ones hold a point, so no way can keep fewer than those. Speeds are
-those of the range alone, on cells about the surface, and of a whole voxelisation at 128^3, proofs included, on one
+those of the range alone, on cells about the surface, and of a whole voxelization at 128^3, proofs included, on one
 core.
 
 Claims: Bernstein coefficients keep the fewest cells on every surface, at most 3 % more than are proven to hold a point.
 Modified affine arithmetic keeps 3 to 34 % more than those, the power form of interval arithmetic up to nine times as
-many. A Bernstein range takes up to twice as long as one of modified affine arithmetic, a voxelisation about as long.
+many. A Bernstein range takes up to twice as long as one of modified affine arithmetic, a voxelization about as long.
 
 Feeds: figure "ranges" and its table.
 Takes: 4 minutes.
@@ -27,7 +27,7 @@ from common_surfaces import BARTH, CLEBSCH, CONES, TANGLECUBE, TORUS, kept, surf
 import jhd
 from jhd.arithmetic import trivariate
 
-KINDS = ("interval", "horner", "centred", "modified_affine", "bernstein")
+KINDS = ("interval", "horner", "centered", "modified_affine", "bernstein")
 SURFACES = {
     "cone": (CONES[0], 2.0),
     "ellipsoid": ("x^2 + 0.7*x*y + 1.5*y^2 + 0.4*y*z + 2*z^2 - 0.3*x - 1.7", 2.0),
@@ -69,7 +69,7 @@ def _measured(run: Run, text: str, size: float, cells: int, fine: int) -> dict[s
         kind: {
             **kept(shape, cells, kind),
             "rate": _rate(shape, cells, kind, repeats),
-            "seconds": seconds(lambda kind=kind: jhd.voxelise(shape, fine, kind).proven, repeats),
+            "seconds": seconds(lambda kind=kind: jhd.voxelize(shape, fine, kind).proven, repeats),
         }
         for kind in KINDS
     }
@@ -77,11 +77,11 @@ def _measured(run: Run, text: str, size: float, cells: int, fine: int) -> dict[s
 
 def _rate(shape: jhd.ImplicitSurface, cells: int, kind: str, repeats: int) -> float:
     """Ranges a second of one program for many cells about the surface."""
-    voxels = jhd.voxelise(shape, cells)
-    centres = np.resize(np.asarray(voxels.centres), (CHUNK, 3)).T
-    half = np.broadcast_to(np.asarray(voxels.spacing)[:, None] / 2, centres.shape)
+    voxels = jhd.voxelize(shape, cells)
+    centers = np.resize(np.asarray(voxels.centers), (CHUNK, 3)).T
+    half = np.broadcast_to(np.asarray(voxels.spacing)[:, None] / 2, centers.shape)
     program = jax.jit(partial(trivariate.enclose, kind=kind))
-    arguments = [jnp.asarray(x) for x in (shape.coefficients, centres, half)]
+    arguments = [jnp.asarray(x) for x in (shape.coefficients, centers, half)]
     taken = seconds(lambda: [program(*arguments).upper for _ in range(CALLS)], repeats)
     return CALLS * CHUNK / taken
 

@@ -1,21 +1,21 @@
 """Which motion registers one outline to another with the least Hausdorff distance, and what does ICP find?
 
-The letter S of two fonts, boxes centred on the origin, in units of the x-height. Three problems, each from eight
+The letter S of two fonts, boxes centered on the origin, in units of the x-height. Three problems, each from eight
 starting angles, with shift zero and scale one:
 
 - rigid: angle and shift that bring the letter of one font to that of the other;
 - similarity: and a scale;
 - copy: the target is the letter itself under a known motion. The distance is zero there, with a kink.
 
-`minimise_hausdorff` minimises the distance itself. ICP, the usual way, alternates between nearest neighbours of samples
-and the motion of least squares; here with neighbours in both directions, which is nearer to the Hausdorff distance
-than one, until the pairs stay the same. A third way starts `minimise_hausdorff` where ICP ends. All errors are proven
+`minimize_hausdorff` minimizes the distance itself. ICP, the usual way, alternates between nearest neighbors of samples
+and the motion of least squares; here with neighbors in both directions, which is nearer to the Hausdorff distance
+than one, until the pairs stay the same. A third way starts `minimize_hausdorff` where ICP ends. All errors are proven
 Hausdorff distances. A start reaches the best minimum where its proven lower bound is at most 1e-6 above the least
 proven upper bound of all.
 
 Claims: every fit between the two fonts ends at a stationary point (residual below 1e-14) with as many equal distances
 as parameters and one more. The best rigid motion is 8 % nearer than the best end of ICP, the best similarity 26 %.
-From starts on the side `minimise_hausdorff` alone stops at poor minima, and ICP comes nearer; from the end of ICP it is
+From starts on the side `minimize_hausdorff` alone stops at poor minima, and ICP comes nearer; from the end of ICP it is
 nearer than both from every start, or equal. The copy's motion is found to 1e-15: from 2 starts of 8, by ICP from 4.
 
 Feeds: figure "registration" and the table of both methods.
@@ -95,7 +95,7 @@ def _problem(
     build = Motion(source)
     starts = [np.append(angle, np.zeros(count - 1)) for angle in angles]
     icp = [_icp(build, to, start) for start in starts]
-    run.warm(lambda: jhd.minimise_hausdorff(build, starts[0], to))
+    run.warm(lambda: jhd.minimize_hausdorff(build, starts[0], to))
     fits = [_fit(build, to, start) for start in starts]
     after = [_fit(build, to, entry["parameters"]) for entry in icp]
     found = {"ours": [_record(*fit) for fit in fits], "icp": icp, "icp_then_ours": [_record(*fit) for fit in after]}
@@ -114,7 +114,7 @@ def _problem(
 def _fit(build: Motion, to: jhd.BezierSegments, start: np.ndarray) -> tuple[jhd.FitSolution, float]:
     """One fit and its seconds."""
     clock = time.perf_counter()
-    fit = jhd.minimise_hausdorff(build, start, to)
+    fit = jhd.minimize_hausdorff(build, start, to)
     return fit, time.perf_counter() - clock
 
 

@@ -2,7 +2,7 @@
 
 The scan is 100 000 points of a sheet of 9 bicubic patches, less those at its rim, with normal noise of 0.001 of its
 side. The model has the same net with its heights off by up to 0.01. The directed distance from all points to the model
-is proven before and after its 36 heights are fitted by `minimise_hausdorff` to the root mean square of the distances of
+is proven before and after its 36 heights are fitted by `minimize_hausdorff` to the root mean square of the distances of
 one point in twenty; so a single point that is far off pulls little. Beside the proven distance stands that of a k-d
 tree on samples of the model: twice as many until they take as long. Seconds are those of the processors, those of the
 distances of a second call.
@@ -71,7 +71,7 @@ def _fitted(scan: np.ndarray, net: np.ndarray, smoke: bool) -> tuple[np.ndarray,
     steps: list[float] = []
     measure = jhd.RootMeanSquare(directed=True)
     found, seconds = cpu(
-        lambda: jhd.minimise_hausdorff(
+        lambda: jhd.minimize_hausdorff(
             build,
             net[..., 2],
             jhd.points(scan),

@@ -1,7 +1,7 @@
 """Which statistic registers a known outline to its scan if a tenth of the points belong to something else?
 
 400 points of a closed cubic spline of 12 control points, with normal noise of 0.01 in both coordinates; a share of them
-lies anywhere in a square beside it instead, as where the table was scanned too. jhd.minimise_hausdorff moves, turns and
+lies anywhere in a square beside it instead, as where the table was scanned too. jhd.minimize_hausdorff moves, turns and
 scales the spline, which begins a fifth of its size away, by one word each: the largest distance, and of the distances
 from the points the root mean square, the mean and the quantile 0.8. What is compared is the error: how far the places
 that were scanned, without noise and outliers, are from the spline at most, proven.
@@ -80,7 +80,7 @@ def _case(places: np.ndarray, points: np.ndarray, share: float, steps: int) -> d
     found = {}
     for name, measure in measures.items():
         began = time.process_time()
-        fit = jhd.minimise_hausdorff(placed, START, jhd.points(points), measure=measure, max_steps=steps)
+        fit = jhd.minimize_hausdorff(placed, START, jhd.points(points), measure=measure, max_steps=steps)
         seconds = time.process_time() - began
         off = jhd.directed_hausdorff(jhd.points(places), fit.shape, throw=False)
         found[name] = {

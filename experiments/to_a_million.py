@@ -31,7 +31,7 @@ import jhd
 _SHARDS = (500, 1000, 2000, 4000)
 _WITHIN = 0.01
 _MILLION, _CORES, _BUSY = 10**6, 1000, 0.8
-# Bytes of a distance in a store: value, both bounds and the result; of a neighbour these and an index; of a pair two.
+# Bytes of a distance in a store: value, both bounds and the result; of a neighbor these and an index; of a pair two.
 _STORED = {"all pairs": 32, "nearest": 40, "within": 32}
 _HOUR = 3600.0
 

@@ -188,7 +188,7 @@ def _foot_left(b: Curve, pieces: EventPieces, segment: np.ndarray, box: np.ndarr
 
 
 def _inside(pieces: EventPieces, segment: np.ndarray, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
-    """Whether intervals of segments meet a piece; they are enlarged a little, in favour of trimming."""
+    """Whether intervals of segments meet a piece; they are enlarged a little, in favor of trimming."""
     there = pieces.segment[:, None] == segment
     return np.any(there & (pieces.side[0][:, None] <= t1 + FINAL) & (pieces.side[1][:, None] >= t0 - FINAL), axis=0)
 

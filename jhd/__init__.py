@@ -18,7 +18,7 @@ distance, with its *foot points*, the nearest points on the other shape.
 - Mean, root mean square and quantiles of the distance: `deviation`; as a loss: `Mean`, `RootMeanSquare`, `Quantile`.
 - The nearest point on a shape: `project`; all stationary points on a curve: `stationary_points`.
 - Inside or outside of a mesh: `signed_distance`; millions of such queries: `AdaptiveDistanceField`.
-- A shape that fits another one: `fit_curve`, `fit_outline`, `minimise_hausdorff`; a smooth loss: `soft_hausdorff`.
+- A shape that fits another one: `fit_curve`, `fit_outline`, `minimize_hausdorff`; a smooth loss: `soft_hausdorff`.
 - Many shapes, by Hausdorff distance: `pairwise`, `nearest_shapes`, `pairs_within`.
 - A proof for others to check: `certify`, `verify`.
 - Files and glyphs: `jhd.io`. Pictures: `jhd.plot`. Objects of other packages: `as_shape`.
@@ -108,7 +108,7 @@ from jhd.distance import (  # noqa: E402
     MeasureSolution,
     MinimumProgress,
     NearestSearch,
-    Neighbours,
+    Neighbors,
     NewtonProjection,
     PairsWithin,
     Pairwise,
@@ -151,9 +151,9 @@ from jhd.fields import (  # noqa: E402
     distance_map,
     distance_transform,
     signed_distance_transform,
-    voxelise,
+    voxelize,
 )
-from jhd.fit import fit_curve, fit_outline, minimise_hausdorff  # noqa: E402
+from jhd.fit import fit_curve, fit_outline, minimize_hausdorff  # noqa: E402
 from jhd.fitting.soft import soft_hausdorff  # noqa: E402
 from jhd.shapes import (  # noqa: E402
     BezierCurve,
@@ -222,7 +222,7 @@ __all__ = [
     "MinimumProgress",
     "MinimumSolution",
     "NearestSearch",
-    "Neighbours",
+    "Neighbors",
     "NewtonProjection",
     "NotProvenError",
     "NotRegularError",
@@ -263,7 +263,7 @@ __all__ = [
     "hausdorff",
     "hausdorff_at_most",
     "io",
-    "minimise_hausdorff",
+    "minimize_hausdorff",
     "minimum_at_most",
     "minimum_distance",
     "nearest_shapes",
@@ -282,7 +282,7 @@ __all__ = [
     "stack_curves",
     "stationary_points",
     "verify",
-    "voxelise",
+    "voxelize",
 ]
 
 

@@ -49,7 +49,7 @@ _LARGEST_DEGREE = 32
 _SPREAD = 0.1
 
 
-def minimise_hausdorff(
+def minimize_hausdorff(
     build: Callable[[Any], Fitted],
     parameters: Any,
     target: Any,
@@ -80,7 +80,7 @@ def minimise_hausdorff(
 
     >>> from jhd.shapes.curve import BezierSegments, circle
     >>> quarter = BezierSegments(circle([0, 0], 1).control_points[:1], circle([0, 0], 1).weights[:1])
-    >>> fit = minimise_hausdorff(lambda h: BezierSegments(jnp.array([[(1, 0), (1, h), (h, 1), (0, 1)]])), 0.5, quarter)
+    >>> fit = minimize_hausdorff(lambda h: BezierSegments(jnp.array([[(1, 0), (1, h), (h, 1), (0, 1)]])), 0.5, quarter)
     >>> round(float(fit.parameters), 6), round(float(fit), 6)
     (0.551915, 0.000196)
 
@@ -116,13 +116,13 @@ def minimise_hausdorff(
         ValueError: there are no parameters, `starts` has another shape, or a temperature is not a positive length or is
             given together with a measure.
     """
-    refuse_tracing("minimise_hausdorff", parameters, target)
+    refuse_tracing("minimize_hausdorff", parameters, target)
     options = {"measure": measure, "starts": starts, "seed": seed, "max_steps": max_steps, "atol": atol}
     options |= {"capacity": capacity, "method": method, "progress": progress, "temperature": temperature}
-    return _minimised(build, parameters, target, Clock(max_seconds), **options)
+    return _minimized(build, parameters, target, Clock(max_seconds), **options)
 
 
-def _minimised(
+def _minimized(
     build: Callable[[Any], Fitted],
     parameters: Any,
     target: Any,
@@ -138,7 +138,7 @@ def _minimised(
     method: AbstractHausdorffMethod | None = None,
     progress: Callable[[FitProgress], object] | None = None,
 ) -> FitSolution:
-    """The same as `minimise_hausdorff`, within the time of a clock."""
+    """The same as `minimize_hausdorff`, within the time of a clock."""
     target = taken_as("target", target)
     flat, unravel = ravel_pytree(jax.tree_util.tree_map(lambda x: jnp.asarray(x, dtype=float), parameters))
     if flat.size == 0:
@@ -192,12 +192,12 @@ def fit_curve(
         segments: number of segments; None means 1. The target is divided at its corners, and evenly between them.
         tolerance: largest certified distance, in the unit of the coordinates. Pass it instead of `segments` to get few
             segments, at most 64, as from `fit_outline`; the ends are then fixed.
-        measure: loss to minimize; None selects Hausdorff(). See `minimise_hausdorff`.
+        measure: loss to minimize; None selects Hausdorff(). See `minimize_hausdorff`.
         ends: "fixed" keeps the end points of the target; "free" fits them too.
         closed: whether the last segment joins the first; None takes this from the target.
         smooth: whether the tangent is continuous at the joints. By default joints may be corners.
         max_steps: largest number of steps from each start.
-        max_seconds: wall time in seconds after which the best fit so far is returned; see `minimise_hausdorff`.
+        max_seconds: wall time in seconds after which the best fit so far is returned; see `minimize_hausdorff`.
         atol: distance at which the fit is good enough and stops. 0 (the default) continues to a stationary point.
         method: method that certifies the error. None selects BranchAndBound().
         progress: callback that receives a FitProgress after each step.
@@ -244,20 +244,20 @@ def fit_curve(
     options = {"max_steps": max_steps, "atol": atol, "method": method, "progress": progress, "measure": measure}
     build, start = least_squares(layout, curve, joints)
     if ends == "fixed" or closed:
-        return _minimised(build, start, curve, clock, **options)
+        return _minimized(build, start, curve, clock, **options)
     held, free = least_squares(layout._replace(fixed_ends=True), curve, joints)
     if free.size:
-        first = _minimised(held, free, curve, clock, **options).parameters
+        first = _minimized(held, free, curve, clock, **options).parameters
         others = points_of(build, np.asarray(held(first).control_points))
-        return _minimised(build, start, curve, clock, starts=np.stack([others, start]), **options)
-    return _minimised(build, start, curve, clock, **options)
+        return _minimized(build, start, curve, clock, starts=np.stack([others, start]), **options)
+    return _minimized(build, start, curve, clock, **options)
 
 
 def _refuse_points(curve: BezierSegments) -> None:
     if curve.degree == 0:
         raise ValueError(
             "target is a set of points, which have no order; join them by jhd.polyline, or fit them "
-            "by minimise_hausdorff with a measure."
+            "by minimize_hausdorff with a measure."
         )
 
 
@@ -301,7 +301,7 @@ def fit_outline(
         smooth: whether the tangent is continuous at the joints inside a contour. By default joints may be corners.
         max_segments: largest number of segments of one contour.
         max_steps: largest number of steps of one fit. A fit stops as soon as it is within the tolerance.
-        max_seconds: wall time in seconds for all contours together; see `minimise_hausdorff`. When it is over, the
+        max_seconds: wall time in seconds for all contours together; see `minimize_hausdorff`. When it is over, the
             present fits are returned, which may exceed the tolerance.
         progress: callback that receives a FitProgress after each step.
 
@@ -351,7 +351,7 @@ def _within(
         build, start = least_squares(layout, contour, joints if own else divided(contour, count))
         if own and not smooth:
             start = points_of(build, pieces)
-        fit = _minimised(build, start, contour, clock, max_steps=max_steps, atol=0.99 * limit, progress=progress)
+        fit = _minimized(build, start, contour, clock, max_steps=max_steps, atol=0.99 * limit, progress=progress)
         if float(fit.error.upper) <= limit or count == most or clock.is_over():
             break
     return fit

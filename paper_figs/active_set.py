@@ -11,7 +11,7 @@ It ends with 7 of 8, equal to 1e-14, at a distance of 0.281167221.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, ORANGE, VERMILLION, Picture, bezier, letter, style
+from common import BLACK, BLUE, GRAY, MM, ORANGE, VERMILLION, Picture, bezier, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -70,7 +70,7 @@ def _draw_shape(ax: Axes, target: np.ndarray, curve: np.ndarray, step: dict[str,
     pairs = step["pairs"]
     for k, top in enumerate(_at_top(pairs, near)):
         point, feet = np.array(pairs["point"][k]), np.unique(pairs["feet"][k], axis=0)
-        style: dict[str, Any] = {"color": VERMILLION, "linewidth": 1.8} if top else {"color": GREY, "linewidth": 0.8}
+        style: dict[str, Any] = {"color": VERMILLION, "linewidth": 1.8} if top else {"color": GRAY, "linewidth": 0.8}
         for foot in feet:
             ax.plot(*np.stack([point, foot], axis=1), **style, zorder=5 if top else 4)
         ax.plot(*point, **{**(_TOP if top else _OTHER), "markersize": 2.6})
@@ -82,7 +82,7 @@ def _draw_profile(ax: Axes, t: np.ndarray, step: dict[str, Any], near: float) ->
     """Distances along both curves, and the pairs at their places."""
     ax.plot(t, step["profile"]["a_to_b"], color=BLUE, linewidth=1.0)
     ax.plot(t, step["profile"]["b_to_a"], color=ORANGE, linewidth=1.2, linestyle=_DASHED)
-    ax.axhline(step["distance"], color=GREY, linewidth=0.8, linestyle=(0, (1, 1.5)))
+    ax.axhline(step["distance"], color=GRAY, linewidth=0.8, linestyle=(0, (1, 1.5)))
     pairs = step["pairs"]
     for place, value, top in zip(pairs["t"], pairs["value"], _at_top(pairs, near), strict=True):
         ax.plot([place], [value], **(_TOP if top else _OTHER))
@@ -127,7 +127,7 @@ def _legend(figure: Figure, near: float) -> None:
         "target ($t$)": {"color": BLUE, "linewidth": 1.2},
         "curve that is fitted ($s$)": {"color": ORANGE, "linewidth": 1.4, "linestyle": _DASHED},
         f"pair within {100 * near:g} % of $h$": {**_TOP, "linestyle": "-", "linewidth": 1.8},
-        "other pair": {**_OTHER, "color": GREY, "linestyle": "-", "linewidth": 0.8, "markerfacecolor": "white"},
+        "other pair": {**_OTHER, "color": GRAY, "linestyle": "-", "linewidth": 0.8, "markerfacecolor": "white"},
     }
     handles = [Line2D([], [], label=label, **style) for label, style in styles.items()]
     figure.legend(handles=handles, loc="outside upper center", ncols=4, handlelength=2.4, columnspacing=1.6)

@@ -12,16 +12,16 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, power_text, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, power_text, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 _RULES = {"paper": ("published rule", VERMILLION, "s", "--"), "safe": ("safe rule", BLUE, "^", "-.")}
 _RANGES = {
-    "centred": ("centred", ORANGE, "D", "-."),
+    "centered": ("centered", ORANGE, "D", "-."),
     "modified_affine": ("modified affine", VERMILLION, "s", "--"),
-    "interval": ("interval", GREY, "v", ":"),
+    "interval": ("interval", GRAY, "v", ":"),
     "bernstein": ("Bernstein", BLUE, "o", "-"),
 }
 # A search that lands within rounding of the distance has no half width on a logarithmic axis.
@@ -51,10 +51,10 @@ def _by_rule(numbers: dict[str, Any], rule: str) -> list[dict[str, Any]]:
 
 
 def _draw_widths(ax: Axes, numbers: dict[str, Any]) -> None:
-    for rule, (label, colour, marker, line) in _RULES.items():
+    for rule, (label, color, marker, line) in _RULES.items():
         found = _by_rule(numbers, rule)
         half = [(x["upper"] - x["lower"]) / 2 for x in found]
-        look = {"color": colour, "marker": marker, "linestyle": line, "markersize": 4, "label": label}
+        look = {"color": color, "marker": marker, "linestyle": line, "markersize": 4, "label": label}
         ax.loglog([x["separable"] for x in found], half, **look)
     search = numbers["search"]
     if search:
@@ -74,11 +74,11 @@ def _draw_widths(ax: Axes, numbers: dict[str, Any]) -> None:
 
 def _draw_intervals(ax: Axes, numbers: dict[str, Any]) -> None:
     cells = [found["cells"] for found in _by_rule(numbers, "paper")]
-    for (rule, (label, colour, _, _)), shift in zip(_RULES.items(), (-0.14, 0.14), strict=True):
+    for (rule, (label, color, _, _)), shift in zip(_RULES.items(), (-0.14, 0.14), strict=True):
         for k, found in enumerate(_by_rule(numbers, rule)):
             name = None if k else label
             ends = [found["lower"], found["upper"]]
-            ax.plot([k + shift] * 2, ends, color=colour, linewidth=4.5, solid_capstyle="butt", label=name)
+            ax.plot([k + shift] * 2, ends, color=color, linewidth=4.5, solid_capstyle="butt", label=name)
     if numbers["paper"]["cells"] in cells:
         k = cells.index(numbers["paper"]["cells"]) - 0.14
         middle, half = numbers["paper"]["middle"], numbers["paper"]["half"]
@@ -99,9 +99,9 @@ def _draw_intervals(ax: Axes, numbers: dict[str, Any]) -> None:
 def _draw_kept(ax: Axes, levels: dict[str, Any]) -> None:
     """Cells kept beyond those of Bernstein coefficients, both surfaces together."""
     best = np.sum(levels["bernstein"], axis=0)[1:]
-    for kind, (label, colour, marker, line) in _RANGES.items():
+    for kind, (label, color, marker, line) in _RANGES.items():
         above = 100 * (np.sum(levels[kind], axis=0)[1:] / best - 1)
-        look = {"color": colour, "marker": marker, "linestyle": line, "markersize": 7 if kind == "interval" else 4}
+        look = {"color": color, "marker": marker, "linestyle": line, "markersize": 7 if kind == "interval" else 4}
         ax.plot(np.arange(1, len(best) + 1), above, label=label, **look)
     ax.set(xlabel="level of the octree", ylabel="cells kept beyond Bernstein (%)")
     ax.set_xticks(np.arange(1, len(best) + 1))
@@ -115,11 +115,11 @@ def _draw_rates(ax: Axes, numbers: dict[str, Any]) -> None:
     same = [x for x in found if x["cells"] == numbers["paper"]["cells"]]
     shown = same or found[-1:]
     pairs = shown[0]["pairs"]
-    bars = [("paper", pairs / numbers["paper"]["seconds"], GREY, "")] if same else []
-    for way, name, colour, hatch in (("tiles", "in tiles", ORANGE, "////"), ("separable", "separable", PURPLE, "....")):
-        bars.append((name, pairs / max(shown[0][way], 1e-9), colour, hatch))
-    for k, (_, height, colour, hatch) in enumerate(bars):
-        ax.bar(k, height, 0.6, color=colour, hatch=hatch, edgecolor=BLACK, linewidth=0.6)
+    bars = [("paper", pairs / numbers["paper"]["seconds"], GRAY, "")] if same else []
+    for way, name, color, hatch in (("tiles", "in tiles", ORANGE, "////"), ("separable", "separable", PURPLE, "....")):
+        bars.append((name, pairs / max(shown[0][way], 1e-9), color, hatch))
+    for k, (_, height, color, hatch) in enumerate(bars):
+        ax.bar(k, height, 0.6, color=color, hatch=hatch, edgecolor=BLACK, linewidth=0.6)
         ax.annotate(_power(height), (k, height), (0, 2), textcoords="offset points", ha="center")
     ax.set_yscale("log")
     ax.set_ylim(1, 1e12)

@@ -113,8 +113,8 @@ def _write_gallery(pictures: Path, results: Path, names: list[str]) -> None:
         with Image.open(file) as image:
             height = round(image.height * common_gallery.SMALL_WIDTH / image.width)
             drawn = image.convert("RGB").resize((common_gallery.SMALL_WIDTH, height), Image.Resampling.LANCZOS)
-            # The median cut, which is the default, takes rare colours away, as those of thin lines are.
-            few = drawn.quantize(common_gallery.SMALL_COLOURS, Image.Quantize.MAXCOVERAGE)
+            # The median cut, which is the default, takes rare colors away, as those of thin lines are.
+            few = drawn.quantize(common_gallery.SMALL_COLORS, Image.Quantize.MAXCOVERAGE)
             few.save(small, optimize=True)
     for name in set(names) & set(common_gallery.STATED):
         shutil.copyfile(results / f"{name}.json", common_gallery.GALLERY / f"{name}.json")

@@ -10,7 +10,7 @@ deviation is attained.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -64,13 +64,13 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw_arcs(ax: Axes, entry: dict[str, Any]) -> None:
-    """The arcs of the drawn tolerance in two colours by turns, and their ends."""
+    """The arcs of the drawn tolerance in two colors by turns, and their ends."""
     drawn = entry["drawn"]
     arcs = jhd.BezierSegments(np.array(drawn["control_points"]), np.array(drawn["weights"]))
     t = np.linspace(0, 1, 33)
     for k in range(arcs.count):
-        colour, line = ((BLUE, "-"), (ORANGE, "-"))[k % 2]
-        ax.plot(*np.asarray(arcs(k + np.minimum(t, 1 - 1e-12))).T, color=colour, linestyle=line, linewidth=1.4)
+        color, line = ((BLUE, "-"), (ORANGE, "-"))[k % 2]
+        ax.plot(*np.asarray(arcs(k + np.minimum(t, 1 - 1e-12))).T, color=color, linestyle=line, linewidth=1.4)
     ends = np.asarray(arcs.control_points)[:, [0, -1]].reshape(-1, 2)
     ax.plot(*ends.T, linestyle="none", marker=".", markersize=2.6, color=BLACK)
     # All panels keep one size, so that their titles stand in line.
@@ -90,7 +90,7 @@ def _draw_counts(ax: Axes, curves: dict[str, Any]) -> None:
     ax.set_ylabel("number of arcs")
     ax.set_ylim(0.8, 4 * ax.get_ylim()[1])
     handles, labels = ax.get_legend_handles_labels()
-    handles.append(Line2D([], [], color=GREY, linewidth=0.9, linestyle=(0, (4, 1.5))))
+    handles.append(Line2D([], [], color=GRAY, linewidth=0.9, linestyle=(0, (4, 1.5))))
     labels.append("theory, slope $-1/3$")
     ax.legend(handles, labels, loc="upper left", labelspacing=0.2, handletextpad=0.3, borderaxespad=0.0)
 
@@ -104,10 +104,10 @@ def _draw_used(ax: Axes, curves: dict[str, Any]) -> None:
         ax.plot(x, [row["sampled"] / row["deviation"] for row in rows], linestyle="none", **_LINES[name], **_MARK)
         ax.vlines(x, low, high, color=BLACK, linewidth=1.0, zorder=5)
         ax.plot(x, low, linestyle="none", marker="_", color=BLACK, markersize=6, markeredgewidth=0.8, zorder=5)
-    ax.axhline(1.0, color=GREY, linewidth=0.8)
+    ax.axhline(1.0, color=GRAY, linewidth=0.8)
     ax.set_xscale("log")
     ax.set_ylim(0.78, 1.06)
-    ax.text(0.02, 1.006, "proven deviation", transform=ax.get_yaxis_transform(), va="bottom", color=GREY)
+    ax.text(0.02, 1.006, "proven deviation", transform=ax.get_yaxis_transform(), va="bottom", color=GRAY)
     ax.set_ylabel("share of the largest deviation")
     handles = [
         Line2D([], [], linestyle="none", marker="o", color="white", **_MARK),

@@ -11,11 +11,11 @@ that one point answers have no cells.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, MM, ORANGE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-# Colour and marker of each distance.
+# Color and marker of each distance.
 _LOOKS = {"largest": (BLUE, "o"), "smallest": (ORANGE, "D"), "decision": (VERMILLION, "^")}
 _NAMES = {"largest": "Hausdorff distance", "smallest": "smallest distance", "decision": "decision"}
 _PANELS = {"within": "CPU s to check", "cells": "cells"}
@@ -53,14 +53,14 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 def _draw(ax: Axes, mixes: list[dict[str, Any]], key: str) -> None:
     """A dot for each certificate, and a line from the least to the largest of a mix."""
     for k, mix in enumerate(mixes):
-        colour, marker = _LOOKS[mix["distance"]]
+        color, marker = _LOOKS[mix["distance"]]
         values = np.sort([found[key] for found in mix["certificates"]])
         # Those between are drawn first, so that the filled ones at the ends stay whole.
-        ax.plot(values, np.full(len(values), k), color=GREY, linewidth=0.6, zorder=1)
-        mark: dict[str, Any] = {"marker": marker, "s": 11, "linewidths": 0.6, "edgecolors": colour}
+        ax.plot(values, np.full(len(values), k), color=GRAY, linewidth=0.6, zorder=1)
+        mark: dict[str, Any] = {"marker": marker, "s": 11, "linewidths": 0.6, "edgecolors": color}
         ax.scatter(values[1:-1], np.full(len(values[1:-1]), k), facecolors="white", zorder=2, **mark)
         ends = values[[0, -1]] if len(values) else values
-        ax.scatter(ends, np.full(len(ends), k), facecolors=colour, zorder=3, **mark)
+        ax.scatter(ends, np.full(len(ends), k), facecolors=color, zorder=3, **mark)
     every = np.array([found[key] for mix in mixes for found in mix["certificates"]], float)
     if key == "cells":
         # Where a witness answers there is none.
@@ -90,8 +90,8 @@ def _refused(mix: dict[str, Any]) -> str:
 
 def _keys(ax: Axes) -> tuple[list[Any], list[str]]:
     marks = [
-        ax.scatter([], [], s=11, marker=marker, facecolors=colour, edgecolors=BLACK, linewidths=0.3)
-        for colour, marker in _LOOKS.values()
+        ax.scatter([], [], s=11, marker=marker, facecolors=color, edgecolors=BLACK, linewidths=0.3)
+        for color, marker in _LOOKS.values()
     ]
     return marks, [_NAMES[name] for name in _LOOKS]
 

@@ -10,7 +10,7 @@ of the distances.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, VERMILLION, Picture, bezier, letter, style
+from common import BLACK, BLUE, GRAY, MM, VERMILLION, Picture, bezier, letter, style
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, StrMethodFormatter
 
@@ -49,7 +49,7 @@ def _draw_work(part: Any, numbers: dict[str, Any]) -> None:
         below.loglog(sizes, [entry["spent"]["cpu"] for entry in entries], **looks, **_MARK)
     sizes = np.array(sorted({entry["shapes"] for entry in numbers["searches"]}))
     every = numbers["cpu_a_pair"] * numbers["queries"] * sizes
-    below.loglog(sizes, every, color=GREY, linestyle=(0, (1, 1)), linewidth=1.4, label="all distances (estimated)")
+    below.loglog(sizes, every, color=GRAY, linestyle=(0, (1, 1)), linewidth=1.4, label="all distances (estimated)")
     letter(above, "a", f"searched for {numbers['queries']} letters")
     letter(below, "b", "time, once compiled")
     above.set_ylabel("share of distances (%)")
@@ -70,11 +70,11 @@ def _draw_letters(part: Any, numbers: dict[str, Any]) -> None:
     shapes = [bezier(points) for row in shown["shapes"] for points in row]
     ties = tuple(np.zeros(ties, int) for ties in shown["ties"])
     index = np.arange(count * k).reshape(count, k)
-    found = jhd.Neighbours(index, value, lower, upper, RESULTS.successful, ties, 0)
+    found = jhd.Neighbors(index, value, lower, upper, RESULTS.successful, ties, 0)
     axes = part.subplots(count, 1 + k, squeeze=False)
     queries = [bezier(points) for points in shown["queries"]]
-    names = [name for row in shown["neighbours"] for name in row]
-    jhd.plot.neighbours(queries, shapes, found, axes, query_names=shown["letters"], names=names)
+    names = [name for row in shown["neighbors"] for name in row]
+    jhd.plot.neighbors(queries, shapes, found, axes, query_names=shown["letters"], names=names)
     words = f"{numbers['fonts'][0]} (solid), nearest of {numbers['fonts'][1]} (dashed), $d$ in em"
     part.suptitle(f"$\\bf{{(c)}}$ {words}", x=0.02, ha="left", fontsize=8)
 

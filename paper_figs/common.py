@@ -1,7 +1,7 @@
-"""What all figures share: arguments, numbers, sizes and colours for print.
+"""What all figures share: arguments, numbers, sizes and colors for print.
 
-Sizes are those of a journal: 85 mm for one column, 175 mm for two, 8 pt text. Colours are those of Okabe & Ito; line
-styles, markers and labels tell the same things apart in grey. Nothing global is changed: figures are made inside the
+Sizes are those of a journal: 85 mm for one column, 175 mm for two, 8 pt text. Colors are those of Okabe & Ito; line
+styles, markers and labels tell the same things apart in gray. Nothing global is changed: figures are made inside the
 context `style()`.
 """
 
@@ -26,7 +26,7 @@ from matplotlib.patheffects import withStroke
 import jhd
 
 BLACK, BLUE, ORANGE, GREEN, VERMILLION = "#000000", "#0072B2", "#E69F00", "#009E73", "#D55E00"
-PURPLE, GREY = "#CC79A7", "#707070"
+PURPLE, GRAY = "#CC79A7", "#707070"
 MM = 1 / 25.4
 # The name under which a picture holds what it hangs on.
 ORIGIN = "Origin"
@@ -220,7 +220,7 @@ def _dense(ax: Axes, line: Line2D) -> np.ndarray:
 
 
 def scale_bar(ax: Axes, length: float, unit: str, place: tuple[float, float]) -> None:
-    """A bar of this length in data units, centred at a place in axes coordinates, with its length in writing."""
+    """A bar of this length in data units, centered at a place in axes coordinates, with its length in writing."""
     x, y = ax.transData.inverted().transform(ax.transAxes.transform(place))
     ends = [x - length / 2, x + length / 2]
     ax.plot(ends, [y, y], color=BLACK, linewidth=1.6, solid_capstyle="butt", gid="scale_bar")

@@ -7,7 +7,7 @@ computed as it is drawn.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, ORANGE, VERMILLION, letter
+from common import BLACK, BLUE, GRAY, ORANGE, VERMILLION, letter
 from matplotlib.axes import Axes
 
 import jhd
@@ -24,7 +24,7 @@ _RADII, _LENGTH, _LB, _OFF = (100.0, 200.0), 10.0, 1.2, -1.195
 _PIXEL = 0.25
 _LIGHT = ("#9ecae9", "#fbe3a1", "#8fd3b6")
 _DOT: dict[str, Any] = {"marker": "o", "markersize": 3.2, "linestyle": "none", "color": BLACK}
-_THIN: dict[str, Any] = {"color": GREY, "linewidth": 0.6}
+_THIN: dict[str, Any] = {"color": GRAY, "linewidth": 0.6}
 _B: dict[str, Any] = {"color": BLACK, "linewidth": 1.4}
 _A: dict[str, Any] = {"color": BLUE, "linewidth": 1.4}
 _BAD: dict[str, Any] = {"color": VERMILLION, "linewidth": 2.4, "solid_capstyle": "butt"}
@@ -64,8 +64,8 @@ def _biarc(ax: Axes) -> None:
     curve = jhd.BezierSegments(_SEGMENT[None])
     arcs = jhd.biarcs(curve, 1.0).segments()
     ax.plot(*np.asarray(curve(np.linspace(0, 1, 121))).T, **{**_THIN, "color": BLACK, "linestyle": (0, (3, 1.5))})
-    for k, colour in enumerate((BLUE, ORANGE)):
-        ax.plot(*np.asarray(arcs(np.linspace(k, k + 1, 61))).T, color=colour, linewidth=1.6)
+    for k, color in enumerate((BLUE, ORANGE)):
+        ax.plot(*np.asarray(arcs(np.linspace(k, k + 1, 61))).T, color=color, linewidth=1.6)
     for end, other in ((0, 1), (3, 2)):
         way = _SEGMENT[other] - _SEGMENT[end]
         tip = _SEGMENT[end] + 0.8 * way / np.linalg.norm(way) * (1 if end == 0 else -1)
@@ -120,9 +120,9 @@ def _pixels(ax: Axes) -> None:
 def _nearest(ax: Axes) -> None:
     """Three arcs of B, their cells, and an arc of A whose control points ask for the nearest one (figure 11)."""
     turns = np.linspace(_FROM, _TO, 4)
-    for k, colour in enumerate(_LIGHT):
+    for k, color in enumerate(_LIGHT):
         cell = np.concatenate([_round(turns[k], turns[k + 1], 1.65), _round(turns[k + 1], turns[k], 0.45)])
-        ax.fill(*cell.T, color=colour, linewidth=0)
+        ax.fill(*cell.T, color=color, linewidth=0)
         ax.plot(*_round(turns[k], turns[k + 1]).T, **_B)
     ax.plot(*_round(_FROM, _TO)[[0, 40, 80, 120]].T, **{**_DOT, "marker": "|", "markersize": 7})
     points = _control_points(np.array([0.1, 2.6]), 1.35, np.radians(-90), np.radians(28))
@@ -131,10 +131,10 @@ def _nearest(ax: Axes) -> None:
         ax.plot(*np.stack([point, point / np.linalg.norm(point)]).T, **_THIN)
 
 
-def _control_points(centre: np.ndarray, radius: float, middle: float, half: float) -> np.ndarray:
-    """The three control points of an arc by its centre, radius, middle direction and half its turn."""
+def _control_points(center: np.ndarray, radius: float, middle: float, half: float) -> np.ndarray:
+    """The three control points of an arc by its center, radius, middle direction and half its turn."""
     angles, reach = middle + half * np.array([-1, 0, 1]), radius * np.array([1, 1 / np.cos(half), 1])
-    return centre + np.stack([reach * np.cos(angles), reach * np.sin(angles)], axis=1)
+    return center + np.stack([reach * np.cos(angles), reach * np.sin(angles)], axis=1)
 
 
 def _along(points: np.ndarray) -> np.ndarray:
@@ -159,8 +159,8 @@ def _regions(ax: Axes) -> None:
     ring = np.concatenate([_round(_FROM, _TO, 1 + _REACH), _round(_TO, _FROM, 1 - _REACH)])
     ends = ((_FROM, _FROM, _FROM + np.pi), (_TO, _TO - np.pi, _TO))
     discs = [_round(at, at)[0] + _round(start, stop, _REACH) for at, start, stop in ends]
-    for part, colour in zip((discs[0], ring, discs[1]), _LIGHT, strict=True):
-        ax.fill(*part.T, facecolor=colour, edgecolor=GREY, linewidth=0.6)
+    for part, color in zip((discs[0], ring, discs[1]), _LIGHT, strict=True):
+        ax.fill(*part.T, facecolor=color, edgecolor=GRAY, linewidth=0.6)
     first, last = _arc(ax)
     for place, name in ((1.0 * first + (-0.13, -0.13), "1"), (np.array([0.0, 1.17]), "2"), (last + (0.13, -0.13), "3")):
         _write(ax, place, name, (0, 0))
@@ -176,7 +176,7 @@ def _regions(ax: Axes) -> None:
 def _outside(ax: Axes) -> None:
     """An arc that leaves the second part although its control points are there (figure 14)."""
     ring = np.concatenate([_round(_FROM, _TO, 1 + _REACH), _round(_TO, _FROM, 1 - _REACH)])
-    ax.fill(*ring.T, facecolor=_LIGHT[1], edgecolor=GREY, linewidth=0.6)
+    ax.fill(*ring.T, facecolor=_LIGHT[1], edgecolor=GRAY, linewidth=0.6)
     _arc(ax)
     # Its control points are as far from O as each other, a little more than the region begins.
     radius, reach = 1.0, 1.01 * (1 - _REACH)
@@ -202,7 +202,7 @@ def _angle(ax: Axes) -> None:
 
 
 def _unsafe(ax: Axes) -> None:
-    """The distance of an arc of A from an arc of B, whose control points fulfil the condition (figure 16)."""
+    """The distance of an arc of A from an arc of B, whose control points fulfill the condition (figure 16)."""
     near, radius = _RADII
     half = np.arcsin(_LENGTH / radius)
     points = _control_points(np.zeros(2), radius, np.pi / 2, half)

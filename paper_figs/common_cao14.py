@@ -6,8 +6,8 @@ import numpy as np
 from common import (
     BLACK,
     BLUE,
+    GRAY,
     GREEN,
-    GREY,
     MM,
     ORANGE,
     PURPLE,
@@ -26,7 +26,7 @@ from matplotlib.lines import Line2D
 
 from jhd import plot
 
-# Dashes, so that the curves differ in grey too.
+# Dashes, so that the curves differ in gray too.
 _DASHED = (0, (4, 1.2))
 _EDGE: dict[str, Any] = {"markeredgecolor": BLACK, "markeredgewidth": 0.6, "linestyle": "none"}
 _SAMPLE: dict[str, Any] = {"marker": "o", "markersize": 3.0, "color": BLACK, "linestyle": "none", "zorder": 5}
@@ -77,15 +77,15 @@ def _handles() -> list[Line2D]:
         Line2D([], [], label="sample of $A$", **_SAMPLE),
         Line2D([], [], label="point chosen", **_CHOSEN),
         Line2D([], [], label="foot on $B$", **_FOOT),
-        Line2D([], [], color=GREY, marker="x", markersize=4, linestyle="none", label="stationary point"),
+        Line2D([], [], color=GRAY, marker="x", markersize=4, linestyle="none", label="stationary point"),
     ]
 
 
 def _curves(ax: Axes, numbers: dict[str, Any]) -> None:
-    for name, colour, dashes in (("a", BLUE, "-"), ("b", ORANGE, _DASHED)):
+    for name, color, dashes in (("a", BLUE, "-"), ("b", ORANGE, _DASHED)):
         pieces = bezier(numbers[name])
         steps = max(8, 512 // pieces.count)
-        plot.curve(pieces, ax, colour=colour, linestyle=dashes, control_polygon=False, samples=steps)
+        plot.curve(pieces, ax, color=color, linestyle=dashes, control_polygon=False, samples=steps)
     ax.set_axis_off()
 
 
@@ -100,7 +100,7 @@ def _limits(ax: Axes) -> None:
 
 def _samples(ax: Axes, samples: dict[str, Any]) -> None:
     points, feet = np.array(samples["points"]), np.array(samples["feet"])
-    _spokes(ax, points, feet, color=GREY, linewidth=0.6)
+    _spokes(ax, points, feet, color=GRAY, linewidth=0.6)
     few = len(points) < 40
     ax.plot(*points.T, **{**_SAMPLE, "markersize": 3.0 if few else 1.6})
     ax.plot(*feet.T, **{**_FOOT, "markersize": 3.2 if few else 1.8, "markeredgewidth": 0.6 if few else 0.4})
@@ -113,8 +113,8 @@ def _stationary(ax: Axes, numbers: dict[str, Any]) -> None:
     sample = np.array(numbers["samples"]["points"])[stationary["sample"] - 1]
     nearest = int(np.argmin(distance))
     others = np.delete(points, nearest, axis=0)
-    _spokes(ax, np.broadcast_to(sample, others.shape), others, color=GREY, linewidth=0.6)
-    ax.plot(*others.T, color=GREY, marker="x", markersize=4, markeredgewidth=1.0, linestyle="none", zorder=4)
+    _spokes(ax, np.broadcast_to(sample, others.shape), others, color=GRAY, linewidth=0.6)
+    ax.plot(*others.T, color=GRAY, marker="x", markersize=4, markeredgewidth=1.0, linestyle="none", zorder=4)
     _spokes(ax, sample[None], points[nearest][None], color=BLACK, linewidth=1.2)
     ax.plot(*points[nearest], **_FOOT)
     ax.plot(*sample, **_CHOSEN)
@@ -132,7 +132,7 @@ def _candidates(ax: Axes, numbers: dict[str, Any]) -> None:
     ranked = enumerate(numbers["candidates"], 1)
     lines = [f"{rank}: sample {c['sample']}, {c['distance']:.2f} {numbers['unit']}" for rank, c in ranked]
     _below(ax, lines)
-    letter(ax, "c", "samples above both neighbours")
+    letter(ax, "c", "samples above both neighbors")
 
 
 def _result(ax: Axes, numbers: dict[str, Any]) -> None:

@@ -1,9 +1,9 @@
-"""What the figures of meshes that stand for surfaces share: the mesh in the colours of its distance, and the bounds."""
+"""What the figures of meshes that stand for surfaces share: the mesh in the colors of its distance, and the bounds."""
 
 from typing import Any
 
 import numpy as np
-from common import BLUE, GREY, VERMILLION, shape, solution
+from common import BLUE, GRAY, VERMILLION, shape, solution
 from matplotlib.figure import Figure
 
 import jhd
@@ -11,11 +11,11 @@ import jhd
 _WAYS = {"to_surface": ("mesh to surface", BLUE, "o", "--"), "to_mesh": ("surface to mesh", VERMILLION, "s", ":")}
 
 
-def coloured_shape(figure: Figure, a: Any, b: Any, found: Any, title: str, left: float = 0.0, top: float = 1.0) -> Any:
+def colored_shape(figure: Figure, a: Any, b: Any, found: Any, title: str, left: float = 0.0, top: float = 1.0) -> Any:
     """A stored shape by its distance to another one, seen from the side of the farthest place; a third wide."""
     ax: Any = figure.add_axes((left, top - 0.98, 0.36, 0.86), projection="3d")
     found = solution(found)
-    jhd.plot.distances(shape(a), shape(b), found, ax, colour_bar=False)
+    jhd.plot.distances(shape(a), shape(b), found, ax, color_bar=False)
     ax.set_axis_off()
     low, high = (np.array([getattr(ax, f"get_{x}lim")()[end] for x in "xyz"]) for end in (0, 1))
     ax.set_box_aspect(high - low, zoom=1.05)
@@ -33,15 +33,15 @@ def coloured_shape(figure: Figure, a: Any, b: Any, found: Any, title: str, left:
 
 def both_ways(ax: Any, x: np.ndarray, meshes: list[dict[str, Any]]) -> None:
     """The proven bounds of both directions, and what samples say of each, over one number of each mesh; logarithmic."""
-    for way, (name, colour, mark, dashes) in _WAYS.items():
+    for way, (name, color, mark, dashes) in _WAYS.items():
         ends = np.array([[mesh[way][end] for end in ("lower", "upper")] for mesh in meshes])
         middle = ends.mean(axis=1)
         bars: Any = np.stack([middle - ends[:, 0], ends[:, 1] - middle])
         # A small square inside a ring, as both ways are often the same.
         style: dict[str, Any] = {"markersize": 7, "markerfacecolor": "none"} if mark == "o" else {"markersize": 3}
-        ax.errorbar(x, middle, bars, color=colour, marker=mark, linestyle="none", label=f"{name}, proven", **style)
+        ax.errorbar(x, middle, bars, color=color, marker=mark, linestyle="none", label=f"{name}, proven", **style)
         samples = [mesh[way]["samples"]["value"] for mesh in meshes]
-        ax.plot(x, samples, color=GREY, linestyle=dashes, label=f"{name}, samples")
+        ax.plot(x, samples, color=GRAY, linestyle=dashes, label=f"{name}, samples")
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_ylabel("distance (units of the surface)")

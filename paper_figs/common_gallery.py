@@ -12,8 +12,8 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 GALLERY = HERE / "gallery"
 EXPERIMENTS = HERE.parent / "experiments"
-# Pixels of a small picture's width, and its colours: all of them together stay below 3 MB.
-SMALL_WIDTH, SMALL_COLOURS = 800, 256
+# Pixels of a small picture's width, and its colors: all of them together stay below 3 MB.
+SMALL_WIDTH, SMALL_COLORS = 800, 256
 
 # Experiments whose numbers README.md and experiments/README.md state; these are kept beside the small pictures.
 STATED = ("first_call", "collection_search", "duplicates", "workers")

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
@@ -24,7 +24,7 @@ _TITLES = {
     "coincident_circle": "a circle, other weights; ours: Möbius map",
 }
 _SERIES: dict[str, dict[str, Any]] = {
-    "Lipschitz": {"color": GREY, "marker": "s", "label": "Lipschitz"},
+    "Lipschitz": {"color": GRAY, "marker": "s", "label": "Lipschitz"},
     "one branch": {"color": ORANGE, "marker": "D", "label": "one branch, cubic map"},
     # Larger and open, so that it shows where it equals the one before.
     "lambda": {"color": BLUE, "marker": "o", "markersize": 5.5, "markerfacecolor": "none", "label": "two branches, λ"},
@@ -86,7 +86,7 @@ def _figure(numbers: dict[str, Any], draw: Callable[[Axes, dict[str, Any], str],
 
 
 def _line(family: str) -> dict[str, Any]:
-    """Colour, marker and label of a family of bounds."""
+    """Color, marker and label of a family of bounds."""
     line = {**_MARK, **(_HALVED if family == "ours, halved" else _SERIES[_SAME.get(family, family)])}
     return {**line, "markeredgecolor": line["color"]} if line.get("markerfacecolor") == "none" else line
 
@@ -110,7 +110,7 @@ def _draw_local(ax: Axes, numbers: dict[str, Any], pair: str) -> None:
     ax.set_ylim(1e-16, 3)
 
 
-def _draw_slope(ax: Axes, width: np.ndarray, entry: dict[str, Any], colour: str, right: bool) -> None:
+def _draw_slope(ax: Axes, width: np.ndarray, entry: dict[str, Any], color: str, right: bool) -> None:
     """The slope in writing, and the line of the order by theory through the middle of the points fitted."""
     fitted = np.array(entry["fitted"], dtype=int)
     place = tuple(np.exp(np.mean(np.log(x[fitted]))) for x in (width, np.array(entry["gap"])))
@@ -119,7 +119,7 @@ def _draw_slope(ax: Axes, width: np.ndarray, entry: dict[str, Any], colour: str,
         ends = width[fitted[[0, -1]]] * np.array([1.35, 1 / 1.35])
         ax.loglog(ends, place[1] * (ends / place[0]) ** entry["order"], **_DASHES)
     offset, ha, va = ((4, -5), "left", "top") if right else ((-4, 4), "right", "bottom")
-    note = ax.annotate(text, place, offset, textcoords="offset points", color=colour, ha=ha, va=va, zorder=6)
+    note = ax.annotate(text, place, offset, textcoords="offset points", color=color, ha=ha, va=va, zorder=6)
     note.set_path_effects([withStroke(linewidth=1.5, foreground="white")])
 
 

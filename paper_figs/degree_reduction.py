@@ -11,12 +11,12 @@ rest.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, ORANGE, PURPLE, Picture, bezier, letter, style
+from common import BLACK, BLUE, GRAY, MM, ORANGE, PURPLE, Picture, bezier, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 _LOOK: dict[str, dict[str, Any]] = {
-    "least squares": {"color": GREY, "marker": "s"},
+    "least squares": {"color": GRAY, "marker": "s"},
     "projected least squares": {"color": ORANGE, "marker": "^"},
     "Chamfer": {"color": PURPLE, "marker": "D"},
     "soft Hausdorff": {"color": BLACK, "marker": "o"},
@@ -78,7 +78,7 @@ def _draw_ratios(ax: Axes, cases: list[dict[str, Any]]) -> None:
             label = _NAMES.get(name, name) if k == 0 else None
             ax.plot(place, values, linestyle="none", markersize=3.0, markeredgewidth=0.6, label=label, **_hollow(name))
     for k in range(1, len(degrees)):
-        ax.axvline(k - 0.5, color=GREY, linewidth=0.4)
+        ax.axvline(k - 0.5, color=GRAY, linewidth=0.4)
     ax.axhline(1.0, color=BLUE, linewidth=1.0)
     ax.set_yscale("log")
     ticks = (1, 2, 5, 10, 20, 50)
@@ -115,12 +115,12 @@ def _draw_shapes(ax: Axes, target: Any, case: dict[str, Any], example: dict[str,
     rows = np.asarray(bezier([target])(t))
     speed = np.gradient(rows, t, axis=0)
     normal = np.stack([-speed[:, 1], speed[:, 0]], axis=1) / np.linalg.norm(speed, axis=1)[:, None]
-    ax.plot(*rows.T, color=GREY, linewidth=0.8, label="target")
+    ax.plot(*rows.T, color=GRAY, linewidth=0.8, label="target")
     offsets = {name: np.array(example["errors"][name])[:, None] * normal for name in _LINES}
     larger = next((k for k in _LARGER if all(_is_forward(rows, k * x) for x in offsets.values())), _LARGER[-1])
     for name, offset in offsets.items():
         ax.plot(*(rows + larger * offset).T, **_line(name))
-    ax.plot(*rows[[0, -1]].T, "o", color=GREY, markersize=3.0)
+    ax.plot(*rows[[0, -1]].T, "o", color=GRAY, markersize=3.0)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_xlabel("$x$")
     ax.set_ylabel("$y$")

@@ -8,7 +8,7 @@ seconds.
 from typing import Any
 
 import numpy as np
-from common import BLUE, GREEN, GREY, MM, ORANGE, Picture, bezier, letter, power_text, style
+from common import BLUE, GRAY, GREEN, MM, ORANGE, Picture, bezier, letter, power_text, style
 from matplotlib.figure import Figure
 
 from jhd import plot
@@ -34,10 +34,10 @@ def _figure(numbers: dict[str, Any]) -> Figure:
     return figure
 
 
-def _points(ax: Any, names: list[str], values: list[float], colours: list[str], form: str) -> None:
+def _points(ax: Any, names: list[str], values: list[float], colors: list[str], form: str) -> None:
     """Numbers over many powers of ten, each written beside its point; bars have no zero there to begin at."""
     ax.hlines(range(len(names)), 0, values, color="#C0C0C0", linewidth=0.8)
-    ax.scatter(values, range(len(names)), 28, color=colours, zorder=3)
+    ax.scatter(values, range(len(names)), 28, color=colors, zorder=3)
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(-0.5, len(names) - 0.5)
     ax.set_xscale("log")
@@ -51,7 +51,7 @@ def _points(ax: Any, names: list[str], values: list[float], colours: list[str], 
 
 def _draw_pairs(ax: Any, numbers: dict[str, Any]) -> None:
     names = ["all pairs", "searched", f"within {numbers['within']:g} em"]
-    _points(ax, names, [numbers["pairs"], numbers["computed"], numbers["found"]], [GREY, ORANGE, BLUE], ",")
+    _points(ax, names, [numbers["pairs"], numbers["computed"], numbers["found"]], [GRAY, ORANGE, BLUE], ",")
     ax.set_xlabel("pairs")
     letter(ax, "a", f"{numbers['shapes']:,} letters".replace(",", " "))
 
@@ -60,7 +60,7 @@ def _draw_time(ax: Any, numbers: dict[str, Any]) -> None:
     spent = numbers["spent"]
     values = [numbers["cpu_a_pair"] * numbers["pairs"], spent["signatures"], spent["rest"]]
     names = ["all distances\n(estimated)", "signatures", "search"]
-    _points(ax, names, values, [GREY, GREEN, ORANGE], ",.3g" if max(values) < 1e3 else ",.0f")
+    _points(ax, names, values, [GRAY, GREEN, ORANGE], ",.3g" if max(values) < 1e3 else ",.0f")
     ax.set_xlabel("CPU seconds")
     letter(ax, "b", "time, once compiled")
 
@@ -78,7 +78,7 @@ def _draw_shown(part: Any, numbers: dict[str, Any]) -> None:
     for ax, pair in zip(axes, numbers["shown"], strict=True):
         first, second = (bezier(points) for points in pair["curves"])
         plot.curve(first, ax, control_polygon=False)
-        plot.curve(second, ax, colour=ORANGE, linestyle=_DASHED, control_polygon=False)
+        plot.curve(second, ax, color=ORANGE, linestyle=_DASHED, control_polygon=False)
         _square(ax, first, second)
         ax.set_axis_off()
         codes = [f"U+{ord(sign):04X}" for sign in pair["letters"]]

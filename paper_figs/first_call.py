@@ -9,17 +9,17 @@ warm cache. With a warm cache distances take a tenth of the time, with bitwise i
 from typing import Any
 
 import numpy as np
-from common import BLUE, GREEN, GREY, MM, ORANGE, PURPLE, Picture, style
+from common import BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, Picture, style
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-# Phases from left to right, with their colour and hatch.
+# Phases from left to right, with their color and hatch.
 _PHASES = {
     "tracing": ("tracing and lowering", ORANGE, "//"),
     "XLA": ("XLA", PURPLE, ""),
     "writing": ("writing programs", GREEN, ".."),
     "reading": ("reading programs", BLUE, "xx"),
-    "rest": ("the rest; all, where not told apart", GREY, ""),
+    "rest": ("the rest; all, where not told apart", GRAY, ""),
 }
 _WAYS = {"without": "no folder", "first": "empty folder", "second": "filled folder"}
 
@@ -37,9 +37,9 @@ def _figure(entries: dict[str, Any]) -> Figure:
         places = [4 * k + i for k in range(len(entries)) for i in range(len(_WAYS))]
         rows = [entry[way] for entry in entries.values() for way in _WAYS]
         left = np.zeros(len(rows))
-        for phase, (_, colour, hatch) in _PHASES.items():
+        for phase, (_, color, hatch) in _PHASES.items():
             widths = np.array([row["phases"][phase] for row in rows])
-            ax.barh(places, widths, left=left, color=colour, hatch=hatch, edgecolor="white", linewidth=0.3)
+            ax.barh(places, widths, left=left, color=color, hatch=hatch, edgecolor="white", linewidth=0.3)
             left += widths
         for place, row in zip(places, rows, strict=True):
             ax.annotate(
@@ -52,7 +52,7 @@ def _figure(entries: dict[str, Any]) -> Figure:
         ax.set_xlabel("CPU seconds after the import")
         ax.margins(y=0.01)
         look: dict[str, Any] = {"edgecolor": "white", "linewidth": 0.3}
-        keys = [Patch(facecolor=colour, hatch=hatch, label=name, **look) for name, colour, hatch in _PHASES.values()]
+        keys = [Patch(facecolor=color, hatch=hatch, label=name, **look) for name, color, hatch in _PHASES.values()]
         figure.legend(handles=keys, loc="outside upper center", ncols=3)
     return figure
 

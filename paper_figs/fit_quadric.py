@@ -9,7 +9,7 @@ convergence of the fit. The distance falls by a fifth, with certified values at 
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, ORANGE, VERMILLION, Picture, letter, middle_text, style
+from common import BLACK, BLUE, GRAY, MM, ORANGE, VERMILLION, Picture, letter, middle_text, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -85,7 +85,7 @@ def _draw_path(ax: Axes, numbers: dict[str, Any]) -> None:
     ax.plot(path, color=BLUE, drawstyle="steps-post")
     lower = np.flatnonzero(np.append(True, np.diff(path) < 0))
     ax.plot(lower, path[lower], "o", color=BLUE, markersize=4, label="steps that were taken")
-    ax.axhline(path[-1], color=GREY, linewidth=0.6, linestyle=":")
+    ax.axhline(path[-1], color=GRAY, linewidth=0.6, linestyle=":")
     ax.set(xlabel="evaluation", ylabel="distance $H$ (input units)", ylim=(0, 1.15 * path.max()))
     ax.set_xlim(-0.5, len(path) - 0.5)
     ax.xaxis.set_major_locator(MaxNLocator(6, integer=True))

@@ -11,8 +11,8 @@ import numpy as np
 from common import (
     BLACK,
     BLUE,
+    GRAY,
     GREEN,
-    GREY,
     MM,
     ORANGE,
     PURPLE,
@@ -34,7 +34,7 @@ _LINES: dict[str, dict[str, Any]] = {
     "cu2qu": {"color": BLUE, "linestyle": (0, (6, 1, 1, 1)), "marker": "s"},
     "qu2cu": {"color": GREEN, "linestyle": (0, (1, 1)), "marker": "^"},
 }
-# Colour and hatch of each size in pixels.
+# Color and hatch of each size in pixels.
 _BARS = ((PURPLE, "...."), (ORANGE, ""), (GREEN, "////"))
 _LEAST = 1e-3
 
@@ -66,7 +66,7 @@ def _draw_used(ax: Axes, entries: list[dict[str, Any]]) -> None:
         share = 100 * np.arange(1, len(used) + 1) / len(used)
         marks = {"markevery": max(1, len(used) // 7), "markersize": 4, "markeredgecolor": BLACK, "markeredgewidth": 0.5}
         ax.plot(np.maximum(used, _LEAST / 2), share, label=f"{name} ({len(used)})", **line, **marks)
-    ax.axvspan(1, 1e4, color=GREY, alpha=0.15, linewidth=0)
+    ax.axvspan(1, 1e4, color=GRAY, alpha=0.15, linewidth=0)
     ax.axvline(1, color=BLACK, linewidth=0.8)
     ax.annotate("tolerance broken", (1, 50), (4, 0), textcoords="offset points", va="center")
     largest = max(max(e["upper"]) / e["tolerance"] for e in entries)
@@ -82,17 +82,17 @@ def _draw_shares(ax: Axes, entries: list[dict[str, Any]]) -> None:
     rows = list(dict.fromkeys((e["name"].split(", ")[1], e["family"]) for e in mine))
     sizes = sorted({e["size"] for e in mine})
     height = 0.8 / len(sizes)
-    for k, (size, (colour, hatch)) in enumerate(zip(sizes, _BARS, strict=False)):
+    for k, (size, (color, hatch)) in enumerate(zip(sizes, _BARS, strict=False)):
         found = {(e["name"].split(", ")[1], e["family"]): e for e in mine if e["size"] == size}
         shares = [100 * found[row]["answers"]["no"] / found[row]["count"] for row in rows]
         place = np.arange(len(rows)) + (k - (len(sizes) - 1) / 2) * height
-        kind: dict[str, Any] = {"color": colour, "hatch": hatch, "edgecolor": BLACK, "linewidth": 0.5}
+        kind: dict[str, Any] = {"color": color, "hatch": hatch, "edgecolor": BLACK, "linewidth": 0.5}
         ax.barh(place, shares, height, label=f"{size:g} pixels", **kind)
     for k, row in enumerate(rows):
         if not any(e["answers"]["no"] for e in mine if row == (e["name"].split(", ")[1], e["family"])):
             ax.annotate("none", (0, k), (3, 0), textcoords="offset points", va="center")
     split = [row[0] for row in rows].index("quadratics") - 0.5
-    ax.axhline(split, color=GREY, linewidth=0.6, linestyle=":")
+    ax.axhline(split, color=GRAY, linewidth=0.6, linestyle=":")
     for first, last, words in ((-0.5, split, "cubics"), (split, len(rows) - 0.5, "quadratics")):
         ax.annotate(words, (103, (first + last) / 2), rotation=90, va="center", annotation_clip=False)
     ax.set_yticks(range(len(rows)), [family for _, family in rows])
@@ -111,7 +111,7 @@ def _draw_strips(axes: Any, numbers: dict[str, Any]) -> None:
     for ax, name, title, key in zip(axes, "cd", titles, ("curve", "chords"), strict=True):
         box = (-x, width - x, -y, height - y)
         ax.imshow(np.array(drawn[key]), cmap="gray", vmin=-300, vmax=255, extent=box, interpolation="nearest")
-        plot.curve(bezier(worst["a"]), ax, colour=BLUE, control_polygon=False, samples=200)
+        plot.curve(bezier(worst["a"]), ax, color=BLUE, control_polygon=False, samples=200)
         ax.lines[0].set_linewidth(0.7)
         if key == "curve":
             plot.witness(solution(worst["solution"]), ax, distance=False, empty_circle=False)

@@ -84,7 +84,7 @@ def _mark(ax: Axes, entries: list[dict[str, Any]], letters: list[str], name: str
 def _draw_pair(ax: Axes, pair: dict[str, Any], numbers: dict[str, Any], name: str) -> None:
     first, second = (_FONTS[font] for font in numbers["fonts"])
     plot.curve(bezier(pair["a"]), ax, label=first, control_polygon=False)
-    plot.curve(bezier(pair["b"]), ax, colour=ORANGE, linestyle=_DASHED, label=second, control_polygon=False)
+    plot.curve(bezier(pair["b"]), ax, color=ORANGE, linestyle=_DASHED, label=second, control_polygon=False)
     plot.witness(solution(pair["solution"]), ax, distance=False, empty_circle=False)
     # The distance stands above each panel, not in the legend of all.
     ax.lines[-1].set_label("_")

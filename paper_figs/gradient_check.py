@@ -11,7 +11,7 @@ are active, by up to 1.2 for a derivative of 2.1.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, power_text, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, power_text, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
@@ -40,7 +40,7 @@ def _figure(path: dict[str, Any], pairs: dict[str, Any]) -> Figure:
         letter(value, "b", "distance of the arc from the parabola")
         value.set_ylabel("distance $h$")
         value.set_ylim(top=value.get_ylim()[1] + 0.2 * np.ptp(value.get_ylim()))
-        slope.plot(u, path["difference"], "o", color=GREY, markersize=3.6, markerfacecolor="none", label="differences")
+        slope.plot(u, path["difference"], "o", color=GRAY, markersize=3.6, markerfacecolor="none", label="differences")
         slope.plot(u, path["rule"], color=GREEN, linewidth=1.4, label="jhd")
         slope.plot(u, path["naive"], color=VERMILLION, linestyle="none", marker="x", markersize=2.6, label="naive")
         letter(slope, "c", "its derivative along the path")
@@ -48,9 +48,9 @@ def _figure(path: dict[str, Any], pairs: dict[str, Any]) -> Figure:
         slope.legend(loc="upper center", ncols=3, handletextpad=0.4, columnspacing=1.0)
         slope.set_ylim(top=slope.get_ylim()[1] + 0.25 * np.ptp(slope.get_ylim()))
         difference = np.array(path["difference"])
-        for key, colour, marker in (("rule", GREEN, "o"), ("naive", VERMILLION, "x")):
+        for key, color, marker in (("rule", GREEN, "o"), ("naive", VERMILLION, "x")):
             off = np.maximum(np.abs(np.array(path[key]) - difference), 1e-16)
-            error.semilogy(u, off, linestyle="none", marker=marker, color=colour, markersize=2.6)
+            error.semilogy(u, off, linestyle="none", marker=marker, color=color, markersize=2.6)
         letter(error, "d", "off from central differences")
         error.set_ylabel("|error| of d$h$/d$u$")
         error.text(0.3, 0.62, "equal where one foot is active", transform=error.transAxes, color=BLACK)
@@ -64,11 +64,11 @@ def _draw_errors(ax: Axes, pairs: dict[str, Any]) -> None:
     """Errors of first and second derivatives of random pairs of all kinds of curves, by event, with the largest."""
     looks = {"first": ("o", GREEN, "first derivative", -0.16), "second": ("s", BLUE, "second derivative", 0.16)}
     for k, found in enumerate(pairs.values()):
-        for order, (marker, colour, label, shift) in looks.items():
+        for order, (marker, color, label, shift) in looks.items():
             values = np.maximum(np.sort(found[order]), 1e-16)
             place = k + shift + 0.2 * np.linspace(-0.5, 0.5, len(values)) * (len(values) > 1)
             named = label if k == 0 else None
-            ax.semilogy(place, values, marker, color=colour, markersize=2.6, markerfacecolor="none", label=named)
+            ax.semilogy(place, values, marker, color=color, markersize=2.6, markerfacecolor="none", label=named)
             text = power_text(values[-1])
             ax.annotate(text, (k + shift, values[-1]), (0, 4), textcoords="offset points", ha="center", va="bottom")
     titles = [f"{name.replace('_', ' ')}, {len(found['first'])}" for name, found in pairs.items()]
@@ -109,14 +109,14 @@ def _draw_shapes(ax: Axes, path: dict[str, Any]) -> None:
 
 
 def _bands(axes: list[Axes], u: np.ndarray, events: np.ndarray) -> None:
-    """Bands in the colour of the event, named above the first panel."""
+    """Bands in the color of the event, named above the first panel."""
     starts = np.flatnonzero(np.append(True, events[1:] != events[:-1]))
     for start, stop in zip(starts, np.append(starts[1:], len(u)), strict=True):
         left = 0.0 if start == 0 else 0.5 * float(u[start - 1] + u[start])
         right = 1.0 if stop == len(u) else 0.5 * float(u[stop - 1] + u[stop])
-        colour, name = _EVENTS[events[start]]
+        color, name = _EVENTS[events[start]]
         for ax in axes:
-            ax.axvspan(left, right, color=colour, alpha=0.12, linewidth=0)
+            ax.axvspan(left, right, color=color, alpha=0.12, linewidth=0)
         if right - left > 0.05:
             turn = 90 if right - left < 0.2 else 0
             ax, height = axes[0], 0.95

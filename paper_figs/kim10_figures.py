@@ -14,7 +14,7 @@ from typing import Any
 
 import common_arcs
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
@@ -24,7 +24,7 @@ from matplotlib.ticker import MultipleLocator
 
 import jhd
 
-# Five light colours by turns: neighbours differ in lightness too.
+# Five light colors by turns: neighbors differ in lightness too.
 _FILLS = ("#9ecae9", "#fbe3a1", "#8fd3b6", "#f7c6a3", "#e3c1d9")
 _LEVELS = 9
 _SHOWN = ("antipodal", "end")
@@ -141,25 +141,25 @@ def _draw_reading(ax: Axes, pair: dict[str, Any]) -> None:
     """What the map says at samples of A, less its errors; the largest of it is LB."""
     t, lower = (np.array(pair["profile"][key]) for key in ("t", "lower"))
     ax.plot(t, lower, color=BLUE)
-    ax.axhline(pair["lower"], color=GREY, linewidth=0.6)
+    ax.axhline(pair["lower"], color=GRAY, linewidth=0.6)
     ax.annotate("$LB$", (0, pair["lower"]), (2, 2), textcoords="offset points")
     ax.set_ylim(0, 1.2 * pair["lower"])
     ax.set_xlabel("parameter of $A$", labelpad=1)
 
 
-def _colours(field: dict[str, Any]) -> np.ndarray:
-    """A colour for each arc, by turns."""
+def _colors(field: dict[str, Any]) -> np.ndarray:
+    """A color for each arc, by turns."""
     fills = np.array([to_rgb(x) for x in _FILLS])
     return fills[np.arange(len(field["arcs"]["weights"])) % len(fills)]
 
 
 def _draw_map(ax: Axes, field: dict[str, Any]) -> None:
-    """Pixels in the colour of their nearest arc, lines of equal distance, and the arcs with their ends."""
+    """Pixels in the color of their nearest arc, lines of equal distance, and the arcs with their ends."""
     x, y, distance = (np.array(field[key]) for key in ("x", "y", "distance"))
-    colours = _colours(field)
-    palette: dict[str, Any] = {"cmap": ListedColormap(colours), "vmin": -0.5, "vmax": len(colours) - 0.5}
+    colors = _colors(field)
+    palette: dict[str, Any] = {"cmap": ListedColormap(colors), "vmin": -0.5, "vmax": len(colors) - 0.5}
     ax.pcolormesh(x, y, np.array(field["nearest"]).T, rasterized=True, **palette)
-    ax.contour(x, y, distance.T, levels=_LEVELS, colors=GREY, linewidths=0.4)
+    ax.contour(x, y, distance.T, levels=_LEVELS, colors=GRAY, linewidths=0.4)
     arcs = jhd.BezierSegments(np.array(field["arcs"]["control_points"]), np.array(field["arcs"]["weights"]))
     ax.plot(*np.asarray(arcs(np.linspace(0, arcs.count, 800))).T, color=BLACK, linewidth=1.2)
     ends = np.asarray(arcs.control_points)[:, [0, -1]].reshape(-1, 2)
@@ -168,16 +168,16 @@ def _draw_map(ax: Axes, field: dict[str, Any]) -> None:
 
 
 def _draw_cones(ax: Any, field: dict[str, Any]) -> None:
-    """The graph of the distance, each point in the colour of its nearest arc."""
+    """The graph of the distance, each point in the color of its nearest arc."""
     step = max(1, len(field["x"]) // 120)
     x, y = (np.array(field[key])[::step] for key in ("x", "y"))
     z, nearest = (np.array(field[key])[::step, ::step] for key in ("distance", "nearest"))
     how: dict[str, Any] = {"rcount": len(x), "ccount": len(y), "linewidth": 0, "antialiased": False}
-    # Steeper towards the left is darker; what matplotlib offers darkens light colours too much.
+    # Steeper towards the left is darker; what matplotlib offers darkens light colors too much.
     slope = np.gradient(z, x, y)[0]
     shade = 0.86 + 0.14 * slope / np.max(np.abs(slope))
-    colours = _colours(field)[nearest] * shade[..., None]
-    ax.plot_surface(*np.meshgrid(x, y, indexing="ij"), z, facecolors=colours, shade=False, rasterized=True, **how)
+    colors = _colors(field)[nearest] * shade[..., None]
+    ax.plot_surface(*np.meshgrid(x, y, indexing="ij"), z, facecolors=colors, shade=False, rasterized=True, **how)
     ax.view_init(elev=36, azim=-58)
     ax.set_box_aspect((np.ptp(x), np.ptp(y), 1.5 * np.ptp(z)), zoom=1.08)
     ax.set_xlabel("$x$", labelpad=-8)
@@ -192,7 +192,7 @@ def _draw_trimmed(ax: Axes, pair: dict[str, Any], both: bool = False) -> None:
     region = pair["region"]
     x, y, distance = (np.array(region[key]) for key in ("x", "y", "distance"))
     ax.contourf(x, y, distance.T, levels=[0, pair["lower"]], colors=[_REGION])
-    ax.contour(x, y, distance.T, levels=[pair["lower"]], colors=GREY, linewidths=0.6)
+    ax.contour(x, y, distance.T, levels=[pair["lower"]], colors=GRAY, linewidths=0.6)
     a, b = (jhd.BezierSegments(np.array(pair[name]["control_points"])) for name in "ab")
     ax.plot(*np.asarray(b(np.linspace(0, b.count, 600))).T, **_B)
     ax.plot(*np.asarray(a(np.linspace(0, a.count, 600))).T, **_TRIMMED)
@@ -230,7 +230,7 @@ def _handles() -> list[Any]:
         Line2D([], [], label="$A$, kept", **_LEFT),
         Line2D([], [], linestyle="none", label="maximum", **_PLACE),
         Line2D([], [], linestyle="none", label="foot", **_WITNESS),
-        Patch(facecolor=_REGION, edgecolor=GREY, linewidth=0.6, label="within $LB$ of $B$"),
+        Patch(facecolor=_REGION, edgecolor=GRAY, linewidth=0.6, label="within $LB$ of $B$"),
     ]
 
 

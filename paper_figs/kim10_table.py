@@ -10,7 +10,7 @@ means of one size. Values agree with the certified distance to 1e-9 of the diago
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -33,7 +33,7 @@ _KINDS = {
     "self_bisector": ("D", "two feet"),
 }
 _APART = 1.06
-_PRINTED: dict[str, Any] = {"color": GREY, "linestyle": _DOTTED, "markersize": 4.5, "linewidth": 0.8}
+_PRINTED: dict[str, Any] = {"color": GRAY, "linestyle": _DOTTED, "markersize": 4.5, "linewidth": 0.8}
 _LEGEND: dict[str, Any] = {"handlelength": 2.2, "labelspacing": 0.25, "handletextpad": 0.5, "borderaxespad": 0.1}
 
 
@@ -106,7 +106,7 @@ def _draw_gains(ax: Axes, entries: list[dict[str, Any]]) -> None:
         gain = lambda entry, name=name: entry["seconds"]["AlgebraicEvents"] / entry["seconds"][name]  # noqa: E731
         _drawn(ax, entries, gain, _TIMES[name])
     _draw_printed(ax, entries, lambda printed: (printed[0] / printed[1],), {"printed 2010": "*"})
-    ax.axhline(1.0, color=GREY, linewidth=0.6)
+    ax.axhline(1.0, color=GRAY, linewidth=0.6)
     ax.set_ylabel("time of all events / with trimming")
     ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     ax.yaxis.set_minor_formatter(NullFormatter())

@@ -1,6 +1,6 @@
-"""Adaptive fields of meshes: slices with their cells, and the surfaces extracted from them, coloured by error.
+"""Adaptive fields of meshes: slices with their cells, and the surfaces extracted from them, colored by error.
 
-Black lines in the slices are the zero set; cells are drawn in grey. Times are given beside those printed in the paper,
+Black lines in the slices are the zero set; cells are drawn in gray. Times are given beside those printed in the paper,
 which are of a 933 MHz Pentium III and of unknown tolerances.
 
 Numbers by lin03_field's experiment. A second picture has the meshes that are given, and the regions about a triangle.
@@ -15,7 +15,7 @@ our own meshes).
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, ORANGE, Picture, letter, style
+from common import BLACK, BLUE, GRAY, MM, ORANGE, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
@@ -74,11 +74,11 @@ def _draw_regions(ax: Axes) -> None:
     shares = np.einsum("ij,jyx->iyx", inverse, np.stack([x, y, np.ones_like(x)]))
     positive = (shares > 0).astype(int)
     # Inside, beside a side, and beyond a corner.
-    colours = np.array([[1.0, 1.0, 1.0], *(to_rgb(c) for c in ("#8fd3b6", "#9ecae9", "#fbe3a1"))])[positive.sum(axis=0)]
+    colors = np.array([[1.0, 1.0, 1.0], *(to_rgb(c) for c in ("#8fd3b6", "#9ecae9", "#fbe3a1"))])[positive.sum(axis=0)]
     extent = (x[0, 0], x[0, -1], y[0, 0], y[-1, 0])
-    ax.imshow(colours, origin="lower", extent=extent, interpolation="nearest")
+    ax.imshow(colors, origin="lower", extent=extent, interpolation="nearest")
     for share in shares:
-        ax.contour(x, y, share, levels=[0], colors=GREY, linewidths=0.6)
+        ax.contour(x, y, share, levels=[0], colors=GRAY, linewidths=0.6)
     ax.fill(*corners.T, facecolor="none", edgecolor=BLACK, linewidth=1.4)
     for corner, name, move in zip(corners, "ABC", ((-7, 4), (7, 4), (9, 0)), strict=True):
         ax.annotate(name, corner, move, textcoords="offset points", ha="center", style="italic")
@@ -107,7 +107,7 @@ def _draw_slice(figure: Any, ax: Axes, case: dict[str, Any]) -> None:
         values, origin="lower", extent=(x0, x1, y0, y1), cmap="PuOr", vmin=-limit, vmax=limit, interpolation="bilinear"
     )
     lines = [line for x, y, side in np.array(stored["cells"]) / size for line in _sides(x, y, side)]
-    ax.add_collection(LineCollection(lines, colors=GREY, linewidths=0.25))
+    ax.add_collection(LineCollection(lines, colors=GRAY, linewidths=0.25))
     ax.contour(values, [0.0], extent=(x0, x1, y0, y1), colors=BLACK, linewidths=0.7)
     ax.set_aspect("equal")
     ax.locator_params(nbins=4)
@@ -117,22 +117,22 @@ def _draw_slice(figure: Any, ax: Axes, case: dict[str, Any]) -> None:
 
 
 def _sides(x: float, y: float, side: float) -> list[list[tuple[float, float]]]:
-    """The lower and the left side of a square; its neighbours draw the others."""
+    """The lower and the left side of a square; its neighbors draw the others."""
     return [[(x, y), (x + side, y)], [(x, y), (x, y + side)]]
 
 
 def _draw_view(figure: Any, ax: Axes, case: dict[str, Any]) -> None:
-    """The error as a colour, darkened where the surface turns away."""
+    """The error as a color, darkened where the surface turns away."""
     error = np.array(case["view"]["error"], float) / case["atol"]
     light = np.array(case["view"]["light"], float)
     seen = np.isfinite(error)
-    colours = ScalarMappable(Normalize(0, 1), cmap="viridis")
-    image = colours.to_rgba(np.where(seen, error, 0.0))
+    colors = ScalarMappable(Normalize(0, 1), cmap="viridis")
+    image = colors.to_rgba(np.where(seen, error, 0.0))
     image[..., :3] *= np.where(seen, 0.35 + 0.65 * np.where(seen, light, 0.0), 1.0)[..., None]
     image[~seen] = 1.0
     ax.imshow(image, origin="lower", interpolation="nearest")
     _tight(ax, seen)
-    figure.colorbar(colours, ax=ax, shrink=0.8, extend="max").set_label("distance to the mesh / tolerance")
+    figure.colorbar(colors, ax=ax, shrink=0.8, extend="max").set_label("distance to the mesh / tolerance")
 
 
 def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
@@ -140,14 +140,14 @@ def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
     names = []
     for k, (case, (count, time)) in enumerate(zip(numbers["meshes"], numbers["printed"], strict=True)):
         bars = (
-            ("printed", time, GREY),
+            ("printed", time, GRAY),
             ("first call", case["first_call"], ORANGE),
             ("later calls", case["build"], BLUE),
         )
-        for j, (label, value, colour) in enumerate(bars):
+        for j, (label, value, color) in enumerate(bars):
             if value is None:  # a short run has the first call of one mesh alone
                 continue
-            ax.barh(4 * k + j, value, color=colour, height=0.8)
+            ax.barh(4 * k + j, value, color=color, height=0.8)
             ax.text(value, 4 * k + j, f" {label}, {value:.1f} s".replace(".0 s", " s"), va="center")
         names.append(f"{case['triangles']:,}\n({count:,})".replace(",", "\N{THIN SPACE}"))
     ax.set_yticks([1, 5], names)
@@ -160,11 +160,11 @@ def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
 def _draw_errors(ax: Axes, numbers: dict[str, Any]) -> None:
     """Largest errors in tolerances: of the field, and of the mesh made of it."""
     rows = ("sampled", "proven", "extracted to mesh", "mesh to extracted")
-    for k, (case, colour) in enumerate(zip(numbers["meshes"], (BLUE, ORANGE), strict=True)):
+    for k, (case, color) in enumerate(zip(numbers["meshes"], (BLUE, ORANGE), strict=True)):
         ways = [case["hausdorff"][key]["upper"] for key in ("from", "to")]
         values = np.array([case["sampled"], case["proven"], *ways]) / case["atol"]
         places = np.arange(4) + 0.38 * (k - 0.5)
-        ax.barh(places, values, height=0.34, color=colour)
+        ax.barh(places, values, height=0.34, color=color)
         for j, (place, value) in enumerate(zip(places, values, strict=True)):
             ax.text(value, place, f" {value:.2f}" + (f", {case['name']}" if j == 0 else ""), va="center")
     ax.set_yticks(range(4), rows)

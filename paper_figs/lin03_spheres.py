@@ -10,11 +10,11 @@ answer of one of the grids. The certified bounds enclose 2 and are 3e-12 apart.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-RADII, CENTRE = (3.0, 2.0), 7.0
+RADII, CENTER = (3.0, 2.0), 7.0
 # The second coordinates of the points printed.
 _PRINTED = (2.9992, 5.0012)
 
@@ -38,16 +38,16 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 def _draw_spheres(ax: Axes, numbers: dict[str, Any]) -> None:
     """Both spheres seen along z, lit from the left, with the points printed and those proven."""
     printed = np.array([(y, numbers["line"]["x"]) for y in _PRINTED])
-    proven = [(RADII[0], 0.0), (CENTRE - RADII[1], 0.0)]
-    for radius, centre in zip(RADII, (0.0, CENTRE), strict=True):
+    proven = [(RADII[0], 0.0), (CENTER - RADII[1], 0.0)]
+    for radius, center in zip(RADII, (0.0, CENTER), strict=True):
         x, y = np.meshgrid(*2 * [np.linspace(-radius, radius, 400)])
         height = np.sqrt(np.maximum(radius**2 - x**2 - y**2, 0)) / radius
         light = np.where(height > 0, 0.55 + 0.45 * np.clip(0.8 * height - 0.4 * x / radius, 0, 1), np.nan)
-        extent = (centre - radius, centre + radius, -radius, radius)
+        extent = (center - radius, center + radius, -radius, radius)
         ax.imshow(light, cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent)
     ax.plot(*np.array(proven).T, "*-", color=GREEN, markersize=7, linewidth=1.0)
     ax.plot(*printed.T, "s", color=VERMILLION, markersize=4, markerfacecolor="none")
-    ax.set_xlim(-RADII[0] - 0.1, CENTRE + RADII[1] + 0.1)
+    ax.set_xlim(-RADII[0] - 0.1, CENTER + RADII[1] + 0.1)
     ax.set_ylim(-RADII[0] - 0.1, RADII[0] + 0.1)
     ax.set_axis_off()
     letter(ax, "a", "two spheres, printed and proven points")
@@ -57,20 +57,20 @@ def _draw_answers(ax: Axes, numbers: dict[str, Any]) -> None:
     """Share of the answers below each value."""
     every = np.concatenate([answer["distances"] for answer in numbers["answers"]]) - 2
     taken = np.array([answer["first"] for answer in numbers["answers"]]) - 2
-    for values, colour, dashes, text, place in (
+    for values, color, dashes, text, place in (
         (every, BLUE, "-", "any nearest pair", (0.0026, 0.72)),
         (taken, ORANGE, (0, (4, 1.5)), "first pair", (0.0134, 0.22)),
     ):
         ordered = np.sort(values)
         share = np.arange(1, len(ordered) + 1) / len(ordered)
-        ax.step(np.append(0, ordered), np.append(0, share), where="post", color=colour, linestyle=dashes)
-        ax.text(*place, text, color=colour)
-    for x, colour, text in (
+        ax.step(np.append(0, ordered), np.append(0, share), where="post", color=color, linestyle=dashes)
+        ax.text(*place, text, color=color)
+    for x, color, text in (
         (numbers["printed"] - 2, VERMILLION, "printed"),
-        (numbers["eps"], GREY, r"stated error $\epsilon$"),
+        (numbers["eps"], GRAY, r"stated error $\epsilon$"),
     ):
-        ax.axvline(x, color=colour, linewidth=0.8, linestyle=":")
-        ax.annotate(text, (x, 1.0), (2, 2), xycoords=ax.get_xaxis_transform(), textcoords="offset points", color=colour)
+        ax.axvline(x, color=color, linewidth=0.8, linestyle=":")
+        ax.annotate(text, (x, 1.0), (2, 2), xycoords=ax.get_xaxis_transform(), textcoords="offset points", color=color)
     ax.set_xlim(0, 0.0175)
     ax.set_ylim(0, 1.0)
     ax.set_xlabel("distance found, less 2")
@@ -82,12 +82,12 @@ def _draw_answers(ax: Axes, numbers: dict[str, Any]) -> None:
 
 
 def _draw_places(ax: Axes, numbers: dict[str, Any]) -> None:
-    """The answers over the distance of their samples from the line of centres."""
+    """The answers over the distance of their samples from the line of centers."""
     x, z, value = (np.concatenate([answer[key] for answer in numbers["answers"]]) for key in ("x", "z", "distances"))
     off = np.hypot(x, z)
     radius = np.linspace(0, 1.05 * off.max(), 200)
-    exact = CENTRE - sum(np.sqrt(r**2 - radius**2) for r in RADII) - 2
-    ax.plot(radius, exact, color=GREY, linewidth=0.8, label="along a parallel of $y$")
+    exact = CENTER - sum(np.sqrt(r**2 - radius**2) for r in RADII) - 2
+    ax.plot(radius, exact, color=GRAY, linewidth=0.8, label="along a parallel of $y$")
     ax.plot(
         off, value - 2, "o", color=BLUE, markersize=2.4, markerfacecolor="none", markeredgewidth=0.5, label="answers"
     )
@@ -100,7 +100,7 @@ def _draw_places(ax: Axes, numbers: dict[str, Any]) -> None:
     )
     ax.set_xlim(0, radius[-1])
     ax.set_ylim(0, 0.0195)
-    ax.set_xlabel(r"samples' distance from the line of centres")
+    ax.set_xlabel(r"samples' distance from the line of centers")
     ax.set_ylabel("distance found, less 2")
     ax.legend(loc="upper left", bbox_to_anchor=(0.02, 1.04), handletextpad=0.6, labelspacing=0.3)
     letter(ax, "c", "where the answers come from")

@@ -13,7 +13,7 @@ shows the templates (figures 1, 3 and 4), reconstructed from the printed one and
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -21,7 +21,7 @@ from matplotlib.patches import Rectangle
 _TIMES = (
     ("exact", "exact (jhd)", BLUE, "o", "-"),
     ("vector_propagation", "published templates", VERMILLION, "s", "--"),
-    ("scipy", "SciPy", GREY, "^", ":"),
+    ("scipy", "SciPy", GRAY, "^", ":"),
 )
 _SHAPES = (("shell", BLUE, "o", "-"), ("tube", ORANGE, "s", "--"), ("scattered", GREEN, "^", ":"))
 
@@ -60,7 +60,7 @@ def _templates(templates: list[list[list[int]]]) -> Figure:
             _draw_template(above[2 + k], template, (3, 3))
             letter(above[2 + k], "cdef"[k], f"2-D: {k + 1}")
         below = parts[1].subplots(1, 5)
-        _draw_template(below[0], [step for step in templates[0] if step[2]], (3, 3), centre=False)
+        _draw_template(below[0], [step for step in templates[0] if step[2]], (3, 3), center=False)
         letter(below[0], "g", "3-D: 1, at $k+1$")
         for k, template in enumerate(templates):
             _draw_template(below[1 + k], [step for step in template if not step[2]], (3, 3), dim=3)
@@ -69,16 +69,16 @@ def _templates(templates: list[list[list[int]]]) -> Figure:
 
 
 def _draw_template(
-    ax: Axes, steps: list[list[int]], shape: tuple[int, int], centre: bool = True, dim: int | None = None
+    ax: Axes, steps: list[list[int]], shape: tuple[int, int], center: bool = True, dim: int | None = None
 ) -> None:
-    """Boxes around a place with the steps to the neighbours that make an offer; rows go down, columns to the right."""
+    """Boxes around a place with the steps to the neighbors that make an offer; rows go down, columns to the right."""
     zero = [0] * (dim or len(steps[0]))
-    taken = {tuple(step[:2] if len(step) > 1 else [0, *step]): step for step in [*steps, *([zero] if centre else [])]}
+    taken = {tuple(step[:2] if len(step) > 1 else [0, *step]): step for step in [*steps, *([zero] if center else [])]}
     for i in range(-(shape[0] // 2), shape[0] // 2 + 1):
         for j in range(-1, 2):
             step = taken.get((i, j))
-            colour = "none" if step is None else "#fbe3a1" if any(step) else "#c9c9c9"
-            ax.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=colour, edgecolor=BLACK, linewidth=0.6))
+            color = "none" if step is None else "#fbe3a1" if any(step) else "#c9c9c9"
+            ax.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=color, edgecolor=BLACK, linewidth=0.6))
             if step is not None:
                 text = ",".join(f"{x:d}".replace("-", "\N{MINUS SIGN}") for x in step)
                 ax.text(j, i, text, ha="center", va="center", fontsize=6 if len(step) > 1 else 8)
@@ -91,10 +91,10 @@ def _draw_template(
 def _draw_line(ax: Axes, offsets: list[int]) -> None:
     """Pixels with the signed offset to the feature in each, and an arrow along it."""
     for i, offset in enumerate(offsets, start=1):
-        colour = "#E8E8E8" if offset == 0 else "none"
-        ax.add_patch(Rectangle((i - 0.5, 0), 1, 1, facecolor=colour, edgecolor=BLACK, linewidth=0.8))
+        color = "#E8E8E8" if offset == 0 else "none"
+        ax.add_patch(Rectangle((i - 0.5, 0), 1, 1, facecolor=color, edgecolor=BLACK, linewidth=0.8))
         ax.text(i, 0.5, f"{offset:d}".replace("-", "\N{MINUS SIGN}"), ha="center", va="center", fontsize=10)
-        ax.text(i, -0.12, str(i), ha="center", va="top", color=GREY)
+        ax.text(i, -0.12, str(i), ha="center", va="top", color=GRAY)
         if offset:
             height = 1.15 + 0.3 * (abs(offset) - 1)
             ax.annotate(
@@ -131,13 +131,11 @@ def _draw_slice(figure: Figure, ax: Axes, stored: dict[str, Any]) -> None:
 
 def _draw_times(ax: Axes, numbers: dict[str, Any]) -> None:
     sizes = np.array(numbers["sizes"])
-    for key, name, colour, marker, line in _TIMES:
+    for key, name, color, marker, line in _TIMES:
         every = [[_seconds(case, key) for case in cases] for cases in numbers["shapes"].values()]
         low, high = np.min(every, axis=0), np.max(every, axis=0)
-        ax.fill_between(sizes, low, high, color=colour, alpha=0.2, linewidth=0)
-        ax.loglog(
-            sizes, np.median(every, axis=0), color=colour, marker=marker, linestyle=line, label=name, markersize=4
-        )
+        ax.fill_between(sizes, low, high, color=color, alpha=0.2, linewidth=0)
+        ax.loglog(sizes, np.median(every, axis=0), color=color, marker=marker, linestyle=line, label=name, markersize=4)
     _size_axis(ax, sizes)
     ax.set_ylabel("time in s")
     ax.legend(loc="upper left")
@@ -150,12 +148,12 @@ def _seconds(case: dict[str, Any], key: str) -> float:
 
 def _draw_errors(ax: Axes, numbers: dict[str, Any]) -> None:
     sizes = np.array(numbers["sizes"])
-    for name, colour, marker, line in _SHAPES:
+    for name, color, marker, line in _SHAPES:
         published = [case["vector_propagation"] for case in numbers["shapes"][name]]
         share = np.array([100 * case["wrong"] for case in published])
         largest = max(case["largest"] for case in published)
         label = f"{name}: by at most {largest:.3f}" if largest > 1e-9 else f"{name}: none"
-        ax.plot(sizes, share, color=colour, marker=marker, linestyle=line, label=label, markersize=4)
+        ax.plot(sizes, share, color=color, marker=marker, linestyle=line, label=label, markersize=4)
     ax.set_xscale("log")
     _size_axis(ax, sizes)
     ax.set_ylim(bottom=-0.004, top=1.5 * max(0.02, ax.get_ylim()[1]))

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 _LINES = ((BLUE, "-"), (GREEN, "--"), (ORANGE, "-."), (PURPLE, (0, (5, 1, 1, 1, 1, 1))), (VERMILLION, ":"))
-# Errors of the section that have a colour, in per cent of the diagonal.
+# Errors of the section that have a color, in per cent of the diagonal.
 _LOW, _HIGH = 0.01, 10
 _PLAIN = FuncFormatter(lambda x, _: f"{x:g}")
 
@@ -43,11 +43,11 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 def _draw_shares(ax: Axes, numbers: dict[str, Any]) -> None:
     for k, mesh in enumerate(numbers["meshes"]):
         way = next((way for way in mesh["ways"] if way["published"]), mesh["ways"][-1])
-        colour, line = _LINES[k % len(_LINES)]
+        color, line = _LINES[k % len(_LINES)]
         # Where nothing is above, lines go down and out of the picture.
         above = 100 * np.maximum(way["above"], 1e-9)
         levels = 100 * np.array(numbers["levels"])
-        ax.loglog(levels, above, color=colour, linestyle=line, linewidth=1.2, label=mesh["name"])
+        ax.loglog(levels, above, color=color, linestyle=line, linewidth=1.2, label=mesh["name"])
     ax.set_xlim(1e-3, 30)
     ax.set_ylim(0.01, 100)
     for axis in (ax.xaxis, ax.yaxis):

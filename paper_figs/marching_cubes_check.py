@@ -1,4 +1,4 @@
-"""A mesh of marching cubes in the colours of its distance to the surface, and the distance against the cells' width.
+"""A mesh of marching cubes in the colors of its distance to the surface, and the distance against the cells' width.
 
 Numbers by marching_cubes_check's experiment.
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from common import BLACK, MM, ORANGE, Picture, letter, style
-from common_checks import both_ways, coloured_shape
+from common_checks import both_ways, colored_shape
 from matplotlib.figure import Figure
 
 
@@ -26,7 +26,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
     with style():
         figure = Figure(figsize=(175 * MM, 76 * MM))
         title = f"$\\bf{{(a)}}$ {chosen['cells']} cells along an axis, {chosen['count']} triangles"
-        coloured_shape(figure, numbers["mesh"], numbers["target"], chosen["to_surface"]["solution"], title)
+        colored_shape(figure, numbers["mesh"], numbers["target"], chosen["to_surface"]["solution"], title)
         _distances(figure.add_axes((0.58, 0.16, 0.4, 0.74)), numbers["meshes"])
     return figure
 

@@ -1,4 +1,4 @@
-"""Two meshes coloured by their distance to each other, a section through the farthest point, and the bounds closing.
+"""Two meshes colored by their distance to each other, a section through the farthest point, and the bounds closing.
 
 Numbers by mesh_hausdorff_figure's experiment.
 
@@ -22,13 +22,13 @@ _NAMES = {"a_to_b": "from $A$ to $B$", "b_to_a": "from $B$ to $A$"}
 _STYLES = {"a_to_b": (BLUE, "o", "-"), "b_to_a": (ORANGE, "s", "--")}
 # The eye is turned away from the farthest point by these angles, so that it is not in the middle of the picture.
 _TURN, _LIFT = 0.45, 0.3
-# Share of a colour that faces turned from the light lose.
+# Share of a color that faces turned from the light lose.
 _SHADE = 0.3
 # How far triangles must be turned towards the eye for their edges to be drawn.
 _RIM = 0.25
-# Edges of more triangles would hide the colours.
+# Edges of more triangles would hide the colors.
 _FEW = 3000
-_COLOURS = "viridis"
+_COLORS = "viridis"
 
 
 def main() -> None:
@@ -53,7 +53,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
             mine = numbers["directions"]["a_to_b" if name == "a" else "b_to_a"]["solution"]["witness"]
             _draw_mesh(ax, numbers[name], shown, mine, scale)
             letter(ax, name, f"{text}; {len(numbers[name]['triangles'])} triangles")
-        bar = above.colorbar(ScalarMappable(scale, _COLOURS), ax=[left, right], shrink=0.85, aspect=24)
+        bar = above.colorbar(ScalarMappable(scale, _COLORS), ax=[left, right], shrink=0.85, aspect=24)
         bar.set_label("distance to the other mesh")
         section, bounds = below.subplots(1, 2, width_ratios=(1, 1.15))
         _draw_section(section, numbers["section"], numbers["larger"])
@@ -75,13 +75,13 @@ def _draw_mesh(
     polygons, values = parts[seen].reshape(-1, 3, 3), distance[seen].ravel()
     shade = 1 - _SHADE * (1 - np.repeat(light[seen], len(weights)))
     order = np.argsort(polygons[:, :, 2].mean(axis=1))
-    colours = ScalarMappable(scale, _COLOURS).to_rgba(values)[:, :3] * shade[:, None]
-    # Faces are drawn with edges of their own colour: no light shines between them.
+    colors = ScalarMappable(scale, _COLORS).to_rgba(values)[:, :3] * shade[:, None]
+    # Faces are drawn with edges of their own color: no light shines between them.
     ax.add_collection(
         PolyCollection(
             list(polygons[order, :, :2]),
-            facecolor=colours[order],
-            edgecolor=colours[order],
+            facecolor=colors[order],
+            edgecolor=colors[order],
             linewidth=0.25,
             rasterized=True,
         )
@@ -129,11 +129,11 @@ def _draw_edges(ax: Axes, mesh: dict[str, Any], axes: np.ndarray) -> None:
 
 def _draw_section(ax: Axes, section: dict[str, Any], larger: str) -> None:
     """Both meshes in a plane through the farthest point and its feet, in true lengths."""
-    for name, (colour, line) in {"a": (BLUE, "solid"), "b": (ORANGE, "solid")}.items():
+    for name, (color, line) in {"a": (BLUE, "solid"), "b": (ORANGE, "solid")}.items():
         segments = [np.array(ends) for ends in section[name]]
         width = 1.6 if name == "a" else 1.2
-        ax.add_collection(LineCollection(segments, colors=colour, linestyles=line, linewidths=width))
-        ax.plot([], [], color=colour, linewidth=width, label=f"mesh ${name.upper()}$")
+        ax.add_collection(LineCollection(segments, colors=color, linestyles=line, linewidths=width))
+        ax.plot([], [], color=color, linewidth=width, label=f"mesh ${name.upper()}$")
     for foot in section["feet"]:
         ax.plot([0, foot[0]], [0, foot[1]], color=BLACK, linewidth=0.9, linestyle=(0, (3, 1.5)), zorder=4)
         ax.plot(*foot, "o", color="white", markeredgecolor=BLACK, markersize=4, zorder=5)
@@ -160,10 +160,10 @@ def _draw_section(ax: Axes, section: dict[str, Any], larger: str) -> None:
 def _draw_bounds(ax: Axes, directions: dict[str, Any]) -> None:
     """The difference of the bounds after each round."""
     for name, entry in directions.items():
-        colour, marker, line = _STYLES[name]
+        color, marker, line = _STYLES[name]
         steps = [row["steps"] for row in entry["rounds"]]
         gap = [(row["upper"] - row["lower"]) / entry["solution"]["value"] for row in entry["rounds"]]
-        ax.semilogy(steps, gap, color=colour, marker=marker, linestyle=line, markersize=4, label=_NAMES[name])
+        ax.semilogy(steps, gap, color=color, marker=marker, linestyle=line, markersize=4, label=_NAMES[name])
     ax.set_xlabel("round")
     ax.set_ylabel("(upper $-$ lower) / distance")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))

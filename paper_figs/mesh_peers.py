@@ -10,13 +10,13 @@ samples, whose errors are 1 % and more.
 from typing import Any
 
 import numpy as np
-from common import BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
+from common import BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
 _OURS = "jhd, proven"
-# Colour, marker, and whether the distances are too large or too small.
+# Color, marker, and whether the distances are too large or too small.
 _WAYS = {
     _OURS: (BLUE, "*"),
     "libigl, vertices": (PURPLE, "D"),
@@ -44,10 +44,10 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 def _draw_rates(ax: Axes, queries: list[dict[str, Any]], triangles: int) -> None:
     """Bars of both kinds of points for each library, with how many times as fast ours is."""
     places = np.arange(len(queries))[::-1]
-    for k, (name, colour, hatch) in enumerate((("even in the box", BLUE, None), ("near the surface", ORANGE, "////"))):
+    for k, (name, color, hatch) in enumerate((("even in the box", BLUE, None), ("near the surface", ORANGE, "////"))):
         rates = [peer["rates"][k] / 1000 for peer in queries]
         rows = places + (0.2, -0.2)[k]
-        ax.barh(rows, rates, 0.36, color=colour, hatch=hatch, edgecolor="white", linewidth=0, label=name)
+        ax.barh(rows, rates, 0.36, color=color, hatch=hatch, edgecolor="white", linewidth=0, label=name)
         for y, rate, peer in zip(rows, rates, queries, strict=True):
             text = f"{rate:.3g}" + ("" if peer is queries[0] else f"  (jhd $\\times${peer['ratios'][k]:.2g})")
             ax.annotate(text, (rate, y), (3, 0), textcoords="offset points", va="center")
@@ -67,7 +67,7 @@ def _draw_rates(ax: Axes, queries: list[dict[str, Any]], triangles: int) -> None
 def _draw_errors(ax: Axes, ways: list[dict[str, Any]]) -> None:
     """Relative error against seconds; filled markers are too small, hollow ones too large."""
     proven = (ways[0]["upper"] - ways[0]["lower"]) / ways[0]["value"]
-    for name, (colour, marker) in _WAYS.items():
+    for name, (color, marker) in _WAYS.items():
         mine = [way for way in ways if way["name"] == name]
         if not mine:
             continue
@@ -75,13 +75,13 @@ def _draw_errors(ax: Axes, ways: list[dict[str, Any]]) -> None:
         low = np.median([way["error"] for way in mine]) <= 0
         size = 9 if name == _OURS else 4.5
         text = f"{name} (width of the bounds)" if name == _OURS else f"{name} (too {'small' if low else 'large'})"
-        face = colour if low else "white"
+        face = color if low else "white"
         seconds = [way["seconds"] for way in mine]
         ax.loglog(
             seconds,
             errors,
             marker=marker,
-            color=colour,
+            color=color,
             markersize=size,
             markerfacecolor=face,
             linestyle=":",
@@ -102,7 +102,7 @@ def _name_samples(ax: Axes, samples: list[int], seconds: list[float], errors: li
     look: dict[str, Any] = {
         "ha": "right",
         "va": "center",
-        "color": GREY,
+        "color": GRAY,
         "bbox": {"fc": "white", "ec": "none", "pad": 0.5},
     }
     for count in sorted(set(samples)):

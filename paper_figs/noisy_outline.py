@@ -11,13 +11,13 @@ fifth vertex of 10 000.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 _METHODS = {
-    "least squares": (GREY, "s", (0, (1, 1))),
+    "least squares": (GRAY, "s", (0, (1, 1))),
     "Adam, Chamfer": (ORANGE, "^", (0, (4, 1.2))),
     "Adam, soft Hausdorff": (PURPLE, "D", (0, (4, 1.2, 1, 1.2))),
     "Adam, hard Hausdorff": (VERMILLION, "v", (0, (2, 1))),
@@ -58,7 +58,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 def _draw_shape(ax: Axes, case: dict[str, Any]) -> None:
     points = np.array(case["points"])
-    ax.plot(*np.vstack([points, points[:1]]).T, color=GREY, linewidth=0.5)
+    ax.plot(*np.vstack([points, points[:1]]).T, color=GRAY, linewidth=0.5)
     curve = bezier(case["shape"])
     t = np.linspace(0, curve.count, 40 * curve.count + 1)
     ax.plot(*np.asarray(curve(t)).T, color=BLUE, linewidth=1.4)
@@ -78,8 +78,8 @@ def _draw_shape(ax: Axes, case: dict[str, Any]) -> None:
 
 
 def _draw(ax: Axes, cases: list[dict[str, Any]], values: list[float], name: str, look: Any) -> None:
-    colour, marker, line = look
-    ax.loglog([c["vertices"] for c in cases], values, color=colour, marker=marker, linestyle=line, label=name, **_MARKS)
+    color, marker, line = look
+    ax.loglog([c["vertices"] for c in cases], values, color=color, marker=marker, linestyle=line, label=name, **_MARKS)
     ax.set_xlabel("vertices of the outline")
     # A label at every second number of vertices, and numbers in place of powers of ten on the other axis.
     ax.set_xticks([case["vertices"] for case in cases[::2]], [f"{case['vertices']:,}" for case in cases[::2]])

@@ -10,7 +10,7 @@ need 66 and 77.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
@@ -65,7 +65,7 @@ def _draw_outline(ax: Axes, control_points: Any, limits: Any, text: str, name: s
     for segment in points:
         ax.plot(*np.asarray(bezier([segment])(t)).T, color=BLACK)
         for handle in (segment[:2], segment[-2:]):
-            ax.plot(*handle.T, color=GREY, linewidth=0.5)
+            ax.plot(*handle.T, color=GRAY, linewidth=0.5)
         ax.plot(*segment[1:-1].T, color=BLUE, marker="o", markersize=2.2, linestyle="none")
     ax.plot(*points[:, 0].T, color=VERMILLION, marker="s", markersize=3.4, linestyle="none")
     ax.set_aspect("equal")
@@ -79,11 +79,11 @@ def _draw_bars(ax: Axes, glyphs: list[dict[str, Any]]) -> None:
     """Numbers stored at each tolerance, all letters together, as a share of those of the stored outlines."""
     tolerances = sorted({fit["tolerance"] for glyph in glyphs for fit in glyph["fits"]}, reverse=True)
     stored = sum(glyph["stored"][1] for glyph in glyphs)
-    for k, (method, (label, colour, hatch, _)) in enumerate(_METHODS.items()):
+    for k, (method, (label, color, hatch, _)) in enumerate(_METHODS.items()):
         for place, tolerance in enumerate(tolerances):
             mine = [f for g in glyphs for f in g["fits"] if f["method"] == method and f["tolerance"] == tolerance]
             numbers = sum(f["numbers"] for f in mine)
-            bar = {"color": colour, "hatch": hatch, "edgecolor": BLACK, "linewidth": 0.5}
+            bar = {"color": color, "hatch": hatch, "edgecolor": BLACK, "linewidth": 0.5}
             ax.bar(place + 0.27 * (k - 1), 100 * numbers / stored, 0.25, label=None if place else label, **bar)
             count = str(sum(f["segments"] for f in mine))
             at = (place + 0.27 * (k - 1), 100 * numbers / stored)
@@ -99,14 +99,14 @@ def _draw_bars(ax: Axes, glyphs: list[dict[str, Any]]) -> None:
 def _draw_used(ax: Axes, glyphs: list[dict[str, Any]]) -> None:
     """Proven error over tolerance of every fit."""
     tolerances = sorted({fit["tolerance"] for glyph in glyphs for fit in glyph["fits"]}, reverse=True)
-    for k, (method, (_, colour, _, marker)) in enumerate(_METHODS.items()):
+    for k, (method, (_, color, _, marker)) in enumerate(_METHODS.items()):
         mine = [(tolerances.index(f["tolerance"]), f) for g in glyphs for f in g["fits"] if f["method"] == method]
         x = [place + 0.22 * (k - 1) for place, _ in mine]
         y = [f["upper"] / f["tolerance"] for _, f in mine]
         ax.plot(
             x,
             y,
-            color=colour,
+            color=color,
             marker=marker,
             markersize=3.6,
             linestyle="none",
@@ -127,15 +127,15 @@ def _draw_convergence(ax: Axes, name: str, case: dict[str, Any]) -> None:
     for k, found in enumerate(others):
         above = np.maximum(100 * (np.array(found["value"]) / best - 1), _FLOOR)
         label = None if k else "from its end, displaced"
-        ax.plot(found["at"], above, color=GREY, linestyle=(0, (1, 1)), linewidth=0.9, label=label)
-    for run, (label, colour, line, marker) in _RUNS.items():
+        ax.plot(found["at"], above, color=GRAY, linestyle=(0, (1, 1)), linewidth=0.9, label=label)
+    for run, (label, color, line, marker) in _RUNS.items():
         if run in case["runs"]:
             found = case["runs"][run]
             above = 100 * (np.array(found["value"]) / best - 1)
             ax.plot(
                 found["at"],
                 np.maximum(above, _FLOOR),
-                color=colour,
+                color=color,
                 linestyle=line,
                 marker=marker,
                 markersize=2.2,

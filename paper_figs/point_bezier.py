@@ -10,7 +10,7 @@ wrong on several of a hundred queries.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, bezier, letter, style
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -27,7 +27,7 @@ _SHORT = {
     "ProjectedPolyhedron": "projected polyhedron",
     "NearestSearch": "nearest search",
 }
-# Colour, marker and hatch of each spread of the queries.
+# Color, marker and hatch of each spread of the queries.
 _BARS = ((GREEN, "////"), (ORANGE, ""), (PURPLE, "...."))
 
 
@@ -49,11 +49,11 @@ class _Frame:
         self.t = np.array(path["methods"]["NearestSearch"]["t"])
         self.u = np.linspace(0.0, 1.0, 301)
         self.line = np.asarray(self.curve(self.u))
-        plot.curve(self.curve, top, colour=BLUE, control_polygon=False, samples=200)
+        plot.curve(self.curve, top, color=BLUE, control_polygon=False, samples=200)
         (self.spoke,) = top.plot([], [], color=BLACK, linewidth=1.0)
         (self.point,) = top.plot([], [], **_POINT)
         (self.foot,) = top.plot([], [], **_FOOT)
-        (self.height,) = bottom.plot([], [], color=GREY, linewidth=1.2)
+        (self.height,) = bottom.plot([], [], color=GRAY, linewidth=1.2)
         (self.least,) = bottom.plot([], [], **{**_FOOT, "clip_on": False})
         low, high = self.line.min(axis=0), self.line.max(axis=0)
         top.set_xlim(min(low[0], self.points[:, 0].min()) - 0.25, max(high[0], self.points[:, 0].max()) + 0.25)
@@ -146,11 +146,11 @@ def _draw_shares(ax: Axes, random: dict[str, Any]) -> None:
     names = list(random["methods"])
     spreads = [entry["spread"] for entry in random["methods"][names[0]]]
     height = 0.8 / len(spreads)
-    for k, (spread, (colour, hatch)) in enumerate(zip(spreads, _BARS, strict=False)):
+    for k, (spread, (color, hatch)) in enumerate(zip(spreads, _BARS, strict=False)):
         shares = [100 * random["methods"][name][k]["wrong"] for name in names]
         place = np.arange(len(names)) + (k - (len(spreads) - 1) / 2) * height
         label = f"σ = {spread:g}"
-        ax.barh(place, shares, height, color=colour, hatch=hatch, edgecolor=BLACK, linewidth=0.5, label=label)
+        ax.barh(place, shares, height, color=color, hatch=hatch, edgecolor=BLACK, linewidth=0.5, label=label)
     for k, name in enumerate(names):
         if not any(entry["wrong"] for entry in random["methods"][name]):
             ax.annotate("none", (0, k), (3, 0), textcoords="offset points", va="center")

@@ -10,7 +10,7 @@ quintic reach 6.844e-5, 5.508e-5 and about 7.7e-10; curves end at the certified 
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, proven_text, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, proven_text, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -52,8 +52,8 @@ def _draw_error(ax: Axes, fit: dict[str, Any]) -> None:
     power = int(np.floor(np.log10(h)))
     unit = 10.0**power
     for level in (h, -h):
-        ax.axhline(level / unit, color=GREY, linewidth=0.8, linestyle=(0, (4, 2)))
-    ax.axhline(0, color=GREY, linewidth=0.4)
+        ax.axhline(level / unit, color=GRAY, linewidth=0.8, linestyle=(0, (4, 2)))
+    ax.axhline(0, color=GRAY, linewidth=0.4)
     ax.plot(fit["curve"]["t"], np.array(fit["curve"]["error"]) / unit, color=BLUE, linewidth=1.2)
     pairs = fit["pairs"]
     active = np.array(pairs["active"])
@@ -74,9 +74,9 @@ def _draw_error(ax: Axes, fit: dict[str, Any]) -> None:
 
 
 def _draw_parameter(ax: Axes, numbers: dict[str, Any]) -> None:
-    for run, (colour, marker, line) in zip(numbers["runs"], _RUNS, strict=False):
-        ax.semilogy(run["off"], color=colour, marker=marker, linestyle=line, label=f"{run['start']:g}", **_MARKS)
-    ax.axhline(numbers["within"], color=GREY, linewidth=0.8, linestyle=(0, (4, 2)))
+    for run, (color, marker, line) in zip(numbers["runs"], _RUNS, strict=False):
+        ax.semilogy(run["off"], color=color, marker=marker, linestyle=line, label=f"{run['start']:g}", **_MARKS)
+    ax.axhline(numbers["within"], color=GRAY, linewidth=0.8, linestyle=(0, (4, 2)))
     ax.set_ylim(1e-18, 1e4)
     ax.set_xlim(left=-0.3)
     ax.set_xticks(range(0, 10, 3))
@@ -88,12 +88,12 @@ def _draw_parameter(ax: Axes, numbers: dict[str, Any]) -> None:
 def _draw_excess(ax: Axes, fits: dict[str, Any]) -> None:
     """By how much the distance is above that of the end, as a share of it."""
     for name in [name for name in _FITS if name in fits]:
-        colour, marker, line = _FITS[name]
+        color, marker, line = _FITS[name]
         history = np.array(fits[name]["history"])
         excess = history[:-1] / history[-1] - 1
         every = ((len(excess) - 1) % 3, 3) if len(excess) > 20 else 1
         options: dict[str, Any] = {"linestyle": line, "label": f"({_TITLES[name][0]})", "markevery": every, **_MARKS}
-        ax.semilogy(excess, color=colour, marker=marker, **options)
+        ax.semilogy(excess, color=color, marker=marker, **options)
     ax.xaxis.set_major_locator(MaxNLocator(4, integer=True))
     ax.set_xlabel("step")
     ax.set_ylabel("excess $h_k / h_{\\mathrm{end}} - 1$")

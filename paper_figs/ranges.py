@@ -10,15 +10,15 @@ Bernstein coefficients keep at most 3 % more cells than are proven to hold a poi
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
 _KINDS = {
-    "interval": ("interval, powers", GREY, "v", ":"),
+    "interval": ("interval, powers", GRAY, "v", ":"),
     "horner": ("interval, Horner", PURPLE, "^", (0, (1, 1))),
-    "centred": ("centred", ORANGE, "D", "-."),
+    "centered": ("centered", ORANGE, "D", "-."),
     "modified_affine": ("modified affine", VERMILLION, "s", "--"),
     "bernstein": ("Bernstein", BLUE, "o", "-"),
 }
@@ -49,8 +49,8 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _style(kind: str) -> dict[str, Any]:
-    label, colour, marker, line = _KINDS[kind]
-    return {"label": label, "color": colour, "marker": marker, "linestyle": line, "markersize": 4.0}
+    label, color, marker, line = _KINDS[kind]
+    return {"label": label, "color": color, "marker": marker, "linestyle": line, "markersize": 4.0}
 
 
 def _draw_one(ax: Axes, kind: str, y: list[float]) -> None:
@@ -114,7 +114,7 @@ def _draw_cost(ax: Axes, numbers: dict[str, Any], names: list[str]) -> None:
         _draw_one(ax, kind, [way["seconds"] for way in ways])
     ax.set_ylabel("time (s)")
     _by_surface(ax, numbers, names)
-    letter(ax, "d", f"voxelisation at {numbers['cells'][1]}$^3$, with proofs")
+    letter(ax, "d", f"voxelization at {numbers['cells'][1]}$^3$, with proofs")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ best similarity 26 %.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, ORANGE, VERMILLION, Picture, bezier, letter, style
+from common import BLACK, BLUE, GRAY, MM, ORANGE, VERMILLION, Picture, bezier, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -72,8 +72,8 @@ def _draw_overlays(shown: Any, numbers: dict[str, Any]) -> None:
         (similar["fit"], similar["pairs"]["value"], "similarity, jhd", similar["pairs"]),
     ]
     for k, (ax, (points, value, words, pairs)) in enumerate(zip(shown, fits, strict=True)):
-        plot.curve(bezier(rigid["target"]), ax, colour=GREY, label=first, control_polygon=False)
-        plot.curve(bezier(points), ax, colour=BLUE, linestyle=_DASHED, label=second, control_polygon=False)
+        plot.curve(bezier(rigid["target"]), ax, color=GRAY, label=first, control_polygon=False)
+        plot.curve(bezier(points), ax, color=BLUE, linestyle=_DASHED, label=second, control_polygon=False)
         if pairs is not None:
             _draw_pairs(ax, pairs)
         ax.set_axis_off()
@@ -98,7 +98,7 @@ def _draw_pairs(ax: Axes, pairs: dict[str, Any]) -> None:
 
 def _draw_ends(ax: Axes, problem: dict[str, Any], angles: np.ndarray) -> None:
     tiny = min(entry["value"] for method in _LOOK for entry in problem[method]) < 1e-9
-    starts: dict[str, Any] = {"color": GREY, "linestyle": ":", "marker": ".", "markersize": 3, "linewidth": 0.8}
+    starts: dict[str, Any] = {"color": GRAY, "linestyle": ":", "marker": ".", "markersize": 3, "linewidth": 0.8}
     ax.plot(angles, problem["before"], label="start", **starts)
     for method, (words, look) in _LOOK.items():
         values = np.maximum([entry["value"] for entry in problem[method]], _FLOOR)

@@ -10,7 +10,7 @@ search runs in blocks, and compiling takes about twice as long.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
@@ -54,7 +54,7 @@ _MEMORY: dict[str, dict[str, Any]] = {
         "label": "reserved by XLA, one direction",
     },
 }
-_SLOPE: dict[str, Any] = {"color": GREY, "linewidth": 0.7, "linestyle": (0, (3, 1.5))}
+_SLOPE: dict[str, Any] = {"color": GRAY, "linewidth": 0.7, "linestyle": (0, (3, 1.5))}
 _LEGEND: dict[str, Any] = {"handlelength": 2.0, "labelspacing": 0.3, "handletextpad": 0.5, "borderaxespad": 0.1}
 _MB = 1e6
 

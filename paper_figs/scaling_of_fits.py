@@ -9,7 +9,7 @@ than their number.
 
 from typing import Any
 
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
@@ -44,12 +44,12 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 
 def _draw(ax: Axes, cases: list[dict[str, Any]], name: str, label: str) -> None:
-    for part, (text, colour, marker, line) in _PARTS.items():
+    for part, (text, color, marker, line) in _PARTS.items():
         known = [case for case in cases if case[part] is not None]
         ax.loglog(
             [case[name] for case in known],
             [case[part] for case in known],
-            color=colour,
+            color=color,
             marker=marker,
             linestyle=line,
             label=text,
@@ -57,7 +57,7 @@ def _draw(ax: Axes, cases: list[dict[str, Any]], name: str, label: str) -> None:
         )
     places = [cases[0][name], cases[-1][name]]
     ax.loglog(
-        places, [cases[0]["step"] * x / places[0] for x in places], color=GREY, linewidth=0.7, label="proportional"
+        places, [cases[0]["step"] * x / places[0] for x in places], color=GRAY, linewidth=0.7, label="proportional"
     )
     ax.set_xlabel(label)
     ax.set_xticks([case[name] for case in cases[::2]], [f"{case[name]:,}" for case in cases[::2]])

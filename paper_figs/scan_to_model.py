@@ -10,7 +10,7 @@ to 1e-9 before and after.
 from typing import Any
 
 import numpy as np
-from common import BLUE, GREY, MM, VERMILLION, Picture, style
+from common import BLUE, GRAY, MM, VERMILLION, Picture, style
 from matplotlib.figure import Figure
 
 _LINES = {"before": (VERMILLION, "--", "s"), "after": (BLUE, "-", "o")}
@@ -27,14 +27,14 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         figure = Figure(figsize=(85 * MM, 66 * MM), layout="constrained")
         ax = figure.add_subplot()
         share = 100 * (1 - np.array(numbers["quantiles"]))
-        for name, (colour, dashes, mark) in _LINES.items():
+        for name, (color, dashes, mark) in _LINES.items():
             found = numbers["ends"][name]
             distance, largest = 1e3 * np.array(found["distances"]), 1e3 * found["upper"]
-            ax.plot(distance, share, color=colour, linestyle=dashes, label=f"{name} the fit")
+            ax.plot(distance, share, color=color, linestyle=dashes, label=f"{name} the fit")
             label = f"{name}, largest: {largest:.3f}"
-            ax.plot([largest], [0], color=colour, linestyle="none", marker=mark, clip_on=False, zorder=5, label=label)
+            ax.plot([largest], [0], color=color, linestyle="none", marker=mark, clip_on=False, zorder=5, label=label)
         ax.axvline(
-            1e3 * numbers["noise"], color=GREY, linewidth=0.8, linestyle=":", label="noise, 1 standard deviation"
+            1e3 * numbers["noise"], color=GRAY, linewidth=0.8, linestyle=":", label="noise, 1 standard deviation"
         )
         ax.set_xlim(left=0)
         ax.set_ylim(0, 100)

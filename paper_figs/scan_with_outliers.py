@@ -10,7 +10,7 @@ square are off by 20 to 60 times the noise. The mean and a quantile stay within 
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -47,9 +47,9 @@ def _figure(numbers: dict[str, Any]) -> Figure:
         letter(places, "a", f"{len(shown['scan'])} points, {shown['share']:.0%} of them outliers")
         _draw_errors(errors, numbers)
         letter(errors, "b", "where the scan is placed: errors, proven")
-        handles = [Line2D([], [], color=GREY, marker=".", markersize=3, linestyle="none", label="scan")]
-        for name, (colour, marker, line) in _MEASURES.items():
-            look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": line, "linewidth": 1.4}
+        handles = [Line2D([], [], color=GRAY, marker=".", markersize=3, linestyle="none", label="scan")]
+        for name, (color, marker, line) in _MEASURES.items():
+            look: dict[str, Any] = {"color": color, "marker": marker, "linestyle": line, "linewidth": 1.4}
             handles.append(Line2D([], [], **look, label=labels[name], **_MARKS))
         figure.legend(handles=handles, loc="outside lower center", ncols=5, columnspacing=1.6, handlelength=3.2)
     return figure
@@ -57,24 +57,24 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 
 def _draw_places(ax: Axes, case: dict[str, Any]) -> None:
     ax.plot(
-        *np.array(case["scan"]).T, color=GREY, marker=".", markersize=2.8, markeredgewidth=0, linestyle="none", zorder=3
+        *np.array(case["scan"]).T, color=GRAY, marker=".", markersize=2.8, markeredgewidth=0, linestyle="none", zorder=3
     )
-    for name, (colour, _, line) in _MEASURES.items():
+    for name, (color, _, line) in _MEASURES.items():
         curve = jhd.BSplineCurve.uniform(np.array(case["fits"][name]["control_points"]), closed=True).segments()
         points = np.asarray(curve(np.linspace(0.0, curve.count, _SAMPLES)))
         # Two that agree are seen both: the lower one is broader.
-        ax.plot(*points.T, color=colour, linestyle=line, linewidth=3.2 if name == "mean" else 1.2)
+        ax.plot(*points.T, color=color, linestyle=line, linewidth=3.2 if name == "mean" else 1.2)
     ax.set_aspect("equal")
     ax.axis("off")
 
 
 def _draw_errors(ax: Axes, numbers: dict[str, Any]) -> None:
     shares = [100 * case["share"] for case in numbers["cases"]]
-    for name, (colour, marker, line) in _MEASURES.items():
+    for name, (color, marker, line) in _MEASURES.items():
         errors = [case["fits"][name]["upper"] for case in numbers["cases"]]
-        ax.semilogy(shares, errors, color=colour, marker=marker, linestyle=line, linewidth=1.4, **_MARKS)
-    ax.axhline(numbers["noise"], color=GREY, linewidth=0.8, linestyle=":")
-    note: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "bottom", "color": GREY}
+        ax.semilogy(shares, errors, color=color, marker=marker, linestyle=line, linewidth=1.4, **_MARKS)
+    ax.axhline(numbers["noise"], color=GRAY, linewidth=0.8, linestyle=":")
+    note: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "bottom", "color": GRAY}
     ax.annotate("noise", (1.0, numbers["noise"]), (0, 1.5), xycoords=ax.get_yaxis_transform(), **note)
     ax.set_xlabel("share of outliers (%)")
     ax.set_ylabel("largest error (input units)")

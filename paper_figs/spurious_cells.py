@@ -10,7 +10,7 @@ of 0.1. The safe rule and BranchAndBound always enclose it.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -58,13 +58,13 @@ def _figure(numbers: dict[str, Any]) -> Figure:
 def _draw_cells(ax: Axes, pair: dict[str, Any], name: str, title: str) -> None:
     """The kept cells of both surfaces in some layers, and the curves in which the first plane cuts the surfaces."""
     low, high = np.inf, -np.inf
-    for layers, colour in zip(pair["slices"], (BLUE, ORANGE), strict=True):
+    for layers, color in zip(pair["slices"], (BLUE, ORANGE), strict=True):
         for layer in layers:
             steps, origin = np.array(layer["spacing"])[:2], np.array(layer["lower"])[:2]
             cells = np.reshape(layer["cells"], (-1, 2))
             squares = origin + steps * (cells[:, None] + np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))
             proven = np.array(layer["proven"], bool)
-            fill = {"facecolor": colour, "alpha": 0.55, "edgecolor": BLACK, "linewidth": 0.2}
+            fill = {"facecolor": color, "alpha": 0.55, "edgecolor": BLACK, "linewidth": 0.2}
             ax.add_collection(PolyCollection(list(squares[proven]), **fill))
             doubt: dict[str, Any] = {"facecolor": "white", "edgecolor": VERMILLION, "linewidth": 0.8}
             ax.add_collection(PolyCollection(list(squares[~proven]), hatch="////////", **doubt))
@@ -90,16 +90,16 @@ def _draw_intervals(ax: Axes, pair: dict[str, Any], cells: list[int], name: str)
     """Intervals by both rules against the number of cells; what has no upper end goes up to the border."""
     tops = [found["upper"] for rule in _RULES for found in pair[rule] if found["result"] not in _NO_NUMBER]
     top = 1.15 * max([x for x in tops if x is not None] + [pair["exact"] or 0.0])
-    for rule, (_, colour, shift) in _RULES.items():
+    for rule, (_, color, shift) in _RULES.items():
         for k, found in enumerate(pair[rule]):
             if found["result"] in _NO_NUMBER:
-                _write_upright(ax, k + 1.6 * shift, top, _NO_NUMBER[found["result"]], colour)
+                _write_upright(ax, k + 1.6 * shift, top, _NO_NUMBER[found["result"]], color)
                 continue
             upper = top if found["upper"] is None else found["upper"]
-            kind = {"color": colour, "linewidth": 4, "alpha": 0.7 if rule == "safe" else 1.0}
+            kind = {"color": color, "linewidth": 4, "alpha": 0.7 if rule == "safe" else 1.0}
             ax.plot([k + shift] * 2, [found["lower"], upper], solid_capstyle="butt", **kind)
             if upper == top:
-                ax.plot([k + shift], [top], marker="^", color=colour, markersize=6, clip_on=False)
+                ax.plot([k + shift], [top], marker="^", color=color, markersize=6, clip_on=False)
     labels = [str(count) for count in cells]
     if pair["search"] is not None:
         labels.append("B&B")
@@ -113,14 +113,14 @@ def _draw_intervals(ax: Axes, pair: dict[str, Any], cells: list[int], name: str)
     if pair["exact"] is not None:
         ax.axhline(pair["exact"], color=BLACK, linestyle=(0, (4, 2)), linewidth=0.9)
     else:
-        ax.text(0.5, 0.97, "there is no distance", transform=ax.transAxes, ha="center", va="top", color=GREY)
+        ax.text(0.5, 0.97, "there is no distance", transform=ax.transAxes, ha="center", va="top", color=GRAY)
     ax.set_xticks(range(len(labels)), labels)
     ax.set(xlim=(-0.5, len(labels) - 0.5), ylim=(0, top), xlabel="cells along each axis")
     letter(ax, name)
 
 
-def _write_upright(ax: Axes, x: float, top: float, text: str, colour: str) -> None:
-    ax.text(x, 0.03 * top, text, rotation=90, ha="center", va="bottom", color=colour)
+def _write_upright(ax: Axes, x: float, top: float, text: str, color: str) -> None:
+    ax.text(x, 0.03 * top, text, rotation=90, ha="center", va="bottom", color=color)
 
 
 if __name__ == "__main__":

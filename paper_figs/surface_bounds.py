@@ -10,13 +10,13 @@ of the diagonal with fewer than a hundred cells. With two foot points no other b
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, VERMILLION, Picture, letter, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 _TITLES = {"parallel": "parallel tangent planes", "ridge": "two feet", "planes": "equally far everywhere"}
 _LINES: dict[str, dict[str, Any]] = {
-    "Lipschitz": {"color": GREY, "marker": "s"},
+    "Lipschitz": {"color": GRAY, "marker": "s"},
     "one foot": {"color": ORANGE, "marker": "D"},
     # Larger and open, so that it shows where it equals the next one.
     "moving foot": {

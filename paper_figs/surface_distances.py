@@ -1,4 +1,4 @@
-"""Six pairs of shapes of different kinds: the one that holds the farthest place in the colours of its distance.
+"""Six pairs of shapes of different kinds: the one that holds the farthest place in the colors of its distance.
 
 Numbers by surface_distances's experiment.
 
@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import jhd
-from jhd.plot.coloured import pieces_of
+from jhd.plot.colored import pieces_of
 
 _COLUMNS = 3
 # From where pairs are seen, elevation and azimuth in degrees; the others from the side of the farthest place.
@@ -45,10 +45,10 @@ def _figure(pairs: list[dict[str, Any]]) -> Figure:
 
 
 def _draw(ax: Any, bar: Any, pair: dict[str, Any]) -> None:
-    """The coloured shape and its colour bar; of curves and points also the surface that distances are taken to."""
+    """The colored shape and its color bar; of curves and points also the surface that distances are taken to."""
     a, b = shape(pair["a"]), shape(pair["b"])
     found = solution(pair["solution"])
-    jhd.plot.distances(a, b, found, ax, colour_bar=False)
+    jhd.plot.distances(a, b, found, ax, color_bar=False)
     if isinstance(a, jhd.BezierSegments):
         faces = Poly3DCollection(pieces_of(b).corners, facecolors="#808080", alpha=0.3, linewidth=0, rasterized=True)
         ax.add_collection3d(faces)

@@ -1,4 +1,4 @@
-"""A triangulation in the colours of its distance to the surface, and the distance against the number of triangles.
+"""A triangulation in the colors of its distance to the surface, and the distance against the number of triangles.
 
 Numbers by tessellation_check's experiment.
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from common import BLACK, MM, Picture, letter, style
-from common_checks import both_ways, coloured_shape
+from common_checks import both_ways, colored_shape
 from matplotlib.figure import Figure
 
 
@@ -26,7 +26,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
     with style():
         figure = Figure(figsize=(175 * MM, 76 * MM))
         title = f"$\\bf{{(a)}}$ {numbers['patches']} patches, {chosen['count']} triangles"
-        ax = coloured_shape(figure, numbers["mesh"], numbers["surface"], chosen["to_surface"]["solution"], title)
+        ax = colored_shape(figure, numbers["mesh"], numbers["surface"], chosen["to_surface"]["solution"], title)
         ax.view_init(35, -60)
         _distances(figure.add_axes((0.6, 0.16, 0.365, 0.74)), numbers["meshes"])
     return figure

@@ -8,7 +8,7 @@ assumptions that the experiment names.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREY, MM, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, MM, VERMILLION, Picture, letter, style
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
@@ -18,7 +18,7 @@ _CALLS: dict[str, dict[str, Any]] = {
 }
 _MARK: dict[str, Any] = {"markersize": 4.0, "markeredgecolor": BLACK, "markeredgewidth": 0.4}
 _ROWS = {
-    "all pairs": ("all pairs", GREY),
+    "all pairs": ("all pairs", GRAY),
     "nearest": ("nearest\nof each", BLUE),
     "within": ("near-\nduplicates", VERMILLION),
 }
@@ -45,7 +45,7 @@ def _draw_calls(ax: Any, numbers: dict[str, Any]) -> None:
     for name, looks in _CALLS.items():
         ax.loglog(size, [shard[name]["cpu"] for shard in shards], **looks, **_MARK)
     every = numbers["cpu_a_pair"] * size**2
-    ax.loglog(size, every, color=GREY, linestyle=(0, (1, 1)), linewidth=1.4, label="all pairs (estimated)")
+    ax.loglog(size, every, color=GRAY, linestyle=(0, (1, 1)), linewidth=1.4, label="all pairs (estimated)")
     ax.set_xticks(size, [f"{x}" for x in size])
     ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     ax.minorticks_off()
@@ -59,10 +59,10 @@ def _draw_calls(ax: Any, numbers: dict[str, Any]) -> None:
 def _draw_plan(ax: Any, numbers: dict[str, Any]) -> None:
     plan, assumed = numbers["plan"], numbers["assumed"]
     values = [plan[name]["hours"] for name in _ROWS]
-    names, colours = zip(*_ROWS.values(), strict=True)
+    names, colors = zip(*_ROWS.values(), strict=True)
     # Points, as bars have no zero to begin at over powers of ten.
     ax.hlines(range(len(names)), 0, values, color="#C0C0C0", linewidth=0.8)
-    ax.scatter(values, range(len(names)), 28, color=colours, zorder=3)
+    ax.scatter(values, range(len(names)), 28, color=colors, zorder=3)
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(-0.5, len(names) - 0.5)
     ax.set_xscale("log")

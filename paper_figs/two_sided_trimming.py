@@ -10,7 +10,7 @@ distance. No maximum is lost when one curve is trimmed.
 from typing import Any
 
 import numpy as np
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, freeze, letter, place_label, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, freeze, letter, place_label, style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -67,15 +67,15 @@ def _segments(trial: dict[str, Any], name: str) -> jhd.BezierSegments:
 
 def _draw_pair(ax: Axes, trial: dict[str, Any]) -> None:
     """Both curves: what is trimmed dashed, what is left bold; the true witness, and where the method ends."""
-    for k, (name, (colour, label)) in enumerate(_CURVES.items()):
+    for k, (name, (color, label)) in enumerate(_CURVES.items()):
         curve, left = _segments(trial, name), trial["bounds"][_BOUND]["left"][k]
         t = np.linspace(0, curve.count, 400)
         dashed = (0, (3, 1.2))
-        ax.plot(*np.asarray(curve(t)).T, color=colour, linewidth=1.0, linestyle=dashed, label=f"{label}, trimmed")
+        ax.plot(*np.asarray(curve(t)).T, color=color, linewidth=1.0, linestyle=dashed, label=f"{label}, trimmed")
         for i, (segment, t0, t1) in enumerate(zip(left["segment"], left["t0"], left["t1"], strict=True)):
             part = np.asarray(curve.point(np.full(24, segment), np.linspace(t0, t1, 24)))
             ax.plot(
-                *part.T, color=colour, linewidth=3.2, solid_capstyle="butt", label=f"{label}, kept" if not i else None
+                *part.T, color=color, linewidth=3.2, solid_capstyle="butt", label=f"{label}, kept" if not i else None
             )
     for x, foot in zip(*_witness(trial), strict=True):
         ax.plot(*np.stack([x, foot]).T, color=BLACK, linewidth=1.0)
@@ -94,14 +94,14 @@ def _draw_pair(ax: Axes, trial: dict[str, Any]) -> None:
 def _draw_profile(ax: Axes, trial: dict[str, Any], k: int) -> None:
     """The distance along one curve, what is left of it bold, LB, and the places of the maximum or of its feet."""
     profile, found = trial["profiles"][k], trial["bounds"][_BOUND]
-    (colour, _), left = _CURVES["ab"[k]], found["left"][k]
+    (color, _), left = _CURVES["ab"[k]], found["left"][k]
     t, distance = np.array(profile["t"]), np.array(profile["distance"])
-    ax.plot(t, distance, color=colour, linewidth=1.0, linestyle=(0, (3, 1.2)))
+    ax.plot(t, distance, color=color, linewidth=1.0, linestyle=(0, (3, 1.2)))
     for segment, t0, t1 in zip(left["segment"], left["t0"], left["t1"], strict=True):
         inner = np.linspace(segment + t0, segment + t1, 24)
-        ax.plot(inner, np.interp(inner, t, distance), color=colour, linewidth=3.6, solid_capstyle="butt")
-    ax.axhline(found["lower"], color=GREY, linewidth=0.7)
-    ax.text(t[-1], found["lower"], "$LB$", ha="right", va="bottom", color=GREY)
+        ax.plot(inner, np.interp(inner, t, distance), color=color, linewidth=3.6, solid_capstyle="butt")
+    ax.axhline(found["lower"], color=GRAY, linewidth=0.7)
+    ax.text(t[-1], found["lower"], "$LB$", ha="right", va="bottom", color=GRAY)
     witness = trial["solution"]["witness"]
     if ("a_to_b", "b_to_a")[k] == witness["direction"]:
         places, mark = np.array([witness["segment"] + witness["t"]]), _PLACE
@@ -156,7 +156,7 @@ def _draw_losses(ax: Axes, numbers: dict[str, Any]) -> None:
         share = np.sort([x["bounds"][_BOUND]["both"]["value"] / x["solution"]["value"] for x in trials])
         rank = 100 * (np.arange(len(share)) + 0.5) / len(share)
         ax.plot(rank, share, linewidth=1.0, clip_on=False, markevery=max(1, len(share) // 15), **_MARK, **line)
-    ax.axhline(1.0, color=GREY, linewidth=0.7)
+    ax.axhline(1.0, color=GRAY, linewidth=0.7)
     ax.set_xlim(0, 100)
     ax.set_ylim(0, 1.04)
     ax.set_xlabel("pairs, in order of the value (%)")

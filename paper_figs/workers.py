@@ -9,7 +9,7 @@ CPU time of the loop.
 
 from typing import Any
 
-from common import BLACK, BLUE, GREEN, GREY, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
+from common import BLACK, BLUE, GRAY, GREEN, MM, ORANGE, PURPLE, VERMILLION, Picture, letter, style
 from matplotlib.figure import Figure
 
 _LOOKS: dict[str, dict[str, Any]] = {
@@ -42,7 +42,7 @@ def _figure(numbers: dict[str, Any]) -> Figure:
                 cpu.plot(count, [1e3 * entry["cpu_a_pair"] for entry in entries], **looks, **_MARK)
         (plain,) = (entry for entry in numbers["entries"] if entry["kind"] == "plain loop")
         for ax, value in ((rate, plain["rate"]), (cpu, 1e3 * plain["cpu_a_pair"])):
-            ax.axhline(value, color=GREY, linewidth=1.4, label="plain loop of calls")
+            ax.axhline(value, color=GRAY, linewidth=1.4, label="plain loop of calls")
             counts = sorted({entry["workers"] for entry in numbers["entries"]})
             ax.set_xscale("log", base=2)
             ax.set_xticks(counts, [f"{count}" for count in counts])

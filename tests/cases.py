@@ -2,14 +2,14 @@
 
 `Case.exact_ab` is the directed distance max over a of min over b, `exact_ba` the other direction. Both belong to the
 *stored floats* taken as real numbers. Wherever possible the control points are dyadic rationals, so that nothing at all
-was rounded: circles are quarters with control points centre + radius (+-1, +-1) and weights 1, 1, 2, for which the
+was rounded: circles are quarters with control points center + radius (+-1, +-1) and weights 1, 1, 2, for which the
 rational curve is (1 - t^2, 2 t) / (1 + t^2) exactly, with no square root stored.
 
 Values are strings of up to 30 digits. They come from a closed form (the source says which), or from Newton's method in
 60 digits on the equations of the event that the reference found (`DIGITS`). A tuple (lower, upper) is an interval that
 is known to hold the value; None would mean that only the reference knows.
 
-Tags. An event tag is true for the direction from a to b, at every maximiser. A pair with maximisers of different kinds,
+Tags. An event tag is true for the direction from a to b, at every maximizer. A pair with maximizers of different kinds,
 with a continuum of feet or with a point-curve on side a has none.
 
 - `a_end`: a free end or an isolated point of a; `corner`: a C0 joint of a;
@@ -17,8 +17,8 @@ with a continuum of feet or with a point-curve on side a has none.
 - `one_to_two`: two feet, and one of `foot_and_foot`, `foot_and_end`, `end_and_end`; a corner of b counts as an end;
 - `coincident`: the distance is zero.
 
-The other tags describe the shapes: `tie` several maximisers, `near_tie` several maxima that float64 cannot tell apart,
-`flat` distance constant along a stretch, `centre` a meets a centre of curvature of b, `far` coordinates large against
+The other tags describe the shapes: `tie` several maximizers, `near_tie` several maxima that float64 cannot tell apart,
+`flat` distance constant along a stretch, `center` a meets a center of curvature of b, `far` coordinates large against
 the shape, `scale` sizes far from 1, `close` distance small against the size, and the names of kinds of curve.
 """
 
@@ -84,24 +84,24 @@ def together(*shapes):
     return Shape(np.concatenate([shape.control_points for shape in shapes]), weights)
 
 
-def ellipse(centre, radius_x, radius_y, weights=(1, 1, 2)):
+def ellipse(center, radius_x, radius_y, weights=(1, 1, 2)):
     """Four exact quarters, counter-clockwise from angle 0. Any weights with w0 w2 = 2 w1^2 give the same curve."""
     corners = np.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)], dtype=float)
     quarters = np.stack([corners[i : i + 3] for i in (0, 2, 4, 6)])
-    return Shape(np.array(centre) + quarters * (radius_x, radius_y), np.tile(np.array(weights, dtype=float), (4, 1)))
+    return Shape(np.array(center) + quarters * (radius_x, radius_y), np.tile(np.array(weights, dtype=float), (4, 1)))
 
 
-def circle(centre, radius, weights=(1, 1, 2)):
+def circle(center, radius, weights=(1, 1, 2)):
     """An exact circle."""
-    return ellipse(centre, radius, radius, weights)
+    return ellipse(center, radius, radius, weights)
 
 
-def rounded_circle(centre, radius, arcs, turn):
+def rounded_circle(center, radius, arcs, turn):
     """A circle in equal arcs from the angle `turn`: rounded control points, weights 1, cos(half the angle), 1."""
     half = pi / arcs
     angles = [turn + half * k for k in range(2 * arcs + 1)]
     reach = [radius / cos(half) if k % 2 else radius for k in range(2 * arcs + 1)]
-    rows = np.array([(centre[0] + r * cos(x), centre[1] + r * sin(x)) for r, x in zip(reach, angles, strict=True)])
+    rows = np.array([(center[0] + r * cos(x), center[1] + r * sin(x)) for r, x in zip(reach, angles, strict=True)])
     # The seam is one point, not two that differ by rounding.
     rows[-1] = rows[0]
     return Shape(np.stack([rows[2 * k : 2 * k + 3] for k in range(arcs)]), np.tile([1.0, cos(half), 1.0], (arcs, 1)))
@@ -117,14 +117,14 @@ def closed_cubic_bspline(integers, unit):
     return Shape(rows * float(unit))
 
 
-def wavy(count, waves, height, centre=(0.0, 0.0), phase=0.0):
+def wavy(count, waves, height, center=(0.0, 0.0), phase=0.0):
     """A closed cubic B-spline round a circle of radius about 1, with `waves` waves of relative height `height`."""
     unit = 2.0**-20
     rows = []
     for k in range(count):
         angle = 2 * pi * k / count
         radius = 1 + height * cos(waves * angle + phase) + 0.5 * height * sin((waves + 1) * angle)
-        rows.append((centre[0] + radius * cos(angle), centre[1] + radius * sin(angle)))
+        rows.append((center[0] + radius * cos(angle), center[1] + radius * sin(angle)))
     return closed_cubic_bspline(np.rint(np.array(rows) / (6 * unit)), unit)
 
 
@@ -206,9 +206,9 @@ LOOP = bezier((0, 0), (6, 4), (-2, 4), (4, 0))
 WAVE = bezier((0, 0), (1, 2), (3, -2), (4, 1))
 ARCH = bezier((0, 0), (1, 3), (3, 3), (4, 0))
 UNIT = circle((0, 0), 1)
-SPLINE_12, SPLINE_12_B = wavy(12, 3, 0.25), wavy(12, 2, 0.375, centre=(0.125, 0.0625), phase=0.5)
-SPLINE_30, SPLINE_30_B = wavy(30, 5, 0.1875), wavy(30, 4, 0.125, centre=(0.0625, -0.0625), phase=1.0)
-SPLINE_90, SPLINE_90_B = wavy(90, 13, 0.0625), wavy(90, 11, 0.09375, centre=(0.03125, 0.015625), phase=0.25)
+SPLINE_12, SPLINE_12_B = wavy(12, 3, 0.25), wavy(12, 2, 0.375, center=(0.125, 0.0625), phase=0.5)
+SPLINE_30, SPLINE_30_B = wavy(30, 5, 0.1875), wavy(30, 4, 0.125, center=(0.0625, -0.0625), phase=1.0)
+SPLINE_90, SPLINE_90_B = wavy(90, 13, 0.0625), wavy(90, 11, 0.09375, center=(0.03125, 0.015625), phase=0.25)
 SQUARE = polyline((1, -1), (1, 1), (-1, 1), (-1, -1), closed=True)
 SQRT_2 = "1.41421356237309504880168872421"
 # In 60 digits the circles of rounded control points and weights leave their circle by at most 3.1e-16.
@@ -235,7 +235,7 @@ def same_set(tags):
 DIGITS: dict[str, tuple[str | None, str | None]] = {
     "cusp_over_chord": (None, "0.369008729828190495794971741068"),
     "chord_under_cusp": ("0.369008729828190495794971741068", None),
-    "parabola_through_centre": (None, "1.0"),
+    "parabola_through_center": (None, "1.0"),
     "points_to_segment": (None, "2.97321374946370110452240164279"),
     "jts_lines_densified": (None, "55.8779333828715847561485828693"),
     "roof_over_segment": (None, "1.66410058867568736605502520037"),
@@ -365,33 +365,33 @@ def closed_forms():
     add("concentric_circles", UNIT, circle((0, 0), 2), "antipodal flat rational closed", "1", "1")
     add("disjoint_circles", UNIT, circle((3, 0), 1), "antipodal rational closed", "3", "3")
     add("eccentric_circles", UNIT, circle((0.5, 0), 3), "antipodal rational closed", "2.5", "2.5")
-    add("circle_around_its_centre", UNIT, point_set((0, 0)), "b_end flat rational closed degree_0 centre", "1", "1")
-    add("centre_of_a_circle", point_set((0, 0)), UNIT, "flat rational closed degree_0 centre", "1", "1")
+    add("circle_around_its_center", UNIT, point_set((0, 0)), "b_end flat rational closed degree_0 center", "1", "1")
+    add("center_of_a_circle", point_set((0, 0)), UNIT, "flat rational closed degree_0 center", "1", "1")
     add("circle_around_a_point", UNIT, point_set((0.5, 0)), "b_end rational closed degree_0", "1.5", "0.5")
     add("circle_around_a_segment", circle((0, 0), 2), bezier((0.5, 0), (1, 0)), "b_end rational closed", "2.5", "1.5")
     add(
-        "chord_through_centre",
+        "chord_through_center",
         bezier((-0.5, 0), (0.75, 0)),
         UNIT,
-        "centre rational line",
+        "center rational line",
         "1",
         "1",
         "1 - |x| inside the circle",
     )
     add(
-        "parabola_through_centre",
+        "parabola_through_center",
         bezier((-0.5, 0.25), (0, -0.25), (0.5, 0.25)),
         UNIT,
-        "centre rational",
+        "center rational",
         "1",
         None,
         "1 - |p| inside the circle",
     )
     add(
-        "polyline_with_corner_at_centre",
+        "polyline_with_corner_at_center",
         polyline((-0.5, 0.5), (0, 0), (0.5, 0.5)),
         UNIT,
-        "centre rational corner",
+        "center rational corner",
         "1",
         "1",
         "1 - |p| inside the circle",
@@ -418,7 +418,7 @@ def closed_forms():
         "circles_across_in_space",
         space(UNIT, 0, 1),
         space(UNIT, 0, 2),
-        "centre tie rational closed space",
+        "center tie rational closed space",
         SQRT_2,
         SQRT_2,
         "d^2 = 2 - 2 |cos|; all of b is equally far from (0, 1, 0)",
@@ -591,7 +591,7 @@ def coincidences():
     add("identical_loop", LOOP, reverse(LOOP), **same_set("loop reversed"))
     add("identical_cusp", CUSP, halves(CUSP), **same_set("cusp subdivided"))
     add("identical_points", point_set((0, 0), (1, 2)), point_set((1, 2), (0, 0), (0, 0)), **same_set("degree_0"))
-    add("circle_in_two_parametrisations", UNIT, circle((0, 0), 1, weights=(2, 1, 1)), **same_set("rational closed"))
+    add("circle_in_two_parametrizations", UNIT, circle((0, 0), 1, weights=(2, 1, 1)), **same_set("rational closed"))
     add("identical_spline_12", SPLINE_12, part(SPLINE_12, np.r_[5:12, 0:5]), **same_set("spline closed"))
     add(
         "part_of_a_wave",
@@ -710,21 +710,21 @@ def pairs_with_digits():
         "evolute_of_parabola",
         bezier((0, 0.25), (0, 0.5)),
         PARABOLA,
-        "a_end centre",
+        "a_end center",
         "0.5",
         None,
-        "the centre of curvature of the vertex, a triple root, is the end (0, 1/2)",
+        "the center of curvature of the vertex, a triple root, is the end (0, 1/2)",
     )
     add(
         "along_evolute",
         bezier((-0.25, 0.5), (0.25, 0.5)),
         PARABOLA,
-        "centre",
+        "center",
         "0.5",
         None,
-        "through the centre of curvature of the vertex, a triple root",
+        "through the center of curvature of the vertex, a triple root",
     )
-    add("across_evolute", bezier((0, 0), (0.125, 1)), PARABOLA, "a_end centre")
+    add("across_evolute", bezier((0, 0), (0.125, 1)), PARABOLA, "a_end center")
     add("line_along_axis", bezier((-1, 1.5), (1.25, 1.625)), PARABOLA, "one_to_two foot_and_foot line")
     add(
         "wide_valley",
@@ -959,10 +959,10 @@ def pairs_with_digits():
         "figure_eight",
         Shape(np.array([[(0, 0), (3, 3), (3, -3), (0, 0)], [(0, 0), (-3, 3), (-3, -3), (0, 0)]], float)),
         scale(UNIT, 1.5),
-        "loop closed rational centre",
+        "loop closed rational center",
         "1.5",
         None,
-        "3/2 - |p| where a meets the centre",
+        "3/2 - |p| where a meets the center",
     )
     add(
         "circle_and_figure_eight",

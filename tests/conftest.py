@@ -45,7 +45,7 @@ _WIDER = {int: int | jax.Array, float: float | int | jax.Array, jax.Array: jax.A
 _FROZEN: Any = getattr(beartype, "FrozenDict", None) or beartype.BeartypeHintOverrides
 
 
-# The older emitters take a seventh less of the time that a search needs to compile, and no optimisation another tenth.
+# The older emitters take a seventh less of the time that a search needs to compile, and no optimization another tenth.
 # XLA ends a process that names a flag it does not know, and the first one is gone from jaxlib 0.11.2 on.
 FLAGS = ("--xla_cpu_use_fusion_emitters=false",)
 QUICK_FLAGS = (*FLAGS, "--xla_backend_optimization_level=0")
@@ -99,7 +99,7 @@ def checked(function):
 
 
 def pytest_configure(config):
-    """Quick tests compile without optimisation, in less time; slow ones with it, as the programs of plain calls are.
+    """Quick tests compile without optimization, in less time; slow ones with it, as the programs of plain calls are.
 
     What is proven must hold for either: with and without fused multiplications and additions. Checked annotations take
     a tenth of the time: the environment asks for them by CHECK_ANNOTATIONS=1, as the continuous integration does for

@@ -3,12 +3,12 @@
 A curve is `control_points` of shape (segments, points, dim) with `weights` None or (segments, points), all positive; a
 pair of curves is two tuples `(control_points, weights)`. Segments need not be connected, the degree may be 0, and dim
 is 2 or 3 (any number works). Everything is float64; coordinates are taken relative to the query point or to a common
-centre before anything else is done, so the errors are a few 1e-16 of the *size of the configuration*, wherever that
+center before anything else is done, so the errors are a few 1e-16 of the *size of the configuration*, wherever that
 lies.
 
 Global nearest points come from all roots of the stationarity polynomial (eigenvalues of its colleague matrix in the
 Chebyshev basis), the ends of every segment and the local minima of a sampling; each is polished by descent on the
-distance itself, so that a root that the eigenvalues blur (cusps, centres of curvature, polynomials that vanish) costs
+distance itself, so that a root that the eigenvalues blur (cusps, centers of curvature, polynomials that vanish) costs
 no accuracy of the distance. Directed distances come from a breadth-first search that halves parameter cells of A and
 drops those whose bound cannot matter.
 """
@@ -110,11 +110,11 @@ def evaluate(control_points, weights, t):
     control_points = np.asarray(control_points, dtype=float)
     # Relative to the first point, so that far from the origin only the last addition rounds at the size of the
     # coordinates.
-    centre = control_points[0, 0]
-    rows = homogeneous(control_points - centre, weights)
+    center = control_points[0, 0]
+    rows = homogeneous(control_points - center, weights)
     basis = bernstein_basis(rows.shape[1] - 1, t)
     values = np.einsum("...i,kij->k...j", basis, rows)
-    return centre + values[..., :-1] / values[..., -1:]
+    return center + values[..., :-1] / values[..., -1:]
 
 
 def _derivative_rows(rows):
@@ -218,8 +218,8 @@ class _Target:
         self.rational = weights is not None
         shape = self.control_points.shape[:-1]
         self.weights = np.asarray(weights, dtype=float) if self.rational else np.ones(shape)
-        self.centre = self.control_points[0, 0]
-        local = self.control_points - self.centre
+        self.center = self.control_points[0, 0]
+        local = self.control_points - self.center
         self.grid = np.arange(SAMPLES + 1) / SAMPLES if shape[1] > 1 else np.zeros(1)
         self.samples = evaluate(local, weights, self.grid)
         self.middle = 0.5 * (local.min(axis=1) + local.max(axis=1))
@@ -232,7 +232,7 @@ class _Target:
 
     def pairs_that_matter(self, points):
         """Which (point, segment) can hold the nearest point: its lower bound is not above the best sample."""
-        local = points - self.centre
+        local = points - self.center
         sampled = np.linalg.norm(local[:, None, None] - self.samples, axis=-1)
         nearest = sampled.min(axis=-1)
         lower = nearest - self.speed / (2 * SAMPLES)
@@ -315,15 +315,15 @@ def diagonal(a, b):
 
 
 class _Pair:
-    """Both curves relative to a common centre, with what the search over cells of A asks of them."""
+    """Both curves relative to a common center, with what the search over cells of A asks of them."""
 
     def __init__(self, a, b):
         (a_points, a_weights), (b_points, b_weights) = a, b
-        # A difference of floats is exact to relative 1e-16, so recentring loses nothing at the size of the
+        # A difference of floats is exact to relative 1e-16, so recentering loses nothing at the size of the
         # configuration.
-        centre = np.asarray(b_points, dtype=float)[0, 0]
-        self.rows_a = homogeneous(np.asarray(a_points, dtype=float) - centre, a_weights)
-        local_b = np.asarray(b_points, dtype=float) - centre
+        center = np.asarray(b_points, dtype=float)[0, 0]
+        self.rows_a = homogeneous(np.asarray(a_points, dtype=float) - center, a_weights)
+        local_b = np.asarray(b_points, dtype=float) - center
         self.rows_b = homogeneous(local_b, b_weights)
         self.target = _Target(local_b, b_weights)
 

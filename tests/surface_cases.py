@@ -7,10 +7,10 @@ A value is a string of up to 34 digits: a closed form (the source says which), o
 solves in 60 digits from the point and the feet given with it, after dense samples of both surfaces have shown that
 there is no larger one. Points and feet name one of the maxima; a coordinate on a face of the box is exactly on it.
 
-Tags: `smooth` all maximisers inside their boxes with one foot inside, `clipped` a point or a foot on a face, `two_foot`
-and `three_foot` a maximum with that many feet, `degenerate` a family of maximisers or of feet, `singular` a surface
+Tags: `smooth` all maximizers inside their boxes with one foot inside, `clipped` a point or a foot on a face, `two_foot`
+and `three_foot` a maximum with that many feet, `degenerate` a family of maximizers or of feet, `singular` a surface
 with a singular point or line in its box, `tangent` a foot on a face that its surface touches, `symmetric` several
-maximisers, `ghost` cells that look like a surface and hold none, `boxes` different boxes, `far` large coordinates,
+maximizers, `ghost` cells that look like a surface and hold none, `boxes` different boxes, `far` large coordinates,
 `scale` a size far from one, `close` distances far below the size, `coincident` distance zero. They hold for at least
 one of the directions.
 """
@@ -109,9 +109,9 @@ def surface(polynomial, lower, upper=None):
     return Surface(array, *(tuple(float(x) for x in corner) for corner in corners))
 
 
-def sphere(radius, centre=(0, 0, 0), about=(X, Y, Z)):
-    """|x - centre|^2 = radius^2."""
-    pairs = zip(about, centre, strict=True)
+def sphere(radius, center=(0, 0, 0), about=(X, Y, Z)):
+    """|x - center|^2 = radius^2."""
+    pairs = zip(about, center, strict=True)
     return sum(((t - Fraction(c)) ** 2 for t, c in pairs), -_polynomial(Fraction(radius) ** 2))
 
 
@@ -592,7 +592,7 @@ _CLOSED = (
         "smooth close symmetric",
         "0.00000095367431640625",
         "0.00000095367431640625",
-        "the distance of the centres, 2^-20",
+        "the distance of the centers, 2^-20",
     ),
     _closed("one_sphere", surface(_BALL, 2), surface(_BALL, 2), "coincident degenerate", "0", "0", "the same set"),
 )

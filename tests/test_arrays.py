@@ -55,7 +55,7 @@ def test_what_is_no_real_number_is_refused_with_its_type(value, dtype):
     assert str(caught.value) == f"weights must be real numbers; its dtype is {dtype}."
 
 
-class InMetres(np.ndarray):
+class InMeters(np.ndarray):
     """An array that knows its unit, as those of astropy and unyt."""
 
     unit = "m"
@@ -69,7 +69,7 @@ HIDDEN = np.ma.masked_array([[0, 0], [1, 1e20]], mask=np.array([[0, 0], [0, 1]],
     [
         (HIDDEN, "x has a mask with 1 hidden entries; leave them out before (np.ma.compress_rows)."),
         ([HIDDEN[0], HIDDEN[1]], "x has a mask with 1 hidden entries; leave them out before (np.ma.compress_rows)."),
-        (np.ones(2).view(InMetres), "x has the unit m, which is not read; needs its numbers alone."),
+        (np.ones(2).view(InMeters), "x has the unit m, which is not read; needs its numbers alone."),
     ],
     ids=["mask", "mask of a row", "unit"],
 )

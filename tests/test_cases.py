@@ -25,7 +25,7 @@ BY_NAME = {case.name: case for case in CASES}
 BOTH = [(case, direction) for case in CASES for direction in ("ab", "ba")]
 WITH_EVENT = [case for case in CASES if case.tags & set(EVENTS)]
 SHAPES = (
-    "smooth cusp loop line polyline degree_0 point_curve closed contours space rational spline weights centre flat tie "
+    "smooth cusp loop line polyline degree_0 point_curve closed contours space rational spline weights center flat tie "
     "far scale close"
 ).split()
 
@@ -82,9 +82,9 @@ def place(shape: Shape, segment, t):
 
 
 def feet_of(solution, a: Shape, b: Shape):
-    """The feet of the point that the reference found, all relative to a common centre."""
-    centre = b.control_points[0, 0]
-    a, b = (Shape(shape.control_points - centre, shape.weights) for shape in (a, b))
+    """The feet of the point that the reference found, all relative to a common center."""
+    center = b.control_points[0, 0]
+    a, b = (Shape(shape.control_points - center, shape.weights) for shape in (a, b))
     weights = None if a.weights is None else a.weights[solution.segment : solution.segment + 1]
     point = reference.evaluate(a.control_points[solution.segment][None], weights, solution.t)[0]
     # At a tie the distances differ by what the witness is off: 1e-12 of the diagonal, or much less in close shapes.
@@ -335,11 +335,11 @@ def test_profile_is_the_projection_of_each_point():
 
 def test_projection_above_an_arc_is_the_nearer_end():
     # The arc is y = x^2 over |x| <= 1/2.
-    arc = BY_NAME["parabola_through_centre"].a
+    arc = BY_NAME["parabola_through_center"].a
     assert reference.project((0.0, 2.0), *arc)[0] == pytest.approx(np.hypot(0.5, 1.75), rel=1e-15)
 
 
-@pytest.mark.parametrize("name", ["circle_around_its_centre", "segment_to_point_curve"])
+@pytest.mark.parametrize("name", ["circle_around_its_center", "segment_to_point_curve"])
 def test_projection_to_a_point_is_the_distance_to_it(name):
     shape = BY_NAME[name].b
     place = shape.control_points[0, 0]
@@ -347,13 +347,13 @@ def test_projection_to_a_point_is_the_distance_to_it(name):
     assert reference.project(place, *shape)[0] == 0.0
 
 
-def test_projection_from_the_centre_of_a_circle_is_the_radius():
+def test_projection_from_the_center_of_a_circle_is_the_radius():
     circle = BY_NAME["concentric_circles"].b
     assert reference.project((0.0, 0.0), *circle)[0] == pytest.approx(2.0, rel=1e-15)
     assert len(reference.feet((0.0, 0.0), *circle, slack=1e-14)) > 4
 
 
-def test_projection_at_a_centre_of_curvature_is_exact():
+def test_projection_at_a_center_of_curvature_is_exact():
     parabola = BY_NAME["segment_over_parabola"].b
     assert reference.project((0.0, 0.5), *parabola)[0] == pytest.approx(0.5, rel=1e-15)
 
@@ -410,11 +410,11 @@ def test_the_upper_bound_closes_in_and_a_small_budget_leaves_it_true(name):
 @pytest.mark.parametrize("case", every(24, CASES, pytest.mark.exhaustive))
 def test_no_sample_of_a_is_farther_than_the_directed_distance(case):
     value = solved(case.name, "ab").value
-    centre = case.b.control_points[0, 0]
-    a = Shape(case.a.control_points - centre, case.a.weights)
+    center = case.b.control_points[0, 0]
+    a = Shape(case.a.control_points - center, case.a.weights)
     samples = reference.evaluate(*a, np.linspace(0, 1, 1000 // len(a.control_points) + 7))
     points = samples.reshape(-1, a.control_points.shape[2])
-    profile = reference.distance_profile(points, case.b.control_points - centre, case.b.weights)
+    profile = reference.distance_profile(points, case.b.control_points - center, case.b.weights)
     assert profile.max() <= value + REFERENCE * reference.diagonal(case.a, case.b)
 
 

@@ -20,13 +20,13 @@ def wait():
 
 
 class Dropper:
-    """A finaliser in which an interrupt comes; what it raises there, Python drops."""
+    """A finalizer in which an interrupt comes; what it raises there, Python drops."""
 
     def __del__(self):
         signal.raise_signal(signal.SIGINT)
 
 
-def test_an_interrupt_in_a_finaliser_is_sent_again():
+def test_an_interrupt_in_a_finalizer_is_sent_again():
     with pytest.raises(KeyboardInterrupt), interrupts_heard():
         dropper = [Dropper()]
         dropper.clear()

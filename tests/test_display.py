@@ -159,12 +159,12 @@ SLIPS: dict[str, tuple[Any, str]] = {
     "scipy": (lambda: jhd.io.to_scipy(cast(Any, MESH)), "shape is a TriangleMesh; SciPy's splines are curves"),
     "svg": (lambda: jhd.io.write_svg(None, cast(Any, MESH)), "must be a curve .* got TriangleMesh"),
     "saved": (lambda: jhd.io.save_curve("none.svg", cast(Any, MESH)), "curve must be a curve .* got TriangleMesh"),
-    "neighbours": (
-        lambda: jhd.plot.neighbours(cast(Any, None), [LINE], cast(Any, [LINE])),
+    "neighbors": (
+        lambda: jhd.plot.neighbors(cast(Any, None), [LINE], cast(Any, [LINE])),
         "found is a list; needs the result of jhd.nearest_shapes",
     ),
-    "color": (lambda: cast(Any, jhd.plot.curve)(LINE, color="red"), r"curve\(\) takes no color: write colour="),
-    "colors": (lambda: cast(Any, jhd.plot.meshes)([MESH], colors=["red"]), r"takes no colors: write colours="),
+    "color": (lambda: cast(Any, jhd.plot.curve)(LINE, color="red"), r"curve\(\) takes no color: write color="),
+    "colors": (lambda: cast(Any, jhd.plot.meshes)([MESH], colors=["red"]), r"takes no colors: write colors="),
 }
 
 
@@ -247,4 +247,4 @@ def test_numpy_inside_build_is_named():
     line = jhd.polyline([(0, 0), (1, 0)])
     for build in (lambda p: jhd.polyline(np.array(p)), lambda p: jhd.polyline([(float(p[0, 0]), 0), (1, 0)])):
         with pytest.raises(TypeError, match="build is traced, .* write it in jax.numpy, without NumPy, float"):
-            jhd.minimise_hausdorff(build, np.eye(2), line)
+            jhd.minimize_hausdorff(build, np.eye(2), line)

@@ -50,7 +50,7 @@ def random_curve(seed):
 @cache
 def fitted(start):
     """The fit of one parameter to the quarter circle, made once."""
-    return jhd.minimise_hausdorff(symmetric, start, quarter())
+    return jhd.minimize_hausdorff(symmetric, start, quarter())
 
 
 @pytest.mark.exhaustive
@@ -91,25 +91,25 @@ def test_free_ends_are_nearer_than_fixed_ones():
 @pytest.mark.slow
 def test_parameters_may_be_a_pytree_and_progress_is_reported():
     seen = []
-    solution = jhd.minimise_hausdorff(turned, {"offset": jnp.array([0.1, 0.0])}, quarter(), progress=seen.append)
+    solution = jhd.minimize_hausdorff(turned, {"offset": jnp.array([0.1, 0.0])}, quarter(), progress=seen.append)
     assert set(solution.parameters) == {"offset"}
     assert [news.step for news in seen] == list(range(len(solution.history)))
     assert float(solution.error.value) < 1e-3
 
 
 def test_several_starts_give_the_best_of_them():
-    solution = jhd.minimise_hausdorff(symmetric, 0.3, quarter(), starts=jnp.array([0.1, 0.54]), max_steps=2)
-    alone = jhd.minimise_hausdorff(symmetric, 0.54, quarter(), max_steps=2)
+    solution = jhd.minimize_hausdorff(symmetric, 0.3, quarter(), starts=jnp.array([0.1, 0.54]), max_steps=2)
+    alone = jhd.minimize_hausdorff(symmetric, 0.54, quarter(), max_steps=2)
     assert float(solution.error.value) == float(alone.error.value)
 
 
 def test_a_fit_without_steps_says_so():
-    solution = jhd.minimise_hausdorff(symmetric, 0.3, quarter(), max_steps=0)
+    solution = jhd.minimize_hausdorff(symmetric, 0.3, quarter(), max_steps=0)
     assert name_of(solution.result) == "fit_steps_exhausted" and float(solution.parameters) == 0.3
 
 
 def test_a_fit_that_is_good_enough_stops():
-    solution = jhd.minimise_hausdorff(symmetric, 0.3, quarter(), atol=0.05)
+    solution = jhd.minimize_hausdorff(symmetric, 0.3, quarter(), atol=0.05)
     assert name_of(solution.result) == "successful" and float(solution.error.value) <= 0.05
     assert float(solution.optimality) > 0.1
 
@@ -150,7 +150,7 @@ def test_points_have_no_order_to_be_fitted_in():
 
 def test_no_parameters_are_refused():
     with pytest.raises(ValueError, match="parameters"):
-        jhd.minimise_hausdorff(symmetric, jnp.zeros((0,)), quarter())
+        jhd.minimize_hausdorff(symmetric, jnp.zeros((0,)), quarter())
 
 
 @pytest.mark.exhaustive
@@ -173,7 +173,7 @@ def test_an_outline_of_thirty_segments_is_fitted_with_sixty_parameters(segments,
     outline = jhd.BezierSegments.from_path(path)
     solution = jhd.fit_curve(outline, degree=2, segments=segments, max_steps=100)
     assert outline.count == 30 and solution.parameters.size == 4 * segments
-    # Two dozen maxima are equal then; which of two neighbouring optima it is hangs on rounding.
+    # Two dozen maxima are equal then; which of two neighboring optima it is hangs on rounding.
     assert name_of(solution.result) in ("successful", "fit_at_rounding")
     assert float(solution.error.value) < error
     assert solution.history[-2] - solution.history[-1] <= 1e-6 * solution.history[-1]
@@ -234,7 +234,7 @@ def about(parameters):
     "measure", [jhd.Mean(directed=True), jhd.Quantile(0.9, directed=True)], ids=["mean", "quantile"]
 )
 def test_a_circle_is_found_among_outliers_by_a_mean_and_by_a_quantile(measure):
-    fit = jhd.minimise_hausdorff(about, np.array([2.5, 1.3, 1.5]), jhd.points(POINTS), measure=measure, max_steps=40)
+    fit = jhd.minimize_hausdorff(about, np.array([2.5, 1.3, 1.5]), jhd.points(POINTS), measure=measure, max_steps=40)
     np.testing.assert_allclose(fit.parameters, [3, 1, 2], atol=0.02)
     assert float(fit.measured.lower) <= float(fit) <= float(fit.measured.upper)
     assert fit.history[-1] == pytest.approx(float(fit), rel=1e-9) and np.all(np.diff(fit.history) <= 0)
@@ -246,11 +246,11 @@ def test_a_circle_is_found_among_outliers_by_a_mean_and_by_a_quantile(measure):
 def test_a_fit_that_runs_out_of_time_hands_back_the_best_so_far(monkeypatch):
     monkeypatch.setattr("jhd.fitting.clock.time.monotonic", iter(range(10**6)).__next__)
     target, start = jhd.circle([3, 1], 2.0), np.array([2.5, 1.3, 1.5])
-    fit = jhd.minimise_hausdorff(about, start, target, max_seconds=2.5)
+    fit = jhd.minimize_hausdorff(about, start, target, max_seconds=2.5)
     assert name_of(fit.result) == "fit_out_of_time"
     assert float(fit.error.value) <= float(jhd.hausdorff(about(start), target).value) * (1 + 1e-12)
     with pytest.raises(ValueError, match="max_seconds is 0"):
-        jhd.minimise_hausdorff(about, start, target, max_seconds=0)
+        jhd.minimize_hausdorff(about, start, target, max_seconds=0)
 
 
 @pytest.mark.exhaustive
@@ -269,7 +269,7 @@ QUINTIC_IN_SPACE = [[0, 0, 0], [1, 2, 1], [3, 2, -1], [4, 0, 2], [5, 1, 1], [6, 
 
 @pytest.mark.slow
 def test_a_copy_of_the_target_stays_where_it_is():
-    fit = jhd.minimise_hausdorff(jhd.BezierCurve, CUBIC, jhd.BezierCurve(CUBIC))
+    fit = jhd.minimize_hausdorff(jhd.BezierCurve, CUBIC, jhd.BezierCurve(CUBIC))
     assert name_of(fit.result) == "successful"
     assert (int(fit.stats["steps"]), int(fit.stats["evaluations"])) == (0, 1)
     np.testing.assert_array_equal(fit.parameters, CUBIC)
@@ -283,7 +283,7 @@ def begun_before(inner):
 
 @pytest.mark.exhaustive
 def test_an_end_that_is_held_where_it_is_farthest_cannot_be_improved():
-    fit = jhd.minimise_hausdorff(begun_before, CUBIC[1:3] + 0.1, jhd.BezierCurve(CUBIC))
+    fit = jhd.minimize_hausdorff(begun_before, CUBIC[1:3] + 0.1, jhd.BezierCurve(CUBIC))
     assert name_of(fit.result) == "successful" and int(fit.stats["steps"]) == 0
     assert float(fit.optimality) == 0 and float(fit.error.value) == pytest.approx(1, rel=1e-12)
 
@@ -311,4 +311,4 @@ def test_a_curve_in_space_is_fitted_within_a_tolerance(smooth):
 )
 def test_slips_in_a_fit_are_named(as_a_user, build, options, message):
     with pytest.raises(TypeError, match=message):
-        jhd.minimise_hausdorff(build, np.eye(2), jhd.polyline([(0, 0), (1, 0)]), **options)
+        jhd.minimize_hausdorff(build, np.eye(2), jhd.polyline([(0, 0), (1, 0)]), **options)

@@ -91,7 +91,7 @@ def test_bounds_on_both_sides_of_a_threshold_decide_nothing():
     assert lower == upper or name_of(decided(solution, lower).answer) == "undecided"
 
 
-def test_meshes_are_drawn_in_the_colours_of_their_distance_beside_any_shape(run):
+def test_meshes_are_drawn_in_the_colors_of_their_distance_beside_any_shape(run):
     status, out, _ = run("distance", "low.ply", "high.ply", "--directed", "--plot", "picture.png")
     assert status == 0 and "picture.png" in out
     red, green, blue = imread("picture.png")[:, :, :3].reshape(-1, 3).T

@@ -67,7 +67,7 @@ def test_cells_and_meshes_are_refused_before_they_are_made(monkeypatch):
     sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2] * 3, [2] * 3)
     monkeypatch.setattr(memory, "free_memory", lambda: 1e5)
     with pytest.raises(MemoryError, match=r"level \d of 10 of 1024 cells along an axis would take about .*fewer cells"):
-        jhd.voxelise(sphere, 1024)
+        jhd.voxelize(sphere, 1024)
     leaves = Leaves(np.zeros((1, 3), int), np.array([1]), np.array([-1.0]), np.array([1.0]), np.ones(3, int))
     with pytest.raises(MemoryError, match=r"a mesh of resolution 512 would take about .* a lower resolution"):
         extracted(leaves, np.zeros(3), np.ones(3), 512, lambda points: points[:, 0])

@@ -176,7 +176,7 @@ def test_a_batch_is_refused():
         plot.witness(batch, axes())
 
 
-def test_both_curves_have_their_own_colour_and_line_style():
+def test_both_curves_have_their_own_color_and_line_style():
     ax = plot.solution(ARCH, BASE, TOP, axes(), labels=("arch", "base"))
     first, second = [a for a in ax.get_children() if a.get_gid() == "curve"]
     assert first.get_color() != second.get_color()

@@ -106,7 +106,7 @@ def test_a_cube_shows_its_three_faces_to_the_eye_and_no_other():
     cube = jhd.TriangleMesh(CUBE.reshape(-1, 3), np.arange(36).reshape(12, 3))
     plot.mesh(cube, ax)
     (faces,) = [artist for artist in ax.collections if artist.get_gid() == "surface"]
-    shades = {tuple(colour) for colour in np.round(faces.get_facecolor(), 9)}
+    shades = {tuple(color) for color in np.round(faces.get_facecolor(), 9)}
     for elevation, azimuth in ((20, 30), (35, -70), (10, 110), (60, -130), (-25, 40)):
         ax.view_init(elevation, azimuth)
         figure.canvas.draw()

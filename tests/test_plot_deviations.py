@@ -8,7 +8,7 @@ import pytest
 
 import jhd
 from jhd._results.solution import name_of
-from jhd.plot.coloured import distances_at, pieces_of, section
+from jhd.plot.colored import distances_at, pieces_of, section
 
 
 @pytest.fixture(autouse=True)
@@ -30,7 +30,7 @@ def by_gid(figure: Any, gid: str) -> list[Any]:
 
 
 @pytest.mark.slow
-def test_faces_have_the_colour_of_their_distance_and_the_witness_is_in_front(square):
+def test_faces_have_the_color_of_their_distance_and_the_witness_is_in_front(square):
     ax = jhd.plot.deviation(square, labels=("square", "plane"), unit="mm")
     (faces,) = by_gid(ax.figure, "deviation")
     pieces = pieces_of(square.a)
@@ -83,9 +83,9 @@ def test_labels_of_a_whole_figure_do_not_run_into_each_other(square):
 
 
 @pytest.mark.slow
-def test_curves_and_points_are_coloured_on_axes_of_ones_own(square):
+def test_curves_and_points_are_colored_on_axes_of_ones_own(square):
     found = jhd.deviation(jhd.polyline([(0, 0, 1), (1, 0, 1)]), square.b)
-    ax = jhd.plot.deviation(found, plt.figure().add_subplot(projection="3d"), colour_bar=False)
+    ax = jhd.plot.deviation(found, plt.figure().add_subplot(projection="3d"), color_bar=False)
     (lines,) = by_gid(ax.figure, "deviation")
     np.testing.assert_allclose(np.asarray(lines.get_colors())[-1], plt.get_cmap("viridis")(1.0), atol=0.02)
     assert len(ax.figure.axes) == 1
@@ -97,12 +97,12 @@ def test_distances_that_are_known_are_not_searched_for_again(square, monkeypatch
     rows = np.random.default_rng(4).uniform(0, 1, (300, 3))
     found = jhd.deviation(jhd.points(rows), square.b, rtol=1e-4)
     exact = np.asarray(jhd.project(rows, square.b).distance)
-    monkeypatch.setattr("jhd.plot.coloured.project", lambda *_, **__: pytest.fail("a search"))
+    monkeypatch.setattr("jhd.plot.colored.project", lambda *_, **__: pytest.fail("a search"))
     seen = distances_at(rows, square.b, float(found.maximum.value), found.samples)
     np.testing.assert_allclose(seen, exact, atol=float(found.maximum.value) / 256)
 
 
-def test_the_shape_that_holds_the_witness_is_coloured_without_a_search(square):
+def test_the_shape_that_holds_the_witness_is_colored_without_a_search(square):
     solution = jhd.hausdorff(square.a, square.b)
     assert name_of(solution.direction) == "b_to_a"
     figure = jhd.plot.distances(square.a, square.b, solution, labels=("square", "plane")).figure
@@ -111,7 +111,7 @@ def test_the_shape_that_holds_the_witness_is_coloured_without_a_search(square):
     assert "distance to square" in [ax.get_ylabel() for ax in figure.axes]
     assert not by_gid(figure, "histogram") and len(by_gid(figure, "inset")) == 1
     own = plt.figure().add_subplot(projection="3d")
-    assert jhd.plot.distances(square.a, square.b, square.maximum, own, colour_bar=False) is own
+    assert jhd.plot.distances(square.a, square.b, square.maximum, own, color_bar=False) is own
     (faces,) = by_gid(own.figure, "deviation")
     assert len(np.asarray(faces.get_facecolor())) == len(pieces_of(square.a).rows)
 

@@ -121,7 +121,7 @@ def test_a_page_asks_for_two_shapes_and_one_distance(lines):
         jhd.plot.page(lines[0], lines[1], least)
 
 
-def test_a_page_in_space_holds_both_shapes_the_distances_as_colours_and_the_marks(square):
+def test_a_page_in_space_holds_both_shapes_the_distances_as_colors_and_the_marks(square):
     pytest.importorskip("plotly")
     found = jhd.deviation(*square[:2])
     for text in (jhd.plot.page(*square), jhd.plot.page(found)):
@@ -138,7 +138,7 @@ def test_a_page_in_space_holds_both_shapes_the_distances_as_colours_and_the_mark
 
 def test_curves_and_points_in_space_are_lines_and_dots():
     line = pages._trace(pages.pieces_of(jhd.polyline([(0, 0, 0), (1, 0, 0), (1, 1, 0)])), "A", np.zeros(10_000))
-    # A line of many colours has a line of its own in the key.
+    # A line of many colors has a line of its own in the key.
     assert (
         line["mode"] == "lines"
         and not line["showlegend"]

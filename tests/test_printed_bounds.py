@@ -161,14 +161,14 @@ def test_progress_tells_bounds_that_hold_what_is_known(given):
 def test_every_command_prints_bounds_that_hold_what_was_found(given, monkeypatch, capsys):
     line, ends = "M 0 0 L 1 0", (given.low, given.high)
     ended = SimpleNamespace(_enumeration=jhd.RESULTS, _value=np.zeros((1, 2), int))
-    neighbours = KINDS.Neighbours(np.array([[0, 1]]), *given.many, jhd.RESULTS.successful, (np.array([], int),), 1)
+    neighbors = KINDS.Neighbors(np.array([[0, 1]]), *given.many, jhd.RESULTS.successful, (np.array([], int),), 1)
     pairs = KINDS.PairsWithin(np.array([[0, 1]]), *(x[0, :1] for x in given.many[1:]), np.zeros((0, 2), int), ended, 1)
     table = KINDS.Pairwise(*(np.tile(x, (2, 1)) for x in given.many), jhd.RESULTS.successful, 1)
     points = jax.tree_util.tree_map(lambda x: x[None], given.projection)
     entries = {
         **{"hausdorff": given.hausdorff, "directed_hausdorff": given.hausdorff, "minimum_distance": given.minimum},
         **{"hausdorff_at_most": given.decision, "minimum_at_most": given.decision, "deviation": given.deviation},
-        **{"project": points, "nearest_shapes": neighbours, "pairs_within": pairs, "pairwise": table},
+        **{"project": points, "nearest_shapes": neighbors, "pairs_within": pairs, "pairwise": table},
         **{"fit_outline": [SimpleNamespace(shape=jhd.polyline([(0, 0), (1, 0)]))]},
     }
     for name, found in entries.items():

@@ -83,14 +83,14 @@ def test_coarse_samples_agree_with_the_values(direction):
     """A sample is off by no more than the diagonals of the cells of both grids."""
     a, b, maximum = parts(direction)
     if "far" in direction[0].tags:
-        a, b = (recentred(surface, direction[0]) for surface in (a, b))
+        a, b = (recentered(surface, direction[0]) for surface in (a, b))
     cells = 12
     distances, _ = KDTree(cloud(b, cells)).query(cloud(a, cells))
     slack = 2 * 3**0.5 * (size(a) + size(b)) / cells
     assert abs(np.max(distances) - float(maximum.value)) <= slack
 
 
-def recentred(surface, case):
+def recentered(surface, case):
     """A far surface brought back, exactly."""
     offset = (np.array(case.a.lower) + np.array(case.a.upper)) / 2
     f = surface.coefficients

@@ -181,10 +181,10 @@ def _missed(p: Any) -> float:
     return float(np.max(np.abs(np.asarray(p - _GOAL))))
 
 
-def test_optimistix_minimises_the_distance_to_a_known_spline():
+def test_optimistix_minimizes_the_distance_to_a_known_spline():
     target = _shifted(_GOAL)
     loss = lambda p, _: jhd.hausdorff(_shifted(p), target).value  # noqa: E731
-    found = optx.minimise(loss, optx.BFGS(1e-6, 1e-6), _START, max_steps=40, throw=False)
+    found = optx.minimize(loss, optx.BFGS(1e-6, 1e-6), _START, max_steps=40, throw=False)
     assert _missed(found.value) < 0.5 * _missed(_START)
 
 

@@ -1,6 +1,6 @@
 """A training loop: gradient descent on the soft distance of a curve, with a falling temperature.
 
-For the last digits, use `jhd.minimise_hausdorff`, which lowers several equal maxima at once.
+For the last digits, use `jhd.minimize_hausdorff`, which lowers several equal maxima at once.
 """
 
 import jax

@@ -9,7 +9,7 @@ import numpy as np
 
 import jhd
 from jhd._cli.comparisons import check_drawn, print_files
-from jhd._cli.report import neighbours_picture
+from jhd._cli.report import neighbors_picture
 from jhd._results.solution import names_of, to_plain
 from jhd.console import busy, exit_status, print_json
 from jhd.decimals import interval_text
@@ -46,7 +46,7 @@ def nearest(options: Namespace) -> int:
     short = [short_name(name) for name in queries], [short_name(name) for name in names]
     for file in filter(None, (options.plot, options.html)):
         with busy("drawing"):
-            neighbours_picture(file, wanted, shapes, found, short)
+            neighbors_picture(file, wanted, shapes, found, short)
     results = names_of(found.result)
     ties = [[names[k] for k in tie] for tie in found.ties]
     if options.json:

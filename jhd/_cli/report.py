@@ -36,10 +36,10 @@ PLACES = {
     "parametric surface": ("patch", "u", "v"),
     "implicit surface": ("",),
 }
-_MILLIMETRES = 1 / 25.4
-_PICTURE_SIZE = 180 * _MILLIMETRES, 102 * _MILLIMETRES  # two columns of a journal
+_MILLIMETERS = 1 / 25.4
+_PICTURE_SIZE = 180 * _MILLIMETERS, 102 * _MILLIMETERS  # two columns of a journal
 PICTURE_DPI = 200
-_SPACE_SIZE = 120 * _MILLIMETRES, 115 * _MILLIMETRES
+_SPACE_SIZE = 120 * _MILLIMETERS, 115 * _MILLIMETERS
 _BAR = 24  # characters of a bar of progress
 _DIGITS = 10  # of a distance that a bar shows; by default a search ends at about so many
 _SPEC_WIDTH = 60  # path data can be pages long
@@ -276,7 +276,7 @@ def picture(
     panels = np.atleast_1d(right.subplots(len(directed)))
     plot.profile(a, b, panels[0], directed[0], labels=labels, unit=unit)
     for panel, back in zip(panels[1:], directed[1:], strict=True):
-        plot.profile(b, a, panel, back, labels=labels[::-1], unit=unit, colour=plot.ORANGE)
+        plot.profile(b, a, panel, back, labels=labels[::-1], unit=unit, color=plot.ORANGE)
     save_figure(file, figure)
 
 
@@ -309,9 +309,9 @@ def deviation_picture(file: str, found: Any) -> None:
     _save_and_close(file, plot.deviation(found).figure)
 
 
-def neighbours_picture(file: str, queries: Any, shapes: Any, found: Any, names: tuple[list[str], list[str]]) -> None:
+def neighbors_picture(file: str, queries: Any, shapes: Any, found: Any, names: tuple[list[str], list[str]]) -> None:
     """Writes the first queries with their nearest shapes, as a picture or page."""
-    axes = plot.neighbours(queries, shapes, found, query_names=names[0], names=names[1])
+    axes = plot.neighbors(queries, shapes, found, query_names=names[0], names=names[1])
     if not file.lower().endswith((".html", ".htm")):
         _save_and_close(file, axes[0, 0].figure)
         return

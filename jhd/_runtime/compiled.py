@@ -90,7 +90,7 @@ def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, level
     """jax.jit for what is called from the host: quick to compile; inside another trace it is traced like any other.
 
     Arguments at the positions named `static` are constants of the program. Loops over large arrays can run twice as
-    fast where XLA optimises at its level 3 (`optimised`), or with all that it has (None).
+    fast where XLA optimizes at its level 3 (`optimized`), or with all that it has (None).
 
     On CPUs a function of this package is kept on disk with each program that it was compiled to
     (jhd._runtime.programs), and another process only reads it. Where the process comes near the number of memory
@@ -119,7 +119,7 @@ def compiled(function: Callable[..., _R], static: tuple[int, ...] = (), *, level
 
 
 # For loops over large arrays.
-optimised = functools.partial(compiled, level=3)
+optimized = functools.partial(compiled, level=3)
 
 
 class _Plain:

@@ -52,7 +52,7 @@ def _replace(target: Path, data: bytes, beside: str | None) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """The new name is on the disk too, where folders can be opened and synchronised."""
+    """The new name is on the disk too, where folders can be opened and synchronized."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:

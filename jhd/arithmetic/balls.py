@@ -89,10 +89,10 @@ def reciprocal(x: Ball) -> Ball:
 
 def semidefinite(h: Ball, fixed: Array) -> Array:
     """Whether all symmetric matrices in the ball are proven positive semidefinite on variables that are not fixed."""
-    return normalised(h, fixed)[1] >= 0
+    return normalized(h, fixed)[1] >= 0
 
 
-def normalised(h: Ball, fixed: Array) -> tuple[Array, Array]:
+def normalized(h: Ball, fixed: Array) -> tuple[Array, Array]:
     """The transpose of S with S^T h S close to one, and a lower bound of the eigenvalues of all S^T h S.
 
     With S = L^-T D^(-1/2) from the mid-point L D L^T the absolute sums of S^T h S - 1 along its rows bound how far its

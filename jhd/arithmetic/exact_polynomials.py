@@ -80,9 +80,9 @@ def signs(polynomial: np.ndarray, points: np.ndarray) -> np.ndarray:
     return (result > 0).astype(int) - (result < 0).astype(int)
 
 
-def substituted(polynomial: np.ndarray, centre: Sequence[Fraction], scale: Sequence[Fraction]) -> np.ndarray:
-    """A positive multiple of w -> f(centre + scale w), the scales positive."""
-    for axis, (m, s) in enumerate(zip(centre, scale, strict=True)):
+def substituted(polynomial: np.ndarray, center: Sequence[Fraction], scale: Sequence[Fraction]) -> np.ndarray:
+    """A positive multiple of w -> f(center + scale w), the scales positive."""
+    for axis, (m, s) in enumerate(zip(center, scale, strict=True)):
         rows = list(np.moveaxis(polynomial, axis, 0))
         n, common = len(rows) - 1, math.lcm(m.denominator, s.denominator)
         shift, factor = int(m * common), int(s * common)

@@ -141,7 +141,7 @@ class _BoxTable(NamedTuple):
 def _solver(capacity: int, max_steps: int) -> Callable[..., _FoundRoots]:
     """The search with lanes as the last axis; vmap makes more lanes of it.
 
-    Mapped from outside, a loop would carry its lanes first, and arrays with a short last axis do not vectorise.
+    Mapped from outside, a loop would carry its lanes first, and arrays with a short last axis do not vectorize.
     """
 
     @custom_vmap

@@ -9,7 +9,7 @@ the degrees and T the number of coefficients, k is at most
 - "interval", the power form with x^i as the interval of the i-th powers: an end c +- h has one rounding, a power i ends
   and i - 1 products, so 2 i; three products with each other and the coefficient, and T for the sum: 2 n + 3 + T;
 - "horner": in each step one rounding of c +- h, one of the product, one of the sum: 3 n;
-- "centred" and "modified_affine": 4 n for the local form (`local_form`) and T for the sum: 4 n + T;
+- "centered" and "modified_affine": 4 n for the local form (`local_form`) and T for the sum: 4 n + T;
 - "bernstein": 4 n, and in a variable of degree d one for the entry of the matrix, one for the product, d + 1 for the
   sum: 5 n + 6. The matrix takes the powers of e in [-1, 1] to Bernstein coefficients, means of products of ones and
   minus ones, so that its entries are at most one and the coefficients of a term at most the term.
@@ -50,7 +50,7 @@ Ends = tuple[Array, Array]
 
 
 def local_form(
-    coefficients: Float[Array, "i j k"], centre: Float[Array, "3 boxes"], half_width: Float[Array, "3 boxes"]
+    coefficients: Float[Array, "i j k"], center: Float[Array, "3 boxes"], half_width: Float[Array, "3 boxes"]
 ) -> Float[Array, "i j k boxes"]:
     """The coefficients D of e -> f(c + h e) for every box, by synthetic division, one variable after the other.
 
@@ -59,13 +59,13 @@ def local_form(
     n more for the power of h and its product: 4 n in all. The paths from a_ijk have the sizes of the terms of
     |a_ijk| (|c_x| + h_x)^i (|c_y| + h_y)^j (|c_z| + h_z)^k.
     """
-    form = jnp.broadcast_to(coefficients[..., None], (*coefficients.shape, centre.shape[-1]))
+    form = jnp.broadcast_to(coefficients[..., None], (*coefficients.shape, center.shape[-1]))
     for axis in (2, 1, 0):
         rows = [lax.index_in_dim(form, i, axis, keepdims=False) for i in range(form.shape[axis])]
         n = len(rows) - 1
         for first in range(n):
             for i in range(n - 1, first - 1, -1):
-                rows[i] = rows[i] + centre[axis] * rows[i + 1]
+                rows[i] = rows[i] + center[axis] * rows[i + 1]
         power = half_width[axis]
         for i in range(1, n + 1):
             rows[i] = rows[i] * power
@@ -76,7 +76,7 @@ def local_form(
 
 
 def affine_range(form: Float[Array, "i j k boxes"]) -> tuple[Array, Array]:
-    """Ends of D_000 +- sum |D|, not rounded outward: the centred form, which is plain affine arithmetic."""
+    """Ends of D_000 +- sum |D|, not rounded outward: the centered form, which is plain affine arithmetic."""
     terms = form.reshape(-1, form.shape[-1])
     spread = jnp.sum(jnp.abs(terms[1:]), axis=0)
     return terms[0] - spread, terms[0] + spread
@@ -97,18 +97,18 @@ def modified_affine_range(form: Float[Array, "i j k boxes"]) -> tuple[Array, Arr
 
 def enclose(
     coefficients: Float[Array, "i j k"],
-    centre: Float[Array, "3 boxes"],
+    center: Float[Array, "3 boxes"],
     half_width: Float[Array, "3 boxes"],
     kind: str = "bernstein",
 ) -> Interval:
-    """Interval that contains every value of the polynomial on each box |x - centre| <= half_width.
+    """Interval that contains every value of the polynomial on each box |x - center| <= half_width.
 
     Args:
         coefficients: entry [i, j, k] belongs to x^i y^j z^k. They may be off by a relative rounding each, u |a|: the
             range is that of the exact ones too.
-        centre: centres of the boxes.
+        center: centers of the boxes.
         half_width: half of their sides, not negative.
-        kind: "bernstein" (the narrowest), "modified_affine", "centred", "horner" or "interval".
+        kind: "bernstein" (the narrowest), "modified_affine", "centered", "horner" or "interval".
 
     Returns:
         Bounds that are infinite where something overflows.
@@ -118,19 +118,19 @@ def enclose(
     """
     if kind not in _RANGES:
         raise ValueError(f"kind is {kind!r}; needs one of {', '.join(map(repr, RANGES))}.")
-    a, c, h, absolute = _scaled(coefficients, centre, half_width)
+    a, c, h, absolute = _scaled(coefficients, center, half_width)
     ends, roundings = _RANGES[kind](a, c, h)
     return Interval(*rounding.widen(*ends, _error(a, c, h, roundings, absolute)))
 
 
 def corner_values(
-    coefficients: Float[Array, "i j k"], centre: Float[Array, "3 boxes"], half_width: Float[Array, "3 boxes"]
+    coefficients: Float[Array, "i j k"], center: Float[Array, "3 boxes"], half_width: Float[Array, "3 boxes"]
 ) -> Interval:
     """Intervals that contain the values at the eight corners of each box, in the order of `np.ndindex(2, 2, 2)`.
 
     From the local form, in 4 n + T roundings: shape (8, boxes).
     """
-    a, c, h, absolute = _scaled(coefficients, centre, half_width)
+    a, c, h, absolute = _scaled(coefficients, center, half_width)
     values = local_form(a, c, h)
     for axis in range(3):
         even = jnp.sum(values[(slice(None),) * axis + (slice(0, None, 2),)], axis=axis)
@@ -180,7 +180,7 @@ def _scaled(a: Array, c: Array, h: Array) -> tuple[Array, Array, Array, Array]:
     return a, c, h, rounding.round_up(1.01 * lost + operations * nu)
 
 
-def _centred(a: Array, c: Array, h: Array) -> tuple[Ends, int]:
+def _centered(a: Array, c: Array, h: Array) -> tuple[Ends, int]:
     return affine_range(local_form(a, c, h)), 4 * _degrees(a) + a.size
 
 
@@ -282,7 +282,7 @@ def _product(x: Ends, y: Ends) -> Ends:
 _RANGES = {
     "bernstein": _bernstein,
     "modified_affine": _modified_affine,
-    "centred": _centred,
+    "centered": _centered,
     "horner": _interval_horner,
     "interval": _interval,
 }

@@ -17,7 +17,7 @@ The entry points are `hausdorff`, `critical_pairs`, `minimum`, `project`, `signe
 from jhd.distance.certificate.certificate import Certificate, certify
 from jhd.distance.certificate.verification import CertificateError, verify
 from jhd.distance.collections import (
-    Neighbours,
+    Neighbors,
     PairsWithin,
     Pairwise,
     nearest_shapes,

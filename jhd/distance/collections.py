@@ -22,7 +22,7 @@ from jhd._runtime.arrays import check_whole, real_array, same_arrays
 from jhd._runtime.compiled import give_back
 from jhd.distance.decisions import checked_limit
 from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
-from jhd.distance.many.neighbours import nearest_of, standings_of, together
+from jhd.distance.many.neighbors import nearest_of, standings_of, together
 from jhd.distance.many.shapes import Collection, both_collections
 from jhd.distance.many.signatures import PointLattice, SignatureBounds, Signatures, lattice_over, reaches, signatures_of
 from jhd.distance.many.store import Store, fingerprint_of
@@ -65,7 +65,7 @@ class Pairwise(eqx.Module):
         return f"Pairwise({rows} x {columns} distances, {done} known, {self.computed} computed)"
 
 
-class Neighbours(eqx.Module):
+class Neighbors(eqx.Module):
     """The nearest shapes of each query, in the order of `value`.
 
     The k nearest shapes of a query are among the shapes in its row and in its `ties`. The order of two shapes whose
@@ -82,10 +82,10 @@ class Neighbours(eqx.Module):
         computed: number of distances that were searched.
     """
 
-    index: Int[np.ndarray, "queries neighbours"]
-    value: Float[np.ndarray, "queries neighbours"]
-    lower: Float[np.ndarray, "queries neighbours"]
-    upper: Float[np.ndarray, "queries neighbours"]
+    index: Int[np.ndarray, "queries neighbors"]
+    value: Float[np.ndarray, "queries neighbors"]
+    lower: Float[np.ndarray, "queries neighbors"]
+    upper: Float[np.ndarray, "queries neighbors"]
     result: Any
     ties: tuple[np.ndarray, ...]
     computed: int
@@ -97,7 +97,7 @@ class Neighbours(eqx.Module):
 
     def __repr__(self) -> str:
         count, k = self.index.shape
-        return f"Neighbours({k} of each of {count} queries, {int(self.tied.sum())} tied, {self.computed} computed)"
+        return f"Neighbors({k} of each of {count} queries, {int(self.tied.sum())} tied, {self.computed} computed)"
 
 
 class PairsWithin(eqx.Module):
@@ -185,7 +185,7 @@ def nearest_shapes(
     *,
     executor: Executor | None = None,
     progress: Report = None,
-) -> Neighbours:
+) -> Neighbors:
     """The k nearest shapes of each query by Hausdorff distance, certified.
 
     Distances of all shapes from the points of a lattice bound the distances of all pairs. Only the remaining pairs are
@@ -209,7 +209,7 @@ def nearest_shapes(
         progress: a function that is called with a CollectionProgress from time to time.
 
     Returns:
-        A Neighbours: indices, distances, bounds and ties.
+        A Neighbors: indices, distances, bounds and ties.
 
     Raises:
         TypeError: an object that is not a shape, traced shapes, or a method that is not BranchAndBound.
@@ -233,7 +233,7 @@ def nearest_shapes(
             del known
             give_back()
     found = together(parts)
-    return Neighbours(*found[:4], _results(found.result), tuple(found.ties), found.computed)
+    return Neighbors(*found[:4], _results(found.result), tuple(found.ties), found.computed)
 
 
 def pairs_within(

@@ -290,7 +290,7 @@ def _affine_lengths(frame: Frame, moved: float, ends: np.ndarray) -> tuple[np.nd
 
 
 def _size(count: int, counts: np.ndarray | None) -> Bounds:
-    """The number of points, or the sum of what each counts: one float where it is one, else two neighbours."""
+    """The number of points, or the sum of what each counts: one float where it is one, else two neighbors."""
     total = Fraction(count) if counts is None else exact_sum(counts)
     near = float_near(total, np.dtype(np.float64))
     low = np.nextafter(near, 0.0) if near > total else near

@@ -183,7 +183,7 @@ class SurfacePair(AbstractPair):
     @override
     def measured(self, turned: bool = False, level: Any = None, ceiling: Any = None) -> HausdorffSolution:
         pair = self._targets.turned() if turned else self._targets.pair()
-        aim, method, direction = aim_at(level, ceiling, self._frame.centre.dtype), self._method, _direction(turned)
+        aim, method, direction = aim_at(level, ceiling, self._frame.center.dtype), self._method, _direction(turned)
         if is_tracing(pair, method, aim):
             return method.directed_surfaces(pair, self._frame, aim, direction)
         wanted, capacity = wanted_of(method, pair.a, self._frame, aim), length_of_table(method, pair.a)

@@ -22,7 +22,7 @@ from jaxtyping import Array
 
 from jhd._results.solution import RESULTS, Projection, StationaryPoints, result_where, throw_unless_successful
 from jhd._runtime.arrays import array_of, check_whole, is_traced, real_array, undifferentiated
-from jhd._runtime.compiled import compiled, optimised
+from jhd._runtime.compiled import compiled, optimized
 from jhd.arithmetic.scaling import length, unit_weights
 from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of, origin
 from jhd.distance.frame.curves import padded_count, replaced, trusted, usable
@@ -189,7 +189,7 @@ def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: B
     if traced:
         good = good & jnp.all(jnp.isfinite(flat), axis=-1)
         flat = jnp.where(good[:, None], flat, 0.0)
-    frame = frame_of([extremes(flat), extremes(points)], centre=origin)
+    frame = frame_of([extremes(flat), extremes(points)], center=origin)
     flat, points = common_points(frame, flat), common_points(frame, points)
     count = curve.count if traced else padded_count(curve.count, small=len(flat) > _FEW)
     index = np.minimum(np.arange(count), curve.count - 1)
@@ -198,7 +198,7 @@ def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: B
     if traced:
         found = [kernel(option, flat, scaled, curve.count)]
     else:
-        # In blocks of a long curve neighbours are searched together.
+        # In blocks of a long curve neighbors are searched together.
         order: Any = _order(flat) if is_long(scaled) else slice(None)
         flat = flat[order]
         size = next((b for b in _BLOCKS if b >= len(flat)), _LONG_BLOCK if is_long(scaled) else _BLOCKS[-1])
@@ -238,13 +238,13 @@ _places = compiled(places)
 
 
 def _order(points: Any) -> np.ndarray:
-    """An order in which neighbours follow each other; of lengths that are powers of two, for which programs are few."""
+    """An order in which neighbors follow each other; of lengths that are powers of two, for which programs are few."""
     count = len(points)
     rows = points[np.minimum(np.arange(1 << (count - 1).bit_length()), count - 1)]
     return np.argsort(np.asarray(_places(rows))[:count])
 
 
-@optimised
+@optimized
 def _project_block(method: AbstractProjectionMethod, queries: Array, curve: BezierSegments, _: Any) -> Projection:
     skip = repeated(curve.control_points, curve.weights)
 
@@ -265,7 +265,7 @@ def _project_block(method: AbstractProjectionMethod, queries: Array, curve: Bezi
     return in_chunks(lambda point: at(point, *method.one(point, curve, skip)), queries, _CHUNK)
 
 
-@partial(optimised, static=(0,))
+@partial(optimized, static=(0,))
 def _stationary_block(capacity: int, queries: Array, curve: BezierSegments, used: Any) -> StationaryPoints:
     # A segment that repeats the one before it has stationary parameters of its own; only padding has none.
     skip = jnp.arange(curve.count) >= used

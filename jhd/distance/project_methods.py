@@ -242,7 +242,7 @@ def _nearest_of_roots(
     """The nearest among the ends and the stationary parameters, searched within the boxes that hold these.
 
     The boxes are cut out of their segments and handed to the search as segments of their own: where a multiple root or
-    an uneven parametrisation leaves a wide box, it is narrowed by distances. Cutting out takes gamma(3 n + 4) of the
+    an uneven parametrization leaves a wide box, it is narrowed by distances. Cutting out takes gamma(3 n + 4) of the
     largest offset in each coordinate, a quotient included, and the bounds are moved by that much.
     """
     offsets = point - curve.control_points

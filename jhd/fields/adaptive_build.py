@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from jhd._runtime.arrays import joined
 from jhd.arithmetic.rounding import gamma
-from jhd.fields.adaptive_samples import CellNeighbours, Samples, Surface, decide, lift, spread, unsigned
+from jhd.fields.adaptive_samples import CellNeighbors, Samples, Surface, decide, lift, spread, unsigned
 from jhd.fields.boxes import CORNERS, children
 from jhd.shapes.mesh import TriangleMesh
 
@@ -306,7 +306,7 @@ def _take_sides(
                 break
         who, one = np.unique(index[cell, point], return_index=True)
         others = batch.points(2 * cells[cell[one], None] + _POINTS)
-        lift(surface, samples, who, batch.points(places[who - first]), CellNeighbours(index[cell[one]], others))
+        lift(surface, samples, who, batch.points(places[who - first]), CellNeighbors(index[cell[one]], others))
     left = np.unique(index[_open(samples, index)])
     decide(surface, samples, left, batch.points(places[left - first]))
 

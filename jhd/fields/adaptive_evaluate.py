@@ -13,7 +13,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jhd._runtime.arrays import is_traced
-from jhd._runtime.compiled import optimised
+from jhd._runtime.compiled import optimized
 from jhd.arithmetic.scaling import length
 from jhd.triangles.closest_point import in_blocks
 
@@ -82,4 +82,4 @@ def _values_of(cells: LeafCells, points: Array, depth: int) -> Array:
     return jax.vmap(lambda point: value_at(cells, point, depth))(points)
 
 
-_values = optimised(_values_of, (2,))
+_values = optimized(_values_of, (2,))

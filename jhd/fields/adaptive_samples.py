@@ -57,7 +57,7 @@ class Samples(NamedTuple):
         return self.distance * self.side
 
 
-class CellNeighbours(NamedTuple):
+class CellNeighbors(NamedTuple):
     """Samples about each of some points.
 
     Args:
@@ -65,8 +65,8 @@ class CellNeighbours(NamedTuple):
         points: their coordinates.
     """
 
-    numbers: Int[np.ndarray, "points neighbours"]
-    points: Float[np.ndarray, "points neighbours 3"]
+    numbers: Int[np.ndarray, "points neighbors"]
+    points: Float[np.ndarray, "points neighbors 3"]
 
 
 class Surface(NamedTuple):
@@ -154,10 +154,10 @@ def spread(samples: Samples, who: np.ndarray, others: np.ndarray, apart: np.ndar
     samples.side[who[found != 0]] = found[found != 0]
 
 
-def lift(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray, others: CellNeighbours) -> None:
+def lift(surface: Surface, samples: Samples, who: np.ndarray, points: np.ndarray, others: CellNeighbors) -> None:
     """Hands sides to points close to the mesh, in place.
 
-    They are moved away from it, inside the balls about them, until a ball meets that of a neighbour.
+    They are moved away from it, inside the balls about them, until a ball meets that of a neighbor.
     """
     left = np.arange(len(who))
     for _ in range(_LIFTS):

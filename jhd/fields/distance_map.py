@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, Int
 
 from jhd._results.display import count_text, described, opaque, size_text, value_text
 from jhd._runtime.arrays import is_traced, real_array
-from jhd._runtime.compiled import compiled, optimised
+from jhd._runtime.compiled import compiled, optimized
 from jhd.arithmetic import rounding
 from jhd.arithmetic.interval import Interval
 from jhd.arithmetic.scaling import common_exponent
@@ -78,7 +78,7 @@ class DistanceMap(eqx.Module):
         return described(self, pixels, *sides, f"error={value_text(self.error, upper_text)}", arcs)
 
     @property
-    def centres(self) -> tuple[Float[Array, " columns"], Float[Array, " rows"]]:
+    def centers(self) -> tuple[Float[Array, " columns"], Float[Array, " rows"]]:
         """The x and the y coordinates of the centers of the pixels."""
         columns, rows = self.distance.shape
         return (
@@ -118,9 +118,9 @@ class DistanceMap(eqx.Module):
 @compiled
 def _enclosed(field: DistanceMap, x: Array) -> Interval:
     index = jnp.clip(jnp.floor((x - field.lower) / field.spacing), 0, jnp.array(field.distance.shape) - 1)
-    centre = field.lower + (index + 0.5) * field.spacing
-    slip = rounding.absolute_error(8, jnp.abs(x) + jnp.abs(centre) + jnp.abs(field.lower))
-    away = jnp.hypot(*jnp.moveaxis(jnp.abs(x - centre) + slip, -1, 0)) * (1 + rounding.gamma(8, x.dtype))
+    center = field.lower + (index + 0.5) * field.spacing
+    slip = rounding.absolute_error(8, jnp.abs(x) + jnp.abs(center) + jnp.abs(field.lower))
+    away = jnp.hypot(*jnp.moveaxis(jnp.abs(x - center) + slip, -1, 0)) * (1 + rounding.gamma(8, x.dtype))
     k = index.astype(int)
     distance, margin = field.distance[k[..., 0], k[..., 1]], rounding.round_up(field.error + away)
     lower, upper = rounding.round_down(distance - margin), rounding.round_up(distance + margin)
@@ -266,13 +266,13 @@ class _PixelFrame(NamedTuple):
 def _distance(xp: Any, arc: Any, x: Any, y: Any) -> Any:
     """Distance of (x, y) to an arc, with no division by its curvature k and no difference of large numbers.
 
-    Let A and B be the ends, o the centre, e = k (A - o) and f = k (B - o) unit vectors, for lines their limit, the
+    Let A and B be the ends, o the center, e = k (A - o) and f = k (B - o) unit vectors, for lines their limit, the
     normal; d = x - A and p = k (x - o) = k d + e. Then k (|x - o|^2 - 1 / k^2) = d.(p + e) gives
 
         | |x - o| - 1 / |k| | = |d.(p + e)| / (1 + |p|),
 
     the distance where x is in the arc's wedge: beyond its start, e x d >= 0, before its end, f x (x - B) <= 0, and on
-    its side of the centre, p.(e + f) >= 0. Elsewhere it is the distance to the nearer end.
+    its side of the center, p.(e + f) >= 0. Elsewhere it is the distance to the nearer end.
 
     Rounding, in local coordinates, which are at most one, so |d| <= 3, with u the unit roundoff and sweeps up to 107
     degrees: k, e, f are within 12 u, relative, of those of the stored arc; differences of coordinates within 4 u in
@@ -315,7 +315,7 @@ def _bucket(count: int) -> int:
     return 4 ** max(2, math.ceil(math.log(count, 4) - 1e-9))
 
 
-@partial(optimised, static=(0, 1))
+@partial(optimized, static=(0, 1))
 def _tiles_evaluated(
     tile: int, batch: int, step: Array, places: list[Array], rows: Array, index: Array
 ) -> tuple[Array, Array]:
@@ -372,7 +372,7 @@ def _quartered(
 ) -> _Tiles:
     """The quarters, of `side` pixels, of squares, and which arcs may be nearest in each.
 
-    Distances change over a square by at most the distance from its centre, so an arc that is farther from the centre
+    Distances change over a square by at most the distance from its center, so an arc that is farther from the center
     than the nearest arc by more than the diagonal is nowhere the nearest.
     """
     quarters = 2 * squares[:, None] + np.array([[0, 0], [0, 1], [1, 0], [1, 1]])

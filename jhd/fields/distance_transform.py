@@ -396,8 +396,8 @@ def _propagated(volume: Array, sides: Array) -> Array:
             return _scanned(nearer, _scanned(nearer, here, place, back), place, not back)
 
         def plane(here: Array, before: Array, place: Array, turned: bool = turned) -> Array:
-            for neighbours in _around(before, 0):
-                for offered in _around(neighbours, 1):
+            for neighbors in _around(before, 0):
+                for offered in _around(neighbors, 1):
                     here = nearer(here, offered, place)
             for back in (turned, not turned):
                 here = _scanned(partial(row, back=back), here, place, back)

@@ -25,7 +25,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jhd._results.display import count_text, described, is_known, opaque, value_text
 from jhd._runtime.arrays import is_traced
-from jhd._runtime.compiled import optimised
+from jhd._runtime.compiled import optimized
 from jhd._runtime.memory import check_memory
 from jhd.arithmetic import exact_polynomials, trivariate
 from jhd.fields.boxes import CORNERS, children
@@ -40,7 +40,7 @@ _CHUNKS = 64
 _BYTES = 70
 # Most multiplications of integers for the signs of corners, some seconds.
 _EXACT = 10_000_000
-# Rounds of the search for a point of the other sign; the first looks at the corners, edges, faces and the centre.
+# Rounds of the search for a point of the other sign; the first looks at the corners, edges, faces and the center.
 _ROUNDS = 7
 # Three places of corners fit into 63 bits.
 _LARGEST = (1 << 20) + 1
@@ -76,7 +76,7 @@ class Voxels(eqx.Module):
         return self.cells.shape[-2]
 
     @property
-    def centres(self) -> Float[Array, "cells 3"]:
+    def centers(self) -> Float[Array, "cells 3"]:
         """Centers of the cells."""
         return self.lower + self.spacing * (self.cells + 0.5)
 
@@ -97,7 +97,7 @@ class VoxelProgress(NamedTuple):
     kept: int
 
 
-def voxelise(
+def voxelize(
     surface: ImplicitSurface,
     cells: int,
     ranges: str = "bernstein",
@@ -108,7 +108,7 @@ def voxelise(
     The working memory is bounded; the result takes 13 bytes a cell.
 
     >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
-    >>> found = voxelise(sphere, 2)
+    >>> found = voxelize(sphere, 2)
     >>> found.count, int(found.proven.sum())
     (8, 8)
 
@@ -116,7 +116,7 @@ def voxelise(
         surface: implicit surface with known coefficients; it cannot be traced, as the number of cells depends on it.
         cells: number of cells along each axis, 1 to 2^20; not only powers of two.
         ranges: how the range of the polynomial over a cell is bounded: "bernstein" (the default, which keeps the fewest
-            cells), "modified_affine" (as published), "interval", "horner" or "centred".
+            cells), "modified_affine" (as published), "interval", "horner" or "centered".
         progress: callback that receives a VoxelProgress several times per level.
 
     Returns:
@@ -178,7 +178,7 @@ class _VoxelGrid(NamedTuple):
         return min(_MOST, 1 << max(8, (_NUMBERS // self.coefficients.size).bit_length() - 1))
 
     def place(self, level: int) -> tuple[Array, Array]:
-        """Numbers p and h: a cell i of a level has its centre at w = p + 2 h i and half the width h; all are exact."""
+        """Numbers p and h: a cell i of a level has its center at w = p + 2 h i and half the width h; all are exact."""
         h = 2.0**-level
         return jnp.asarray(h - self.cells / 2.0**self.levels), jnp.asarray(h)
 
@@ -246,15 +246,15 @@ def _joined(chunks: list[Any], count: int) -> np.ndarray:
 
 
 def _may_vanish_of(coefficients: Array, cells: Array, origin: Array, h: Array, ranges: str) -> Array:
-    centre = origin + 2 * h * cells
-    found = trivariate.enclose(coefficients, centre, jnp.broadcast_to(h, centre.shape), ranges)
+    center = origin + 2 * h * cells
+    found = trivariate.enclose(coefficients, center, jnp.broadcast_to(h, center.shape), ranges)
     return (found.lower <= 0) & (found.upper >= 0)
 
 
 def _signs_of(coefficients: Array, cells: Array, origin: Array, h: Array) -> tuple[Array, Array]:
     """Which corners are proven to be positive, and which negative: arrays (8, cells)."""
-    centre = origin + 2 * h * cells
-    values = trivariate.corner_values(coefficients, centre, jnp.broadcast_to(h, centre.shape))
+    center = origin + 2 * h * cells
+    values = trivariate.corner_values(coefficients, center, jnp.broadcast_to(h, center.shape))
     return values.lower > 0, values.upper < 0
 
 
@@ -264,8 +264,8 @@ def _opposite_of(coefficients: Array, cells: Array, origin: Array, h: Array, sig
     A pattern search on the quadratic part of the local form, in steps that are powers of two, so that the point is
     exactly in the cell.
     """
-    centre = origin + 2 * h * cells
-    form = trivariate.local_form(coefficients, centre, jnp.broadcast_to(h, centre.shape)) * sign
+    center = origin + 2 * h * cells
+    form = trivariate.local_form(coefficients, center, jnp.broadcast_to(h, center.shape)) * sign
     steps = jnp.asarray(np.stack(np.meshgrid(*[[0.0, -1.0, 1.0]] * 3, indexing="ij")).reshape(3, 27, 1))
     terms = [index for index in np.ndindex(*form.shape[:3]) if sum(index) <= 2]
 
@@ -278,14 +278,14 @@ def _opposite_of(coefficients: Array, cells: Array, origin: Array, h: Array, sig
         chosen = jnp.argmin(model(tried), axis=0)
         return jnp.take_along_axis(tried, chosen[None, None], axis=1)[:, 0], 0.5 * step
 
-    best, _ = lax.fori_loop(0, _ROUNDS, closer, (jnp.zeros_like(centre), jnp.ones_like(h)))
-    found = trivariate.evaluate(coefficients, centre + h * best)
+    best, _ = lax.fori_loop(0, _ROUNDS, closer, (jnp.zeros_like(center), jnp.ones_like(h)))
+    found = trivariate.evaluate(coefficients, center + h * best)
     return jnp.where(sign > 0, found.upper < 0, found.lower > 0)
 
 
-_may_vanish = optimised(_may_vanish_of, (4,))
-_signs = optimised(_signs_of)
-_opposite = optimised(_opposite_of)
+_may_vanish = optimized(_may_vanish_of, (4,))
+_signs = optimized(_signs_of)
+_opposite = optimized(_opposite_of)
 
 
 def _proven(grid: _VoxelGrid, cells: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Minimising a Hausdorff distance of which only the largest maximum of each direction is known: a bundle method.
+"""Minimizing a Hausdorff distance of which only the largest maximum of each direction is known: a bundle method.
 
 Each evaluation gives two cuts, the value and the gradient of both directed distances. The cuts of all places nearby
 make a piecewise linear model, whose least point within a trust region is tried next. One gradient alone says little at
@@ -17,7 +17,7 @@ import numpy as np
 from jhd._results.solution import RESULTS, HausdorffSolution
 from jhd.distance.hausdorff import directed_hausdorff
 from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.fields.octree import voxelise
+from jhd.fields.octree import voxelize
 from jhd.fitting.clock import Clock, OutOfTimeError
 from jhd.fitting.subproblem import model_step, multipliers
 from jhd.shapes.implicit import ImplicitSurface
@@ -38,7 +38,7 @@ _NO_GAIN = 4 * _ACCURACY
 STATIONARY = 0.05
 # Most cuts of a model; the latest ones count.
 _CUTS = 80
-# Cells along each axis whose centres tell how far parameters move a surface, and most numbers for that of a mesh.
+# Cells along each axis whose centers tell how far parameters move a surface, and most numbers for that of a mesh.
 _CELLS, _NUMBERS = 16, 10_000_000
 
 
@@ -82,7 +82,7 @@ class _Model(NamedTuple):
     gradient: Any
 
 
-def minimise_by_cuts(
+def minimize_by_cuts(
     build: Callable[[Any], Target],
     target: Target,
     parameters: Any,
@@ -202,7 +202,7 @@ def motions(build: Callable[[Any], Target], parameters: Any) -> Any:
         slopes = np.asarray(jax.jacfwd(lambda p: build(p).vertices)(start))  # pyright: ignore[reportAttributeAccessIssue]
         moved = np.linalg.norm(slopes.reshape(-1, 3, start.size), axis=1)
     else:
-        cells = voxelise(shape, _CELLS)
+        cells = voxelize(shape, _CELLS)
         places = cells.lower + (np.asarray(cells.cells) + 0.5) * cells.spacing
         steep = np.linalg.norm(np.asarray(shape.gradient(places)), axis=-1)
         values = np.asarray(jax.jacfwd(lambda p: build(p)(places))(start))  # pyright: ignore[reportCallIssue]

@@ -167,7 +167,7 @@ def _cosine(x: FloatArray, y: FloatArray) -> FloatArray:
 def _turned_within(target: BezierSegments, reach: float) -> FloatArray:
     """At each joint the cosine of the angle between the parts of some reach before and after it.
 
-    The direction of a part leads from the centre of its first half to that of its second one. At the ends of an open
+    The direction of a part leads from the center of its first half to that of its second one. At the ends of an open
     target it is one.
     """
     _, along, points = _lengths(target)

@@ -1,4 +1,4 @@
-"""Minimising a mean or a quantile of distances: steps of BFGS, which bear the kinks where feet change places.
+"""Minimizing a mean or a quantile of distances: steps of BFGS, which bear the kinks where feet change places.
 
 Source: Lewis & Overton, Nonsmooth Optimization via Quasi-Newton Methods (2013): the line search asks for a sufficient
 gain and a flatter slope alone, by halving and doubling.

@@ -123,9 +123,9 @@ def _from_balls(point: FloatArray, b: _Hulled) -> float:
     pieces, nearest = _HullPieces(b.points, 0), np.inf
     while True:
         hull = b.affine(pieces.points)
-        centre = 0.5 * (hull[:, 0] + hull[:, -1])
-        radius = np.max(_distance(hull, centre[:, None]), axis=1)
-        away, off = _distance(centre, point), b.off(pieces.depth)
+        center = 0.5 * (hull[:, 0] + hull[:, -1])
+        radius = np.max(_distance(hull, center[:, None]), axis=1)
+        away, off = _distance(center, point), b.off(pieces.depth)
         below = away - radius - _MEASURED * unit_roundoff(float) * (away + radius) - off
         nearest = min(nearest, float(np.min(_distance(hull[:, [0, -1]], point))))
         least = float(np.min(below))

@@ -1,6 +1,6 @@
 """Minimizing the largest of all critical pairs: a trust region with a quadratic model of each, then Newton's method.
 
-A step minimises max_i h_i + g_i d + d H_i d / 2 in a box, over the maxima of both directions, with the convex parts of
+A step minimizes max_i h_i + g_i d + d H_i d / 2 in a box, over the maxima of both directions, with the convex parts of
 their Hessians; a step is taken where the true maximum falls. Near the end Newton's method on the optimality system of
 the active pairs, h_j = z, sum mu_j g_j = 0, sum mu_j = 1, converges quadratically; its step is taken where the true
 maximum does not rise. Parameters are scaled so that each moves the control points by about as much.
@@ -38,7 +38,7 @@ _ATTEMPTS = 12
 # Newton's method is tried where the last step gained less than this share; it may move by this share of the size.
 _NEAR, _FAR = 0.3, 0.05
 # Newton's method needs the best combination of the gradients to be below this share of the longest.
-_CANCELLED = 0.1
+_CANCELED = 0.1
 # Steps that gain less than this share are tried twice as long, and given up where the distance grows by so much.
 _CREEPING, _ASTRAY = 0.05, 1.5
 # A valley: so many steps in a row, each gaining less than this share.
@@ -90,7 +90,7 @@ def stationarity(point: Point) -> tuple[FloatArray, float]:
     return mu, float(np.linalg.norm(mu @ g))
 
 
-def minimise(
+def minimize(
     problem: Problem,
     parameters: FloatArray,
     max_steps: int,
@@ -228,7 +228,7 @@ def _newton(problem: Problem, point: Point, scale: FloatArray) -> Point | None:
     mu = np.zeros(len(point.expansion.value))
     mu[support] = multipliers(g, np.zeros(len(support)))
     # Where the gradients do not nearly cancel other pairs are missing, and equal values are all that it would reach.
-    if np.linalg.norm(mu[support] @ g) > _CANCELLED * np.max(np.linalg.norm(g, axis=1)):
+    if np.linalg.norm(mu[support] @ g) > _CANCELED * np.max(np.linalg.norm(g, axis=1)):
         return None
     hessian = point.expansion.hessian(mu) + problem.bending(point, mu)
     # Steps in units of the distance: Hessians of close curves grow with its reciprocal.

@@ -1,6 +1,6 @@
 """The step of a minimax problem: an interior point method for its quadratic model, and multipliers.
 
-Source: the predictor and corrector are Mehrotra's, SIAM J. Optim. 2 (1992), with quadratic constraints linearised at
+Source: the predictor and corrector are Mehrotra's, SIAM J. Optim. 2 (1992), with quadratic constraints linearized at
 each step; the multipliers are least squares with non-negative unknowns.
 """
 
@@ -63,8 +63,8 @@ def model_step(
         if predicted is None:
             break
         ahead = [v + _longest(v, dv) * dv for v, dv in zip((slack, y), predicted[1:], strict=True)]
-        centring = (ahead[0] @ ahead[1] / len(y) / gap) ** 3
-        step = direction.towards(slack * y + predicted[1] * predicted[2] - centring * gap)
+        centering = (ahead[0] @ ahead[1] / len(y) / gap) ** 3
+        step = direction.towards(slack * y + predicted[1] * predicted[2] - centering * gap)
         if step is None:
             break
         # One length for all: the constraints are curved.
@@ -74,7 +74,7 @@ def model_step(
 
 
 class _Constraints:
-    """The linearised constraints: those of the pairs (pairs, parameters + 1), and both bounds of each parameter."""
+    """The linearized constraints: those of the pairs (pairs, parameters + 1), and both bounds of each parameter."""
 
     def __init__(self, pairs: FloatArray):
         self.pairs, self._few, self._count = pairs, len(pairs), pairs.shape[1] - 1

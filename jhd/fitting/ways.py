@@ -17,11 +17,11 @@ from jhd._runtime.compiled import asking
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.hausdorff import hausdorff
 from jhd.distance.measures.measures import AbstractMeasure, Hausdorff, check_measure
-from jhd.fitting.bundle import Bundled, minimise_by_cuts, motions
+from jhd.fitting.bundle import Bundled, minimize_by_cuts, motions
 from jhd.fitting.clock import Clock, OutOfTimeError
 from jhd.fitting.descent import Descended, descend
 from jhd.fitting.host_bounds import host_bounds
-from jhd.fitting.minimax import Ended, minimise
+from jhd.fitting.minimax import Ended, minimize
 from jhd.fitting.problem import Point, Problem
 from jhd.shapes.curve import AbstractCurve, check_curve
 from jhd.shapes.implicit import ImplicitSurface
@@ -70,13 +70,13 @@ def way_of(built: Any, target: Any, measure: AbstractMeasure | None, limits: Lim
         )
     if isinstance(target, ImplicitSurface | TriangleMesh):
         return Way(
-            lambda start, report: minimise_by_cuts(built, target, start, steps, atol, report, clock),
+            lambda start, report: minimize_by_cuts(built, target, start, steps, atol, report, clock),
             lambda ended: ended.point.value,
             lambda ended, unravel: bundled_solution(ended, unravel, target, method, clock),
         )
     check_curve("target", target)
     return Way(
-        lambda start, report: minimise_and_prove(
+        lambda start, report: minimize_and_prove(
             Problem(built, target.segments(), capacity, clock), start, steps, atol, method, report
         ),
         lambda found: found.ended.point.top,
@@ -149,7 +149,7 @@ class ProvenEnd(NamedTuple):
     missed: bool
 
 
-def minimise_and_prove(
+def minimize_and_prove(
     problem: Problem,
     start: Any,
     max_steps: int,
@@ -158,7 +158,7 @@ def minimise_and_prove(
     report: Callable[[int, float, float], object],
 ) -> ProvenEnd:
     """A fit by all maxima, taken up again with a closer look at the maxima if one was missed."""
-    found = _proven(problem, minimise(problem, start, max_steps, atol, report), method)
+    found = _proven(problem, minimize(problem, start, max_steps, atol, report), method)
     for _ in range(_DENSER):
         before, steps = found.ended, problem.counts["steps"]
         if not found.missed or steps >= max_steps or problem.clock.is_over():
@@ -169,7 +169,7 @@ def minimise_and_prove(
             if step:
                 report(steps + step, value, optimality)
 
-        ended = minimise(problem, before.point.parameters, max_steps - steps, atol, later)
+        ended = minimize(problem, before.point.parameters, max_steps - steps, atol, later)
         found = _proven(problem, ended._replace(history=before.history + ended.history[1:]), method)
     return found
 

@@ -7,7 +7,7 @@
 | `BezierSegments` | `control_points`, [`weights`], [`following`] |
 | `polyline` | `points`, [`closed`] |
 | `points` | `points` |
-| `circle` | `centre`, `radius` |
+| `circle` | `center`, `radius` |
 
 A key `comment` is always allowed. The last three types are for files written by hand; saved files use the first three.
 Floats are written so that the same floats are read back.
@@ -30,7 +30,7 @@ CURVE_KINDS: Kinds = {
     "BezierSegments": DescribedKind(BezierSegments, ("control_points",), ("weights", "following")),
     "polyline": DescribedKind(polyline, ("points",), ("closed",)),
     "points": DescribedKind(points, ("points",)),
-    "circle": DescribedKind(circle, ("centre", "radius")),
+    "circle": DescribedKind(circle, ("center", "radius")),
 }
 
 
@@ -65,7 +65,7 @@ def curve_from_dict(content: Any) -> AbstractCurve:
     Args:
         content: a dictionary with the key `type`: "BezierCurve" (keys `control_points`, optional `weights`),
             "BSplineCurve" (also `knots`, optional `periodic`), "BezierSegments" (optional `following`), "polyline"
-            (`points`, optional `closed`), "points" (`points`) or "circle" (`centre`, `radius`). A key `comment` is
+            (`points`, optional `closed`), "points" (`points`) or "circle" (`center`, `radius`). A key `comment` is
             ignored.
 
     Returns:

@@ -30,7 +30,7 @@ IgesShape = BSplineCurve | BezierSegments | BSplineSurface
 
 IGES_SUFFIXES = (".igs", ".iges")
 ARC, COMPOSITE, LINE, MATRIX, CURVE, SURFACE = 100, 102, 110, 124, 126, 128
-# Nothing to measure: null, directions, matrices, fonts, colours, units, groups, drawings, properties, views; and
+# Nothing to measure: null, directions, matrices, fonts, colors, units, groups, drawings, properties, views; and
 # annotation, which has the types from 202 to 230.
 _SILENT = frozenset((0, 123, MATRIX, 302, 304, 308, 310, 312, 314, 316, 320, 322, 402, 404, 406, 410, *range(202, 231)))
 # Entity use flags of geometry, other and construction geometry; the rest is annotation, definitions, 2-D parameters.
@@ -307,9 +307,9 @@ def _arc(record: IgesRecord, matrix: np.ndarray | None) -> BezierSegments:
     """Entity 100: the height of its plane, then x and y of the center and both ends; counter-clockwise from above."""
     record.needs(7)
     height, *numbers = record.reals(1, 7)
-    centre, start, end = np.array(numbers).reshape(3, 2)
+    center, start, end = np.array(numbers).reshape(3, 2)
     with np.errstate(over="ignore", invalid="ignore"):
-        first, last = start - centre, end - centre
+        first, last = start - center, end - center
         radii = np.hypot(*first), np.hypot(*last)
         if not (min(radii) > 0 and abs(radii[0] - radii[1]) <= _OUT_OF_ROUND * radii[0]):
             raise record.error(f"ends {radii[0]:g} and {radii[1]:g} from its center; an arc has one radius, above 0.")
@@ -323,7 +323,7 @@ def _arc(record: IgesRecord, matrix: np.ndarray | None) -> BezierSegments:
     around[-1] = last
     cosine = np.cos(0.5 * turn / count)
     middle = 0.5 * (around[:-1] + around[1:]) / cosine**2
-    points = np.stack([around[:-1], middle, around[1:]], axis=1) + centre
+    points = np.stack([around[:-1], middle, around[1:]], axis=1) + center
     # The ends themselves, so that joints stay joints.
     points[0, 0], points[-1, 2] = start, end
     points = np.concatenate([points, np.full((count, 3, 1), height)], axis=-1)

@@ -17,7 +17,7 @@ _NAMES = {"S": "start", "G": "global", "D": "directory", "P": "parameter", "T": 
 _WIDTH, _FIELD, _PARAMETERS = 80, 8, 64
 _INTEGER = re.compile(r"[+-]?[0-9]{1,10}", re.ASCII)
 _REAL = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[EDed][+-]?[0-9]{1,4})?", re.ASCII)
-# Unit flags of the global section (2.2.4.3.14) and millimetres, by the names of the units (2.2.4.3.15).
+# Unit flags of the global section (2.2.4.3.14) and millimeters, by the names of the units (2.2.4.3.15).
 UNITS = {
     "IN": (1, 25.4), "MM": (2, 1.0), "FT": (4, 304.8), "MI": (5, 1609344.0), "M": (6, 1000.0), "KM": (7, 1e6),
     "MIL": (8, 0.0254), "UM": (9, 0.001), "CM": (10, 10.0), "UIN": (11, 2.54e-5),

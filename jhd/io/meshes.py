@@ -144,7 +144,7 @@ def _counted(file: object, named: list[int], count: int, line: int) -> list[int]
 
 
 def _read_off(file: object, content: bytes) -> Polygons:
-    """OFF: the numbers of vertices, faces and edges, then the rows; colours and normals behind coordinates go."""
+    """OFF: the numbers of vertices, faces and edges, then the rows; colors and normals behind coordinates go."""
     lines = _lines(content)
     number, words = next(lines, (1, []))
     keyword = words[0] if words else ""

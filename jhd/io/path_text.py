@@ -198,7 +198,7 @@ def draw_arc(
 
     In the coordinates where the ellipse is the unit circle, an arc of half angle h over the chord 2 v has its middle
     control point at J v tan(h) from the middle of the chord, J the turn by a right angle, with weight cos(h), and its
-    own middle at J v tan(h/2); sin(h) = |v|. Nothing refers to the centre, which may be far away. tan(h/2) is
+    own middle at J v tan(h/2); sin(h) = |v|. Nothing refers to the center, which may be far away. tan(h/2) is
     s / (1 + c) for small arcs and (1 + c) / s for large ones, so nothing cancels. Radii too small for the chord are
     scaled up to a half turn, which leaves J v as it is.
 

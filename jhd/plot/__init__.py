@@ -8,18 +8,18 @@ artist has a gid (`witness`, `feet`, ...), by which you can find and restyle it,
 A picture is no proof: curves, surfaces and profiles are drawn from samples.
 """
 
-from jhd.plot.axes import BLUE, GREY, ORANGE, VERMILLION
+from jhd.plot.axes import BLUE, GRAY, ORANGE, VERMILLION
 from jhd.plot.curves import curve, profile
 from jhd.plot.deviations import deviation, distances, histogram
 from jhd.plot.implicit import section, surface, surfaces, voxels
 from jhd.plot.mesh_pictures import mesh, meshes
-from jhd.plot.neighbour_pictures import neighbours
+from jhd.plot.neighbor_pictures import neighbors
 from jhd.plot.pages import page
 from jhd.plot.solutions import solution, witness
 
 __all__ = [
     "BLUE",
-    "GREY",
+    "GRAY",
     "ORANGE",
     "VERMILLION",
     "curve",
@@ -28,7 +28,7 @@ __all__ = [
     "histogram",
     "mesh",
     "meshes",
-    "neighbours",
+    "neighbors",
     "page",
     "profile",
     "section",

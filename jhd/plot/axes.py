@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-BLUE, ORANGE, VERMILLION, GREY = "#0072B2", "#E69F00", "#D55E00", "#707070"
+BLUE, ORANGE, VERMILLION, GRAY = "#0072B2", "#E69F00", "#D55E00", "#707070"
 PALE_BLUE = "#C9E3F2"
 
 COLUMN_INCHES = 85 / 25.4

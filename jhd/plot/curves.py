@@ -8,21 +8,19 @@ import numpy as np
 from jhd._results.solution import HausdorffSolution
 from jhd.arithmetic.bernstein import basis
 from jhd.distance.project import project
-from jhd.plot.axes import BLUE, GREY, TEXT_POINTS, VERMILLION, axes_for, draw, finish
+from jhd.plot.axes import BLUE, GRAY, TEXT_POINTS, VERMILLION, axes_for, draw, finish
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
-from jhd.slips import belongs
 
 _PROFILE_SAMPLES = 1500  # in all; more than the pixels of a column at 300 dpi
 _LEVEL = 1e-9  # fraction of the largest distance below which a rise is rounding, not a maximum
 
 
-@belongs(color="write colour=")
 def curve(
     shape: Any,
     ax: Any = None,
     *,
-    colour: str = BLUE,
+    color: str = BLUE,
     linestyle: Any = "-",
     label: str | None = None,
     control_polygon: bool = True,
@@ -39,7 +37,7 @@ def curve(
     Args:
         shape: curve, or an object that jhd.as_shape converts to one.
         ax: matplotlib axes; a space curve needs axes with projection="3d". None creates a figure.
-        colour: color of the curve and, faint, of its control polygon.
+        color: color of the curve and, faint, of its control polygon.
         linestyle: line style of the curve, as in matplotlib.
         label: name in a legend. None means no entry.
         control_polygon: whether to draw the control polygons of segments of degree two or more.
@@ -57,20 +55,19 @@ def curve(
     pieces = shape.segments()
     ax = axes_for(ax, pieces.dim)
     if pieces.degree == 0:
-        draw(ax, pieces.control_points[:, 0], "curve", color=colour, marker=".", linestyle="none", label=label)
+        draw(ax, pieces.control_points[:, 0], "curve", color=color, marker=".", linestyle="none", label=label)
     else:
         t = np.linspace(0.0, 1.0, (samples if pieces.degree > 1 else 1) + 1)
         if control_polygon and pieces.degree > 1:
             polygon = _with_gaps(pieces, np.asarray(pieces.control_points))
-            style: dict[str, Any] = {"color": colour, "linewidth": 0.5, "marker": ".", "markersize": 2.5, "alpha": 0.45}
+            style: dict[str, Any] = {"color": color, "linewidth": 0.5, "marker": ".", "markersize": 2.5, "alpha": 0.45}
             draw(ax, polygon, "control_polygon", **style)
         line = _with_gaps(pieces, _sample(pieces, t))
-        draw(ax, line, "curve", color=colour, linestyle=linestyle, linewidth=1.2, label=label)
+        draw(ax, line, "curve", color=color, linestyle=linestyle, linewidth=1.2, label=label)
     finish(ax)
     return ax
 
 
-@belongs(color="write colour=")
 def profile(
     a: Any,
     b: Any,
@@ -79,7 +76,7 @@ def profile(
     *,
     labels: Sequence[str] = ("A", "B"),
     unit: str = "input units",
-    colour: str = BLUE,
+    color: str = BLUE,
     samples: int | None = None,
 ) -> Any:
     """Axes with the distance profile t -> d(a(t), b), whose largest value is the directed Hausdorff distance.
@@ -100,7 +97,7 @@ def profile(
         solution: Hausdorff distance of both curves. Its value is drawn as a level, and its witness if it lies on `a`.
         labels: names of both curves on the axes.
         unit: unit of the coordinates, for the labels.
-        colour: color of the profile.
+        color: color of the profile.
         samples: number of steps for each segment of `a`. None means about 1500 steps in total.
 
     Returns:
@@ -125,11 +122,11 @@ def profile(
     # Many boundaries would hide the profile; every second or tenth of them would say nothing.
     if 1 < pieces.count <= 64 and pieces.degree:
         for k in range(1, pieces.count):
-            ax.axvline(k, color=GREY, linewidth=0.4, alpha=0.35, zorder=0, gid="segment_boundary")
-    draw(ax, line, "profile", color=colour, **style)
+            ax.axvline(k, color=GRAY, linewidth=0.4, alpha=0.35, zorder=0, gid="segment_boundary")
+    draw(ax, line, "profile", color=color, **style)
     if pieces.degree:
         tops = _local_maxima(distances, np.asarray(pieces.following))
-        rings = {"marker": "o", "markersize": 4, "markerfacecolor": "white", "markeredgecolor": colour}
+        rings = {"marker": "o", "markersize": 4, "markerfacecolor": "white", "markeredgecolor": color}
         draw(
             ax,
             np.stack([place[tops], distances[tops]], axis=-1),
@@ -177,7 +174,7 @@ def _with_gaps(pieces: BezierSegments, samples: np.ndarray) -> np.ndarray:
 
 
 def _local_maxima(distances: np.ndarray, following: np.ndarray) -> np.ndarray:
-    """Mask of the samples (segments, samples) not below their neighbours, across joints; of a plateau the first."""
+    """Mask of the samples (segments, samples) not below their neighbors, across joints; of a plateau the first."""
     previous = np.full(following.shape, -1)
     previous[following[following >= 0]] = np.flatnonzero(following >= 0)
     before = np.where(previous >= 0, distances[previous, -2], -np.inf)

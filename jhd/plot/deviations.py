@@ -9,16 +9,16 @@ from jhd._results.solution import HausdorffSolution, name_of
 from jhd.distance.cells.affine import shares_below
 from jhd.distance.deviation_solution import Deviation, DistanceSamples
 from jhd.plot.axes import BLUE, COLUMN_INCHES, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish
-from jhd.plot.coloured import DrawnPieces, distances_at, pieces_of, section
+from jhd.plot.colored import DrawnPieces, distances_at, pieces_of, section
 from jhd.plot.faces import frame
 from jhd.plot.solutions import distance_text
 from jhd.shapes.as_shape import as_shape
 
-# Seen in grey and by the colour-blind, and as bright on paper as far.
-_COLOURS = "viridis"
+# Seen in gray and by the color-blind, and as bright on paper as far.
+_COLORS = "viridis"
 # Height of a whole picture as a fraction of its width, in a column.
 _TALL = 1.5
-# Where a whole picture has the shape in space or in the plane, the colour bar, the histogram and the inset.
+# Where a whole picture has the shape in space or in the plane, the color bar, the histogram and the inset.
 _SPACE, _PLANE, _BAR = (0.05, 0.45, 0.63, 0.52), (0.18, 0.5, 0.53, 0.47), (0.76, 0.52, 0.03, 0.44)
 _HISTOGRAM, _SECTION = (0.16, 0.1, 0.38, 0.23), (0.655, 0.1, 0.33, 0.23)
 # The inset of a picture that has no histogram.
@@ -37,7 +37,7 @@ def deviation(
     labels: Sequence[str] = ("A", "B"),
     unit: str | None = None,
     witness: bool = True,
-    colour_bar: bool = True,
+    color_bar: bool = True,
 ) -> Any:
     """Axes with `a` colored by its distance to `b`, and the farthest point.
 
@@ -48,7 +48,7 @@ def deviation(
     >>> import jhd
     >>> from matplotlib.figure import Figure
     >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.points([(0, 0)]))
-    >>> deviation(found, Figure().add_subplot(), colour_bar=False).lines[0].get_gid()
+    >>> deviation(found, Figure().add_subplot(), color_bar=False).lines[0].get_gid()
     'witness'
 
     Args:
@@ -57,7 +57,7 @@ def deviation(
         labels: names of both shapes.
         unit: unit of the coordinates, for the labels. None omits it.
         witness: whether to mark the farthest point.
-        colour_bar: whether to draw a color bar; it takes some room from the given axes.
+        color_bar: whether to draw a color bar; it takes some room from the given axes.
 
     Returns:
         The axes of the shape. The axes of the histogram and the inset are in `ax.figure.axes`, with the gids
@@ -67,13 +67,13 @@ def deviation(
         ValueError: a shape in space is drawn on plane axes.
     """
     if ax is None:
-        shown = _ColouredPair(found.a, found.b, found.maximum, labels, unit, found.samples)
-        ax = _whole(shown, witness, colour_bar, _SECTION)
+        shown = _ColoredPair(found.a, found.b, found.maximum, labels, unit, found.samples)
+        ax = _whole(shown, witness, color_bar, _SECTION)
         histogram(found, ax.figure.add_axes(_HISTOGRAM, gid="histogram"), labels=labels, unit=unit)
         return ax
     ax = axes_for(ax, found.a.dim)
-    shown = _ColouredPair(found.a, found.b, found.maximum, labels, unit, found.samples)
-    _coloured(shown, ax, witness, ax if colour_bar else None)
+    shown = _ColoredPair(found.a, found.b, found.maximum, labels, unit, found.samples)
+    _colored(shown, ax, witness, ax if color_bar else None)
     return ax
 
 
@@ -86,7 +86,7 @@ def distances(
     labels: Sequence[str] = ("A", "B"),
     unit: str | None = None,
     witness: bool = True,
-    colour_bar: bool = True,
+    color_bar: bool = True,
 ) -> Any:
     """Axes with the shape that contains the witness of a distance, colored by its distance to the opposite shape.
 
@@ -97,7 +97,7 @@ def distances(
     >>> from jhd.shapes.curve import polyline
     >>> from matplotlib.figure import Figure
     >>> a, b = polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)])
-    >>> distances(a, b, hausdorff(a, b), Figure().add_subplot(), colour_bar=False).lines[0].get_gid()
+    >>> distances(a, b, hausdorff(a, b), Figure().add_subplot(), color_bar=False).lines[0].get_gid()
     'witness'
 
     Args:
@@ -108,7 +108,7 @@ def distances(
         labels: names of both shapes.
         unit: unit of the coordinates, for the labels. None omits it.
         witness: whether to mark the farthest point.
-        colour_bar: whether to draw a color bar; it takes some room from the given axes.
+        color_bar: whether to draw a color bar; it takes some room from the given axes.
 
     Returns:
         The axes of the shape. The axes of the inset are in `ax.figure.axes`, with the gid `inset`.
@@ -118,13 +118,13 @@ def distances(
         ValueError: a shape in space is drawn on plane axes.
     """
     a, b = as_shape(a), as_shape(b)
-    shown = _ColouredPair(a, b, solution, labels, unit)
+    shown = _ColoredPair(a, b, solution, labels, unit)
     if name_of(solution.direction) == "b_to_a":
-        shown = _ColouredPair(b, a, solution, labels[::-1], unit)
+        shown = _ColoredPair(b, a, solution, labels[::-1], unit)
     if ax is None:
-        return _whole(shown, witness, colour_bar, _SECTION_ALONE)
+        return _whole(shown, witness, color_bar, _SECTION_ALONE)
     ax = axes_for(ax, a.dim)
-    _coloured(shown, ax, witness, ax if colour_bar else None)
+    _colored(shown, ax, witness, ax if color_bar else None)
     return ax
 
 
@@ -163,8 +163,8 @@ def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A",
     heights = np.diff(np.concatenate([[0.0], below, [weight.sum()]]))
     ax.bar(edges[:-1], 100 * heights / weight.sum(), np.diff(edges), align="edge", color=BLUE, gid="histogram_bars")
     marks = (("mean", found.mean.value, "-", "black"), ("rms", found.rms.value, "--", "black"))
-    for name, value, style, colour in (*marks, ("max.", top, ":", VERMILLION)):
-        ax.axvline(value, color=colour, linestyle=style, linewidth=1.2, label=name, gid=name)
+    for name, value, style, color in (*marks, ("max.", top, ":", VERMILLION)):
+        ax.axvline(value, color=color, linestyle=style, linewidth=1.2, label=name, gid=name)
     ax.set_xlim(0, 1.04 * edges[-1])
     ax.set_xlabel(_length("distance", labels, unit), fontsize=TEXT_POINTS)
     ax.set_ylabel(f"fraction of {labels[0]} (%)", fontsize=TEXT_POINTS)
@@ -188,7 +188,7 @@ def _weights_below(ends: np.ndarray, lower: np.ndarray, upper: np.ndarray, weigh
     )
 
 
-class _ColouredPair(NamedTuple):
+class _ColoredPair(NamedTuple):
     """A shape to color, the shape to which distances are taken, the largest distance, and known samples."""
 
     a: Any
@@ -199,23 +199,23 @@ class _ColouredPair(NamedTuple):
     samples: DistanceSamples | None = None
 
 
-def _whole(shown: _ColouredPair, witness: bool, colour_bar: bool, section: tuple[float, ...]) -> Any:
+def _whole(shown: _ColoredPair, witness: bool, color_bar: bool, section: tuple[float, ...]) -> Any:
     import matplotlib.pyplot as plt
 
     figure = plt.figure(figsize=(COLUMN_INCHES, _TALL * COLUMN_INCHES))
     space = shown.a.dim == 3
     ax: Any = figure.add_axes(_SPACE if space else _PLANE, projection="3d" if space else None)
-    bar = figure.add_axes(_BAR) if colour_bar else None
-    _coloured(shown, ax, witness, None, bar)
+    bar = figure.add_axes(_BAR) if color_bar else None
+    _colored(shown, ax, witness, None, bar)
     if space:
-        # Nearer to its axis, the name of z stays clear of the border and of the colour bar.
+        # Nearer to its axis, the name of z stays clear of the border and of the color bar.
         ax.zaxis.labelpad = -2
     place: Any = section
     _inset(shown, figure.add_axes(place, gid="inset"))
     return ax
 
 
-def _coloured(shown: _ColouredPair, ax: Any, witness: bool, beside: Any, bar: Any = None) -> None:
+def _colored(shown: _ColoredPair, ax: Any, witness: bool, beside: Any, bar: Any = None) -> None:
     """The shape in colors, and the color bar next to some axes or in its own axes."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -223,8 +223,8 @@ def _coloured(shown: _ColouredPair, ax: Any, witness: bool, beside: Any, bar: An
     pieces = pieces_of(shown.a)
     top = float(shown.maximum.value)
     values = distances_at(pieces.points, shown.b, top, shown.samples)
-    colours = ScalarMappable(Normalize(0.0, top if top > 0 else 1.0), _COLOURS)
-    rgba: Any = colours.to_rgba(np.mean(values[pieces.rows], axis=1))
+    colors = ScalarMappable(Normalize(0.0, top if top > 0 else 1.0), _COLORS)
+    rgba: Any = colors.to_rgba(np.mean(values[pieces.rows], axis=1))
     {1: _as_points, 2: _as_lines, 3: _as_faces}[pieces.rows.shape[1]](ax, pieces, rgba)
     point = np.asarray(shown.maximum.witness.point)
     low, high = pieces.points.min(axis=0), pieces.points.max(axis=0)
@@ -241,7 +241,7 @@ def _coloured(shown: _ColouredPair, ax: Any, witness: bool, beside: Any, bar: An
         style: dict[str, Any] = {"markeredgecolor": "black", "markeredgewidth": 0.8, "linestyle": "none"}
         draw(ax, point[None], "witness", marker="o", markersize=5.5, color=VERMILLION, zorder=6, **style)
     if beside is not None or bar is not None:
-        made = ax.figure.colorbar(colours, cax=bar, ax=beside, shrink=0.7 if bar is None else 1.0)
+        made = ax.figure.colorbar(colors, cax=bar, ax=beside, shrink=0.7 if bar is None else 1.0)
         made.set_label(_length("distance", shown.labels, shown.unit), fontsize=TEXT_POINTS)
         made.ax.tick_params(labelsize=TEXT_POINTS)
         made.ax.locator_params(nbins=5)
@@ -257,7 +257,7 @@ def _length(what: str, labels: Sequence[str], unit: str | None) -> str:
 
 
 def _as_points(ax: Any, pieces: DrawnPieces, rgba: np.ndarray) -> None:
-    # The colours are the distances: those of far points do not fade.
+    # The colors are the distances: those of far points do not fade.
     style = {"depthshade": False} if ax.name == "3d" else {}
     ax.scatter(*pieces.points.T, c=rgba, s=6, linewidths=0, gid="deviation", **style)
 
@@ -310,7 +310,7 @@ def _turned(ax: Any, outward: np.ndarray) -> None:
     ax.computed_zorder = False
 
 
-def _inset(shown: _ColouredPair, ax: Any) -> None:
+def _inset(shown: _ColoredPair, ax: Any) -> None:
     """The section of both shapes through the farthest point and its foot, along a direction of a."""
     found = shown.maximum
     point, foot = (np.asarray(x, float) for x in (found.witness.point, found.witness.feet[0]))
@@ -321,9 +321,9 @@ def _inset(shown: _ColouredPair, ax: Any) -> None:
     up = up / np.linalg.norm(up) if np.any(up != 0) else np.eye(len(point))[-1]
     across = _across(shown.a, point, up)
     first, second = shown.labels
-    for shape, colour, style, name in ((shown.a, BLUE, "-", first), (shown.b, ORANGE, (0, (4, 1.2)), second)):
+    for shape, color, style, name in ((shown.a, BLUE, "-", first), (shown.b, ORANGE, (0, (4, 1.2)), second)):
         lines = _flat_lines(shape, point, np.stack([across, up]), reach)
-        draw(ax, lines, f"section_{name}", color=colour, linestyle=style, linewidth=1.2, label=name)
+        draw(ax, lines, f"section_{name}", color=color, linestyle=style, linewidth=1.2, label=name)
     draw(ax, np.array([[0, 0], [0, -distance]]), "joining_line", color="black", linewidth=0.8)
     marks: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "markeredgewidth": 0.8}
     draw(ax, np.zeros((1, 2)), "inset_witness", marker="o", markersize=5.5, color=VERMILLION, zorder=6, **marks)

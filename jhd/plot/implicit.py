@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jhd.fields.octree import Voxels
-from jhd.plot.axes import BLUE, GREY, ORANGE, PALE_BLUE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
+from jhd.plot.axes import BLUE, GRAY, ORANGE, PALE_BLUE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
 from jhd.plot.faces import add_faces, frame, rgb_of, shaded_shapes
 from jhd.plot.nets import quadrilaterals, quadrilaterals_of_patches
 from jhd.shapes.implicit import ImplicitSurface, check_surface
@@ -16,12 +16,11 @@ from jhd.slips import belongs
 _LINES = 257  # samples along each axis of the curve in which a plane cuts a surface
 
 
-@belongs(color="write colour=")
 def surface(
     shape: ImplicitSurface | AbstractPatch,
     ax: Any = None,
     *,
-    colour: str = BLUE,
+    color: str = BLUE,
     label: str | None = None,
     alpha: float = 0.75,
     cells: int = 48,
@@ -36,7 +35,7 @@ def surface(
     Args:
         shape: implicit or parametric surface.
         ax: matplotlib axes with projection="3d". None creates a figure.
-        colour: color of the surface.
+        color: color of the surface.
         label: name in a legend. None means no entry.
         alpha: opacity, 0 to 1.
         cells: for an implicit surface, the number of grid cells along each axis; finer parts may be missing. For a
@@ -49,15 +48,15 @@ def surface(
         TypeError: the shape is no implicit or parametric surface.
         ValueError: the axes are plane.
     """
-    return surfaces((shape,), ax, colours=(colour,), labels=(label,), alpha=alpha, cells=cells)
+    return surfaces((shape,), ax, colors=(color,), labels=(label,), alpha=alpha, cells=cells)
 
 
-@belongs(color="write colours=, one for each", colour="write colours=, one for each", colors="write colours=")
+@belongs(color="write colors=, one for each")
 def surfaces(
     shapes: Sequence[ImplicitSurface | AbstractPatch],
     ax: Any = None,
     *,
-    colours: Sequence[str] = (BLUE, ORANGE),
+    colors: Sequence[str] = (BLUE, ORANGE),
     labels: Sequence[str | None] = ("A", "B"),
     alpha: float = 0.6,
     cells: int = 48,
@@ -72,7 +71,7 @@ def surfaces(
     Args:
         shapes: implicit or parametric surfaces.
         ax: matplotlib axes with projection="3d". None creates a figure.
-        colours: colors, one for each surface.
+        colors: colors, one for each surface.
         labels: names in a legend, one for each surface.
         alpha: opacity, 0 to 1.
         cells: number of cells along each axis of an implicit surface, or each side of a parametric one; see `surface`.
@@ -88,7 +87,7 @@ def surfaces(
         check_drawn(f"shapes[{number}]", shape)
     ax = axes_for(ax, 3)
     nets = [net(shape, cells) for shape in shapes]
-    shaded_shapes(ax, nets, colours, labels, alpha)
+    shaded_shapes(ax, nets, colors, labels, alpha)
     frame(ax, [np.asarray(end) for shape in shapes for end in shape.bounds])
     return ax
 
@@ -107,21 +106,21 @@ def net(shape: ImplicitSurface | AbstractPatch, cells: int) -> np.ndarray:
     )
 
 
-@belongs(color="write colours=", colour="write colours=", colors="write colours=")
-def voxels(cells: Voxels, ax: Any = None, *, colours: Sequence[str] = (BLUE, VERMILLION), legend: bool = True) -> Any:
+@belongs(color="write colors=")
+def voxels(cells: Voxels, ax: Any = None, *, colors: Sequence[str] = (BLUE, VERMILLION), legend: bool = True) -> Any:
     """Space axes with the kept cells of a surface, colored by whether they are proven to contain one of its points.
 
-    >>> from jhd.fields.octree import voxelise
+    >>> from jhd.fields.octree import voxelize
     >>> from matplotlib.figure import Figure
     >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
-    >>> ax = voxels(voxelise(sphere, 2), Figure().add_subplot(projection="3d"))
+    >>> ax = voxels(voxelize(sphere, 2), Figure().add_subplot(projection="3d"))
     >>> [text.get_text() for text in ax.get_legend().get_texts()]
     ['proven (8)']
 
     Args:
-        cells: result of `voxelise`.
+        cells: result of `voxelize`.
         ax: matplotlib axes with projection="3d". None creates a figure.
-        colours: colors of the proven cells and of the remaining cells.
+        colors: colors of the proven cells and of the remaining cells.
         legend: whether to draw a legend with the numbers of cells above the axes.
 
     Returns:
@@ -135,12 +134,12 @@ def voxels(cells: Voxels, ax: Any = None, *, colours: Sequence[str] = (BLUE, VER
     owner, faces = _visible_faces(places)
     corners = np.asarray(cells.lower) + np.asarray(cells.spacing) * faces
     edges = {"linewidth": 0.15, "edgecolor": "white"}
-    rgb = np.where(proven[owner, None], rgb_of(colours[0]), rgb_of(colours[1]))
+    rgb = np.where(proven[owner, None], rgb_of(colors[0]), rgb_of(colors[1]))
     add_faces(ax, corners, rgb, "voxels", 1.0, **edges)
-    for colour, name, count in zip(colours, ("proven", "not proven"), (proven.sum(), (~proven).sum()), strict=True):
+    for color, name, count in zip(colors, ("proven", "not proven"), (proven.sum(), (~proven).sum()), strict=True):
         if count:
             label = f"{name} ({count})"
-            draw(ax, np.full((1, 3), np.nan), "key", color=colour, label=label, marker="s", linestyle="none")
+            draw(ax, np.full((1, 3), np.nan), "key", color=color, label=label, marker="s", linestyle="none")
     frame(ax, [corners.min((0, 1)), corners.max((0, 1))])
     if legend:
         legend_above(ax, 2)
@@ -158,19 +157,19 @@ def section(
 ) -> Any:
     """Plane axes with one layer of cells, colored by their state, and the curve in which a plane cuts the surface.
 
-    A cell that `voxelise` dropped is inside or outside: the polynomial has one sign in the whole cell, negative inside.
+    A cell that `voxelize` dropped is inside or outside: the polynomial has one sign in the whole cell, negative inside.
     A kept cell at the boundary is proven to contain a point of the surface, or it may contain one (hatched).
 
-    >>> from jhd.fields.octree import voxelise
+    >>> from jhd.fields.octree import voxelize
     >>> from matplotlib.figure import Figure
     >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
-    >>> ax = section(sphere, voxelise(sphere, 2), Figure().add_subplot())
+    >>> ax = section(sphere, voxelize(sphere, 2), Figure().add_subplot())
     >>> ax.get_xlabel(), ax.get_ylabel()
     ('$x$', '$y$')
 
     Args:
         shape: implicit surface.
-        cells: cells of this surface, from `voxelise`.
+        cells: cells of this surface, from `voxelize`.
         ax: plane matplotlib axes. None creates a figure.
         axis: coordinate that is constant in the layer: 0, 1 or 2.
         at: value of this coordinate, which selects the layer. None means the middle of the box.
@@ -216,8 +215,8 @@ def _classes(shape: ImplicitSurface, cells: Voxels, axis: int, layer: int, count
     """The state of each cell of a layer."""
     u, v = (k for k in range(3) if k != axis)
     places = np.insert(np.argwhere(np.ones((counts[u], counts[v]))), axis, layer, axis=-1)
-    centres = np.asarray(cells.lower) + np.asarray(cells.spacing) * (places + 0.5)
-    classes = np.where(np.asarray(shape(centres)) < 0, _INSIDE, _OUTSIDE).reshape(counts[u], counts[v])
+    centers = np.asarray(cells.lower) + np.asarray(cells.spacing) * (places + 0.5)
+    classes = np.where(np.asarray(shape(centers)) < 0, _INSIDE, _OUTSIDE).reshape(counts[u], counts[v])
     kept, proven = np.asarray(cells.cells), np.asarray(cells.proven)
     here = kept[:, axis] == layer
     classes[tuple(kept[here][:, [u, v]].T)] = np.where(proven[here], _PROVEN, _KEPT)
@@ -227,8 +226,8 @@ def _classes(shape: ImplicitSurface, cells: Voxels, axis: int, layer: int, count
 def _draw_classes(ax: Any, x: np.ndarray, y: np.ndarray, classes: np.ndarray) -> None:
     from matplotlib.colors import ListedColormap
 
-    shown = {"cmap": ListedColormap([colour for _, colour in _CLASSES]), "vmin": -0.5, "vmax": len(_CLASSES) - 0.5}
-    ax.pcolormesh(x, y, classes.T, gid="cells", edgecolors=GREY, linewidth=0.1, **shown)
+    shown = {"cmap": ListedColormap([color for _, color in _CLASSES]), "vmin": -0.5, "vmax": len(_CLASSES) - 0.5}
+    ax.pcolormesh(x, y, classes.T, gid="cells", edgecolors=GRAY, linewidth=0.1, **shown)
     unproven = np.ma.masked_where(classes != _KEPT, classes)
     if unproven.count():
         ax.pcolor(x, y, unproven.T, gid="unproven", hatch="////", edgecolor="black", linewidth=0.0, **shown)
@@ -239,8 +238,8 @@ def _name_classes(ax: Any, plane: str) -> None:
     from matplotlib.patches import Patch
 
     keys: list[Any] = [
-        Patch(facecolor=colour, edgecolor="black", linewidth=0.5, hatch="////" if k == _KEPT else None, label=name)
-        for k, (name, colour) in enumerate(_CLASSES)
+        Patch(facecolor=color, edgecolor="black", linewidth=0.5, hatch="////" if k == _KEPT else None, label=name)
+        for k, (name, color) in enumerate(_CLASSES)
     ]
     keys.append(Line2D([], [], color="black", linewidth=1.0, label=plane))
     legend_above(ax, 3, handles=keys, handlelength=1.4)

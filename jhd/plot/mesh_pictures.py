@@ -17,8 +17,7 @@ _MOST = 20_000
 _CELLS, _COARSER = 256, 0.75
 
 
-@belongs(color="write colour=")
-def mesh(shape: Any, ax: Any = None, *, colour: str = BLUE, label: str | None = None, alpha: float = 1.0) -> Any:
+def mesh(shape: Any, ax: Any = None, *, color: str = BLUE, label: str | None = None, alpha: float = 1.0) -> Any:
     """Space axes with a triangle mesh; a coarser image is drawn if the mesh has more than 20 000 triangles.
 
     >>> from matplotlib.figure import Figure
@@ -29,7 +28,7 @@ def mesh(shape: Any, ax: Any = None, *, colour: str = BLUE, label: str | None = 
     Args:
         shape: mesh, or an object that jhd.as_shape converts to one.
         ax: matplotlib axes with projection="3d". None creates a figure.
-        colour: color of the triangles.
+        color: color of the triangles.
         label: name in a legend. None means no entry.
         alpha: opacity, 0 to 1.
 
@@ -40,15 +39,15 @@ def mesh(shape: Any, ax: Any = None, *, colour: str = BLUE, label: str | None = 
         TypeError: the shape is no mesh.
         ValueError: the axes are plane.
     """
-    return meshes((shape,), ax, colours=(colour,), labels=(label,), alpha=alpha)
+    return meshes((shape,), ax, colors=(color,), labels=(label,), alpha=alpha)
 
 
-@belongs(color="write colours=, one for each", colour="write colours=, one for each", colors="write colours=")
+@belongs(color="write colors=, one for each")
 def meshes(
     shapes: Sequence[Any],
     ax: Any = None,
     *,
-    colours: Sequence[str] = (BLUE, ORANGE),
+    colors: Sequence[str] = (BLUE, ORANGE),
     labels: Sequence[str | None] = ("A", "B"),
     alpha: float = 0.6,
 ) -> Any:
@@ -64,7 +63,7 @@ def meshes(
     Args:
         shapes: meshes, or objects that jhd.as_shape converts to meshes.
         ax: matplotlib axes with projection="3d". None creates a figure.
-        colours: colors, one for each mesh.
+        colors: colors, one for each mesh.
         labels: names in a legend, one for each mesh.
         alpha: opacity, 0 to 1.
 
@@ -79,7 +78,7 @@ def meshes(
     for number, shape in enumerate(shapes):
         check_mesh(f"shapes[{number}]", shape)
     ax = axes_for(ax, 3)
-    shaded_shapes(ax, [faces_of(shape, _MOST // len(shapes)) for shape in shapes], colours, labels, alpha)
+    shaded_shapes(ax, [faces_of(shape, _MOST // len(shapes)) for shape in shapes], colors, labels, alpha)
     frame(ax, [np.asarray(end) for shape in shapes for end in shape.bounds])
     return ax
 

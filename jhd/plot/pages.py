@@ -16,8 +16,8 @@ from jhd._results.solution import HausdorffSolution, name_of
 from jhd.decimals import lower_text, upper_text
 from jhd.distance.deviation_solution import Deviation, DistanceSamples
 from jhd.distance.profile import profile
-from jhd.plot.axes import BLUE, GREY, ORANGE, VERMILLION
-from jhd.plot.coloured import DrawnPieces, distances_at, pieces_of
+from jhd.plot.axes import BLUE, GRAY, ORANGE, VERMILLION
+from jhd.plot.colored import DrawnPieces, distances_at, pieces_of
 from jhd.shapes.as_shape import as_shape
 from jhd.shapes.curve import AbstractCurve
 
@@ -46,7 +46,7 @@ input[type=range] {{ width: 100%; max-width: 640px; margin: 0; }}
 """
 
 OUTLINE = (
-    '<path id="{name}" d="{path}" fill="none" stroke="{colour}" stroke-width="1.8" stroke-linecap="round" {style}/>'
+    '<path id="{name}" d="{path}" fill="none" stroke="{color}" stroke-width="1.8" stroke-linecap="round" {style}/>'
 )
 
 PLANE = """\
@@ -67,7 +67,7 @@ PLANE = """\
 
 PROFILE = """\
 <svg class="profile" id="profile-{k}" viewBox="0 0 {wide:.0f} {high:.0f}" width="{wide:.0f}" height="{high:.0f}">
-<path d="{path}" fill="none" stroke="{colour}" stroke-width="{width}" stroke-linecap="round"/>
+<path d="{path}" fill="none" stroke="{color}" stroke-width="{width}" stroke-linecap="round"/>
 <line class="here" y1="0" y2="{high:.0f}" stroke="#707070" stroke-dasharray="2 2"/>
 <circle class="here" r="4" fill="#D55E00" stroke="black"/>
 </svg>
@@ -143,7 +143,7 @@ _PLACES, _LEAST, _MOST = 1500, 4, 64
 # The room above the largest distance of a profile.
 _ABOVE = 1.06
 _OPACITY = 0.2
-# The colour in the middle of the colour scale.
+# The color in the middle of the color scale.
 _MIDDLE = "#21918c"
 
 
@@ -238,8 +238,8 @@ def _in_plane(a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str]
     width, height = scale * (high - low) + 2 * _MARGIN
     frame = {"left": left, "top": top, "scale": scale}
     paths = "\n".join(
-        OUTLINE.format(name=name, path=_path(drawn, frame), colour=colour, style=style)
-        for name, drawn, colour, style in zip("ab", lines, (BLUE, ORANGE), ("", 'stroke-dasharray="7 3"'), strict=True)
+        OUTLINE.format(name=name, path=_path(drawn, frame), color=color, style=style)
+        for name, drawn, color, style in zip("ab", lines, (BLUE, ORANGE), ("", 'stroke-dasharray="7 3"'), strict=True)
     )
     profiles = "\n".join(
         _profile(k, walk, f"{names[2]} to {names[3]}", unit, ORANGE if names[0] is b else BLUE)
@@ -279,7 +279,7 @@ def _walk(a: AbstractCurve, b: Any, solution: HausdorffSolution) -> dict[str, An
     return {**walk, "farthest": index, "event": name_of(solution.event).replace("_", " ")}
 
 
-def _profile(k: int, walk: dict[str, Any], way: str, unit: str, colour: str) -> str:
+def _profile(k: int, walk: dict[str, Any], way: str, unit: str, color: str) -> str:
     """The distances along a curve as a line, with a slider below it."""
     t, distance = np.array(walk["t"]), np.array(walk["distance"])
     x = _WIDE * (t - t[0]) / (t[-1] - t[0] or 1.0)
@@ -289,7 +289,7 @@ def _profile(k: int, walk: dict[str, Any], way: str, unit: str, colour: str) -> 
     path = "M" + "".join(f"{begin}{p:.2f} {q:.2f}{end}" for p, q in zip(x, y, strict=True))[1:]
     text = f"distance from {way} ({unit})"
     return PROFILE.format(
-        k=k, wide=_WIDE, high=_HIGH, path=path, colour=colour, width=width, text=html.escape(text), last=len(t) - 1
+        k=k, wide=_WIDE, high=_HIGH, path=path, color=color, width=width, text=html.escape(text), last=len(t) - 1
     )
 
 
@@ -307,7 +307,7 @@ def _path(drawn: DrawnPieces, frame: dict[str, Any]) -> str:
 
 def _key(labels: Sequence[str]) -> str:
     pairs = zip(labels, (BLUE, ORANGE), strict=True)
-    return " ".join(f'<b style="color:{colour}">{html.escape(label)}</b>' for label, colour in pairs)
+    return " ".join(f'<b style="color:{color}">{html.escape(label)}</b>' for label, color in pairs)
 
 
 def _in_space(
@@ -338,7 +338,7 @@ def _in_space(
 
 
 def _trace(drawn: DrawnPieces, name: str, values: np.ndarray | None = None, title: str = "") -> dict[str, Any]:
-    """A shape as plotly takes it, coloured by values or in one colour."""
+    """A shape as plotly takes it, colored by values or in one color."""
     size = drawn.rows.shape[1]
     scale = {
         "colorscale": "Viridis",
@@ -350,22 +350,22 @@ def _trace(drawn: DrawnPieces, name: str, values: np.ndarray | None = None, titl
     shown = {"name": name, "legendgroup": name, "showlegend": True}
     if size == 3:
         corners = dict(zip("ijk", drawn.rows.T.tolist(), strict=True))
-        colours = {"color": GREY, "opacity": _OPACITY} if values is None else {"intensity": _short(values), **scale}
-        return {"type": "mesh3d", **_places(drawn.points), **corners, **shown, **colours, "flatshading": False}
+        colors = {"color": GRAY, "opacity": _OPACITY} if values is None else {"intensity": _short(values), **scale}
+        return {"type": "mesh3d", **_places(drawn.points), **corners, **shown, **colors, "flatshading": False}
     rows = drawn.rows if size == 1 else np.concatenate([drawn.rows, drawn.rows[:, :1]], axis=1)
     points = drawn.points[rows.ravel()]
     if size == 2:
         # Every third place is none, where the line is lifted.
         points = np.where(np.arange(len(points))[:, None] % 3 == 2, np.nan, points)
-    colours = {"color": ORANGE} if values is None else {"color": _short(values[rows.ravel()]), **scale}
-    style = {"line": {"width": 6, **colours}} if size == 2 else {"marker": {"size": 3, **colours}}
-    # A key has no colour for a line of many: plotly complains of it in the browser's console.
+    colors = {"color": ORANGE} if values is None else {"color": _short(values[rows.ravel()]), **scale}
+    style = {"line": {"width": 6, **colors}} if size == 2 else {"marker": {"size": 3, **colors}}
+    # A key has no color for a line of many: plotly complains of it in the browser's console.
     shown["showlegend"] = size == 1 or values is None
     return {"type": "scatter3d", "mode": ("markers", "lines")[size - 1], **_places(points), **shown, **style}
 
 
 def _in_key(name: str, place: np.ndarray) -> dict[str, Any]:
-    """The key's line for one of many colours: of no length, shown and hidden with it."""
+    """The key's line for one of many colors: of no length, shown and hidden with it."""
     style = {"line": {"width": 6, "color": _MIDDLE}, "legendgroup": name}
     return {"type": "scatter3d", "mode": "lines", "name": name, **style, **_places(np.stack([place, place]))}
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from jhd._results.solution import HausdorffSolution, MinimumSolution
 from jhd.decimals import lower_text, upper_text
-from jhd.plot.axes import BLUE, GREY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
+from jhd.plot.axes import BLUE, GRAY, ORANGE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
 from jhd.plot.curves import curve
 from jhd.plot.faces import frame, shaded_shapes
 from jhd.plot.implicit import net
@@ -16,7 +16,7 @@ from jhd.shapes.as_shape import as_shape
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
 
-_COLOURS = BLUE, ORANGE
+_COLORS = BLUE, ORANGE
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.2)))
 # Opacity of surfaces and meshes, behind which the other shape may lie; cells that a surface is drawn from.
 _ALPHA, _CELLS = 0.6, 48
@@ -66,7 +66,7 @@ def witness(
     if empty_circle and dim == 2 and not nearest:
         turn = np.linspace(0.0, 2 * np.pi, 181)
         circle = point + np.linalg.norm(feet[0] - point) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-        draw(ax, circle, "empty_circle", color=GREY, linewidth=0.6, linestyle=":", zorder=3)
+        draw(ax, circle, "empty_circle", color=GRAY, linewidth=0.6, linestyle=":", zorder=3)
     marks: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "markeredgewidth": 0.8}
     dot: dict[str, Any] = {"marker": "o", "markersize": 5.5, "color": VERMILLION, "zorder": 6} | marks
     draw(ax, point[None], "witness", label="nearest points" if nearest else "witness", **dot)
@@ -123,16 +123,16 @@ def solution(
     if a.dim != b.dim:
         raise ValueError(f"a has {a.dim} coordinates; b has {b.dim}.")
     ax = axes_for(ax, a.dim)
-    drawn = list(zip((a, b), _COLOURS, _DASHES, labels, strict=True))
+    drawn = list(zip((a, b), _COLORS, _DASHES, labels, strict=True))
     # All faces are drawn as one, so that those in front hide others.
-    faced = [(_faces(shape), colour, name) for shape, colour, _, name in drawn if not isinstance(shape, AbstractCurve)]
+    faced = [(_faces(shape), color, name) for shape, color, _, name in drawn if not isinstance(shape, AbstractCurve)]
     if faced:
-        faces, colours, names = zip(*faced, strict=True)
-        shaded_shapes(ax, faces, colours, names, _ALPHA)
+        faces, colors, names = zip(*faced, strict=True)
+        shaded_shapes(ax, faces, colors, names, _ALPHA)
         frame(ax, [np.asarray(end) for shape in (a, b) for end in shape.bounds])
-    for shape, colour, dashes, name in drawn:
+    for shape, color, dashes, name in drawn:
         if isinstance(shape, AbstractCurve):
-            curve(shape, ax, colour=colour, linestyle=dashes, label=name, control_polygon=control_polygon)
+            curve(shape, ax, color=color, linestyle=dashes, label=name, control_polygon=control_polygon)
     witness(solution, ax, distance=not legend)
     if legend:
         legend_above(ax, 2 if isinstance(solution, MinimumSolution) else 3, handlelength=2.2)

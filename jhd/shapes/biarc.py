@@ -80,12 +80,12 @@ class BiarcCurve(eqx.Module):
         return jnp.asarray(xp.where(b == 0, xp.inf, radius))[..., 0]
 
     @property
-    def centre(self) -> Float[Array, "arcs dim"]:
+    def center(self) -> Float[Array, "arcs dim"]:
         """Center of each arc; infinite for lines and points."""
         xp, b, middle, chord, _ = self._parts()
         some = xp.where(b == 0, 1.0, b)
-        centre = middle + _left(xp, chord) * ((1 - some) * (1 + some) / (4 * some))
-        return jnp.asarray(xp.where(b == 0, xp.inf, centre))
+        center = middle + _left(xp, chord) * ((1 - some) * (1 + some) / (4 * some))
+        return jnp.asarray(xp.where(b == 0, xp.inf, center))
 
     @property
     def tangents(self) -> Float[Array, "arcs 2 dim"]:

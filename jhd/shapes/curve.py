@@ -514,7 +514,7 @@ def _rows(name: str, value: object, least: int) -> Array:
     return rows
 
 
-def circle(centre: Numbers, radius: Numbers) -> BezierSegments:
+def circle(center: Numbers, radius: Numbers) -> BezierSegments:
     """A circle as four rational quadratic quarters, counter-clockwise from angle 0.
 
     The weights 1, sqrt(1/2), 1 are rounded, so the stored curve leaves the true circle by about an ulp of the radius.
@@ -523,7 +523,7 @@ def circle(centre: Numbers, radius: Numbers) -> BezierSegments:
     [[2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
 
     Args:
-        centre: (2,) coordinates of the center, in any unit of length.
+        center: (2,) coordinates of the center, in any unit of length.
         radius: positive radius, in the unit of the center.
 
     Returns:
@@ -532,9 +532,9 @@ def circle(centre: Numbers, radius: Numbers) -> BezierSegments:
     Raises:
         ValueError: wrong shape, NaN or infinity, or a radius that is not positive.
     """
-    centre, radius = real_array("centre", centre), real_array("radius", radius)
-    if centre.shape != (2,):
-        raise ValueError(f"centre has shape {centre.shape}; needs (2,).")
+    center, radius = real_array("center", center), real_array("radius", radius)
+    if center.shape != (2,):
+        raise ValueError(f"center has shape {center.shape}; needs (2,).")
     if radius.shape != ():
         raise ValueError(f"radius has shape {radius.shape}; needs a scalar.")
     if not is_traced(radius) and float(radius) <= 0:
@@ -542,5 +542,5 @@ def circle(centre: Numbers, radius: Numbers) -> BezierSegments:
     corners = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0]], dtype=float)
     quarters = np.stack([corners[2 * k : 2 * k + 3] for k in range(4)])
     weights = np.broadcast_to([1.0, math.sqrt(0.5), 1.0], (4, 3))
-    middle, length = on_host(centre, radius)
+    middle, length = on_host(center, radius)
     return BezierSegments(middle + length * quarters, weights, np.array([1, 2, 3, 0]))

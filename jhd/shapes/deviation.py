@@ -48,12 +48,12 @@ class HostArcs(NamedTuple):
 
 
 class HostCurve(NamedTuple):
-    """A curve in float64: local coordinates x = 2^-second (2^-first x_user - centre), of size at most one."""
+    """A curve in float64: local coordinates x = 2^-second (2^-first x_user - center), of size at most one."""
 
     rows: np.ndarray  # (points, segments) local control points, times weights where there are any
     weights: np.ndarray | None  # of size at most one
     ends: np.ndarray  # (2, segments) first and last control points, in the user's coordinates
-    centre: complex
+    center: complex
     first: int
     second: int
     dtype: np.dtype
@@ -69,8 +69,8 @@ class HostCurve(NamedTuple):
         first = int(common_exponent(largest))
         points = scaled(given, -first)
         x, y = np.real(points), np.imag(points)
-        centre = 0.5 * complex(x.min() + x.max(), y.min() + y.max())
-        points = points - centre
+        center = 0.5 * complex(x.min() + x.max(), y.min() + y.max())
+        points = points - center
         # Where all points are one, nothing is left that an error could be relative to.
         second = int(common_exponent(_size(points), nothing=-200))
         points, weights = scaled(points, -second), None
@@ -80,7 +80,7 @@ class HostCurve(NamedTuple):
             points = points * weights
         noise = gamma((8 if weights is None else 32) * (curve.degree + 1) + 8, np.float64)
         rounding = np.ldexp(8 * noise, first + second) + 5 * unit_roundoff(dtype) * largest
-        return cls(points, weights, given[[0, -1]], centre, first, second, dtype, noise, float(rounding))
+        return cls(points, weights, given[[0, -1]], center, first, second, dtype, noise, float(rounding))
 
     @property
     def least(self) -> float:
@@ -94,11 +94,11 @@ class HostCurve(NamedTuple):
 
     def local(self, x: np.ndarray) -> np.ndarray:
         """Stored points in local coordinates; the subtraction is the only rounding."""
-        return scaled(scaled(x, -self.first) - self.centre, -self.second)
+        return scaled(scaled(x, -self.first) - self.center, -self.second)
 
     def stored(self, x: np.ndarray) -> np.ndarray:
         """Local points as they are stored, rounded to the precision of the curve."""
-        x = scaled(scaled(x, self.second) + self.centre, self.first)
+        x = scaled(scaled(x, self.second) + self.center, self.first)
         return x if self.dtype == np.float64 else self.number(x.view(np.float64)).view(np.complex128)
 
     def number(self, x: np.ndarray) -> np.ndarray:
@@ -168,7 +168,7 @@ def deviation(curve: HostCurve, pieces: Pieces, bulge: np.ndarray) -> np.ndarray
     """Bound of the Hausdorff distance of each arc and its piece of the curve, in the user's unit.
 
     Let the arc start at 0 and end at v, with bulge b, |b| <= 1/2, chord L = |v| > 0 and n = v turned to the left. With
-    o its centre and r its radius, 2 b (x - o) = w(x) = 2 b x - b v - (1 - b^2) n / 2, |w| = 2 |b| |x - o|, and
+    o its center and r its radius, 2 b (x - o) = w(x) = 2 b x - b v - (1 - b^2) n / 2, |w| = 2 |b| |x - o|, and
     2 |b| r = R = L (1 + b^2) / 2. Then G(x) = 2 b x.(x - v) - (1 - b^2) x.n = 2 b (|x - o|^2 - r^2), so
 
         | |x - o| - r | = |G(x)| / (|w(x)| + R),
@@ -181,7 +181,7 @@ def deviation(curve: HostCurve, pieces: Pieces, bulge: np.ndarray) -> np.ndarray
        g_ij = 2 b q_i.q_j - l_i - l_j with l_i = b q_i.v + (1 - b^2) q_i.n / 2. So are those of both halves of the
        piece, which are closer to G; the largest of their sizes, g, bounds |G|. So rho <= g / R =: rho_0; and then
        |w| >= R - 2 |b| rho_0, which gives rho <= g / (2 (R - |b| rho_0)) where |b| rho_0 <= R / 2.
-    2. The piece stays on the arc's side of the centre. Required is w(q_i).n < 0 for all i. It is affine in x, so
+    2. The piece stays on the arc's side of the center. Required is w(q_i).n < 0 for all i. It is affine in x, so
        w(x).n < 0 on the whole piece: with k the unit vector from o to the middle of the arc, (x - o).k > 0 (for a line
        it holds everywhere).
     3. h, how far the piece leaves the strip of the arc: the largest of -T_0.q_i, T_1.(q_i - v) and 0, where T_0 and
@@ -201,7 +201,7 @@ def deviation(curve: HostCurve, pieces: Pieces, bulge: np.ndarray) -> np.ndarray
     arc are within L of its start; it serves points, loops and specks.
 
     Rounding, in local units, where coordinates are at most one. (i) The control points of the piece are off by at
-    most sqrt(2) gamma(3 n + 3) in all: centring, restriction, one subtraction of size two. Rational ones by
+    most sqrt(2) gamma(3 n + 3) in all: centering, restriction, one subtraction of size two. Rational ones by
     sqrt(2) gamma(6 n + 6), and a relative change gamma(3 n) of the weights moves the curve by that share of its
     diameter, which is at most 2 sqrt(2). (ii) An arc is the image (1 - z) A + z B of its ends, in complex numbers, with
     |z|, |1 - z| <= 1, so it moves by no more than both ends together: sqrt(2) u and (sqrt(2) + 2 sqrt(2)) u.

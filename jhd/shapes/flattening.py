@@ -80,22 +80,22 @@ def restricted(rows: np.ndarray, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
 
 
 class _LocalCurve(NamedTuple):
-    """Segments about a centre, divided by powers of two, and the way back."""
+    """Segments about a center, divided by powers of two, and the way back."""
 
     net: np.ndarray  # (degree + 1, segments, dim + 1): points times weights, and weights
     ends: np.ndarray  # (2, segments, dim): first and last control points as they are stored
-    centre: np.ndarray
+    center: np.ndarray
     first: int
     second: int
     size: float
 
     def stored(self, local: np.ndarray) -> np.ndarray:
         """Local points in the user's coordinates, rounded to their precision."""
-        return np.ldexp(np.ldexp(local, self.second) + self.centre, self.first).astype(self.ends.dtype)
+        return np.ldexp(np.ldexp(local, self.second) + self.center, self.first).astype(self.ends.dtype)
 
     def local(self, stored: np.ndarray) -> np.ndarray:
         """Stored points in local coordinates; the subtraction is the only rounding."""
-        return np.ldexp(np.ldexp(stored.astype(np.float64), -self.first) - self.centre, -self.second)
+        return np.ldexp(np.ldexp(stored.astype(np.float64), -self.first) - self.center, -self.second)
 
 
 def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, atol: float, most: int) -> FlatPieces:
@@ -148,15 +148,15 @@ def _local(points: np.ndarray, weights: np.ndarray | None) -> _LocalCurve:
     first = int(common_exponent(points))
     scaled = np.ldexp(points.astype(np.float64), -first)
     low, high = scaled.min(axis=(0, 1)), scaled.max(axis=(0, 1))
-    centre = low + 0.5 * (high - low)
-    about = scaled - centre
+    center = low + 0.5 * (high - low)
+    about = scaled - center
     # Far from the origin the curve may be small beside its coordinates.
     second = int(common_exponent(about))
     about = np.ldexp(about, -second)
     heavy = np.ones(points.shape[:2]) if weights is None else unit_weights(weights.astype(np.float64))
     net = np.concatenate([about * heavy[..., None], heavy[..., None]], axis=-1)
     ends = points[:, [0, -1]].swapaxes(0, 1)
-    return _LocalCurve(net.swapaxes(0, 1), ends, centre, first, second, float(np.abs(about).max()))
+    return _LocalCurve(net.swapaxes(0, 1), ends, center, first, second, float(np.abs(about).max()))
 
 
 def _pieces(

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from jhd._results.display import batch_text, between_text, described, is_known, opaque, value_text
 from jhd._runtime.arrays import is_traced, real_array
-from jhd._runtime.compiled import optimised
+from jhd._runtime.compiled import optimized
 from jhd.arithmetic import exact_polynomials
 from jhd.arithmetic.polynomials import horner, slopes
 from jhd.shapes import polynomial_text
@@ -376,4 +376,4 @@ def _raised(polynomials: Array, axis: int) -> Array:
     return jnp.pad(inside, padding)
 
 
-_values, _gradients, _image = optimised(_values_at), optimised(_gradients_at), optimised(_image_of, (5, 6))
+_values, _gradients, _image = optimized(_values_at), optimized(_gradients_at), optimized(_image_of, (5, 6))

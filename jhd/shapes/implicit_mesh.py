@@ -9,7 +9,7 @@ h_a
 as for the triangles in `jhd.shapes.patch_cells`: half of a mean of second differences, whose variances are at most
 h_a^2 / 4. Every tetrahedron has an edge along each axis, so the slope of L along an axis is a mean of that of f over
 such an edge. Let f have a slope of at least g along one direction of an axis (in the user's unit of length) over the
-cell and its neighbour in this direction, and tau = delta / g be no more than the side h of a cell. From a zero of L in
+cell and its neighbor in this direction, and tau = delta / g be no more than the side h of a cell. From a zero of L in
 the cell, where |f| <= delta, f reaches zero within tau, if it has to rise; and from a zero of f so does L. A cell that
 has such a direction for rising and one for falling, both of which stay in the box, has every zero of either function
 within its tau of a zero of the other, in the box. Cells with neither have a range without zero. So the largest tau

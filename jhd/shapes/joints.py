@@ -99,7 +99,7 @@ def checked(following: Any, count: int) -> Int[Array, " segments"]:
 def linked(following: Any) -> Float[Array, "*batch segments 2"]:
     """`following` as floats: each number and one, beside a one.
 
-    jax.grad takes no whole numbers among what it differentiates. The derivative of these floats is zero, so optimisers
+    jax.grad takes no whole numbers among what it differentiates. The derivative of these floats is zero, so optimizers
     leave them where they are; and what scales all that it finds, as weight decay does, changes no quotient.
     """
     xp = jnp if is_traced(following) else np

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Int
 
 from jhd._results.display import batch_text, count_text, described, fields_shown, is_known, net_text, opaque, size_text
 from jhd._runtime.arrays import array_of, is_traced, real_array
-from jhd._runtime.compiled import optimised
+from jhd._runtime.compiled import optimized
 from jhd.arithmetic import bernstein
 from jhd.shapes import sketches
 from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
@@ -452,18 +452,18 @@ def _of_batch(function: Callable[..., Any], *parameters: Array) -> Any:
     return jax.tree_util.tree_map(lambda x: x.reshape(*shape, *x.shape[1:]), values)
 
 
-@optimised
+@optimized
 def points_at(surface: Any, u: Array, v: Array) -> Array:
     """Points of a surface at parameters of one batch shape."""
     return _of_batch(surface._value, u, v)
 
 
-@optimised
+@optimized
 def _points_of(surface: BezierPatches, patch: Array, u: Array, v: Array) -> Array:
     return _of_batch(surface._at, patch, u, v)
 
 
-@optimised
+@optimized
 def _partials(surface: Any, u: Array, v: Array) -> tuple[Array, ...]:
     value = surface._value
 

@@ -187,12 +187,12 @@ class PatchCells(NamedTuple):
 
 
 class HostPatches(NamedTuple):
-    """Patches in float64: local coordinates x = 2^-second (2^-power x_user - centre), of size at most one."""
+    """Patches in float64: local coordinates x = 2^-second (2^-power x_user - center), of size at most one."""
 
     points: np.ndarray  # (patches, rows, columns, 3) as they are stored
     net: np.ndarray  # (patches, rows, columns, 4) local points times weights of at most one, and these weights
     power: int
-    centre: np.ndarray
+    center: np.ndarray
     second: int
     noise: float  # what rounding adds to a bound, local
     borders: PatchBorders
@@ -203,8 +203,8 @@ class HostPatches(NamedTuple):
         power = int(common_exponent(points))
         near = np.ldexp(points.astype(np.float64), -power)
         low, high = near.min(axis=(0, 1, 2)), near.max(axis=(0, 1, 2))
-        centre = low + 0.5 * (high - low)
-        about = near - centre
+        center = low + 0.5 * (high - low)
+        about = near - center
         # Far from the origin the surface may be small beside its coordinates.
         second = int(common_exponent(about))
         about = np.ldexp(about, -second)
@@ -212,7 +212,7 @@ class HostPatches(NamedTuple):
         net = np.concatenate([about * heavy[..., None], heavy[..., None]], axis=-1)
         roundings = 3 * (points.shape[1] + points.shape[2] - 2) + 13
         noise = 2 * np.sqrt(3.0) * gamma(roundings, np.float64) * float(np.abs(about).max())
-        return cls(points, net, power, centre, second, noise, PatchBorders.of(points, weights))
+        return cls(points, net, power, center, second, noise, PatchBorders.of(points, weights))
 
     @property
     def degrees(self) -> tuple[int, int]:
@@ -236,7 +236,7 @@ class HostPatches(NamedTuple):
 
     def _local(self, vertices: np.ndarray) -> np.ndarray:
         """Stored points in local coordinates; the subtraction is the only rounding."""
-        return np.ldexp(np.ldexp(vertices.astype(np.float64), -self.power) - self.centre, -self.second)
+        return np.ldexp(np.ldexp(vertices.astype(np.float64), -self.power) - self.center, -self.second)
 
     def vertices(self, patch: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, float]:
         """Points of the surface as they are stored (points, 3), and how far off at most they are, local.
@@ -248,7 +248,7 @@ class HostPatches(NamedTuple):
         corner = ((u == 0) | (u == 1)) & ((v == 0) | (v == 1))
         given = self.points[patch, np.where(u == 1, -1, 0), np.where(v == 1, -1, 0)]
         local = self._at(patch, u, v)
-        found = np.ldexp(np.ldexp(local, self.second) + self.centre, self.power)
+        found = np.ldexp(np.ldexp(local, self.second) + self.center, self.power)
         found = np.clip(found, self.points.min(axis=(0, 1, 2)), self.points.max(axis=(0, 1, 2)))
         stored = np.where(corner[:, None], given, found.astype(self.points.dtype))
         return stored, float(_length(self._local(stored) - local).max(initial=0.0)) + 4 * self.noise

@@ -1,7 +1,7 @@
 """A tree of boxes over triangles as flat arrays, and a grid that names a near triangle for every place.
 
 The triangles are sorted so that every 8^k consecutive ones, from a multiple of 8^k on, lie close together: ranges are
-halved at the median of the longest side of their centres, at multiples of the next block. Node i of level k then covers
+halved at the median of the longest side of their centers, at multiples of the next block. Node i of level k then covers
 the eight nodes 8 i to 8 i + 7 of the level below, so no links are stored and no node but the last of a level has room
 to spare.
 """
@@ -57,9 +57,9 @@ def box_tree(corners: Float[np.ndarray, "triangles 3 3"]) -> BoxTree:
         ends = np.concatenate([children[:, :, :3].min(axis=1), children[:, :, 3:].max(axis=1)], axis=1)
 
 
-def _sorted(centres: Float[np.ndarray, "triangles 3"]) -> Int[np.ndarray, " triangles"]:
+def _sorted(centers: Float[np.ndarray, "triangles 3"]) -> Int[np.ndarray, " triangles"]:
     """An order in which blocks of powers of eight are compact."""
-    count = len(centres)
+    count = len(centers)
     order, starts = np.arange(count), np.array([0])
     block = WIDTH ** max(0, int(np.ceil(np.log(max(count, 2)) / np.log(WIDTH) - 1e-9)) - 1)
     while block >= WIDTH:
@@ -68,16 +68,16 @@ def _sorted(centres: Float[np.ndarray, "triangles 3"]) -> Int[np.ndarray, " tria
         if np.all(blocks <= 1):
             block //= WIDTH
             continue
-        order = _sorted_within(centres, order, starts, sizes)
+        order = _sorted_within(centers, order, starts, sizes)
         wide = blocks > 1
         middles = starts[wide] + block * (blocks[wide] // 2)
         starts = np.sort(np.concatenate([starts, middles]))
     return order
 
 
-def _sorted_within(centres: np.ndarray, order: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Every range sorted along the longest side of its centres."""
-    rows = centres[order]
+def _sorted_within(centers: np.ndarray, order: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Every range sorted along the longest side of its centers."""
+    rows = centers[order]
     lower, upper = np.minimum.reduceat(rows, starts), np.maximum.reduceat(rows, starts)
     axis = np.argmax(upper - lower, axis=1)
     index = np.arange(len(starts))

@@ -79,7 +79,7 @@ def frames(corners: Float[Any, "triangles 3 3"], dtype: DTypeLike) -> Frames:
     turn = xp.argmax(xp.sqrt(_dot(edges, edges)), axis=1)
     places = (turn[:, None] + np.arange(3)) % 3
     a, b, c = (xp.take_along_axis(corners, places[:, [k], None], axis=1)[:, 0] for k in range(3))
-    u, length = _normalised(xp, ldexp(b - a, -power[:, None]), np.array([1.0, 0.0, 0.0]))
+    u, length = _normalized(xp, ldexp(b - a, -power[:, None]), np.array([1.0, 0.0, 0.0]))
     side = ldexp(c - a, -power[:, None])
     along = xp.clip(_dot(side, u), 0.0, length)
     v = side - along[:, None] * u
@@ -90,7 +90,7 @@ def frames(corners: Float[Any, "triangles 3 3"], dtype: DTypeLike) -> Frames:
     flat = xp.max(xp.abs(v), axis=1) <= 8 * roundoff * length
     spare = xp.asarray(np.eye(3))[xp.argmin(xp.abs(u), axis=1)].astype(corners.dtype)
     spare = spare - _dot(spare, u)[:, None] * u
-    v, height = _normalised(xp, xp.where(flat[:, None], spare, v), np.array([0.0, 1.0, 0.0]))
+    v, height = _normalized(xp, xp.where(flat[:, None], spare, v), np.array([0.0, 1.0, 0.0]))
     height = xp.where(flat, 0.0, height)
     parts = [length, *_edge(xp, along, height), *_edge(xp, along - length, height), along, height]
     columns = xp.concatenate([a, u, v, xp.stack(parts, axis=1)], axis=1)
@@ -103,7 +103,7 @@ def _dot(x: Any, y: Any) -> Any:
     return (x * y).sum(axis=-1)
 
 
-def _normalised(xp: Any, x: Any, otherwise: np.ndarray) -> tuple[Any, Any]:
+def _normalized(xp: Any, x: Any, otherwise: np.ndarray) -> tuple[Any, Any]:
     """Unit vectors and lengths; for vectors of length zero the other one."""
     size = xp.max(xp.abs(x), axis=1, keepdims=True)
     scaled = x / xp.where(size > 0, size, 1.0)

@@ -1,7 +1,7 @@
 """Winding numbers of triangle meshes, and which points they put inside, decided with proven errors.
 
 The winding number of a point q is the sum of the signed solid angles of the triangles over 4 pi: an integer off a
-closed mesh, and a smooth generalisation elsewhere. Triangles far from q are taken together: with
+closed mesh, and a smooth generalization elsewhere. Triangles far from q are taken together: with
 K(x) = (x - q) / |x - q|^3 and a node of the tree about c, the integral of K.n over its triangles is to first order
 
     N.K(c) + tr(M) / |r|^3 - 3 r'M r / |r|^5,   r = c - q,   N = sum of n dA,   M = integral of (x - c) n' dA.
@@ -29,7 +29,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from jhd._runtime.compiled import optimised
+from jhd._runtime.compiled import optimized
 from jhd.arithmetic.rationals import root_between
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.shapes.mesh import TriangleMesh, edges_of
@@ -244,17 +244,17 @@ def _moments(mesh: TriangleMesh) -> _Moments:
 def _of_level(corners: np.ndarray, normal: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """c, N, M, R, S and area of the nodes whose triangles begin at these places."""
     low, high = np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts)
-    centre, size = 0.5 * (low + high), np.max(np.abs(normal), axis=1)
+    center, size = 0.5 * (low + high), np.max(np.abs(normal), axis=1)
     area = size * np.linalg.norm(normal / np.where(size > 0, size, 1.0)[:, None], axis=1)
     sizes = np.diff(np.append(starts, len(corners)))
-    off = corners - np.repeat(centre, sizes, axis=0)[:, None]
+    off = corners - np.repeat(center, sizes, axis=0)[:, None]
     reach_sq = np.sum(off * off, axis=2).max(axis=1)
     first = off.mean(axis=1)[:, :, None] * normal[:, None, :]
     columns = [normal, first.reshape(-1, 9)]
     sums = [np.add.reduceat(x, starts) for x in columns]
     radius = np.sqrt(np.maximum.reduceat(reach_sq, starts))
     ends = [radius, np.add.reduceat(area * reach_sq, starts), np.add.reduceat(area, starts)]
-    return np.concatenate([centre, *sums, np.stack(ends, axis=1)], axis=1)
+    return np.concatenate([center, *sums, np.stack(ends, axis=1)], axis=1)
 
 
 def _shrunk(moments: _Moments, power: int) -> _Moments:
@@ -293,7 +293,7 @@ def _numbers(
     return number, error * (1 + 1e-9)
 
 
-@optimised
+@optimized
 def _expansions(table: Array, points: Array, node: Array) -> tuple[Array, Array]:
     """Winding numbers of nodes by the expansion, and bounds of their errors; infinity where q may be among them.
 
@@ -323,7 +323,7 @@ def _expansions(table: Array, points: Array, node: Array) -> tuple[Array, Array]
     return value / (4 * math.pi), bound / (4 * math.pi)
 
 
-@optimised
+@optimized
 def _angles(corners: Array, points: Array, triangle: Array) -> tuple[Array, Array]:
     """Winding numbers of single triangles, and bounds of their errors."""
     return solid_angles(corners[triangle] - points[:, None, :])
@@ -396,7 +396,7 @@ def _dot(u: list[Fraction], v: list[Fraction]) -> Fraction:
     return sum((x * y for x, y in zip(u, v, strict=True)), Fraction(0))
 
 
-@optimised
+@optimized
 def _known_angles(corners: Array, point: Array) -> tuple[Array, Array]:
     return solid_angles(corners - point)
 

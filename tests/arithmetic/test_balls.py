@@ -116,7 +116,7 @@ def test_no_indefinite_matrix_is_taken_for_a_semidefinite_one(way):
     indefinite = (h[:, 0, 0] * h[:, 1, 1] < h[:, 0, 1] ** 2).astype(bool)
     assert 100 < np.sum(indefinite) < 300
     assert not np.any(taken_for_semidefinite(way, matrices, np.zeros_like(matrices))[indefinite])
-    # Away from the singular ones they are recognised.
+    # Away from the singular ones they are recognized.
     assert np.all(taken_for_semidefinite(way, matrices + np.eye(2, dtype=np.float32), np.zeros_like(matrices)))
 
 

@@ -83,12 +83,12 @@ def test_integers_and_floats_are_the_same_polynomial():
 
 
 def test_a_substitution_keeps_the_zeros_and_the_sign():
-    centre, scale = [Fraction(1, 3), Fraction(-2), Fraction(10**20)], [Fraction(1, 7), Fraction(5), Fraction(1, 2)]
+    center, scale = [Fraction(1, 3), Fraction(-2), Fraction(10**20)], [Fraction(1, 7), Fraction(5), Fraction(1, 2)]
     f = dense(3, 20, 1)
-    g = exact.substituted(f, centre, scale)
+    g = exact.substituted(f, center, scale)
     ratios = set()
     for w in ((0, 0, 0), (1, 2, -3), (5, -1, 4)):
-        x = [m + s * v for m, s, v in zip(centre, scale, w, strict=True)]
+        x = [m + s * v for m, s, v in zip(center, scale, w, strict=True)]
         z = sum(Fraction(int(f[i])) * math.prod(t**n for t, n in zip(x, i, strict=True)) for i in np.ndindex(*f.shape))
         ratios.add(Fraction(int(exact.values(g, np.array(w, dtype=object)[:, None])[0])) / z)
     assert len(ratios) == 1 and ratios.pop() > 0

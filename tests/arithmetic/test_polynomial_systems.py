@@ -49,13 +49,13 @@ def with_roots(*roots: Fraction, degree: int) -> np.ndarray:
     return tensor(reduce(multiplied, factors, {(0,): Fraction(1)}), (degree,))
 
 
-def ball(centre: tuple[Fraction, ...], through: tuple[Fraction, ...]) -> np.ndarray:
+def ball(center: tuple[Fraction, ...], through: tuple[Fraction, ...]) -> np.ndarray:
     """Circle or sphere with a rational point on it, of degree two in each variable."""
-    n, terms = len(centre), {}
-    for k, c in enumerate(centre):
+    n, terms = len(center), {}
+    for k, c in enumerate(center):
         terms[tuple(2 * (j == k) for j in range(n))] = Fraction(1)
         terms[tuple(int(j == k) for j in range(n))] = -2 * c
-    terms[(0,) * n] = sum((c * c - (p - c) ** 2 for c, p in zip(centre, through, strict=True)), Fraction(0))
+    terms[(0,) * n] = sum((c * c - (p - c) ** 2 for c, p in zip(center, through, strict=True)), Fraction(0))
     return tensor(terms, (2,) * n)
 
 
@@ -212,8 +212,8 @@ def test_each_root_in_two_variables_lies_in_one_narrow_box(name):
 
 @pytest.mark.parametrize("second", ("the same circle", "zero"))
 def test_a_curve_of_roots_is_covered_coarsely_and_says_so(second):
-    centre = (HALF, HALF)
-    circle = ball(centre, P)
+    center = (HALF, HALF)
+    circle = ball(center, P)
     roots = solve(*rounded(circle, circle * (second != "zero")))
     assert name_of(roots.result) == "capacity_reached"
     assert int(roots.boxes) < 500
@@ -249,7 +249,7 @@ def test_what_is_not_finite_gives_the_whole_box_and_a_code():
         assert name_of(roots.result) == "nonfinite_value" and width(roots) == 1.0
 
 
-SPHERES = [ball(tuple(tenths(*centre)), (HALF, HALF, HALF)) for centre in ((3, 4, 5), (6, 3, 4), (5, 8, 3))]
+SPHERES = [ball(tuple(tenths(*center)), (HALF, HALF, HALF)) for center in ((3, 4, 5), (6, 3, 4), (5, 8, 3))]
 
 
 def test_three_spheres_meet_in_their_points():

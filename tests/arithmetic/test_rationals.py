@@ -22,7 +22,7 @@ def test_roots_that_are_fractions_of_few_bits_are_exact():
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("x", [Fraction(1, 3), Fraction(-1, 3), Fraction(1), Fraction(0), Fraction(1, 10**20)])
-def test_the_floats_on_both_sides_are_neighbours_or_the_number_itself(x, dtype):
+def test_the_floats_on_both_sides_are_neighbors_or_the_number_itself(x, dtype):
     low, high = float_below(x, np.dtype(dtype)), float_above(x, np.dtype(dtype))
     assert Fraction(float(low)) <= x <= Fraction(float(high)) and np.nextafter(low, dtype(np.inf)) >= high
     assert float_near(x, np.dtype(dtype)) in (low, high)

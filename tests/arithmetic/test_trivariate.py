@@ -19,7 +19,7 @@ EVALUATE = compiled(trivariate.evaluate)
 BOXES = 6
 SHAPE = (3, 2, 4)
 # Roundings that the module's docstring allows each kind, for degrees 2, 1, 3 and 24 coefficients.
-ROUNDINGS = {"bernstein": 36, "modified_affine": 48, "centred": 48, "horner": 18, "interval": 39}
+ROUNDINGS = {"bernstein": 36, "modified_affine": 48, "centered": 48, "horner": 18, "interval": 39}
 
 
 def value(a, x):
@@ -31,7 +31,7 @@ def value(a, x):
 
 
 def points_of(c, h, rng):
-    """Corners, the centre and some points of a box, exact."""
+    """Corners, the center and some points of a box, exact."""
     c, h = ([Fraction(float(x)) for x in v] for v in (c, h))
     inside = [[Fraction(float(x)) for x in rng.uniform(-1, 1, 3)] for _ in range(4)]
     places = [*itertools.product((-1, 1), repeat=3), (0, 0, 0), *inside]
@@ -86,7 +86,7 @@ def test_ranges_hold_where_every_number_has_a_size_of_its_own(seed):
 
 def check_all(a, c, h, rng):
     found = {kind: ENCLOSE(a, c, h, kind) for kind in trivariate.RANGES}
-    at_corners, at_centres = CORNERS(a, c, h), EVALUATE(a, c)
+    at_corners, at_centers = CORNERS(a, c, h), EVALUATE(a, c)
     for box in range(BOXES):
         exact = [value(a, x) for x in points_of(c[:, box], h[:, box], rng)]
         for kind in trivariate.RANGES:
@@ -94,7 +94,7 @@ def check_all(a, c, h, rng):
                 assert_holds(found[kind], box, z)
         for corner in range(8):
             assert_holds(at_corners, (corner, box), exact[corner])
-        assert_holds(at_centres, box, exact[8])
+        assert_holds(at_centers, box, exact[8])
 
 
 def exact_form(a, c, h):
@@ -109,7 +109,7 @@ def exact_form(a, c, h):
 
 
 def exact_ends(form, kind):
-    """The exact ends of the centred, the modified affine and the Bernstein range."""
+    """The exact ends of the centered, the modified affine and the Bernstein range."""
     if kind == "bernstein":
         for axis in range(3):
             # x^i of e in [-1, 1] has blossoms that are means of products of signs.
@@ -133,7 +133,7 @@ def exact_ends(form, kind):
     return lower, upper
 
 
-@pytest.mark.parametrize("kind", ["bernstein", "modified_affine", "centred"])
+@pytest.mark.parametrize("kind", ["bernstein", "modified_affine", "centered"])
 def test_a_range_is_its_exact_one_but_for_the_rounding_that_is_allowed(kind):
     rng = np.random.default_rng(5)
     for _ in range(3):
@@ -208,5 +208,5 @@ def test_a_constant_and_a_single_variable_are_polynomials_too():
 
 
 def test_an_unknown_range_is_refused():
-    with pytest.raises(ValueError, match="kind is 'taylor'; needs one of 'bernstein', 'modified_affine', 'centred'"):
+    with pytest.raises(ValueError, match="kind is 'taylor'; needs one of 'bernstein', 'modified_affine', 'centered'"):
         trivariate.enclose(jnp.zeros((1, 1, 1)), jnp.zeros((3, 1)), jnp.zeros((3, 1)), "taylor")

@@ -214,7 +214,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/many/neighbours.py",
+        "distance/many/neighbors.py",
         "distance/test_collections.py",
         ("near[each, index] = False", "near[each, index] = True", "test_ties_are_named"),
         (
@@ -294,8 +294,8 @@ DEFECTS = [
             "test_random_chains_agree_and_keep_their_maximum",
         ),
         (
-            "target.within(centre[0] + 1j * centre[1], radius + pieces.wanted[1])",
-            "target.within(centre[0] + 1j * centre[1], 0.5 * pieces.wanted[1])",
+            "target.within(center[0] + 1j * center[1], radius + pieces.wanted[1])",
+            "target.within(center[0] + 1j * center[1], 0.5 * pieces.wanted[1])",
             "test_values_agree_with_the_table_and_the_maximum_is_kept",
         ),
     ),

@@ -44,7 +44,7 @@ DEFECTS = [
         (
             " & (px * (ex + fx) + py * (ey + fy) >= 0)",
             "",
-            "test_beyond_the_centre_of_a_short_arc_its_ends_are_the_nearest",
+            "test_beyond_the_center_of_a_short_arc_its_ends_are_the_nearest",
         ),
         (
             "rounding.round_up(field.error + away)",

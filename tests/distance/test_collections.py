@@ -215,7 +215,7 @@ def test_the_nearest_shapes_are_those_of_all_distances(k):
 def test_ties_are_named():
     found = jhd.nearest_shapes(squares([3.0]), squares([1.0, 2.0, 4.0, 9.0]))
     assert sorted([*found.index[0], *found.ties[0]]) == [1, 2] and found.tied.tolist() == [True]
-    assert repr(found) == f"Neighbours(1 of each of 1 queries, 1 tied, {found.computed} computed)"
+    assert repr(found) == f"Neighbors(1 of each of 1 queries, 1 tied, {found.computed} computed)"
 
 
 @pytest.mark.parametrize("threshold", [1e-9, 1.0, 2.5])

@@ -369,7 +369,7 @@ def test_surfaces_inside_of_each_other_that_are_as_near_everywhere_or_along_a_li
         slow=[("sphere", 1e-3), ("polynomial", 0.0), ("polynomial", 1e-3)],
     ),
 )
-def test_a_point_about_the_centre_of_what_is_round_is_as_far_as_the_radius(kind, shift):
+def test_a_point_about_the_center_of_what_is_round_is_as_far_as_the_radius(kind, shift):
     if kind == "circle":
         shape, place = circle([0.0, 0.0], 2.0), [shift, 0.0]
     else:

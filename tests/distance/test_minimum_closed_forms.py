@@ -44,8 +44,8 @@ CIRCLES = {
 
 
 def between_circles(p, r, q, s):
-    centres = np.hypot(*np.subtract(p, q))
-    return max(centres - r - s, abs(r - s) - centres, 0.0)
+    centers = np.hypot(*np.subtract(p, q))
+    return max(centers - r - s, abs(r - s) - centers, 0.0)
 
 
 @pytest.mark.parametrize("scale", swept([2.0**-30, 1.0, 2.0**30], 1))

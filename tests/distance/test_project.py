@@ -293,7 +293,7 @@ def test_every_stationary_parameter_is_found_and_in_order(degree):
             assert valid.tolist() == sorted(valid.tolist(), reverse=True)
 
 
-def test_the_centre_of_a_circle_gives_intervals_that_cover_it():
+def test_the_center_of_a_circle_gives_intervals_that_cover_it():
     circle = jhd.BezierSegments(
         [
             [[1, 0], [1, 1], [0, 1]],

@@ -18,7 +18,7 @@ from tests.sweeps import swept
 
 # The cones of the source have quick tests of their own, beside those of the search.
 QUICK = ["hyperboloid_cylinder"]
-# Families of maximisers cost much for little; their bounds are as true at a coarse tolerance.
+# Families of maximizers cost much for little; their bounds are as true at a coarse tolerance.
 COARSE, FINE = 1e-2, 1e-8
 
 

@@ -26,10 +26,10 @@ SIZE = np.array([0.5, 0.3, 0.4])
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 
 
-def block(size: Any = SIZE, centre: Any = 0.0, turned=False):
+def block(size: Any = SIZE, center: Any = 0.0, turned=False):
     """A closed box of twelve triangles."""
     triangles = np.array([[q[0], q[1], q[2]] for q in QUADS] + [[q[0], q[2], q[3]] for q in QUADS])
-    return TriangleMesh((2 * CORNERS - 1) * size + centre, triangles[:, ::-1] if turned else triangles)
+    return TriangleMesh((2 * CORNERS - 1) * size + center, triangles[:, ::-1] if turned else triangles)
 
 
 def block_distance(points, size=SIZE):
@@ -94,7 +94,7 @@ def test_every_leaf_in_full_mode_is_within_the_tolerance_at_its_19_points(full):
     lower, side, _ = boxes(full)
     assert full.unresolved == 0
     for step in np.ndindex(3, 3, 3):
-        # A little inside, so that no neighbour is asked.
+        # A little inside, so that no neighbor is asked.
         points = lower + side[:, None] * np.clip(np.array(step) / 2, 1e-9, 1 - 1e-9)
         assert np.max(np.abs(np.asarray(full(points)) - block_distance(points))) <= float(full.atol) + 1e-8
 

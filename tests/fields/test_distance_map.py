@@ -30,25 +30,25 @@ BOX = ([-6.0, -5.5], [6.0, 6.5])
 
 
 def pixels(found, count, seed=0):
-    """Indices of random pixels, and their centres."""
+    """Indices of random pixels, and their centers."""
     rng = np.random.default_rng(seed)
     i, j = (rng.integers(0, n, count) for n in found.distance.shape)
-    x, y = (np.asarray(c) for c in found.centres)
+    x, y = (np.asarray(c) for c in found.centers)
     return (i, j), np.stack([x[i], y[j]], axis=-1)
 
 
 def every_distance(arcs, found):
-    """Distances of all pixels to all arcs, (arcs, columns, rows), by the textbook's formula with the centre."""
-    x, y = (np.asarray(c) for c in found.centres)
+    """Distances of all pixels to all arcs, (arcs, columns, rows), by the textbook's formula with the center."""
+    x, y = (np.asarray(c) for c in found.centers)
     at = (x[:, None] + 1j * y)[None]
-    start, end, centre = ((np.asarray(p) @ [1, 1j])[:, None, None] for p in (arcs.start, arcs.end, arcs.centre))
+    start, end, center = ((np.asarray(p) @ [1, 1j])[:, None, None] for p in (arcs.start, arcs.end, arcs.center))
     bulge, radius = (np.asarray(p)[:, None, None] for p in (arcs.bulge, arcs.radius))
     assert np.all(bulge != 0)
     ends = np.minimum(np.abs(at - start), np.abs(at - end))
     turn = np.sign(bulge)
     sweep = 4 * np.arctan(np.abs(bulge))
-    angle = np.mod(turn * np.angle((at - centre) / (start - centre)), 2 * np.pi)
-    return np.where(angle <= sweep, np.abs(np.abs(at - centre) - radius), ends)
+    angle = np.mod(turn * np.angle((at - center) / (start - center)), 2 * np.pi)
+    return np.where(angle <= sweep, np.abs(np.abs(at - center) - radius), ends)
 
 
 def test_the_map_is_within_its_error_of_the_projected_distance():
@@ -123,7 +123,7 @@ one_arc = jax.jit(lambda table, x, y: module._distance(jnp, table, x, y))
 
 @pytest.mark.parametrize("bulge", [0.0, 1e-40, -1e-17, 1e-9, -1e-4, 0.1, -0.3, 0.5])
 def test_one_distance_errs_by_less_than_its_roundings(bulge):
-    """Points anywhere, on the arc, on the rays of its ends, and about its centre, against 45 digits."""
+    """Points anywhere, on the arc, on the rays of its ends, and about its center, against 45 digits."""
     rng = np.random.default_rng(3)
     start, end = rng.uniform(-1, 1, (2, 2))
     for chord in (1.0, 1e-3, 1e-9):
@@ -136,9 +136,9 @@ def test_one_distance_errs_by_less_than_its_roundings(bulge):
         first = (stop - start) @ [1, 1j] * np.exp(-2j * np.arctan(bulge)) * 1j
         ray = z + first / abs(first) * rng.uniform(-1, 1, 12)
         at = np.concatenate([rng.uniform(-1, 1, 12) + 1j * rng.uniform(-1, 1, 12), on, ray])
-        if bulge and abs(arcs.centre).max() < 3:
+        if bulge and abs(arcs.center).max() < 3:
             about = 10.0 ** rng.uniform(-16, -0.3, 20) * np.exp(2j * np.pi * rng.uniform(size=20))
-            at = np.append(at, np.asarray(arcs.centre)[0] @ [1, 1j] + about)
+            at = np.append(at, np.asarray(arcs.center)[0] @ [1, 1j] + about)
         frame = module._PixelFrame(np.zeros(2), 0, 0)
         found = one_arc(frame.table(arcs)[:, 0], np.resize(at, 64).real, np.resize(at, 64).imag)
         with localcontext() as context:
@@ -148,7 +148,7 @@ def test_one_distance_errs_by_less_than_its_roundings(bulge):
                 assert abs(exact - Decimal(float(value))) <= Decimal(ALLOWED)
 
 
-def test_beyond_the_centre_of_a_short_arc_its_ends_are_the_nearest():
+def test_beyond_the_center_of_a_short_arc_its_ends_are_the_nearest():
     """Of an arc of radius one and length 1e-9 both rays are one line there, up to rounding."""
     rng = np.random.default_rng(4)
     for angle in rng.uniform(0, 2 * np.pi, 10):
@@ -157,7 +157,7 @@ def test_beyond_the_centre_of_a_short_arc_its_ends_are_the_nearest():
         new = (jnp.asarray([x]) for x in (start, end, 0.25e-9))
         arcs = replace(TEMPLATE, **dict(zip(("start", "end", "bulge"), new, strict=True)))
         left = 1j * ((end - start) @ [1, 1j])
-        beyond = np.asarray(arcs.centre)[0] @ [1, 1j] + left / abs(left) * 10.0 ** rng.uniform(-10, -1, 64)
+        beyond = np.asarray(arcs.center)[0] @ [1, 1j] + left / abs(left) * 10.0 ** rng.uniform(-10, -1, 64)
         table = module._PixelFrame(np.zeros(2), 0, 0).table(arcs)[:, 0]
         expected = np.abs(beyond - start @ [1, 1j])
         np.testing.assert_allclose(one_arc(table, beyond.real, beyond.imag), expected, rtol=0, atol=ALLOWED)
@@ -170,23 +170,23 @@ def test_points_and_lines_have_their_exact_distances():
     rng = np.random.default_rng(5)
     rows = rng.uniform(-5, 5, (20, 2))
     found = distance_map(points(rows), *BOX, 50)
-    x, y = (np.asarray(c) for c in found.centres)
+    x, y = (np.asarray(c) for c in found.centers)
     expected = np.hypot(x[:, None, None] - rows[:, 0], y[None, :, None] - rows[:, 1])
     np.testing.assert_allclose(found.distance, expected.min(axis=-1), rtol=0, atol=ROUNDING)
     np.testing.assert_array_equal(found.nearest, expected.argmin(axis=-1))
     square = polyline([[-1, -1], [1, -1], [1, 1], [-1, 1]], closed=True)
     found = distance_map(square, [-2, -2], [2, 2], 32)
-    outside = np.maximum(np.abs(np.stack(np.meshgrid(*found.centres, indexing="ij"))) - 1, 0)
-    inside = 1 - np.abs(np.stack(np.meshgrid(*found.centres, indexing="ij"))).max(axis=0)
+    outside = np.maximum(np.abs(np.stack(np.meshgrid(*found.centers, indexing="ij"))) - 1, 0)
+    inside = 1 - np.abs(np.stack(np.meshgrid(*found.centers, indexing="ij"))).max(axis=0)
     np.testing.assert_allclose(found.distance, np.where(inside > 0, inside, np.hypot(*outside)), rtol=0, atol=ROUNDING)
     assert float(found.error) < 1e-11
 
 
-def test_the_first_axis_is_x_and_pixels_have_their_centres_inside():
+def test_the_first_axis_is_x_and_pixels_have_their_centers_inside():
     found = distance_map(points([[0.0, 0.0]]), [0, 0], [4, 1], (8, 4))
     assert found.distance.shape == found.nearest.shape == (8, 4)
     np.testing.assert_array_equal(found.spacing, [0.5, 0.25])
-    np.testing.assert_array_equal(found.centres[0][:2], [0.25, 0.75])
+    np.testing.assert_array_equal(found.centers[0][:2], [0.25, 0.75])
     np.testing.assert_allclose(found.distance[7, 0], np.hypot(3.75, 0.125), rtol=1e-14)
 
 
@@ -206,9 +206,9 @@ def test_anywhere_in_a_pixel_the_distance_is_within_reach_and_enclosed():
     far = found.enclose([[100.0, 0.0]])
     exact = reference.distance_profile(np.array([[100.0, 0.0]]), np.asarray(curve.segments().control_points))
     assert float(far.lower[0]) <= exact[0] <= float(far.upper[0])
-    centre = np.stack([np.asarray(found.centres[0])[3], np.asarray(found.centres[1])[5]])
-    at_centre = jax.jit(lambda x: found.enclose(x))(centre)
-    assert float(at_centre.upper) - float(found.distance[3, 5]) < 1.001 * float(found.error)
+    center = np.stack([np.asarray(found.centers[0])[3], np.asarray(found.centers[1])[5]])
+    at_center = jax.jit(lambda x: found.enclose(x))(center)
+    assert float(at_center.upper) - float(found.distance[3, 5]) < 1.001 * float(found.error)
 
 
 @pytest.mark.parametrize("scale", [1e-150, 1e150, 2.0**1000])

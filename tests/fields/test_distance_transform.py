@@ -125,7 +125,7 @@ def test_the_published_templates_find_small_and_convex_cases_exactly():
 
 
 def shell(n):
-    """Voxels about a sphere whose centre is no voxel."""
+    """Voxels about a sphere whose center is no voxel."""
     places = np.indices((n, n, n)) - (n / 2 - 0.3)
     return np.abs(np.sqrt((places**2).sum(0)) - n / 3) < 0.6
 

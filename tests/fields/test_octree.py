@@ -1,4 +1,4 @@
-"""Voxelised surfaces against cells that are known exactly: spheres, planes, and the counts of the paper's cones."""
+"""Voxelized surfaces against cells that are known exactly: spheres, planes, and the counts of the paper's cones."""
 
 import math
 from fractions import Fraction
@@ -9,7 +9,7 @@ import pytest
 
 from jhd.arithmetic.trivariate import RANGES
 from jhd.fields import octree
-from jhd.fields.octree import VoxelProgress, voxelise
+from jhd.fields.octree import VoxelProgress, voxelize
 from jhd.shapes.implicit import ImplicitSurface
 from tests.sweeps import swept
 
@@ -20,21 +20,21 @@ def parsed(text, lower=LOWER, upper=UPPER):
     return ImplicitSurface.parse(text, lower, upper)
 
 
-def sphere(centre, radius_sq, lower, upper):
+def sphere(center, radius_sq, lower, upper):
     """The sphere whose stored coefficients are exact."""
-    centre, radius_sq = [Fraction(x) for x in centre], Fraction(radius_sq)
+    center, radius_sq = [Fraction(x) for x in center], Fraction(radius_sq)
     a = np.zeros((3, 3, 3))
     a[2, 0, 0] = a[0, 2, 0] = a[0, 0, 2] = 1
-    exact = [*(-2 * x for x in centre), sum(x * x for x in centre) - radius_sq]
+    exact = [*(-2 * x for x in center), sum(x * x for x in center) - radius_sq]
     a[1, 0, 0], a[0, 1, 0], a[0, 0, 1], a[0, 0, 0] = map(float, exact)
     assert [Fraction(float(x)) for x in (a[1, 0, 0], a[0, 1, 0], a[0, 0, 1], a[0, 0, 0])] == exact
     return ImplicitSurface(a, lower, upper)
 
 
-def cells_of_sphere(centre, radius_sq, lower, upper, cells):
+def cells_of_sphere(center, radius_sq, lower, upper, cells):
     """Which closed cells hold a point of the sphere: its radius is between the least and the largest distance."""
     ends = []
-    for c, low, high in zip(centre, lower, upper, strict=True):
+    for c, low, high in zip(center, lower, upper, strict=True):
         low, high = Fraction(float(low)), Fraction(float(high))
         lines = [low + (high - low) * i / cells - Fraction(c) for i in range(cells + 1)]
         pairs = list(zip(lines, lines[1:], strict=False))
@@ -66,7 +66,7 @@ def grids(voxels, cells):
 
 
 TINY, HUGE = Fraction(1, 2**400), 2**300
-# Centre, squared radius, box, cells, and how many cells of the surface may stay unproven.
+# Center, squared radius, box, cells, and how many cells of the surface may stay unproven.
 SPHERES = {
     "on the grid": ((0, 0, 0), 1, LOWER, UPPER, 32, 0),
     "any number of cells in any box": ((0.25, -0.5, 0.125), Fraction(9, 16), [-1, -2, -0.5], [2, 1, 3.3], 33, 2),
@@ -83,9 +83,9 @@ SPHERES = {
 
 
 def check_sphere(case, ranges):
-    centre, radius_sq, lower, upper, cells, unproven = SPHERES[case]
-    true = cells_of_sphere(centre, radius_sq, lower, upper, cells)
-    kept, proven = grids(voxelise(sphere(centre, radius_sq, lower, upper), cells, ranges), cells)
+    center, radius_sq, lower, upper, cells, unproven = SPHERES[case]
+    true = cells_of_sphere(center, radius_sq, lower, upper, cells)
+    kept, proven = grids(voxelize(sphere(center, radius_sq, lower, upper), cells, ranges), cells)
     assert not np.any(true & ~kept)
     assert not np.any(proven & ~true)
     assert np.sum(true & ~proven) <= unproven
@@ -112,7 +112,7 @@ CONES = ("x^2/4 + y^2/4 - z^2/9", "x^2/16 + y^2/4 - z^2/9")
 
 @pytest.mark.parametrize(("text", "counts"), [(CONES[0], (8464, 8440)), (CONES[1], (12440, 12264))])
 def test_the_cones_of_the_paper_have_its_numbers_of_cells(text, counts):
-    found = voxelise(parsed(text), 64, "modified_affine"), voxelise(parsed(text), 64)
+    found = voxelize(parsed(text), 64, "modified_affine"), voxelize(parsed(text), 64)
     assert tuple(v.count for v in found) == counts
     fewer, more = (set(map(tuple, np.asarray(v.cells))) for v in found[::-1])
     assert fewer < more
@@ -122,12 +122,12 @@ def test_the_cones_of_the_paper_have_its_numbers_of_cells(text, counts):
 
 @pytest.mark.parametrize("text", ["z", "2*z - 0.25", "(z - 1/16)^2"])
 def test_a_plane_between_cells_is_proven_on_both_sides(text):
-    voxels = voxelise(parsed(text), 64)
+    voxels = voxelize(parsed(text), 64)
     assert voxels.count == 2 * 64 * 64 and bool(voxels.proven.all())
 
 
 def test_a_slanted_plane_has_exactly_its_cells():
-    voxels = voxelise(parsed("x + 2*y + 4*z - 1"), 16)
+    voxels = voxelize(parsed("x + 2*y + 4*z - 1"), 16)
     places = np.array(list(np.ndindex(16, 16, 16)))
     # In quarters: a cell holds a zero where its least value is not positive and its largest not negative.
     least = (places - 8) @ [1, 2, 4] - 4
@@ -137,22 +137,22 @@ def test_a_slanted_plane_has_exactly_its_cells():
 
 
 def test_a_surface_without_change_of_sign_is_kept_and_not_proven():
-    voxels = voxelise(parsed("(x - 0.3)^2 + (y - 0.3)^2 + (z - 0.3)^2"), 16)
+    voxels = voxelize(parsed("(x - 0.3)^2 + (y - 0.3)^2 + (z - 0.3)^2"), 16)
     assert voxels.count > 0 and not voxels.proven.any()
 
 
 @pytest.mark.parametrize("text", ["x^2 + y^2 + z^2 + 1e-4", "x^2 + y^2 + z^2 - 13", "z - 2.0000001"])
 def test_a_surface_that_is_proven_empty_is_refused(text):
     with pytest.raises(ValueError, match="the surface is empty: the polynomial is proven to have no zero in the box"):
-        voxelise(parsed(text), 16)
+        voxelize(parsed(text), 16)
 
 
 def test_cells_are_where_the_surface_is():
     surface = parsed("x^2 + y^2 + z^2 - 1", [-2, -1, -1], [2, 1.5, 3])
-    voxels = voxelise(surface, 40)
+    voxels = voxelize(surface, 40)
     assert voxels.lower.tolist() == [-2, -1, -1]
     assert np.allclose(voxels.spacing, [0.1, 0.0625, 0.1], rtol=1e-15)
-    radii = np.linalg.norm(voxels.centres, axis=1)
+    radii = np.linalg.norm(voxels.centers, axis=1)
     assert np.abs(radii - 1).max() < np.linalg.norm(voxels.spacing)
     rng = np.random.default_rng(0)
     points = rng.normal(size=(1000, 3))
@@ -165,26 +165,26 @@ def test_cells_are_where_the_surface_is():
 
 def test_many_small_chunks_give_the_same_cells(monkeypatch):
     surface = parsed(CONES[0])
-    whole = voxelise(surface, 64)
+    whole = voxelize(surface, 64)
     monkeypatch.setattr(octree, "_CHUNKS", 1)
     seen = []
-    parts = voxelise(surface, 64, progress=seen.append)
+    parts = voxelize(surface, 64, progress=seen.append)
     assert len(seen) > 7
     assert np.array_equal(whole.cells, parts.cells) and np.array_equal(whole.proven, parts.proven)
 
 
 def test_without_exact_signs_less_is_proven_and_nothing_else(monkeypatch):
     monkeypatch.setattr(octree, "_EXACT", 0)
-    voxels = voxelise(parsed("z"), 16)
+    voxels = voxelize(parsed("z"), 16)
     assert voxels.count == 2 * 16 * 16 and not voxels.proven.any()
     # Positive everywhere, within cells by more than rounding, at their corners by less.
-    voxels = voxelise(parsed("x^2*(x^2 - 1)^2*(x^2 - 4)^2 + 1e-18"), 4)
+    voxels = voxelize(parsed("x^2*(x^2 - 1)^2*(x^2 - 4)^2 + 1e-18"), 4)
     assert voxels.count > 0 and not voxels.proven.any()
 
 
 def test_progress_tells_the_level_and_the_counts():
     seen = []
-    voxels = voxelise(parsed(CONES[0]), 32, progress=seen.append)
+    voxels = voxelize(parsed(CONES[0]), 32, progress=seen.append)
     assert all(isinstance(x, VoxelProgress) for x in seen)
     assert [x.level for x in seen] == list(range(6)) and {x.levels for x in seen} == {5}
     assert seen[-1].kept == voxels.count
@@ -204,15 +204,15 @@ def test_progress_tells_the_level_and_the_counts():
 )
 def test_other_options_are_refused(cells, ranges, kind, message):
     with pytest.raises(kind, match=message):
-        voxelise(parsed("z"), cells, ranges)
+        voxelize(parsed("z"), cells, ranges)
 
 
 @pytest.mark.usefixtures("as_a_user")
 def test_other_shapes_are_refused():
     with pytest.raises(TypeError, match="surface must be an ImplicitSurface; got str"):
-        voxelise("x", 4)  # pyright: ignore[reportArgumentType]
+        voxelize("x", 4)  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match="surface is traced"):
-        jax.jit(lambda c: voxelise(ImplicitSurface(c, LOWER, UPPER), 4).cells)(np.ones((2, 1, 1)))
+        jax.jit(lambda c: voxelize(ImplicitSurface(c, LOWER, UPPER), 4).cells)(np.ones((2, 1, 1)))
 
 
 def lattice_signs(surface, cells):
@@ -240,7 +240,7 @@ def test_cells_of_any_polynomial_agree_with_exact_signs(seed):
     if not true.any():
         return
     for ranges in ("bernstein", "modified_affine", "horner"):
-        kept, proven = grids(voxelise(surface, cells, ranges), cells)
+        kept, proven = grids(voxelize(surface, cells, ranges), cells)
         assert not np.any(true & ~kept) and not np.any(true & ~proven)
 
 
@@ -252,7 +252,7 @@ QUARTIC = "x^4 - 5*x^2 + y^4 - 5*y^2 + z^4 - 5*z^2 + 11.8"
 @pytest.mark.slow
 @pytest.mark.parametrize("text", [BARTH, QUARTIC])
 def test_bernstein_coefficients_keep_fewer_cells_and_most_are_proven(text):
-    found = {ranges: voxelise(parsed(text), 64, ranges) for ranges in ("bernstein", "modified_affine", "interval")}
+    found = {ranges: voxelize(parsed(text), 64, ranges) for ranges in ("bernstein", "modified_affine", "interval")}
     counts = [found[ranges].count for ranges in ("bernstein", "modified_affine", "interval")]
     assert counts == sorted(counts) and counts[0] < counts[1] < counts[2]
     proven = {int(voxels.proven.sum()) for voxels in found.values()}

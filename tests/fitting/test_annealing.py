@@ -28,7 +28,7 @@ def test_only_the_distance_of_curves_is_annealed_and_by_a_length():
     with pytest.raises(TypeError, match="target must be a curve"):
         begun(0.1, target=jhd.ImplicitSurface.parse("x + y + z", [-1, -1, -1], [1, 1, 1]))
     with pytest.raises(ValueError, match="temperature is -1"):
-        jhd.minimise_hausdorff(moved, np.zeros(2), TARGET, temperature=-1.0)
+        jhd.minimize_hausdorff(moved, np.zeros(2), TARGET, temperature=-1.0)
 
 
 def test_without_a_temperature_or_time_a_start_stays_as_it_is():
@@ -45,5 +45,5 @@ def test_a_curve_that_was_moved_away_is_brought_back():
     end = begun(0.5)(start)
     before, after = (float(jhd.hausdorff(TARGET, moved(x)).value) for x in (start, end))
     assert after < 0.02 * before
-    fit = jhd.minimise_hausdorff(moved, start, TARGET, temperature=0.5, max_steps=2)
+    fit = jhd.minimize_hausdorff(moved, start, TARGET, temperature=0.5, max_steps=2)
     assert float(fit.error.value) < 0.02 * before

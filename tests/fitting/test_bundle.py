@@ -24,7 +24,7 @@ def scaled(factors):
 @pytest.mark.slow
 def test_a_moved_mesh_finds_its_place():
     seen = []
-    fit = jhd.minimise_hausdorff(moved, np.array([0.3, -0.2, 0.1]), TETRAHEDRON, atol=1e-3, progress=seen.append)
+    fit = jhd.minimize_hausdorff(moved, np.array([0.3, -0.2, 0.1]), TETRAHEDRON, atol=1e-3, progress=seen.append)
     assert fit.result == jhd.RESULTS.successful
     assert float(fit.error.upper) <= 1e-3 + 1e-9
     assert np.max(np.abs(fit.parameters)) <= 2e-3
@@ -38,7 +38,7 @@ def test_a_mesh_between_two_others_ends_where_its_maxima_cancel():
     two = jhd.TriangleMesh(
         np.concatenate([CORNERS - [0.25, 0, 0], CORNERS + [0.25, 0, 0]]), np.concatenate([FACES, FACES + 4])
     )
-    fit = jhd.minimise_hausdorff(moved, np.array([0.2, 0.05, -0.05]), two, max_steps=40)
+    fit = jhd.minimize_hausdorff(moved, np.array([0.2, 0.05, -0.05]), two, max_steps=40)
     gradients = [cut.gradient for cut in evaluated(moved, two, np.asarray(fit.parameters)).cuts]
     assert fit.result == jhd.RESULTS.successful
     assert float(fit.optimality) <= STATIONARY * max(np.linalg.norm(g) for g in gradients)
@@ -48,7 +48,7 @@ def test_a_mesh_between_two_others_ends_where_its_maxima_cancel():
 
 @pytest.mark.slow
 def test_the_pairs_of_a_fit_are_both_directions():
-    fit = jhd.minimise_hausdorff(scaled, np.array([1.2, 1.0, 0.9]), TETRAHEDRON, max_steps=2)
+    fit = jhd.minimize_hausdorff(scaled, np.array([1.2, 1.0, 0.9]), TETRAHEDRON, max_steps=2)
     assert fit.pairs.value.shape == fit.multipliers.shape == (2,)
     assert float(fit.pairs.value[0]) >= float(fit.pairs.value[1])
     assert len(set(np.asarray(fit.pairs.witness.direction._value).tolist())) == 2
@@ -77,7 +77,7 @@ def test_an_ellipsoid_is_fitted_to_a_sphere():
         )
 
     target = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [-2] * 3, [2] * 3)
-    fit = jhd.minimise_hausdorff(ellipsoid, np.array([0.8, 1.1, 1.3]), target, atol=1e-3, max_steps=30)
+    fit = jhd.minimize_hausdorff(ellipsoid, np.array([0.8, 1.1, 1.3]), target, atol=1e-3, max_steps=30)
     assert float(fit.error.upper) <= 1e-3 + 1e-6
     np.testing.assert_allclose(fit.parameters, np.ones(3), atol=5e-3)
 
@@ -85,6 +85,6 @@ def test_an_ellipsoid_is_fitted_to_a_sphere():
 @pytest.mark.slow
 def test_shapes_of_another_kind_are_refused():
     with pytest.raises(TypeError, match="TriangleMesh"):
-        jhd.minimise_hausdorff(lambda p: jhd.points(p), np.zeros((1, 3)), TETRAHEDRON)
+        jhd.minimize_hausdorff(lambda p: jhd.points(p), np.zeros((1, 3)), TETRAHEDRON)
     with pytest.raises(TypeError, match="target"):
-        jhd.minimise_hausdorff(moved, np.zeros(3), "a mesh")  # pyright: ignore[reportArgumentType]
+        jhd.minimize_hausdorff(moved, np.zeros(3), "a mesh")  # pyright: ignore[reportArgumentType]

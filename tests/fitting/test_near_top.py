@@ -7,7 +7,7 @@ import pytest
 import jhd
 from jhd.fitting.chain import Layout, chain
 from jhd.fitting.clock import Clock
-from jhd.fitting.minimax import minimise
+from jhd.fitting.minimax import minimize
 from jhd.fitting.near_top import pairs_near_top
 from jhd.fitting.problem import Problem
 from jhd.fitting.sampled import SampledCurve
@@ -69,7 +69,7 @@ def test_a_noisy_outline_is_fitted_by_the_maxima_near_the_top():
     angle = np.linspace(0, 2 * np.pi, 3 * SEGMENTS, endpoint=False)
     start = (1 + 0.25 * np.cos(3 * angle))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     problem = Problem(build, jhd.polyline(points, closed=True), 64)
-    ended = minimise(problem, start.ravel(), 12, 0.0, lambda *news: None)
+    ended = minimize(problem, start.ravel(), 12, 0.0, lambda *news: None)
     assert ended.point.many and np.all(np.diff(ended.history) < 0)
     assert ended.point.top < 0.4 * ended.history[0]
     # Several maxima carry the end.

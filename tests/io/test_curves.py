@@ -83,7 +83,7 @@ def test_files_are_readable_json_with_one_key_a_line(tmp_path):
             polyline([[0, 0], [1, 0], [1, 1]], closed=True),
         ),
         ({"type": "points", "points": [[0, 0, 1]]}, points([[0, 0, 1]])),
-        ({"type": "circle", "centre": [1, 2], "radius": 3}, circle([1, 2], 3)),
+        ({"type": "circle", "center": [1, 2], "radius": 3}, circle([1, 2], 3)),
         ({"type": "BezierCurve", "control_points": [[0, 0], [1, 0]], "weights": None}, BezierCurve([[0, 0], [1, 0]])),
     ],
 )
@@ -124,7 +124,7 @@ CONTENT_ERRORS = {
         {"type": "BezierSegments", "control_points": [[[0, 0], [1, 1]]], "following": [5]},
         r"following\[0\] is 5; needs -1 or a segment below 1",
     ),
-    "radius": ({"type": "circle", "centre": [0, 0], "radius": -1}, "radius is not positive: -1"),
+    "radius": ({"type": "circle", "center": [0, 0], "radius": -1}, "radius is not positive: -1"),
 }
 
 

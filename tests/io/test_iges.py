@@ -125,17 +125,17 @@ def in_unit(tmp_path, unit, *entities):
 
 
 @pytest.mark.parametrize(
-    ("unit", "millimetres"),
+    ("unit", "millimeters"),
     [(b"1.,1,2HIN", 25.4), (b",1,4HINCH", 25.4), (b",,       ", 25.4), (b"1.,3,2HCM", 10), (b"1D0,6,1HM", 1000)],
 )
-def test_coordinates_are_converted_to_the_unit_asked_for(tmp_path, unit, millimetres):
+def test_coordinates_are_converted_to_the_unit_asked_for(tmp_path, unit, millimeters):
     part = {"status": "00010000", "matrix": 7}
     file = in_unit(tmp_path, unit, (LINE, part), (LINE, part | {"status": "0"}), ("102,1,1;", {"matrix": 7}), TURN)
-    plain, other, metres = (load_iges(file, unit) for unit in (None, "MM", "M"))
-    for ours, theirs, also in zip(plain, other, metres, strict=True):
+    plain, other, meters = (load_iges(file, unit) for unit in (None, "MM", "M"))
+    for ours, theirs, also in zip(plain, other, meters, strict=True):
         points = np.asarray(ours.control_points)
-        np.testing.assert_array_equal(theirs.control_points, points * millimetres)
-        np.testing.assert_allclose(also.control_points, points * millimetres / 1000, rtol=1e-15)
+        np.testing.assert_array_equal(theirs.control_points, points * millimeters)
+        np.testing.assert_allclose(also.control_points, points * millimeters / 1000, rtol=1e-15)
     assert len(plain) == 2 and np.abs(plain[1].control_points).max() == 10
 
 

@@ -71,7 +71,7 @@ def test_polygons_become_fans():
         ("a.off", "COFF\n4 1\n0 0 0 1 1 1 1\n1 0 0 1 1 1 1\n1 1 0 1 1 1 1\n0 1 0 1 1 1 1\n4 0 1 2 3"),
         ("a.ply", HEADER.format("ascii") + FACES + "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"),
     ],
-    ids="slashes backwards faces_first one_line colours ply".split(),
+    ids="slashes backwards faces_first one_line colors ply".split(),
 )  # fmt: skip
 def test_variants_of_one_square_are_understood(tmp_path, name, content):
     mesh = load_mesh(written(tmp_path, name, content))

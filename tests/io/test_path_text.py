@@ -178,7 +178,7 @@ def test_signs_of_radii_do_not_matter():
     assert parse_path("M0 0A-1 -2 20 1 1 1 1")[0].segments == parse_path("M0 0A1 2 20 1 1 1 1")[0].segments
 
 
-def test_a_flat_arc_far_from_its_centre_keeps_its_sagitta():
+def test_a_flat_arc_far_from_its_center_keeps_its_sagitta():
     radius, chord = 1e9, 2.0
     points = samples(arc_curve(f"M0 0A{radius} {radius} 0 0 1 {chord} 0"))
     sagitta = (chord / 2) ** 2 / (2 * radius)

@@ -21,10 +21,10 @@ def words(d):
     ]
 
 
-def off_ellipse(x, centre, radii, degrees):
+def off_ellipse(x, center, radii, degrees):
     """How far the values of the equation of an ellipse are from 1."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    local = (x - centre) @ np.array([[c, -s], [s, c]])
+    local = (x - center) @ np.array([[c, -s], [s, c]])
     return np.abs(np.sum((local / radii) ** 2, axis=1) - 1).max()
 
 

@@ -39,9 +39,9 @@ def side(coefficients: Any) -> Side:
     return Side(coefficients, zeros, -ends, ends, np.zeros((3, 3, 3), bool), isolated.none_known(DTYPE))
 
 
-def boxes(centre: Any, half: Any) -> Boxes:
+def boxes(center: Any, half: Any) -> Boxes:
     """Cells by floats."""
-    return Boxes(centre - half, centre + half, centre, half)
+    return Boxes(center - half, center + half, center, half)
 
 
 def chosen(module: Any, name: str, values: Any, function: Callable, *arguments: Any) -> Any:
@@ -55,7 +55,7 @@ def chosen(module: Any, name: str, values: Any, function: Callable, *arguments: 
 
 
 def _cells(degree: int) -> list[np.ndarray]:
-    """Coefficients, centres and half sides of cells within the box."""
+    """Coefficients, centers and half sides of cells within the box."""
     half = uniform(1, 3, COUNT, low=0.001) * DTYPE(0.2)
     return [uniform(2, *(degree + 1,) * 3), uniform(3, 3, COUNT) * DTYPE(0.8), half]
 
@@ -85,11 +85,11 @@ def _factors(seed: int, trials: int) -> np.ndarray:
 
 def _near_feet() -> list[np.ndarray]:
     """Cells and feet; half of the cells are small and lie beside feet that are close to each other."""
-    a, centre, half = _cells(3)
+    a, center, half = _cells(3)
     feet, small = uniform(7, 4, 3, COUNT), np.arange(COUNT) >= COUNT // 2
     feet[..., small] = DTYPE(0.75) + DTYPE(0.01) * feet[..., small]
-    centre[:, small], half[:, small] = feet[0][:, small], DTYPE(2.0**-8)
-    return [a, centre, half, feet, _weights(), _factors(8, 3)]
+    center[:, small], half[:, small] = feet[0][:, small], DTYPE(2.0**-8)
+    return [a, center, half, feet, _weights(), _factors(8, 3)]
 
 
 def rates(side_of_them: int) -> Callable:
@@ -104,8 +104,8 @@ def slope_changes(local):
     return forms.slope_changes(Form(local, local, local, local))
 
 
-def isolated_radius(places_of, centre):
-    points = isolated.none_known(DTYPE)._replace(centre=centre, there=np.ones(len(centre), bool))
+def isolated_radius(places_of, center):
+    points = isolated.none_known(DTYPE)._replace(center=center, there=np.ones(len(center), bool))
     return isolated.isolated_radius(points, places_of)
 
 
@@ -125,9 +125,9 @@ def values_over(a, variables):
     return graphs.values_over(graphs.OnPiece(Form(a, a, nothing, nothing), a, functions, nothing, nothing))
 
 
-def apart(height, centre, half, q):
-    order = jnp.broadcast_to(jnp.arange(3)[:, None], centre.shape)
-    graph = graphs.Graph(order, centre, half, height, jnp.sum(jnp.abs(height), axis=0))
+def apart(height, center, half, q):
+    order = jnp.broadcast_to(jnp.arange(3)[:, None], center.shape)
+    graph = graphs.Graph(order, center, half, height, jnp.sum(jnp.abs(height), axis=0))
     return moving_feet._apart(graph, q)
 
 
@@ -239,10 +239,10 @@ def shifted(a, by):
     return rows, gamma(4 * (sum(a.shape) - 3) + 8, a.dtype) * sizes
 
 
-def control_points(height, centre, half):
-    order = jnp.broadcast_to(jnp.arange(3)[:, None], centre.shape)
+def control_points(height, center, half):
+    order = jnp.broadcast_to(jnp.arange(3)[:, None], center.shape)
     tall = jnp.sum(jnp.abs(height), axis=0)
-    graph = graphs.Graph(order, centre, half, height, tall)
+    graph = graphs.Graph(order, center, half, height, tall)
     unused: Any = None
     points, off = graphs.control_points(graphs.GraphOver(unused, graph, unused))
     return points, off / math.sqrt(3)

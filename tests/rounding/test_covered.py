@@ -76,7 +76,7 @@ _FREE = "numbers that may be chosen freely are computed within it: the tool take
 _DECIDED = "a decision, of which the tool says that ranges do not tell; tested against exact distances"
 _BALLS = "widens balls that have margins of their own (tests/arithmetic/test_balls.py); their sum is not derived"
 _HOST = "NumPy on the host, which has no jaxpr; tested against exact values"
-_MINIMISED = "bounds of random cells in both precisions beside minimised samples; terms are not compared one by one"
+_MINIMIZED = "bounds of random cells in both precisions beside minimized samples; terms are not compared one by one"
 _TWICE = "divides a vector by its largest component: the tool counts the error of that twice"
 
 NOT_COVERED = {
@@ -108,14 +108,14 @@ NOT_COVERED = {
     ("distance/cells/moving_feet.py", "_off", 5): _DECIDED,
     ("distance/cells/moving_feet.py", "moving_bounds", 3): _FREE,
     ("distance/cells/moving_feet.py", "piece_about", 3): _FREE,
-    ("distance/cells/moving_minimum.py", "least_of_rest.over", 2): _MINIMISED,
-    ("distance/cells/moving_nets.py", "_along", 1): _MINIMISED,
+    ("distance/cells/moving_minimum.py", "least_of_rest.over", 2): _MINIMIZED,
+    ("distance/cells/moving_nets.py", "_along", 1): _MINIMIZED,
     ("distance/cells/moving_nets.py", "_box", 2): _FREE,
-    ("distance/cells/moving_nets.py", "_convexity", 2): _MINIMISED,
-    ("distance/cells/moving_nets.py", "_direct", 2): _MINIMISED,
-    ("distance/cells/moving_nets.py", "_powers", 1): _MINIMISED,
-    ("distance/cells/moving_nets.py", "_shifted", 1): _MINIMISED,
-    ("distance/cells/moving_nets.py", "square_to_net", 4): _MINIMISED,
+    ("distance/cells/moving_nets.py", "_convexity", 2): _MINIMIZED,
+    ("distance/cells/moving_nets.py", "_direct", 2): _MINIMIZED,
+    ("distance/cells/moving_nets.py", "_powers", 1): _MINIMIZED,
+    ("distance/cells/moving_nets.py", "_shifted", 1): _MINIMIZED,
+    ("distance/cells/moving_nets.py", "square_to_net", 4): _MINIMIZED,
     ("distance/cells/pairs.py", "_by_convexity", 5): _BALLS,
     ("distance/cells/pairs.py", "_by_convexity.taken", 1): _BALLS,
     ("distance/cells/pairs.py", "_by_gaps", 2): _TWICE,

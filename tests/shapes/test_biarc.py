@@ -84,7 +84,7 @@ def decimal(x):
 
 
 def exact_distance(x, start, end, bulge):
-    """Distance of x to the arc, to 45 digits, by its centre; for lines by the normal."""
+    """Distance of x to the arc, to 45 digits, by its center; for lines by the normal."""
     a, b, beta = [Fraction(float(z)) for z in start], [Fraction(float(z)) for z in end], Fraction(float(bulge))
     v = b[0] - a[0], b[1] - a[1]
     ends = min(root(sum((p - q) ** 2 for p, q in zip(x, e, strict=True))) for e in (a, b))
@@ -179,7 +179,7 @@ def test_the_bound_holds_for_any_arc_and_any_piece(rational, fitted):
     assert np.mean(np.maximum(there, back) > 0.5 * bound) > 0.1
 
 
-def test_a_piece_that_passes_the_centre_is_as_far_as_it_goes():
+def test_a_piece_that_passes_the_center_is_as_far_as_it_goes():
     """From a short arc about the origin to the other side of the circle and back: the radial distance misses that."""
     half = 0.01
     start, end = [np.cos(half), -np.sin(half)], [np.cos(half), np.sin(half)]
@@ -283,7 +283,7 @@ def test_the_arcs_of_a_circle_lie_on_it():
     arcs = biarcs(circle([3, 4], 5), 1e-9)
     assert arcs.count == 8
     np.testing.assert_allclose(arcs.radius, 5, rtol=1e-13)
-    np.testing.assert_allclose(arcs.centre, np.tile([3, 4], (8, 1)), rtol=1e-12)
+    np.testing.assert_allclose(arcs.center, np.tile([3, 4], (8, 1)), rtol=1e-12)
     np.testing.assert_allclose(arcs.sweep, np.pi / 4, rtol=1e-9)
     np.testing.assert_allclose(arcs.curvature, 0.2, rtol=1e-13)
 
@@ -335,7 +335,7 @@ def test_the_rational_segments_are_the_arcs():
     segments = arcs.segments()
     assert float(np.min(np.asarray(segments.weights))) >= 0.6 and float(np.abs(arcs.bulge).max()) <= 0.5
     middle, start, end = (np.asarray(x) for x in (segments.point(np.arange(arcs.count), 0.5), arcs.start, arcs.end))
-    np.testing.assert_allclose(np.hypot(*(middle - np.asarray(arcs.centre)).T), arcs.radius, rtol=1e-11)
+    np.testing.assert_allclose(np.hypot(*(middle - np.asarray(arcs.center)).T), arcs.radius, rtol=1e-11)
     # The middle of the arc is off the chord, to the right where it turns left, by the bulge times half the chord.
     right = np.stack([(end - start)[:, 1], -(end - start)[:, 0]], axis=1)
     expected = (start + end) / 2 + 0.5 * np.asarray(arcs.bulge)[:, None] * right
@@ -366,7 +366,7 @@ def test_what_cannot_be_approximated_is_refused(as_a_user):
         jax.jit(lambda x: biarcs(curve, x).start)(1e-3)
 
 
-def test_a_jump_between_neighbouring_parameters_is_reported_with_the_arcs():
+def test_a_jump_between_neighboring_parameters_is_reported_with_the_arcs():
     """The last point counts only beyond the last parameter below one."""
     curve = BezierSegments([[[0, 0], [1, 1], [9, 0]]], [[1, 1e-25, 1e-50]])
     with pytest.raises(NotProvenError, match="too uneven") as raised:

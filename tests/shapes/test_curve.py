@@ -380,19 +380,19 @@ def test_the_circle_is_round_closed_and_starts_at_angle_zero():
 
 
 @pytest.mark.parametrize(
-    ("centre", "radius", "message"),
+    ("center", "radius", "message"),
     [
-        ([0, 0, 0], 1.0, r"centre has shape \(3,\); needs \(2,\)\."),
+        ([0, 0, 0], 1.0, r"center has shape \(3,\); needs \(2,\)\."),
         ([0, 0], [1.0], r"radius has shape \(1,\); needs a scalar\."),
         ([0, 0], 0.0, r"radius is not positive: 0\."),
         ([0, 0], -1.0, r"radius is not positive: -1\."),
         ([0, 0], np.inf, r"radius is not finite: inf\."),
-        ([0, np.nan], 1.0, r"centre\[1\] is not finite: nan\."),
+        ([0, np.nan], 1.0, r"center\[1\] is not finite: nan\."),
     ],
 )
-def test_the_circle_refuses_what_is_none(centre, radius, message):
+def test_the_circle_refuses_what_is_none(center, radius, message):
     with pytest.raises(ValueError, match=message):
-        jhd.circle(centre, radius)
+        jhd.circle(center, radius)
 
 
 # Paths

@@ -130,19 +130,19 @@ def test_contours_stay_closed_and_apart():
     np.testing.assert_array_equal(smooth.curve.following, [1, 2, 3, 0])
 
 
-def distance_of_arcs(cubics, radius, centre):
+def distance_of_arcs(cubics, radius, center):
     """How far dense points of cubics are from a circle, least and most, in extended precision."""
     t = np.linspace(0, 1, 1001)
     dense = np.concatenate([values(row, None, t) for row in np.asarray(cubics)])
-    off = np.sqrt(np.sum((dense - np.asarray(centre, np.longdouble)) ** 2, axis=-1)) - radius
+    off = np.sqrt(np.sum((dense - np.asarray(center, np.longdouble)) ** 2, axis=-1)) - radius
     return float(off.min()), float(off.max())
 
 
 @pytest.mark.parametrize(("atol", "count"), [(1e-3, 4), (1e-4, 8), (1e-9, 48)])
 def test_cubics_of_a_circle_are_few_and_as_near_as_is_proven(atol, count):
-    radius, centre = 3.0, [1.0, -2.0]
-    found = jhd.circle(centre, radius).to_cubics(radius * atol)
-    low, high = distance_of_arcs(found.curve.control_points, radius, centre)
+    radius, center = 3.0, [1.0, -2.0]
+    found = jhd.circle(center, radius).to_cubics(radius * atol)
+    low, high = distance_of_arcs(found.curve.control_points, radius, center)
     assert found.curve.count == count and found.deviation <= radius * atol
     assert -1e-14 < low and 0.99 * found.deviation < high <= found.deviation
     np.testing.assert_array_equal(found.curve.following, [*range(1, count), 0])

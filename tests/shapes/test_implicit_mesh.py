@@ -33,7 +33,7 @@ def test_a_sphere_gives_a_closed_mesh_within_the_deviation_at_every_scale(power,
     box = np.ldexp([[-2.0, -2.0, -1.5], [2.0, 1.5, 2.0]], power)
     mesh, deviation = ImplicitSurface(coefficients, *box).to_mesh(np.ldexp(atol, power))
     assert mesh.is_closed and mesh.is_manifold and characteristic(mesh) == 2
-    # A closed surface around the centre: the farthest of its points is as far from the sphere as the sphere from it.
+    # A closed surface around the center: the farthest of its points is as far from the sphere as the sphere from it.
     off = np.abs(np.linalg.norm(np.ldexp(barycentric_samples(mesh), -power), axis=1) - 1).max()
     assert 0.1 * atol <= off <= np.ldexp(deviation, -power) <= atol
     assert mesh.count <= 250 / atol

@@ -1,4 +1,4 @@
-"""Joints as floats: whole numbers that jax.grad and optimisers take, leave, and pass through every transformation."""
+"""Joints as floats: whole numbers that jax.grad and optimizers take, leave, and pass through every transformation."""
 
 import pickle
 
@@ -52,15 +52,15 @@ def test_joints_are_known_while_a_derivative_is_taken():
 
 
 @pytest.mark.parametrize(
-    "optimiser", [optax.adamw(1e-2, weight_decay=0.1), optax.sgd(0.1, momentum=0.9), optax.lion(1e-2)]
+    "optimizer", [optax.adamw(1e-2, weight_decay=0.1), optax.sgd(0.1, momentum=0.9), optax.lion(1e-2)]
 )
-def test_optimisers_move_the_points_and_leave_the_joints(optimiser):
-    curve, state = TRIANGLE, optimiser.init(TRIANGLE)  # pyright: ignore[reportArgumentType]
+def test_optimizers_move_the_points_and_leave_the_joints(optimizer):
+    curve, state = TRIANGLE, optimizer.init(TRIANGLE)  # pyright: ignore[reportArgumentType]
 
     @jax.jit
     def step(curve, state):
         slope = jax.grad(lambda c: (area(c) - 1) ** 2)(curve)
-        updates, state = optimiser.update(slope, state, curve)
+        updates, state = optimizer.update(slope, state, curve)
         return optax.apply_updates(curve, updates), state
 
     for _ in range(20):

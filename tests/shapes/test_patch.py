@@ -152,7 +152,7 @@ def test_a_bilinear_patch_has_the_twist_as_its_deviation_and_a_flat_one_none():
     assert flat.to_mesh(1e-9).deviation < ROUNDING
 
 
-def test_neighbouring_patches_share_the_vertices_of_their_edges():
+def test_neighboring_patches_share_the_vertices_of_their_edges():
     surface = BSplineSurface.clamped(RANDOM.normal(size=(5, 5, 3)), (2, 2))
     mesh = surface.to_mesh(0.2).mesh
     edges = edges_of(mesh).count
@@ -175,14 +175,14 @@ def test_a_sphere_with_poles_and_a_seam_gives_a_closed_mesh_within_the_deviation
     edges = edges_of(mesh)
     assert mesh.is_closed and mesh.is_manifold
     assert mesh.vertices.shape[0] - len(edges.count) + int(edges.proper.sum()) == 2
-    centres = np.linalg.norm(np.asarray(mesh.corners).mean(1), axis=1)
+    centers = np.linalg.norm(np.asarray(mesh.corners).mean(1), axis=1)
     assert np.allclose(np.linalg.norm(np.asarray(mesh.vertices), axis=1), 1, atol=ROUNDING)
-    assert 0.3 * atol < (1 - centres).max() <= deviation <= atol
+    assert 0.3 * atol < (1 - centers).max() <= deviation <= atol
     assert mesh.count <= 40 / atol
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_neighbours_of_different_curvature_share_their_edge_in_either_direction(turned):
+def test_neighbors_of_different_curvature_share_their_edge_in_either_direction(turned):
     flat = np.stack(np.meshgrid([1.0, 2.0, 3.0], [0.0, 1.0, 2.0], [0.0], indexing="ij"), axis=-1)[:, :, 0]
     bent = flat - [2.0, 0, 0] + [[[0, 0, 3.0]], [[0, 0, -4.0]], [[0, 0, 0]]]
     flat[:, 1, 2] += 1.0

@@ -117,7 +117,7 @@ def test_every_point_finds_its_nearest_triangle_in_a_large_mesh(monkeypatch):
     tree = triangle_tree(mesh)
     rng = np.random.default_rng(1)
     points = np.concatenate([rng.normal(size=(58, 3)), [[0, 0, 0], [0, 0, 1e-9]]])
-    # At the centre all triangles are equally near; blocks this small are many times overfull then.
+    # At the center all triangles are equally near; blocks this small are many times overfull then.
     monkeypatch.setattr(module, "BLOCKS", (512,))
     found = nearest_triangles(tree, np.ldexp(points, -tree.exponent))
     for k in (*range(0, 58, 6), 58, 59):

@@ -43,7 +43,7 @@ from jhd.distance.nearest.target import AbstractTarget, ConvexPieces, Flats, Pro
 
 # The mean of |x - c|^2 as a share of the sum over the corners; by their number.
 _SPREAD = {1: 0.0, 2: 1 / 6, 3: 1 / 12, 4: 1 / 12}
-# Far points are looked for this far away at first; no round number, since at centres of circles and spheres nearest
+# Far points are looked for this far away at first; no round number, since at centers of circles and spheres nearest
 # points are hard to prove. Where one serves and more would be gained, this many times as far away, but no farther than
 # that: coordinates are at most one.
 NEAR, _FARTHER, _FARTHEST = 0.0437, 4.0, 4.0
@@ -283,7 +283,7 @@ def _put(found: ProvenFeet, rows: np.ndarray, others: ProvenFeet) -> None:
 def _close(lost: np.ndarray, goal: float) -> float:
     """How near the bounds of the distances of far points are to be: a small part of what most cells lose anyhow.
 
-    From about the centre of what is round all of it is as near, and to prove the last digits takes very many cells.
+    From about the center of what is round all of it is as near, and to prove the last digits takes very many cells.
     """
     return _SMALL_PART * max(float(np.median(lost)), goal)
 

@@ -65,12 +65,12 @@ def beside_net(net: Net, piece: Array, x: Array, corners: Array) -> Flats:
     first, second = (jnp.sum(s * points, axis=(0, 1)) / _sum_of_squares(s, points) for s in (u, v))
     rest = points - (u * first + v * second)
     most, least = jnp.max(rest, axis=(0, 1)), jnp.min(rest, axis=(0, 1))
-    centre = 0.5 * (most + least)
-    rest = jnp.sqrt(jnp.max(jnp.sum((rest - centre) ** 2, axis=-1)))
+    center = 0.5 * (most + least)
+    rest = jnp.sqrt(jnp.max(jnp.sum((rest - center) ** 2, axis=-1)))
     size = jnp.max(jnp.abs(points)) + jnp.max(jnp.abs(first)) + jnp.max(jnp.abs(second))
     dtype = points.dtype
     sag = rest * (1 + gamma(16, dtype)) + math.sqrt(3) * (1.01 * eta(net) + gamma(16, dtype) * size)
-    return Flats(centre - 0.5 * first - 0.5 * second, first, second, round_up(sag))
+    return Flats(center - 0.5 * first - 0.5 * second, first, second, round_up(sag))
 
 
 def _sum_of_squares(shares: np.ndarray, points: Array) -> Any:
@@ -131,7 +131,7 @@ def _sag(side: Side, flats: Flats, normal: Array, thickness: Array) -> Array:
     cells = boxes(low.T, high.T)
     f = form(side, cells)
     half = cells.half.T
-    local = (vertices - cells.centre.T[:, None]) / half[:, None]
+    local = (vertices - cells.center.T[:, None]) / half[:, None]
     size = jnp.sum(jnp.abs(f.slope), axis=0) + jnp.abs(f.value) + f.rest
     values = jnp.max(jnp.abs(f.value[:, None] + jnp.sum(f.slope.T[:, None] * local, axis=-1)), axis=1)
     slopes, change = f.slope.T / half, slope_changes(f).T + 4 * f.error[:, None] * sum(f.local.shape[:3])

@@ -10,7 +10,7 @@ to the mismatch of the feet, at antipodal and at one-to-two maxima alike. Any ta
 proven.
 
 sigma is a cubic with the feet's speeds at both ends on polynomial curves, which leaves a mismatch of fourth order, and
-a Moebius map on rational ones, which is exact between two proper parametrisations of one rational curve.
+a Moebius map on rational ones, which is exact between two proper parametrizations of one rational curve.
 
 Rounding, for coordinates of at most one. Let p, q be the degrees, g that of sigma (1 for a Moebius map), n that of the
 difference e, d the dimension, G(k) = rounding.gamma(k).

@@ -59,10 +59,10 @@ class OnPiece(NamedTuple):
 
 
 class Graph(NamedTuple):
-    """P over cells: centres and half sides in the order (s, t, height), and the height in half sides."""
+    """P over cells: centers and half sides in the order (s, t, height), and the height in half sides."""
 
     order: Array  # (3, cells), the coordinates s, t and height
-    centre: Array  # (3, cells)
+    center: Array  # (3, cells)
     half: Array
     height: Array  # (terms, cells)
     tall: Array  # (cells,)
@@ -96,9 +96,9 @@ def control_points(over: GraphOver) -> tuple[Array, Array]:
     graph = over.graph
     zero = jnp.zeros_like(graph.height)
     terms = jnp.stack([zero.at[S].set(1.0), zero.at[T].set(1.0), graph.height], axis=1)
-    points = graph.centre + graph.half * bernstein_form(terms)
+    points = graph.center + graph.half * bernstein_form(terms)
     back = jnp.argsort(graph.order, axis=0)[None, None]
-    size = jnp.max(jnp.abs(graph.centre) + graph.half * graph.tall, axis=0)
+    size = jnp.max(jnp.abs(graph.center) + graph.half * graph.tall, axis=0)
     return jnp.take_along_axis(points, back, axis=2), math.sqrt(3) * gamma(64, size.dtype) * size
 
 
@@ -114,7 +114,7 @@ def _sorted(x: Array, order: Array) -> Array:
 
 def _places(form_a: Form, a: Side, cells: Boxes, order: Array) -> tuple[Array, Array]:
     """About points of a over the nodes, (3, cells, nodes), and the coefficients of their heights in half sides."""
-    centre, half, slope = (_sorted(x, order)[..., None] for x in (cells.centre, cells.half, form_a.slope))
+    center, half, slope = (_sorted(x, order)[..., None] for x in (cells.center, cells.half, form_a.slope))
     s, t = NODES.astype(half.dtype)
     axis = order[2][:, None]
     steep = jnp.where(slope[2] != 0, slope[2], jnp.inf)
@@ -122,7 +122,7 @@ def _places(form_a: Form, a: Side, cells: Boxes, order: Array) -> tuple[Array, A
     back = jnp.argsort(order, axis=0)[..., None]
 
     def points(z: Array) -> Array:
-        sides = jnp.stack([centre[0] + half[0] * s, centre[1] + half[1] * t, centre[2] + half[2] * z])
+        sides = jnp.stack([center[0] + half[0] * s, center[1] + half[1] * t, center[2] + half[2] * z])
         return jnp.take_along_axis(sides, back, axis=0)
 
     def step(_: int, z: Array) -> Array:
@@ -137,7 +137,7 @@ def _places(form_a: Form, a: Side, cells: Boxes, order: Array) -> tuple[Array, A
 
 def _graph(a: Side, cells: Boxes, order: Array, height: Array) -> tuple[Graph, OnPiece]:
     """The graph, and a over boxes as tall as it is, so that both of them are in these."""
-    centre, half = _sorted(cells.centre, order), _sorted(cells.half, order)
+    center, half = _sorted(cells.center, order), _sorted(cells.half, order)
     dtype = half.dtype
     tall = jnp.maximum(jnp.sum(jnp.abs(height), axis=0), 1.0) * (1 + gamma(64, dtype))
     wide = cells._replace(half=jnp.where(jnp.arange(3)[:, None] == order[2], tall * cells.half, cells.half))
@@ -150,7 +150,7 @@ def _graph(a: Side, cells: Boxes, order: Array, height: Array) -> tuple[Graph, O
     share = half[2] / _sorted(wide.half, order)[2]
     variables = jnp.stack([zero.at[S].set(1.0), zero.at[T].set(1.0), height * share], axis=1)
     exact = Truncated(variables, jnp.full_like(variables[0], gamma(8, dtype)))
-    return Graph(order, centre, half, height, tall), OnPiece(f, local, exact, *rates(f, wide))
+    return Graph(order, center, half, height, tall), OnPiece(f, local, exact, *rates(f, wide))
 
 
 def rates(f: Form, cells: Boxes) -> tuple[Array, Array]:

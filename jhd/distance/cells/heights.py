@@ -35,7 +35,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jhd.arithmetic.balls import Ball, dot, minus, normalised, product
+from jhd.arithmetic.balls import Ball, dot, minus, normalized, product
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.simplices import (
     LEVEL,
@@ -157,12 +157,12 @@ def _divided(k: int, e: Array, w: Array, off: Array) -> tuple[Array, Array]:
     least, most = jnp.min(weights, axis=0), jnp.max(weights, axis=0)
     good = least - 4 * off > smallest_normal(dtype) ** 0.25
     least = jnp.where(good, least - off, 1.0)
-    centre = jnp.where(good, 0.5 * (least + most), 1.0)
+    center = jnp.where(good, 0.5 * (least + most), 1.0)
     line = jnp.tensordot(lowering(k, m, 1).astype(dtype), weights, 1)
     raised = jnp.tensordot(raising(k, 1, m).astype(dtype), line, 1, precision="highest")
     bent = jnp.max(jnp.abs(weights - raised), axis=0) + gamma(16, dtype) * most + off
-    ratio = (2 * centre - line) / centre**2
-    uneven = jnp.max(jnp.abs(1 - line / centre), axis=0) + gamma(8, dtype)
+    ratio = (2 * center - line) / center**2
+    uneven = jnp.max(jnp.abs(1 - line / center), axis=0) + gamma(8, dtype)
     size, factor = jnp.max(jnp.sqrt(jnp.sum(rows * rows, axis=1)), axis=0), jnp.max(jnp.abs(ratio), axis=0)
     left = uneven**2 + bent * factor
     error = (size + off) / least * left + off * factor + gamma(128, dtype) * size * factor
@@ -196,7 +196,7 @@ def valley(piece: Net, low: Array, high: Array, feet: Array, normal: Array, cell
     ball = enclosed(part, 2 * eta(piece) * wide, eta(piece) * wide)
     apart = minus(cell, ball.point)
     bends = dot(ball.second, Ball(apart.mid[None, None], apart.rad[None, None]))
-    turn, modulus = normalised(minus(dot(expand(ball.first, 1), expand(ball.first, 0)), bends), jnp.zeros(n, bool))
+    turn, modulus = normalized(minus(dot(expand(ball.first, 1), expand(ball.first, 0)), bends), jnp.zeros(n, bool))
     steep = jnp.abs(product(turn, ball.first.mid)) + product(jnp.abs(turn), ball.first.rad)
     local = (feet - low) / (high - low)
     middle = 0.5 * (jnp.min(local, axis=0) + jnp.max(local, axis=0))

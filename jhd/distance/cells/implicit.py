@@ -81,16 +81,16 @@ def shape_over(shape: Net | Side, part: Any, low: Array, high: Array) -> Local:
         size = size_of(shape)
         j = enclosed(part, eta(shape) * size, eta(shape))
         return Local(j.point, j.first, j.second, None, None, None)
-    centre, half = 0.5 * (low + high), 0.5 * (high - low)
+    center, half = 0.5 * (low + high), 0.5 * (high - low)
     # Wider by the roundings of both.
     half = half * (1 + gamma(4, half.dtype)) + gamma(6, half.dtype) * jnp.maximum(jnp.abs(low), jnp.abs(high))
     table = derivatives(jnp.asarray(shape.coefficients))
-    ranges = jax.vmap(lambda c: trivariate.enclose(c, centre[:, None], half[:, None]))(table)
+    ranges = jax.vmap(lambda c: trivariate.enclose(c, center[:, None], half[:, None]))(table)
     balls = _with_errors(shape, ranges, jnp.maximum(jnp.abs(low), jnp.abs(high)))
     width, zero = high - low, jnp.zeros((3, 3, 3), low.dtype)
     first = Ball(jnp.diag(width), gamma(4, width.dtype) * jnp.diag(width))
     take = lambda rows: jax.tree_util.tree_map(lambda x: x[rows], balls)  # noqa: E731
-    return Local(Ball(centre, half), first, Ball(zero, zero), take(0), take(np.arange(1, 4)), take(4 + SYMMETRIC))
+    return Local(Ball(center, half), first, Ball(zero, zero), take(0), take(np.arange(1, 4)), take(4 + SYMMETRIC))
 
 
 def polynomial_at(shape: Side, x: Array) -> tuple[Ball, Ball]:

@@ -122,15 +122,15 @@ def flat_parts(
     """
     w = np.ones_like(points[..., :1]) if weights is None else weights
     at = points / w
-    centre = np.mean(at[:, [0, 0, -1, -1], [0, -1, 0, -1]], axis=1)[:, None, None]
-    homogeneous = (at - centre) * w
+    center = np.mean(at[:, [0, 0, -1, -1], [0, -1, 0, -1]], axis=1)[:, None, None]
+    homogeneous = (at - center) * w
     # Halves of the sums of two opposite sides each, of a curve twice the same one.
     first = 0.5 * np.sum(at[:, -1, [0, -1]] - at[:, 0, [0, -1]], axis=1)
     second = 0.5 * np.sum(at[:, [0, -1], -1] - at[:, [0, -1], 0], axis=1)
     shift, slack = _beside(homogeneous, weights, first, second)
     signs = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
     signs = signs if points.shape[2] > 1 else np.array([[-0.5, 0.0], [0.5, 0.0]])
-    corners = (centre[:, 0, 0] + shift)[:, None] + signs[:, :1] * first[:, None] + signs[:, 1:] * second[:, None]
+    corners = (center[:, 0, 0] + shift)[:, None] + signs[:, :1] * first[:, None] + signs[:, 1:] * second[:, None]
     # What the corners above are rounded by, and the control points.
     slack = slack * _UP + 4 * math.sqrt(3) * (off + _ROUNDINGS)
     return corners, slack
@@ -188,7 +188,7 @@ def normal_form(points: np.ndarray, weights: np.ndarray | None, off: float) -> N
     surface = points.shape[2] > 1
     w = np.ones_like(points[..., :1]) if weights is None else weights
     at = points / w
-    wide = 4 * math.sqrt(3) * off + _ROUNDINGS  # of homogeneous coordinates about a centre
+    wide = 4 * math.sqrt(3) * off + _ROUNDINGS  # of homogeneous coordinates about a center
     position = _form((at - np.mean(at, axis=(1, 2), keepdims=True)) * w, wide)
     along = [_derived(position, axis) for axis in range(2 if surface else 1)]
     if weights is None:

@@ -66,8 +66,8 @@ def displacement(graph: Graph, q: Array) -> Truncated:
     sides = jnp.take_along_axis(q, graph.order[None], axis=1)
     zero = jnp.zeros_like(graph.height)
     steps = jnp.stack([zero.at[S].set(1.0), zero.at[T].set(1.0), graph.height], axis=1) * graph.half
-    terms = (sides - steps).at[0].set(sides[0] - graph.centre - steps[0])
-    size = jnp.sum(jnp.abs(sides), axis=0) + jnp.abs(graph.centre) + jnp.sum(jnp.abs(steps), axis=0)
+    terms = (sides - steps).at[0].set(sides[0] - graph.center - steps[0])
+    size = jnp.sum(jnp.abs(sides), axis=0) + jnp.abs(graph.center) + jnp.sum(jnp.abs(steps), axis=0)
     return Truncated(terms, gamma(16, dtype) * size)
 
 
@@ -80,9 +80,9 @@ def _apart(graph: Graph, q: Array) -> Array:
 
 
 class Ranges(NamedTuple):
-    """Boxes that hold Q, (3, cells), and half the sides of larger ones about the same centres."""
+    """Boxes that hold Q, (3, cells), and half the sides of larger ones about the same centers."""
 
-    centre: Array
+    center: Array
     reach: Array
     half: Array
 
@@ -90,22 +90,22 @@ class Ranges(NamedTuple):
 def piece_about(b: Side, q: Array) -> tuple[Ranges, OnPiece]:
     """Where Q is, with room to move, and b there."""
     dtype = q.dtype
-    centre, reach = q[0], jnp.sum(jnp.abs(q[1:]), axis=0) * (1 + gamma(32, dtype))
+    center, reach = q[0], jnp.sum(jnp.abs(q[1:]), axis=0) * (1 + gamma(32, dtype))
     least = jnp.maximum(_LEAST * jnp.max(reach, axis=0), gamma(2**16, dtype))
     half = jnp.maximum(_WIDER * reach, reach + least)
-    cells = Boxes(centre - half, centre + half, centre, half)
+    cells = Boxes(center - half, center + half, center, half)
     f = form(b, cells)
     exact = Truncated((q / half).at[0].set(0.0), jnp.full_like(half, gamma(8, dtype)))
-    return Ranges(centre, reach, half), OnPiece(f, f.local, exact, *rates(f, cells))
+    return Ranges(center, reach, half), OnPiece(f, f.local, exact, *rates(f, cells))
 
 
 def _off(b: Side, ranges: Ranges, on: OnPiece, most: Array) -> tuple[Array, Array]:
     """How far Q leaves the box of b, and how far b is from what is within, where |f(Q)| is at most so large."""
-    centre, reach, half = ranges
-    dtype = centre.dtype
+    center, reach, half = ranges
+    dtype = center.dtype
     lower, upper = jnp.asarray(b.lower)[:, None], jnp.asarray(b.upper)[:, None]
-    slack = gamma(8, dtype) * (jnp.abs(centre) + reach)
-    low, high = centre - reach - slack, centre + reach + slack
+    slack = gamma(8, dtype) * (jnp.abs(center) + reach)
+    low, high = center - reach - slack, center + reach + slack
     outside = jnp.maximum(jnp.maximum(lower - low, high - upper), 0.0)
     # Where b is zero on all of a face, what is looked for behind it is on it; see the module.
     below, above = (faces[:, None] for faces in b.vanishing_faces)

@@ -44,7 +44,7 @@ from jhd.distance.frame.net_jets import Net, eta, jet, part_of
 # Newton steps for the foot in the middle, and from there for those of the nodes.
 _FIRST, _STEPS = 4, 4
 # How far feet are followed beyond a cell, in sizes of that of a: they move faster than a where that is
-# between b and its centres of curvature. And beyond a piece, at most.
+# between b and its centers of curvature. And beyond a piece, at most.
 _FARTHER, _BEYOND = 4.0, 0.25
 # Shares of |b_x|^2 that the second derivatives are tried to exceed.
 _MODULI = (0.5, 0.1, 0.01)
@@ -61,19 +61,19 @@ class _PartWithErrors(NamedTuple):
 class _Powers(NamedTuple):
     """Rows (i, j, width) of powers of two numbers in [-1, 1], points or homogeneous ones, and errors of the values.
 
-    Points are counted from a centre: what the weights multiply, and their rests with it, is as small as the part.
+    Points are counted from a center: what the weights multiply, and their rests with it, is as small as the part.
     """
 
     rows: Array
     error: Array
-    centre: Array
+    center: Array
 
 
 def points_of_net(piece: Net, low: Array, high: Array) -> MovingPoint:
     """The points of a part of a piece."""
     powers, n = _powers(_part(piece, low, high)), piece.parameters
     point = _quotients(_direct(_derivatives(powers, n, 0)), piece.weights is not None, n).point
-    point = _shifted(point, powers.centre)
+    point = _shifted(point, powers.center)
     return MovingPoint(point, jnp.zeros_like(point.rest[0]), jnp.zeros(n, point.rest.dtype))
 
 
@@ -91,7 +91,7 @@ def square_to_net(piece: Net, point: Truncated, low: Array, high: Array, start: 
     of_b = _derivatives(_powers(_part(piece, begin, end)), m, 2)
     there = _quotients(_along(of_b, q), rational, m)
     over = _quotients(_direct(of_b), rational, m)
-    point = _shifted(point, -of_b.centre)
+    point = _shifted(point, -of_b.center)
     bent = _convexity(point, over, jnp.sum(there.first.terms[0] ** 2, axis=0))
     apart = less(point, there.point)
     square = least(_dot(apart, apart))
@@ -150,8 +150,8 @@ def _powers(part: _PartWithErrors) -> _Powers:
     """A part in powers of its parameters, counted from -1 to 1."""
     points, weights = part.net
     dtype, error = points.dtype, jnp.broadcast_to(part.error, points.shape[-1:])
-    centre = 0.5 * (jnp.min(points, axis=(0, 1)) + jnp.max(points, axis=(0, 1)))
-    rows = points - centre
+    center = 0.5 * (jnp.min(points, axis=(0, 1)) + jnp.max(points, axis=(0, 1)))
+    rows = points - center
     if weights is not None:
         most = jnp.max(weights)
         rows = jnp.concatenate([rows * weights[..., None], weights[..., None]], axis=-1)
@@ -161,7 +161,7 @@ def _powers(part: _PartWithErrors) -> _Powers:
         matrix = jnp.asarray(power_conversion(rows.shape[axis] - 1), dtype)
         rows, sizes = (_applied(x, y, axis) for x, y in ((matrix, rows), (jnp.abs(matrix), sizes)))
     loose = gamma(2 * sum(part.net.degrees) + 12, dtype) * jnp.sum(sizes, axis=(0, 1))
-    return _Powers(rows, (error + loose) * (1 + 1e-3), centre)
+    return _Powers(rows, (error + loose) * (1 + 1e-3), center)
 
 
 def _applied(matrix: Array, rows: Array, axis: int) -> Array:
@@ -186,7 +186,7 @@ def _shifted(point: Truncated, by: Array) -> Truncated:
 
 
 class _Moved(NamedTuple):
-    """Points (terms, 3) of b there, counted from the centre of its part, and derivatives.
+    """Points (terms, 3) of b there, counted from the center of its part, and derivatives.
 
     The first ones are (terms, 3, n); if looked for, the second ones (terms, 3, n n).
     """
@@ -210,7 +210,7 @@ def _derivatives(powers: _Powers, n: int, order: int) -> _Powers:
         )
     stacked = jnp.stack(rows, axis=-1)
     error = powers.error[:, None] * np.concatenate(factors).astype(stacked.dtype)
-    return _Powers(stacked, error, powers.centre)
+    return _Powers(stacked, error, powers.center)
 
 
 def _along(powers: _Powers, q: Array) -> Truncated:

@@ -84,8 +84,8 @@ def points_of_surface(a: Side, low: Array, high: Array) -> MovingPoint:
     graph, on = graph_over(form_a, a, cells)[1:]
     zero = jnp.zeros_like(graph.height)
     terms = jnp.stack([zero.at[S].set(1.0), zero.at[T].set(1.0), graph.height], axis=1) * graph.half
-    size = jnp.abs(graph.centre) + jnp.sum(jnp.abs(terms), axis=0)
-    terms, back = terms.at[0].add(graph.centre), jnp.argsort(graph.order, axis=0)
+    size = jnp.abs(graph.center) + jnp.sum(jnp.abs(terms), axis=0)
+    terms, back = terms.at[0].add(graph.center), jnp.argsort(graph.order, axis=0)
     terms, rest = jnp.take_along_axis(terms, back[None], axis=1), jnp.take_along_axis(size, back, axis=0)
     point = Truncated(terms[..., 0], gamma(8, low.dtype) * rest[:, 0])
     return MovingPoint(point, beside_graph(graph, on, values_over(on))[0], slope_changes(form_a)[:, 0])
@@ -174,8 +174,8 @@ def _moving(b: Side, point: Truncated, feet: Array, multipliers: Array) -> _Movi
     gradient = Truncated(gradient.terms, gradient.rest * (1 + gamma(8, dtype)) + gamma(8, dtype) * gradient.size)
     apart = less(Truncated(q, jnp.zeros_like(q[0])), point)
     value = Truncated(four.terms[:, 0], four.rest[0])
-    slack = ranges.reach * (1 + gamma(8, dtype)) + gamma(8, dtype) * jnp.abs(ranges.centre)
-    ends = ranges.centre - slack, ranges.centre + slack
+    slack = ranges.reach * (1 + gamma(8, dtype)) + gamma(8, dtype) * jnp.abs(ranges.center)
+    ends = ranges.center - slack, ranges.center + slack
     return _MovingFoot(apart, value, gradient, Truncated(v, jnp.zeros_like(v[0])), *(end[:, 0] for end in ends))
 
 
@@ -249,9 +249,9 @@ def narrowed(side: Side, low: Array, high: Array) -> tuple[Array, Array]:
     steep = jnp.where(slope != 0, slope, 1.0)
     middle, reach = -value / steep, loose / size
     slack = gamma(8, dtype) * (jnp.abs(middle) + reach)
-    centre, half = cells.centre[:, 0], cells.half[:, 0]
-    ends = [centre + half * (middle + sign * (reach + slack)) for sign in (-1, 1)]
-    room = gamma(8, dtype) * (jnp.abs(centre) + half * (jnp.abs(middle) + reach + slack)) + 8 * smallest_normal(dtype)
+    center, half = cells.center[:, 0], cells.half[:, 0]
+    ends = [center + half * (middle + sign * (reach + slack)) for sign in (-1, 1)]
+    room = gamma(8, dtype) * (jnp.abs(center) + half * (jnp.abs(middle) + reach + slack)) + 8 * smallest_normal(dtype)
     # Where nothing is known, as where a slope is zero, NaN or infinite, an end is that of the cell.
     first = jnp.where(size > 0, jnp.maximum(low, ends[0] - room), low)
     last = jnp.where(size > 0, jnp.minimum(high, ends[1] + room), high)

@@ -90,8 +90,8 @@ def _ends(form_a: Form, form_b: Form, sign: Array, free: Array) -> tuple[tuple[A
 
 
 def _moved(cells: Boxes, by: Array) -> Boxes:
-    """The cells moved; the rounding of the centre is a part of the error of a form."""
-    return cells._replace(centre=cells.centre + by)
+    """The cells moved; the rounding of the center is a part of the error of a form."""
+    return cells._replace(center=cells.center + by)
 
 
 def _inside(side: Side, cells: Boxes, by: Array) -> Array:

@@ -1,8 +1,8 @@
 """Lower bounds of the distance of points to parts of curved pieces, by Bernstein coefficients of squares; on the host.
 
 With n = w (b - p), homogeneous, the squared distance along a piece is |n|^2 / w^2, so it is at least the smallest ratio
-of the coefficients of |n|^2 and w^2. On a rational sphere, circle or torus seen from its centre both are the same
-polynomial but for a factor, and nothing is lost, however large the part; near the centre little is.
+of the coefficients of |n|^2 and w^2. On a rational sphere, circle or torus seen from its center both are the same
+polynomial but for a factor, and nothing is lost, however large the part; near the center little is.
 
 Rounding, with r the largest |b - p| of the piece: restriction leaves off_by of n / r and of w, which are at most one;
 a coefficient of a square is a sum of as many products as the piece has coordinates of control points at most, with

@@ -59,7 +59,7 @@ def upper_bounds(
     spread = jnp.sum((feet - mean[:, None]) ** 2, axis=2)
     variance = jnp.sum(weights * spread, axis=1)
     quadratic = squares(mean, cells, form_a.local.shape[0])
-    reach = jnp.abs(cells.centre - mean) + cells.half
+    reach = jnp.abs(cells.center - mean) + cells.half
     size = jnp.sum(reach**2, axis=1) + jnp.max(spread, axis=1)
     values = quadratic + variance[:, None] - factors[:, None] * form_a.terms
     error = gamma(24, size.dtype) * size + 2 * jnp.sum(reach * wrong, axis=1) + jnp.abs(factors) * form_a.error
@@ -71,7 +71,7 @@ def upper_bounds(
 
 def _trials(form_a: Form, cells: Boxes, feet: Array, free: Array) -> tuple[Array, Array]:
     """Weights (trials, feet, cells) and factors lambda (trials, cells), none of which needs to be good."""
-    apart = cells.centre - feet
+    apart = cells.center - feet
     pulls = 2 * apart * cells.half
     slope = form_a.slope
     singles = jnp.eye(FEET, dtype=pulls.dtype)[..., None] * jnp.ones_like(pulls[0, 0])

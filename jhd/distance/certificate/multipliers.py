@@ -3,7 +3,7 @@
 The slack of a foot is the squared bound less the squared distance. At the place q of the cell where the largest of the
 slacks is smallest, two or more are equal, about zero where the bound is sharp; a combination of them is not negative
 about q only if it has no slope there, and bends upwards. Multipliers that are affine can do both: they grow where their
-slack does. So q is found first, by linear programmes in a region that shrinks, and then the multipliers by another one
+slack does. So q is found first, by linear programs in a region that shrinks, and then the multipliers by another one
 over samples that are dense towards q.
 """
 

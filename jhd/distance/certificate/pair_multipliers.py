@@ -17,7 +17,7 @@ from jhd.distance.certificate.surface_multipliers import (
     LEAST_FAR,
     SLOPE,
     TIGHT,
-    Programme,
+    Program,
     convex,
     few_bits,
     on_sides,
@@ -116,8 +116,8 @@ def _numbers(columns: PairColumns, z: np.ndarray, least: float, domain: Sequence
     repeats = [len(variables) for variables in domain]
     nodes = powers / np.repeat(degrees, repeats, axis=1)
     far = np.ones(len(powers)) if clear else np.maximum(np.sum((nodes - z) ** 2, axis=1), LEAST_FAR)
-    programme = Programme(1, LARGEST, np.zeros((0, rows.shape[1])), price=10 * COST)
-    x = programme.solved(coefficients, far, 0.0 if clear else KEPT * here)
+    program = Program(1, LARGEST, np.zeros((0, rows.shape[1])), price=10 * COST)
+    x = program.solved(coefficients, far, 0.0 if clear else KEPT * here)
     if x is None and not clear and here > 0:
         x = _convex(powers, rows, z, here, domain)
     return None if x is None else x / scale * scale[0]
@@ -140,8 +140,8 @@ def _convex(
     shares = np.array([[end[v] for variables in domain for v in variables[1:]] for end in ends])
     lengths = np.maximum(np.linalg.norm(shares * sizes, axis=1), 1e-12)
     slopes = (ends @ slope) / lengths[:, None]
-    programme = Programme(1, LARGEST, slopes, slope=SLOPE * float(np.sqrt(here)))
-    return convex(programme, bends / (sizes[:, None] * sizes)[:, :, None])
+    program = Program(1, LARGEST, slopes, slope=SLOPE * float(np.sqrt(here)))
+    return convex(program, bends / (sizes[:, None] * sizes)[:, :, None])
 
 
 def _first(powers: np.ndarray, rows: np.ndarray, z: np.ndarray) -> np.ndarray:
@@ -193,17 +193,17 @@ def _nearest(
 
 
 def _drawn(
-    draw: np.random.Generator, domain: Sequence[tuple[int, ...]], centre: np.ndarray | None, reach: float
+    draw: np.random.Generator, domain: Sequence[tuple[int, ...]], center: np.ndarray | None, reach: float
 ) -> np.ndarray:
-    """Shares of random places, of the corners among them at first, and about a centre then."""
+    """Shares of random places, of the corners among them at first, and about a center then."""
     found, used = [np.zeros((_TRIED, 0))], 0
     for variables in domain:
         count = len(variables)
         shares = draw.dirichlet(np.full(count, 0.5), size=_TRIED)
-        if centre is None:
+        if center is None:
             shares[:count] = np.eye(count)
         else:
-            here = centre[used : used + count]
+            here = center[used : used + count]
             shares = on_sides(here + reach * (shares - here), here, reach)
         found.append(shares)
         used += count

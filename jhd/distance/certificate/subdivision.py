@@ -2,7 +2,7 @@
 
 The whole of a is cut breadth first. The feet of the corners of a cell say which pieces of b are near, and each foot,
 followed over the other corners, makes one affine map. The distance to one of the maps may be small enough. If several
-maps are needed, for example along the lines from which two parts of b are equally far, a linear programme over samples
+maps are needed, for example along the lines from which two parts of b are equally far, a linear program over samples
 of the cell finds affine multipliers. A cell without a proof is cut between the two corners that are farthest apart.
 
 Between two curves no multipliers are needed. A foot makes two more maps there, with the speeds of the foot at both ends

@@ -2,7 +2,7 @@
 
 The cells of a polynomial surface are tetrahedra of its box; one that holds no zero needs nothing more. The feet of a
 few places in a cell say which parts of the other shape are near, and each foot, moved with the places of the cell,
-makes one map. What multipliers it takes is told by linear programmes (surface_multipliers), and integers check it.
+makes one map. What multipliers it takes is told by linear programs (surface_multipliers), and integers check it.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Multipliers that prove the bound of a cell beside polynomial surfaces, found by linear programmes.
+"""Multipliers that prove the bound of a cell beside polynomial surfaces, found by linear programs.
 
 The polynomial that must not be negative,
 
@@ -81,8 +81,8 @@ class TightPlace(NamedTuple):
         return self.least > TIGHT
 
 
-class Programme(NamedTuple):
-    """A linear programme for multipliers.
+class Program(NamedTuple):
+    """A linear program for multipliers.
 
     Args:
         fixed: how many of the first numbers are not negative, with a sum of one.
@@ -189,8 +189,8 @@ def convex_multipliers(evaluate: Evaluate, tight: TightPlace, feet: int) -> Surf
         return None
     sizes = unit_of(bends[..., : rows.fixed])
     slopes = _slopes(rows, evaluate, u, s, sizes)
-    programme = Programme(rows.fixed, rows.most, slopes, slope=SLOPE * float(np.sqrt(tight.least)))
-    x = convex(programme, bends / (sizes[:, None] * sizes)[:, :, None])
+    program = Program(rows.fixed, rows.most, slopes, slope=SLOPE * float(np.sqrt(tight.least)))
+    x = convex(program, bends / (sizes[:, None] * sizes)[:, :, None])
     return None if x is None else rows.written(x, corners, feet, intervals)
 
 
@@ -200,7 +200,7 @@ def unit_of(bends: np.ndarray) -> np.ndarray:
     return np.maximum(sizes, max(_FLAT * float(np.max(sizes, initial=0.0)), _FLAT**2))
 
 
-def convex(programme: Programme, bends: np.ndarray) -> np.ndarray | None:
+def convex(program: Program, bends: np.ndarray) -> np.ndarray | None:
     """Numbers with which the second derivatives are positive definite at all places; None without."""
     axes = np.eye(bends.shape[1])
     pairs = [axes[a] + w * axes[b] for a in range(len(axes)) for b in range(a) for w in (-1, 1)]
@@ -208,7 +208,7 @@ def convex(programme: Programme, bends: np.ndarray) -> np.ndarray | None:
     rows = np.einsum("mabc,ra,rb->mrc", bends, directions, directions).reshape(-1, bends.shape[-1])
     far = np.tile(np.sum(directions**2, axis=1), len(bends))
     for _ in range(_ROUNDS):
-        x = programme.solved(rows, far, 0.0)
+        x = program.solved(rows, far, 0.0)
         if x is None:
             return None
         values, vectors = np.linalg.eigh(np.einsum("mabc,c->mab", bends, x))
@@ -281,10 +281,10 @@ def _drawn(draw: np.random.Generator, corners: int) -> np.ndarray:
     return np.where(kept.sum(axis=1, keepdims=True) > 1, _normal(shares * kept), shares)
 
 
-def on_sides(shares: np.ndarray, centre: np.ndarray, reach: float) -> np.ndarray:
-    """Places about a centre, a third of them on the sides on which it is, and one on those that are near."""
+def on_sides(shares: np.ndarray, center: np.ndarray, reach: float) -> np.ndarray:
+    """Places about a center, a third of them on the sides on which it is, and one on those that are near."""
     number = np.arange(len(shares))[:, None] % 3
-    kept = np.where(number == 1, centre > 0, np.where(number == 2, shares >= reach, True))
+    kept = np.where(number == 1, center > 0, np.where(number == 2, shares >= reach, True))
     return np.where(kept.any(axis=1, keepdims=True), _normal(shares * kept), shares)
 
 
@@ -311,7 +311,7 @@ def _slopes(rows: "_MultiplierRows", evaluate: Evaluate, u: np.ndarray, s: np.nd
 
 
 class _MultiplierRows:
-    """The linear programme: a row for each sample, a column for each number of the multipliers, one a constant.
+    """The linear program: a row for each sample, a column for each number of the multipliers, one a constant.
 
     Args:
         terms: at the samples.
@@ -343,8 +343,8 @@ class _MultiplierRows:
 
     def solved(self, far: np.ndarray, least: float, price: float) -> np.ndarray | None:
         """Numbers with which all rows are at least `least` and a number times `far`, which is large; None without."""
-        programme = Programme(self.fixed, self.most, np.zeros((0, self.rows.shape[1])), price=price)
-        return programme.solved(self.rows, far, least)
+        program = Program(self.fixed, self.most, np.zeros((0, self.rows.shape[1])), price=price)
+        return program.solved(self.rows, far, least)
 
     def written(self, x: np.ndarray, corners: int, feet: int, intervals: int) -> SurfaceMultipliers:
         """The multipliers in the unit of the terms."""

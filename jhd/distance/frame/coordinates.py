@@ -1,7 +1,7 @@
 """Common coordinates of two shapes: moved to the origin between two scalings by powers of two, and the way back.
 
-The first power keeps the centre from overflowing, the second brings the extent that is left to order one; both are
-exact, flushed subnormals aside, so only the subtraction of the centre rounds, once for each coordinate. Where that must
+The first power keeps the center from overflowing, the second brings the extent that is left to order one; both are
+exact, flushed subnormals aside, so only the subtraction of the center rounds, once for each coordinate. Where that must
 not be, `exact_middle` moves only what moves without rounding, and `origin` nothing. All that a frame depends on are the
 extreme corners of both shapes.
 """
@@ -30,9 +30,9 @@ _FAR = 2.5
 
 
 class Frame(eqx.Module):
-    """Where the common coordinates lie in the user's: x_user = (2^second x + centre) 2^first."""
+    """Where the common coordinates lie in the user's: x_user = (2^second x + center) 2^first."""
 
-    centre: Any
+    center: Any
     first: Any
     second: Any
     usable: Any = True  # whether all numbers were; under tracing this is known only now
@@ -47,7 +47,7 @@ class Frame(eqx.Module):
 
     def moved(self, x: Array) -> Array:
         """Points of the user's in the common coordinates, as a function that is differentiated."""
-        return (x - times_two_to(jnp.asarray(self.centre), self.first)) * self.scale(x.dtype)
+        return (x - times_two_to(jnp.asarray(self.center), self.first)) * self.scale(x.dtype)
 
     def common(self, x: Any, toward: float | None = None) -> Any:
         """A length of the user's in the common coordinates; what is no normal number there is rounded towards `toward`.
@@ -81,7 +81,7 @@ def reported(frame: Frame, solution: HausdorffSolution) -> HausdorffSolution:
 
 
 def _place(frame: Frame, x: Any) -> Any:
-    return times_two_to(times_two_to(x, frame.second) + frame.centre, frame.first)
+    return times_two_to(times_two_to(x, frame.second) + frame.center, frame.first)
 
 
 def user_length(frame: Frame, x: Any, toward: float | None) -> Any:
@@ -131,9 +131,9 @@ def middle(low: Any, high: Any) -> Any:
 
 def exact_middle(low: Any, high: Any) -> Any:
     """The middle along axes where all differences to it are exact, else zero."""
-    centre = 0.5 * (low + high)
-    far = abs(centre) >= _FAR * 0.5 * (high - low)
-    return (jnp if is_traced(centre) else np).where(far, centre, 0.0)
+    center = 0.5 * (low + high)
+    far = abs(center) >= _FAR * 0.5 * (high - low)
+    return (jnp if is_traced(center) else np).where(far, center, 0.0)
 
 
 def origin(low: Any, high: Any) -> Any:
@@ -142,24 +142,24 @@ def origin(low: Any, high: Any) -> Any:
 
 
 def frame_of(
-    corners: Sequence[tuple[Any, Any]], usable: Any = True, centre: Callable[[Any, Any], Any] = middle
+    corners: Sequence[tuple[Any, Any]], usable: Any = True, center: Callable[[Any, Any], Any] = middle
 ) -> Frame:
     """The common coordinates of shapes with these lower and upper corners.
 
     Args:
         corners: of each shape, finite.
         usable: whether all numbers of the shapes were.
-        centre: of the box of all, from its corners, which are at most one.
+        center: of the box of all, from its corners, which are at most one.
     """
     low, high = _box_of(corners)
     first = common_exponent(low, high)
     low, high = ldexp(low, -first), ldexp(high, -first)
-    at = centre(low, high)
+    at = center(low, high)
     # Where all points are one, every difference is an exact zero: nothing is left that an error could be relative to.
     return Frame(at, first, common_exponent(low - at, high - at, nothing=-_VANISHING), usable)
 
 
 def common_points(frame: Frame, x: Any) -> Any:
-    """Points of the user's in the common coordinates; subtracting the centre rounds each coordinate once."""
-    centre, first, second = frame.centre, frame.first, frame.second
-    return times_two_to(ldexp(x, -first) - centre, -second)
+    """Points of the user's in the common coordinates; subtracting the center rounds each coordinate once."""
+    center, first, second = frame.center, frame.first, frame.second
+    return times_two_to(ldexp(x, -first) - center, -second)

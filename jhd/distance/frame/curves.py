@@ -123,7 +123,7 @@ def prepare(
 def preparation_error(degree: int, dim: int, dtype: DTypeLike) -> float:
     """Bound on how far `prepare` moves any point of one curve, in the common coordinates.
 
-    Subtracting the centre rounds each coordinate once. Raising the degree forms convex combinations of at most
+    Subtracting the center rounds each coordinate once. Raising the degree forms convex combinations of at most
     degree + 1 products, with weights of two roundings; on rational curves numerator and denominator each err by a
     relative gamma(degree + 6), and so does the position of the point, twice, in units of coordinates of at most one.
     """

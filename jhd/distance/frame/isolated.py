@@ -23,13 +23,13 @@ class IsolatedPoints(NamedTuple):
     """Cubes about places, in which only balls about these may hold points of a surface.
 
     Args:
-        centre: the places, in the box.
+        center: the places, in the box.
         half: half the sides of the cubes; negative where the place is none.
         radius: of the balls; minus infinity where there is no point.
         there: whether the ball is proven to hold a point.
     """
 
-    centre: Any  # (places, 3)
+    center: Any  # (places, 3)
     half: Any  # (places,)
     radius: Any  # (places,)
     there: Any  # (places,)
@@ -51,14 +51,14 @@ def isolated_points(found: list[IsolatedZero], lower: np.ndarray, upper: np.ndar
     points = none_known(lower.dtype)
     eps = float(np.finfo(lower.dtype).eps)
     for k, zero in enumerate(found[:_KEPT]):
-        centre = np.clip(np.array([float(x) for x in zero.place]).astype(lower.dtype), lower, upper)
-        off = sum((abs(Fraction(x) - y) for x, y in zip(centre.tolist(), zero.place, strict=True)), Fraction(0))
+        center = np.clip(np.array([float(x) for x in zero.place]).astype(lower.dtype), lower, upper)
+        off = sum((abs(Fraction(x) - y) for x, y in zip(center.tolist(), zero.place, strict=True)), Fraction(0))
         # An ulp of what the radius is added to; nothing is rounded where the place itself is all there is.
-        room = float(off) * (1 + eps) + (2 * eps * float(np.max(np.abs(centre))) if zero.radius or off else 0.0)
+        room = float(off) * (1 + eps) + (2 * eps * float(np.max(np.abs(center))) if zero.radius or off else 0.0)
         half = 0.99 * zero.half - 4 * room
         if half <= 64 * eps:
             continue
-        points.centre[k], points.half[k], points.there[k] = centre, half, zero.there
+        points.center[k], points.half[k], points.there[k] = center, half, zero.there
         points.radius[k] = -np.inf if zero.radius < 0 else (zero.radius + room) * (1 + 4 * eps)
     return points
 
@@ -67,10 +67,10 @@ def cleared(
     points: IsolatedPoints, lower: Float[Array, "3 cells"], upper: Float[Array, "3 cells"]
 ) -> Bool[Array, " cells"]:
     """Which cells lie in one of the cubes and hold nothing of its ball."""
-    centre, half, radius = (jnp.asarray(x)[..., None] for x in points[:3])
+    center, half, radius = (jnp.asarray(x)[..., None] for x in points[:3])
     half, radius = half[:, None], radius[:, None]
-    within = jnp.all((lower >= centre - half) & (upper <= centre + half), axis=1)
-    beside = jnp.any((lower > centre + radius) | (upper < centre - radius), axis=1)
+    within = jnp.all((lower >= center - half) & (upper <= center + half), axis=1)
+    beside = jnp.any((lower > center + radius) | (upper < center - radius), axis=1)
     return jnp.any(within & beside & (half[:, 0] > 0), axis=0)
 
 
@@ -78,24 +78,24 @@ def snapped(
     points: IsolatedPoints, places: Float[Array, "3 places"], starts: Float[Array, "3 places"]
 ) -> Float[Array, "3 places"]:
     """The places, for those that started in a cube, or ended in one, the point that is there."""
-    centre, half, there = (jnp.asarray(x)[::-1] for x in (points.centre, points.half, points.there))
+    center, half, there = (jnp.asarray(x)[::-1] for x in (points.center, points.half, points.there))
     # One question for all cubes and both: a program is as long to compile as it has parts.
     where = jnp.stack([places, starts])
-    far = jnp.max(jnp.abs(where[:, None] - centre[..., None]), axis=2)
+    far = jnp.max(jnp.abs(where[:, None] - center[..., None]), axis=2)
     inside = ((far < half[:, None]) & there[:, None]).reshape(-1, places.shape[1])
     first = jnp.argmax(inside, axis=0)
-    return jnp.where(jnp.any(inside, axis=0), centre[first % _KEPT].T, places)
+    return jnp.where(jnp.any(inside, axis=0), center[first % _KEPT].T, places)
 
 
 def on_isolated(points: IsolatedPoints, places: Float[Array, "3 places"]) -> Bool[Array, " places"]:
     """Which places are points that are known beforehand."""
-    same = jnp.all(jnp.asarray(points.centre)[..., None] == places, axis=1)
+    same = jnp.all(jnp.asarray(points.center)[..., None] == places, axis=1)
     return jnp.any(same & jnp.asarray(points.there)[:, None], axis=0)
 
 
 def isolated_radius(points: IsolatedPoints, places: Float[Array, "3 places"]) -> Float[Array, " places"]:
     """Lengths within which there is one of the points, infinite where no point is known."""
-    apart = jnp.asarray(points.centre)[..., None] - places
+    apart = jnp.asarray(points.center)[..., None] - places
     dtype = apart.dtype
     exact = jnp.all(apart == 0, axis=1)
     length = jnp.sqrt(jnp.sum(apart**2, axis=1)) * (1 + gamma(8, dtype)) + 2 * smallest_normal(dtype) ** 0.5

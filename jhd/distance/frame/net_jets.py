@@ -179,21 +179,21 @@ def enclosed(part: Net, error: Any, relative: Any, n: int | None = None) -> NetJ
     if part.weights is None:
         return _nets(part.points, jnp.asarray(error, part.points.dtype))
     # About a point of the part, so that what the weights multiply is small.
-    centre = hull(part.points, (0, 1), jnp.zeros(())).mid
-    rows = _homogeneous(part.points - centre, part.weights)
+    center = hull(part.points, (0, 1), jnp.zeros(())).mid
+    rows = _homogeneous(part.points - center, part.weights)
     most = jnp.max(part.weights)
-    errors = jnp.append(jnp.full(centre.shape, 4 * error * most), relative * most)
+    errors = jnp.append(jnp.full(center.shape, 4 * error * most), relative * most)
     whole = _nets(rows, errors)
     w, dw, ddw = (jax.tree_util.tree_map(lambda x: x[..., -1:], ball) for ball in whole)
     n, dn, ddn = (jax.tree_util.tree_map(lambda x: x[..., :-1], ball) for ball in whole)
     inverse = reciprocal(w)
-    about = hull(part.points - centre, (0, 1), jnp.asarray(error, centre.dtype))
+    about = hull(part.points - center, (0, 1), jnp.asarray(error, center.dtype))
     first = times(minus(dn, times(about, dw)), inverse)
     f, d = (jax.tree_util.tree_map(lambda x: x[:, None], ball) for ball in (first, dw))
     cross = times(f, jax.tree_util.tree_map(lambda x: x[None], dw))
     crossed = plus(cross, times(jax.tree_util.tree_map(lambda x: x[None], first), d))
     second = times(minus(minus(ddn, crossed), times(about, ddw)), inverse)
-    return NetJet(hull(part.points, (0, 1), jnp.asarray(error, centre.dtype)), first, second)
+    return NetJet(hull(part.points, (0, 1), jnp.asarray(error, center.dtype)), first, second)
 
 
 def _nets(rows: Array, error: Array) -> NetJet:

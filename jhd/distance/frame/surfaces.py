@@ -136,7 +136,7 @@ def _exact(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[Any,
 def _isolated(exact: np.ndarray, floats: np.ndarray, frame: Frame, box: list[Any]) -> IsolatedPoints:
     lower, upper = (np.asarray(end) for end in box)
     unit = Fraction(2) ** int(frame.first + frame.second)
-    middle = [Fraction(float(x)) * Fraction(2) ** int(frame.first) for x in np.asarray(frame.centre)]
+    middle = [Fraction(float(x)) * Fraction(2) ** int(frame.first) for x in np.asarray(frame.center)]
 
     def simple(place: np.ndarray) -> list[Fraction]:
         """A place close by with short fractions in the user's coordinates."""
@@ -151,7 +151,7 @@ def exact_polynomial(surface: ImplicitSurface, frame: Frame) -> np.ndarray:
     """A positive multiple of the polynomial of a known surface in common coordinates, in integers."""
     two = Fraction(2)
     first, second = int(frame.first), int(frame.second)
-    middle = [Fraction(float(x)) * two**first for x in np.asarray(frame.centre)]
+    middle = [Fraction(float(x)) * two**first for x in np.asarray(frame.center)]
     exact = exact_polynomials.trimmed(exact_polynomials.integers(np.asarray(surface.coefficients)))
     return exact_polynomials.substituted(exact, middle, [two ** (first + second)] * 3)
 
@@ -197,7 +197,7 @@ def _rounded(surface: ImplicitSurface, frame: Frame, box: list[Any]) -> tuple[An
     a = jnp.where(frame.usable, surface.coefficients, 0.0)
     a = jnp.where(frame.usable, a, a.at[0, 0, 0].set(1.0))
     degrees = np.sum(np.indices(a.shape), axis=0)
-    c = jnp.asarray(frame.centre)
+    c = jnp.asarray(frame.center)
     a, flushed = _scaled(a, jnp.zeros_like(a), degrees * frame.first)
     magnitude = jnp.abs(a)
     for axis in range(3):

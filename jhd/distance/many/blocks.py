@@ -1,6 +1,6 @@
 """Pairs of curves in blocks: shapes padded to few sizes, one compiled program a size, which measures pair after pair.
 
-Degrees are raised within the program, by matrices that are handed in, after the coordinates were centred: so the errors
+Degrees are raised within the program, by matrices that are handed in, after coordinates were centered: so the errors
 are those that jhd.distance.frame.curves accounts for, and one program serves curves of several degrees. What a pair
 gets depends on its two curves alone, to the last bit, and not on the block it comes in. Where a process has several
 devices each of them measures a share of a block.
@@ -17,7 +17,7 @@ from jaxtyping import Array
 
 from jhd._results.solution import DIRECTIONS, in_direction
 from jhd._runtime.arrays import varying
-from jhd._runtime.compiled import optimised
+from jhd._runtime.compiled import optimized
 from jhd.arithmetic.scaling import unit_weights
 from jhd.distance.frame.aim import Aim
 from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of, reported
@@ -165,10 +165,10 @@ def _shared(devices: tuple[Any, ...]) -> Any:
         return _measured(block._replace(count=block.count[0]))
 
     mesh = jax.sharding.Mesh(np.array(devices), ("pairs",))
-    return optimised(jax.shard_map(on_each, mesh=mesh, in_specs=(places,), out_specs=shares))
+    return optimized(jax.shard_map(on_each, mesh=mesh, in_specs=(places,), out_specs=shares))
 
 
-@optimised
+@optimized
 def _measured(block: Block) -> MeasuredPairs:
     # Side by side each pair would last as long as the longest one, which serves an accelerator alone.
     return _in_turn(block) if jax.default_backend() == "cpu" else _side_by_side(block)

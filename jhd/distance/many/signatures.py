@@ -31,7 +31,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd._results.display import count_text, described, opaque
-from jhd._runtime.compiled import optimised
+from jhd._runtime.compiled import optimized
 from jhd.arithmetic.rounding import gamma, round_down, round_up, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent
 from jhd.distance.frame.coordinates import Frame, common_points, frame_of
@@ -191,7 +191,7 @@ def _chord_distances(task: Any) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(frame.length(low, 0.0)), np.asarray(frame.length(high, np.inf))
 
 
-@optimised
+@optimized
 def _distances(points: Array, ends: Array, off: Array, count: Array) -> tuple[Array, Array]:
     """Lower and upper bounds (shapes, points) of the distances from curves with these chords."""
 
@@ -261,7 +261,7 @@ def _rounded(x: np.ndarray, toward: float) -> np.ndarray:
     return moved + (nu if toward > 0 else -nu)
 
 
-@optimised
+@optimized
 def _bounds(
     low_a: Array, high_a: Array, reach_a: Array, low_b: Array, high_b: Array, reach_b: Array, count: Array
 ) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ import numpy as np
 from jax.core import eval_context
 from jaxtyping import Array, Float, Int
 
-from jhd._runtime.compiled import optimised
+from jhd._runtime.compiled import optimized
 from jhd.arithmetic.scaling import length
 from jhd.distance.frame.net_jets import Net, jet
 from jhd.shapes.curve import AbstractCurve
@@ -214,7 +214,7 @@ def _padded(nodes: Nodes) -> tuple[np.ndarray, np.ndarray]:
     return np.pad(nodes.piece, (0, more)), t
 
 
-@optimised
+@optimized
 def _along(net: Net, piece: Array, t: Array) -> tuple[Array, Array, Array]:
     def one(k: Array, t: Array) -> tuple[Array, Array, Array]:
         at = jet(net.piece(k), t)

@@ -93,13 +93,13 @@ def _ruled(cells: ParameterCells, looked: Looked, step: int) -> _Rule:
     seen = looked.at(nodes)
     plain = CellNodes(nodes, np.repeat(np.arange(count), _RULE**2))
     values = plain.sums(_integrands(nodes, seen), count)
-    labelled, turned = _kinked(seen, count)
-    label = np.where(labelled, _SEVERAL, seen.label[:: _RULE**2])
-    several, smooth = labelled | turned | (step > _PLAIN), np.ones(count, bool)
+    labeled, turned = _kinked(seen, count)
+    label = np.where(labeled, _SEVERAL, seen.label[:: _RULE**2])
+    several, smooth = labeled | turned | (step > _PLAIN), np.ones(count, bool)
     if not np.any(several):
         return _Rule(plain, values, label, smooth)
     across = _across(seen, cells)[several]
-    found = cut_at_kinks(cells.take(several), looked, across, ~labelled[several], step)
+    found = cut_at_kinks(cells.take(several), looked, across, ~labeled[several], step)
     inside, smooth[several] = found
     values[several] = inside.sums(_integrands(inside.nodes, looked.at(inside.nodes)), len(across))
     rest, number = plain.of(~several), np.arange(count)

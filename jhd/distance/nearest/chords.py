@@ -66,7 +66,7 @@ def runs_of(curve: BezierSegments) -> Chords:
     unit = chord / jnp.where(length > 0, length, 1.0)
     turn = jnp.sum((unit[1:] - unit[:-1]) ** 2, axis=1) * jnp.minimum(length[1:], length[:-1])[:, 0] ** 2
     joined = (turn <= (2 * chord_error(curve.dim, points.dtype)) ** 2) & jnp.all(last[:-1] == first[1:], axis=1)
-    # Each step doubles how far the pointers to the neighbours in a run lead; scans take longer to compile.
+    # Each step doubles how far the pointers to the neighbors in a run lead; scans take longer to compile.
     to = jnp.stack([index - jnp.append(False, joined), index + jnp.append(joined, False)])
     far = lambda _, to: jnp.take_along_axis(to, to, axis=1)  # noqa: E731
     begins, ends = jax.lax.fori_loop(0, curve.count.bit_length(), far, varying(to, curve))

@@ -42,7 +42,7 @@ from jhd.distance.nearest.feet import foot_in
 
 # Open cells beside the whole segments. A search holds a handful; symmetric and degenerate input up to about twenty.
 _CAPACITY = 32
-# Cuts for one point, beside one for each segment. Random queries take 1 to 6; a point at the centre of a nearly
+# Cuts for one point, beside one for each segment. Random queries take 1 to 6; a point at the center of a nearly
 # circular stretch some 60.
 _MAX_STEPS = 400
 # Newton steps for a local foot; it is started at the smallest coefficient, so three reach full precision mostly.

@@ -127,7 +127,7 @@ def step_in(here: FootEquation, s: Array, low: Any = 0.0, high: Any = 1.0) -> Ar
 def nearest_passed(point: Array, piece: Piece, s: Array, steps: int) -> Array:
     """A parameter in [0, 1] near s where (B - P).B' is small: Newton's method, Gauss-Newton where it is not convex.
 
-    Next to the centre of curvature the distance is convex but hardly so; there Newton's step is taken if it is short.
+    Next to the center of curvature the distance is convex but hardly so; there Newton's step is taken if it is short.
     The nearest of all the points passed is returned: at a cusp of b the steps lead anywhere.
     """
 

@@ -6,7 +6,7 @@ distance of p from the part of b in C, for every real lambda; those tried make i
 Rounding. The terms of a form are off by at most `error` = gamma(7 N + 40) m + e(r), with N the sum of degrees, m the
 size sum |a_ijk| r^(i, j, k) of the polynomial on the cell, r = |c| + h, and e the errors of its coefficients
 (jhd.arithmetic.trivariate derives 5 N + 6, and N + 9 allow for the matrices here and for r above one by a few
-roundings; N for a shift of the centre whose sum is rounded, and what is left for the products and sums in which the
+roundings; N for a shift of the center whose sum is rounded, and what is left for the products and sums in which the
 terms take part: each is at most m in size, so lambda times the terms, added to something, costs gamma(4) |lambda| m).
 A squared distance |p - q|^2 on a cell is off by at most gamma(24) R with R = sum (|c_i - q_i| + h_i)^2: differences of
 coordinates have one rounding each and everything after them is a sum of products of at most this size in all.
@@ -33,16 +33,16 @@ from jhd.distance.frame.surfaces import Side
 
 
 class Boxes(NamedTuple):
-    """Cells, and boxes |x - centre| <= half that contain them."""
+    """Cells, and boxes |x - center| <= half that contain them."""
 
     lower: Float[Array, "3 cells"]
     upper: Float[Array, "3 cells"]
-    centre: Float[Array, "3 cells"]
+    center: Float[Array, "3 cells"]
     half: Float[Array, "3 cells"]
 
 
 class Form(NamedTuple):
-    """A polynomial on cells: its power form in e = (x - centre) / half, its Bernstein coefficients, and their error.
+    """A polynomial on cells: its power form in e = (x - center) / half, its Bernstein coefficients, and their error.
 
     What is cleared is known to have no zero, whatever the coefficients say.
     """
@@ -54,12 +54,12 @@ class Form(NamedTuple):
 
     @property
     def value(self) -> Array:
-        """The value at the centre."""
+        """The value at the center."""
         return self.local[0, 0, 0]
 
     @property
     def slope(self) -> Array:
-        """The gradient at the centre times the half widths."""
+        """The gradient at the center times the half widths."""
         return jnp.stack([self.local[1, 0, 0], self.local[0, 1, 0], self.local[0, 0, 1]])
 
     @property
@@ -78,26 +78,26 @@ class Form(NamedTuple):
 
 
 def boxes(lower: Float[Array, "3 cells"], upper: Float[Array, "3 cells"]) -> Boxes:
-    """Centres and half widths of cells; the half widths are rounded up."""
-    centre = 0.5 * (lower + upper)
-    half = jnp.maximum(centre - lower, upper - centre)
+    """Centers and half widths of cells; the half widths are rounded up."""
+    center = 0.5 * (lower + upper)
+    half = jnp.maximum(center - lower, upper - center)
     half = half * (1 + 4 * unit_roundoff(half.dtype)) + smallest_normal(half.dtype)
-    return Boxes(lower, upper, centre, half)
+    return Boxes(lower, upper, center, half)
 
 
 def form(side: Side, cells: Boxes) -> Form:
     """The polynomial of a side on cells."""
     a = jnp.asarray(side.coefficients)
-    whole = jnp.broadcast_to(a[..., None], (*a.shape, cells.centre.shape[-1]))
+    whole = jnp.broadcast_to(a[..., None], (*a.shape, cells.center.shape[-1]))
 
     # One axis after the other, the first of them each time, which compiles three times as fast as all of them.
     def about(axis: Array, x: Array) -> Array:
-        return jnp.moveaxis(_shifted(x, cells.centre[axis], cells.half[axis]), 0, 2)
+        return jnp.moveaxis(_shifted(x, cells.center[axis], cells.half[axis]), 0, 2)
 
     local = jax.lax.fori_loop(0, 3, about, varying(whole, side, cells))
     terms = jax.lax.fori_loop(0, 3, lambda _, x: jnp.moveaxis(bernstein_along(x, 0), 0, 2), local)
     sizes = gamma(7 * _degrees(a) + 40, a.dtype) * jnp.abs(a) + side.error
-    error = horner(sizes, jnp.abs(cells.centre) + cells.half) + underflow(a.dtype)
+    error = horner(sizes, jnp.abs(cells.center) + cells.half) + underflow(a.dtype)
     known = cleared(side.isolated, cells.lower, cells.upper)
     return Form(local, terms.reshape(-1, terms.shape[-1]), error, known)
 
@@ -120,7 +120,7 @@ def lower_bounds(
         point: the point, exact.
         free: the coordinates in which a cell does not touch the box of b.
     """
-    apart = cells.centre - point[:, None]
+    apart = cells.center - point[:, None]
     factors = multiples(2 * apart * cells.half, form_b.slope, free)
     quadratic = squares(jnp.broadcast_to(point[:, None], apart.shape)[None], cells, form_b.local.shape[0])
     size = jnp.sum((jnp.abs(apart) + cells.half) ** 2, axis=0)
@@ -144,7 +144,7 @@ def slope_changes(f: Form) -> Float[Array, "3 cells"]:
 
 def box_distances(cells: Boxes, point: Array) -> tuple[Array, Array]:
     """Bounds of the distances from a point, or from one point for each cell, to the points of cells: least and most."""
-    apart = jnp.abs(cells.centre - (point[:, None] if point.ndim == 1 else point))
+    apart = jnp.abs(cells.center - (point[:, None] if point.ndim == 1 else point))
     near, far = jnp.maximum(apart - cells.half, 0.0), apart + cells.half
     slack = gamma(12, apart.dtype) * jnp.sqrt(jnp.sum(far**2, axis=0)) + smallest_normal(apart.dtype) ** 0.5
     least, most = (jnp.sqrt(jnp.sum(x**2, axis=0)) for x in (near, far))
@@ -164,7 +164,7 @@ def multiples(
 def squares(points: Float[Array, "sets 3 cells"], cells: Boxes, size: int) -> Array:
     """Bernstein coefficients (sets, terms, cells) of |x - point|^2."""
     first, second = (jnp.asarray(bernstein_conversion(size - 1)[:, k], points.dtype)[:, None] for k in (1, 2))
-    apart = cells.centre - points
+    apart = cells.center - points
     h = cells.half
     x, y, z = (
         (apart[:, i] ** 2)[:, None] + (2 * apart[:, i] * h[i])[:, None] * first + h[i] ** 2 * second for i in range(3)
@@ -173,13 +173,13 @@ def squares(points: Float[Array, "sets 3 cells"], cells: Boxes, size: int) -> Ar
     return total.reshape(total.shape[0], size**3, -1)
 
 
-def _shifted(form: Array, centre: Array, half: Array) -> Array:
-    """The coefficients in e of x = centre + half e for the first variable, by synthetic division."""
+def _shifted(form: Array, center: Array, half: Array) -> Array:
+    """The coefficients in e of x = center + half e for the first variable, by synthetic division."""
     rows = list(form)
     n = len(rows) - 1
     for first in range(n):
         for i in range(n - 1, first - 1, -1):
-            rows[i] = rows[i] + centre * rows[i + 1]
+            rows[i] = rows[i] + center * rows[i + 1]
     power = half
     for i in range(1, n + 1):
         rows[i] = rows[i] * power

@@ -205,7 +205,7 @@ def with_singular_radius(side: Side, points: Float[Array, "3 points"], radius: A
 
 
 def _singular_radius(side: Side, points: Float[Array, "3 points"]) -> Float[Array, " points"]:
-    """Lengths within which two of the six neighbours along the axes, moved into the box, have different signs.
+    """Lengths within which two of the six neighbors along the axes, moved into the box, have different signs.
 
     The segment between both keeps to the box, and to the ball about the point that holds them.
     """
@@ -233,16 +233,16 @@ def exact_radius(surface: ImplicitSurface, side: Side, frame: Frame, x: np.ndarr
     """
     polynomial = exact_polynomial(surface, frame)
     lower, upper = (np.asarray(end, np.float64).tolist() for end in (side.lower, side.upper))
-    centre, info = [Fraction(c) for c in np.asarray(x, np.float64).tolist()], np.finfo(np.asarray(x).dtype)
+    center, info = [Fraction(c) for c in np.asarray(x, np.float64).tolist()], np.finfo(np.asarray(x).dtype)
     size = max(*np.abs(lower), *np.abs(upper))
     for power in _RADII:
         step = Fraction(max(size * float(info.eps), float(info.tiny))) * Fraction(2) ** power
         inside = [
             [w for w in (0, -1, 1) if low <= c + w * step <= high]
-            for c, low, high in zip(centre, lower, upper, strict=True)
+            for c, low, high in zip(center, lower, upper, strict=True)
         ]
         places = np.array(list(product(*inside)), dtype=int).reshape(-1, 3).T
-        found = exact_polynomials.signs(exact_polynomials.substituted(polynomial, centre, [step] * 3), places)
+        found = exact_polynomials.signs(exact_polynomials.substituted(polynomial, center, [step] * 3), places)
         if places.size and found[0] == 0:
             return 0.0
         if places.size and found.min() <= 0 <= found.max():

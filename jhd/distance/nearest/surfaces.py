@@ -66,7 +66,7 @@ def cover(side: Side) -> Cover:
 
 
 def grid(side: Side) -> tuple[Any, Any]:
-    """Lower and upper corners (3, cells) of cells of the box; neighbouring ones share the floats of their common ends.
+    """Lower and upper corners (3, cells) of cells of the box; neighboring ones share the floats of their common ends.
 
     In NumPy where the box is.
     """
@@ -94,7 +94,7 @@ def starts_of_cloud(side: Side) -> tuple[Any, Any]:
     shares, fixed = _places()
     shares = shares.astype(lower.dtype)
     starts = xp.where(shares == 0, lower, xp.where(shares == 1, upper, lower + (upper - lower) * shares))
-    known = xp.asarray(side.isolated.centre).T
+    known = xp.asarray(side.isolated.center).T
     return xp.concatenate([starts, known], axis=1), np.concatenate([fixed, np.ones(known.shape, bool)], axis=1)
 
 
@@ -199,7 +199,7 @@ def nearest(
         bound = jnp.maximum(bound, jnp.max(jnp.where(within, least_about[:, None], 0.0), axis=0))
         bound = jnp.where(part.may_vanish & jnp.tile(live & ~narrow, 8), bound, jnp.inf)
         _, lowest = jax.lax.top_k(-bound.astype(jnp.float32), starts.shape[1])
-        places = jnp.where(state.steps == 0, starts, cells.centre[:, lowest])
+        places = jnp.where(state.steps == 0, starts, cells.center[:, lowest])
         upper, foot = better(state, places)
         bound = jnp.where(bound < upper, bound, jnp.inf)
         rows, kept, dropped = pushed(
@@ -231,10 +231,10 @@ def _convex_about(side: Side, point: Array, foot: Array) -> tuple[Boxes, Array]:
     """
     dtype = foot.dtype
     half = jnp.asarray(_CUBES, dtype) * jnp.max(jnp.asarray(side.upper) - jnp.asarray(side.lower))
-    centre = jnp.broadcast_to(foot[:, None], (3, half.size))
-    sides = jnp.broadcast_to(half, centre.shape)
-    inner_half = half - gamma(8, dtype) * (jnp.abs(centre) + half)
-    cells = Boxes(centre - inner_half, centre + inner_half, centre, sides)
+    center = jnp.broadcast_to(foot[:, None], (3, half.size))
+    sides = jnp.broadcast_to(half, center.shape)
+    inner_half = half - gamma(8, dtype) * (jnp.abs(center) + half)
+    cells = Boxes(center - inner_half, center + inner_half, center, sides)
     f = form(side, cells)
     apart, slope = foot - point, f.slope
     pull = 2 * apart[:, None] * half

@@ -14,7 +14,7 @@ from jhd._runtime.arrays import taken
 from jhd.arithmetic.rounding import gamma
 from jhd.shapes.deviation import HostArcs
 
-# Radii above this are cut down to it, which moves an arc by less than its sagitta: centres then lose few digits.
+# Radii above this are cut down to it, which moves an arc by less than its sagitta: centers then lose few digits.
 _LARGEST_RADIUS = 1e6
 # How far outside of a wedge (in radians) a direction still counts as inside.
 _ABOUT = 1e-9
@@ -33,8 +33,8 @@ class Arcs(NamedTuple):
         start: where each starts.
         end: where it ends.
         apex: where the tangents of both ends meet; the arc lies in the triangle of the three.
-        centre: of its circle.
-        radius: likewise; 0 for points, whose centre is the point.
+        center: of its circle.
+        radius: likewise; 0 for points, whose center is the point.
         bulge: tan(sweep / 4), positive to the left; 0 for points only.
         deviation: distance of any point of the piece of the curve from the arc, and (but for `chords`) of any point of
             the arc from the curve, at most.
@@ -46,7 +46,7 @@ class Arcs(NamedTuple):
     start: np.ndarray
     end: np.ndarray
     apex: np.ndarray
-    centre: np.ndarray
+    center: np.ndarray
     radius: np.ndarray
     bulge: np.ndarray
     deviation: np.ndarray
@@ -78,7 +78,7 @@ class Arcs(NamedTuple):
 
 
 def arcs_of(arcs: HostArcs) -> Arcs:
-    """Arcs with centres that keep their digits: radii of at most a million, whose change counts as deviation.
+    """Arcs with centers that keep their digits: radii of at most a million, whose change counts as deviation.
 
     Arcs of one chord and one side lie within the larger sagitta of each other, |b| L / 2 with the bulge b and the
     chord L; a line becomes the flattest arc to its left.
@@ -92,9 +92,9 @@ def arcs_of(arcs: HostArcs) -> Arcs:
     deviation = np.where(flat, arcs.deviation + 0.5 * flattest * length, arcs.deviation)
     b = np.where(flat, np.copysign(flattest, b), b)
     safe = np.where(point, 1.0, b)
-    centre = np.where(point, start, 0.5 * (start + end) + 1j * chord * ((1 - safe) * (1 + safe) / (4 * safe)))
+    center = np.where(point, start, 0.5 * (start + end) + 1j * chord * ((1 - safe) * (1 + safe) / (4 * safe)))
     radius = np.where(point, 0.0, length * (1 + b * b) / (4 * np.abs(safe)))
-    return Arcs(start, end, _apex(start, end, b), centre, radius, b, deviation, arcs.segment, arcs.t0, arcs.t1)
+    return Arcs(start, end, _apex(start, end, b), center, radius, b, deviation, arcs.segment, arcs.t0, arcs.t1)
 
 
 def chords(segment: np.ndarray, t0: np.ndarray, t1: np.ndarray, points: np.ndarray) -> Arcs:
@@ -127,22 +127,22 @@ def _cross(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _in_wedge(arcs: Arcs, offset: np.ndarray) -> np.ndarray:
-    """Whether offsets from the centres point into the wedges of the arcs, or next to them; 0 does."""
-    first, last = arcs.start - arcs.centre, arcs.end - arcs.centre
+    """Whether offsets from the centers point into the wedges of the arcs, or next to them; 0 does."""
+    first, last = arcs.start - arcs.center, arcs.end - arcs.center
     least = -_ABOUT * arcs.radius * np.abs(offset)
     return (arcs.turn * _cross(first, offset) >= least) & (arcs.turn * _cross(offset, last) >= least)
 
 
 def _largest(arcs: Arcs, point: np.ndarray) -> np.ndarray:
-    """Largest distance of the points of each arc from a point: on the line to the centre, or at an end."""
-    between = point - arcs.centre
+    """Largest distance of the points of each arc from a point: on the line to the center, or at an end."""
+    between = point - arcs.center
     high = np.maximum(np.abs(arcs.start - point), np.abs(arcs.end - point))
     return np.where(_in_wedge(arcs, -between), np.maximum(high, np.abs(between) + arcs.radius), high)
 
 
 def _smallest(arcs: Arcs, point: np.ndarray) -> np.ndarray:
     """Smallest distance of the points of each arc from a point."""
-    between = point - arcs.centre
+    between = point - arcs.center
     low = np.minimum(np.abs(arcs.start - point), np.abs(arcs.end - point))
     return np.where(_in_wedge(arcs, between), np.minimum(low, np.abs(np.abs(between) - arcs.radius)), low)
 
@@ -153,24 +153,24 @@ def arc_reach(d: Arcs, c: Arcs) -> np.ndarray:
     Let x be a point of the arc d. Its distance to c is | |x - o| - r | where x lies in the wedge of c, and at most the
     distance to either end of c anyway. The wedge is convex, for arcs turn by less than half a circle, so d lies in it
     with its control triangle; then the largest | |x - o| - r | is taken at the smallest or at the largest |x - o|. The
-    distance along a circle is extreme on the line of the centres; on an arc, there or at its ends. Elsewhere the
-    largest |x - p| for an end p of c is the same formula with another centre. A point of the piece of d is within its
+    distance along a circle is extreme on the line of the centers; on an arc, there or at its ends. Elsewhere the
+    largest |x - p| for an end p of c is the same formula with another center. A point of the piece of d is within its
     deviation of the arc, and a point of the arc c within its deviation of b. So the distance to b of the whole piece is
     at most the sum. (Any pair of arcs gives a bound; which, needs no proof.)
 
-    Rounding: ends, centres and distances are right up to gamma(64) (1 + r_c + r_d), for coordinates of at most one. A
+    Rounding: ends, centers and distances are right up to gamma(64) (1 + r_c + r_d), for coordinates of at most one. A
     point that only rounding puts into the wedge is as near to it, and the arc as near to the radial foot. What lies
     next to the wedge of d only enlarges the range. The slack of gamma(200) (1 + r_c + r_d) covers the sum.
     """
     bound = np.minimum(_largest(d, c.start), _largest(d, c.end))
-    first, last = c.start - c.centre, c.end - c.centre
+    first, last = c.start - c.center, c.end - c.center
     inside = c.radius > 0
     for x in (d.start, d.end, d.apex):
-        offset = x - c.centre
+        offset = x - c.center
         inside &= (c.turn * _cross(first, offset) >= 0) & (c.turn * _cross(offset, last) >= 0)
     rows = np.flatnonzero(inside)
     e, f = d.take(rows), c.take(rows)
-    radial = np.maximum(_largest(e, f.centre) - f.radius, f.radius - _smallest(e, f.centre))
+    radial = np.maximum(_largest(e, f.center) - f.radius, f.radius - _smallest(e, f.center))
     bound[rows] = np.minimum(bound[rows], radial)
     return bound + gamma(200, np.float64) * (1 + c.radius + d.radius) + c.deviation + d.deviation
 
@@ -230,14 +230,14 @@ class ArcTarget:
         slack = gamma(200, np.float64) * (1 + c_radius + d.radius)
         return distance + np.abs(d.start - middle) + slack + c_deviation + d.deviation
 
-    def within(self, centre: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def within(self, center: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Discs, and for each in order the arcs whose pieces of b may meet it: none is missed, rounding included."""
         discs, arcs = [], []
         step = max(1, _TABLE // len(self.arcs.t0))
         slack = gamma(200, np.float64) * (2 + self.arcs.radius) + self.arcs.deviation
-        for start in range(0, len(centre), step):
+        for start in range(0, len(center), step):
             rows = slice(start, start + step)
-            met = _smallest_of(self.arcs, centre[rows, None]) <= radius[rows, None] + slack
+            met = _smallest_of(self.arcs, center[rows, None]) <= radius[rows, None] + slack
             disc, arc = np.nonzero(met)
             discs.append(start + disc)
             arcs.append(arc)
@@ -253,6 +253,6 @@ def _smallest_of(arcs: Arcs, x: np.ndarray) -> np.ndarray:
 
     A place that only rounding or `_ABOUT` puts into the wedge is given less than its distance.
     """
-    offset = x - arcs.centre
+    offset = x - arcs.center
     ends = np.minimum(np.abs(x - arcs.start), np.abs(x - arcs.end))
     return np.where(_in_wedge(arcs, offset), np.abs(np.abs(offset) - arcs.radius), ends)

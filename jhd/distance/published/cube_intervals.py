@@ -33,13 +33,13 @@ from jax import lax
 from jaxtyping import Array
 
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
-from jhd._runtime.compiled import optimised
+from jhd._runtime.compiled import optimized
 from jhd.arithmetic import rounding
 from jhd.arithmetic.rationals import float_above, float_below, root_between
 from jhd.distance.frame.directions import larger
 from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.fields.boxes import squared_distances, squared_vertex_distances
-from jhd.fields.octree import VoxelProgress, Voxels, checked_cells, voxelise
+from jhd.fields.octree import VoxelProgress, Voxels, checked_cells, voxelize
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 
 # Cells of a that are compared at once with a tile of cells of b: 2 MB of numbers.
@@ -157,7 +157,7 @@ class CubeIntervals(AbstractHausdorffMethod):
         check_surface("a", a)
         check_surface("b", b)
         ranges = "bernstein" if self.rule == "safe" else "modified_affine"
-        voxels = [voxelise(surface, self.cells, ranges, progress) for surface in (a, b)]
+        voxels = [voxelize(surface, self.cells, ranges, progress) for surface in (a, b)]
         common = _on_one_grid if _same_cube(a, b) and self.cells <= _LARGEST_GRID else _on_two_grids
         return common((a, b), voxels, self.cells)
 
@@ -220,7 +220,7 @@ class _GridCells(NamedTuple):
     def count(self) -> int:
         return self.lower.shape[1]
 
-    def centre(self, index: int) -> np.ndarray:
+    def center(self, index: int) -> np.ndarray:
         """The middle of a cell in the user's coordinates."""
         return np.asarray(self.grid.lower) + np.asarray(self.grid.spacing) * (self.places[index] + 0.5)
 
@@ -310,7 +310,7 @@ def _by_axes(p: _GridCells, q: _GridCells, proven: np.ndarray, cells: int) -> tu
     return ends[0], ends[1]
 
 
-@optimised
+@optimized
 def _two_axes(taken: Array, table: Array) -> Array:
     """For every cell the minimum of table(step in x) + table(step in y) over the taken cells of its plane in z.
 
@@ -333,7 +333,7 @@ def _two_axes(taken: Array, table: Array) -> Array:
     return lax.map(along_y, along_x)
 
 
-@optimised
+@optimized
 def _third_axis(grid: Array, table: Array, places: Array) -> Array:
     """The minimum of grid + table(step in z) for the cells at the places, an array (3, cells)."""
     x, y, z = places
@@ -358,7 +358,7 @@ def _by_tiles(p: _GridCells, q: _GridCells, proven: np.ndarray, vertices: bool) 
     return least, most
 
 
-@partial(optimised, static=(0,))
+@partial(optimized, static=(0,))
 def _tiled(
     vertices: bool, a_lower: Array, a_upper: Array, b_lower: Array, b_upper: Array, penalty: Array, tiles: Array
 ) -> tuple[Array, Array]:
@@ -378,7 +378,7 @@ def _tiled(
 
 
 def _witness(p: _GridCells, q: _GridCells, place: int, proven: np.ndarray, cells: int, direction: Any) -> Witness:
-    """The centre of a cell of p and that of the nearest cell of q, a proven one where there are any."""
+    """The center of a cell of p and that of the nearest cell of q, a proven one where there are any."""
     # As in squared_distances; in NumPy, since the number of cells is another one each time.
     before, after = p.lower[:, place, None] - q.upper, q.lower - p.upper[:, place, None]
     most = np.sum(np.minimum(before, after) ** 2, axis=0)
@@ -387,8 +387,8 @@ def _witness(p: _GridCells, q: _GridCells, place: int, proven: np.ndarray, cells
     return Witness(
         segment=jnp.asarray(-1),
         t=jnp.asarray(np.nan),
-        point=jnp.asarray(p.centre(place)),
-        feet=jnp.asarray(np.repeat(q.centre(foot)[None], 4, axis=0)),
+        point=jnp.asarray(p.center(place)),
+        feet=jnp.asarray(np.repeat(q.center(foot)[None], 4, axis=0)),
         foot_segments=jnp.asarray([-1] * 4),
         foot_params=jnp.asarray([np.nan] * 4),
         multipliers=jnp.asarray([1.0, 0.0, 0.0, 0.0]),

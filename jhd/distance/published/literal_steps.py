@@ -64,7 +64,7 @@ class _NearestTwo(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """A curve as one parametrised curve: its segments that repeat no other, how many, and whether it closes."""
+    """A curve as one parametrized curve: its segments that repeat no other, how many, and whether it closes."""
 
     curve: BezierSegments
     skip: Array
@@ -135,7 +135,7 @@ def published_candidates(pair: RefinedPair, samples: int) -> PublishedCandidates
 
 
 def _peaks(d: Array, closed: Array) -> Array:
-    """Samples not below either neighbour; the last one repeats the first of a closed curve."""
+    """Samples not below either neighbor; the last one repeats the first of a closed curve."""
     j, last = jnp.arange(d.shape[0]), d.shape[0] - 1
     before = d[jnp.where(j == 0, last - 1, j - 1)]
     inner = (j > 0) | closed

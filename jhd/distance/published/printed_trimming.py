@@ -78,9 +78,9 @@ def within_offset_unsafe(d: Arcs, c: Arcs, limit: float, eps1: float) -> np.ndar
     a limit of 1.2, the control points are within 1.195 and the arc reaches 1.445.
     """
     points = np.stack([d.start, d.apex, d.end])
-    offset = points - c.centre
-    before = c.turn * _cross(c.start - c.centre, offset) < 0
-    beyond = c.turn * _cross(offset, c.end - c.centre) < 0
+    offset = points - c.center
+    before = c.turn * _cross(c.start - c.center, offset) < 0
+    beyond = c.turn * _cross(offset, c.end - c.center) < 0
     outside = before | beyond
     cosine = (1 - d.bulge) * (1 + d.bulge) / (1 + d.bulge**2)
     radial = np.abs(np.abs(offset) - c.radius).max(axis=0) < limit * cosine - eps1
@@ -136,7 +136,7 @@ def _largest_reading(a: Curve, field: DistanceMap) -> float:
 
 
 def _left(arcs: Arcs, others: Arcs, field: DistanceMap, limit: float, eps1: float) -> EventPieces:
-    """The pieces of arcs that are not trimmed, neighbours as one; the map is that of the other arcs."""
+    """The pieces of arcs that are not trimmed, neighbors as one; the map is that of the other arcs."""
     points = np.stack([arcs.start, arcs.apex, arcs.end])
     pixels = _pixels(field, np.real(points), np.imag(points))
     distance, nearest = np.asarray(field.distance)[pixels], np.asarray(field.nearest)[pixels]

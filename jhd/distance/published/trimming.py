@@ -350,9 +350,9 @@ def _feet(pair: HostPair, pieces: EventPieces, target: ArcTarget) -> SurvivingFe
     that are farther from a disc around the piece than that, with their deviations, hold no such foot.
     """
     points = restricted(pair.a.points[..., pieces.segment], pieces.side)
-    centre = points.mean(0)
-    radius = np.hypot(*np.moveaxis(points - centre, 1, 0)).max(0)
-    piece, arc = target.within(centre[0] + 1j * centre[1], radius + pieces.wanted[1])
+    center = points.mean(0)
+    radius = np.hypot(*np.moveaxis(points - center, 1, 0)).max(0)
+    piece, arc = target.within(center[0] + 1j * center[1], radius + pieces.wanted[1])
     moving = pair.second.moving
     b, arcs = pair.b, target.arcs
     segment = moving[arcs.segment[arc]]

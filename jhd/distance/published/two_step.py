@@ -183,14 +183,14 @@ def _by_curvature(a: BezierSegments, segment: Array, count: int) -> Array:
     turn = jnp.sqrt(jnp.sum((unit[1:] - unit[:-1]) ** 2, axis=-1))
     length = 0.5 * (speed[1:] + speed[:-1])
     # What turns by less than a radian in all is divided by length: angles of a straight line are rounding.
-    share = _normalised(length) + turn / jnp.maximum(jnp.sum(turn), 1.0)
+    share = _normalized(length) + turn / jnp.maximum(jnp.sum(turn), 1.0)
     # A small uniform part keeps the parameters apart where the curve neither moves nor turns.
     grown = jnp.concatenate([jnp.zeros(1), jnp.cumsum(share + 0.1 / t.size)])
     inner = jnp.interp(jnp.linspace(0.0, 1.0, count + 1), grown / grown[-1], t)
     return inner.at[0].set(0.0).at[-1].set(1.0)
 
 
-def _normalised(x: Array) -> Array:
+def _normalized(x: Array) -> Array:
     total = jnp.sum(x)
     return x / jnp.where(total > 0, total, 1.0)
 
@@ -252,7 +252,7 @@ def _brackets(samples: _CurveSamples) -> Bracket:
     before, after = jnp.roll(d, 1), jnp.roll(d, -1)
     peak = (d > before) & (d >= after) | (d >= before) & (d > after)
     peak = peak | jnp.pad(~joined, (1, 0), constant_values=True) | jnp.pad(~joined, (0, 1), constant_values=True)
-    # Feet of one branch move about as fast as the samples, unless a centre of curvature of b is near.
+    # Feet of one branch move about as fast as the samples, unless a center of curvature of b is near.
     wanted = rises_and_falls | (feet_apart > 4 * chord) | peak[left] | peak[right]
     wanted = wanted & joined & (samples.t[left] < samples.t[right])
     key = jnp.where(wanted, 0.5 * (d[left] + d[right] + _ARC * chord), -jnp.inf)

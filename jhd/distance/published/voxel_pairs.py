@@ -25,7 +25,7 @@ from jhd._results.solution import RESULTS, MinimumSolution
 from jhd._runtime.arrays import check_whole, is_traced, real_array
 from jhd.distance.frame.method import AbstractMethod
 from jhd.fields.distance_transform import distance_transform
-from jhd.fields.octree import voxelise
+from jhd.fields.octree import voxelize
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
@@ -102,7 +102,7 @@ class _ImplicitCubes(AbstractCubeSide):
         surface = ImplicitSurface(
             self.surface.coefficients, origin, origin + cells * spacing, reduced=self.surface.reduced
         )
-        rows = np.asarray(voxelise(surface, cells).cells)
+        rows = np.asarray(voxelize(surface, cells).cells)
         low, high = origin + rows * spacing, origin + (rows + 1) * spacing
         return rows[np.all((low <= self.upper) & (high >= self.lower), axis=1)]
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jhd._runtime.compiled import compiled, optimised
+from jhd._runtime.compiled import compiled, optimized
 from jhd.arithmetic.balls import Ball
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.simplices import dividing, inner_lattice, lattice
@@ -380,7 +380,7 @@ def _more(least: np.ndarray, aside: np.ndarray, square: np.ndarray) -> np.ndarra
     return np.where(least > 0, np.minimum(aside, square / np.where(least > 0, 2 * least, 1.0)), aside)
 
 
-@optimised
+@optimized
 def _heights_of(
     shapes: Any,
     count: Array,

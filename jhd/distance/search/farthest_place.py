@@ -331,7 +331,7 @@ class FarthestSearch(AbstractSearch):
 
     def _solution(self, state: _FarthestState) -> HausdorffSolution:
         """The solution in the user's coordinates."""
-        best, dtype = state.best, self._frame.centre.dtype
+        best, dtype = state.best, self._frame.center.dtype
         # Where no place is proven, some place stands for the witness.
         place = best if best is not None else self._nowhere(dtype)
         upper = max(self._upper(state), place.lower)
@@ -381,7 +381,7 @@ class FarthestSearch(AbstractSearch):
 
     def _witness(self, place: PlaceFound, distance: float, gap: float) -> Witness:
         """All points that are nearest to the place, with multipliers, and how the maximum arises."""
-        dtype = self._frame.centre.dtype
+        dtype = self._frame.center.dtype
         feet, shares, at_border = self._places.active(place, gap)
         several = np.count_nonzero(shares) > 1
         event = EVENTS.one_to_two if several else EVENTS.a_end if at_border else EVENTS.b_end

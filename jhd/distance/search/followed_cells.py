@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jhd._runtime.compiled import compiled, optimised
+from jhd._runtime.compiled import compiled, optimized
 from jhd.arithmetic.simplices import inner_lattice
 from jhd.distance.cells.followed import bound_between, levels_of, part_over
 from jhd.distance.cells.foot_maps import (
@@ -301,7 +301,7 @@ def _worth_trying(feet: FeetOfParts, flat: bool) -> np.ndarray:
     return tried & (np.cumsum(tried, axis=1) <= _MOST)
 
 
-@optimised
+@optimized
 def _bounds_of(
     shapes: Any, count: Array, piece: Array, corners: Array, shares: Array, segment: Array, start: Array
 ) -> Array:
@@ -326,7 +326,7 @@ def _bounds_of(
     return in_groups(group, count, (piece, corners, shares, segment, start), _LANES_OF_PARTS)
 
 
-@optimised
+@optimized
 def _farthest_corner(b: Any, count: Array, points: Array, segment: Array) -> Array:
     def one(points: Array, segment: Array) -> Array:
         return jnp.max(jax.vmap(lambda p: distance_to(b.piece(segment), p))(points[:-1]))

@@ -63,13 +63,13 @@ def _measured(own: Side, other: Side) -> tuple[Any, ...]:
     known = (np.asarray(points.half) > 0) & (np.asarray(points.radius) >= 0) & np.asarray(points.there)
     if not known.any():
         return own, np.inf, np.inf
-    centre, radius = np.asarray(points.centre)[known], np.asarray(points.radius)[known]
-    found = SurfaceTarget(other).nearest(centre)
-    room = gamma(4, centre.dtype)
+    center, radius = np.asarray(points.center)[known], np.asarray(points.radius)[known]
+    found = SurfaceTarget(other).nearest(center)
+    room = gamma(4, center.dtype)
     # Differences round towards either side by less than this share of the larger number.
     lower = np.maximum(found.lower - radius - room * found.lower, 0.0)
     upper = (found.upper + radius) * (1 + room)
     left = points._replace(radius=np.where(known, -np.inf, points.radius), there=np.asarray(points.there) & ~known)
     k = int(np.argmin(upper))
-    ends = (centre[k], found.foot[k]) if np.isfinite(upper[k]) else ()
+    ends = (center[k], found.foot[k]) if np.isfinite(upper[k]) else ()
     return own._replace(isolated=left), float(np.min(lower)), upper[k], *ends

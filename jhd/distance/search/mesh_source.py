@@ -1,4 +1,4 @@
-"""Triangle meshes as what distances are maximised over; see jhd.distance.search.sources."""
+"""Triangle meshes as what distances are maximized over; see jhd.distance.search.sources."""
 
 import math
 

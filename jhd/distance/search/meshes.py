@@ -79,8 +79,8 @@ def mesh_directed(
     """
 
     def search(meshes: Any, method: BranchAndBound, aim: Aim) -> HausdorffSolution:
-        near, centre = _near_origin(*meshes)
-        return _moved_by(centre, drive(MeshSearch(near[0], near[1], method, aim), listener, direction))
+        near, center = _near_origin(*meshes)
+        return _moved_by(center, drive(MeshSearch(near[0], near[1], method, aim), listener, direction))
 
     # Inside jit all operations are traced, those on known numbers too.
     if is_tracing(a, b, method, aim):
@@ -91,23 +91,23 @@ def mesh_directed(
 
 
 def _near_origin(*meshes: TriangleMesh) -> tuple[tuple[TriangleMesh, ...], np.ndarray]:
-    """Meshes less a common centre, which is zero along axes where a difference to it would round."""
+    """Meshes less a common center, which is zero along axes where a difference to it would round."""
     corners = [extremes(np.asarray(x.vertices)[np.asarray(x.triangles)]) for x in meshes]
-    frame = frame_of(corners, centre=exact_middle)
-    centre = np.ldexp(frame.centre, frame.first)
-    if not np.any(centre):
-        return meshes, centre
+    frame = frame_of(corners, center=exact_middle)
+    center = np.ldexp(frame.center, frame.first)
+    if not np.any(center):
+        return meshes, center
     # Vertices that no triangle has may overflow.
     with np.errstate(over="ignore"):
-        rows = [array_of(np.asarray(x.vertices) - centre) for x in meshes]
-    return tuple(eqx.tree_at(lambda m: m.vertices, x, y) for x, y in zip(meshes, rows, strict=True)), centre
+        rows = [array_of(np.asarray(x.vertices) - center) for x in meshes]
+    return tuple(eqx.tree_at(lambda m: m.vertices, x, y) for x, y in zip(meshes, rows, strict=True)), center
 
 
-def _moved_by(centre: np.ndarray, solution: HausdorffSolution) -> HausdorffSolution:
-    if not np.any(centre):
+def _moved_by(center: np.ndarray, solution: HausdorffSolution) -> HausdorffSolution:
+    if not np.any(center):
         return solution
     witness = solution.witness
-    point, feet = (array_of(np.asarray(x) + centre) for x in (witness.point, witness.feet))
+    point, feet = (array_of(np.asarray(x) + center) for x in (witness.point, witness.feet))
     return replace(solution, witness=replace(witness, point=point, feet=feet))
 
 

@@ -139,7 +139,7 @@ def _farthest(a: Any, b: Any, method: BranchAndBound, aim: Aim) -> FarthestSearc
     source, floor = _source(a, pair.a)
     target, size = target_in(b, pair.b)
     frame, moved = pair.frame, pair.moved
-    dtype = np.asarray(frame.centre).dtype
+    dtype = np.asarray(frame.center).dtype
     floor = (floor + 16 * gamma(64, dtype)) * (1 + size) + 8 * moved
     atol = float(default_tolerance(float(frame.common(np.asarray(diagonal_of(a, b)))), dtype, 0.0))
     atol = atol if method.atol is None else float(frame.common(np.asarray(method.atol)))

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 from typing_extensions import override
 
-from jhd._runtime.compiled import compiled, optimised
+from jhd._runtime.compiled import compiled, optimized
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, ldexp, length, times_two_to, unit_weights
 from jhd.distance.cells.beside import beside_net, of_points
@@ -36,7 +36,7 @@ _SAMPLES, _FOOT_STEPS = 6, 10
 _LANES = 8
 # Newton steps that mend feet, and how much they may change parameters.
 _MENDING, _MENDED = 2, 1e-6
-# Cells of a query from which on squares bound them too: few queries need so many, as those about centres do. So many
+# Cells of a query from which on squares bound them too: few queries need so many, as those about centers do. So many
 # more for each time that this was in vain, less the times that it was not.
 _HARD, _VAIN = 64, 16
 # Pairs of queries and boxes of pieces that are formed at once.
@@ -191,7 +191,7 @@ class NetTarget(AbstractTarget):
         """Feet near the nearest samples, and what is left of the distance after some steps from there."""
         # Where the queries are in a larger unit than the samples they only start elsewhere.
         feet = self._from_samples(points, shift, self._rows[self._samples.nearest(points)])
-        # Inside of a piece that is all; on its border the nearest of that and of those on its neighbours counts.
+        # Inside of a piece that is all; on its border the nearest of that and of those on its neighbors counts.
         rows = np.flatnonzero(np.any((feet.x <= 0) | (feet.x >= 1), axis=1))
         place = np.rint(feet.x[rows] * (_SAMPLES - 1)).astype(int)
         sample = self._beside[feet.piece[rows] * _SAMPLES ** place.shape[1] + place @ self._strides]
@@ -332,7 +332,7 @@ def _lengths(about: _About, lower: Array, upper: Array, distance: Array) -> tupl
     return low, times_two_to(high, about.unit) + tiny, times_two_to(distance, about.unit)
 
 
-@optimised
+@optimized
 def _foot(net: Net, count: Array, points: Array, piece: Array, start: Array) -> Any:
     """Upper bounds, distances, parameters and points of pieces near the starts, moved towards the nearest."""
 

@@ -13,7 +13,7 @@ from jhd.triangles.closest_point import TriangleTree, in_unit_of, nearest_triang
 # samples; and how many of them at once, few enough for the cache of a processor.
 _FEW, _AT_ONCE = 1 << 21, 1 << 16
 
-# Samples of pieces that count as neighbours, and in how many units a length of one is divided to tell whether samples
+# Samples of pieces that count as neighbors, and in how many units a length of one is divided to tell whether samples
 # are at one place.
 _MOST, _SAME = 3, 2.0**30
 
@@ -65,7 +65,7 @@ def starts_among(samples: np.ndarray) -> StartsOfFeet:
 def _apart_from_others(samples: np.ndarray) -> np.ndarray:
     """The numbers of the pieces but for those that are collapsed onto others, as those of empty knot spans are.
 
-    A foot would be moved along a collapsed piece alone, where its neighbours hold the same points.
+    A foot would be moved along a collapsed piece alone, where its neighbors hold the same points.
     """
     count = len(samples)
     along = range(1, samples.ndim - 1)

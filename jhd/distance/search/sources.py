@@ -1,4 +1,4 @@
-"""What distances are maximised over: curves, parametric surfaces, meshes and polynomial surfaces, cut into cells.
+"""What distances are maximized over: curves, parametric surfaces, meshes and polynomial surfaces, cut into cells.
 
 A cell lies in the hull of some points, and is bounded by flat pieces of the other shape (jhd.distance.cells.flats). Of
 a curve or patch these are the control points of a part, of a triangle its corners, and of a polynomial surface the
@@ -69,7 +69,7 @@ class PlaceOfCut(NamedTuple):
 
 
 class AbstractSource(ABC):
-    """A shape that distances are maximised over, in common coordinates.
+    """A shape that distances are maximized over, in common coordinates.
 
     Its cells have parameters; those of a polynomial surface are coordinates.
     """

@@ -1,4 +1,4 @@
-"""Polynomial surfaces as what distances are maximised over; see jhd.distance.search.sources."""
+"""Polynomial surfaces as what distances are maximized over; see jhd.distance.search.sources."""
 
 from itertools import product
 from typing import Any
@@ -143,14 +143,14 @@ def _over_box(side: Side, low: Array, high: Array, feet: Array, radius: Array) -
 def _hull_of_box(f: Form, cells: Boxes) -> Hulls:
     """What is left of a box where |f| = |value + slope.e + rest| may vanish, by the ends of its edges there."""
     value, rest, error = f.value[0], f.rest[0], f.error[0]
-    slope, centre, half = f.slope[:, 0], cells.centre[:, 0], cells.half[:, 0]
+    slope, center, half = f.slope[:, 0], cells.center[:, 0], cells.half[:, 0]
     size, dtype = jnp.abs(value) + jnp.sum(jnp.abs(slope)) + rest, half.dtype
     most = (rest + error + gamma(32, dtype) * size) * (1 + gamma(8, dtype))
     places, there = _ends_on_edges(value, slope, most)
     # Ends that are not there stand where another one does, or anywhere where the box holds no point.
     places = jnp.where(there[:, None], places, places[jnp.argmax(there)])
-    corners = jnp.where(jnp.any(there), centre + half * places, centre + half * jnp.sign(places))
-    slack = gamma(16, dtype) * jnp.max(jnp.abs(centre) + half)
+    corners = jnp.where(jnp.any(there), center + half * places, center + half * jnp.sign(places))
+    slack = gamma(16, dtype) * jnp.max(jnp.abs(center) + half)
     least = jnp.argmin(jnp.abs(slope / half))
     along = jnp.cross(slope / half, jnp.eye(3, dtype=dtype)[least])
     return Hulls(corners, slack, jnp.stack([along, jnp.cross(slope / half, along)]))

@@ -120,7 +120,7 @@ def begin(a: Target, b: Target, capacity: int) -> SurfaceState:
     dtype = jnp.asarray(a.side.lower).dtype
     low, high = a.cover.lower, a.cover.upper
     cells = boxes(low, high)
-    index = _nearest_of(b.cloud, cells.centre)
+    index = _nearest_of(b.cloud, cells.center)
     near, radius = b.cloud.points[:, index], b.cloud.radius[index]
     bound = box_distances(cells, near)[1] + 2 * radius
     bound = jnp.where(a.cover.alive, bound, -jnp.inf)
@@ -229,7 +229,7 @@ def _points(a: Side, cells: Boxes, free: Array) -> tuple[Array, Array, Array]:
     """A place to look for feet from, and points (2, 3, lanes) of a: inside, and on the faces that the cell touches."""
     lower, upper = jnp.asarray(a.lower)[:, None], jnp.asarray(a.upper)[:, None]
     at_face = jnp.where(cells.lower <= lower, lower, upper)
-    start = jnp.concatenate([cells.centre, jnp.where(free, cells.centre, at_face)], axis=1)
+    start = jnp.concatenate([cells.center, jnp.where(free, cells.center, at_face)], axis=1)
     fixed = jnp.concatenate([jnp.zeros_like(free), ~free], axis=1)
     found = projected(a, start, fixed, _STEPS_OF_POINTS)
     value, gradient = slopes(a.coefficients, found)
@@ -238,10 +238,10 @@ def _points(a: Side, cells: Boxes, free: Array) -> tuple[Array, Array, Array]:
     )
     on = on | on_isolated(a.isolated, found)
     half = jnp.tile(jnp.maximum(cells.half, 0.0), (1, 2))
-    near = on & jnp.all(jnp.abs(found - jnp.tile(cells.centre, (1, 2))) <= 3 * jnp.max(half, axis=0), axis=0)
+    near = on & jnp.all(jnp.abs(found - jnp.tile(cells.center, (1, 2))) <= 3 * jnp.max(half, axis=0), axis=0)
     points = jnp.stack(jnp.split(found, 2, axis=1))
     both = near.reshape(2, -1)
-    return jnp.where(both[0], points[0], cells.centre), points, both
+    return jnp.where(both[0], points[0], cells.center), points, both
 
 
 def _feet(b: Target, state: SurfaceState, place: Array, parents: Array, cells: Boxes) -> tuple[Array, Array]:

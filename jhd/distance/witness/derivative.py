@@ -4,7 +4,7 @@ The search is not differentiated: its answer is a function of both curves by the
 (jhd.distance.witness.active), and its derivatives are those of that function, in forward and reverse mode, of first and
 higher order.
 
-Where several places are equally far the derivative is that of the witness named, one of the generalised derivatives of
+Where several places are equally far the derivative is that of the witness named, one of the generalized derivatives of
 the maximum. Where several feet are equally near at an end or corner of a it lies between the one-sided derivatives in
 every direction (jhd.distance.witness.multipliers). Where the distance is zero it is not differentiable, and zero is
 taken.

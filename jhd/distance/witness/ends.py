@@ -39,13 +39,13 @@ def around(curve: BezierSegments, before: Array, at: CurvePlace) -> Around:
     """
     segment, t = at
     first, last = t <= 0, t >= 1
-    neighbour = jnp.where(last, curve.following[segment], jnp.where(first, before[segment], segment))
+    neighbor = jnp.where(last, curve.following[segment], jnp.where(first, before[segment], segment))
     beyond = jnp.where(last, 0.0, jnp.where(first, 1.0, t))
-    own, other = jax.vmap(lambda k, t: _tangent(curve, k, t))(jnp.stack([segment, neighbour]), jnp.stack([t, beyond]))
+    own, other = jax.vmap(lambda k, t: _tangent(curve, k, t))(jnp.stack([segment, neighbor]), jnp.stack([t, beyond]))
     border = first | last
-    end = border & (neighbour < 0)
+    end = border & (neighbor < 0)
     # The angle between unit vectors is nearly the length of their difference.
-    corner = border & (neighbour >= 0) & (jnp.sum((own - other) ** 2) > _CORNER**2)
+    corner = border & (neighbor >= 0) & (jnp.sum((own - other) ** 2) > _CORNER**2)
     back = jnp.where(last, -own, own)
     on = jnp.where(corner, jnp.where(last, other, -other), jnp.where(end, 0.0, -back))
     return Around(end, corner, jnp.stack([back, on]))

@@ -28,7 +28,7 @@ _TIE = 1e-9
 # Distances below this, in common coordinates, are zero: points of curves are evaluated to a hundred roundings.
 ZERO = 3e-14
 # Feet no farther apart than this are one, and so are those no farther apart than the second many times what rounding
-# leaves open of each, up to the third: two feet of one maximum merge only at a centre of curvature, where the places of
+# leaves open of each, up to the third: two feet of one maximum merge only at a center of curvature, where the places of
 # both are known to a small share of the size, and so are all directions between them.
 _SAME_FOOT, _UNCERTAIN, _MERGED = 1e-6, 16, 1e-3
 # By how much the gap may be too small, and the farthest that a place may be from its maximum.
@@ -36,7 +36,7 @@ _OPEN, _FARTHEST = 4, 1.0
 # Starts of Newton's method on each segment when the feet of a witness are gathered; of more segments than curves
 # are usually padded to those with the smallest lower bounds are searched.
 _STARTS, _SEARCHED = 8, 48
-# Steps of Newton's method, which end where none is longer: next to a centre of curvature each gains a third only.
+# Steps of Newton's method, which end where none is longer: next to a center of curvature each gains a third only.
 _NEWTON_STEPS, _SETTLED = 48, 1e-9
 
 

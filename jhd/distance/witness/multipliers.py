@@ -13,7 +13,7 @@ every direction of change, and one outside of L does not. Inside of a curve or f
 cancel; at an end C is one ray. At a corner of a curve, and at edges and vertices of a mesh, C is a union of rays or of
 convex cones, and the condition is asked of each. Where these ask for opposite things the maximum is the larger of one
 on each; with two feet what lies between is between the one-sided derivatives still, with more of them the derivative is
-one of the generalised derivatives.
+one of the generalized derivatives.
 
 Of the admissible multipliers those are taken that leave the nearest foot the most: then the derivative is that of the
 nearest foot, or that of the point inside of a where two feet are equally near, also where the tie is not exact. Where
@@ -135,7 +135,7 @@ def balanced(
 ) -> Any:
     """The multipliers of any number of feet in space, at most four of them positive, of least violation.
 
-    They minimise |max(sum l_k u_k.e_r, 0)|, as least squares with one more unknown for each ray that may fall.
+    They minimize |max(sum l_k u_k.e_r, 0)|, as least squares with one more unknown for each ray that may fall.
 
     Args:
         units: from the feet to the point.

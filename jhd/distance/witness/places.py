@@ -24,7 +24,7 @@ from jhd.shapes.mesh import TriangleMesh
 def with_place_derivatives(solution: HausdorffSolution, a: Any, b: Any) -> HausdorffSolution:
     """A distance from a to b, its value, point and feet differentiable in both, twice.
 
-    Where several points are equally far, the derivative is that of the witness named: one of the generalised
+    Where several points are equally far, the derivative is that of the witness named: one of the generalized
     derivatives of the maximum. At distance zero all derivatives are zero by convention.
 
     Args:

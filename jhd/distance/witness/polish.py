@@ -4,7 +4,7 @@ A box cuts its surface, so an extremum may lie on a face, an edge or a corner of
 of the answer: a face holds a coordinate while the sign of its multiplier says so and lets it go otherwise, as does one
 that the surface only touches. What comes back is a proposal, to be proven or thrown away by the caller; it is not
 differentiable. The precision is that of the polynomials near the points, so boxes far from the origin need
-recentring before.
+recentering before.
 
 The unknowns of a maximum are the point p on a with a multiplier, the feet q_k on b with their signed distances t_k
 along the unit normals N_k, the weights w_k and the distance d:
@@ -64,13 +64,13 @@ class MaximumProblem(NamedTuple):
     lower: Array  # (5, 3), in the coordinates of the unknowns, like the next two
     upper: Array
     start: Array
-    centre: Array  # (3,), where these coordinates begin
+    center: Array  # (3,), where these coordinates begin
     size: Array  # their unit
     scale: Array  # (5,): values of the polynomials at places one unit from the surfaces
 
     def jets(self, x: Array) -> PolynomialJet:
         """Value and gradient of each polynomial at its place."""
-        return jax.vmap(jets)(self.f, self.centre + self.size * x)
+        return jax.vmap(jets)(self.f, self.center + self.size * x)
 
     def face(self, faces: Array) -> Array:
         """Where the face lies that holds each coordinate, the upper one where none does."""
@@ -148,7 +148,7 @@ def polish(
     active = ActiveSet(faces, jnp.where(jnp.any(nearest), nearest, used))
     state = varying((jnp.array(0), active, start, jnp.array(False)), problem, start)
     _, active, found, solved = jax.lax.while_loop(lambda state: state[0] < _ROUNDS, turn, state)
-    x = problem.centre + problem.size * jnp.clip(found.x, problem.lower, problem.upper)
+    x = problem.center + problem.size * jnp.clip(found.x, problem.lower, problem.upper)
     weights = jnp.where(solved, jnp.where(active.used, jnp.clip(found.w, 0.0, 1.0), 0.0), start.w)
     return Polished(x[0], x[1:], weights, jnp.abs(found.d) * problem.size, solved)
 
@@ -171,10 +171,10 @@ def _stacked(fa: Array, box_a: tuple[Array, Array], fb: Array, box_b: tuple[Arra
 def _started(shapes: Shapes, places: Array, weights: Array) -> tuple[MaximumProblem, Unknowns, PolynomialJet]:
     """The problem about the first of five places, in units of the boxes, all unknowns there, and the jets."""
     owner = jnp.array([0, 1, 1, 1, 1])
-    centre, size = places[0], jnp.max(shapes.upper - shapes.lower)
-    lower, upper = ((x[owner] - centre) / size for x in (shapes.lower, shapes.upper))
-    x = (places - centre) / size
-    problem = MaximumProblem(shapes.f[owner], lower, upper, x, centre, size, jnp.ones(5, size.dtype))
+    center, size = places[0], jnp.max(shapes.upper - shapes.lower)
+    lower, upper = ((x[owner] - center) / size for x in (shapes.lower, shapes.upper))
+    x = (places - center) / size
+    problem = MaximumProblem(shapes.f[owner], lower, upper, x, center, size, jnp.ones(5, size.dtype))
     at = problem.jets(x)
     slopes = length(at.gradient)
     slopes = jnp.where(slopes > 0, slopes, 1.0)

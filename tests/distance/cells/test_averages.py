@@ -15,7 +15,7 @@ from tests.sweeps import swept
 
 
 @pytest.mark.slow
-def test_bounds_inside_a_sphere_do_not_ask_for_the_last_digits_about_its_centre(monkeypatch):
+def test_bounds_inside_a_sphere_do_not_ask_for_the_last_digits_about_its_center(monkeypatch):
     random = np.random.default_rng(3)
     corners = random.normal(size=(48, 1, 3)) + 0.1 * random.normal(size=(48, 3, 3))
     corners = 0.49 * corners / np.linalg.norm(corners, axis=2, keepdims=True)

@@ -94,7 +94,7 @@ def test_the_bound_is_exact_at_a_crossing_of_two_branches():
 
 @pytest.mark.slow
 def test_a_circle_against_itself_turned_is_bounded_by_its_rounding():
-    # A Moebius map carries one rational parametrisation of a circle exactly into another.
+    # A Moebius map carries one rational parametrization of a circle exactly into another.
     circle = jhd.circle((0, 0), 1.0)
     turn = np.array([[np.cos(0.2), -np.sin(0.2)], [np.sin(0.2), np.cos(0.2)]])
     turned = circle.transform(turn)

@@ -23,8 +23,8 @@ def bounds(a, b, low, high, foot):
     return moving_bounds(form(a, cells), a, b, cells, foot)
 
 
-def sphere(radius, centre=(0.0, 0.0, 0.0)):
-    x, y, z = centre
+def sphere(radius, center=(0.0, 0.0, 0.0)):
+    x, y, z = center
     return f"(x-{x})**2 + (y-{y})**2 + (z-{z})**2 - {radius**2}"
 
 
@@ -32,8 +32,8 @@ def torus(tube):
     return f"(x**2 + y**2 + z**2 + {1 - tube**2})**2 - 4*(x**2 + y**2)"
 
 
-def to_sphere(radius, centre=(0.0, 0.0, 0.0)):
-    return lambda x: np.abs(np.linalg.norm(x - np.array(centre), axis=-1) - radius)
+def to_sphere(radius, center=(0.0, 0.0, 0.0)):
+    return lambda x: np.abs(np.linalg.norm(x - np.array(center), axis=-1) - radius)
 
 
 def to_torus(tube):

@@ -1,4 +1,4 @@
-"""Lower bounds by feet that move over parametric shapes: true against minimised samples, and close for families."""
+"""Lower bounds by feet that move over parametric shapes: true against minimized samples, and close for families."""
 
 from functools import partial
 from itertools import product
@@ -16,7 +16,7 @@ from tests.distance.test_families import torus
 from tests.sweeps import swept
 
 CELLS = 64
-# Samples along each parameter, from which pairs are minimised.
+# Samples along each parameter, from which pairs are minimized.
 SAMPLES = 6
 
 
@@ -32,7 +32,7 @@ def lattice(n):
 
 
 @jax.jit
-def minimised(a, b, cells):
+def minimized(a, b, cells):
     """The least distance found of the points of pairs of cells."""
     n = a.parameters
 
@@ -88,7 +88,7 @@ KINDS = {
 @pytest.mark.parametrize(
     ("name", "dtype"), swept(product(KINDS, [np.float64, np.float32]), slow=[("surface and curve", np.float64)])
 )
-def test_bounds_are_below_what_samples_are_minimised_to(name, dtype):
+def test_bounds_are_below_what_samples_are_minimized_to(name, dtype):
     first, second, rational = KINDS[name]
     rng = np.random.default_rng(len(name))
     useful = 0
@@ -99,7 +99,7 @@ def test_bounds_are_below_what_samples_are_minimised_to(name, dtype):
         wide = [
             jax.tree_util.tree_map(lambda x: jnp.asarray(x, float) if x.dtype == dtype else x, y) for y in (a, b, cells)
         ]
-        exact = np.asarray(minimised(*wide))
+        exact = np.asarray(minimized(*wide))
         # The samples' own roundings.
         assert np.all(np.asarray(found.lower, float) <= exact * (1 + 1e-14) + 1e-15)
         useful += np.sum(np.asarray(found.lower, float) > 0.9 * exact)

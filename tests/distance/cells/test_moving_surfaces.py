@@ -36,8 +36,8 @@ def mixed_bounds(a, b, cells, start):
     return jax.vmap(partial(moving_bound, a, b))(cells, start).lower
 
 
-def sphere(radius, centre=(0.0, 0.0, 0.0)):
-    x, y, z = centre
+def sphere(radius, center=(0.0, 0.0, 0.0)):
+    x, y, z = center
     return f"(x-{x})**2 + (y-{y})**2 + (z-{z})**2 - {radius**2}"
 
 
@@ -176,30 +176,30 @@ def test_upper_bounds_on_an_implicit_surface_are_true_and_of_the_sixth_order(dty
     assert dtype is np.float32 or over[0.05] < over[0.2] / 500
 
 
-def from_a_cut_sphere(points, centre):
-    """Distances from a sphere of radius 1.5 about (centre, 0, 0), of which only the part below x = 2 is there."""
-    apart = points - np.array([centre, 0, 0])
+def from_a_cut_sphere(points, center):
+    """Distances from a sphere of radius 1.5 about (center, 0, 0), of which only the part below x = 2 is there."""
+    apart = points - np.array([center, 0, 0])
     far = np.linalg.norm(apart, axis=-1)
-    beside = np.hypot(points[..., 1], points[..., 2]) - np.sqrt(max(1.5**2 - (2 - centre) ** 2, 0))
-    above = 1.5 * apart[..., 0] > (2 - centre) * far
+    beside = np.hypot(points[..., 1], points[..., 2]) - np.sqrt(max(1.5**2 - (2 - center) ** 2, 0))
+    above = 1.5 * apart[..., 0] > (2 - center) * far
     return np.where(above, np.hypot(points[..., 0] - 2, beside), np.abs(far - 1.5))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("centre", "missed"), list(product([0.0, 1.0], [None, 0.0, 0.02])))
-def test_upper_bounds_of_wavy_pieces_hold_all_sampled_distances_or_are_none(centre, missed, monkeypatch):
-    # Pieces through the sphere, near its centre, and out of the box of the surface, which cuts the second one.
+@pytest.mark.parametrize(("center", "missed"), list(product([0.0, 1.0], [None, 0.0, 0.02])))
+def test_upper_bounds_of_wavy_pieces_hold_all_sampled_distances_or_are_none(center, missed, monkeypatch):
+    # Pieces through the sphere, near its center, and out of the box of the surface, which cuts the second one.
     rng = np.random.default_rng(4)
     plane = np.stack(np.meshgrid(*[[-1.5, -0.5, 0.5, 1.5]] * 2, indexing="ij"), axis=-1)
     heights = (-1.9, -1.2, -0.2, 0.0, 0.3, 0.9, 1.4, 2.1)
     rows = np.stack([np.append(plane, np.full((4, 4, 1), z), axis=-1) for z in heights])
-    net = net_of(BezierPatches(rows + rng.normal(0, 0.2, rows.shape) + np.array([centre, 0, 0])))
-    a, b, frame = prepare_surfaces(net, two(sphere(1.5, (centre, 0, 0)), sphere(1))[0])
+    net = net_of(BezierPatches(rows + rng.normal(0, 0.2, rows.shape) + np.array([center, 0, 0])))
+    a, b, frame = prepare_surfaces(net, two(sphere(1.5, (center, 0, 0)), sphere(1))[0])
     a, b, unit = *jax.tree_util.tree_map(jnp.asarray, (a, b)), 2.0 ** float(frame.first + frame.second)
 
     def feet(side, points, starts, steps):
         """Feet that are off the surface, and on what the box has cut off."""
-        apart = points - jnp.array([[centre], [0], [0]]) / unit
+        apart = points - jnp.array([[center], [0], [0]]) / unit
         return points - apart * (1 - (1.5 - missed) / unit / jnp.linalg.norm(apart, axis=0))
 
     if missed is not None:
@@ -211,5 +211,5 @@ def test_upper_bounds_of_wavy_pieces_hold_all_sampled_distances_or_are_none(cent
         found = np.asarray(bounds_of(a, b, Cell(pieces, pieces, low, low + size))) * unit
         places = jax.vmap(lambda k, x: jax.vmap(lambda u, k=k: jet(a.piece(k), u).point)(x))
         points = np.asarray(places(pieces, low[:, None] + size * shares)) * unit
-        assert np.all(found >= np.max(from_a_cut_sphere(points, centre), axis=1) - 1e-14)
-    assert np.mean(np.isfinite(found)) > (0.5 if centre else 0.8)
+        assert np.all(found >= np.max(from_a_cut_sphere(points, center), axis=1) - 1e-14)
+    assert np.mean(np.isfinite(found)) > (0.5 if center else 0.8)

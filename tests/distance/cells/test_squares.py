@@ -80,7 +80,7 @@ def test_subnormal_distances_are_not_rounded_upward():
 
 
 @pytest.mark.parametrize("power", swept([-600, 0, 600], slow=[600]))
-def test_centres_of_spheres_and_tori_are_proven_with_few_cells(power):
+def test_centers_of_spheres_and_tori_are_proven_with_few_cells(power):
     for surface, exact in ((sphere(1.0), 1.0), (torus(0.25), 0.75)):
         net = surface.patches()
         scaled = jhd.BezierPatches(np.asarray(net.control_points) * 2.0**power, net.weights)
@@ -107,7 +107,7 @@ def test_from_an_axis_whole_circles_are_proven_to_be_the_nearest_points(name):
 
 
 @pytest.mark.slow
-def test_places_near_a_centre_take_hundreds_of_cells_at_most(monkeypatch):
+def test_places_near_a_center_take_hundreds_of_cells_at_most(monkeypatch):
     counted = []
     target = NetTarget(net_of(sphere(1.0)))
     bounded = on_patches.in_blocks

@@ -31,9 +31,9 @@ def random_side(rng, degree, error=0.0):
 
 
 def random_cells(rng, count, smallest=-45):
-    centre = rng.uniform(-0.9, 0.9, (3, count))
+    center = rng.uniform(-0.9, 0.9, (3, count))
     half = 2.0 ** rng.uniform(smallest, -4, (1, count)) * rng.uniform(0.3, 1, (3, count))
-    return boxes(jnp.asarray(centre - half), jnp.asarray(centre + half))
+    return boxes(jnp.asarray(center - half), jnp.asarray(center + half))
 
 
 def exact_value(a, point):
@@ -99,11 +99,11 @@ def test_bounds_hold_for_an_exact_point_of_the_surface(count):
         assert bool(f.may_vanish[0])
         reach = 10.0 ** rng.uniform(-12, 0)
         free = jnp.asarray(rng.uniform(size=(3, 1)) < 0.7)
-        feet = np.asarray(cells.centre)[None] + reach * rng.normal(size=(FEET, 3, 1))
+        feet = np.asarray(cells.center)[None] + reach * rng.normal(size=(FEET, 3, 1))
         upper = Fraction(float(UPPER(f, cells, jnp.asarray(feet), jnp.zeros((FEET, 1)), free)[0]))
         least = min(squared(point, [Fraction(float(x)) for x in foot[:, 0]]) for foot in feet)
         assert least <= upper**2
-        query = np.asarray(cells.centre)[:, 0] + reach * rng.normal(size=3)
+        query = np.asarray(cells.center)[:, 0] + reach * rng.normal(size=3)
         lower = Fraction(float(LOWER(f, cells, jnp.asarray(query), free)[0]))
         assert lower**2 <= squared(point, [Fraction(float(x)) for x in query])
 
@@ -226,7 +226,7 @@ def test_common_coordinates_are_the_exact_ones_with_their_errors():
         for run in (prepare_surfaces, jax.jit(prepare_surfaces)):
             side, _, frame = run(surface, surface)
             unit = Fraction(2) ** int(frame.first + frame.second)
-            origin = [Fraction(float(x)) * Fraction(2) ** int(frame.first) for x in frame.centre]
+            origin = [Fraction(float(x)) * Fraction(2) ** int(frame.first) for x in frame.center]
             corners = [np.asarray(x) for x in (side.lower, side.upper)]
             for corner, exact in zip(corners, surface.bounds, strict=True):
                 for x, o, y in zip(corner, origin, np.asarray(exact), strict=True):

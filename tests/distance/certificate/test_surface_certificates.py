@@ -97,12 +97,12 @@ def test_of_two_feet_about_as_near_the_nearer_one_counts():
 @pytest.mark.exhaustive
 def test_a_ball_about_a_point():
     sphere = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [0, 0, 0], [1.5] * 3)
-    centre = jhd.points([[0.5, 0.5, 0.5]])
+    center = jhd.points([[0.5, 0.5, 0.5]])
     # Its corner on an axis is the farthest, its middle the nearest.
-    sharp(sphere, centre, math.sqrt(0.75))
+    sharp(sphere, center, math.sqrt(0.75))
     middle = 1 - math.sqrt(0.75)
-    sharp(centre, sphere, middle)
-    sharp(centre, sphere, middle, "minimum", (np.full(3, 0.5), np.full(3, math.sqrt(1 / 3))))
+    sharp(center, sphere, middle)
+    sharp(center, sphere, middle, "minimum", (np.full(3, 0.5), np.full(3, math.sqrt(1 / 3))))
 
 
 TRIANGLE = jhd.TriangleMesh([[0.25, 0.25, 1.0], [0.75, 0.5, 1.25], [0.25, 0.75, 1.125]], [[0, 1, 2]])

@@ -28,10 +28,10 @@ PARAMETERS = [Fraction(0), Fraction(1, 3), Fraction(5, 8), Fraction(1)]
 
 def moved(control_points, weights, frame, s):
     """The point at s of the stored curve, taken to the common coordinates without rounding."""
-    centre = exact.fractions(np.asarray(frame.centre))
+    center = exact.fractions(np.asarray(frame.center))
     first, second = (Fraction(2) ** -int(k) for k in (frame.first, frame.second))
     place = exact.point(control_points, weights, s)
-    return [(x * first - c) * second for x, c in zip(place, centre, strict=True)]
+    return [(x * first - c) * second for x, c in zip(place, center, strict=True)]
 
 
 def largest_move(given, prepared, frame):
@@ -86,7 +86,7 @@ def test_coordinates_near_the_largest_float_do_not_overflow():
 
 
 def test_a_far_pair_is_moved_exactly():
-    # The control points differ by small dyadic numbers, so subtracting the centre rounds nothing.
+    # The control points differ by small dyadic numbers, so subtracting the center rounds nothing.
     a, b = jhd.polyline([[1e8, 1e8], [1e8 + 0.25, 1e8]]), jhd.polyline([[1e8, 1e8 + 0.5], [1e8 + 0.125, 1e8]])
     p, q, frame = prepare(a, b)
     assert np.abs(q.control_points).max() >= 0.5

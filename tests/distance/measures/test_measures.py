@@ -189,7 +189,7 @@ def test_kinds_that_have_no_distribution_are_refused_when_a_program_is_traced():
 @pytest.mark.slow
 def test_weights_of_a_measure_count_in_fits():
     scan, target = np.array([[-1.0, 0.0], [1.0, 0.0], [9.0, 0.0]]), np.array([1.0, 1.0, 0.0])
-    fit = jhd.minimise_hausdorff(
+    fit = jhd.minimize_hausdorff(
         lambda x: jhd.points(x[None]),
         np.array([0.5, 0.6]),
         jhd.points(scan),

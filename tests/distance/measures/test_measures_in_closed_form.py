@@ -55,8 +55,8 @@ NODES, FACTORS = np.polynomial.legendre.leggauss(60)
 def arcs(x):
     points = (RADIUS[0] + RADIUS[1] * x) * jnp.asarray(ARC)
     weights = jnp.asarray(np.stack([WEIGHTS, WEIGHTS]))
-    centre = jnp.stack([AWAY[0] + AWAY[1] * x, jnp.zeros(())])
-    return jhd.BezierSegments(jnp.stack([points[:3], points[2:]]), weights), jhd.points(centre[None])
+    center = jnp.stack([AWAY[0] + AWAY[1] * x, jnp.zeros(())])
+    return jhd.BezierSegments(jnp.stack([points[:3], points[2:]]), weights), jhd.points(center[None])
 
 
 def from_an_arc(x):
@@ -85,7 +85,7 @@ def spoke(x):
 
 
 @pytest.mark.exhaustive
-def test_a_segment_towards_the_centre_of_a_polynomial_sphere():
+def test_a_segment_towards_the_center_of_a_polynomial_sphere():
     check(spoke, lambda x: of_linear(0.4 + 0.4 * x, 1.2 - x))
 
 

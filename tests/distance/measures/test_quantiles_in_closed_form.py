@@ -23,7 +23,7 @@ CLOSE = 1e-8
 
 CORNER, FIRST, SECOND = np.array([-0.7, -0.6, 0.15]), np.array([1.3, -0.1, 0.15]), np.array([0.08, 1.26, 0.25])
 CORNER_MOVES, FIRST_MOVES, SECOND_MOVES = np.array([[0.3, -0.2, 0.5], [-0.2, 0.8, -0.8], [-0.7, 0.3, -0.3]])
-CENTRE, CENTRE_MOVES = np.array([0.0, 0.05, -0.6]), np.array([0.0, 0.3, 0.4])
+CENTER, CENTER_MOVES = np.array([0.0, 0.05, -0.6]), np.array([0.0, 0.3, 0.4])
 NORMAL = np.array([0.2, 0.3, 1.0]) / np.linalg.norm([0.2, 0.3, 1.0])
 ACROSS = np.eye(3)[1:]
 
@@ -60,10 +60,10 @@ def area(form, level):
     return factor @ (high - low)
 
 
-def form_of(x, across, centre):
-    """The squared length of what a matrix takes of the way from a centre to the places of the patch."""
+def form_of(x, across, center):
+    """The squared length of what a matrix takes of the way from a center to the places of the patch."""
     edges = FIRST + x * FIRST_MOVES, SECOND + x * SECOND_MOVES
-    at, u, v = (across @ way for way in (CORNER + x * CORNER_MOVES - centre, *edges))
+    at, u, v = (across @ way for way in (CORNER + x * CORNER_MOVES - center, *edges))
     return u @ u, 2 * u @ v, v @ v, 2 * at @ u, 2 * at @ v, at @ at
 
 
@@ -88,12 +88,12 @@ def patch(x):
 
 
 def line(x):
-    centre = CENTRE + np.array([0, 0, 0.85]) + x * CENTRE_MOVES
-    return jhd.polyline(jnp.array([centre - 3 * jnp.eye(3)[0], centre + 3 * jnp.eye(3)[0]]))
+    center = CENTER + np.array([0, 0, 0.85]) + x * CENTER_MOVES
+    return jhd.polyline(jnp.array([center - 3 * jnp.eye(3)[0], center + 3 * jnp.eye(3)[0]]))
 
 
 def below_line(x):
-    form = form_of(x, ACROSS, CENTRE + np.array([0, 0, 0.85]) + x * CENTRE_MOVES)
+    form = form_of(x, ACROSS, CENTER + np.array([0, 0, 0.85]) + x * CENTER_MOVES)
     return lambda level: area(form, level**2)
 
 
@@ -116,11 +116,11 @@ def cylinder(x):
     rows = jnp.stack([quarter, jnp.stack([-quarter[:, 1], quarter[:, 0]], axis=1)]) * (0.95 + 0.5 * x)
     ends = [jnp.concatenate([jnp.full((2, 3, 1), end), rows], axis=2) for end in (-3.0, 3.0)]
     weights = np.broadcast_to([1, np.sqrt(0.5), 1], (2, 2, 3))
-    return jhd.BezierPatches(jnp.stack(ends, axis=1) + (CENTRE + x * CENTRE_MOVES), weights)
+    return jhd.BezierPatches(jnp.stack(ends, axis=1) + (CENTER + x * CENTER_MOVES), weights)
 
 
 def below_cylinder(x):
-    form, radius = form_of(x, ACROSS, CENTRE + x * CENTRE_MOVES), 0.95 + 0.5 * x
+    form, radius = form_of(x, ACROSS, CENTER + x * CENTER_MOVES), 0.95 + 0.5 * x
     return lambda level: area(form, (radius + level) ** 2) - (level < radius) * area(form, (radius - level) ** 2)
 
 

@@ -31,7 +31,7 @@ def test_steps_and_speeds_on_the_host_are_those_of_compiled_programs():
 
 
 def test_newton_goes_downhill_where_the_distance_is_not_convex():
-    # On the far side of the centre of curvature the slope of the equation is negative: the foot is a maximum.
+    # On the far side of the center of curvature the slope of the equation is negative: the foot is a maximum.
     b = CurveJet(jnp.array([0.0, 0.0]), jnp.array([1.0, 0.0]), jnp.array([0.0, 2.0]))
     here = equation_of(jnp.array([0.1, 1.0]), b)
     assert here.slope < 0 and newton_step(here, 0.25) == 0.25

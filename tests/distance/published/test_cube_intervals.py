@@ -11,7 +11,7 @@ import jhd
 from jhd._results.solution import name_of
 from jhd.distance import CubeIntervals
 from jhd.distance.published import cube_intervals
-from jhd.fields.octree import voxelise
+from jhd.fields.octree import voxelize
 from jhd.shapes import ImplicitSurface
 from tests.sweeps import swept
 
@@ -124,7 +124,7 @@ def test_a_surface_without_points_gets_no_number_from_the_safe_rule():
     assert float(there.lower) == 0 and float(back.upper) == math.inf == float(both.upper)
     # Smaller cells show that it is empty.
     with pytest.raises(ValueError, match="the surface is empty"):
-        voxelise(EMPTY, 512)
+        voxelize(EMPTY, 512)
 
 
 def sphere(x, radius, lower, upper, size):
@@ -135,7 +135,7 @@ def sphere(x, radius, lower, upper, size):
 
 
 def farthest(distance, radius, other):
-    """Exact directed distance of two whole spheres: over a sphere the distances from the other centre fill a range."""
+    """Exact directed distance of two whole spheres: over a sphere the distances from the other center fill a range."""
     return max(abs(end - other) for end in (abs(distance - radius), distance + radius))
 
 

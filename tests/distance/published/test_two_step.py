@@ -63,7 +63,7 @@ def test_the_lower_bound_is_close_to_the_value(name, direction):
     solution = pairs.solved(name, direction)
     case = pairs.BY_NAME[name]
     size = max(np.abs(shape.control_points).max() for shape in (case.a, case.b))
-    # Far from the origin the common centre is subtracted exactly, so the unit stays the diagonal.
+    # Far from the origin the common center is subtracted exactly, so the unit stays the diagonal.
     assert solution.value - solution.lower <= BOUND_BELOW * pairs.diagonal(name) + np.finfo(float).eps * size
 
 
@@ -259,7 +259,7 @@ def test_a_branch_that_ends_inside_an_interval_hides_no_event():
 def test_few_rounds_are_needed(name, direction):
     stats = pairs.solved(name, direction).stats
     # One or two rounds of eight intervals suffice but where the distance is constant along a stretch.
-    flat = pairs.BY_NAME[name].tags & {"flat", "coincident", "close", "tie", "centre"}
+    flat = pairs.BY_NAME[name].tags & {"flat", "coincident", "close", "tie", "center"}
     assert stats["rounds"] <= (16 if flat else 4)
 
 

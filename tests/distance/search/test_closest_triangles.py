@@ -20,7 +20,7 @@ from tests.triangles.exact_triangles import hard_triangles
 
 # Central differences of a value with an error of 1e-16 and the step 1e-5.
 DIFFERENCES = 1e-9
-# A few neighbouring floats.
+# A few neighboring floats.
 ULPS = 4 * 2.0**-53
 
 
@@ -33,7 +33,7 @@ CUBE = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3,
 CUBE += [[1, 5, 7], [1, 7, 3]]
 
 
-def sphere(rows, radius=1.0, centre=(0.0, 0.0, 0.0)):
+def sphere(rows, radius=1.0, center=(0.0, 0.0, 0.0)):
     """A closed mesh of 4 rows (rows - 1) triangles whose poles are on the third axis."""
     v, u = np.meshgrid(
         np.linspace(0, np.pi, rows + 1)[1:-1], np.linspace(0, 2 * np.pi, 2 * rows, endpoint=False), indexing="ij"
@@ -49,7 +49,7 @@ def sphere(rows, radius=1.0, centre=(0.0, 0.0, 0.0)):
     south = np.stack([np.full(2 * rows, count + 1), last + k, last + j], axis=1)
     poles = np.array([[0.0, 0, 1], [0, 0, -1]])
     return TriangleMesh(
-        radius * np.concatenate([ring, poles]) + np.asarray(centre), np.concatenate([faces, north, south])
+        radius * np.concatenate([ring, poles]) + np.asarray(center), np.concatenate([faces, north, south])
     )
 
 
@@ -65,7 +65,7 @@ def encloses(found, square):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_bounds_of_triangles_of_all_kinds_hold_the_exact_distance_and_are_neighbours(seed):
+def test_bounds_of_triangles_of_all_kinds_hold_the_exact_distance_and_are_neighbors(seed):
     rng = np.random.default_rng(seed)
     a, b = hard_triangles(rng, 8), hard_triangles(rng, 8)
     shift = [[0.0, 0, 0], [3, 0, 0], [1e3, 0, 0], [1e-3, 2, 0], [0, 0, 8], [1e7, 1e7, 1e7]][seed]

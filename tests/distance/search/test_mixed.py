@@ -13,13 +13,13 @@ from tests.sweeps import swept
 
 # Two of the sizes that coordinates come in, as powers of two: half of the exponents are left to the coefficients.
 EXTREMES = swept([-1000, -300, 300, 1000], slow=[-1000, 1000])
-CENTRES = (0.0, 0.0, 0.0), (0.0, 7.0, 0.0)
+CENTERS = (0.0, 0.0, 0.0), (0.0, 7.0, 0.0)
 RADII = (3.0, 2.0)
 
 
-def sphere(centre, radius, exponent=0):
+def sphere(center, radius, exponent=0):
     """A sphere in the box that touches it, coordinates times a power of two and the polynomial over that power."""
-    x, unit = np.asarray(centre, float), 2.0**exponent
+    x, unit = np.asarray(center, float), 2.0**exponent
     coefficients = np.zeros((3, 3, 3))
     for axis in range(3):
         place = np.eye(3, dtype=int)[axis]
@@ -29,7 +29,7 @@ def sphere(centre, radius, exponent=0):
 
 
 def spheres(offset=0.0, exponent=0):
-    a, b = (sphere(np.add(c, offset), r, exponent) for c, r in zip(CENTRES, RADII, strict=True))
+    a, b = (sphere(np.add(c, offset), r, exponent) for c, r in zip(CENTERS, RADII, strict=True))
     return a, b
 
 

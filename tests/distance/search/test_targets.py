@@ -86,7 +86,7 @@ def test_a_quarter_of_a_cylinder_and_collapsed_edges_are_measured_as_their_formu
 
 
 @pytest.mark.slow
-def test_distances_to_a_sphere_are_those_of_its_formula_from_its_centre_to_far_away():
+def test_distances_to_a_sphere_are_those_of_its_formula_from_its_center_to_far_away():
     points = np.concatenate(
         [RNG.normal(size=(20, 3)), [[0, 0, 0], [1, 0, 0], [1e30, 0, 0], [0, 1e-200, 0], [0, 0, 1e300]]]
     )
@@ -109,8 +109,8 @@ def test_distances_to_a_sphere_are_those_of_its_formula_from_its_centre_to_far_a
 @pytest.mark.slow
 def test_where_a_polynomial_does_not_change_its_sign_a_point_is_proven_or_only_a_lower_bound():
     corners = [-2, -2, -2], [2, 2, 2]
-    centre = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2", *corners)
-    found = jhd.project([[1.0, 0, 0], [0, 0, 3]], centre)
+    center = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2", *corners)
+    found = jhd.project([[1.0, 0, 0], [0, 0, 3]], center)
     assert np.all(np.asarray(found.lower) <= [1, 3]) and np.all([1, 3] <= np.asarray(found.upper))
     assert np.allclose(found.upper, [1, 3], rtol=1e-14, atol=0)
     # A fraction that no evaluation in floats finds to be a zero.

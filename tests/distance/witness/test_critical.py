@@ -199,9 +199,9 @@ def test_values_have_their_derivatives(name):
 
     step = STEP * diagonal(name)
     _, tangent = jax.jvp(jax.jit(values), (jnp.array(0.0),), (jnp.array(1.0),))
-    centre, ahead, behind = values(0.0), values(step), values(-step)
+    center, ahead, behind = values(0.0), values(step), values(-step)
     # Where the number of maxima changes the list shifts; near zero they come and go.
-    same = (centre > 1e-3 * diagonal(name)) & (np.abs(ahead - centre) + np.abs(behind - centre) < 1e2 * step)
+    same = (center > 1e-3 * diagonal(name)) & (np.abs(ahead - center) + np.abs(behind - center) < 1e2 * step)
     assert np.sum(same) >= 1
     difference = (ahead - behind) / (2 * step)
     np.testing.assert_allclose(np.asarray(tangent)[same], difference[same], rtol=0, atol=1e2 * GRADIENT)

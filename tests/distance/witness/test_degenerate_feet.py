@@ -1,4 +1,4 @@
-"""Gradients at feet that Newton's method tells badly: next to centres of curvature, at points of zero speed, at ties.
+"""Gradients at feet that Newton's method tells badly: next to centers of curvature, at points of zero speed, at ties.
 
 Each case is a segment of a, three segments of b of degree three, and the gradient in a shift of a in closed form, so
 that all kinds of cases share one program. All are turned, moved and scaled at random.
@@ -41,7 +41,7 @@ def cubic(points):
 
 
 def beside_a_vertex(rng):
-    """A line across the axis of y = x^2 at a height about that of the centre of curvature, 1/2.
+    """A line across the axis of y = x^2 at a height about that of the center of curvature, 1/2.
 
     The foot is where the parabola is parallel to the line, or the feet are +-sqrt(y - 1/2) and the line crosses the
     axis where they are equally near.

@@ -236,7 +236,7 @@ def test_at_distance_zero_the_gradient_is_zero():
         pytest.param(jhd.circle((0, 0), 1e-6), jhd.circle((0, 0), 1.0), marks=pytest.mark.slow),
         (jhd.BezierCurve([(0, 0), (1, 1), (0, 1), (1, 0)]), jhd.BezierCurve([(0, 0), (0, 0), (0, 0), (1, 0)])),
     ],
-    ids=["concentric", "points", "parallel", "about_the_centre", "cusp"],
+    ids=["concentric", "points", "parallel", "about_the_center", "cusp"],
 )
 @pytest.mark.slow
 def test_degenerate_pairs_have_finite_derivatives(a, b):

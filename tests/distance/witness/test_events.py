@@ -79,7 +79,7 @@ def test_two_feet_that_pull_the_same_way_are_no_event_of_two():
     np.testing.assert_array_equal(found.multipliers, [1.0, 0.0])
 
 
-def test_the_centre_of_a_circle_gives_a_witness_without_nan():
+def test_the_center_of_a_circle_gives_a_witness_without_nan():
     circle = jhd.circle([0.0, 0.0], 1.0)
     for a in (jhd.polyline([[-0.5, 0.0], [0.5, 0.0]]), jhd.BezierSegments(np.zeros((1, 2, 2)))):
         found, frame = witness(a, circle, 0, 0.5)

@@ -83,7 +83,7 @@ def test_hard_maxima():
     flat = surface(Z - 0.25, 1), surface(Z + 0.5, 1)
     found = polished(
         [
-            # A family of maximisers: any member.
+            # A family of maximizers: any member.
             (BALL, HALF_BALL, (0.61, 0.01, 0.8), [(0.9, 0, 1.2)]),
             # A foot that is a saddle of the distance does not count beside others.
             (CONES.a, CONES.b, ab.point, [tuple(sign * saddle), *ab.feet]),

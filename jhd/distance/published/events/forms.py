@@ -189,7 +189,7 @@ def extent(piece: np.ndarray) -> np.ndarray:
 def hull_distances(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of all distances between two pieces, (points, 2, boxes), by their hulls, rounding included.
 
-    From below, the gap of the projections on the line of the centres; from above, the farthest two control points.
+    From below, the gap of the projections on the line of the centers; from above, the farthest two control points.
     """
     between = a.mean(0) - b.mean(0)
     length = np.hypot(*between)

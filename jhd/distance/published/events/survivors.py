@@ -33,7 +33,7 @@ class EventPieces(NamedTuple):
 
 
 def event_pieces(segment: np.ndarray, t0: np.ndarray, t1: np.ndarray, upper: np.ndarray, level: float) -> EventPieces:
-    """Intervals of segments, in order, neighbours as one; distances matter from the level to the largest bound."""
+    """Intervals of segments, in order, neighbors as one; distances matter from the level to the largest bound."""
     if not len(segment):
         return EventPieces(np.zeros(0, int), np.zeros((2, 0)), np.zeros((2, 0)))
     goes_on = (segment[1:] == segment[:-1]) & (t0[1:] == t1[:-1])

@@ -38,7 +38,7 @@ class Standings(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The nearest shapes of some queries; see jhd.Neighbours."""
+    """The nearest shapes of some queries; see jhd.Neighbors."""
 
     index: np.ndarray
     value: np.ndarray

@@ -13,8 +13,8 @@ from jhd.shapes.mesh import TriangleMesh
 
 # Triangles and lines of a picture, about; more take many seconds to draw.
 _TRIANGLES, _LINES = 16_000, 3_000
-# Colours that can be told from each other between none and the largest distance.
-_COLOURS = 256
+# Colors that can be told from each other between none and the largest distance.
+_COLORS = 256
 # Cells along each axis of an implicit surface.
 _CELLS = 48
 
@@ -47,10 +47,10 @@ def pieces_of(shape: Any) -> DrawnPieces:
 def distances_at(points: np.ndarray, b: Any, top: float, samples: DistanceSamples | None = None) -> np.ndarray:
     """The distances of drawn points to a shape, exact to the resolution of the colors.
 
-    Distances differ by no more than the points are apart, so those of samples are taken where they tell the colour.
+    Distances differ by no more than the points are apart, so those of samples are taken where they tell the color.
 
     Args:
-        points: points on the shape that is coloured, (points, dim).
+        points: points on the shape that is colored, (points, dim).
         b: the shape that distances are taken to.
         top: the largest distance.
         samples: known distances, if any.
@@ -61,7 +61,7 @@ def distances_at(points: np.ndarray, b: Any, top: float, samples: DistanceSample
 
         away, nearest = KDTree(samples.place).query(points)
         width = samples.upper[nearest] - samples.lower[nearest]
-        known = away + 0.5 * width <= top / _COLOURS
+        known = away + 0.5 * width <= top / _COLORS
         values[known] = (samples.lower[nearest] + 0.5 * width)[known]
     if not known.all():
         values[~known] = np.asarray(project(points[~known], b, throw=False).distance)

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from jhd.distance.collections import Neighbours
+from jhd.distance.collections import Neighbors
 from jhd.plot.axes import BLUE, COLUMN_INCHES, ORANGE, TEXT_POINTS, finish
-from jhd.plot.coloured import pieces_of
+from jhd.plot.colored import pieces_of
 from jhd.plot.curves import curve
 from jhd.plot.faces import shaded_shapes
 from jhd.plot.solutions import bounds_text
@@ -19,16 +19,16 @@ from jhd.shapes.curve import AbstractCurve
 _ROWS = 8
 # Width and height of a panel in inches: room for a distance in writing above a shape.
 _WIDTH, _HEIGHT = 0.95, 1.2
-_COLOURS, _WHAT = (BLUE, ORANGE), ("query", "neighbour")
+_COLORS, _WHAT = (BLUE, ORANGE), ("query", "neighbor")
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.2)))
 # Opacity of surfaces that lie over each other.
 _ALPHA = 0.6
 
 
-def neighbours(
+def neighbors(
     queries: Sequence[Any],
     shapes: Sequence[Any],
-    found: Neighbours,
+    found: Neighbors,
     axes: Any = None,
     *,
     rows: Sequence[int] | None = None,
@@ -45,7 +45,7 @@ def neighbours(
     >>> squares = [jhd.polyline([(0, 0), (s, 0), (s, s), (0, s)], closed=True) for s in (1, 2, 4)]
     >>> queries = [jhd.polyline([(0, 0), (3, 0), (3, 3), (0, 3)], closed=True)]
     >>> found = jhd.nearest_shapes(queries, squares)
-    >>> neighbours(queries, squares, found, Figure().subplots(1, 2, squeeze=False)).shape
+    >>> neighbors(queries, squares, found, Figure().subplots(1, 2, squeeze=False)).shape
     (1, 2)
 
     Args:
@@ -65,11 +65,9 @@ def neighbours(
         TypeError: an object is no shape, or `found` is no result of jhd.nearest_shapes.
         ValueError: `axes` has the wrong shape.
     """
-    if not isinstance(found, Neighbours):
+    if not isinstance(found, Neighbors):
         got = type(found).__name__
-        raise TypeError(
-            f"found is a {got}; needs the result of jhd.nearest_shapes: neighbours(queries, shapes, found)."
-        )
+        raise TypeError(f"found is a {got}; needs the result of jhd.nearest_shapes: neighbors(queries, shapes, found).")
     chosen = list(range(min(len(queries), _ROWS)) if rows is None else rows)
     width = 1 + found.index.shape[1]
     dim = as_shape(queries[0]).dim
@@ -95,8 +93,8 @@ def _figure(rows: int, columns: int, dim: int) -> Any:
     size = max(COLUMN_INCHES, _WIDTH * columns), _HEIGHT * rows + 0.3
     space: dict[str, Any] = {"subplot_kw": {"projection": "3d"}} if dim == 3 else {}
     figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False, **space)
-    styles = zip(_COLOURS, _DASHES, _WHAT, strict=True)
-    keys = [Line2D([], [], color=colour, linestyle=dashes, label=what) for colour, dashes, what in styles]
+    styles = zip(_COLORS, _DASHES, _WHAT, strict=True)
+    keys = [Line2D([], [], color=color, linestyle=dashes, label=what) for color, dashes, what in styles]
     figure.legend(handles=keys, loc="outside lower center", ncols=2, fontsize=TEXT_POINTS, frameon=False)
     return axes
 
@@ -105,14 +103,14 @@ def _draw(ax: Any, shapes: list[Any]) -> None:
     """Curves as lines; surfaces together, so that faces in front hide faces behind."""
     for surfaces, group in groupby(enumerate(shapes), lambda item: not isinstance(item[1], AbstractCurve)):
         numbers, drawn = zip(*group, strict=True)
-        colours = [_COLOURS[k] for k in numbers]
+        colors = [_COLORS[k] for k in numbers]
         if surfaces:
             # The last corner twice makes a quadrilateral of a triangle.
             faces = [pieces_of(shape).corners[:, [0, 1, 2, 2]] for shape in drawn]
-            shaded_shapes(ax, faces, colours, [None] * len(drawn), _ALPHA)
+            shaded_shapes(ax, faces, colors, [None] * len(drawn), _ALPHA)
             continue
         for k, shape in zip(numbers, drawn, strict=True):
-            curve(shape, ax, colour=_COLOURS[k], linestyle=_DASHES[k], control_polygon=False)
+            curve(shape, ax, color=_COLORS[k], linestyle=_DASHES[k], control_polygon=False)
 
 
 def _titled(ax: Any, name: str, distance: str = "") -> None:
@@ -121,7 +119,7 @@ def _titled(ax: Any, name: str, distance: str = "") -> None:
     ax.set_title(f"{plain}\n{distance}" if distance else plain, fontsize=TEXT_POINTS)
 
 
-def _distance(found: Neighbours, row: int, place: int) -> str:
+def _distance(found: Neighbors, row: int, place: int) -> str:
     """The distance to four digits or its bounds, and at the last one how many more may be as near."""
     text = bounds_text(found.lower[row, place], found.upper[row, place]).replace(" ≤ $d$ ≤ ", " ≤ $d$\n≤ ")
     ties = len(found.ties[row])
