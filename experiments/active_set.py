@@ -69,7 +69,7 @@ def _state(target: jhd.BezierCurve, solution: jhd.FitSolution, samples: int) -> 
     """The curve of a step with its critical pairs and the distances along both curves."""
     valid, t = np.asarray(solution.pairs.valid), jnp.linspace(0.0, 1.0, samples)
     value, witness = np.asarray(solution.pairs.value)[valid], to_plain(solution.pairs.witness)
-    shown = ("point", "feet", "t", "foot_params", "multipliers", "event", "direction")
+    shown = ("point", "feet", "t", "feet_params", "multipliers", "event", "direction")
     return {
         "control_points": solution.shape.control_points,
         "distance": value[0],

@@ -65,7 +65,7 @@ def _by_cells(run: Run, a: Any, b: Any, count: int, rule: str) -> dict[str, Any]
     repeats = 0 if run.smoke else 1 if count > 128 else 3
 
     def whole(pairs: str) -> jhd.HausdorffSolution:
-        return jhd.hausdorff(a, b, jhd.CubeIntervals(count, rule, pairs))
+        return jhd.hausdorff(a, b, jhd.published.CubeIntervals(count, rule, pairs))
 
     found = whole("separable")
     lower, upper = bounds(found)

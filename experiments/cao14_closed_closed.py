@@ -29,7 +29,7 @@ def main() -> None:
     run = Run(__file__, __doc__, one_core=True, pair=AbstractCurve)
     own = (ring(name, 24 if run.smoke else 90) for name in ("example_2_a", "example_2_b"))
     a, b = (curve.segments() for curve in run.shapes or own)
-    example = Example(a, b, samples=1, method=jhd.TwoStep(samples=1))
+    example = Example(a, b, samples=1, method=jhd.published.TwoStep(samples=1))
     record = example.record(shown=22 if run.smoke else 51, candidates=3, unit="" if run.shapes else "mm")
     speeds = _speeds(run, example, [record["directions"][name]["reference"] for name in ("a_to_b", "b_to_a")])
     header = ["method", "samples a segment", "time of h(A,B) (ms)", "ratio", "error of h(A,B) (mm)", "of h(B,A) (mm)"]
@@ -45,7 +45,7 @@ def _speeds(run: Run, example: Example, references: list[float]) -> list[dict]:
     curves = example.a, example.b
     found = []
     # Six samples a segment is what the method takes by default on curves of 90 segments.
-    more = [] if run.smoke else [(2, jhd.TwoStep(samples=2)), (6, jhd.TwoStep())]
+    more = [] if run.smoke else [(2, jhd.published.TwoStep(samples=2)), (6, jhd.published.TwoStep())]
     for count, method in [(1, example.method), *more]:
         solve = lambda x, y, method=method: jhd.directed_hausdorff(x, y, method)  # noqa: E731
         found.append(_measured("TwoStep", count, solve, curves, references, 5 if run.smoke else 51))

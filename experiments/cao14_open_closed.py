@@ -20,7 +20,7 @@ def main() -> None:
     run = Run(__file__, __doc__, pair=AbstractCurve)
     own = open_curve(), ring("example_1_b", 24 if run.smoke else 90)
     a, b = (curve.segments() for curve in run.shapes or own)
-    example = Example(a, b, samples=10, method=jhd.TwoStep(samples=10))
+    example = Example(a, b, samples=10, method=jhd.published.TwoStep(samples=10))
     record = example.record(shown=2, candidates=2, unit="" if run.shapes else "mm")
     ends = {"ends": example.distance[[0, -1]]}
     run.save({**record, **ends}, table(record))

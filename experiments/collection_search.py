@@ -96,7 +96,7 @@ def _shown(first: Glyphs, shapes: Glyphs, letters: list[str]) -> dict[str, Any]:
 
 
 def _table(numbers: dict[str, Any]) -> str:
-    header = ["k", "shapes", "searched", "share (%)", "tied queries", "CPU (s)", "signatures (s)", "all pairs (s)"]
+    header = ["k", "shapes", "searched", "share (%)", "tied queries", "CPU (s)", "pivot distances (s)", "all pairs (s)"]
     rows = [
         [
             s["k"],
@@ -105,7 +105,7 @@ def _table(numbers: dict[str, Any]) -> str:
             f"{100 * s['share']:.2f}",
             s["tied"],
             f"{s['spent']['cpu']:.1f}",
-            f"{s['spent']['signatures']:.1f}",
+            f"{s['spent']['pivots']:.1f}",
             f"{numbers['cpu_a_pair'] * numbers['queries'] * s['shapes']:.0f}",
         ]
         for s in numbers["searches"]

@@ -50,10 +50,10 @@ class Example:
         method: of the exact distances.
     """
 
-    def __init__(self, a: jhd.BezierSegments, b: jhd.BezierSegments, samples: int, method: jhd.TwoStep):
+    def __init__(self, a: jhd.BezierSegments, b: jhd.BezierSegments, samples: int, method: jhd.published.TwoStep):
         self.a, self.b, self.method = a, b, method
         self.count = max(a.count, b.count)
-        self.closed = bool(np.all(np.asarray(a.following) >= 0))
+        self.closed = bool(np.all(np.asarray(a.next_segment) >= 0))
         self.t = np.arange(a.count * samples + (not self.closed)) / samples
         self.points = np.asarray(_at(a, self.t))
         self.stationary = jhd.stationary_points(self.points, b)
@@ -78,7 +78,7 @@ class Example:
         """One peak: the sample, its neighbors, their feet, and the maximum between them."""
         around = [(k - 1) % len(self.t), k, (k + 1) % len(self.t)]
         solution = self.directed(self._stretch(around), self.b)
-        steps = float(solution.witness.segment + solution.witness.t)
+        steps = float(solution.witness.element + solution.witness.t)
         t = (self.t[around[0]] + steps * (self.t[1] - self.t[0])) % (self.a.count if self.closed else np.inf)
         return {
             "sample": k + 1,
@@ -137,7 +137,7 @@ def checked(solution: jhd.HausdorffSolution, a: jhd.BezierSegments, b: jhd.Bezie
     size = float(np.linalg.norm(both.max(axis=0) - both.min(axis=0)))
     value, t = directed_reference(*points)
     error = abs(float(solution.value) - value)
-    found = {"solution": solution, "t": solution.witness.segment + solution.witness.t}
+    found = {"solution": solution, "t": solution.witness.element + solution.witness.t}
     return {**found, "reference": value, "reference_t": t, "error": error, "relative_error": error / size}
 
 

@@ -34,7 +34,7 @@ def drawn(kind: str, random: np.random.Generator, height: float, rational: bool)
     if len(shape) == 1:
         points = random.uniform(size=(*shape, 3)) * [1, 1, 0.25] + [0, 0, height]
         points = points[:, :2] if plane else points
-        return jhd.points(points) if kind.endswith("points") else jhd.BezierCurve(points, weights)
+        return jhd.point_set(points) if kind.endswith("points") else jhd.BezierCurve(points, weights)
     x = np.linspace(0.0, 1.0, 3)
     net = np.stack([*np.meshgrid(x, x, indexing="ij"), height + 0.2 * random.normal(size=shape)], axis=-1)
     if kind == "patch":

@@ -33,7 +33,7 @@ def glyphs_of(fonts: Sequence[str], small: bool = False) -> Glyphs:
     """The letters of fonts whose outline comes once in its font; in a small run those of few segments alone."""
     seen: dict[tuple[str, bytes], tuple[str, jhd.BezierSegments]] = {}
     for font in fonts:
-        for letter, curve in jhd.io.outlines(font, size=1.0).items():
+        for letter, curve in jhd.io.load_glyphs(font, size=1.0).items():
             if not small or curve.count <= _SMALL_SEGMENTS:
                 seen.setdefault((font, np.asarray(curve.control_points).tobytes()), (letter, curve))
     letters, curves = zip(*seen.values(), strict=True)
@@ -55,9 +55,9 @@ def compile_for(*collections: Sequence[jhd.BezierSegments]) -> None:
 
 
 class Spent(NamedTuple):
-    """CPU seconds of a call in this process: of signatures, of all after them, and the whole; and its wall seconds."""
+    """CPU seconds of a call in this process: of pivot distances, of the rest, and of all; and its wall time."""
 
-    signatures: float
+    pivots: float
     rest: float
     cpu: float
     wall: float
@@ -69,7 +69,7 @@ def staged(call: Callable[[Callable[[Any], None]], Any]) -> tuple[Any, Spent]:
     marks = [start]
 
     def told(progress: Any) -> None:
-        if progress.stage == "signatures":
+        if progress.stage == "pivot distances":
             marks.append(time.process_time())
 
     found = call(told)

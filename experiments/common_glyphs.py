@@ -11,15 +11,15 @@ import numpy as np
 import jhd
 import jhd.io
 from jhd._results.solution import name_of
-from jhd.distance.frame.curves import padded_count
+from jhd.distance.normalization.curves import padded_count
 
 _SEGMENTS = 48
 
 
-def padded(control_points: Any, following: Any = None) -> jhd.BezierSegments:
+def padded(control_points: Any, next_segment: Any = None) -> jhd.BezierSegments:
     """The segments (segments, points, 2) with repetitions of the last one; a chain where nothing is said of joints."""
     points = np.asarray(control_points, dtype=float)
-    joints = np.append(np.arange(1, len(points)), -1) if following is None else np.asarray(following)
+    joints = np.append(np.arange(1, len(points)), -1) if next_segment is None else np.asarray(next_segment)
     index = np.minimum(np.arange(padded_count(max(len(points), _SEGMENTS))), len(points) - 1)
     return jhd.BezierSegments(points[index], None, joints[index])
 
@@ -35,13 +35,13 @@ def alphabet(font: str, letters: str) -> dict[str, jhd.BezierSegments]:
 
     The boxes are those of control points, and both steps round by an ulp: the curves are these arrays.
     """
-    height = np.max(np.asarray(jhd.io.outline(font, "x").control_points)[..., 1])
+    height = np.max(np.asarray(jhd.io.load_glyph(font, "x").control_points)[..., 1])
     found = {}
     for letter in letters:
-        curve = jhd.io.outline(font, letter)
+        curve = jhd.io.load_glyph(font, letter)
         points = np.asarray(curve.control_points) / height
         middle = (points[..., 0].min() + points[..., 0].max()) / 2
-        found[letter] = padded(points - [middle, 0.0], curve.following)
+        found[letter] = padded(points - [middle, 0.0], curve.next_segment)
     return found
 
 

@@ -46,7 +46,7 @@ from common_bounds import (
 
 import jhd
 from jhd.distance.cells.branches import CurveCell, cell_upper_bound
-from jhd.distance.frame.curves import prepare
+from jhd.distance.normalization.curves import prepare
 
 # The place of the maximum in the cells of the first part, off the middle, which would be a special case.
 _PLACE = 0.4

@@ -87,13 +87,13 @@ def main() -> None:
 def _letters(letters: str) -> list[np.ndarray]:
     """The runs of curved quadratics in the outlines of the letters of both fonts, em 1."""
     runs = []
-    for curve in (jhd.io.outline(font, letter, size=1.0) for font in FONTS for letter in letters):
+    for curve in (jhd.io.load_glyph(font, letter, size=1.0) for font in FONTS for letter in letters):
         if curve.degree < 2:
             continue
-        points, following = np.asarray(curve.control_points), np.asarray(curve.following)
+        points, next_segment = np.asarray(curve.control_points), np.asarray(curve.next_segment)
         legs = np.diff(points, axis=1)
         curved = np.abs(legs[:, 0, 0] * legs[:, 1, 1] - legs[:, 0, 1] * legs[:, 1, 0]) > 1e-9
-        goes_on = curved[:-1] & curved[1:] & (following[:-1] == np.arange(1, len(points)))
+        goes_on = curved[:-1] & curved[1:] & (next_segment[:-1] == np.arange(1, len(points)))
         parts = np.split(np.arange(len(points)), np.flatnonzero(~goes_on) + 1)
         runs += [points[part] for part in parts if curved[part[0]]]
     return runs

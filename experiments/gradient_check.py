@@ -24,7 +24,8 @@ from common import Run, markdown
 import jhd
 from jhd._results.solution import name_of
 
-PARABOLA = jnp.array([[-2.0, 4.0], [0.0, -4.0], [2.0, 4.0]])
+# As a cubic, so that its programs are those of two random cubics.
+PARABOLA = jnp.array([[-2.0, 4.0], [-2 / 3, -4 / 3], [2 / 3, -4 / 3], [2.0, 4.0]])
 ARC = jnp.array([[-0.35, -0.05], [-0.12, 0.1], [0.12, 0.1], [0.35, -0.05]])
 # The arc turns from this place of the path on, by so many radians for the cube of a unit of it.
 TURN_FROM, TURN = 0.45, 11.0
@@ -85,7 +86,7 @@ def _path(places: np.ndarray) -> dict[str, Any]:
 
 def _naive(u: float, solution: jhd.HausdorffSolution) -> jax.Array:
     """Derivative of the distance of the pair that max and min pick, as differentiating through them gives it."""
-    t, s = solution.witness.t, solution.witness.foot_params[0]
+    t, s = solution.witness.t, solution.witness.feet_params[0]
     foot = jhd.BezierCurve(PARABOLA)(s)
     return jax.grad(lambda u: jnp.linalg.norm(arc(u)(t) - foot))(u)
 

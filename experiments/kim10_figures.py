@@ -23,7 +23,7 @@ from common import Run, markdown
 from common_kim10 import KINDS, pair
 
 import jhd
-from jhd.distance.frame.curves import prepare
+from jhd.distance.normalization.curves import prepare
 from jhd.distance.published.arc_bounds import ArcTarget
 from jhd.distance.published.events.host_pair import HostPair
 from jhd.distance.published.trimming import both_arcs
@@ -107,8 +107,10 @@ def _trimmed(first: AbstractCurve, second: AbstractCurve, pixels: int, drawn: in
     along = np.linspace(0, a.count, READ)
     read = np.asarray(field.enclose(a(along)).lower)
     lower = float(np.max(read))
-    if not 0 <= float(proven.lower) - lower <= 2 * float(field.reach):
-        raise AssertionError(f"LB is {lower:g}; the distance is {proven}, what is subtracted {float(field.reach):g}")
+    if not 0 <= float(proven.lower) - lower <= 2 * float(field.max_error):
+        raise AssertionError(
+            f"LB is {lower:g}; the distance is {proven}, what is subtracted {float(field.max_error):g}"
+        )
     p, q, frame = prepare(a, b)
     mine, others = both_arcs(HostPair.of(p, q), float(frame.common(FINE * diagonal)))
     limit = float(frame.common(lower))
@@ -118,7 +120,7 @@ def _trimmed(first: AbstractCurve, second: AbstractCurve, pixels: int, drawn: in
     farthest = jhd.directed_hausdorff(jhd.BezierSegments.join(parts), b)
     if float(farthest.upper) > lower:
         raise AssertionError(f"a trimmed part is {farthest} from b; LB is {lower:g}")
-    place = int(proven.witness.segment), float(proven.witness.t)
+    place = int(proven.witness.element), float(proven.witness.t)
     if not np.any((segment[left] == place[0]) & (t0[left] <= place[1]) & (place[1] <= t1[left])):
         raise AssertionError(f"the place of the maximum, {place}, is trimmed")
     share = float(np.sum((t1 - t0)[left])) / a.count
@@ -132,7 +134,7 @@ def _trimmed(first: AbstractCurve, second: AbstractCurve, pixels: int, drawn: in
         "region": _drawn(jhd.distance_map(field.arcs, low - AROUND * lower, high + AROUND * lower, drawn // 2)),
         "solution": proven,
         "lower": lower,
-        "reach": field.reach,
+        "max_error": field.max_error,
         "pixels": pixels,
         "arcs": {"a": len(t0), "b": len(others.t0)},
         "deviation": FINE * diagonal,
@@ -144,7 +146,7 @@ def _trimmed(first: AbstractCurve, second: AbstractCurve, pixels: int, drawn: in
         "share_left": share,
         "share_left_of_b": float(np.sum((others.t1 - others.t0)[left_of_b])) / b.count,
         "trimmed_reaches": farthest.upper,
-        "ours": jhd.directed_hausdorff(a, b, jhd.BiarcTrimming()).stats,
+        "ours": jhd.directed_hausdorff(a, b, jhd.published.BiarcTrimming()).stats,
     }
 
 

@@ -33,7 +33,7 @@ from common_kim10 import COUNTS, KINDS, pair
 
 import jhd
 from jhd._results.solution import name_of
-from jhd.distance.frame.curves import prepare
+from jhd.distance.normalization.curves import prepare
 from jhd.distance.published.events.host_pair import HostPair
 from jhd.distance.published.trimming import both_arcs
 
@@ -70,10 +70,10 @@ def _measured(kind: str, count: int, budget: float) -> dict[str, Any]:
     low, high = (np.asarray(x) for x in jhd.BezierSegments.join([a, b]).bounds)
     diagonal = float(np.linalg.norm(high - low))
     methods = {
-        "AlgebraicEvents": jhd.AlgebraicEvents(),
-        "BiarcTrimming": jhd.BiarcTrimming(deviation=DEVIATION * diagonal),
-        PAPER: jhd.BiarcTrimming(deviation=DEVIATION * diagonal, variant="paper"),
-        "TwoStep": jhd.TwoStep(),
+        "AlgebraicEvents": jhd.published.AlgebraicEvents(),
+        "BiarcTrimming": jhd.published.BiarcTrimming(deviation=DEVIATION * diagonal),
+        PAPER: jhd.published.BiarcTrimming(deviation=DEVIATION * diagonal, variant="paper"),
+        "TwoStep": jhd.published.TwoStep(),
         "BranchAndBound": jhd.BranchAndBound(),
     }
     calls: dict[str, Callable[[], Any]] = {

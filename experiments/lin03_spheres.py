@@ -65,7 +65,7 @@ def main() -> None:
 def _answers(first: jhd.ImplicitSurface, second: jhd.ImplicitSurface, i: int, j: int) -> dict[str, Any]:
     """The distances in all nearest pairs of cubes of one grid, and where their samples are."""
     origin = np.array([-3 - i * EPS, -3.0, -3 - j * EPS])
-    pairs = jhd.VoxelPairs((LINES - 1) * EPS, LINES, origin=origin).pairs(first, second)
+    pairs = jhd.published.VoxelPairs((LINES - 1) * EPS, LINES, origin=origin).pairs(first, second)
     good = np.isfinite(pairs.distance)
     return {
         "shift": [i * EPS, j * EPS],

@@ -27,6 +27,8 @@ import jhd
 
 VOXELS, SMOKE_VOXELS = (64, 128, 256), (16,)
 QUERIES, SMOKE_QUERIES = 200_000, 2_000
+# Sides of the round edge of the profile: its vertices ask for a grid of 256 voxels, and for one of 64.
+EDGE, SMOKE_EDGE = 8, 2
 # Errors below this share of the diagonal are those of rounding.
 ROUNDING = 1e-12
 # Levels of errors at which the share of points above is kept.
@@ -41,24 +43,25 @@ def main() -> None:
     run = Run(__file__, __doc__, one_core=True, meshes=True)
     given = [(file.stem, FILE, common_meshes.load(file)) for file in run.meshes]
     # A smooth mesh and a part are enough of a smoke run.
-    meshes = given or (_generated(8)[::3] if run.smoke else _generated(64))
+    edge = SMOKE_EDGE if run.smoke else EDGE
+    meshes = given or (_generated(8, edge)[::3] if run.smoke else _generated(64, edge))
     found = [{"name": name, "kind": kind, **_measured(mesh, run)} for name, kind, mesh in meshes]
-    numbers = {"levels": LEVELS, "meshes": found, "section": _section(_profile(), 24 if run.smoke else 240)}
+    numbers = {"levels": LEVELS, "meshes": found, "section": _section(_profile(edge), 24 if run.smoke else 240)}
     run.save(numbers, _table(found))
 
 
-def _generated(n: int) -> list[tuple[str, str, jhd.TriangleMesh]]:
+def _generated(n: int, edge: int) -> list[tuple[str, str, jhd.TriangleMesh]]:
     return [
         ("bumpy sphere", SMOOTH, common_meshes.bumpy_sphere(n)),
         ("torus", SMOOTH, common_meshes.torus(5 * n // 2, n)),
         ("plate with holes", PART, common_meshes.plate(4, 3, 8)),
-        ("L-profile", PART, _profile()),
+        ("L-profile", PART, _profile(edge)),
         ("chamfered box", PART, common_meshes.rounded_box((2, 1.4, 1), 0.02, 1)),
     ]
 
 
-def _profile() -> jhd.TriangleMesh:
-    return common_meshes.profile(LENGTH, (1, 0.7), 0.12, 0.1, 8)
+def _profile(edge: int) -> jhd.TriangleMesh:
+    return common_meshes.profile(LENGTH, (1, 0.7), 0.12, 0.1, edge)
 
 
 def _measured(mesh: jhd.TriangleMesh, run: Run) -> dict[str, Any]:
@@ -71,7 +74,7 @@ def _measured(mesh: jhd.TriangleMesh, run: Run) -> dict[str, Any]:
     ways = []
     steps = set(SMOKE_VOXELS if run.smoke else VOXELS) | ({least} if least else set())
     for voxels in sorted(steps):
-        method = jhd.VertexVoxels(voxels)
+        method = jhd.published.VertexVoxels(voxels)
         found, local_seconds = _timed(mesh, points, method)
         way = {"voxels": voxels, "published": voxels == least, "seconds": local_seconds}
         way |= _errors((found - exact) / diagonal)
@@ -86,12 +89,14 @@ def _measured(mesh: jhd.TriangleMesh, run: Run) -> dict[str, Any]:
 def _least(mesh: jhd.TriangleMesh) -> int | None:
     """Voxels along each side that leave each vertex its own; None where the memory does not suffice."""
     try:
-        return jhd.VertexVoxels().voxels(mesh)
+        return jhd.published.VertexVoxels().voxels(mesh)
     except ValueError:
         return None
 
 
-def _timed(mesh: jhd.TriangleMesh, points: np.ndarray, method: jhd.VertexVoxels | None) -> tuple[np.ndarray, float]:
+def _timed(
+    mesh: jhd.TriangleMesh, points: np.ndarray, method: jhd.published.VertexVoxels | None
+) -> tuple[np.ndarray, float]:
     """Distances, and the seconds that they take once the mesh is prepared."""
     jhd.project(points, mesh, method)
     start = time.perf_counter()
@@ -118,7 +123,7 @@ def _section(mesh: jhd.TriangleMesh, cells: int) -> dict[str, Any]:
     low, high = lower[:2] - MARGIN, upper[:2] + MARGIN
     x, y = (np.linspace(low[k], high[k], cells) for k in (0, 1))
     points = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((cells, cells), LENGTH / 2)], axis=-1)
-    exact, found = (np.asarray(jhd.project(points, mesh, m).distance) for m in (None, jhd.VertexVoxels()))
+    exact, found = (np.asarray(jhd.project(points, mesh, m).distance) for m in (None, jhd.published.VertexVoxels()))
     outline = np.asarray(mesh.vertices)[np.asarray(mesh.vertices)[:, 2] == 0, :2]
     diagonal = float(np.linalg.norm(upper - lower))
     return {"x": x, "y": y, "error": (found - exact) / diagonal, "outline": outline}

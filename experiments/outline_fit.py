@@ -69,13 +69,13 @@ def main() -> None:
 
 def outline(font: str, letter: str) -> dict[str, Any]:
     """Control points and joints of a letter, in units of the em."""
-    found = jhd.io.outline(font, letter, size=1)
-    return {"control_points": np.asarray(found.control_points), "following": np.asarray(found.following)}
+    found = jhd.io.load_glyph(font, letter, size=1)
+    return {"control_points": np.asarray(found.control_points), "next_segment": np.asarray(found.next_segment)}
 
 
 def _glyph(font: str, letter: str, tolerances: tuple[float, ...]) -> dict[str, Any]:
     """One letter by three methods, at all tolerances."""
-    target = jhd.io.outline(font, letter, size=1)
+    target = jhd.io.load_glyph(font, letter, size=1)
     points = np.asarray(target.control_points)
     straight = np.all(2 * points[:, 1] == points[:, 0] + points[:, 2], axis=-1)
     stored = [target.count, int(np.sum(np.where(straight, 2, 4)))]
@@ -154,10 +154,10 @@ def _longest(target: jhd.BezierSegments, tolerance: float) -> jhd.BezierSegments
 
 def _by_pieces(target: jhd.BezierSegments, cubics: Callable[[np.ndarray], list[np.ndarray]]) -> jhd.BezierSegments:
     """All contours, from corner to corner."""
-    points, following = np.asarray(target.control_points), np.asarray(target.following)
+    points, next_segment = np.asarray(target.control_points), np.asarray(target.next_segment)
     fitted, t = [], np.linspace(0, 1, _SAMPLES + 1)[:, None]
     first = 0
-    for last in np.flatnonzero(following != np.arange(1, len(points) + 1)):
+    for last in np.flatnonzero(next_segment != np.arange(1, len(points) + 1)):
         part = points[first : last + 1]
         out, into = part[:, -1] - part[:, -2], np.roll(part, -1, axis=0)[:, 1] - np.roll(part, -1, axis=0)[:, 0]
         cosine = np.sum(out * into, axis=1) / np.sqrt(np.sum(out**2, axis=1) * np.sum(into**2, axis=1))
@@ -205,8 +205,8 @@ class Loop(eqx.Module):
     def __call__(self, points: Any) -> jhd.BezierSegments:
         """The chain with these points (segments, degree, 2)."""
         ends = jnp.roll(points, -1, axis=0)[:, :1]
-        following = np.roll(np.arange(self.segments), -1)
-        return jhd.BezierSegments(jnp.concatenate([points, ends], axis=1), None, following)
+        next_segment = np.roll(np.arange(self.segments), -1)
+        return jhd.BezierSegments(jnp.concatenate([points, ends], axis=1), None, next_segment)
 
 
 _HEADER = ("segments", "run", "to the start, s", "within 1 %, s", "all, s", "steps", "proven error (em)", "optimality")
@@ -215,7 +215,7 @@ _HEADER += ("result",)
 
 def _case(run: Run, degree: int, segments: int) -> dict[str, Any]:
     """One fit of many parameters: cold, warm, continued and displaced."""
-    target = jhd.io.outline(*OUTLINE, size=1)
+    target = jhd.io.load_glyph(*OUTLINE, size=1)
     steps = 8 if run.smoke else 60
     runs = {} if run.smoke else {"cold": _in_a_fresh_process(degree, segments)}
     run.warm(lambda: fit(degree, segments, 1))
@@ -255,7 +255,7 @@ def _case_rows(case: dict[str, Any]) -> list[list[object]]:
 
 def fit(degree: int, segments: int, max_steps: int = 60) -> dict[str, Any]:
     """The fit of the outline with the distance after each step, and when."""
-    target = jhd.io.outline(*OUTLINE, size=1)
+    target = jhd.io.load_glyph(*OUTLINE, size=1)
     return _timed(
         lambda report: jhd.fit_curve(target, degree=degree, segments=segments, max_steps=max_steps, progress=report)
     )

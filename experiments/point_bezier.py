@@ -5,9 +5,10 @@ PointBezier): steps and errors of each method. (2) The share of wrong feet on 10
 query normal in the plane, the query also half and twice as far out. (3) One cubic against 10 000 points: time and error
 beside SciPy's k-d tree on 1e3 to 1e5 samples, in one process on one core.
 
-Claims: the proven methods, NearestSearch and ProjectedPolyhedron, are never wrong; interval halving and Newton's method
-are wrong on several in a hundred queries each; 10 000 proven projections take less than half a second, about as
-long as the k-d tree of 1e4 samples, which errs by half its spacing where the point is on the curve, 1e-5 and more.
+Claims: the proven methods, BestFirstProjection and ProjectedPolyhedronProjection, are never wrong; interval halving and
+Newton's method are wrong on several in a hundred queries each; 10 000 proven projections take less than half a second,
+about as long as the k-d tree of 1e4 samples, which errs by half its spacing where the point is on the curve, 1e-5 and
+more.
 
 Feeds: animation, strip, figure and tables "point to curve".
 Takes: 1 minute, half of it once compiled.
@@ -27,11 +28,11 @@ from scipy.spatial import KDTree
 import jhd
 
 METHODS = (
-    jhd.IntervalHalving(),
+    jhd.IntervalHalvingProjection(),
     jhd.NewtonProjection(),
     jhd.HybridProjection(),
-    jhd.ProjectedPolyhedron(),
-    jhd.NearestSearch(),
+    jhd.ProjectedPolyhedronProjection(),
+    jhd.BestFirstProjection(),
 )
 CUBIC = np.array([[0.0, 0.5], [0.8, 7.0], [3.0, -5.0], [4.0, 2.2]])
 HEIGHT, START, STOP = 1.2, -0.4, 4.4
@@ -102,7 +103,7 @@ def _name(method: Any) -> str:
 
 
 def _proven(method: Any) -> bool:
-    return isinstance(method, jhd.ProjectedPolyhedron | jhd.NearestSearch)
+    return isinstance(method, jhd.ProjectedPolyhedronProjection | jhd.BestFirstProjection)
 
 
 def _path(run: Run, solvers: dict[str, Solver]) -> dict[str, Any]:
@@ -156,7 +157,7 @@ def _random(run: Run, solvers: dict[str, Solver]) -> dict[str, Any]:
 
 def _random_table(numbers: dict[str, Any]) -> str:
     methods = numbers["random"]["methods"]
-    spreads = [entry["spread"] for entry in methods["NearestSearch"]]
+    spreads = [entry["spread"] for entry in methods["BestFirstProjection"]]
     header = [
         f"{numbers['random']['count']} random cubics",
         *(f"wrong, query x {s:g}" for s in spreads),

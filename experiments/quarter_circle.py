@@ -95,7 +95,7 @@ def _described(name: str, solution: jhd.FitSolution, samples: int) -> dict[str, 
     value, witness = np.asarray(solution.pairs.value)[valid], to_plain(solution.pairs.witness)
     # The place of each pair on the fit, which is the second curve.
     turned = np.array(witness["direction"])[valid] == "b_to_a"
-    t = np.where(turned, np.array(witness["t"])[valid], np.array(witness["foot_params"])[valid, 0])
+    t = np.where(turned, np.array(witness["t"])[valid], np.array(witness["feet_params"])[valid, 0])
     active = value >= value[0] - max(EQUAL * value[0], ROUNDING)
     fractions = [Fraction(k, samples - 1) for k in range(samples)]
     return {

@@ -81,11 +81,11 @@ def main() -> None:
 
 def letter(font: str, text: str) -> jhd.BezierSegments:
     """The outline in units of the font's x-height, the middle of the box of its control points at the origin."""
-    height = np.max(np.asarray(jhd.io.outline(font, "x").control_points)[..., 1])
-    curve = jhd.io.outline(font, text)
+    height = np.max(np.asarray(jhd.io.load_glyph(font, "x").control_points)[..., 1])
+    curve = jhd.io.load_glyph(font, text)
     points = np.asarray(curve.control_points) / height
     rows = points.reshape(-1, 2)
-    return jhd.BezierSegments(points - (rows.min(axis=0) + rows.max(axis=0)) / 2, None, curve.following)
+    return jhd.BezierSegments(points - (rows.min(axis=0) + rows.max(axis=0)) / 2, None, curve.next_segment)
 
 
 def _problem(

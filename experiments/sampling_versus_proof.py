@@ -103,7 +103,7 @@ def _parabola() -> Pair:
 
 
 def _letters() -> Pair:
-    return Pair(jhd.io.outline("DejaVu Sans", "a"), jhd.io.outline("DejaVu Serif", "a"))
+    return Pair(jhd.io.load_glyph("DejaVu Sans", "a"), jhd.io.load_glyph("DejaVu Serif", "a"))
 
 
 _PAIRS: dict[str, Callable[[], Pair]] = {
@@ -116,7 +116,7 @@ _PAIRS: dict[str, Callable[[], Pair]] = {
 
 def _contours(curve: jhd.BezierSegments, count: int) -> list[np.ndarray]:
     """Samples of every connected part, in order."""
-    following = np.asarray(curve.following)
+    following = np.asarray(curve.next_segment)
     ends = np.flatnonzero(following != np.arange(curve.count) + 1) + 1
     points = np.asarray(curve.control_points)
     return [sample(points[i:j], count) for i, j in zip(np.concatenate([[0], ends[:-1]]), ends, strict=True)]

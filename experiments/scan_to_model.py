@@ -25,7 +25,7 @@ import jhd
 from jhd._results.solution import name_of
 
 _PATCHES, _SMOKE_PATCHES = 3, 1
-_POINTS, _SMOKE_POINTS = 100_000, 400
+_POINTS, _SMOKE_POINTS = 100_000, 144
 _NOISE, _OFF = 1e-3, 1e-2
 # No points are taken so near to the rim of the sheet: noise would carry them beyond it, where heights do not matter.
 _RIM = 0.01
@@ -69,13 +69,13 @@ def _fitted(scan: np.ndarray, net: np.ndarray, smoke: bool) -> tuple[np.ndarray,
         return jhd.BSplineSurface(jnp.concatenate([sides, heights[..., None]], axis=-1), *knots)
 
     steps: list[float] = []
-    measure = jhd.RootMeanSquare(directed=True)
+    statistic = jhd.RMSDistance(directed=True)
     found, seconds = cpu(
         lambda: jhd.minimize_hausdorff(
             build,
             net[..., 2],
-            jhd.points(scan),
-            measure=measure,
+            jhd.point_set(scan),
+            statistic=statistic,
             max_steps=_SMOKE_STEPS if smoke else _STEPS,
             progress=lambda now: steps.append(float(now.value)),
         )
@@ -84,7 +84,7 @@ def _fitted(scan: np.ndarray, net: np.ndarray, smoke: bool) -> tuple[np.ndarray,
 
 
 def _measured(run: Run, scan: np.ndarray, model: jhd.BSplineSurface) -> dict[str, Any]:
-    cloud = jhd.points(scan)
+    cloud = jhd.point_set(scan)
     run.warm(lambda: jhd.directed_hausdorff(cloud, model))
     solution, seconds = cpu(lambda: jhd.directed_hausdorff(cloud, model))
     tree = beside(run, lambda count: sampled_directed(cloud, model, count), seconds)

@@ -32,15 +32,15 @@ SHARES = (0.0, 0.05, 0.1, 0.2, 0.3)
 LOW, HIGH, QUANTILE = (0.9, -1.6), (1.9, -0.6), 0.8
 # Of the place of the spline: cosine and sine of the turn, both times the scale, and the shift.
 TRUTH, START = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.8, 0.25, 0.15, -0.1])
-STEPS, SMOKE_STEPS = 60, 25
+STEPS, SMOKE_STEPS = 60, 16
 
 
 def main() -> None:
     """Computes, saves and prints."""
     run = Run(__file__, __doc__)
-    count, shares, steps = (90, (0.1,), SMOKE_STEPS) if run.smoke else (POINTS, SHARES, STEPS)
+    count, shares, steps = (60, (0.1,), SMOKE_STEPS) if run.smoke else (POINTS, SHARES, STEPS)
     cases = [_case(*scan(count, share, run.random), share, steps) for share in shares]
-    header = ["outliers", "measure", "before", "after", "error", "steps", "seconds"]
+    header = ["outliers", "statistic", "before", "after", "error", "steps", "seconds"]
     rows = [
         [f"{case['share']:.0%}", name, *(f"{fit[key]:.5f}" for key in ("first", "reached", "upper")), fit["steps"]]
         + [f"{fit['seconds']:.1f}"]
@@ -70,19 +70,19 @@ def scan(count: int, share: float, random: np.random.Generator) -> tuple[np.ndar
 
 
 def _case(places: np.ndarray, points: np.ndarray, share: float, steps: int) -> dict[str, Any]:
-    """One scan by all measures."""
-    measures = {
-        "maximum": jhd.Hausdorff(),
-        "root mean square": jhd.RootMeanSquare(directed=True),
-        "mean": jhd.Mean(directed=True),
-        "quantile": jhd.Quantile(QUANTILE, directed=True),
+    """One scan by all statistics."""
+    statistics = {
+        "maximum": jhd.MaxDistance(),
+        "root mean square": jhd.RMSDistance(directed=True),
+        "mean": jhd.MeanDistance(directed=True),
+        "quantile": jhd.QuantileDistance(QUANTILE, directed=True),
     }
     found = {}
-    for name, measure in measures.items():
+    for name, statistic in statistics.items():
         began = time.process_time()
-        fit = jhd.minimize_hausdorff(placed, START, jhd.points(points), measure=measure, max_steps=steps)
+        fit = jhd.minimize_hausdorff(placed, START, jhd.point_set(points), statistic=statistic, max_steps=steps)
         seconds = time.process_time() - began
-        off = jhd.directed_hausdorff(jhd.points(places), fit.shape, throw=False)
+        off = jhd.directed_hausdorff(jhd.point_set(places), fit.shape, throw=False)
         found[name] = {
             "control_points": np.asarray(fit.shape.control_points),
             "first": float(fit.history[0]),

@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def _interval(found: dict[str, Any], exact: float | None) -> str:
-    if found["result"] in ("empty", "empty_surface", "unverified"):
+    if found["result"] in ("empty", "empty_surface", "existence_not_certified"):
         return found["result"]
     wrong = exact is None or not found["lower"] <= exact <= found["upper"]
     return f"[{found['lower']:.6g}, {found['upper']:.6g}]" + (" wrong" if wrong else "")
@@ -72,7 +72,7 @@ def _measured(
     a, b = surface(f), surface(g)
     numbers: dict[str, Any] = {"title": title, "polynomials": [f, g], "exact": exact, "planes": planes}
     for rule in ("paper", "safe"):
-        numbers[rule] = [_found(a, b, jhd.CubeIntervals(count, rule)) for count in cells]
+        numbers[rule] = [_found(a, b, jhd.published.CubeIntervals(count, rule)) for count in cells]
     # The search would take longer to compile than a short run lasts.
     numbers["search"] = None if run.smoke else _found(a, b, jhd.BranchAndBound(atol=ATOL))
     numbers["slices"] = [[_slice(shape, plane) for plane in planes] for shape in (a, b)]

@@ -64,7 +64,7 @@ def _pairs(run: Run) -> list[ShapePair]:
     net = wavy_net(_SMOKE_PATCHES if run.smoke else _PATCHES)
     sheet = bicubic(net)
     rows = samples(sheet, _SMOKE_POINTS if run.smoke else _POINTS)
-    cloud = jhd.points(rows + _NOISE * run.random.normal(size=rows.shape))
+    cloud = jhd.point_set(rows + _NOISE * run.random.normal(size=rows.shape))
     pairs = [
         ShapePair("sheet, moved sheet", sheet, bicubic(net + 0.01 * run.random.normal(size=net.shape)), False, 1e-10),
         ShapePair("points, sheet", cloud, sheet, True, 1e-10),

@@ -56,7 +56,7 @@ def _measured(run: Run, name: str, f: str, g: str, lower: float, upper: float) -
     method = jhd.BranchAndBound(atol=1e-2 if run.smoke else ATOL)
     solution, first = _timed(a, b, method)
     _, again = (solution, first) if run.smoke else _timed(a, b, method)
-    cubes = jhd.CubeIntervals(SMOKE_CELLS if run.smoke else CELLS)
+    cubes = jhd.published.CubeIntervals(SMOKE_CELLS if run.smoke else CELLS)
     run.warm(lambda: _timed(a, b, cubes))
     cells, seconds = _timed(a, b, cubes)
     numbers = {"name": name, "polynomials": [f, g], "lower": a.lower, "upper": a.upper}

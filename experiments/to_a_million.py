@@ -3,13 +3,13 @@
 A million shapes are more than one call holds, so they are cut into shards, and each pair of shards is one task: a call
 of `jhd.nearest_shapes` or `jhd.pairs_within` on some worker of any executor, whose results are merged: of the nearest
 shapes that each shard gives, the nearest. Here such calls are measured on pairs of shards of 500 to 4 000 letters of
-three DejaVu families, drawn at random, no letter in both: CPU seconds of signatures and of the rest, distances searched
-for, and bytes of a shape on its way. Blocks of `jhd.pairwise` give the price of one distance.
+three DejaVu families, drawn at random, no letter in both: CPU seconds of pivot distances and of the rest, distances
+searched for, and bytes of a shape on its way. Blocks of `jhd.pairwise` give the price of one distance.
 
 The plan multiplies what the largest shards took. Its assumptions: the million are as alike, and have as many segments,
 as these letters; shards are drawn at random; a thousand cores like this one are busy four fifths of the time; each task
 knows nothing of the others, so the best bounds of one shard do not help the next. Nothing is extrapolated to larger
-shards, which would need fewer signatures and fewer searches.
+shards, which would need fewer pivot distances and fewer searches.
 
 Claims: the nearest shapes that two half shards give, merged, are those of the whole shard, within the proven bounds. In
 shards of 4 000 less than a hundredth of the distances is searched for. All pairs of a million take a thousand cores
@@ -65,7 +65,8 @@ def main() -> None:
 def _shard(a: Glyphs, b: Glyphs, size: int) -> dict[str, Any]:
     """Both calls on one pair of shards."""
     near, spent = staged(lambda told: jhd.nearest_shapes(a.curves[:size], b.curves[:size], progress=told))
-    within, also = staged(lambda told: jhd.pairs_within(a.curves[:size], _WITHIN, b.curves[:size], progress=told))
+    some, others = a.curves[:size], b.curves[:size]
+    within, also = staged(lambda told: jhd.pairs_within(some, others, threshold=_WITHIN, progress=told))
     return {
         "size": size,
         "nearest": {"computed": near.computed, "share": near.computed / size**2, **spent._asdict()},
@@ -119,7 +120,7 @@ def _shard_table(shards: list[dict[str, Any]]) -> str:
         "nearest: searched",
         "share (%)",
         "CPU (s)",
-        "signatures (s)",
+        "pivot distances (s)",
         f"within {_WITHIN:g} em: searched",
     ]
     rows = [
@@ -128,7 +129,7 @@ def _shard_table(shards: list[dict[str, Any]]) -> str:
             shard["nearest"]["computed"],
             f"{100 * shard['nearest']['share']:.3f}",
             f"{shard['nearest']['cpu']:.1f}",
-            f"{shard['nearest']['signatures']:.1f}",
+            f"{shard['nearest']['pivots']:.1f}",
             shard["within"]["computed"],
             shard["within"]["found"],
             f"{shard['within']['cpu']:.1f}",

@@ -24,8 +24,8 @@ from common import Run, markdown
 
 import jhd
 from jhd._results.solution import name_of
-from jhd.distance.frame.coordinates import Frame
-from jhd.distance.frame.curves import prepare
+from jhd.distance.normalization.coordinates import Frame
+from jhd.distance.normalization.curves import prepare
 from jhd.distance.published.arc_bounds import Arcs, ArcTarget
 from jhd.distance.published.events.forms import Curve
 from jhd.distance.published.events.host_pair import HostPair
@@ -107,7 +107,7 @@ def _trial(a: jhd.BezierSegments, b: jhd.BezierSegments) -> dict[str, Any]:
     levels = {"map": _read(a, b, low, high, DEVIATION * diagonal), "exact": float(proven.lower)}
     bounds = {name: _solved(sides, frame, level, proven) for name, level in levels.items()}
     # The package's own way, which raises where it misses an event.
-    ours = float(jhd.hausdorff(a, b, jhd.BiarcTrimming()))
+    ours = float(jhd.hausdorff(a, b, jhd.published.BiarcTrimming()))
     if not abs(ours - float(proven)) <= LOST * diagonal:
         raise AssertionError(f"BiarcTrimming found {ours}; proven is {proven}")
     curves = {"a": a.control_points, "b": b.control_points}
@@ -141,7 +141,7 @@ def _solved(sides: list[_Side], frame: Frame, level: float, proven: jhd.Hausdorf
     events = [sum(len(places[k][name][0]) - 2 for k in (0, 1)) for name in ("one", "both")]
     shares = [float(np.sum(x.side[1] - x.side[0])) / side.pair.a.moving for x, side in zip(pieces, sides, strict=True)]
     k = int(name_of(proven.witness.direction) == "b_to_a")
-    foot, s = (np.asarray(x) for x in (proven.witness.foot_segments, proven.witness.foot_params))
+    foot, s = (np.asarray(x) for x in (proven.witness.feet_elements, proven.witness.feet_params))
     return {
         "lower": level,
         **values,
@@ -174,7 +174,7 @@ def _events(pair: HostPair, pieces: EventPieces) -> list[Events]:
     antipodal = pairs(pieces, kept)
     for two, on_one in triples(pair.b, pieces, kept):
         groups = [antipodal, two, on_one]
-        found.append(solve(pair.a, pair.b, groups, atol=FINAL, limit=OPEN, max_boxes=BOXES))
+        found.append(solve(pair.a, pair.b, groups, box_size=FINAL, limit=OPEN, max_boxes=BOXES))
         antipodal = antipodal.take(np.zeros(0, int))
     return found
 

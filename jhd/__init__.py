@@ -6,7 +6,7 @@ differentiate, and bounds with `lower <= exact <= upper`, rounding included. The
 distance, with its *foot points*, the nearest points on the other shape.
 
 >>> import jhd
->>> found = jhd.hausdorff(jhd.points([(0, 3)]), jhd.points([(0, 0), (4, 0)]))
+>>> found = jhd.hausdorff(jhd.point_set([(0, 3)]), jhd.point_set([(0, 0), (4, 0)]))
 >>> float(found.value), bool(found.lower <= 5 <= found.upper)
 (5.0, True)
 
@@ -15,7 +15,8 @@ distance, with its *foot points*, the nearest points on the other shape.
 - How far apart are two shapes at most: `hausdorff`; from one shape only: `directed_hausdorff`.
 - The smallest distance between them: `minimum_distance`.
 - Is a distance below a limit: `hausdorff_at_most`, `minimum_at_most`.
-- Mean, root mean square and quantiles of the distance: `deviation`; as a loss: `Mean`, `RootMeanSquare`, `Quantile`.
+- Mean, root mean square and quantiles of the distance: `deviation`; as a loss: `MeanDistance`, `RMSDistance`,
+  `QuantileDistance`.
 - The nearest point on a shape: `project`; all stationary points on a curve: `stationary_points`.
 - Inside or outside of a mesh: `signed_distance`; millions of such queries: `AdaptiveDistanceField`.
 - A shape that fits another one: `fit_curve`, `fit_outline`, `minimize_hausdorff`; a smooth loss: `soft_hausdorff`.
@@ -26,10 +27,10 @@ distance, with its *foot points*, the nearest points on the other shape.
 # Choose a method
 
 The default, `BranchAndBound`, certifies both bounds and serves every pair of shapes. Pass `BranchAndBound(atol=...)`
-for another gap than 1e-10 of the diagonal of the joint bounding box. The other methods are published ones for
-comparison. `TwoStep` refines samples of curves and certifies a lower bound only. `AlgebraicEvents` and
-`BiarcTrimming` solve for all candidate events of plane curves. `CubeIntervals` and `VoxelPairs` work on cells of
-surfaces.
+for another gap than 1e-10 of the diagonal of the joint bounding box. The methods in
+`jhd.published` are for comparison. `TwoStep` refines samples of curves and certifies a lower bound only.
+`AlgebraicEvents` and `BiarcTrimming` solve for all candidate events of plane curves. `CubeIntervals` and `VoxelPairs`
+work on cells of surfaces.
 
 # Questions and answers
 
@@ -37,7 +38,7 @@ surfaces.
 `JAX_ENABLE_X64=0` in the environment, jhd computes in float32. The bounds stay true, and become wider.
 
 **Why does the first call take seconds?** It compiles. Plain calls on CPUs keep their compiled functions on disk, and
-other processes read them: see `jhd doctor`. `jhd warm plane` compiles in advance.
+other processes read them: see `jhd doctor`. `jhd precompile plane` compiles in advance.
 
 **What does gap_not_closed mean?** The bounds are true, but the search ended before they met. Raise `max_steps`, or
 ask for a larger `atol`. If whole regions are equally far, as for a shape and its offset, the work grows as the gap
@@ -73,7 +74,7 @@ import jax as _jax
 if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "off"):
     _jax.config.update("jax_enable_x64", True)
 
-from jhd import arithmetic, plot  # noqa: E402
+from jhd import arithmetic, plot, published  # noqa: E402
 from jhd._results import solution  # noqa: E402, F401
 from jhd._results.solution import (  # noqa: E402
     ANSWERS,
@@ -91,41 +92,35 @@ from jhd._results.solution import (  # noqa: E402
     Witness,
 )
 from jhd.distance import (  # noqa: E402
-    AlgebraicEvents,
-    BiarcTrimming,
+    BestFirstProjection,
     Bounds,
     BranchAndBound,
     Certificate,
     CertificateError,
     CollectionProgress,
-    CubeIntervals,
     Deviation,
+    DistanceProfile,
     DistanceSamples,
-    Hausdorff,
     HybridProjection,
-    IntervalHalving,
-    Mean,
-    MeasureSolution,
+    IntervalHalvingProjection,
+    MaxDistance,
+    MeanDistance,
     MinimumProgress,
-    NearestSearch,
     Neighbors,
     NewtonProjection,
     PairsWithin,
     Pairwise,
-    Profile,
+    PivotDistances,
     Progress,
-    ProjectedPolyhedron,
-    Quantile,
-    RootMeanSquare,
-    Signatures,
-    TiedPairs,
-    TwoStep,
-    VertexVoxels,
-    VoxelPairs,
+    ProjectedPolyhedronProjection,
+    QuantileDistance,
+    RMSDistance,
+    StatisticSolution,
     certify,
     critical_pairs,
     deviation,
     directed_hausdorff,
+    distance_profile,
     hausdorff,
     hausdorff_at_most,
     minimum_at_most,
@@ -133,9 +128,8 @@ from jhd.distance import (  # noqa: E402
     nearest_shapes,
     pairs_within,
     pairwise,
-    profile,
+    pivot_distances,
     project,
-    signatures,
     signed_distance,
     stack_curves,
     stationary_points,
@@ -174,7 +168,7 @@ from jhd.shapes import (  # noqa: E402
     as_shape,
     biarcs,
     circle,
-    points,
+    point_set,
     polyline,
     prepare,
 )
@@ -185,7 +179,6 @@ if _TYPE_CHECKING:
 __all__ = [
     "ANSWERS",
     "AdaptiveDistanceField",
-    "AlgebraicEvents",
     "BSplineCurve",
     "BSplineSurface",
     "BezierCurve",
@@ -193,14 +186,12 @@ __all__ = [
     "BezierPatches",
     "BezierSegments",
     "BiarcCurve",
-    "BiarcTrimming",
     "Bounds",
     "BranchAndBound",
     "Certificate",
     "CertificateError",
     "CollectionProgress",
     "CriticalPairs",
-    "CubeIntervals",
     "CurveApproximation",
     "DIRECTIONS",
     "Decision",
@@ -211,17 +202,17 @@ __all__ = [
     "EVENTS",
     "FieldProgress",
     "FitSolution",
-    "Hausdorff",
+    "MaxDistance",
     "HausdorffSolution",
     "HybridProjection",
     "ImplicitMesh",
     "ImplicitSurface",
-    "IntervalHalving",
-    "Mean",
-    "MeasureSolution",
+    "IntervalHalvingProjection",
+    "MeanDistance",
+    "StatisticSolution",
     "MinimumProgress",
     "MinimumSolution",
-    "NearestSearch",
+    "BestFirstProjection",
     "Neighbors",
     "NewtonProjection",
     "NotProvenError",
@@ -231,20 +222,16 @@ __all__ = [
     "Partials",
     "PatchMesh",
     "Prepared",
-    "Profile",
+    "DistanceProfile",
     "Progress",
-    "ProjectedPolyhedron",
+    "ProjectedPolyhedronProjection",
     "Projection",
-    "Quantile",
+    "QuantileDistance",
     "RESULTS",
-    "RootMeanSquare",
-    "Signatures",
+    "RMSDistance",
+    "PivotDistances",
     "StationaryPoints",
-    "TiedPairs",
     "TriangleMesh",
-    "TwoStep",
-    "VertexVoxels",
-    "VoxelPairs",
     "VoxelProgress",
     "Voxels",
     "Witness",
@@ -270,12 +257,13 @@ __all__ = [
     "pairs_within",
     "pairwise",
     "plot",
-    "points",
+    "published",
+    "point_set",
     "polyline",
     "prepare",
-    "profile",
+    "distance_profile",
     "project",
-    "signatures",
+    "pivot_distances",
     "signed_distance",
     "signed_distance_transform",
     "soft_hausdorff",

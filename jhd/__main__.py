@@ -50,27 +50,28 @@ LENGTH is a number in input units, or a percentage of the diagonal of the box ar
 _EPILOG = f"""\
 examples:
   jhd                                                 the demonstration; writes jhd-demo.png to this folder
-  jhd distance a.svg b.json --plot distance.png
-  jhd distance a.svg b.json --certificate proof.json
-  jhd distance "x**2/4 + y**2/4 - z**2/9" "x**2/16 + y**2/4 - z**2/9" --box -2 2
+  jhd hausdorff a.svg b.json --plot distance.png
+  jhd hausdorff a.svg b.json --certificate proof.json
+  jhd hausdorff "x**2/4 + y**2/4 - z**2/9" "x**2/16 + y**2/4 - z**2/9" --box -2 2
   jhd verify proof.json
   jhd fit "font:DejaVu Serif:s" --tolerance 5 --out s.svg
-  jhd distance "font:DejaVu Sans:a" "font:DejaVu Serif:a" --json
-  jhd distance a.ply b.obj
-  jhd distance scan.ply model.obj --directed --threshold 0.5%
+  jhd hausdorff "font:DejaVu Sans:a" "font:DejaVu Serif:a" --json
+  jhd hausdorff a.ply b.obj
+  jhd hausdorff scan.ply model.obj --directed --threshold 0.5%
   jhd minimum bunny.ply "x**2 + y**2 + z**2 - 1" --box -2 2
-  jhd deviation scan.ply model.obj --within 0.1 --plot deviation.png
+  jhd deviation scan.ply model.obj --threshold 0.1 --plot deviation.png
   jhd project a.svg 10 -2.5
-  jhd nearest "font:DejaVu Serif:a" "font:DejaVu Sans:*" --count 3 --plot nearest.png
-  jhd duplicates icons/ --within 0.5
+  jhd nearest "font:DejaVu Serif:a" "font:DejaVu Sans:*" -k 3 --plot nearest.png
+  jhd duplicates icons/ --threshold 0.5%
   jhd pairwise "scans/*.ply" --store distances
-  jhd field bunny.ply --atol 0.001 --out bunny.npz
-  jhd warm plane rational --degree 3
+  jhd field bunny.ply --tolerance 0.001 --out bunny.npz
+  jhd precompile plane rational --degree 3
   jhd doctor
 
 {_SHAPES_EPILOG}{_LENGTH_EPILOG}
-Exit status: 0 done; 1 bounds not closed, fit outside its tolerance, or certificate refused; 2 invalid input;
-70 unexpected error; 130 interrupted, with the bounds reached. With --threshold: 0 yes, 3 no, 1 undecided.
+Exit status: 0 done; 1 bounds not closed, or a tolerance not reached; 2 invalid input; 4 certificate refused;
+5 self-check failed; 70 unexpected error; 130 interrupted, with the bounds reached. A question (`--threshold` of
+hausdorff and minimum) is answered by 0 yes, 3 no, 1 undecided.
 
 Environment: JHD_CACHE=FOLDER is the folder of compiled functions, JHD_CACHE=0 keeps none. JAX_ENABLE_X64=0 computes in
 float32. JHD_TRACEBACK=1 shows the location of an unexpected error.
@@ -168,7 +169,10 @@ def _as_given(word: str) -> str:
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are ours: one line, without the usage."""
+    """A parser whose errors are ours: one line, without the usage. Options are not abbreviated."""
+
+    def __init__(self, *args: Any, **options: Any):
+        super().__init__(*args, allow_abbrev=False, **options)
 
     def error(self, message: str) -> NoReturn:
         raise ValueError(f"{message} (see {self.prog} --help)")
@@ -196,29 +200,28 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("--degree", type=int, default=3, metavar="N", help="degree of the segments (default: 3)")
     smooth = "continuous tangents at the joints (default: corners allowed)"
     fit.add_argument("--smooth", action="store_true", help=smooth)
-    fit.add_argument("--out", metavar="FILE", help="file for the fitted curve: .svg or .json")
+    fit.add_argument("-o", "--out", metavar="FILE", help="file for the fitted curve: .svg or .json")
     shown = "both curves, the witness and the distance profiles"
     fit.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     fit.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
 
     verify = _added(commands, "verify", "check of a certificate in exact arithmetic", _FILES_EPILOG)
-    verify.add_argument("file", metavar="FILE", help="certificate, written by jhd distance or jhd minimum")
+    verify.add_argument("file", metavar="FILE", help="certificate, written by jhd hausdorff or jhd minimum")
     both = "both shapes, each a SHAPE, to compare with those of the certificate (default: none)"
     verify.add_argument("shapes", nargs="*", metavar="A B", type=_as_given, help=both)
-    verify.add_argument("--seconds", type=float, metavar="S", help="time limit in seconds (default: none)")
+    verify.add_argument("--max-seconds", type=float, metavar="S", help="time limit in seconds (default: none)")
 
     _add_others(commands)
-    for command in commands.choices.values():
+    for command in dict.fromkeys(commands.choices.values()):  # one of two names is there once
         command.add_argument("--json", action="store_true", help="output as JSON only")
     return parser
 
 
-def _added(commands: Any, name: str, purpose: str, epilog: str | None = None) -> Any:
+def _added(commands: Any, name: str, purpose: str, epilog: str | None = None, aliases: tuple[str, ...] = ()) -> Any:
     """A command, whose purpose stands in the list of commands and in its own help."""
     raw = argparse.RawDescriptionHelpFormatter
-    parser = commands.add_parser(
-        name, help=purpose, description=f"{purpose[0].upper()}{purpose[1:]}.", epilog=epilog, formatter_class=raw
-    )
+    described = {"help": purpose, "description": f"{purpose[0].upper()}{purpose[1:]}."}
+    parser = commands.add_parser(name, aliases=aliases, epilog=epilog, formatter_class=raw, **described)
     parser.set_defaults(command=name)
     return parser
 
@@ -226,7 +229,8 @@ def _added(commands: Any, name: str, purpose: str, epilog: str | None = None) ->
 def _add_distances(commands: Any) -> None:
     """Hausdorff distance and minimum distance of two shapes."""
     epilog = _SHAPES_EPILOG + _LENGTH_EPILOG
-    distance = _added(commands, "distance", "Hausdorff distance of two shapes, with certified bounds", epilog)
+    purpose = "Hausdorff distance of two shapes, with certified bounds"
+    distance = _added(commands, "hausdorff", purpose, epilog, ("distance",))
     _add_shapes(distance)
     directed = "directed distance, the largest distance from a point of A to B (default: larger of both directions)"
     distance.add_argument("--directed", action="store_true", help=directed)
@@ -257,11 +261,13 @@ def _add_others(commands: Any) -> None:
     project.add_argument("--points", metavar="FILE", help=rows)
     project.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("chosen by the kind of shape"))
 
-    field = _added(commands, "field", "distance field of a mesh on an octree", _LENGTH_EPILOG.lstrip())
-    field.add_argument("mesh", metavar="MESH", help="mesh: an .obj, .off, .ply or .stl file")
+    field = _added(commands, "field", "distance field of a surface on an octree", _SHAPES_EPILOG + _LENGTH_EPILOG)
+    surface = "mesh, parametric surface or implicit surface: a SHAPE, see below"
+    field.add_argument("shape", metavar="SURFACE", type=_as_given, help=surface)
+    field.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
     tolerance = "tolerance of the interpolation"
-    field.add_argument("--atol", type=lengths.length, required=True, metavar="LENGTH", help=tolerance)
-    field.add_argument("--out", required=True, metavar="FILE", help="file for the field: .npz")
+    field.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help=tolerance)
+    field.add_argument("-o", "--out", required=True, metavar="FILE", help="file for the field: .npz")
     refined = "region that is refined: near the surface, or everywhere (default: band)"
     field.add_argument("--mode", choices=_MODES, default="band", help=refined)
     sign = "rule that tells inside from outside (default: winding)"
@@ -271,10 +277,14 @@ def _add_others(commands: Any) -> None:
     resolution = "number of cells of the zero set along the longest side, 2 to 4096"
     field.add_argument("--resolution", type=int, metavar="N", help=resolution)
 
-    warm = _added(commands, "warm", "compile functions for some kinds of shapes in advance, and keep them on disk")
-    warm.add_argument("kinds", metavar="KIND", nargs="*", help=f"kinds of shapes: {', '.join(_KINDS)} (default: all)")
+    precompile = _added(
+        commands, "precompile", "compile functions for some kinds of shapes in advance, and keep them on disk"
+    )
+    precompile.add_argument(
+        "kinds", metavar="KIND", nargs="*", help=f"kinds of shapes: {', '.join(_KINDS)} (default: all)"
+    )
     degree = "degree of curves (default: 3), and of implicit surfaces in each variable (default: 2)"
-    warm.add_argument("--degree", type=int, metavar="N", help=degree)
+    precompile.add_argument("--degree", type=int, metavar="N", help=degree)
 
     _added(commands, "doctor", "versions, devices, cache, and a self-check with a known distance")
 
@@ -296,7 +306,7 @@ def _add_deviation(commands: Any) -> None:
     rtol = "the same relative to the upper bound; the larger of both counts (default: 1e-3)"
     parser.add_argument("--rtol", type=float, default=1e-3, metavar="FRACTION", help=rtol)
     within = "distance up to which the fraction of A is printed too"
-    parser.add_argument("--within", type=lengths.length, metavar="LENGTH", help=within)
+    parser.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=within)
     shown = "A colored by its distance, with a histogram"
     parser.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     parser.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
@@ -312,15 +322,17 @@ def _add_collections(commands: Any) -> None:
     nearest.add_argument("query", metavar="QUERY", help="query shape or shapes, see below")
     nearest.add_argument("shapes", metavar="SHAPE", nargs="+", help="shapes among which to search, see below")
     count = "number of nearest shapes for each query (default: 1)"
-    nearest.add_argument("--count", dest="k", type=int, default=1, metavar="N", help=count)
+    nearest.add_argument("-k", "--count", dest="k", type=int, default=1, metavar="N", help=count)
     shown = "the first queries with their nearest shapes"
     nearest.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     nearest.add_argument("--html", metavar="FILE", help="file for an HTML page with the same picture")
 
-    duplicates = _added(commands, "duplicates", "pairs of many shapes within a Hausdorff distance", _MANY_EPILOG)
+    duplicates = _added(
+        commands, "duplicates", "pairs of many shapes within a Hausdorff distance", _MANY_EPILOG + _LENGTH_EPILOG
+    )
     duplicates.add_argument("shapes", metavar="SHAPE", nargs="+", help="shapes, see below")
-    within = "largest Hausdorff distance of a pair, in input units"
-    duplicates.add_argument("--within", type=float, required=True, metavar="X", help=within)
+    threshold = "largest Hausdorff distance of a pair"
+    duplicates.add_argument("--threshold", type=lengths.length, required=True, metavar="LENGTH", help=threshold)
 
 
 def _switch_cache_on() -> None:

@@ -17,8 +17,9 @@ from jaxtyping import Array
 
 from jhd._results.solution import FitSolution
 from jhd._runtime.arrays import real_array
-from jhd.distance.frame.method import AbstractHausdorffMethod
-from jhd.distance.measures.measures import AbstractMeasure
+from jhd.argument_hints import refuse_tracing, traceable
+from jhd.distance.normalization.method import AbstractHausdorffMethod
+from jhd.distance.statistics.statistics import AbstractStatistic
 from jhd.fitting.annealing import annealing
 from jhd.fitting.chain import Layout, contours, divided, from_a_corner, least_squares, longest_pieces, points_of
 from jhd.fitting.clock import Clock
@@ -31,7 +32,6 @@ from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
-from jhd.slips import refuse_tracing, traceable
 
 # Shapes that are fitted, and fitted to.
 Fitted = AbstractCurve | AbstractPatch | ImplicitSurface | TriangleMesh
@@ -54,29 +54,29 @@ def minimize_hausdorff(
     parameters: Any,
     target: Any,
     *,
-    measure: AbstractMeasure | None = None,
+    statistic: AbstractStatistic | None = None,
     temperature: Numbers | None = None,
     starts: Any = 1,
     seed: int = 0,
     max_steps: int = 60,
     max_seconds: float | None = None,
-    atol: float = 0.0,
+    stop_below: float = 0.0,
     capacity: int | None = None,
     method: AbstractHausdorffMethod | None = None,
     progress: Callable[[FitProgress], object] | None = None,
 ) -> FitSolution:
-    """Parameters that minimize the distance from build(parameters) to a target, in the Hausdorff distance or a measure.
+    """Parameters that minimize the distance from build(parameters) to a target, or a statistic of this distance.
 
     The result is a local minimum near the start. To keep ends, tangents or closedness fixed, let `build` not vary them.
 
     - Curves: each step uses all local maxima of the distance and their curvature. If the product of both numbers of
       segments exceeds 1024, only the maxima near the largest take part, found with trees of samples. Such a fit stops
-      with the result fit_in_a_valley if four steps together gain less than a thousandth. If the certified distance
+      with the result fit_slow_progress if four steps together gain less than a thousandth. If the certified distance
       shows that a maximum was missed, the search is refined and the fit continues.
     - Implicit surfaces and meshes: only one maximum of each direction is known, so a bundle of gradients is used. The
       fit stops when a convex combination of nearby gradients is shorter than a twentieth of their length.
-    - With another measure, shapes of all kinds can be fitted, also to point sets. For example,
-      `Quantile(0.9, directed=True)` ignores up to 10 % of outliers in a scan.
+    - With another statistic, shapes of all kinds can be fitted, also to point sets. For example,
+      `QuantileDistance(0.9, directed=True)` ignores up to 10 % of outliers in a scan.
 
     >>> from jhd.shapes.curve import BezierSegments, circle
     >>> quarter = BezierSegments(circle([0, 0], 1).control_points[:1], circle([0, 0], 1).weights[:1])
@@ -88,9 +88,10 @@ def minimize_hausdorff(
         build: function that maps parameters to a shape. It is traced, so write it in jax.numpy. A module-level function
             or an equinox Module is compiled once, a lambda in every call.
         parameters: start of the fit: an array or a pytree of arrays.
-        target: curve or point set, implicit surface or mesh, of the kind that `build` returns. With a measure other
-            than the Hausdorff distance, all shapes for which the measure is defined.
-        measure: loss: Hausdorff() (the default), Mean(), RootMeanSquare() or Quantile(q), applied to (target, shape).
+        target: curve or point set, implicit surface or mesh, of the kind that `build` returns. With a statistic other
+            than the Hausdorff distance, all shapes for which the statistic is defined.
+        statistic: loss: MaxDistance() (the default), MeanDistance(), RMSDistance() or QuantileDistance(q), applied to
+            (target, shape).
         temperature: positive length for starts that are far away, for curves only: about a third of the distance at the
             start. Steps on `soft_hausdorff` come first, with temperatures from this value down to a fiftieth. They are
             not reported. None (the default) omits them.
@@ -103,7 +104,7 @@ def minimize_hausdorff(
             of the time longer, and keeps the bounds that it has reached. If less than 30 s are left, fits of curves by
             the Hausdorff distance skip searches that are not compiled yet, and their bounds are wider. Other fits wait
             for the compilation. None (the default) sets no limit.
-        atol: distance at which the fit is good enough and stops. 0 (the default) continues to a stationary point.
+        stop_below: distance at which the fit is good enough and stops. 0 (the default) continues to a stationary point.
         capacity: number of local maxima used in each step, for curves. None chooses it by the number of parameters.
         method: method that certifies the error. None selects BranchAndBound().
         progress: callback that receives a FitProgress after each step.
@@ -114,10 +115,10 @@ def minimize_hausdorff(
     Raises:
         TypeError: the target is no curve, surface or mesh, or `build` returns a shape of another kind.
         ValueError: there are no parameters, `starts` has another shape, or a temperature is not a positive length or is
-            given together with a measure.
+            given together with a statistic.
     """
     refuse_tracing("minimize_hausdorff", parameters, target)
-    options = {"measure": measure, "starts": starts, "seed": seed, "max_steps": max_steps, "atol": atol}
+    options = {"statistic": statistic, "starts": starts, "seed": seed, "max_steps": max_steps, "stop_below": stop_below}
     options |= {"capacity": capacity, "method": method, "progress": progress, "temperature": temperature}
     return _minimized(build, parameters, target, Clock(max_seconds), **options)
 
@@ -129,11 +130,11 @@ def _minimized(
     clock: Clock,
     *,
     max_steps: int,
-    measure: AbstractMeasure | None = None,
+    statistic: AbstractStatistic | None = None,
     temperature: Numbers | None = None,
     starts: Any = 1,
     seed: int = 0,
-    atol: float = 0.0,
+    stop_below: float = 0.0,
     capacity: int | None = None,
     method: AbstractHausdorffMethod | None = None,
     progress: Callable[[FitProgress], object] | None = None,
@@ -144,9 +145,9 @@ def _minimized(
     if flat.size == 0:
         raise ValueError("parameters holds no number; needs at least one number.")
     built = _Flat(build, unravel)
-    limits = Limits(max_steps, atol, _capacity(flat.size) if capacity is None else capacity, clock, method)
-    way = way_of(built, target, measure, limits)
-    begin = annealing(temperature, measure, built, target, scales_of(built, target), clock)
+    limits = Limits(max_steps, stop_below, _capacity(flat.size) if capacity is None else capacity, clock, method)
+    way = way_of(built, target, statistic, limits)
+    begin = annealing(temperature, statistic, built, target, scales_of(built, target), clock)
     ends = []
     for number, start in enumerate(_starts(built, np.asarray(flat), starts, seed, target)):
 
@@ -166,17 +167,17 @@ def fit_curve(
     degree: int,
     segments: int | None = None,
     tolerance: Numbers | None = None,
-    measure: AbstractMeasure | None = None,
+    statistic: AbstractStatistic | None = None,
     ends: Literal["fixed", "free"] = "fixed",
     closed: bool | None = None,
     smooth: bool = False,
     max_steps: int = 60,
     max_seconds: float | None = None,
-    atol: float = 0.0,
+    stop_below: float = 0.0,
     method: AbstractHausdorffMethod | None = None,
     progress: Callable[[FitProgress], object] | None = None,
 ) -> FitSolution:
-    """Fit of polynomial Bézier segments to a connected curve, by the Hausdorff distance or a measure.
+    """Fit of polynomial Bézier segments to a connected curve, by the Hausdorff distance or a statistic.
 
     The start is a least-squares fit to points of the target. A fit with free ends starts from the fit with fixed ends,
     so its error is never larger. The result is a local minimum.
@@ -192,13 +193,13 @@ def fit_curve(
         segments: number of segments; None means 1. The target is divided at its corners, and evenly between them.
         tolerance: largest certified distance, in the unit of the coordinates. Pass it instead of `segments` to get few
             segments, at most 64, as from `fit_outline`; the ends are then fixed.
-        measure: loss to minimize; None selects Hausdorff(). See `minimize_hausdorff`.
+        statistic: loss to minimize; None selects MaxDistance(). See `minimize_hausdorff`.
         ends: "fixed" keeps the end points of the target; "free" fits them too.
         closed: whether the last segment joins the first; None takes this from the target.
         smooth: whether the tangent is continuous at the joints. By default joints may be corners.
         max_steps: largest number of steps from each start.
         max_seconds: wall time in seconds after which the best fit so far is returned; see `minimize_hausdorff`.
-        atol: distance at which the fit is good enough and stops. 0 (the default) continues to a stationary point.
+        stop_below: distance at which the fit is good enough and stops. 0 (the default) continues to a stationary point.
         method: method that certifies the error. None selects BranchAndBound().
         progress: callback that receives a FitProgress after each step.
 
@@ -215,12 +216,12 @@ def fit_curve(
     check_curve("target", target)
     curve = target.segments()
     _refuse_points(curve)
-    following = np.asarray(curve.following)
+    following = np.asarray(curve.next_segment)
     if np.any(following[:-1] != np.arange(1, curve.count)):
         raise ValueError("target has several contours; needs one, with its segments in order; or use fit_outline.")
     if tolerance is not None:
-        others = {"segments": segments, "measure": measure, "method": method}
-        others |= {"closed": closed, "ends": None if ends == "fixed" else ends, "atol": atol or None}
+        others = {"segments": segments, "statistic": statistic, "method": method}
+        others |= {"closed": closed, "ends": None if ends == "fixed" else ends, "stop_below": stop_below or None}
         _refuse_beside_tolerance(others)
         return fit_outline(
             curve,
@@ -241,7 +242,13 @@ def fit_curve(
         raise ValueError(f"ends is {ends!r}; needs 'fixed' or 'free'.")
     joints = divided(curve, segments)
     layout = Layout(degree, segments, closed, ends == "fixed", smooth)
-    options = {"max_steps": max_steps, "atol": atol, "method": method, "progress": progress, "measure": measure}
+    options = {
+        "max_steps": max_steps,
+        "stop_below": stop_below,
+        "method": method,
+        "progress": progress,
+        "statistic": statistic,
+    }
     build, start = least_squares(layout, curve, joints)
     if ends == "fixed" or closed:
         return _minimized(build, start, curve, clock, **options)
@@ -257,7 +264,7 @@ def _refuse_points(curve: BezierSegments) -> None:
     if curve.degree == 0:
         raise ValueError(
             "target is a set of points, which have no order; join them by jhd.polyline, or fit them "
-            "by minimize_hausdorff with a measure."
+            "by minimize_hausdorff with a statistic."
         )
 
 
@@ -338,7 +345,7 @@ def _within(
     progress: Callable[[FitProgress], object] | None,
 ) -> FitSolution:
     """The first fit within the limit, with joints closer and closer together; otherwise the last fit."""
-    closed = bool(np.asarray(contour.following)[-1] == 0)
+    closed = bool(np.asarray(contour.next_segment)[-1] == 0)
     least = 2 if closed else 1
     fit: Any = None
     reach = _reach(contour, limit)
@@ -351,7 +358,7 @@ def _within(
         build, start = least_squares(layout, contour, joints if own else divided(contour, count))
         if own and not smooth:
             start = points_of(build, pieces)
-        fit = _minimized(build, start, contour, clock, max_steps=max_steps, atol=0.99 * limit, progress=progress)
+        fit = _minimized(build, start, contour, clock, max_steps=max_steps, stop_below=0.99 * limit, progress=progress)
         if float(fit.error.upper) <= limit or count == most or clock.is_over():
             break
     return fit

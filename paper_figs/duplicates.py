@@ -58,8 +58,8 @@ def _draw_pairs(ax: Any, numbers: dict[str, Any]) -> None:
 
 def _draw_time(ax: Any, numbers: dict[str, Any]) -> None:
     spent = numbers["spent"]
-    values = [numbers["cpu_a_pair"] * numbers["pairs"], spent["signatures"], spent["rest"]]
-    names = ["all distances\n(estimated)", "signatures", "search"]
+    values = [numbers["cpu_a_pair"] * numbers["pairs"], spent["pivots"], spent["rest"]]
+    names = ["all distances\n(estimated)", "pivot distances", "search"]
     _points(ax, names, values, [GRAY, GREEN, ORANGE], ",.3g" if max(values) < 1e3 else ",.0f")
     ax.set_xlabel("CPU seconds")
     letter(ax, "b", "time, once compiled")

@@ -21,11 +21,11 @@ _EDGE: dict[str, Any] = {"markeredgecolor": BLACK, "markeredgewidth": 0.6, "line
 _POINT: dict[str, Any] = {"marker": "o", "markersize": 3.6, "color": BLACK, "linestyle": "none", "zorder": 6}
 _FOOT: dict[str, Any] = {"marker": "s", "markersize": 3.8, "color": VERMILLION, "zorder": 5, **_EDGE}
 _SHORT = {
-    "IntervalHalving": "interval halving",
+    "IntervalHalvingProjection": "interval halving",
     "NewtonProjection": "Newton",
     "HybridProjection": "halving, Newton",
-    "ProjectedPolyhedron": "projected polyhedron",
-    "NearestSearch": "nearest search",
+    "ProjectedPolyhedronProjection": "projected polyhedron",
+    "BestFirstProjection": "nearest search",
 }
 # Color, marker and hatch of each spread of the queries.
 _BARS = ((GREEN, "////"), (ORANGE, ""), (PURPLE, "...."))
@@ -46,7 +46,7 @@ class _Frame:
     def __init__(self, top: Axes, bottom: Axes, path: dict[str, Any]):
         self.path, self.curve = path, bezier([path["control_points"]])
         self.points = np.array(path["points"])
-        self.t = np.array(path["methods"]["NearestSearch"]["t"])
+        self.t = np.array(path["methods"]["BestFirstProjection"]["t"])
         self.u = np.linspace(0.0, 1.0, 301)
         self.line = np.asarray(self.curve(self.u))
         plot.curve(self.curve, top, color=BLUE, control_polygon=False, samples=200)
@@ -77,7 +77,7 @@ class _Frame:
 
 def _strip(path: dict[str, Any]) -> Figure:
     """Six frames side by side: near the start, before and after each of the two jumps of the foot, near the end."""
-    count, t = len(path["points"]), np.array(path["methods"]["NearestSearch"]["t"])
+    count, t = len(path["points"]), np.array(path["methods"]["BestFirstProjection"]["t"])
     jumps = np.sort(np.argsort(-np.abs(np.diff(t)))[:2])
     frames = [
         count // 8,
@@ -131,7 +131,7 @@ def _draw_path(ax: Axes, numbers: dict[str, Any]) -> None:
     x, distance = np.array(path["points"])[:, 0], np.array(path["distance"])
     ax.plot(x, distance, color=BLUE, linewidth=1.4, label="proven", zorder=3)
     misses: dict[str, Any] = {"color": VERMILLION, "marker": "x", "markersize": 3.5, "linestyle": "none"}
-    for name in ("IntervalHalving", "NewtonProjection", "HybridProjection"):
+    for name in ("IntervalHalvingProjection", "NewtonProjection", "HybridProjection"):
         found = np.array(path["methods"][name]["distance"])
         wrong = found > distance * (1 + numbers["wrong"])
         ax.plot(x[wrong], found[wrong], **misses)

@@ -24,7 +24,7 @@ _RULES = {"paper": ("published rule", VERMILLION, -0.16), "safe": ("safe rule", 
 _TITLES = ("cells of $B$ without a point", "cells of $A$ without a point", "$A$ has no point")
 
 # What stands where a bar would, where a method gives no number.
-_NO_NUMBER = {"empty": "proven empty", "empty_surface": "proven empty", "unverified": "unverified"}
+_NO_NUMBER = {"empty": "proven empty", "empty_surface": "proven empty", "existence_not_certified": "unverified"}
 
 
 def main() -> None:

@@ -72,7 +72,7 @@ def _draw(ax: Any, pair: dict[str, Any], cells: int) -> None:
     a, b = (jhd.ImplicitSurface.parse(text, pair["lower"], pair["upper"]) for text in pair["polynomials"])
     jhd.plot.surfaces((a, b), ax, labels=(None, None), cells=cells, alpha=0.55)
     # Points of implicit surfaces have no parameters, which are stored as null.
-    point = pair["solution"]["witness"] | {"t": np.nan, "foot_params": [np.nan] * 4}
+    point = pair["solution"]["witness"] | {"t": np.nan, "feet_params": [np.nan] * 4}
     jhd.plot.witness(solution(pair["solution"] | {"witness": point}), ax, distance=False)
     for line in ax.lines:
         if line.get_gid() in ("witness", "feet"):

@@ -104,9 +104,9 @@ def _draw_profile(ax: Axes, trial: dict[str, Any], k: int) -> None:
     ax.text(t[-1], found["lower"], "$LB$", ha="right", va="bottom", color=GRAY)
     witness = trial["solution"]["witness"]
     if ("a_to_b", "b_to_a")[k] == witness["direction"]:
-        places, mark = np.array([witness["segment"] + witness["t"]]), _PLACE
+        places, mark = np.array([witness["element"] + witness["t"]]), _PLACE
     else:
-        places, mark = np.array(witness["foot_segments"]) + np.array(witness["foot_params"]), _FOOT
+        places, mark = np.array(witness["feet_elements"]) + np.array(witness["feet_params"]), _FOOT
     ax.plot(places, np.interp(places, t, distance), linestyle="none", **mark)
     ax.set_xlim(t[0], t[-1])
     ax.set_ylim(0, 1.22 * found["lower"])
@@ -145,7 +145,7 @@ def _trimmed_feet(trial: dict[str, Any]) -> list[str]:
     witness = trial["solution"]["witness"]
     left = trial["bounds"][_BOUND]["left"][1 if witness["direction"] == "a_to_b" else 0]
     segment, t0, t1 = (np.array(left[key]) for key in ("segment", "t0", "t1"))
-    places = zip(witness["foot_segments"], witness["foot_params"], strict=True)
+    places = zip(witness["feet_elements"], witness["feet_params"], strict=True)
     return ["foot, kept" if np.any((segment == k) & (t0 <= s) & (s <= t1)) else "foot, trimmed" for k, s in places]
 
 

@@ -63,7 +63,7 @@ _LONGEST = (
     "test_mixes.py",
     "test_project.py",
     "test_two_step.py",
-    "test_measures.py",
+    "test_statistics.py",
     "test_surface_certificates.py",
     "test_fit.py",
     "test_hausdorff.py",

@@ -16,7 +16,7 @@ import jhd
 import jhd.io
 from jhd._results import display
 from jhd._results.solution import name_of
-from jhd.distance.many.signatures import Signatures
+from jhd.distance.collections.pivots import PivotDistances
 from jhd.shapes import sketches
 from jhd.shapes.polynomial_text import read, written
 from tests.test_solution import a_solution
@@ -40,7 +40,7 @@ SHOWN = {
     "BezierSegments(2 segments of degree 1, 2 open ends, in the plane, box (0, 0) to (3, 0))": lambda: (
         jhd.BezierSegments([[(0, 0), (1, 0)], [(2, 0), (3, 0)]])
     ),
-    "BezierSegments(1 point, in the plane, box (0.5, 2) to (0.5, 2))": lambda: jhd.points([(0.5, 2)]),
+    "BezierSegments(1 point, in the plane, box (0.5, 2) to (0.5, 2))": lambda: jhd.point_set([(0.5, 2)]),
     "BezierPatch(degrees 2 x 2, in space, box (0, 1, 2) to (24, 25, 26))": lambda: jhd.BezierPatch(NET),
     "BezierPatches(1 patch, degrees 2 x 2, in space, box (0, 1, 2) to (24, 25, 26))": lambda: jhd.BezierPatches(
         NET[None]
@@ -58,7 +58,7 @@ SHOWN = {
         jhd.ImplicitSurface.parse("(x + y + z/3)**4 - 1/7*(x + y)**4 + 0*x", [0] * 3, [1] * 3)
     ),
     "BranchAndBound(atol=0.001, rtol=0, max_steps=4000, capacity=512)": lambda: jhd.BranchAndBound(atol=1e-3),
-    "Signatures(2 shapes from 4 points)": lambda: Signatures(
+    "PivotDistances(2 shapes from 4 points)": lambda: PivotDistances(
         np.zeros((4, 2)), np.zeros((2, 4)), np.zeros((2, 4)), np.zeros(2)
     ),
 }
@@ -113,7 +113,7 @@ def test_values_print_in_few_characters():
     assert display.count_text(2, "patch", "patches") == "2 patches"
 
 
-@pytest.mark.parametrize("name", ["atol", "rtol", "max_steps", "capacity"])
+@pytest.mark.parametrize("name", ["max_steps", "capacity"])
 def test_an_option_of_the_method_says_where_it_belongs(name):
     line = jhd.polyline([(0, 0), (1, 0)])
     call: Any = jhd.hausdorff
@@ -133,7 +133,7 @@ def test_lists_of_shapes_and_transposed_points_are_told_what_to_do():
     with pytest.raises(ValueError, match=r"shape is \(2, 4\); points are rows"):
         jhd.BezierCurve(np.zeros((2, 4)))
     with pytest.raises(ValueError, match=r"\(3, 9\).*Points are rows"):
-        jhd.points(np.zeros((3, 9)))
+        jhd.point_set(np.zeros((3, 9)))
 
 
 MESH = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -157,14 +157,13 @@ SLIPS: dict[str, tuple[Any, str]] = {
         r"TriangleMesh\(\) needs 2 arguments, got one: .*as_shape",
     ),
     "scipy": (lambda: jhd.io.to_scipy(cast(Any, MESH)), "shape is a TriangleMesh; SciPy's splines are curves"),
-    "svg": (lambda: jhd.io.write_svg(None, cast(Any, MESH)), "must be a curve .* got TriangleMesh"),
+    "svg": (lambda: jhd.io.save_svg(None, cast(Any, MESH)), "must be a curve .* got TriangleMesh"),
     "saved": (lambda: jhd.io.save_curve("none.svg", cast(Any, MESH)), "curve must be a curve .* got TriangleMesh"),
     "neighbors": (
         lambda: jhd.plot.neighbors(cast(Any, None), [LINE], cast(Any, [LINE])),
         "found is a list; needs the result of jhd.nearest_shapes",
     ),
-    "color": (lambda: cast(Any, jhd.plot.curve)(LINE, color="red"), r"curve\(\) takes no color: write color="),
-    "colors": (lambda: cast(Any, jhd.plot.meshes)([MESH], colors=["red"]), r"takes no colors: write colors="),
+    "color": (lambda: cast(Any, jhd.plot.meshes)([MESH], color="red"), r"meshes\(\) takes no color: write colors="),
 }
 
 

@@ -9,7 +9,7 @@ import json
 import re
 import runpy
 import sys
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -58,10 +58,13 @@ def modules_of(folder):
                 own[name] = sys.modules.pop(name)
 
 
-def run(script, monkeypatch, *words):
-    """Runs a script in this process, as Python runs it: what others compiled need not be compiled again."""
-    monkeypatch.setattr(sys, "argv", [str(script), *map(str, words)])
-    with modules_of(script.parent):
+def run(script, *words):
+    """Runs a script in this process, as Python runs it: what others compiled or keep need not be compiled again.
+
+    Patched without the fixture: tests that have it read no kept programs.
+    """
+    with pytest.MonkeyPatch.context() as patches, modules_of(script.parent):
+        patches.setattr(sys, "argv", [str(script), *map(str, words)])
         runpy.run_path(str(script), run_name="__main__")
 
 
@@ -164,15 +167,15 @@ def check_origin(numbers, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("script", EXPERIMENTS, ids=names(EXPERIMENTS))
-def test_an_experiment_runs_small_its_claims_hold_and_its_figure_is_drawn(script, tmp_path, monkeypatch, capsys):
+def test_an_experiment_runs_small_its_claims_hold_and_its_figure_is_drawn(script, tmp_path, capsys):
     name = script.stem
-    run(script, monkeypatch, "--smoke", "--out", tmp_path)
+    run(script, "--smoke", "--out", tmp_path)
     assert (tmp_path / f"{name}.md").read_text(encoding="utf-8").strip() == capsys.readouterr().out.strip()
     written = (tmp_path / f"{name}.json").read_bytes()
     numbers = json.loads(written)
     check_origin(numbers, name)
     CLAIMS[name](numbers)
-    run(ROOT / "paper_figs" / script.name, monkeypatch, "--smoke", "--out", tmp_path)
+    run(ROOT / "paper_figs" / script.name, "--smoke", "--out", tmp_path)
     check_pictures(tmp_path, name)
     # A figure takes the numbers that are there.
     assert (tmp_path / f"{name}.json").read_bytes() == written
@@ -186,10 +189,10 @@ def check_pictures(folder, name):
 
 
 @pytest.mark.slow
-def test_one_command_draws_what_is_missing_once_and_says_what_is_drawn_of_old_numbers(tmp_path, monkeypatch, capsys):
+def test_one_command_draws_what_is_missing_once_and_says_what_is_drawn_of_old_numbers(tmp_path, capsys):
     def draw():
         with pytest.raises(SystemExit, match="^0$"):
-            run(ROOT / "paper_figs" / "all.py", monkeypatch, "spurious_cells", "--smoke", "--out", tmp_path)
+            run(ROOT / "paper_figs" / "all.py", "spurious_cells", "--smoke", "--out", tmp_path)
         return capsys.readouterr()
 
     # The figure, a process of its own, runs its experiment where numbers are missing.
@@ -211,8 +214,8 @@ def test_one_command_draws_what_is_missing_once_and_says_what_is_drawn_of_old_nu
 
 @pytest.mark.slow
 @pytest.mark.parametrize("script", TOUR, ids=names(TOUR))
-def test_a_script_of_the_tour_says_what_it_shows_and_what_it_says_holds(script, tmp_path, monkeypatch, capsys):
+def test_a_script_of_the_tour_says_what_it_shows_and_what_it_says_holds(script, tmp_path, capsys):
     assert len(TOUR) == 11 and ast.get_docstring(ast.parse(script.read_text(encoding="utf-8")))
-    monkeypatch.chdir(tmp_path)
-    run(script, monkeypatch)
+    with chdir(tmp_path):
+        run(script)
     assert capsys.readouterr().out

@@ -109,7 +109,7 @@ def test_a_fit_without_steps_says_so():
 
 
 def test_a_fit_that_is_good_enough_stops():
-    solution = jhd.minimize_hausdorff(symmetric, 0.3, quarter(), atol=0.05)
+    solution = jhd.minimize_hausdorff(symmetric, 0.3, quarter(), stop_below=0.05)
     assert name_of(solution.result) == "successful" and float(solution.error.value) <= 0.05
     assert float(solution.optimality) > 0.1
 
@@ -143,9 +143,9 @@ def test_a_target_of_two_contours_is_refused():
 
 def test_points_have_no_order_to_be_fitted_in():
     with pytest.raises(ValueError, match="set of points"):
-        jhd.fit_curve(jhd.points([(0, 0), (1, 0)]), degree=3)
+        jhd.fit_curve(jhd.point_set([(0, 0), (1, 0)]), degree=3)
     with pytest.raises(ValueError, match="set of points"):
-        jhd.fit_outline(jhd.points([(0, 0), (1, 0)]), 0.1)
+        jhd.fit_outline(jhd.point_set([(0, 0), (1, 0)]), 0.1)
 
 
 def test_no_parameters_are_refused():
@@ -158,7 +158,7 @@ def test_the_quintic_quarter_circle_reaches_the_floor_of_rounding_or_says_that_i
     # Some processors round so that the last steps, a few units of roundoff each, find no descent.
     solution = jhd.fit_curve(quarter(), degree=5)
     value, result = float(solution.pairs.value[0]), name_of(solution.result)
-    assert value >= QUINTIC * (1 - 1e-4) and result in ("successful", "fit_at_rounding")
+    assert value >= QUINTIC * (1 - 1e-4) and result in ("successful", "fit_roundoff_limited")
     if result == "successful":
         assert value == pytest.approx(QUINTIC, rel=1e-4)
         assert spread(solution) <= ROUNDING and np.sum(solution.multipliers > 0) == 9
@@ -174,7 +174,7 @@ def test_an_outline_of_thirty_segments_is_fitted_with_sixty_parameters(segments,
     solution = jhd.fit_curve(outline, degree=2, segments=segments, max_steps=100)
     assert outline.count == 30 and solution.parameters.size == 4 * segments
     # Two dozen maxima are equal then; which of two neighboring optima it is hangs on rounding.
-    assert name_of(solution.result) in ("successful", "fit_at_rounding")
+    assert name_of(solution.result) in ("successful", "fit_roundoff_limited")
     assert float(solution.error.value) < error
     assert solution.history[-2] - solution.history[-1] <= 1e-6 * solution.history[-1]
 
@@ -231,12 +231,14 @@ def about(parameters):
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
-    "measure", [jhd.Mean(directed=True), jhd.Quantile(0.9, directed=True)], ids=["mean", "quantile"]
+    "statistic", [jhd.MeanDistance(directed=True), jhd.QuantileDistance(0.9, directed=True)], ids=["mean", "quantile"]
 )
-def test_a_circle_is_found_among_outliers_by_a_mean_and_by_a_quantile(measure):
-    fit = jhd.minimize_hausdorff(about, np.array([2.5, 1.3, 1.5]), jhd.points(POINTS), measure=measure, max_steps=40)
+def test_a_circle_is_found_among_outliers_by_a_mean_and_by_a_quantile(statistic):
+    fit = jhd.minimize_hausdorff(
+        about, np.array([2.5, 1.3, 1.5]), jhd.point_set(POINTS), statistic=statistic, max_steps=40
+    )
     np.testing.assert_allclose(fit.parameters, [3, 1, 2], atol=0.02)
-    assert float(fit.measured.lower) <= float(fit) <= float(fit.measured.upper)
+    assert float(fit.statistic.lower) <= float(fit) <= float(fit.statistic.upper)
     assert fit.history[-1] == pytest.approx(float(fit), rel=1e-9) and np.all(np.diff(fit.history) <= 0)
     # The farthest outlier stays where it is.
     assert float(fit.error.lower) > 1
@@ -304,8 +306,8 @@ def test_a_curve_in_space_is_fitted_within_a_tolerance(smooth):
     ("build", "options", "message"),
     [
         (lambda p: p, {}, "must be a shape of jhd, for example a jhd.BezierCurve; got an array"),
-        (jhd.BezierCurve, {"measure": "mean"}, r"measure must be Hausdorff\(\), Mean\(\), .*; got 'mean'"),
-        (jhd.BezierCurve, {"measure": jhd.Quantile}, "got the class Quantile: call it"),
+        (jhd.BezierCurve, {"statistic": "mean"}, r"statistic must be MaxDistance\(\), Mean.*; got 'mean'"),
+        (jhd.BezierCurve, {"statistic": jhd.QuantileDistance}, "got the class QuantileDistance: call it"),
         (jhd.BezierCurve, {"max_seconds": "5"}, "max_seconds must be a number; got '5'"),
     ],
 )

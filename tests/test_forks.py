@@ -10,7 +10,7 @@ import jhd
 from jhd._runtime import forks
 from tests.processes import python
 
-A, B = jhd.polyline([(0, 0), (1, 0)]), jhd.points([[0.0, 1.0]])
+A, B = jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([[0.0, 1.0]])
 MESH = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
 ENTRIES = {
     "hausdorff": lambda: jhd.hausdorff(A, B),
@@ -26,7 +26,7 @@ ENTRIES = {
     "transform": lambda: jhd.distance_transform(np.eye(3, dtype=bool)),
     "fit_curve": lambda: jhd.fit_curve(A, degree=2, segments=1),
     "critical_pairs": lambda: jhd.critical_pairs(A, A),
-    "profile": lambda: jhd.profile(A, A),
+    "profile": lambda: jhd.distance_profile(A, A),
 }
 
 
@@ -39,7 +39,7 @@ def test_every_entry_refuses_a_forked_process(name, monkeypatch):
 
 def test_four_threads_at_once_find_what_one_finds():
     random = np.random.default_rng(0)
-    pairs = [tuple(jhd.points(random.random((5, 2))) for _ in range(2)) for _ in range(16)]
+    pairs = [tuple(jhd.point_set(random.random((5, 2))) for _ in range(2)) for _ in range(16)]
     alone = [float(jhd.directed_hausdorff(a, b)) for a, b in pairs]
     with ThreadPoolExecutor(4) as pool:
         assert list(pool.map(lambda pair: float(jhd.directed_hausdorff(*pair)), pairs)) == alone
@@ -66,12 +66,12 @@ def told(action):
     os.waitpid(child, 0)
     return os.read(reader, 1000).decode()
 
-shapes = lambda: (jhd.points([[0.0, 0.0]]), jhd.points([[3.0, 4.0]]))
+shapes = lambda: (jhd.point_set([[0.0, 0.0]]), jhd.point_set([[3.0, 4.0]]))
 print(told(lambda: float(jhd.directed_hausdorff(*shapes()))))
 a, b = shapes()
 jax.numpy.sin(1.0)
 print(told(lambda: jhd.directed_hausdorff(a, b)))
-print(told(lambda: jhd.io.path("M0 0L1 1").count))
+print(told(lambda: jhd.io.parse_path("M0 0L1 1").count))
 print(float(jhd.directed_hausdorff(a, b)))
 """
 

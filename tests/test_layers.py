@@ -13,14 +13,14 @@ PACKAGE = Path(__file__).parent.parent / "jhd"
 # above its own, or in its own line before it; those of one line that are parted by a bar know nothing of each other.
 # Inside a folder the order is free, as long as there is no cycle.
 ORDER = """
-    _runtime decimals slips _results
+    _runtime decimals argument_hints _results
     arithmetic
     shapes
     triangles
     fields
-    distance.frame distance.nearest distance.cells distance.witness distance.search distance.published.events
-        distance.published distance.certificate distance distance.measures
-    fitting fit | plot | io
+    distance.normalization distance.nearest distance.cells distance.witness distance.search distance.published.events
+        distance.published distance.certificate distance distance.statistics
+    fitting fit | plot | io | published
     _cli.lengths _cli.report console _cli __main__ _cli.helping
 """
 # The checker of certificates runs by itself, and is its own command line.

@@ -24,7 +24,7 @@ from jhd._cli.report import progress_text
 from jhd._cli.warming import KINDS, Preparation, preparations
 from jhd._runtime import storage
 from jhd.distance import pairs
-from jhd.distance.many.tasks import CollectionProgress
+from jhd.distance.collections.tasks import CollectionProgress
 from jhd.distance.search.search import Progress
 from jhd.fields.adaptive_build import MODES
 from jhd.fields.adaptive_samples import SIGNS
@@ -70,7 +70,7 @@ def subprocess_run(*arguments, cwd):
 
 
 def test_the_distance_is_printed_with_bounds_event_and_witness(run):
-    status, out, err = run("distance", BASE, DIAGONAL)
+    status, out, err = run("hausdorff", BASE, DIAGONAL)
     assert (status, err) == (0, "")
     lines = {line.split()[0]: line.split(maxsplit=1)[1] for line in out.splitlines() if line.strip()}
     assert float(lines["value"]) == pytest.approx(3.0, abs=ROUNDING)
@@ -83,7 +83,7 @@ def test_the_distance_is_printed_with_bounds_event_and_witness(run):
 
 
 def test_the_directed_distance_goes_from_a_to_b(run):
-    status, out, _ = run("distance", BASE, DIAGONAL, "--directed", "--json")
+    status, out, _ = run("hausdorff", BASE, DIAGONAL, "--directed", "--json")
     content = json.loads(out)
     assert status == 0
     assert content["solution"]["value"] == pytest.approx(2.4, abs=ROUNDING)
@@ -91,7 +91,7 @@ def test_the_directed_distance_goes_from_a_to_b(run):
 
 
 def test_json_on_standard_output_is_a_saved_result(run):
-    _, out, err = run("distance", BASE, DIAGONAL, "--json")
+    _, out, err = run("hausdorff", BASE, DIAGONAL, "--json")
     assert err == ""
     Path("result.json").write_text(out)
     content = load_result("result.json")
@@ -103,13 +103,13 @@ def test_json_on_standard_output_is_a_saved_result(run):
 @pytest.mark.slow
 def test_a_method_is_chosen_by_name_in_any_spelling(run):
     for name in ("TwoStep", "two-step", "two_step"):
-        status, out, _ = run("distance", BASE, DIAGONAL, "--method", name, "--json")
+        status, out, _ = run("hausdorff", BASE, DIAGONAL, "--method", name, "--json")
         assert (status, json.loads(out)["context"]["method"]) == (0, "TwoStep")
 
 
 @pytest.mark.parametrize(("name", "starts"), [("picture.png", b"\x89PNG"), ("picture.pdf", b"%PDF")])
 def test_a_picture_is_written_on_request(run, name, starts):
-    status, out, _ = run("distance", BASE, DIAGONAL, "--plot", name)
+    status, out, _ = run("hausdorff", BASE, DIAGONAL, "--plot", name)
     assert status == 0
     assert Path(name).read_bytes().startswith(starts)
     assert str(Path(name).resolve()) in out
@@ -118,7 +118,7 @@ def test_a_picture_is_written_on_request(run, name, starts):
 def test_a_picture_of_two_directions_that_are_known_searches_no_more(run, monkeypatch):
     searched = []
     monkeypatch.setattr(jhd, "directed_hausdorff", lambda *pair, **options: searched.append(pair))
-    status, out, _ = run("distance", BASE, DIAGONAL, "--plot", "a.png", "--html", "a.html")
+    status, out, _ = run("hausdorff", BASE, DIAGONAL, "--plot", "a.png", "--html", "a.html")
     assert (status, searched) == (0, [])
     assert Path("a.html").read_text().startswith("<!doctype html>") and str(Path("a.html").resolve()) in out
     bounds = [
@@ -134,7 +134,7 @@ def test_a_picture_searches_each_direction_once_also_where_one_is_left_wide(run,
     drive, picture = pairs.drive, comparisons.picture
     monkeypatch.setattr(pairs, "drive", lambda *search: searched.append(search) or drive(*search))
     monkeypatch.setattr(comparisons, "picture", lambda *content: drawn.append(content[3]) or picture(*content))
-    status, _, _ = run("distance", *pair, "--plot", "a.png")
+    status, _, _ = run("hausdorff", *pair, "--plot", "a.png")
     assert (status, len(searched)) == (0, 2)
     assert [solution is not None for solution in drawn[0]] == [True] * known + [False] * (2 - known)
 
@@ -142,18 +142,18 @@ def test_a_picture_searches_each_direction_once_also_where_one_is_left_wide(run,
 @pytest.mark.exhaustive  # one more program for three coordinates
 def test_curves_in_space_have_a_picture_too(run):
     Path("a.json").write_text(SPACE)
-    status, _, _ = run("distance", "a.json", "a.json", "--directed", "--json", "--plot", "space.png")
+    status, _, _ = run("hausdorff", "a.json", "a.json", "--directed", "--json", "--plot", "space.png")
     assert status == 0
     assert Path("space.png").exists()
 
 
 def test_bounds_that_are_not_closed_are_printed_with_status_one(run, monkeypatch):
     monkeypatch.setattr(jhd, "hausdorff", unsuccessful(jhd.hausdorff))
-    status, out, err = run("distance", BASE, DIAGONAL)
+    status, out, err = run("hausdorff", BASE, DIAGONAL)
     assert (status, err) == (1, "")
     assert "  lower    " in out
     assert "  result   gap_not_closed: The bounds are true" in out
-    status, out, _ = run("distance", BASE, DIAGONAL, "--json")
+    status, out, _ = run("hausdorff", BASE, DIAGONAL, "--json")
     assert (status, json.loads(out)["solution"]["result"]) == (1, "gap_not_closed")
 
 
@@ -167,15 +167,15 @@ def test_an_interrupted_search_prints_the_bounds_reached(run, monkeypatch):
 
     monkeypatch.setattr("jhd._cli.comparisons.busy", interrupting)
     # Zero is below what rounding leaves, so the search would go on.
-    status, out, err = run("distance", BASE, DIAGONAL, "--atol", "0", "--plot", "no.png", "--certificate", "no.json")
+    status, out, err = run("hausdorff", BASE, DIAGONAL, "--atol", "0", "--plot", "no.png", "--certificate", "no.json")
     assert (status, err) == (130, "") and not Path("no.png").exists() and not Path("no.json").exists()
     assert "the bounds reached" in out
     assert "interrupted: The search was interrupted" in out
     assert "upper    inf" not in out
-    status, out, err = run("distance", BASE, DIAGONAL, "--atol", "0", "--json")
+    status, out, err = run("hausdorff", BASE, DIAGONAL, "--atol", "0", "--json")
     found = json.loads(out)["solution"]
     assert (status, err, found["result"]) == (130, "", "interrupted") and found["lower"] <= 3 <= found["upper"]
-    status, out, _ = run("distance", BASE, DIAGONAL, "--atol", "0", "--threshold", "3", "--json")
+    status, out, _ = run("hausdorff", BASE, DIAGONAL, "--atol", "0", "--threshold", "3", "--json")
     assert (status, json.loads(out)["solution"]["result"]) == (130, "interrupted")
 
 
@@ -185,7 +185,7 @@ SPHERES = "x**2 + y^2 + z**2 - 1", "-x^2 - (y - 1/4)^2 - z^2 + 2.25", "--box", "
 
 def test_surfaces_are_polynomials_with_a_box(run, monkeypatch):
     options = (*SPHERES, "--method", "CubeIntervals")
-    status, out, err = run("distance", *options, "--json", "--plot", "spheres.png")
+    status, out, err = run("hausdorff", *options, "--json", "--plot", "spheres.png")
     content = json.loads(out)
     assert (status, err) == (0, "")
     assert content["solution"]["lower"] <= 0.75 <= content["solution"]["upper"]
@@ -193,7 +193,7 @@ def test_surfaces_are_polynomials_with_a_box(run, monkeypatch):
     assert content["context"]["box"] == [[-2.0] * 3, [2.0] * 3]
     assert Path("spheres.png").exists()
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    status, out, err = run("distance", *options[:3], "-2", "-2", "-2", "2", "2", "2", *options[5:])
+    status, out, err = run("hausdorff", *options[:3], "-2", "-2", "-2", "2", "2", "2", *options[5:])
     assert status == 0
     assert "B  -x^2 - (y - 1/4)^2 - z^2 + 2.25: surface of degree 2 in [-2, 2] x [-2, 2] x [-2, 2]" in out
     assert "  witness  B at (" in out and "nan" not in out
@@ -203,7 +203,7 @@ def test_surfaces_are_polynomials_with_a_box(run, monkeypatch):
 
 @pytest.mark.exhaustive  # compiles the search
 def test_the_default_method_closes_the_bounds_of_surfaces(run):
-    status, out, err = run("distance", *SPHERES, "--atol", "1e-3", "--json")
+    status, out, err = run("hausdorff", *SPHERES, "--atol", "1e-3", "--json")
     content = json.loads(out)
     assert (status, err) == (0, "")
     assert content["solution"]["upper"] - 1e-3 <= content["solution"]["lower"] <= 0.75 <= content["solution"]["upper"]
@@ -211,7 +211,7 @@ def test_the_default_method_closes_the_bounds_of_surfaces(run):
 
 def test_progress_is_shown_on_a_terminal_and_wiped(run, monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    status, _, err = run("distance", BASE, DIAGONAL)
+    status, _, err = run("hausdorff", BASE, DIAGONAL)
     assert status == 0
     assert "a_to_b: [" in err and "/10 digits, " in err
     assert "b_to_a: [" in err
@@ -234,7 +234,7 @@ def test_an_interrupt_ends_with_one_line(run, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(jhd, "hausdorff", interrupted)
-    assert run("distance", BASE, DIAGONAL) == (130, "", "jhd: interrupted\n")
+    assert run("hausdorff", BASE, DIAGONAL) == (130, "", "jhd: interrupted\n")
 
 
 def test_points_are_projected(run):
@@ -308,7 +308,7 @@ def test_the_doctor_says_what_is_kept_and_why_a_folder_is_not_used(run, monkeypa
         ]
 
     # Else the self-check would compile its program again for the folder.
-    solution = jhd.hausdorff(jhd.io.path(BASE), jhd.io.path(DIAGONAL))
+    solution = jhd.hausdorff(jhd.io.parse_path(BASE), jhd.io.parse_path(DIAGONAL))
     monkeypatch.setattr(jhd, "hausdorff", lambda a, b, throw: solution)
     assert said() == "not kept: JHD_CACHE is 0, or there is no home folder"
     monkeypatch.setenv("JHD_CACHE", str(tmp_path))
@@ -328,12 +328,12 @@ def test_warm_keeps_the_programs_of_the_kinds_that_are_named(run, monkeypatch, t
     calls = []
     prepared = [Preparation(f"{kind}: one", partial(calls.append, kind)) for kind in ("plane", "meshes")]
     monkeypatch.setattr(commands, "preparations", lambda kinds, degree: calls.append((kinds, degree)) or prepared)
-    status, out, err = run("warm", "plane", "meshes", "--degree", "4")
+    status, out, err = run("precompile", "plane", "meshes", "--degree", "4")
     assert (status, err) == (0, "")
     assert calls == [(["plane", "meshes"], 4), "plane", "meshes"]
     assert [line.split(": one")[0] for line in out.splitlines()[:2]] == ["plane", "meshes"]
     assert f"programs   {tmp_path / 'kept' / 'programs'} (0.0 MB in 0 files" in out
-    status, out, _ = run("warm", "--json")
+    status, out, _ = run("precompile", "--json")
     assert calls[3] == (list(KINDS), None)
     assert [row["name"] for row in json.loads(out)["prepared"]] == ["plane: one", "meshes: one"]
 
@@ -344,24 +344,24 @@ def test_warm_shows_a_bar(run, monkeypatch, tmp_path):
     monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setattr(commands, "preparations", lambda kinds, degree: [Preparation(x, int) for x in ("one", "two")])
-    err = run("warm", "plane")[2]
+    err = run("precompile", "plane")[2]
     assert f"[{'.' * 24}] 0/2 one" in err
     assert f"[{'#' * 12}{'.' * 12}] 1/2 two" in err
 
 
 @CPU_ONLY
 def test_warm_says_where_nothing_can_be_kept(run, monkeypatch, tmp_path):
-    assert run("warm")[2] == (
+    assert run("precompile")[2] == (
         "jhd: error: JHD_CACHE is 0, or there is no home folder; set JHD_CACHE=FOLDER to keep compiled functions.\n"
     )
     monkeypatch.setenv("JHD_CACHE", str(tmp_path))
     monkeypatch.setattr("jhd.__main__._switch_cache_on", lambda: None)
     (tmp_path / "programs").write_text("")
-    status, _, err = run("warm")
+    status, _, err = run("precompile")
     assert status == 2 and err.endswith("compiled functions are not kept there: it is no folder.\n")
     (tmp_path / "programs").unlink()
-    assert "unknown kind 'cubes'; there are plane, space" in run("warm", "cubes")[2]
-    assert "--degree is 0; needs at least 1." in run("warm", "--degree", "0")[2]
+    assert "unknown kind 'cubes'; there are plane, space" in run("precompile", "cubes")[2]
+    assert "--degree is 0; needs at least 1." in run("precompile", "--degree", "0")[2]
 
 
 @pytest.mark.slow
@@ -377,7 +377,7 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
     right, wrong = jhd.hausdorff, jnp.array(2.0)
     monkeypatch.setattr(jhd, "hausdorff", lambda a, b, throw: eqx.tree_at(lambda s: s.value, right(a, b), wrong))
     status, out, _ = run("doctor")
-    assert status == 1
+    assert status == 5
     assert "FAILED" in out
 
 
@@ -385,30 +385,33 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
     ("arguments", "message"),
     [
         (["measure"], "invalid choice: 'measure'"),
-        (["distance", BASE], "the following arguments are required: B"),
-        (["distance", BASE, DIAGONAL, "--atol", "small"], "argument --atol: invalid length value"),
-        (["distance", BASE, "missing.svg"], "missing.svg: no such file"),
-        (["distance", BASE, "broken.svg"], "broken.svg:"),
-        (["distance", BASE, "notes.txt"], "notes.txt: the suffix is '.txt'"),
-        (["distance", BASE, "font:No Such Font:a"], "No Such Font"),
-        (["distance", BASE, "space.json"], "needs the same"),
-        (["distance", BASE, DIAGONAL, "--method", "Guess"], "unknown method 'Guess'; there are "),
-        (["distance", BASE, DIAGONAL, "--plot", "no/folder/a.png"], "no/folder/a.png: no such folder"),
+        (["hausdorff", BASE], "the following arguments are required: B"),
+        (["hausdorff", BASE, DIAGONAL, "--atol", "small"], "argument --atol: invalid length value"),
+        (["hausdorff", BASE, "missing.svg"], "missing.svg: no such file"),
+        (["hausdorff", BASE, "broken.svg"], "broken.svg:"),
+        (["hausdorff", BASE, "notes.txt"], "notes.txt: the suffix is '.txt'"),
+        (["hausdorff", BASE, "font:No Such Font:a"], "No Such Font"),
+        (["hausdorff", BASE, "space.json"], "needs the same"),
+        (["hausdorff", BASE, DIAGONAL, "--method", "Guess"], "unknown method 'Guess'; there are "),
+        (["hausdorff", BASE, DIAGONAL, "--plot", "no/folder/a.png"], "no/folder/a.png: no such folder"),
         (
-            ["distance", BASE, DIAGONAL, "--method", "TwoStep", "--atol", "-1"],
+            ["hausdorff", BASE, DIAGONAL, "--method", "TwoStep", "--atol", "-1"],
             "TwoStep proves no bounds",
         ),
-        (["distance", BASE, DIAGONAL, "--plot", "a.xyz"], "a.xyz: the suffix is '.xyz'; pictures are stored as "),
-        (["distance", BASE, DIAGONAL, "--html", "a.png"], "a.png: the name must end in .html."),
-        (["distance", *SPHERES[:2]], "A is a polynomial; give the box of its surface: --box LOWER UPPER."),
-        (["distance", *SPHERES, "3"], "--box has 3 numbers; needs 2, or 6"),
-        (["distance", *SPHERES[:3], "2", "-2"], "A: lower[0] is 2 and upper[0] is -2; needs lower < upper."),
-        (["distance", SPHERES[0], "x**2 + sin(y)", "--box", "-2", "2"], "B: column 8: found 'sin'"),
-        (["distance", *SPHERES[:3], "-2e400", "2"], "not finite"),
-        (["distance", *SPHERES, "--method", "TwoStep"], "got TwoStep"),
-        (["distance", *SPHERES[2:], *SPHERES[:2], "--method", "TwoStep"], "got TwoStep"),
-        (["distance", "--box", *SPHERES[:2]], "--box: needs numbers, as in --box -2 2; got 'x**2 + y^2 + z**2 - 1'"),
-        (["distance", BASE, DIAGONAL, "--frob", "3"], "jhd distance does not know: --frob 3 (see jhd distance --help)"),
+        (["hausdorff", BASE, DIAGONAL, "--plot", "a.xyz"], "a.xyz: the suffix is '.xyz'; pictures are stored as "),
+        (["hausdorff", BASE, DIAGONAL, "--html", "a.png"], "a.png: the name must end in .html."),
+        (["hausdorff", *SPHERES[:2]], "A is a polynomial; give the box of its surface: --box LOWER UPPER."),
+        (["hausdorff", *SPHERES, "3"], "--box has 3 numbers; needs 2, or 6"),
+        (["hausdorff", *SPHERES[:3], "2", "-2"], "A: lower[0] is 2 and upper[0] is -2; needs lower < upper."),
+        (["hausdorff", SPHERES[0], "x**2 + sin(y)", "--box", "-2", "2"], "B: column 8: found 'sin'"),
+        (["hausdorff", *SPHERES[:3], "-2e400", "2"], "not finite"),
+        (["hausdorff", *SPHERES, "--method", "TwoStep"], "got TwoStep"),
+        (["hausdorff", *SPHERES[2:], *SPHERES[:2], "--method", "TwoStep"], "got TwoStep"),
+        (["hausdorff", "--box", *SPHERES[:2]], "--box: needs numbers, as in --box -2 2; got 'x**2 + y^2 + z**2 - 1'"),
+        (
+            ["hausdorff", BASE, DIAGONAL, "--frob", "3"],
+            "jhd hausdorff does not know: --frob 3 (see jhd hausdorff --help)",
+        ),
         (["--frob"], "jhd does not know: --frob (see jhd --help)"),
         (["minimum", BASE, DIAGONAL, "--plot", "a.xyz"], "a.xyz: the suffix is '.xyz'; pictures are stored as "),
         (["minimum", BASE, DIAGONAL, "--plot", "a.png", "--threshold", "1"], "--plot: with --threshold the nearest"),
@@ -464,9 +467,9 @@ def test_a_fit_is_written_with_its_proven_distance(run, tmp_path):
     answer = json.loads(out)
     assert answer["context"]["within"]
     assert answer["solution"]["upper"] <= 0.01
-    curve = jhd.io.read_svg(tmp_path / "fit.svg")
+    curve = jhd.io.load_svg(tmp_path / "fit.svg")
     assert curve.count == sum(answer["context"]["segments"])
-    assert float(jhd.hausdorff(jhd.io.path(outline), curve).upper) <= 0.0101
+    assert float(jhd.hausdorff(jhd.io.parse_path(outline), curve).upper) <= 0.0101
 
 
 @pytest.mark.parametrize(
@@ -515,7 +518,7 @@ def test_beside_a_polynomial_any_file_is_a_shape(run, monkeypatch):
     assert [type(shape) for shape in seen] == [jhd.BezierSegments, jhd.ImplicitSurface]
     missing = run("minimum", "bunny.ply", "x - 1", "--box", -2, 2)
     assert missing[0] == 2 and "bunny.ply" in missing[2] and "column" not in missing[2]
-    neither = run("distance", "line.json", "line.json", "--box", -2, 2)
+    neither = run("hausdorff", "line.json", "line.json", "--box", -2, 2)
     assert neither[0] == 2 and "--box is for implicit surfaces" in neither[2]
 
 

@@ -70,9 +70,9 @@ def test_a_picture_names_files_without_folders_and_letters_that_may_not_print_by
 
 
 def test_near_duplicates_are_printed(run):
-    status, out, _ = run("duplicates", "sets", "--within", 0.5)
+    status, out, _ = run("duplicates", "sets", "--threshold", 0.5)
     assert status == 0 and [line.split("\t")[1:] for line in out.splitlines()] == [["sets/a.npy", "sets/b.npy"]]
-    stored = json.loads(run("duplicates", "sets", "--within", 0.1, "--json")[1])
+    stored = json.loads(run("duplicates", "sets", "--threshold", 0.1, "--json")[1])
     assert stored["solution"]["index"] == [] and stored["solution"]["result"] == "successful"
 
 
@@ -85,5 +85,5 @@ def test_what_is_refused_is_told_in_one_line(run):
 def test_all_letters_of_a_font_are_taken():
     names, shapes = collected(["font:STIXSizeOneSym:*"])
     assert len(names) == len(set(names)) > 20 and names == sorted(names)
-    letter = jhd.io.outline("STIXSizeOneSym", names[3][-1])
+    letter = jhd.io.load_glyph("STIXSizeOneSym", names[3][-1])
     np.testing.assert_array_equal(shapes[3].control_points, letter.control_points)

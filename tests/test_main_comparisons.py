@@ -52,7 +52,7 @@ def test_a_length_is_a_number_or_a_share_of_the_diagonal():
 
 
 def test_a_tolerance_may_be_a_share_and_the_distance_is_printed_as_one(run):
-    status, out, _ = run("distance", "low.ply", "high.ply", "--atol", "0.1%")
+    status, out, _ = run("hausdorff", "low.ply", "high.ply", "--atol", "0.1%")
     assert status == 0 and "  relative 57.7% of the diagonal\n" in out
     assert "diagonal   1.732, of the joint bounding box" in out
     status, out, _ = run("minimum", "low.ply", "high.ply", "--atol", "0.1%", "--json")
@@ -64,7 +64,7 @@ def test_a_tolerance_may_be_a_share_and_the_distance_is_printed_as_one(run):
     ("threshold", "answer", "status"), [("3.5", "yes", 0), ("71%", "yes", 0), ("2.9", "no", 3), ("50%", "no", 3)]
 )
 def test_a_threshold_is_answered_by_words_and_exit_status(run, threshold, answer, status):
-    found, out, err = run("distance", BASE, DIAGONAL, "--threshold", threshold)
+    found, out, err = run("hausdorff", BASE, DIAGONAL, "--threshold", threshold)
     assert (found, err) == (
         status,
         "",
@@ -73,8 +73,8 @@ def test_a_threshold_is_answered_by_words_and_exit_status(run, threshold, answer
 
 def test_thresholds_of_one_direction_and_of_the_minimum_are_told_from_their_bounds(run):
     # From the base to the diagonal it is 2.4, both ways 3.
-    assert run("distance", BASE, DIAGONAL, "--directed", "--threshold", "2.5")[0] == 0
-    status, out, _ = run("distance", BASE, DIAGONAL, "--directed", "--threshold", "2.3", "--json")
+    assert run("hausdorff", BASE, DIAGONAL, "--directed", "--threshold", "2.5")[0] == 0
+    status, out, _ = run("hausdorff", BASE, DIAGONAL, "--directed", "--threshold", "2.3", "--json")
     stored = json.loads(out)
     assert (status, stored["solution"]["answer"], stored["context"]["threshold"]) == (3, "no", 2.3)
     assert stored["solution"]["lower"] <= 2.4 <= stored["solution"]["upper"]
@@ -92,7 +92,7 @@ def test_bounds_on_both_sides_of_a_threshold_decide_nothing():
 
 
 def test_meshes_are_drawn_in_the_colors_of_their_distance_beside_any_shape(run):
-    status, out, _ = run("distance", "low.ply", "high.ply", "--directed", "--plot", "picture.png")
+    status, out, _ = run("hausdorff", "low.ply", "high.ply", "--directed", "--plot", "picture.png")
     assert status == 0 and "picture.png" in out
     red, green, blue = imread("picture.png")[:, :, :3].reshape(-1, 3).T
     # The yellow of the farthest, which all of the square is.
@@ -105,7 +105,7 @@ def test_points_and_polynomials_are_measured_and_projected(run):
     header, row = (line.split("\t") for line in out.splitlines())
     assert status == 0 and header == ["distance", "lower", "upper", "foot x", "foot y", "foot z", "result"]
     assert np.allclose([float(x) for x in row[:-1]], [1.5, 1.5, 1.5, 0.5, 0.25, 0], rtol=0, atol=1e-9)
-    status, out, _ = run("deviation", "corners.npy", "z - 1/2", "--box", "-2", "2", "--within", "30%")
+    status, out, _ = run("deviation", "corners.npy", "z - 1/2", "--box", "-2", "2", "--threshold", "30%")
     (line,) = (line for line in out.splitlines() if line.startswith("  mean"))
     lower, upper, share = line.split()[1:]
     assert status == 0 and float(lower) <= 0.5 <= float(upper) and share == "7.22%"
@@ -126,19 +126,22 @@ def test_a_parametric_surface_is_named_by_its_patches_and_parameters(run):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("distance", BASE, DIAGONAL, "--threshold", "-1"), "--threshold is -1; needs a length of at least 0."),
+        (("hausdorff", BASE, DIAGONAL, "--threshold", "-1"), "--threshold is -1; needs a length of at least 0."),
         (("minimum", BASE, DIAGONAL, "--threshold", "nan"), "--threshold is nan; needs a length of at least 0."),
-        (("distance", BASE, DIAGONAL, "--threshold", "1", "--plot", "a.png"), "--plot: with --threshold the search"),
-        (("distance", BASE, DIAGONAL, "--threshold", "1", "--certificate", "a.json"), "--certificate: with --thresh"),
-        (("distance", BASE, DIAGONAL, "--threshold", "1", "--method", "TwoStep"), "TwoStep"),
-        (("distance", BASE, DIAGONAL, "--atol", "1%%"), "argument --atol: invalid length value: '1%%'"),
+        (("hausdorff", BASE, DIAGONAL, "--threshold", "1", "--plot", "a.png"), "--plot: with --threshold the search"),
+        (("hausdorff", BASE, DIAGONAL, "--threshold", "1", "--certificate", "a.json"), "--certificate: with --thresh"),
+        (("hausdorff", BASE, DIAGONAL, "--threshold", "1", "--method", "TwoStep"), "TwoStep"),
+        (("hausdorff", BASE, DIAGONAL, "--atol", "1%%"), "argument --atol: invalid length value: '1%%'"),
         (("minimum", BASE, "low.ply"), "a has 2 coordinates a point and b has 3; needs the same."),
         (("deviation", "z", "low.ply", "--box", "-2", "2"), "whose area is not certified"),
         (("deviation", "z", "low.ply"), "A is a polynomial; give the box of its surface"),
         (("project", "low.ply", "1", "2", "3", "--box", "0", "1"), "SHAPE is not one; leave it out"),
         (("project", "z", "1", "2", "3"), "SHAPE is a polynomial; give the box of its surface"),
         (("project", "z", "1", "2", "--box", "0", "1"), "a point has 2 coordinates; the implicit surface has 3."),
-        (("field", "corners.npy", "--atol", "1%", "--out", "f.npz"), "MESH is a set of points; needs a mesh."),
+        (
+            ("field", "corners.npy", "--tolerance", "1%", "--out", "f.npz"),
+            "SURFACE is a set of points; needs a mesh or a surface.",
+        ),
     ],
 )
 def test_what_is_refused_is_said_in_one_line(run, arguments, message):

@@ -36,7 +36,7 @@ def numbers_of(out, name):
 
 
 def test_the_table_holds_proven_bounds_and_the_picture_is_written(run):
-    status, out, _ = run("deviation", "square.ply", "plane.obj", "--within", "1.118", "--plot", "picture.png")
+    status, out, _ = run("deviation", "square.ply", "plane.obj", "--threshold", "1.118", "--plot", "picture.png")
     assert plt.get_fignums() == []
     cosine = 1 / np.sqrt(1.25)
     exact = {"mean": 1.25 * cosine, "rms": cosine * np.sqrt(1.25**2 + 1 / 48), "maximum": 1.5 * cosine}
@@ -54,15 +54,15 @@ def test_the_page_shows_the_mesh(run):
 
 
 def test_json_holds_the_same_and_what_was_asked(run):
-    status, out, _ = run("deviation", "square.ply", "plane.obj", "--json", "--within", "9", "--rtol", "0.01")
+    status, out, _ = run("deviation", "square.ply", "plane.obj", "--json", "--threshold", "9", "--rtol", "0.01")
     stored = json.loads(out)
     lower, upper = stored["solution"]["mean"]
     assert status == 0 and lower <= 1.25 / np.sqrt(1.25) <= upper
     assert stored["type"] == "Deviation" and stored["context"]["rtol"] == 0.01
-    assert stored["solution"]["share_within"][0] > 0.999
+    assert stored["solution"]["fraction_within"][0] > 0.999
 
 
 def test_what_is_refused_is_told_in_one_line(run):
-    status, out, err = run("deviation", "square.ply", "plane.obj", "--within", "-1")
+    status, out, err = run("deviation", "square.ply", "plane.obj", "--threshold", "-1")
     assert (status, out) == (2, "") and err == "jhd: error: threshold is -1.0; needs a length of at least 0.\n"
     assert run("deviation", "square.ply", "plane.obj", "--plot", "nowhere/picture.png")[0] == 2

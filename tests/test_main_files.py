@@ -38,7 +38,7 @@ def run(capsys, monkeypatch, tmp_path):
     ],
 )
 def test_files_that_cannot_be_read_are_one_line_with_status_two(run, file, message):
-    status, out, err = run("distance", file, "flat.igs")
+    status, out, err = run("hausdorff", file, "flat.igs")
     assert status == 2 and out == "" and err.count("\n") == 1 and message in err
 
 
@@ -59,6 +59,6 @@ def test_a_point_cloud_is_measured_against_a_surface_of_a_file(run, tmp_path):
         "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\nend_header\n"
     )
     (tmp_path / "scan.ply").write_text(head + "\n".join(" ".join(map(str, row)) for row in rows), encoding="utf-8")
-    status, out, _ = run("distance", "scan.ply", "flat.igs", "--directed", "--json")
+    status, out, _ = run("hausdorff", "scan.ply", "flat.igs", "--directed", "--json")
     found = json.loads(out)["solution"]
     assert status == 0 and found["lower"] <= 0.5 <= found["upper"]

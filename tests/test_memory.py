@@ -9,7 +9,7 @@ import pytest
 import jhd
 from jhd._runtime import memory
 from jhd._runtime.compiled import compiled
-from jhd.distance.many.table import check_table
+from jhd.distance.collections.table import check_table
 from jhd.fields.adaptive_extract import Leaves, extracted
 from tests.sweeps import CPU_ONLY
 

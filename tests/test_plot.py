@@ -27,12 +27,12 @@ SPACE = jhd.BezierSegments(np.arange(24.0).reshape(2, 4, 3) % 7)
 def a_solution(point, feet, lower, upper, t=0.5):
     point, feet = jnp.array(point), jnp.array(feet)
     witness = jhd.Witness(
-        segment=jnp.array(0),
+        element=jnp.array(0),
         t=jnp.array(t),
         point=point,
         feet=feet,
-        foot_segments=jnp.zeros(2, dtype=int),
-        foot_params=jnp.array([0.5, 0.5]),
+        feet_elements=jnp.zeros(2, dtype=int),
+        feet_params=jnp.array([0.5, 0.5]),
         multipliers=jnp.array([1.0, 0.0]),
         event=jhd.EVENTS.antipodal,
         direction=jhd.DIRECTIONS.a_to_b,
@@ -76,7 +76,7 @@ def nothing_global_changes():
         lambda ax: plot.curve(ARCH, ax),
         lambda ax: plot.witness(TOP, ax),
         lambda ax: plot.solution(ARCH, BASE, TOP, ax),
-        lambda ax: plot.profile(ARCH, BASE, ax, TOP, samples=8),
+        lambda ax: plot.distance_profile(ARCH, BASE, ax, TOP, samples=8),
     ],
 )
 def test_the_axes_given_are_returned_with_legible_text_and_can_be_drawn(draw):
@@ -128,7 +128,7 @@ def test_a_space_curve_needs_space_axes():
 
 def test_points_are_dots_without_lines():
     points = [(0.0, 0.0), (1.0, 2.0), (3.0, 1.0)]
-    ax = plot.curve(jhd.points(points), axes())
+    ax = plot.curve(jhd.point_set(points), axes())
     np.testing.assert_array_equal(data(ax, "curve"), points)
     assert artist(ax, "curve").get_linestyle() == "None"
 
@@ -190,11 +190,11 @@ def test_curves_of_different_dimensions_are_refused():
     with pytest.raises(ValueError, match="a has 2 coordinates; b has 3"):
         plot.solution(ARCH, SPACE, TOP, axes(3))
     with pytest.raises(ValueError, match="a has 3 coordinates; b has 2"):
-        plot.profile(SPACE, ARCH, axes())
+        plot.distance_profile(SPACE, ARCH, axes())
 
 
 def test_the_profile_is_the_distance_along_a_with_its_maximum_and_the_witness():
-    ax = plot.profile(ARCH, BASE, axes(), TOP, samples=8)
+    ax = plot.distance_profile(ARCH, BASE, axes(), TOP, samples=8)
     t = np.linspace(0, 1, 9)
     np.testing.assert_allclose(data(ax, "profile")[:-1], np.column_stack([t, 4 * t * (1 - t)]), atol=1e-12)
     np.testing.assert_allclose(data(ax, "candidates"), [[0.5, 1.0]], atol=1e-12)
@@ -204,7 +204,7 @@ def test_the_profile_is_the_distance_along_a_with_its_maximum_and_the_witness():
 
 
 def test_a_witness_on_the_other_curve_is_a_level_only():
-    ax = plot.profile(BASE, ARCH, axes(), TOP, samples=8)
+    ax = plot.distance_profile(BASE, ARCH, axes(), TOP, samples=8)
     assert not [a for a in ax.get_children() if a.get_gid() == "witness"]
     artist(ax, "level")
 
@@ -212,20 +212,20 @@ def test_a_witness_on_the_other_curve_is_a_level_only():
 def test_the_profile_of_closed_contours_has_no_candidates_from_their_seams():
     # Along a square about the origin the distance to the origin has its maxima at the corners, sqrt(2) away.
     square = jhd.polyline([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)], closed=True)
-    ax = plot.profile(square, jhd.points([(0.0, 0.0)]), axes(), samples=8)
+    ax = plot.distance_profile(square, jhd.point_set([(0.0, 0.0)]), axes(), samples=8)
     np.testing.assert_allclose(data(ax, "candidates"), [[k, np.sqrt(2)] for k in range(4)], rtol=1e-12)
     assert len([a for a in ax.get_children() if a.get_gid() == "segment_boundary"]) == 3
 
 
 def test_the_profile_of_a_point_set_has_one_dot_a_point():
-    ax = plot.profile(jhd.points([(0.0, 1.0), (1.0, 2.0)]), BASE, axes())
+    ax = plot.distance_profile(jhd.point_set([(0.0, 1.0), (1.0, 2.0)]), BASE, axes())
     drawn = data(ax, "profile")
     np.testing.assert_allclose(drawn[np.isfinite(drawn[:, 0])], [[0.0, 1.0], [1.0, 2.0]], atol=1e-12)
 
 
 def test_the_profile_needs_a_step():
     with pytest.raises(ValueError, match="samples is 0"):
-        plot.profile(ARCH, BASE, axes(), samples=0)
+        plot.distance_profile(ARCH, BASE, axes(), samples=0)
 
 
 # A sphere, and a cone that its box cuts off at z = -2 and z = 2.
@@ -345,7 +345,7 @@ SQUARE = jhd.polyline([(0.0, 0.0, 3.0), (1.0, 0.0, 3.0), (1.0, 1.0, 3.0)])
 # Shapes, two points of them that are nearest, and how many faces are drawn.
 NEAREST = {
     "plane": (jhd.polyline([(0.0, 0.0), (2.0, 0.0)]), jhd.circle((1.0, 3.0), 1.0), (1.0, 0.0), (1.0, 2.0), 0),
-    "space": (SQUARE, jhd.points([(0.0, 0.0, 5.0)]), (0.0, 0.0, 3.0), (0.0, 0.0, 5.0), 0),
+    "space": (SQUARE, jhd.point_set([(0.0, 0.0, 5.0)]), (0.0, 0.0, 3.0), (0.0, 0.0, 5.0), 0),
     "mesh and curve": (CUBE, SQUARE, (1.0, 1.0, 1.0), (1.0, 1.0, 3.0), CUBE.count),
     "surface and mesh": (BALL, CUBE, (0.0, 0.0, -1.0), (0.0, 0.0, 1.0), CUBE.count + len(quadrilaterals(BALL, 48))),
 }

@@ -89,13 +89,13 @@ def test_curves_and_points_are_colored_on_axes_of_ones_own(square):
     (lines,) = by_gid(ax.figure, "deviation")
     np.testing.assert_allclose(np.asarray(lines.get_colors())[-1], plt.get_cmap("viridis")(1.0), atol=0.02)
     assert len(ax.figure.axes) == 1
-    figure = jhd.plot.deviation(jhd.deviation(jhd.points([(0, 1, 1), (1, 1, 1)]), square.b)).figure
+    figure = jhd.plot.deviation(jhd.deviation(jhd.point_set([(0, 1, 1), (1, 1, 1)]), square.b)).figure
     assert all(len(by_gid(figure, gid)) == 1 for gid in ("deviation", "histogram", "inset", "witness"))
 
 
 def test_distances_that_are_known_are_not_searched_for_again(square, monkeypatch):
     rows = np.random.default_rng(4).uniform(0, 1, (300, 3))
-    found = jhd.deviation(jhd.points(rows), square.b, rtol=1e-4)
+    found = jhd.deviation(jhd.point_set(rows), square.b, rtol=1e-4)
     exact = np.asarray(jhd.project(rows, square.b).distance)
     monkeypatch.setattr("jhd.plot.colored.project", lambda *_, **__: pytest.fail("a search"))
     seen = distances_at(rows, square.b, float(found.maximum.value), found.samples)

@@ -36,7 +36,7 @@ def colors(ax):
 def test_each_neighbor_lies_over_its_query_with_the_distance_and_the_number_of_ties():
     figure = Figure()
     panels: Any = figure.subplots(2, 3)
-    shapes = [ARCH, jhd.points([[0.0, 1.0], [3.0, 1.0]]), BASE, ARCH]
+    shapes = [ARCH, jhd.point_set([[0.0, 1.0], [3.0, 1.0]]), BASE, ARCH]
     assert plot.neighbors([BASE, ARCH], shapes, FOUND, panels, names=["arch", "$5", "base", "o"]) is panels
     assert titles(panels) == [
         ["0", "arch\n$d$ = 0.5", "base\n$d$ = 1\n2 more tied"],
@@ -59,7 +59,7 @@ def test_chosen_queries_make_a_figure_of_their_own():
 
 
 def test_shapes_in_space_of_several_kinds_are_drawn():
-    axes = plot.neighbors([CUBE, CUBE], [CUBE, jhd.points([[0.0, 0, 2], [1, 0, 0]]), CUBE], FOUND)
+    axes = plot.neighbors([CUBE, CUBE], [CUBE, jhd.point_set([[0.0, 0, 2], [1, 0, 0]]), CUBE], FOUND)
     try:
         assert [len(ax.collections) for ax in axes.flat] == [1, 1, 1, 1, 1, 1]
         assert axes[1, 1].get_zlim()[1] > 2 and len(axes[1, 1].lines) == 2

@@ -106,8 +106,8 @@ def test_what_is_not_proven_is_said_and_names_cannot_end_a_script(lines):
 
 
 def test_points_are_dots_with_nothing_between_them(lines):
-    points = jhd.points([(0, 1), (1, 2)])
-    text = jhd.plot.page(points, lines[0], eqx.tree_at(lambda s: s.witness.segment, lines[2].directions[0], 1))
+    points = jhd.point_set([(0, 1), (1, 2)])
+    text = jhd.plot.page(points, lines[0], eqx.tree_at(lambda s: s.witness.element, lines[2].directions[0], 1))
     (path,) = re.findall(r'<path d="([^"]*)"', text)
     assert path.count("M") == path.count("h0") == len(Page(text).data["walks"][0]["t"]) == 3
     assert "L" not in path
@@ -145,7 +145,7 @@ def test_curves_and_points_in_space_are_lines_and_dots():
         and line["x"][2] is None
         and len(line["x"]) == len(line["line"]["color"])
     )
-    dots = pages._trace(pages.pieces_of(jhd.points([(0, 0, 0), (1, 0, 0)])), "B")
+    dots = pages._trace(pages.pieces_of(jhd.point_set([(0, 0, 0), (1, 0, 0)])), "B")
     assert dots["mode"] == "markers" and dots["x"] == [0, 1]
 
 
@@ -187,7 +187,7 @@ def test_in_a_browser_the_marker_moves_with_the_slider(lines, tmp_path):
 def test_in_a_browser_a_page_in_space_draws_without_an_error(kind, square, tmp_path):
     pytest.importorskip("plotly")
     corners = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0.5)])
-    line, other, points = jhd.polyline(corners), jhd.polyline(corners[:, ::-1] + 1), jhd.points(corners)
+    line, other, points = jhd.polyline(corners), jhd.polyline(corners[:, ::-1] + 1), jhd.point_set(corners)
     pairs = {"lines": (line, other), "points": (points, square[0])}
     if kind == "deviation":
         text = jhd.plot.page(jhd.deviation(*square[:2]))

@@ -98,7 +98,7 @@ class Given:
         self.minimum = KINDS.MinimumSolution(*numbers, first, first, wide, {})
         self.projection = KINDS.Projection(*numbers, first, jnp.int32(0), jnp.asarray(0.5), wide)
         self.decision = KINDS.Decision(jhd.ANSWERS.undecided, *numbers[1:], wide, {})
-        self.measure = KINDS.MeasureSolution(*numbers, plain.direction, wide)
+        self.measure = KINDS.StatisticSolution(*numbers, plain.direction, wide)
         witnesses = jax.tree_util.tree_map(lambda x: x[None], plain.witness)
         none, stats = jnp.zeros(1), {"steps": jnp.array(1)}
         pairs = KINDS.CriticalPairs(none, witnesses, none > 0, wide)
@@ -177,11 +177,11 @@ def test_every_command_prints_bounds_that_hold_what_was_found(given, monkeypatch
     proven = Proven("minimum", given.low, None if given.high == math.inf else given.high, 1)
     monkeypatch.setattr(commands, "verify_file", lambda *_: proven)
     asked = {
-        **{("distance", line, line): 3, ("distance", line, line, "--directed"): 3, ("minimum", line, line): 1},
-        **{("distance", line, line, "--threshold", "1"): 1, ("minimum", line, line, "--threshold", "1"): 1},
+        **{("hausdorff", line, line): 3, ("hausdorff", line, line, "--directed"): 3, ("minimum", line, line): 1},
+        **{("hausdorff", line, line, "--threshold", "1"): 1, ("minimum", line, line, "--threshold", "1"): 1},
         **{("deviation", line, line): 7, ("project", line, "0", "0"): 1, ("verify", "proof.json"): 1},
         **{("nearest", line, line, line): 2, ("pairwise", line, line): 1},
-        **{("duplicates", line, line, "--within", "1"): 1, ("fit", line, "--tolerance", "1"): 1},
+        **{("duplicates", line, line, "--threshold", "1"): 1, ("fit", line, "--tolerance", "1"): 1},
     }
     for words, count in asked.items():
         assert main(list(words)) in (0, 1, 3), words
@@ -199,8 +199,8 @@ def test_a_picture_tells_bounds_that_hold_what_was_found(given):
 
 def test_a_page_tells_bounds_that_hold_what_was_found(given, monkeypatch):
     ends = (jnp.full(2, x) for x in (given.value, given.low, given.high))
-    walked = KINDS.Profile(jnp.arange(2.0), jnp.zeros((2, 2)), *ends, jnp.zeros((2, 2)))
-    monkeypatch.setattr(pages, "profile", lambda *_, **__: walked)
+    walked = KINDS.DistanceProfile(jnp.arange(2.0), jnp.zeros((2, 2)), *ends, jnp.zeros((2, 2)))
+    monkeypatch.setattr(pages, "distance_profile", lambda *_, **__: walked)
     line = jhd.polyline([(0, 0), (1, 0)])
     text = jhd.plot.page(line, line, given.hausdorff)
     check(text.split("<svg")[0], 1, given.low, given.high)
@@ -215,7 +215,7 @@ def test_what_is_at_most_a_number_is_at_most_what_is_printed(given):
     upper, zeros, square, index = jnp.full(2, given.high), jnp.zeros(2), jnp.zeros((2, 2)), jnp.zeros(2, int)
     arcs = KINDS.BiarcCurve(square, square, zeros, index, zeros, zeros, upper, index)
     things = (
-        KINDS.Profile(zeros, square, upper, upper, upper, square),
+        KINDS.DistanceProfile(zeros, square, upper, upper, upper, square),
         KINDS.DistanceTransform(upper, index[:, None]),
         KINDS.DistanceMap(square, jnp.zeros((2, 2), int), zeros, zeros, upper[0], arcs),
         arcs,

@@ -23,7 +23,7 @@ from jhd._runtime import compiled as compiled_module
 from jhd._runtime import programs
 from jhd._runtime.compiled import asking, compiled
 from jhd._runtime.programs import NotKeptError, is_ours, name_of_program
-from jhd.distance.frame import directions
+from jhd.distance.normalization import directions
 from jhd.distance.witness import balance
 from tests.processes import at_once
 from tests.sweeps import CPU_ONLY
@@ -372,7 +372,7 @@ def test_a_plain_distance_is_kept_on_disk_with_the_installed_jax(folder):
     before = dict(programs.refused)
     for program in compiled_module._programs:
         program.clear()
-    jhd.hausdorff(jhd.points(np.zeros((1, 2))), jhd.points(np.ones((1, 2))))
+    jhd.hausdorff(jhd.point_set(np.zeros((1, 2))), jhd.point_set(np.ones((1, 2))))
     assert files(folder)
     assert programs.refused == before
 

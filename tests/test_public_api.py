@@ -19,7 +19,7 @@ PARAMETERS = {
     "BSplineCurve": ["control_points", "knots", "weights"],
     "BSplineCurve.uniform": ["control_points", "degree", "closed", "weights"],
     "BSplineCurve.clamped": ["control_points", "degree", "weights"],
-    "BezierSegments": ["control_points", "weights", "following"],
+    "BezierSegments": ["control_points", "weights", "next_segment"],
     "BezierSegments.join": ["curves"],
     "BezierSegments.pad": ["self", "count"],
     "BezierSegments.elevate": ["self", "degree"],
@@ -28,49 +28,49 @@ PARAMETERS = {
     "stack_curves": ["curves"],
     "pairwise": ["shapes", "others", "method", "executor", "store", "progress"],
     "nearest_shapes": ["queries", "shapes", "k", "method", "executor", "progress"],
-    "pairs_within": ["shapes", "threshold", "others", "method", "executor", "progress"],
-    "signatures": ["shapes", "points", "executor", "progress"],
+    "pairs_within": ["shapes", "others", "method", "threshold", "rtol", "atol", "executor", "progress"],
+    "pivot_distances": ["shapes", "points", "executor", "progress"],
     "Pairwise": ["value", "lower", "upper", "result", "computed"],
     "Neighbors": ["index", "value", "lower", "upper", "result", "ties", "computed"],
     "PairsWithin": ["index", "lower", "upper", "undecided", "result", "computed"],
-    "points": ["array"],
+    "point_set": ["array"],
     "polyline": ["points", "closed"],
     "circle": ["center", "radius"],
     "project": ["points", "shape", "method", "throw"],
     "stationary_points": ["points", "curve", "capacity", "throw"],
-    "directed_hausdorff": ["a", "b", "method", "throw"],
-    "hausdorff": ["a", "b", "method", "throw"],
-    "certify": ["a", "b", "solution", "directed", "atol", "max_cells", "progress"],
-    "verify": ["content", "seconds"],
+    "directed_hausdorff": ["a", "b", "method", "rtol", "atol", "throw"],
+    "hausdorff": ["a", "b", "method", "rtol", "atol", "throw"],
+    "certify": ["a", "b", "solution", "directed", "slack", "max_cells", "progress"],
+    "verify": ["content", "max_seconds"],
     "Certificate": ["content"],
     "Certificate.matches": ["self", "a", "b"],
-    "hausdorff_at_most": ["a", "b", "threshold", "method", "directed", "progress"],
-    "minimum_at_most": ["a", "b", "threshold", "method", "progress"],
+    "hausdorff_at_most": ["a", "b", "threshold", "method", "directed", "rtol", "atol", "progress"],
+    "minimum_at_most": ["a", "b", "threshold", "method", "rtol", "atol", "progress"],
     "critical_pairs": ["a", "b", "capacity"],
-    "minimize_hausdorff": ["build", "parameters", "target", "starts", "max_steps", "atol", "method", "progress"],
+    "minimize_hausdorff": ["build", "parameters", "target", "starts", "max_steps", "stop_below", "method", "progress"],
     "fit_outline": ["target", "tolerance", "degree", "smooth", "max_segments", "max_steps", "max_seconds", "progress"],
-    "fit_curve": ["target", "degree", "segments", "ends", "closed", "smooth", "max_steps", "atol", "method"],
+    "fit_curve": ["target", "degree", "segments", "ends", "closed", "smooth", "max_steps", "stop_below", "method"],
     "soft_hausdorff": ["a", "b", "temperature", "method"],
     "BranchAndBound": ["atol", "rtol", "max_steps", "capacity"],
-    "TwoStep": ["samples", "spacing", "max_rounds", "per", "variant"],
-    "AlgebraicEvents": ["atol", "capacity", "max_boxes"],
-    "BiarcTrimming": ["atol", "deviation", "capacity", "max_boxes", "variant", "pixels"],
-    "CubeIntervals": ["cells", "rule", "pairs", "ends"],
+    "published.TwoStep": ["samples", "spacing", "max_rounds", "per", "variant"],
+    "published.AlgebraicEvents": ["box_size", "capacity", "max_boxes"],
+    "published.BiarcTrimming": ["box_size", "deviation", "capacity", "max_boxes", "variant", "pixels"],
+    "published.CubeIntervals": ["cells", "rule", "pairs", "ends"],
     "ImplicitSurface": ["coefficients", "lower", "upper"],
     "TriangleMesh": ["vertices", "triangles"],
     "signed_distance": ["points", "mesh", "sign", "method"],
-    "VertexVoxels": ["resolution", "capacity", "transform"],
+    "published.VertexVoxels": ["resolution", "capacity", "transform"],
     "voxelize": ["surface", "cells", "ranges", "progress"],
-    "biarcs": ["curve", "atol"],
+    "biarcs": ["curve", "tolerance"],
     "distance_map": ["curve", "lower", "upper", "resolution"],
-    "NearestSearch": [],
-    "ProjectedPolyhedron": ["capacity"],
-    "IntervalHalving": ["interval", "tolerance", "max_steps"],
+    "BestFirstProjection": [],
+    "ProjectedPolyhedronProjection": ["capacity"],
+    "IntervalHalvingProjection": ["interval", "tolerance", "max_steps"],
     "NewtonProjection": ["tolerance", "max_steps"],
     "HybridProjection": ["interval", "rough", "tolerance", "max_steps"],
     "HausdorffSolution": ["value", "lower", "upper", "witness", "result", "stats", "directed"],
-    "Witness": ["segment", "t", "point", "feet", "foot_segments", "foot_params", "multipliers", "event", "direction"],
-    "Projection": ["distance", "lower", "upper", "foot", "segment", "t", "result"],
+    "Witness": ["element", "t", "point", "feet", "feet_elements", "feet_params", "multipliers", "event", "direction"],
+    "Projection": ["distance", "lower", "upper", "foot", "element", "t", "result"],
     "StationaryPoints": ["segment", "t", "lower", "upper", "distance", "valid", "result"],
     "CriticalPairs": ["value", "witness", "valid", "result"],
     "FitSolution": ["parameters", "shape", "error", "optimality", "result", "stats", "history"],
@@ -79,17 +79,17 @@ PARAMETERS = {
 KEYWORD_ONLY = {
     "pairwise": ["executor", "store", "progress"],
     "nearest_shapes": ["executor", "progress"],
-    "pairs_within": ["executor", "progress"],
-    "certify": ["directed", "atol", "max_cells", "progress"],
+    "pairs_within": ["threshold", "rtol", "atol", "executor", "progress"],
+    "certify": ["directed", "slack", "max_cells", "progress"],
     "project": ["throw"],
     "signed_distance": ["method"],
     "stationary_points": ["capacity", "throw"],
-    "directed_hausdorff": ["throw"],
-    "hausdorff": ["throw"],
-    "minimize_hausdorff": ["temperature", "starts", "seed", "max_steps", "atol", "method", "progress"],
-    "fit_curve": ["degree", "segments", "ends", "max_steps", "atol", "method"],
+    "directed_hausdorff": ["rtol", "atol", "throw"],
+    "hausdorff": ["rtol", "atol", "throw"],
+    "minimize_hausdorff": ["temperature", "starts", "seed", "max_steps", "stop_below", "method", "progress"],
+    "fit_curve": ["degree", "segments", "ends", "max_steps", "stop_below", "method"],
 }
-MODULES = [jhd, jhd.shapes, jhd.distance, jhd.io]
+MODULES = [jhd, jhd.shapes, jhd.distance, jhd.io, jhd.published]
 
 
 def found(path):
@@ -147,7 +147,7 @@ def in_process(code, **environment):
     return python("-W", "error", "-c", code, env=variables).stdout.split()
 
 
-PRECISION = "print(jhd.points([[0, 1]]).control_points.dtype)"
+PRECISION = "print(jhd.point_set([[0, 1]]).control_points.dtype)"
 
 
 def test_importing_is_light_switches_float64_on_and_loads_the_readers_of_files_when_they_are_named():
@@ -169,4 +169,4 @@ def test_the_environment_keeps_float32():
 def test_every_public_name_is_listed():
     modules = {name for name, value in vars(jhd).items() if inspect.ismodule(value)}
     public = {name for name in vars(jhd) if not name.startswith("_")} - modules
-    assert sorted(jhd.__all__) == sorted(public | {"arithmetic", "io", "plot"})
+    assert sorted(jhd.__all__) == sorted(public | {"arithmetic", "io", "plot", "published"})

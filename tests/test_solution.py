@@ -19,12 +19,12 @@ EVENTS = ("a_end", "corner", "b_end", "antipodal", "one_to_two", "coincident")
 
 def a_solution(result=jhd.RESULTS.successful, upper=2.5, event=jhd.EVENTS.antipodal):
     witness = jhd.Witness(
-        segment=jnp.array(3),
+        element=jnp.array(3),
         t=jnp.array(0.25),
         point=jnp.array([1.0, -2.0]),
         feet=jnp.array([[1.0, 0.0], [1.0, 0.0]]),
-        foot_segments=jnp.array([0, 0]),
-        foot_params=jnp.array([0.5, 0.5]),
+        feet_elements=jnp.array([0, 0]),
+        feet_params=jnp.array([0.5, 0.5]),
         multipliers=jnp.array([1.0, 0.0]),
         event=event,
         direction=jhd.DIRECTIONS.a_to_b,
@@ -197,12 +197,12 @@ def test_json_holds_every_field_and_null_for_what_is_not_proven():
         "lower": 1.5,
         "upper": None,
         "witness": {
-            "segment": 3,
+            "element": 3,
             "t": 0.25,
             "point": [1.0, -2.0],
             "feet": [[1.0, 0.0], [1.0, 0.0]],
-            "foot_segments": [0, 0],
-            "foot_params": [0.5, 0.5],
+            "feet_elements": [0, 0],
+            "feet_params": [0.5, 0.5],
             "multipliers": [1.0, 0.0],
             "event": "antipodal",
             "direction": "a_to_b",
@@ -257,7 +257,7 @@ def test_an_error_says_the_sentence_and_carries_the_solution(name):
     with pytest.raises(jhd.NotProvenError) as caught:
         throw_unless_successful(solution)
     assert caught.value.solution is solution
-    wide = name in ("gap_not_closed", "capacity_reached", "family_of_maxima")
+    wide = name in ("gap_not_closed", "capacity_reached", "nonisolated_maxima")
     more = " Pass method=jhd.BranchAndBound(atol=1) to accept them." if wide else ""
     assert str(caught.value) == f"{sentence_of(name)} The bounds reached are 1.5 and 2.5.{more}"
     assert isinstance(caught.value, RuntimeError)

@@ -41,9 +41,9 @@ def test_an_interrupt_during_the_import_ends_the_command_line_with_one_line(comm
 
 def test_help_and_the_version_are_answered_before_the_package_is_imported(tmp_path):
     status, out, err = interrupted(tmp_path, *script(tmp_path), "--help")
-    assert (status, err) == (0, "") and all(command in out for command in ("distance", "project", "doctor"))
-    status, out, err = interrupted(tmp_path, "-W", "error", "-m", "jhd", "distance", "--help")
-    assert (status, err) == (0, "") and out.startswith("usage: jhd distance ")
+    assert (status, err) == (0, "") and all(command in out for command in ("hausdorff", "project", "doctor"))
+    status, out, err = interrupted(tmp_path, "-W", "error", "-m", "jhd", "hausdorff", "--help")
+    assert (status, err) == (0, "") and out.startswith("usage: jhd hausdorff ")
     assert interrupted(tmp_path, "-m", "jhd", "--version") == (0, f"jhd {jhd.__version__}\n", "")
     status, out, err = interrupted(tmp_path, "-m", "jhd", "draw", "--help")
     assert (status, out) == (2, "") and err.startswith("jhd: error: argument COMMAND: invalid choice: 'draw'")

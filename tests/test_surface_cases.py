@@ -11,8 +11,8 @@ from mpmath import mp, mpf
 from scipy.spatial import KDTree
 
 from jhd._runtime.compiled import compiled
-from jhd.distance.frame.surfaces import Side
-from jhd.distance.nearest.places import local_feet
+from jhd.distance.nearest.surface_points import local_feet
+from jhd.distance.normalization.surfaces import Side
 from tests.surface_cases import CASES
 from tests.surface_reference import cloud, solve, values
 

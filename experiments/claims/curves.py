@@ -44,12 +44,12 @@ def check_cao14_closed_closed(numbers):
 
 def check_point_bezier(numbers):
     for name, entries in numbers["random"]["methods"].items():
-        proven = name in ("ProjectedPolyhedron", "NearestSearch")
+        proven = name in ("ProjectedPolyhedronProjection", "BestFirstProjection")
         for entry in entries:
             assert entry["lower_above"] < ERROR
             assert entry["wrong"] == 0 if proven else 0.01 < entry["wrong"] < 0.3
             assert not proven or entry["largest_error"] < ERROR
-    for name in ("ProjectedPolyhedron", "NearestSearch"):
+    for name in ("ProjectedPolyhedronProjection", "BestFirstProjection"):
         assert np.max(np.abs(numbers["path"]["errors"][name])) < ERROR
     ours, *samples = numbers["speed"]["entries"]
     assert ours["error"] < ERROR and all(s["error"] > ERROR for s in samples)
@@ -180,12 +180,12 @@ def check_kim10_figures(numbers):
     assert 0 < numbers["checked"]["largest"] <= numbers["checked"]["error"]
     for pair in numbers["pairs"].values():
         found, parts = pair["solution"], pair["parts"]
-        assert found["lower"] - 2 * pair["reach"] <= pair["lower"] <= found["upper"]
+        assert found["lower"] - 2 * pair["max_error"] <= pair["lower"] <= found["upper"]
         # What is trimmed is within the bound, what is left has the farthest place, and is little.
         assert pair["trimmed_reaches"] <= pair["lower"] and pair["share_left"] < 0.1
         # Trimmed as published, nothing of the other curve is left, where the feet are.
         assert pair["share_left_of_b"] == 0 and not any(pair["parts_of_b"]["left"])
-        segment, t = found["witness"]["segment"], found["witness"]["t"]
+        segment, t = found["witness"]["element"], found["witness"]["t"]
         rows = zip(parts["segment"], parts["t0"], parts["t1"], parts["left"], strict=True)
         assert any(left and s == segment and t0 <= t <= t1 for s, t0, t1, left in rows)
 

@@ -14,6 +14,6 @@ found = jhd.deviation(wave, line)
 for name, bounds in {"mean": found.mean, "rms": found.rms, "90 % within": found.quantile(0.9)}.items():
     print(f"{name:<12} {bounds.lower:.6f} to {bounds.upper:.6f}")
     assert bounds.lower <= bounds.upper <= found.maximum.upper
-fraction = found.share_within(0.05)
+fraction = found.fraction_within(0.05)
 print(f"{fraction.lower:.1%} to {fraction.upper:.1%} of its length is within 0.05")
 assert 0 < fraction.lower <= fraction.upper < 1

@@ -4,8 +4,8 @@
 import jhd
 import jhd.io
 
-a = jhd.io.outline("DejaVu Sans", "a")
-b = jhd.io.path("M 0 0 C 100 900 900 900 1000 0 A 500 200 0 0 1 0 0 Z")
+a = jhd.io.load_glyph("DejaVu Sans", "a")
+b = jhd.io.parse_path("M 0 0 C 100 900 900 900 1000 0 A 500 200 0 0 1 0 0 Z")
 jhd.io.save_curve("b.json", b)
 jhd.io.save_iges("b.igs", b)
 c = jhd.io.load_shape("b.json")  # a file, "font:DejaVu Serif:g", or SVG path data
@@ -15,5 +15,5 @@ print(a, c, solution, sep="\n")
 axes = jhd.plot.solution(a, c, solution)
 axes.figure.savefig("a.png")
 
-axes = jhd.plot.profile(a, c, solution=solution, unit="font units")
+axes = jhd.plot.distance_profile(a, c, solution=solution, unit="font units")
 axes.figure.savefig("profile.png")

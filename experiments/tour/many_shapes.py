@@ -13,7 +13,7 @@ near = jhd.nearest_shapes([copy], letters, k=2)
 assert near.index[0, 0] == 7 and near.upper[0, 0] < 0.0015 and near.computed < 20
 print(near)
 
-same = jhd.pairs_within([*letters, copy], 0.01)
+same = jhd.pairs_within([*letters, copy], threshold=0.01)
 assert same.index.tolist() == [[7, 40]] and len(same.undecided) == 0
 print(same)
 

@@ -28,6 +28,6 @@ assert abs(slope - 1) < 1e-12
 # The meshes intersect, so the minimum distance is zero.
 assert jhd.minimum_distance(mesh, moved(0.5)).upper == 0
 
-field = jhd.AdaptiveDistanceField.build(mesh, atol=0.01)
+field = jhd.AdaptiveDistanceField.build(mesh, tolerance=0.01)
 print(field, field([0.0, 0.0, 0.0]))
 assert abs(field([0.0, 0.0, 0.0]) + 1 / math.sqrt(3)) < 0.01

@@ -8,7 +8,7 @@ import jhd
 
 rows = np.random.default_rng(1).normal(size=(2_000, 3))
 rows *= (1 + 0.05 * np.sin(rows[:, :1])) / np.linalg.norm(rows, axis=1, keepdims=True)
-scan = jhd.points(rows)
+scan = jhd.point_set(rows)
 sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
 
 solution = jhd.directed_hausdorff(scan, sphere)
@@ -22,7 +22,7 @@ assert np.all(nearest.lower <= off[:5] + 1e-15) and np.all(off[:5] - 1e-15 <= ne
 print(nearest)
 
 # Only the witness has a nonzero derivative.
-pull = jax.grad(lambda x: jhd.directed_hausdorff(jhd.points(x), sphere).value)(jnp.asarray(rows))
+pull = jax.grad(lambda x: jhd.directed_hausdorff(jhd.point_set(x), sphere).value)(jnp.asarray(rows))
 assert np.count_nonzero(np.any(pull != 0, axis=1)) == 1
 
 faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]

@@ -39,5 +39,5 @@ for _ in range(100):
     p, state, value = step(p, state)
 
 print(f"root mean square in the loop: {float(value) ** 0.5:.4f}")
-print("the same with certified bounds:", jhd.RootMeanSquare(directed=True)(jhd.points(scan), spline(p)))
+print("the same with certified bounds:", jhd.RMSDistance(directed=True)(jhd.point_set(scan), spline(p)))
 assert value**0.5 < 0.02

@@ -13,6 +13,6 @@ assert solution.lower <= (math.sqrt(43) - 4) / 3 <= solution.upper <= solution.l
 print(solution)
 
 # The published rule treats cells as points. With 64 cells along the box (side 1/16), it gives the published interval.
-cells = jhd.hausdorff(a, b, jhd.CubeIntervals(64, rule="paper"))
+cells = jhd.hausdorff(a, b, jhd.published.CubeIntervals(64, rule="paper"))
 assert (cells.lower, cells.upper) == (math.sqrt(17 / 32), math.sqrt(103 / 128))
 print(cells)

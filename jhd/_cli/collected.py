@@ -13,7 +13,7 @@ from jhd._cli.report import neighbors_picture
 from jhd._results.solution import names_of, to_plain
 from jhd.console import busy, exit_status, print_json
 from jhd.decimals import interval_text
-from jhd.io import load_shape, outlines
+from jhd.io import load_glyphs, load_shape
 from jhd.io.glyphs import parse_font_spec
 from jhd.io.load import SHAPE_SUFFIXES
 
@@ -66,11 +66,12 @@ def nearest(options: Namespace) -> int:
 def duplicates(options: Namespace) -> int:
     """The pairs within a distance."""
     names, shapes = collected(options.shapes)
+    threshold = options.threshold.of(*shapes)
     with busy("computing; a first run compiles") as show:
-        found = jhd.pairs_within(shapes, options.within, progress=show)
+        found = jhd.pairs_within(shapes, threshold=threshold, progress=show)
     if options.json:
         numbers = _lists(found, "index", "lower", "upper", "undecided")
-        context = {"names": names, "within": options.within}
+        context = {"names": names, "threshold": threshold}
         print_json(found, {**numbers, "result": names_of(found.result), "computed": found.computed}, **context)
     else:
         for (i, j), lower, upper in zip(found.index, found.lower, found.upper, strict=True):
@@ -93,7 +94,7 @@ def collected(words: list[str]) -> tuple[list[str], list[Any]]:
 def _pairs_of(word: str) -> list[tuple[str, Any]]:
     if word.startswith("font:") and word.endswith(_ALL):
         font = word.removeprefix("font:").removesuffix(_ALL)
-        return [(f"font:{font}:{letter}", curve) for letter, curve in outlines(font).items()]
+        return [(f"font:{font}:{letter}", curve) for letter, curve in load_glyphs(font).items()]
     if Path(word).is_dir():
         files = sorted(str(path) for path in Path(word).iterdir() if path.suffix.lower() in SHAPE_SUFFIXES)
     elif any(sign in word for sign in "*?[") and not word.startswith("font:"):

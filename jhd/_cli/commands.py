@@ -20,10 +20,10 @@ from jhd._cli.collected import nearest as nearest
 from jhd._cli.collected import pairwise as pairwise
 from jhd._cli.comparisons import check_drawn, directions_of, print_files, write_page
 from jhd._cli.comparisons import deviation as deviation
-from jhd._cli.comparisons import distance as distance
+from jhd._cli.comparisons import hausdorff as hausdorff
 from jhd._cli.comparisons import minimum as minimum
 from jhd._cli.comparisons import project as project
-from jhd._cli.options import check_writable, curve_of, mesh_of
+from jhd._cli.options import box_of, check_writable, curve_of, kind_of, shape_of
 from jhd._cli.report import bar, names_of, picture, shape_line, solution_text
 from jhd._cli.warming import KINDS, preparations
 from jhd._results.solution import HausdorffSolution
@@ -40,6 +40,8 @@ from jhd.io.meshes import MESH_SUFFIXES
 _DEMO_FONTS = {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}
 _DEMO_LETTER = "a"
 _DEMO_FILE = "jhd-demo.png"
+# Exit statuses of their own: a certificate that is refused, and a self-check that fails.
+_REFUSED, _FAILED_CHECK = 4, 5
 _PACKAGES = "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib"
 
 
@@ -113,10 +115,10 @@ def verify(options: Namespace) -> int:
     try:
         with busy("checking") as show:
             told = paced(lambda place: show(f"checking {place}"))
-            proven = verify_file(options.file, options.seconds, shapes, told)
+            proven = verify_file(options.file, options.max_seconds, shapes, told)
     except jhd.CertificateError as error:
         print(f"jhd: refused: {options.file}: {error}", file=sys.stderr)
-        return 1
+        return _REFUSED
     seconds = time.perf_counter() - start
     if options.json:
         print(json.dumps({"proven": proven._asdict(), "seconds": seconds}, indent=2))
@@ -126,8 +128,10 @@ def verify(options: Namespace) -> int:
 
 
 def field(options: Namespace) -> int:
-    """The adaptive distance field of a mesh, stored; on request its zero set as a mesh."""
-    mesh = mesh_of("MESH", options.mesh)
+    """The adaptive distance field of a surface, stored; on request its zero set as a mesh."""
+    shape = shape_of(options)
+    if shape.dim != 3 or kind_of(shape) in ("curve", "set of points"):
+        raise TypeError(f"SURFACE is a {kind_of(shape)}; needs a mesh or a surface.")
     if not options.out.endswith(".npz"):
         raise ValueError(f"{options.out}: the name must end in .npz.")
     if (options.surface is None) != (options.resolution is None):
@@ -135,22 +139,22 @@ def field(options: Namespace) -> int:
     if options.surface and Path(options.surface).suffix.lower() not in MESH_SUFFIXES:
         raise ValueError(f"{options.surface}: the name must end in {' or '.join(MESH_SUFFIXES)}.")
     check_writable(options.out, options.surface)
-    atol = options.atol.of(mesh)
+    tolerance = options.tolerance.of(shape)
     build = jhd.AdaptiveDistanceField.build
     with busy("building; a first run compiles") as show:
         asked = {"mode": options.mode, "sign": options.sign}
-        made, seconds = timed(lambda: build(mesh, atol, **asked, progress=show))
+        made, seconds = timed(lambda: build(shape, tolerance, **asked, progress=show))
         made.save(options.out)
-        error = made.sampled_error(mesh)
+        error = made.sampled_error(shape)
         if options.surface:
             save_mesh(options.surface, made.to_mesh(options.resolution))
     facts = {"leaves": made.leaves, "unresolved": made.unresolved, "sampled_error": error, "seconds": seconds}
     status = 0 if made.unresolved == 0 else 1
     if options.json:
-        print(json.dumps({"mesh": options.mesh, "atol": atol, **asked, **facts}, indent=2))
+        print(json.dumps({"shape": options.shape, "tolerance": tolerance, **asked, **box_of(shape), **facts}, indent=2))
         return status
-    print(shape_line("A", options.mesh, mesh), end="\n\n")
-    print(f"leaves     {made.leaves}; {made.unresolved} of them exceed {atol!r} at a test point")
+    print(shape_line("A", options.shape, shape), end="\n\n")
+    print(f"leaves     {made.leaves}; {made.unresolved} of them exceed {tolerance!r} at a test point")
     where = "near the surface" if options.mode == "band" else "in the box"
     print(f"error      {upper_text(error)}, the largest found at random points {where}")
     print(f"time       {seconds:.2f} s with compilation")
@@ -184,10 +188,10 @@ def doctor(options: Namespace) -> int:
     else:
         width = max(map(len, facts))
         print("\n".join(f"{name:<{width}}  {fact}" for name, fact in facts.items()))
-    return 0 if good else 1
+    return 0 if good else _FAILED_CHECK
 
 
-def warm(options: Namespace) -> int:
+def precompile(options: Namespace) -> int:
     """Compiles the functions for some kinds of shapes and keeps them on disk, for later processes."""
     folder = storage.programs_folder()
     if folder is None:

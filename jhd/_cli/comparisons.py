@@ -48,7 +48,7 @@ from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, 
 from jhd._runtime.files import replace_file
 from jhd.console import INTERRUPTED, busy, device, exit_status, precision, print_json, timed
 from jhd.decimals import lower_text, upper_text
-from jhd.distance.frame.method import AbstractHausdorffMethod
+from jhd.distance.normalization.method import AbstractHausdorffMethod
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.patch import AbstractPatch
@@ -61,7 +61,7 @@ _FEW_POINTS, _MANY_POINTS = 1_000, 100_000
 _STATUS = {"yes": 0, "no": 3, "undecided": 1}
 
 
-def distance(options: Namespace) -> int:
+def hausdorff(options: Namespace) -> int:
     """The (directed) Hausdorff distance of two shapes, or whether it is at most a threshold."""
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
@@ -189,10 +189,10 @@ def deviation(options: Namespace) -> int:
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
     check_drawn(options, a.dim)
-    atol, threshold = (None if x is None else x.of(a, b) for x in (options.atol, options.within))
+    atol, threshold = (None if x is None else x.of(a, b) for x in (options.atol, options.threshold))
     with busy("computing; a first run compiles") as show:
         found, seconds = timed(lambda: jhd.deviation(a, b, atol=atol, rtol=options.rtol, throw=False, progress=show))
-    within = None if threshold is None else found.share_within(threshold)
+    within = None if threshold is None else found.fraction_within(threshold)
     drawn = {} if interrupted(found) else {"picture": options.plot, "page": options.html}
     if drawn.get("picture"):
         with busy("drawing"):
@@ -200,8 +200,8 @@ def deviation(options: Namespace) -> int:
     if drawn.get("page"):
         write_page(options.html, found)
     if options.json:
-        asked = {"atol": atol, "rtol": options.rtol, "a": options.a, "b": options.b, "within": threshold}
-        shares = {} if within is None else {"share_within": list(within)}
+        asked = {"atol": atol, "rtol": options.rtol, "a": options.a, "b": options.b, "threshold": threshold}
+        shares = {} if within is None else {"fraction_within": list(within)}
         print_json(found, found.to_dict() | shares, **asked, **box_of(a, b), diagonal=size, seconds=seconds)
         return exit_status(found)
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
@@ -231,7 +231,7 @@ def project(options: Namespace) -> int:
     where = [kind, *parameters] if kind else []
     feet = [f"foot {axis}" for axis in "xyz"[: shape.dim]]
     print("\t".join(["distance", "lower", "upper", *where, *feet, "result"]))
-    rows = [found.distance, found.lower, found.upper, found.segment, found.t, found.foot]
+    rows = [found.distance, found.lower, found.upper, found.element, found.t, found.foot]
     for value, low, high, segment, t, foot, end in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
         place = (segment, *np.atleast_1d(t)) if kind else ()
         bounds = lower_text(low), upper_text(high)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import jhd
-from jhd.distance.frame.method import AbstractHausdorffMethod
+from jhd.distance.normalization.method import AbstractHausdorffMethod
 from jhd.distance.project_methods import AbstractProjectionMethod
 from jhd.distance.search.points import is_points
 from jhd.io import load_shape
@@ -22,7 +22,7 @@ from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.polynomial_text import read as read_polynomial
 
 # Classes that a projection can be asked for by, with their subclasses.
-PROJECTIONS = (AbstractProjectionMethod, jhd.VertexVoxels)
+PROJECTIONS = (AbstractProjectionMethod, jhd.published.VertexVoxels)
 
 
 def shapes_of(options: Namespace) -> tuple[Any, Any]:
@@ -97,18 +97,6 @@ def curve_of(name: str, text: str) -> AbstractCurve:
     return shape
 
 
-def mesh_of(name: str, text: str) -> TriangleMesh:
-    """The mesh that a text names.
-
-    Raises:
-        TypeError: the shape is no mesh.
-    """
-    shape = load_shape(text)
-    if not isinstance(shape, TriangleMesh):
-        raise TypeError(f"{name} is a {kind_of(shape)}; needs a mesh.")
-    return shape
-
-
 def _without_box(name: str, text: str) -> Any:
     try:
         return load_shape(text)
@@ -136,11 +124,13 @@ def method_of(name: str | None, atol: float | None, kind: Any) -> Any:
         ValueError: the name is unknown, or the method has no tolerance.
     """
     if name is None and atol is None:
-        return jhd.BranchAndBound() if kind is AbstractHausdorffMethod else jhd.NearestSearch()
+        return jhd.BranchAndBound() if kind is AbstractHausdorffMethod else jhd.BestFirstProjection()
     if name is None and kind is AbstractHausdorffMethod:
         name = "BranchAndBound"
     known: dict[str, Any] = {
-        key: item for key, item in vars(jhd).items() if inspect.isclass(item) and issubclass(item, kind)
+        key: item
+        for key, item in {**vars(jhd), **vars(jhd.published)}.items()
+        if inspect.isclass(item) and issubclass(item, kind)
     }
     chosen = known
     if name is not None:

@@ -16,8 +16,8 @@ from jhd._cli.lengths import share_text
 from jhd._results.solution import RESULTS, Decision, HausdorffSolution, MinimumSolution, name_of
 from jhd._runtime.files import replace_file
 from jhd.decimals import interval_text, lower_text, upper_text
+from jhd.distance.collections.tasks import CollectionProgress
 from jhd.distance.deviation_solution import Bounds, Deviation
-from jhd.distance.many.tasks import CollectionProgress
 from jhd.distance.search.points import is_points
 from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.octree import VoxelProgress
@@ -65,10 +65,10 @@ def solution_text(title: str, solution: HausdorffSolution, name: str, other: str
         *_bound_lines(solution, "not proven by this method"),
         *_share_line("  relative ", solution.value, diagonal),
         f"  event    {name_of(solution.event)}",
-        f"  witness  {_place(name, w.segment, w.t, w.point)}",
+        f"  witness  {_place(name, w.element, w.t, w.point)}",
     ]
     seen: list[tuple[float, ...]] = []
-    for foot, segment, t, weight in zip(w.feet, w.foot_segments, w.foot_params, w.multipliers, strict=True):
+    for foot, segment, t, weight in zip(w.feet, w.feet_elements, w.feet_params, w.multipliers, strict=True):
         if (here := tuple(np.asarray(foot).tolist())) not in seen:
             lines.append(f"  foot     {_place(other, segment, t, foot)}, multiplier {float(weight):.4g}")
             seen.append(here)
@@ -84,9 +84,9 @@ def deviation_text(found: Deviation, threshold: float | None, diagonal: float) -
     rows |= {f"{q:.0%} within": found.quantile(q) for q in (0.5, 0.9, 0.99)}
     lengths = len(rows)
     if threshold is not None:
-        rows[f"fraction within {threshold!r}"] = found.share_within(threshold)
+        rows[f"fraction within {threshold!r}"] = found.fraction_within(threshold)
     kind = "points" if is_points(found.a) else "length" if isinstance(found.a, AbstractCurve) else "area"
-    rows[f"{kind} of A"] = found.measure
+    rows[f"{kind} of A"] = found.size
     width = max(map(len, rows))
     ends = [(lower_text(known.lower), upper_text(known.upper)) for known in rows.values()]
     wide = 2 + max(len(text) for row in ends for text in row)
@@ -274,9 +274,9 @@ def picture(
     larger = max((solution for solution in directed if solution is not None), key=float)
     plot.solution(a, b, larger, left.add_subplot(**space), labels=labels, control_polygon=False)
     panels = np.atleast_1d(right.subplots(len(directed)))
-    plot.profile(a, b, panels[0], directed[0], labels=labels, unit=unit)
+    plot.distance_profile(a, b, panels[0], directed[0], labels=labels, unit=unit)
     for panel, back in zip(panels[1:], directed[1:], strict=True):
-        plot.profile(b, a, panel, back, labels=labels[::-1], unit=unit, color=plot.ORANGE)
+        plot.distance_profile(b, a, panel, back, labels=labels[::-1], unit=unit, color=plot.ORANGE)
     save_figure(file, figure)
 
 

@@ -20,8 +20,8 @@ from jhd.decimals import lower_text, upper_text
 
 # What a notebook shows of a solution, as far as it has it.
 _SHOWN = (
-    *("answer", "value", "distance", "lower", "upper", "error", "measured", "optimality", "event", "direction"),
-    *("witness", "point_a", "point_b", "foot", "segment", "t", "result"),
+    *("answer", "value", "distance", "lower", "upper", "error", "statistic", "optimality", "event", "direction"),
+    *("witness", "point_a", "point_b", "foot", "element", "segment", "t", "result"),
 )
 # How the bounds among them are written.
 _ENDS = {"lower": lower_text, "upper": upper_text}

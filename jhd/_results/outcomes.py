@@ -25,11 +25,11 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "The time limit was reached: this is the best result so far. Raise max_seconds, or continue from its "
         "parameters."
     )
-    fit_in_a_valley = (
+    fit_slow_progress = (
         "Slow progress (under 0.1 % a step): the problem is nearly degenerate. Fix redundant parameters, change the "
         "start or raise max_steps."
     )
-    fit_at_a_kink = (
+    fit_nonsmooth_stall = (
         "No step lowers the distance, although its maxima could be lowered to first order: a foot point jumps there, "
         "or a new maximum appears. Change the start."
     )
@@ -37,20 +37,20 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "The certified distance exceeds all maxima that the fit used: a maximum is narrower than the sample spacing. "
         "Split the curves, or change the start."
     )
-    fit_at_rounding = (
+    fit_roundoff_limited = (
         "The remaining improvement is below the rounding of the coordinates: accept the result, or scale or center the "
         "coordinates."
     )
-    unproven = (
+    not_certified = (
         "The result comes from a published method that can miss the exact value and certifies no bound: use the "
         "default method for bounds."
     )
-    unverified = (
+    existence_not_certified = (
         "No cell, or no relevant cell, is certified to hold a point of one of the surfaces, so a bound is missing or "
         "wide: raise cells. If a polynomial does not change its sign, only single points at simple fractions can be "
         "certified."
     )
-    family_of_maxima = (
+    nonisolated_maxima = (
         "The bounds are true but wider than the tolerance: a whole curve or region of points is nearly as far as the "
         "farthest point, or as near as the nearest. The work grows like 1 / gap: raise atol or max_steps."
     )

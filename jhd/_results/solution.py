@@ -44,7 +44,7 @@ def with_lengths(solution: Any, value: Any, lower: Any, upper: Any, point: Any, 
 
 
 def with_answers(solution: Any, answers: Sequence[tuple[Any, Any, Any, Any, Any]]) -> Any:
-    """The same HausdorffSolution with other value, t, point, feet and foot_params, and with those of its directions."""
+    """The same HausdorffSolution with other value, t, point, feet and feet_params, and with those of its directions."""
     leaves, structure = jax.tree_util.tree_flatten(solution)
     # The directions come last, each with as many leaves.
     size = len(jax.tree_util.tree_leaves(solution.directions)) // 2
@@ -62,32 +62,32 @@ def in_direction(solution: Any, direction: Any) -> Any:
 class Witness(eqx.Module):
     """The point that attains a directed Hausdorff distance, with its foot points.
 
-    `direction` tells which shape carries the point. If `hausdorff` gets shapes of two kinds, `t` and `foot_params` have
+    `direction` tells which shape carries the point. If `hausdorff` gets shapes of two kinds, `t` and `feet_params` have
     the larger shape of both directions: a single number is repeated, and (u, v) is followed by a zero.
 
     Args:
-        segment: index of the part that carries the point: a segment of a curve, a point of a point set, a triangle of
+        element: index of the part that carries the point: a segment of a curve, a point of a point set, a triangle of
             a mesh or a Bezier patch of a parametric surface; -1 on an implicit surface.
-        t: parameter of the point on this segment, in [0, 1], of shape (). On a mesh: three barycentric coordinates. On
+        t: parameter of the point on this element, in [0, 1], of shape (). On a mesh: three barycentric coordinates. On
             a parametric surface: (u, v) on the patch. On an implicit surface: NaN. Without meaning for point sets.
         point: coordinates of the point.
         feet: foot points on the other shape: two rows if both shapes are curves or points, else four. Unused rows
             repeat the first one with multiplier 0.
-        foot_segments: indices of the segments, points, triangles or patches of the foot points; -1 on an implicit
+        feet_elements: indices of the segments, points, triangles or patches of the foot points; -1 on an implicit
             surface.
-        foot_params: parameters of the foot points: one number each on curves and points (without meaning for points),
+        feet_params: parameters of the foot points: one number each on curves and points (without meaning for points),
             rows (u, v) on patches, rows of barycentric coordinates on meshes; NaN on an implicit surface.
         multipliers: weights of the foot points in the gradient, at least 0, with sum one (0.5 each if undefined).
         event: the member of EVENTS that tells how the maximum arises.
         direction: the member of DIRECTIONS that tells which shape carries the point.
     """
 
-    segment: Int[Array, "*batch"]
+    element: Int[Array, "*batch"]
     t: Float[Array, "*batch"] | Float[Array, "*batch corners"]
     point: Float[Array, "*batch dim"]
     feet: Float[Array, "*batch feet dim"]
-    foot_segments: Int[Array, "*batch feet"]
-    foot_params: Float[Array, "*batch feet"] | Float[Array, "*batch feet parameters"]
+    feet_elements: Int[Array, "*batch feet"]
+    feet_params: Float[Array, "*batch feet"] | Float[Array, "*batch feet parameters"]
     multipliers: Float[Array, "*batch feet"]
     event: Any
     direction: Any
@@ -95,8 +95,8 @@ class Witness(eqx.Module):
     def __repr__(self) -> str:
         if is_traced(self.t) or np.ndim(self.point) > 1:
             return f"Witness(t={eqx.tree_pformat(self.t)}, a batch or traced; index or vmap it)"
-        numbers = {name: np.asarray(getattr(self, name)).tolist() for name in ("segment", "t", "point", "feet")}
-        numbers |= {name: np.asarray(getattr(self, name)).tolist() for name in ("foot_segments", "foot_params")}
+        numbers = {name: np.asarray(getattr(self, name)).tolist() for name in ("element", "t", "point", "feet")}
+        numbers |= {name: np.asarray(getattr(self, name)).tolist() for name in ("feet_elements", "feet_params")}
         shown = ", ".join(f"{name}={value}" for name, value in numbers.items())
         ends = f"multipliers={np.asarray(self.multipliers).tolist()}, event={name_of(self.event)}"
         return f"Witness({shown}, {ends}, direction={name_of(self.direction)})"
@@ -222,7 +222,7 @@ class Projection(AbstractSolution):
         lower: certified lower bound of the distance to the shape; 0 for local methods.
         upper: certified upper bound of the distance to the shape.
         foot: the nearest point found.
-        segment: index of the segment, triangle or Bezier patch that holds the foot point; -1 on an implicit surface.
+        element: index of the segment, triangle or Bezier patch that holds the foot point; -1 on an implicit surface.
         t: parameter of the foot point, in [0, 1]. On a mesh: three barycentric coordinates, exactly 0 off a face. On a
             parametric surface: (u, v) on the patch. On an implicit surface: NaN.
         result: a member of RESULTS for each query.
@@ -232,7 +232,7 @@ class Projection(AbstractSolution):
     lower: Float[Array, "*batch"]
     upper: Float[Array, "*batch"]
     foot: Float[Array, "*batch dim"]
-    segment: Int[Array, "*batch"]
+    element: Int[Array, "*batch"]
     t: Float[Array, "*batch"] | Float[Array, "*batch corners"]
     result: Any
 
@@ -357,11 +357,11 @@ class FitSolution(AbstractSolution):
             multipliers mu_j >= 0 of sum one; zero at a stationary point.
         multipliers: the mu_j of the critical pairs, largest distance first.
         pairs: the critical pairs of (target, shape). For surfaces and meshes: the maximum of each direction. For fits
-            by another measure: the largest distance only.
+            by another statistic: the largest distance only.
         result: RESULTS.successful, or the reason why the fit stopped before a stationary point.
         stats: counts of steps, of Newton steps among them, and of evaluations.
-        history: the distance, or the fitted measure, at the start and after each step.
-        measured: the fitted measure of (target, shape) with its bounds; None for the largest distance.
+        history: the distance, or the fitted statistic, at the start and after each step.
+        statistic: the fitted statistic of (target, shape) with its bounds; None for the largest distance.
     """
 
     parameters: Any
@@ -373,13 +373,13 @@ class FitSolution(AbstractSolution):
     result: Any
     stats: dict[str, Array]
     history: Float[Array, " samples"]
-    measured: Any = None
+    statistic: Any = None
 
     def __float__(self) -> float:
-        return float((self.error if self.measured is None else self.measured).value)
+        return float((self.error if self.statistic is None else self.statistic).value)
 
     def __repr__(self) -> str:
-        measured = "" if self.measured is None else f"{self.measured!r},\n  "
+        measured = "" if self.statistic is None else f"{self.statistic!r},\n  "
         return (
             f"FitSolution({measured}error={float(self.error.value):.9g} in {self.error:.9g},\n  "
             f"optimality={float(self.optimality):.1e}, steps={int(self.stats['steps'])}, {name_of(self.result)})"

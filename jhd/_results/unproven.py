@@ -12,10 +12,10 @@ from jhd._runtime.arrays import is_traced
 from jhd.decimals import lower_text, upper_text
 
 # What ends a search whose bounds a wider tolerance would have taken, and how that is asked for.
-_TOO_WIDE = {int(x._value) for x in (RESULTS.gap_not_closed, RESULTS.capacity_reached, RESULTS.family_of_maxima)}
+_TOO_WIDE = {int(x._value) for x in (RESULTS.gap_not_closed, RESULTS.capacity_reached, RESULTS.nonisolated_maxima)}
 _TOLERANCES = {
     "HausdorffSolution": "method=jhd.BranchAndBound(atol={})",
-    "MeasureSolution": "atol={}",
+    "StatisticSolution": "atol={}",
     "MinimumSolution": "atol={}",
 }
 # Relative tolerances from here on say nothing.
@@ -33,7 +33,7 @@ class NotProvenError(RuntimeError):
 
 
 def throw_unless_successful(solution: Any, known: Mapping[str, Ends] | None = None, option: str | None = None) -> None:
-    """Raises NotProvenError with the solution unless every entry is successful or RESULTS.unproven; tracers pass.
+    """Raises NotProvenError with the solution unless every entry is successful or RESULTS.not_certified; tracers pass.
 
     Args:
         solution: the result of a computation.
@@ -44,7 +44,7 @@ def throw_unless_successful(solution: Any, known: Mapping[str, Ends] | None = No
         return
     found = np.ravel(np.asarray(solution.result._value))
     # A method that proves nothing promises no more.
-    failed = (found != int(RESULTS.successful._value)) & (found != int(RESULTS.unproven._value))
+    failed = (found != int(RESULTS.successful._value)) & (found != int(RESULTS.not_certified._value))
     if failed.any():
         first = int(np.argmax(failed))
         ended = int(found[first])

@@ -16,40 +16,40 @@ The entry points are `hausdorff`, `critical_pairs`, `minimum`, `project`, `signe
 
 from jhd.distance.certificate.certificate import Certificate, certify
 from jhd.distance.certificate.verification import CertificateError, verify
-from jhd.distance.collections import (
+from jhd.distance.collections.entries import (
     Neighbors,
     PairsWithin,
     Pairwise,
     nearest_shapes,
     pairs_within,
     pairwise,
-    signatures,
+    pivot_distances,
 )
+from jhd.distance.collections.pivots import PivotDistances
+from jhd.distance.collections.tasks import CollectionProgress
 from jhd.distance.critical_pairs import critical_pairs
 from jhd.distance.deviation import deviation
 from jhd.distance.deviation_solution import Bounds, Deviation, DistanceSamples
-from jhd.distance.frame.stacked import stack_curves
 from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
-from jhd.distance.many.signatures import Signatures
-from jhd.distance.many.tasks import CollectionProgress
-from jhd.distance.measures.measures import Hausdorff, Mean, MeasureSolution, Quantile, RootMeanSquare
 from jhd.distance.minimum import minimum_at_most, minimum_distance
-from jhd.distance.profile import Profile, profile
+from jhd.distance.normalization.stacked import stack_curves
+from jhd.distance.profiles import DistanceProfile, distance_profile
 from jhd.distance.project import project, stationary_points
 from jhd.distance.project_methods import (
+    BestFirstProjection,
     HybridProjection,
-    IntervalHalving,
-    NearestSearch,
+    IntervalHalvingProjection,
     NewtonProjection,
-    ProjectedPolyhedron,
+    ProjectedPolyhedronProjection,
 )
-from jhd.distance.published.algebraic import AlgebraicEvents
-from jhd.distance.published.cube_intervals import CubeIntervals
-from jhd.distance.published.trimming import BiarcTrimming
-from jhd.distance.published.two_step import TwoStep
-from jhd.distance.published.vertex_voxels import VertexVoxels
-from jhd.distance.published.voxel_pairs import TiedPairs, VoxelPairs
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.search import Progress
 from jhd.distance.search.search import Progress as MinimumProgress
 from jhd.distance.signed_distance import signed_distance
+from jhd.distance.statistics.statistics import (
+    MaxDistance,
+    MeanDistance,
+    QuantileDistance,
+    RMSDistance,
+    StatisticSolution,
+)

@@ -13,8 +13,8 @@ from jaxtyping import Array
 
 from jhd._results.solution import RESULTS, CriticalPairs, HausdorffSolution, result_where
 from jhd._runtime.arrays import is_traced, undifferentiated
-from jhd.distance.frame.coordinates import Frame
 from jhd.distance.hausdorff import hausdorff
+from jhd.distance.normalization.coordinates import Frame
 from jhd.distance.witness.critical import local_pairs
 from jhd.distance.witness.derivative import moving
 from jhd.distance.witness.maxima import NEARER, ROUNDED

@@ -18,18 +18,18 @@ from jhd._results.unproven import relative_tolerance
 from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array, undifferentiated
 from jhd.arithmetic.rationals import float_near
 from jhd.arithmetic.scaling import common_exponent
-from jhd.distance.cells.measures import FlatCells
+from jhd.distance.cells.arc_length_area import FlatCells
 from jhd.distance.cells.weighted import exact_sum
 from jhd.distance.deviation_solution import Bounds, Deviation, DistanceSamples, check_share
-from jhd.distance.frame.coordinates import Frame, user_length
 from jhd.distance.hausdorff import directed_hausdorff
 from jhd.distance.nearest.target import curve_in_space
+from jhd.distance.normalization.coordinates import Frame, user_length
 from jhd.distance.search.branch_and_bound import BranchAndBound
+from jhd.distance.search.dispatch import Together, diagonal_of, dtype_of, heights_of, target_in, together
 from jhd.distance.search.distribution import COUNTS, DistanceCells, Distribution, DistributionSearch
-from jhd.distance.search.measured import AbstractMeasured, MeasuredMesh, MeasuredNet, MeasuredPoints
-from jhd.distance.search.mixes import Together, diagonal_of, dtype_of, heights_of, target_in, together
 from jhd.distance.search.points import is_points
 from jhd.distance.search.search import Listener, Progress, drive
+from jhd.distance.search.weighted_cells import AbstractMeasured, MeasuredMesh, MeasuredNet, MeasuredPoints
 from jhd.shapes.as_shape import check_shape, taken_as
 from jhd.shapes.checks import Numbers, check_same_dim
 from jhd.shapes.curve import BezierSegments
@@ -63,8 +63,8 @@ def deviation(
     a: Any,
     b: Any,
     *,
-    atol: Numbers | None = None,
     rtol: Numbers = 1e-3,
+    atol: Numbers | None = None,
     quantile: float | None = None,
     weights: Numbers | None = None,
     max_cells: int = 1 << 17,
@@ -92,17 +92,17 @@ def deviation(
     under jit or vmap.
 
     >>> import jhd
-    >>> found = deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.points([(0, 0)]))
+    >>> found = deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)]))
     >>> found.mean.lower <= 0.5 <= found.mean.upper, found.mean.upper - found.mean.lower < 1e-3
     (True, True)
 
     Args:
-        a: points (`jhd.points`), a curve, a parametric surface or a mesh, or an object that `jhd.as_shape` accepts.
+        a: points (`jhd.point_set`), a curve, a parametric surface or a mesh, or an object that `jhd.as_shape` accepts.
         b: a shape of any kind (implicit surfaces too) and of the same dimension, or an object that `jhd.as_shape`
             accepts.
+        rtol: tolerance relative to the upper bound, at least 0; by default 1e-3. The larger tolerance counts.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-6 of the diagonal of
             the joint bounding box.
-        rtol: tolerance relative to the upper bound, at least 0; by default 1e-3. The larger tolerance counts.
         quantile: a fraction, above 0 and at most 1, whose quantile must reach the tolerance too; by default none.
         weights: weights of the points of `a`, of shape (points,), at least 0; by default one each. They do not affect
             the maximum.

@@ -39,18 +39,18 @@ class DistanceSamples(NamedTuple):
     """Parts that make up `a`, with bounds of the distance to `b`, for pictures and statistics.
 
     Args:
-        place: approximate midpoints of the parts, (parts, dim).
+        point: approximate midpoints of the parts, (parts, dim).
         lower: certified lower bounds of the distance on each part, (parts,).
         upper: certified upper bounds of the distance on each part, (parts,).
-        share: bounds of the length, area or number of points of each part, (parts, 2), up to one common factor.
+        fraction: bounds of the length, area or number of points of each part, (parts, 2), up to one common factor.
         ends: bounds by two affine functions on each part, given by their values at its corners, (parts, corners, 2).
             Both functions are constant if no better ones are known.
     """
 
-    place: Float[np.ndarray, "parts dim"]
+    point: Float[np.ndarray, "parts dim"]
     lower: Float[np.ndarray, " parts"]
     upper: Float[np.ndarray, " parts"]
-    share: Float[np.ndarray, "parts 2"]
+    fraction: Float[np.ndarray, "parts 2"]
     ends: Float[np.ndarray, "parts corners 2"]
 
 
@@ -65,7 +65,7 @@ class Deviation(eqx.Module):
         maximum: the largest distance: the directed Hausdorff distance, with its differentiable value.
         mean: the mean distance.
         rms: the root of the mean squared distance.
-        measure: the length or area of `a`, in the unit of the coordinates, or the number of its points.
+        size: the length or area of `a`, in the unit of the coordinates, or the number of its points.
         samples: the parts of `a` with their bounds, from which quantiles and fractions are computed.
         result: the member successful of RESULTS if maximum, mean and rms reach the tolerance; otherwise the reason.
         stats: counts of the work.
@@ -76,7 +76,7 @@ class Deviation(eqx.Module):
     maximum: HausdorffSolution
     mean: Bounds
     rms: Bounds
-    measure: Bounds
+    size: Bounds
     samples: DistanceSamples = eqx.field(metadata={"stored": False})
     result: Any
     stats: dict[str, int]
@@ -99,7 +99,7 @@ class Deviation(eqx.Module):
         lower, upper = quantile_bounds(self._weights(), self._values(), float(q))
         return Bounds(lower, min(upper, float(self.maximum.upper)))
 
-    def share_within(self, threshold: float) -> Bounds:
+    def fraction_within(self, threshold: float) -> Bounds:
         """Bounds of the fraction of `a` whose distance to `b` is at most a threshold.
 
         Args:
@@ -115,20 +115,20 @@ class Deviation(eqx.Module):
             raise ValueError(f"threshold is {threshold}; needs a length of at least 0.")
         return Bounds(*share_bounds(self._weights(), *self._values().within(threshold)))
 
-    def at(self, places: Numbers | None = None) -> Projection:
+    def at(self, params: Numbers | None = None) -> Projection:
         """Distances from given points of `a` to `b`, with bounds and foot points; differentiable like `project`.
 
         Args:
-            places: for a curve its parameters (...,), as in a call of the curve; for a parametric surface rows (..., 2)
+            params: for a curve its parameters (...,), as in a call of the curve; for a parametric surface rows (..., 2)
                 of its parameters. Leave it out for point sets and meshes, whose points or vertices are used.
 
         Returns:
             A Projection: distances, bounds and foot points.
 
         Raises:
-            ValueError: `places` is missing for a curve or surface, is given for points or a mesh, or has a wrong shape.
+            ValueError: `params` is missing for a curve or surface, is given for points or a mesh, or has a wrong shape.
         """
-        return project(_places(self.a, places), self.b, throw=False)
+        return project(_points_at(self.a, params), self.b, throw=False)
 
     def reached(self, quantile: float | None = None) -> dict[str, Bounds]:
         """The bounds of mean, root mean square and maximum, and of a quantile if one is given.
@@ -158,10 +158,10 @@ class Deviation(eqx.Module):
         """The bounds and the quantiles 0.5, 0.9 and 0.99 as nested dictionaries, lists, numbers and names.
 
         Returns:
-            The entries maximum, mean, rms, measure, quantiles, result and stats.
+            The entries maximum, mean, rms, size, quantiles, result and stats.
         """
         quantiles = {str(q): to_plain(list(self.quantile(q))) for q in (0.5, 0.9, 0.99)}
-        ends = {name: to_plain(list(getattr(self, name))) for name in ("mean", "rms", "measure")}
+        ends = {name: to_plain(list(getattr(self, name))) for name in ("mean", "rms", "size")}
         return {"maximum": to_plain(self.maximum), **ends, "quantiles": quantiles, "result": name_of(self.result)} | {
             "stats": dict(self.stats)
         }
@@ -202,7 +202,7 @@ class Deviation(eqx.Module):
         return self.a
 
     def _weights(self) -> Weights:
-        return Weights(self.samples.share[:, 0], self.samples.share[:, 1])
+        return Weights(self.samples.fraction[:, 0], self.samples.fraction[:, 1])
 
     def _values(self) -> Values:
         return Values(self.samples.lower, self.samples.upper, self.samples.ends)
@@ -223,16 +223,16 @@ def check_share(name: str, q: float) -> None:
         raise ValueError(f"{name} is {q}; needs a number above 0 and at most 1.")
 
 
-def _places(shape: Any, places: Any) -> Array:
+def _points_at(shape: Any, params: Any) -> Array:
     if isinstance(shape, TriangleMesh) or is_points(shape):
-        if places is not None:
-            raise ValueError("places is for curves and surfaces; leave it out for meshes (vertices) and points.")
+        if params is not None:
+            raise ValueError("params is for curves and surfaces; leave it out for meshes (vertices) and points.")
         return shape.vertices if isinstance(shape, TriangleMesh) else shape.segments().control_points[:, 0]
-    if places is None:
-        raise ValueError("places is missing: pass the parameters of the curve or surface at which to measure.")
-    rows = real_array("places", places)
+    if params is None:
+        raise ValueError("params is missing: pass the parameters of the curve or surface at which to measure.")
+    rows = real_array("params", params)
     if isinstance(shape, AbstractCurve):
         return shape(rows)
     if rows.ndim == 0 or rows.shape[-1] != 2:
-        raise ValueError(f"places has shape {rows.shape}; needs (..., 2), the two parameters of a surface.")
+        raise ValueError(f"params has shape {rows.shape}; needs (..., 2), the two parameters of a surface.")
     return shape(rows[..., 0], rows[..., 1])

@@ -12,25 +12,21 @@ from jhd._results.solution import (
 )
 from jhd._runtime.arrays import same_arrays
 from jhd.distance.decisions import checked_limit, decided, of_copies
-from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
+from jhd.distance.normalization.method import AbstractHausdorffMethod, check_serves
 from jhd.distance.pairs import pair_of
-from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
+from jhd.distance.search.branch_and_bound import BranchAndBound, chosen_method, sized_by_method
 from jhd.distance.search.search import Progress
 from jhd.shapes.checks import Numbers
-from jhd.slips import belongs
-
-# What belongs to a method is easily handed to the call.
-_OF_THE_METHOD = {
-    name: f"write method=jhd.BranchAndBound({name}=...)" for name in ("atol", "rtol", "max_steps", "capacity")
-}
 
 
-@belongs(**_OF_THE_METHOD)
+@sized_by_method
 def directed_hausdorff(
     a: Any,
     b: Any,
     method: AbstractHausdorffMethod | None = None,
     *,
+    rtol: Numbers | None = None,
+    atol: Numbers | None = None,
     throw: bool = True,
     progress: Callable[[Any], object] | None = None,
 ) -> HausdorffSolution:
@@ -46,22 +42,25 @@ def directed_hausdorff(
     The value is differentiable twice in all arrays of both shapes. CubeIntervals() has no derivatives.
 
     If the distance is constant on a region of `a` (for example a shape and its offset), the cost grows like diagonal /
-    gap for parametric surfaces and mixed pairs. The bounds are then true but wider, with RESULTS.family_of_maxima.
+    gap for parametric surfaces and mixed pairs. The bounds are then true but wider, with RESULTS.nonisolated_maxima.
 
     >>> import jhd
-    >>> found = jhd.directed_hausdorff(jhd.points([(0, 0), (4, 0)]), jhd.points([(0, 3)]))
+    >>> found = jhd.directed_hausdorff(jhd.point_set([(0, 0), (4, 0)]), jhd.point_set([(0, 3)]))
     >>> float(found.value), bool(found.lower <= 5 <= found.upper), found.witness.point.tolist()
     (5.0, True, [4.0, 0.0])
 
     Args:
-        a: the shape on which the farthest point is sought: points (`jhd.points`), a curve, a parametric surface
+        a: the shape on which the farthest point is sought: points (`jhd.point_set`), a curve, a parametric surface
             (BezierPatch, BezierPatches, BSplineSurface), an ImplicitSurface, a mesh, or an object that `jhd.as_shape`
             accepts.
         b: the shape to which distances are measured, of any of these kinds and of the same dimension.
-        method: the method with its options; by default BranchAndBound(), which serves all shapes and closes the bounds
-            to 1e-10 of the diagonal. Write BranchAndBound(atol=...) for another tolerance. CubeIntervals() serves
-            implicit surfaces, outside jit. TwoStep() serves curves. BiarcTrimming() and AlgebraicEvents() serve
-            polynomial curves in the plane, outside jit.
+        method: the method with its options; by default BranchAndBound(), which serves all shapes. The methods in
+            `jhd.published` are for comparison: CubeIntervals() serves implicit surfaces, outside jit, TwoStep() serves
+            curves, and BiarcTrimming() and AlgebraicEvents() serve polynomial curves in the plane, outside jit.
+        rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
+        atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-10 (in float32: 64
+            units in the last place) of the diagonal of the joint bounding box. With another method than the default,
+            give its options to the method instead.
         throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
         progress: a function that is called with a Progress from time to time (by CubeIntervals with a VoxelProgress);
             ignored under jit. Ctrl-C ends the search with the bounds reached and RESULTS.interrupted.
@@ -70,20 +69,23 @@ def directed_hausdorff(
         A HausdorffSolution: value, bounds and witness, in the unit of the coordinates.
 
     Raises:
-        TypeError: `a` or `b` is not a shape, or the method does not serve this pair of shapes.
+        TypeError: `a` or `b` is not a shape, the method does not serve this pair of shapes, or a tolerance is given
+            together with a method.
         ValueError: the dimensions differ, or a surface is certified to be empty in its box.
         NotProvenError: the method failed or was interrupted, and `throw` is True. The exception carries the solution.
     """
-    pair = pair_of(a, b, method, progress)
+    pair = pair_of(a, b, chosen_method(method, rtol, atol), progress)
     return _finish(pair.finished(pair.measured()), throw)
 
 
-@belongs(**_OF_THE_METHOD)
+@sized_by_method
 def hausdorff(
     a: Any,
     b: Any,
     method: AbstractHausdorffMethod | None = None,
     *,
+    rtol: Numbers | None = None,
+    atol: Numbers | None = None,
     throw: bool = True,
     progress: Callable[[Any], object] | None = None,
 ) -> HausdorffSolution:
@@ -95,18 +97,21 @@ def hausdorff(
     `directed_hausdorff`.
 
     >>> import jhd
-    >>> found = jhd.hausdorff(jhd.points([(0, 3)]), jhd.points([(0, 0), (4, 0)]))
+    >>> found = jhd.hausdorff(jhd.point_set([(0, 3)]), jhd.point_set([(0, 0), (4, 0)]))
     >>> float(found.value), jhd.DIRECTIONS[found.direction]
     (5.0, 'The point lies on b, its foot points on a.')
 
     Args:
-        a: points (`jhd.points`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
+        a: points (`jhd.point_set`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
             ImplicitSurface, a mesh, or an object that `jhd.as_shape` accepts.
         b: a shape of any of these kinds and of the same dimension.
-        method: the method with its options; by default BranchAndBound(), which serves all shapes and closes the bounds
-            to 1e-10 of the diagonal. Write BranchAndBound(atol=...) for another tolerance. CubeIntervals() serves
-            implicit surfaces, outside jit. TwoStep() serves curves. BiarcTrimming() and AlgebraicEvents() serve
-            polynomial curves in the plane, outside jit.
+        method: the method with its options; by default BranchAndBound(), which serves all shapes. The methods in
+            `jhd.published` are for comparison: CubeIntervals() serves implicit surfaces, outside jit, TwoStep() serves
+            curves, and BiarcTrimming() and AlgebraicEvents() serve polynomial curves in the plane, outside jit.
+        rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
+        atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-10 (in float32: 64
+            units in the last place) of the diagonal of the joint bounding box. With another method than the default,
+            give its options to the method instead.
         throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
         progress: a function that is called with a Progress from time to time; see `directed_hausdorff`.
 
@@ -114,16 +119,17 @@ def hausdorff(
         A HausdorffSolution: value, bounds, witness and both directions, in the unit of the coordinates.
 
     Raises:
-        TypeError: `a` or `b` is not a shape, or the method does not serve this pair of shapes.
+        TypeError: `a` or `b` is not a shape, the method does not serve this pair of shapes, or a tolerance is given
+            together with a method.
         ValueError: the dimensions differ, or a surface is certified to be empty in its box.
         NotProvenError: the method failed or was interrupted, and `throw` is True. The exception carries the solution.
     """
-    pair = pair_of(a, b, method, progress)
+    pair = pair_of(a, b, chosen_method(method, rtol, atol), progress)
     there, back = pair.both()
     return _finish(pair.larger(pair.reported(there), pair.reported(back)), throw)
 
 
-@belongs(**_OF_THE_METHOD)
+@sized_by_method
 def hausdorff_at_most(
     a: Any,
     b: Any,
@@ -131,6 +137,8 @@ def hausdorff_at_most(
     method: AbstractHausdorffMethod | None = None,
     *,
     directed: bool = False,
+    rtol: Numbers | None = None,
+    atol: Numbers | None = None,
     progress: Callable[[Progress], object] | None = None,
 ) -> Decision:
     """Whether the Hausdorff distance is at most a threshold: certified yes, certified no, or undecided.
@@ -139,27 +147,30 @@ def hausdorff_at_most(
     steps unless the distance is close to the threshold. A shape and a copy of its numbers have distance 0.
 
     >>> import jhd
-    >>> bool(jhd.hausdorff_at_most(jhd.points([(0, 3)]), jhd.points([(0, 0), (4, 0)]), 4))
+    >>> bool(jhd.hausdorff_at_most(jhd.point_set([(0, 3)]), jhd.point_set([(0, 0), (4, 0)]), 4))
     False
 
     Args:
-        a: points (`jhd.points`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
+        a: points (`jhd.point_set`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
             ImplicitSurface, a mesh, or an object that `jhd.as_shape` accepts.
         b: a shape of any of these kinds and of the same dimension.
         threshold: a length of at least 0, in the unit of the coordinates.
         method: options of the search, a BranchAndBound. The search gives up (undecided) when its tolerance is reached.
         directed: whether to test the directed distance from `a` to `b` only; by default False.
+        rtol: relative tolerance at which the search gives up; see `hausdorff`.
+        atol: absolute tolerance at which the search gives up; see `hausdorff`.
         progress: a function that is called with a Progress from time to time; see `directed_hausdorff`.
 
     Returns:
         A Decision: the answer with the bounds reached. If it is undecided, `result` tells why.
 
     Raises:
-        TypeError: `a` or `b` is not a shape, or the method is not BranchAndBound.
+        TypeError: `a` or `b` is not a shape, the method is not BranchAndBound, or a tolerance is given together with
+            a method.
         ValueError: the dimensions differ, a surface is certified to be empty in its box, or the threshold is negative
             or not one number.
     """
-    method = default_method() if method is None else method
+    method = chosen_method(method, rtol, atol)
     # It proves both bounds, and ends where they say enough.
     check_serves(method, a, b, (BranchAndBound,))
     pair, limit = pair_of(a, b, method, progress), checked_limit(threshold)

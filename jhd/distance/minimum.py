@@ -11,15 +11,15 @@ from jhd._results.solution import RESULTS, Decision, MinimumSolution, throw_unle
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd.arithmetic.rounding import smallest_normal
 from jhd.distance.decisions import checked_limit, decided
-from jhd.distance.frame.aim import default_tolerance
-from jhd.distance.frame.method import check_serves
-from jhd.distance.frame.nets import net_of
+from jhd.distance.normalization.method import check_serves
+from jhd.distance.normalization.nets import net_of
+from jhd.distance.normalization.stopping import default_tolerance
 from jhd.distance.project import project
 from jhd.distance.published.voxel_pairs import VoxelPairs
-from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
+from jhd.distance.search.branch_and_bound import BranchAndBound, chosen_method, sized_by_method
 from jhd.distance.search.closest_triangles import as_mesh, of_meshes
-from jhd.distance.search.mixed import with_surface
-from jhd.distance.search.mixes import diagonal_of
+from jhd.distance.search.dispatch import diagonal_of
+from jhd.distance.search.implicit_minimum import with_surface
 from jhd.distance.search.nets import of_nets
 from jhd.distance.search.points import is_points, nearest_points, point_mesh
 from jhd.distance.search.search import Progress, Threshold
@@ -35,15 +35,14 @@ from jhd.shapes.prepared import working
 _FEW = 256
 
 
+@sized_by_method
 def minimum_distance(
     a: Any,
     b: Any,
     method: BranchAndBound | VoxelPairs | None = None,
     *,
-    atol: Numbers | None = None,
     rtol: Numbers | None = None,
-    max_steps: int | None = None,
-    capacity: int | None = None,
+    atol: Numbers | None = None,
     throw: bool = True,
     progress: Callable[[Progress], object] | None = None,
 ) -> MinimumSolution:
@@ -57,7 +56,7 @@ def minimum_distance(
     grad. There, checks of values are skipped and `throw` is ignored: read `result`.
 
     If the nearest pairs form a surface (equidistant or coincident patches), the cost grows like diagonal / gap. The
-    bounds are then true but wider, with RESULTS.family_of_maxima. Outside jit the cost grows far more slowly if the
+    bounds are then true but wider, with RESULTS.nonisolated_maxima. Outside jit the cost grows far more slowly if the
     shapes stay apart: for curves, parametric surfaces, and implicit surfaces with shapes of up to 64 pieces.
 
     Method: pairs of cells are bounded by the hulls of their control points along the line that joins them. A pair is
@@ -80,17 +79,15 @@ def minimum_distance(
     (True, True)
 
     Args:
-        a: points (`jhd.points`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
+        a: points (`jhd.point_set`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
             ImplicitSurface (clipped to its box), a TriangleMesh, or an object that `jhd.as_shape` accepts.
         b: a shape of any of these kinds and of the same dimension.
-        method: BranchAndBound(...), by default with the options below. VoxelPairs(...) serves surfaces and meshes; its
-            result is RESULTS.unproven and never raises.
+        method: BranchAndBound(...), the default, or VoxelPairs(...) for surfaces and meshes, whose result is
+            RESULTS.not_certified and never raises. A step is sixteen pairs of cells; for meshes, a block of pairs or
+            one exact pair. The capacity is the initial number of pairs that the queue can hold.
+        rtol: tolerance on `upper - lower`, relative to `upper`; by default 0. The larger tolerance counts.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; the default is described at
-            BranchAndBound. This and the next three options cannot be combined with `method`.
-        rtol: tolerance relative to `upper`, at least 0; by default 0.
-        max_steps: largest number of steps. A step is sixteen pairs of cells; for meshes, a block of pairs or one exact
-            pair.
-        capacity: initial number of pairs that the queue can hold.
+            BranchAndBound. A tolerance cannot be combined with `method`.
         throw: whether to raise NotProvenError if the bounds do not close; by default True.
         progress: a function that is called with a Progress from time to time; ignored under jit. Ctrl-C ends the search
             with the bounds reached and RESULTS.interrupted.
@@ -99,9 +96,9 @@ def minimum_distance(
         A MinimumSolution: the distance, its bounds and the nearest points.
 
     Raises:
-        TypeError: `a` or `b` is not a shape, or the method does not serve this pair of shapes.
-        ValueError: the dimensions differ, a surface is certified to be empty in its box, a tolerance is negative, a
-            count is too small, or options are combined with a method.
+        TypeError: `a` or `b` is not a shape, the method does not serve this pair of shapes, or a tolerance is given
+            together with a method.
+        ValueError: the dimensions differ, a surface is certified to be empty in its box, or a tolerance is negative.
         NotProvenError: the bounds did not close, and `throw` is True. The exception carries the solution.
 
     Source: Lin & Wang, 3D signed Euclidean distance transform and its applications, section on the minimum distance
@@ -110,7 +107,7 @@ def minimum_distance(
     a, b = taken_as("a", a), taken_as("b", b)
     for name, shape in (("a", a), ("b", b)):
         check_shape(name, shape)
-    method = _method(method, {"atol": atol, "rtol": rtol, "max_steps": max_steps, "capacity": capacity})
+    method = chosen_method(method, rtol, atol)
     check_serves(method, a, b, (BranchAndBound, VoxelPairs))
     check_same_dim(a.dim, b.dim)
     solution = method.minimum(a, b) if isinstance(method, VoxelPairs) else _searched(a, b, method, progress)
@@ -125,6 +122,8 @@ def minimum_at_most(
     threshold: Numbers,
     method: BranchAndBound | None = None,
     *,
+    rtol: Numbers | None = None,
+    atol: Numbers | None = None,
     progress: Callable[[Progress], object] | None = None,
 ) -> Decision:
     """Whether the minimum distance is at most a threshold: certified yes, certified no, or undecided.
@@ -137,35 +136,28 @@ def minimum_at_most(
     False
 
     Args:
-        a: points (`jhd.points`), a curve, a parametric surface, an ImplicitSurface, a TriangleMesh, or an object that
-            `jhd.as_shape` accepts.
+        a: points (`jhd.point_set`), a curve, a parametric surface, an ImplicitSurface, a TriangleMesh, or an object
+            that `jhd.as_shape` accepts.
         b: a shape of any of these kinds and of the same dimension.
         threshold: a length of at least 0, in the unit of the coordinates.
         method: options of the search, a BranchAndBound. The search gives up (undecided) when its tolerance is reached.
+        rtol: relative tolerance at which the search gives up; see `minimum_distance`.
+        atol: absolute tolerance at which the search gives up; see `minimum_distance`.
         progress: a function that is called with a Progress from time to time; see `minimum_distance`.
 
     Returns:
         A Decision: the answer with the bounds reached. If it is undecided, `result` tells why.
 
     Raises:
-        TypeError: `a` or `b` is not a shape, or the method is not BranchAndBound.
+        TypeError: `a` or `b` is not a shape, the method is not BranchAndBound, or a tolerance is given together with
+            a method.
         ValueError: the dimensions differ, a surface is certified to be empty in its box, or the threshold is negative
             or not one number.
     """
-    limit, method = checked_limit(threshold), default_method() if method is None else method
+    limit, method = checked_limit(threshold), chosen_method(method, rtol, atol)
     check_serves(method, a, b, (BranchAndBound,))
     hears = progress if is_traced(limit) else Threshold(float(limit), progress)
     return decided(minimum_distance(a, b, method, throw=False, progress=hears), limit)
-
-
-def _method(method: BranchAndBound | VoxelPairs | None, options: dict[str, Any]) -> BranchAndBound | VoxelPairs:
-    """The method, or the one that the options make."""
-    given = {name: value for name, value in options.items() if value is not None}
-    if method is None:
-        return BranchAndBound(**given) if given else default_method()
-    if given:
-        raise ValueError(f"method is given, and so is {', '.join(given)}: pass the options to the method.")
-    return method
 
 
 def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None) -> MinimumSolution:
@@ -228,7 +220,7 @@ def _nearest_of(points: Any, shape: Any, method: BranchAndBound) -> MinimumSolut
     # Of those that may be nearer some may be proven less well than they could be.
     ends = np.asarray(found.result._value)[lower <= upper[k]]
     closed = np.all(ends == int(RESULTS.successful._value)) or upper[k] - least <= allowed
-    ended = RESULTS.gap_not_closed if np.isfinite(upper[k]) else RESULTS.unverified
+    ended = RESULTS.gap_not_closed if np.isfinite(upper[k]) else RESULTS.existence_not_certified
     ended = RESULTS.successful if closed else ended
     stats = {"steps": jnp.array(1), "pairs": jnp.array(len(rows)), "waiting": jnp.array(0)}
     bounds = jnp.asarray(least), jnp.asarray(upper[k])

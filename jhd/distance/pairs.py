@@ -17,27 +17,32 @@ from typing_extensions import override
 from jhd._results.solution import DIRECTIONS, HausdorffSolution, in_direction
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd._runtime.compiled import compiled
-from jhd.distance.frame.aim import Aim, aim_at
-from jhd.distance.frame.coordinates import Frame, reported
-from jhd.distance.frame.curves import prepare
-from jhd.distance.frame.directions import TracedSearch, in_turn, larger, larger_of_forms
-from jhd.distance.frame.method import AbstractCurveMethod, AbstractHausdorffMethod, AbstractHostMethod, check_serves
-from jhd.distance.frame.surfaces import Side, prepare_surfaces
+from jhd.distance.normalization.coordinates import Frame, reported
+from jhd.distance.normalization.curves import prepare
+from jhd.distance.normalization.directions import TracedSearch, in_turn, larger, larger_of_forms
+from jhd.distance.normalization.method import (
+    AbstractCurveMethod,
+    AbstractHausdorffMethod,
+    AbstractHostMethod,
+    check_serves,
+)
+from jhd.distance.normalization.stopping import Aim, aim_at
+from jhd.distance.normalization.surfaces import Side, prepare_surfaces
 from jhd.distance.published.algebraic import AlgebraicEvents
 from jhd.distance.published.cube_intervals import CubeIntervals, larger_interval
 from jhd.distance.published.trimming import BiarcTrimming
 from jhd.distance.published.two_step import TwoStep
 from jhd.distance.search.branch_and_bound import BranchAndBound, default_method, length_of_table, wanted_of
 from jhd.distance.search.candidates import Target
+from jhd.distance.search.dispatch import dtype_of, mixed_directed
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
-from jhd.distance.search.looked_at import looked_at
 from jhd.distance.search.meshes import mesh_directed
-from jhd.distance.search.mixes import dtype_of, mixed_directed
 from jhd.distance.search.points import is_points
 from jhd.distance.search.search import Listener, Standing, drive
 from jhd.distance.search.solutions import CoveredPair, target
+from jhd.distance.search.surface_candidates import looked_at
 from jhd.distance.witness.derivative import with_derivatives
-from jhd.distance.witness.places import with_place_derivatives
+from jhd.distance.witness.mixed_derivatives import with_place_derivatives
 from jhd.shapes.as_shape import check_shape, taken_as
 from jhd.shapes.checks import check_same_dim, empty_surface
 from jhd.shapes.curve import AbstractCurve, BezierSegments

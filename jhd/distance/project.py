@@ -24,15 +24,15 @@ from jhd._results.solution import RESULTS, Projection, StationaryPoints, result_
 from jhd._runtime.arrays import array_of, check_whole, is_traced, real_array, undifferentiated
 from jhd._runtime.compiled import compiled, optimized
 from jhd.arithmetic.scaling import length, unit_weights
-from jhd.distance.frame.coordinates import Frame, common_points, extremes, frame_of, origin
-from jhd.distance.frame.curves import padded_count, replaced, trusted, usable
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import piece_of
 from jhd.distance.nearest.blocks import blocks_of, in_groups, is_long, nearest_in_blocks, places
 from jhd.distance.nearest.curves import NearestOnCurve, in_chunks, repeated
 from jhd.distance.nearest.feet import is_held
 from jhd.distance.nearest.stationarity import roots_on
-from jhd.distance.project_methods import AbstractProjectionMethod, NearestSearch, failed, how_closed
+from jhd.distance.normalization.coordinates import Frame, common_points, extremes, frame_of, origin
+from jhd.distance.normalization.curves import padded_count, replaced, trusted, usable
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import piece_of
+from jhd.distance.project_methods import AbstractProjectionMethod, BestFirstProjection, failed, how_closed
 from jhd.distance.published.vertex_voxels import VertexVoxels
 from jhd.distance.search.targets import project_on_surface
 from jhd.distance.witness.active import stationary
@@ -86,11 +86,11 @@ def project(
 
     Args:
         points: query points (..., dim). The result keeps the batch shape; one point has none.
-        shape: points (`jhd.points`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
+        shape: points (`jhd.point_set`), a curve, a parametric surface (BezierPatch, BezierPatches, BSplineSurface), an
             ImplicitSurface (clipped to its box), a mesh, or an object that `jhd.as_shape` accepts. Under tracing, every
             query is compared with every triangle of a mesh.
-        method: for curves NearestSearch() (default) or ProjectedPolyhedron(), which are certified, or a local method;
-            for meshes None (exact search) or VertexVoxels(), which is local; for surfaces None.
+        method: for curves BestFirstProjection() (default) or ProjectedPolyhedronProjection(), which are certified, or a
+            local method; for meshes None (exact search) or VertexVoxels(), which is local; for surfaces None.
         throw: whether to raise NotProvenError if the bounds of a query do not close; by default True.
 
     Returns:
@@ -112,10 +112,11 @@ def project(
         if method is not None:
             raise TypeError(f"method must be None for surfaces; got {type(method).__name__}.")
         return _finished(project_on_surface(points, shape), throw)
-    method = NearestSearch() if method is None else method
+    method = BestFirstProjection() if method is None else method
     if not isinstance(method, AbstractProjectionMethod):
-        accepted = "NearestSearch, ProjectedPolyhedron, IntervalHalving, NewtonProjection, HybridProjection"
-        raise TypeError(f"method must be one of {accepted} for curves; got {type(method).__name__}.")
+        accepted = ("BestFirst", "ProjectedPolyhedron", "IntervalHalving", "Newton", "Hybrid")
+        names = ", ".join(f"{name}Projection" for name in accepted)
+        raise TypeError(f"method must be one of {names} for curves; got {type(method).__name__}.")
     queries, curve = _checked(points, shape)
     projection = _in_blocks(_project_block, method, *undifferentiated((queries, curve)))
     return _finished(projection_with_derivatives(projection, queries, curve), throw)
@@ -194,7 +195,7 @@ def _in_blocks(kernel: Callable[..., Any], option: Any, queries: Array, curve: B
     count = curve.count if traced else padded_count(curve.count, small=len(flat) > _FEW)
     index = np.minimum(np.arange(count), curve.count - 1)
     weights = None if curve.weights is None else unit_weights(curve.weights)[index]
-    scaled = trusted(points[index], weights, xp.asarray(curve.following)[index])
+    scaled = trusted(points[index], weights, xp.asarray(curve.next_segment)[index])
     if traced:
         found = [kernel(option, flat, scaled, curve.count)]
     else:
@@ -259,7 +260,7 @@ def _project_block(method: AbstractProjectionMethod, queries: Array, curve: Bezi
         found = nearest_in_blocks(blocks, points)
         return jax.vmap(at)(points, found, jax.vmap(how_closed)(found))
 
-    if isinstance(method, NearestSearch) and is_long(curve):
+    if isinstance(method, BestFirstProjection) and is_long(curve):
         blocks = blocks_of(curve)
         return in_groups(of_group, queries)
     return in_chunks(lambda point: at(point, *method.one(point, curve, skip)), queries, _CHUNK)

@@ -1,9 +1,9 @@
 """Methods for nearest points of curves: our own search, and four published methods.
 
-The nearest point is one of the roots of f(s) = (P - B).B', or an end of a segment. `NearestSearch` and
-`ProjectedPolyhedron` are global and certified. Interval halving, Newton's method and their hybrid start at the control
-point nearest to P and are for comparison: they miss the nearest point for 3 to 16 % of random queries, certify nothing,
-and no bound relies on them.
+The nearest point is one of the roots of f(s) = (P - B).B', or an end of a segment. `BestFirstProjection` and
+`ProjectedPolyhedronProjection` are global and certified. Interval halving, Newton's method and their hybrid start at
+the control point nearest to P and are for comparison: they miss the nearest point for 3 to 16 % of random queries,
+certify nothing, and no bound relies on them.
 
 Changes to the source of the local methods: they serve any number of segments of any degree, also rational ones, and
 keep parameters in [0, 1]. Interval halving stops when the interval is at most its tolerance. The source stops when the
@@ -28,11 +28,11 @@ from jhd._results.solution import RESULTS, result_where
 from jhd._runtime.arrays import check_whole, varying
 from jhd.arithmetic import bernstein, polynomial_systems
 from jhd.arithmetic.rounding import gamma
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import Piece
 from jhd.distance.nearest.curves import NearestOnCurve, best_end, length_bound, nearest
 from jhd.distance.nearest.feet import equation
 from jhd.distance.nearest.stationarity import roots_on
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import Piece
 from jhd.shapes.curve import BezierSegments
 
 
@@ -111,7 +111,7 @@ class AbstractProjectionMethod(eqx.Module):
         """
 
 
-class NearestSearch(AbstractProjectionMethod):
+class BestFirstProjection(AbstractProjectionMethod):
     """Best-first search with Bernstein bounds: global, certified and the fastest (see jhd.distance.nearest.curves)."""
 
     def one(self, point: Array, curve: BezierSegments, skip: Array) -> tuple[NearestOnCurve, Any]:
@@ -120,10 +120,10 @@ class NearestSearch(AbstractProjectionMethod):
         return found, how_closed(found)
 
 
-class ProjectedPolyhedron(AbstractProjectionMethod):
+class ProjectedPolyhedronProjection(AbstractProjectionMethod):
     """All stationary parameters by the projected-polyhedron solver, then the nearest of these points and of the ends.
 
-    Global and certified. It solves every segment, so NearestSearch is faster for curves of many segments.
+    Global and certified. It solves every segment, so BestFirstProjection is faster for curves of many segments.
 
     Args:
         capacity: number of boxes that the solver can hold for one segment.
@@ -140,7 +140,7 @@ class ProjectedPolyhedron(AbstractProjectionMethod):
         return _nearest_of_roots(point, curve, roots, skip)
 
 
-class IntervalHalving(AbstractProjectionMethod):
+class IntervalHalvingProjection(AbstractProjectionMethod):
     """Interval halving in the parameter: a step to the better neighbor, or half the interval; a local method.
 
     Change to the source: it stops on the interval. The source stops on the differences of the three distances.

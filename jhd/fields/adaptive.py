@@ -50,7 +50,7 @@ class AdaptiveDistanceField(eqx.Module):
 
     >>> corners = [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]
     >>> mesh = TriangleMesh(corners, [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
-    >>> field = AdaptiveDistanceField.build(mesh, atol=0.5)
+    >>> field = AdaptiveDistanceField.build(mesh, tolerance=0.5)
     >>> abs(float(field([0.0, 0.0, 0.0])) + 3**-0.5) < 0.5
     True
 
@@ -63,7 +63,7 @@ class AdaptiveDistanceField(eqx.Module):
         widths: sides of the leaves, in units of finest cells.
         corners: indices into `values` of the corners of each leaf, numbered like the children.
         values: distances in the unit of the mesh; leaves with a common corner use the same entry.
-        atol: tolerance of the construction, in the unit of the mesh.
+        tolerance: tolerance of the construction, in the unit of the mesh.
         depth: number of times that a cell of the coarsest grid is halved to give a finest cell.
         mode: "band" or "full".
         sign: "winding", "pseudonormal" or "none"; "average" for the published method.
@@ -79,7 +79,7 @@ class AdaptiveDistanceField(eqx.Module):
     widths: Int[Array, " leaves"]
     corners: Int[Array, "leaves 8"]
     values: Float[Array, " samples"]
-    atol: Float[Array, ""]
+    tolerance: Float[Array, ""]
     depth: int = eqx.field(static=True)
     mode: str = eqx.field(static=True)
     sign: str = eqx.field(static=True)
@@ -91,13 +91,13 @@ class AdaptiveDistanceField(eqx.Module):
         leaves = count_text(self.widths.shape[-1], "leaf", "leaves")
         beyond = f"{self.unresolved} beyond the tolerance" if self.unresolved else ""
         ways = (f"mode={self.mode!r}", f"sign={self.sign!r}", beyond)
-        return described(self, leaves, f"depth {self.depth}", f"atol={value_text(self.atol)}", *ways)
+        return described(self, leaves, f"depth {self.depth}", f"tolerance={value_text(self.tolerance)}", *ways)
 
     @classmethod
     def build(
         cls,
         mesh: Any,
-        atol: Numbers,
+        tolerance: Numbers,
         mode: str = "band",
         *,
         sign: str | None = None,
@@ -106,7 +106,7 @@ class AdaptiveDistanceField(eqx.Module):
         progress: Callable[[FieldProgress], object] | None = None,
         method: Any = None,
     ) -> "AdaptiveDistanceField":
-        """The field of a surface, refined until the interpolation error is within `atol` at 19 points of each cell.
+        """The field of a surface, refined until the error is within `tolerance` at 19 points of each cell.
 
         This is no bound of the error elsewhere; see `sampled_error` and `proven_error`. Gaps and sheets thinner than
         the tolerance can be lost. Parametric and implicit surfaces are first converted by `to_mesh`, with a certified
@@ -115,21 +115,22 @@ class AdaptiveDistanceField(eqx.Module):
 
         Args:
             mesh: mesh, parametric or implicit surface, or an object that jhd.as_shape converts to one.
-            atol: tolerance, positive, in the unit of the mesh.
+            tolerance: tolerance, positive, in the unit of the mesh.
             mode: "band" refines only the cells that may meet the surface; "full" refines all cells, as published.
             sign: how the side of a point is determined; see jhd.signed_distance. None means "winding", for all
                 meshes; if a mesh is not closed, the field jumps across its holes. "pseudonormal" is for closed meshes
                 without self-intersections. "none" stores unsigned distances, for open surfaces; the field has a crease
-                at the surface, so cells there are about 2 atol wide.
+                at the surface, so cells there are about 2 tolerance wide.
             max_depth: largest number of halvings of the cells of the first grid, 0 to 15. The first grid has 9 to 16
                 cells along the longest side of the box.
             max_cells: number of cells beyond which no cell is split. A million cells take 1.3 GB during the
                 construction.
             progress: callback that receives a FieldProgress after each level.
-            method: None computes exact distances. jhd.VertexVoxels(transform="vector_propagation") with mode="full"
-                gives algorithm 1 of Lin & Wang (2003) as published. It starts from one cube around the mesh. Its
-                distances come from the local search and can be too large; its signs come from averaged normals and can
-                be wrong. If either jumps by more than the tolerance, cells are split down to `max_depth`.
+            method: None computes exact distances. jhd.published.VertexVoxels(transform="vector_propagation") with
+                mode="full" gives algorithm 1 of Lin & Wang (2003) as published. It starts from one cube around the
+                mesh. Its distances come from the local search and can be too large; its signs come from averaged
+                normals and can be wrong. If either jumps by more than the tolerance, cells are split down to
+                `max_depth`.
 
         Returns:
             The field. Its `unresolved` is 0 if the tolerance was reached at all tested points.
@@ -141,7 +142,7 @@ class AdaptiveDistanceField(eqx.Module):
                 requested for an open parametric or implicit surface; `to_mesh` fails; or a method is given with another
                 mode or with a sign.
         """
-        shape, tolerance = taken_as("mesh", mesh), positive("atol", atol)
+        shape, tolerance = taken_as("mesh", mesh), positive("tolerance", tolerance)
         if method is not None and (mode != "full" or sign is not None):
             raise ValueError(f"mode is {mode!r} and sign {sign!r}; a method needs mode='full' and has its own signs.")
         sign = "winding" if sign is None else sign
@@ -156,14 +157,14 @@ class AdaptiveDistanceField(eqx.Module):
             Task(surface, grid.scaled(-power), asked, one_of("mode", mode, MODES), depth, most, progress)
         )
         numbers = (grid.lower, np.ldexp(grid.side, -tree.depth), _scaled(tree.values, power), tolerance)
-        lower, spacing, values, atol_ = (jnp.asarray(x, surface.dtype) for x in numbers)
+        lower, spacing, values, tolerance_ = (jnp.asarray(x, surface.dtype) for x in numbers)
         names = ("roots", "nodes", "places", "widths", "corners")
         integers = {name: jnp.asarray(getattr(tree, name), jnp.int32) for name in names}
         return cls(
             lower=lower,
             spacing=spacing,
             values=values,
-            atol=atol_,
+            tolerance=tolerance_,
             depth=tree.depth,
             mode=mode,
             sign=surface.sign,
@@ -254,7 +255,7 @@ class AdaptiveDistanceField(eqx.Module):
             TypeError: the input is no surface, a number is not whole, or the field or the mesh is traced.
             ValueError: a number is out of range, or no leaf meets the mesh.
         """
-        surface, power = _surface("mesh", meshed(mesh, float(self._known().atol), self.sign)[0], self._kind)
+        surface, power = _surface("mesh", meshed(mesh, float(self._known().tolerance), self.sign)[0], self._kind)
         count = whole("samples", samples, 1, 1 << 31)
         random, known = np.random.default_rng(whole("seed", seed, 0, 1 << 63)), self._known()._times(-power)
         boxes = known._boxes(surface)
@@ -291,7 +292,7 @@ class AdaptiveDistanceField(eqx.Module):
             ValueError: the mesh is not closed and consistently oriented, so its signed distance jumps; a number is out
                 of range; or no leaf meets the mesh.
         """
-        mesh, deviation = meshed(mesh, float(self._known().atol), self.sign)
+        mesh, deviation = meshed(mesh, float(self._known().tolerance), self.sign)
         surface, power = _surface("mesh", mesh, self._kind)
         if not surface.linked:
             needed = "a mesh whose edges are each traversed equally often in both directions"
@@ -340,7 +341,7 @@ class AdaptiveDistanceField(eqx.Module):
         Raises:
             ValueError: it leaves the range of floats: the field is of another size than the mesh.
         """
-        lengths = lambda f: (f.lower, f.spacing, f.values, f.atol)  # noqa: E731
+        lengths = lambda f: (f.lower, f.spacing, f.values, f.tolerance)  # noqa: E731
         scaled = [_scaled(np.asarray(x), power) for x in lengths(self)]
         if not all(np.isfinite(x).all() for x in scaled[:3]):
             raise ValueError("the field is too large compared with the mesh; needs the mesh that it was built from.")
@@ -375,7 +376,7 @@ class AdaptiveDistanceField(eqx.Module):
         return boxes
 
 
-_ARRAYS = (*LeafCells._fields, "atol")
+_ARRAYS = (*LeafCells._fields, "tolerance")
 _OTHERS = ("depth", "mode", "sign", "unresolved")
 
 
@@ -393,12 +394,12 @@ def _checked(content: Mapping[str, np.ndarray]) -> dict[str, Any]:
         "mode": one_of("mode", str(content["mode"]), MODES),
         "sign": one_of("sign", str(content["sign"]), (*SIGNS, PUBLISHED_SIGN)),
     }
-    for name in ("lower", "spacing", "values", "atol"):
+    for name in ("lower", "spacing", "values", "tolerance"):
         known[name] = real_array(name, content[name])
     for name in ("roots", "nodes", "places", "widths", "corners"):
         known[name] = _indices(name, content[name])
     leaves, nodes = known["widths"].size, known["nodes"].shape[0]
-    shapes = {"lower": (3,), "spacing": (), "atol": (), "nodes": (nodes, 8), "places": (leaves, 3)}
+    shapes = {"lower": (3,), "spacing": (), "tolerance": (), "nodes": (nodes, 8), "places": (leaves, 3)}
     shapes |= {"widths": (leaves,), "corners": (leaves, 8), "values": (known["values"].size,)}
     for name, shape in shapes.items():
         if known[name].shape != shape:
@@ -427,8 +428,10 @@ def _check_leaves(known: dict[str, Any]) -> None:
     cells = np.array(known["roots"].shape, np.int64) << known["depth"]
     if widths.size and (places.min() < 0 or np.any(places + widths[:, None] > cells)):
         raise ValueError(f"places has leaves out of the box, which is {cells.tolist()} finest cells.")
-    if not (known["spacing"] > 0 and known["atol"] > 0):
-        raise ValueError(f"spacing is {known['spacing']:g} and atol {known['atol']:g}; needs positive lengths.")
+    if not (known["spacing"] > 0 and known["tolerance"] > 0):
+        raise ValueError(
+            f"spacing is {known['spacing']:g} and tolerance {known['tolerance']:g}; needs positive lengths."
+        )
 
 
 def _surface(name: str, mesh: Any, sign: str = "winding", method: Any = None) -> tuple[Surface, int]:

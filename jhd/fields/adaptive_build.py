@@ -137,7 +137,7 @@ class Task(NamedTuple):
 
     surface: Surface
     grid: Grid
-    atol: float
+    tolerance: float
     mode: str
     max_depth: int
     max_cells: int
@@ -181,7 +181,7 @@ def build_octree(task: Task) -> Octree:
     return _assembled(grid, levels, samples, unresolved)
 
 
-def first_grid(mesh: TriangleMesh, atol: float) -> Grid:
+def first_grid(mesh: TriangleMesh, tolerance: float) -> Grid:
     """The first level for a mesh: a box with a margin, so that its sides are outside of a closed mesh.
 
     Raises:
@@ -192,7 +192,7 @@ def first_grid(mesh: TriangleMesh, atol: float) -> Grid:
     size, reach = float(np.max(upper - lower)), float(np.max(np.abs([lower, upper])))
     # A mesh that is a single place still has a box that floats can divide.
     least = _LEAST * max(reach * float(info.eps), float(info.smallest_normal) / float(info.eps))
-    margin = max(_MARGIN * size, _TOLERANCES * atol, least)
+    margin = max(_MARGIN * size, _TOLERANCES * tolerance, least)
     if not reach + 2 * (size + 2 * margin) < float(info.max):
         raise ValueError(
             f"the box of the field has coordinates of {reach:g} and a margin; needs less than {info.max:g}."
@@ -252,7 +252,7 @@ def _compared(
     _take_sides(batch, samples, level.cells[which], index, np.concatenate([places, others]), first)
     signed = samples.signed
     off = np.abs(signed[index[:, _CORNER]] @ _WEIGHTS.T - signed[index[:, _TESTED]])
-    worse = np.any(off > task.atol, axis=1)
+    worse = np.any(off > task.tolerance, axis=1)
     split[which] = worse
     return samples, level._replace(split=split), index[worse]
 

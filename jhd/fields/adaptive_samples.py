@@ -27,7 +27,7 @@ from jhd.triangles.closest_point import (
 from jhd.triangles.pseudonormal import is_behind, pseudonormals
 from jhd.triangles.winding import is_inside
 
-# How nearest points of a mesh are found: as the search of jhd.VertexVoxels.
+# How nearest points of a mesh are found: as the search of jhd.published.VertexVoxels.
 Search = Callable[[np.ndarray, TriangleMesh], ClosestPoints]
 SIGNS = ("winding", "pseudonormal", "none")
 # Published averages of normals go with the published search alone.

@@ -17,8 +17,8 @@ from jhd.shapes.patch import AbstractPatch
 MESH_SHARE = 0.25
 
 
-def meshed(shape: Any, atol: float, sign: str = "none") -> tuple[Any, float]:
-    """The mesh of a curved surface and its deviation, at most MESH_SHARE of atol; any other shape as it is, and 0.
+def meshed(shape: Any, tolerance: float, sign: str = "none") -> tuple[Any, float]:
+    """The mesh of a curved surface and its deviation, at most MESH_SHARE of tolerance; any other shape as it is, and 0.
 
     Closed meshes are turned so that they face outward: a polynomial may be negative or positive inside.
 
@@ -28,7 +28,7 @@ def meshed(shape: Any, atol: float, sign: str = "none") -> tuple[Any, float]:
     """
     if not isinstance(shape, AbstractPatch | ImplicitSurface):
         return shape, 0.0
-    mesh, deviation = shape.to_mesh(MESH_SHARE * atol)
+    mesh, deviation = shape.to_mesh(MESH_SHARE * tolerance)
     if sign != "none" and not mesh.is_closed:
         raise ValueError("the surface is open, so it has no inside; pass sign='none' for unsigned distances.")
     if mesh.is_closed and _signed_volume(mesh) < 0:

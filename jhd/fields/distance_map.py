@@ -51,7 +51,7 @@ class DistanceMap(eqx.Module):
     """Distances from the centers of pixels to a curve; the first axis is x, the second y.
 
     Pixel (i, j) has its center at lower + (i + 1/2, j + 1/2) * spacing. At the center, the stored distance is within
-    `error` of the exact distance to the curve. Anywhere in the pixel it is within `reach`, as distances are
+    `error` of the exact distance to the curve. Anywhere in the pixel it is within `max_error`, as distances are
     1-Lipschitz.
 
     Args:
@@ -87,7 +87,7 @@ class DistanceMap(eqx.Module):
         )
 
     @property
-    def reach(self) -> Float[Array, ""]:
+    def max_error(self) -> Float[Array, ""]:
         """Certified bound of |distance - exact| for all points of a pixel: `error` plus half the pixel's diagonal."""
         half = jnp.hypot(0.5 * self.spacing[0], 0.5 * self.spacing[1])
         small = 2 * rounding.smallest_normal(half.dtype)
@@ -133,7 +133,7 @@ def distance_map(
     upper: Numbers,
     resolution: int | tuple[int, int],
     *,
-    atol: Numbers | None = None,
+    tolerance: Numbers | None = None,
     tile: int = _TILE,
 ) -> DistanceMap:
     """Distances to a plane curve on a grid of pixels, with the nearest arc of each pixel.
@@ -149,8 +149,9 @@ def distance_map(
         lower: lower corner (x, y) of the box that the pixels fill.
         upper: upper corner (x, y) of the box.
         resolution: number of pixels along x and along y, or one number for both.
-        atol: largest deviation of the arcs from the curve, a positive length. None selects an eighth of the smaller
-            side of a pixel, or the resolution of the coordinates if that is larger. Not allowed for a BiarcCurve.
+        tolerance: largest deviation of the arcs from the curve, a positive length. None selects an eighth of the
+            smaller side of a pixel, or the resolution of the coordinates if that is larger. Not allowed for a
+            BiarcCurve.
         tile: number of pixels along the side of the squares that are computed together, at least 1. The map does not
             depend on it.
 
@@ -160,7 +161,7 @@ def distance_map(
     Raises:
         TypeError: the input is no curve, or it is traced: the number of arcs depends on the curve.
         ValueError: the curve is in space, the box is empty or upside down, a corner is not finite, a number of pixels
-            or the tile is below 1, `atol` is given for arcs, or `biarcs` refuses it.
+            or the tile is below 1, `tolerance` is given for arcs, or `biarcs` refuses it.
     """
     columns, rows = _checked_resolution(resolution)
     if not isinstance(tile, int | np.integer) or isinstance(tile, bool) or tile < 1:
@@ -172,7 +173,7 @@ def distance_map(
         raise ValueError(
             f"resolution is {(columns, rows)}; needs fewer pixels: they have no size in the box from {low} to {high}."
         )
-    arcs = _checked_arcs(curve, atol, float(spacing.min()))
+    arcs = _checked_arcs(curve, tolerance, float(spacing.min()))
     frame = _PixelFrame.of(arcs, low, high)
     table, step = frame.table(arcs).astype(dtype), np.ldexp(spacing, -frame.first - frame.second).astype(dtype)
     distance, nearest = _mapped(table, step, (columns, rows), int(tile))
@@ -207,15 +208,17 @@ def _checked_box(lower: Numbers, upper: Numbers) -> tuple[np.ndarray, np.ndarray
     return low, high
 
 
-def _checked_arcs(curve: Any, atol: Numbers | None, pixel: float) -> BiarcCurve:
+def _checked_arcs(curve: Any, tolerance: Numbers | None, pixel: float) -> BiarcCurve:
     if isinstance(curve, BiarcCurve):
         if is_traced(curve):
             raise TypeError("distance_map needs known arcs, not traced arcs.")
-        if atol is not None:
-            raise ValueError("atol is for a curve; the arcs already have a deviation, so leave atol out.")
+        if tolerance is not None:
+            raise ValueError("tolerance is for a curve; the arcs already have a deviation, so leave tolerance out.")
         return curve
     least = least_tolerance(curve)
-    return biarcs(curve, max(_SHARE * pixel, least, rounding.smallest_normal(np.float64)) if atol is None else atol)
+    return biarcs(
+        curve, max(_SHARE * pixel, least, rounding.smallest_normal(np.float64)) if tolerance is None else tolerance
+    )
 
 
 def _rounded_up(x: float, dtype: Any) -> np.ndarray:

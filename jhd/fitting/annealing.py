@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from jhd._runtime.arrays import check_scalar, real_array
-from jhd.distance.measures.measures import AbstractMeasure, Hausdorff
+from jhd.distance.statistics.statistics import AbstractStatistic, MaxDistance
 from jhd.fitting.clock import Clock
 from jhd.fitting.descent import descend
 from jhd.fitting.soft import soft_hausdorff
@@ -25,7 +25,7 @@ _STEPS = 15
 
 def annealing(
     temperature: Numbers | None,
-    measure: AbstractMeasure | None,
+    statistic: AbstractStatistic | None,
     build: Callable[[Any], Any],
     target: Any,
     scales: Callable[[Any], Any],
@@ -35,7 +35,7 @@ def annealing(
 
     Args:
         temperature: the first one, a length; None leaves the parameters as they are.
-        measure: what the fit makes least.
+        statistic: what the fit makes least.
         build: from a vector to a curve.
         target: a curve.
         scales: of parameters, the change of each that moves the curve by about one unit of length.
@@ -43,13 +43,13 @@ def annealing(
 
     Raises:
         TypeError: a target that is no curve.
-        ValueError: another measure than the Hausdorff distance, or a temperature that is no positive length.
+        ValueError: another statistic than the Hausdorff distance, or a temperature that is no positive length.
     """
     if temperature is None:
         return lambda parameters: parameters
-    if measure is not None and measure != Hausdorff():
-        name = type(measure).__name__
-        raise ValueError(f"temperature is given with the measure {name}; it is for the Hausdorff distance only.")
+    if statistic is not None and statistic != MaxDistance():
+        name = type(statistic).__name__
+        raise ValueError(f"temperature is given with the statistic {name}; it is for the Hausdorff distance only.")
     check_curve("target", target)
     heat = real_array("temperature", temperature)
     check_scalar("temperature", heat, positive=True)

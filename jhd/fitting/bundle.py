@@ -87,18 +87,18 @@ def minimize_by_cuts(
     target: Target,
     parameters: Any,
     max_steps: int,
-    atol: float,
+    stop_below: float,
     report: Callable[[int, float, float], object],
     clock: Clock,
 ) -> Bundled:
-    """Steps from the parameters until no cut promises a gain, the distance is below atol, or the radius vanishes.
+    """Steps from the parameters until no cut promises a gain, the distance is below stop_below, or the radius vanishes.
 
     Args:
         build: from a vector of parameters to a surface or mesh.
         target: the shape to be near to.
         parameters: the start, a vector.
         max_steps: most evaluations after the first one.
-        atol: a distance that is good enough.
+        stop_below: a distance that is good enough.
         report: called with step, distance and optimality.
         clock: ends it.
     """
@@ -111,7 +111,7 @@ def minimize_by_cuts(
     result, optimality, mu = RESULTS.fit_steps_exhausted, *_stationarity(point, cuts, scale, radius)
     report(0, point.value, optimality)
     for step in range(max_steps):
-        if point.value <= atol or radius < _LEAST * size:
+        if point.value <= stop_below or radius < _LEAST * size:
             break
         model = _model(point, cuts, scale, radius)
         slopes = model.gradient * scale
@@ -137,12 +137,12 @@ def minimize_by_cuts(
         report(step + 1, point.value, optimality)
     else:
         radius = np.inf
-    if point.value <= atol or optimality <= STATIONARY * max(np.linalg.norm(x.gradient) for x in point.cuts):
+    if point.value <= stop_below or optimality <= STATIONARY * max(np.linalg.norm(x.gradient) for x in point.cuts):
         result = RESULTS.successful
     elif late:
         result = RESULTS.fit_out_of_time
     elif radius < np.inf:
-        result = RESULTS.fit_at_a_kink
+        result = RESULTS.fit_nonsmooth_stall
     counts = {"steps": int(np.sum(np.diff(history) < 0)), "evaluations": steps + 1}
     return Bundled(point, optimality, mu, result, counts, history)
 

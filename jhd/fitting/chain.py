@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd.arithmetic.bernstein import basis
-from jhd.distance.frame.jets import polynomial_jet
 from jhd.distance.nearest.feet import equation_of
+from jhd.distance.normalization.jets import polynomial_jet
 from jhd.fitting.sampled import CurvePlaces, SampledCurve, lengths_of
 from jhd.shapes.curve import BezierSegments
 
@@ -35,17 +35,17 @@ class Chain(eqx.Module):
     Args:
         base: the part that is fixed.
         matrix: what each free point adds, alike in all coordinates.
-        following: for each segment the next one, -1 at a free end.
+        next_segment: for each segment the next one, -1 at a free end.
     """
 
     base: Float[Array, "segments points dim"]
     matrix: Float[Array, "segments points free"]
-    following: Array
+    next_segment: Array
 
     def __call__(self, free: Float[Array, "free dim"]) -> BezierSegments:
         """The curve with these free points."""
         moved = jnp.sum(self.matrix[..., None] * free, axis=-2)
-        return BezierSegments(self.base + moved, None, self.following)
+        return BezierSegments(self.base + moved, None, self.next_segment)
 
 
 class Layout(NamedTuple):
@@ -80,9 +80,9 @@ def chain(layout: Layout, ends: FloatArray, ratios: FloatArray) -> Chain:
         gone |= {0, total - 1}
         base = points[:, [0, total - 1]] @ ends
     free = [k for k in range(total) if k not in gone]
-    following = np.append(np.arange(1, count), 0 if layout.closed else -1)
+    next_segment = np.append(np.arange(1, count), 0 if layout.closed else -1)
     rows = index % total
-    return Chain(jnp.asarray(base[rows]), jnp.asarray(points[:, free][rows]), jnp.asarray(following))
+    return Chain(jnp.asarray(base[rows]), jnp.asarray(points[:, free][rows]), jnp.asarray(next_segment))
 
 
 def samples(target: BezierSegments) -> tuple[FloatArray, FloatArray]:
@@ -95,8 +95,8 @@ def samples(target: BezierSegments) -> tuple[FloatArray, FloatArray]:
 def _points_at(target: BezierSegments, t: FloatArray) -> FloatArray:
     """Points (samples, dim) at parameters of all of the target, whose whole numbers are the joints."""
     segment = np.minimum(t.astype(int), target.count - 1)
-    points, following = np.asarray(target.homogeneous), np.asarray(target.following)
-    sampled = SampledCurve(points, following, target.weights is not None, np.inf)
+    points, next_segment = np.asarray(target.homogeneous), np.asarray(target.next_segment)
+    sampled = SampledCurve(points, next_segment, target.weights is not None, np.inf)
     return sampled.jets(CurvePlaces(segment, t - segment)).point
 
 
@@ -141,10 +141,10 @@ def turns(target: BezierSegments, reach: float = 0.0) -> FloatArray:
     corners that turn between the parts within the reach before and after, the sharpest ones there.
     """
     ends = np.asarray(target.control_points)
-    following = np.roll(ends, -1, axis=0)
+    next_segment = np.roll(ends, -1, axis=0)
     if target.degree == 0:
         return np.ones(len(ends), bool)
-    out, into = ends[:, -1] - ends[:, -2], following[:, 1] - following[:, 0]
+    out, into = ends[:, -1] - ends[:, -2], next_segment[:, 1] - next_segment[:, 0]
     sharp = _cosine(out, into) < np.cos(_CORNER)
     if np.sum(sharp) * reach <= 1:
         return sharp
@@ -174,7 +174,7 @@ def _turned_within(target: BezierSegments, reach: float) -> FloatArray:
     middles = 0.5 * (points[1:] + points[:-1]) * np.diff(along)[:, None]
     sums = np.concatenate([np.zeros((1, points.shape[1])), np.cumsum(middles, axis=0)])
     at = along[_each(target) :: _each(target)]
-    closed = bool(np.asarray(target.following)[-1] >= 0)
+    closed = bool(np.asarray(target.next_segment)[-1] >= 0)
 
     def summed(s: FloatArray) -> FloatArray:
         turns, rest = np.divmod(s, 1.0) if closed else (np.zeros_like(s), np.clip(s, 0.0, 1.0))
@@ -258,7 +258,7 @@ def least_squares(layout: Layout, target: BezierSegments, joints: FloatArray) ->
         if again < _ROUNDS - 1:
             fit = base + np.einsum("spf,fd->spd", matrix, free)
             spacing = float(np.sum(lengths_of(fit, False))) / (_SEEDS * layout.segments)
-            segment, t = SampledCurve(fit, np.asarray(built.following), False, spacing or 1.0).feet(points).at
+            segment, t = SampledCurve(fit, np.asarray(built.next_segment), False, spacing or 1.0).feet(points).at
     return built, free
 
 
@@ -271,21 +271,21 @@ def points_of(build: Chain, control_points: FloatArray) -> FloatArray:
 def from_a_corner(contour: BezierSegments, reach: float) -> BezierSegments:
     """A closed contour beginning at its first corner; any other as it is."""
     corners = np.flatnonzero(turns(contour, reach))
-    if np.asarray(contour.following)[-1] != 0 or len(corners) == 0:
+    if np.asarray(contour.next_segment)[-1] != 0 or len(corners) == 0:
         return contour
     shift = -(int(corners[0]) + 1)
     weights = None if contour.weights is None else jnp.roll(contour.weights, shift, axis=0)
-    return BezierSegments(jnp.roll(contour.control_points, shift, axis=0), weights, contour.following)
+    return BezierSegments(jnp.roll(contour.control_points, shift, axis=0), weights, contour.next_segment)
 
 
 def contours(curve: BezierSegments) -> list[BezierSegments]:
     """The runs of segments that follow each other."""
-    following = np.asarray(curve.following)
-    starts = np.flatnonzero(np.append(True, following[:-1] != np.arange(1, curve.count)))
+    next_segment = np.asarray(curve.next_segment)
+    starts = np.flatnonzero(np.append(True, next_segment[:-1] != np.arange(1, curve.count)))
     found = []
     for first, last in zip(starts, np.append(starts[1:], curve.count), strict=True):
         index = np.arange(1, last - first + 1)
-        index[-1] = 0 if following[last - 1] == first else -1
+        index[-1] = 0 if next_segment[last - 1] == first else -1
         weights = None if curve.weights is None else curve.weights[first:last]
         found.append(BezierSegments(curve.control_points[first:last], weights, index))
     return found

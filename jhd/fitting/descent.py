@@ -49,11 +49,11 @@ def descend(
     scale: Any,
     size: float,
     max_steps: int,
-    atol: float,
+    stop_below: float,
     clock: Clock,
     report: Callable[[int, float, float], object],
 ) -> Descended:
-    """Steps from the parameters until the value is stationary, below atol, or nothing is gained.
+    """Steps from the parameters until the value is stationary, below stop_below, or nothing is gained.
 
     Args:
         function: of a vector, differentiable, not under jit.
@@ -61,7 +61,7 @@ def descend(
         scale: the change of each parameter that moves the shape by about one unit of length.
         size: of the shapes, in that unit.
         max_steps: most steps.
-        atol: a value that is good enough.
+        stop_below: a value that is good enough.
         clock: ends it.
         report: called with step, value and length of the gradient.
     """
@@ -77,7 +77,7 @@ def descend(
 
     point = at(np.asarray(parameters))
     history, small, result = [point.value], 0, RESULTS.fit_steps_exhausted
-    enough = max(atol, _ROUNDINGS * float(np.finfo(point.gradient.dtype).eps) * size)
+    enough = max(stop_below, _ROUNDINGS * float(np.finfo(point.gradient.dtype).eps) * size)
     slope = point.gradient * scale
     first = float(np.linalg.norm(slope))
     # Of the inverse of the second derivatives, in scaled parameters.
@@ -91,7 +91,7 @@ def descend(
                 break
             moved = _searched(at, point, scale, -inverse @ slope)
             if moved is None:
-                result = RESULTS.fit_at_a_kink
+                result = RESULTS.fit_nonsmooth_stall
                 break
             step, change = (moved.parameters - point.parameters) / scale, (moved.gradient - point.gradient) * scale
             inverse = _updated(inverse, step, change, counts["steps"] == 0)

@@ -18,8 +18,8 @@ import numpy as np
 from jhd._results.solution import DIRECTIONS, EVENTS, CriticalPairs
 from jhd.arithmetic.bernstein import basis
 from jhd.arithmetic.rounding import smallest_normal
-from jhd.distance.frame.jets import CurveJet, polynomial_jet, quotient
 from jhd.distance.nearest.feet import by_normal, dot, stands_still, stays
+from jhd.distance.normalization.jets import CurveJet, polynomial_jet, quotient
 
 # Singular values below this share of the largest are none: where they vanish nothing moves.
 _SINGULAR = 1e-12
@@ -111,10 +111,10 @@ class _MovingJets(NamedTuple):
 class _PairPlaces(NamedTuple):
     """Where some pairs are: those parts of a witness that say it."""
 
-    segment: FloatArray
+    element: FloatArray
     t: FloatArray
-    foot_segments: FloatArray
-    foot_params: FloatArray
+    feet_elements: FloatArray
+    feet_params: FloatArray
     multipliers: FloatArray
 
 
@@ -167,10 +167,10 @@ def _fill(
 ) -> None:
     """Fills rows of an expansion by the pairs of one direction with so many feet."""
     parameters, (carrier, other) = found.gradient.shape[-1], reversed(curves) if turned else curves
-    x = _jets(carrier, at.segment, at.t, parameters)
+    x = _jets(carrier, at.element, at.t, parameters)
     feet = []
     for i in range(count):
-        segment, s = at.foot_segments[:, i], at.foot_params[:, i]
+        segment, s = at.feet_elements[:, i], at.feet_params[:, i]
         y = _jets(other, segment, s, parameters)
         still = stands_still(y.first, other.places(segment))
         weight = at.multipliers[:, i] if count == 2 else np.ones(len(rows))
@@ -181,7 +181,7 @@ def _fill(
     found.core[rows, : c.shape[1], : c.shape[1]] = core
     if turned:
         unit = sum(foot.weight[:, None] * foot.unit for foot in feet)
-        found.cotangent[rows, at.segment] += np.einsum("kpwd,kd->kpw", x.cotangent, unit)
+        found.cotangent[rows, at.element] += np.einsum("kpwd,kd->kpw", x.cotangent, unit)
     else:
         for foot in feet:
             pull = -foot.weight[:, None] * foot.unit

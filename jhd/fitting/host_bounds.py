@@ -62,7 +62,7 @@ class _Hulled:
 
     def __init__(self, segments: BezierSegments):
         self.points, self.rational = np.asarray(segments.homogeneous, dtype=float), segments.weights is not None
-        self._following = np.asarray(segments.following)
+        self._following = np.asarray(segments.next_segment)
         weights = self.points[..., -1] if self.rational else np.ones(1)
         self.largest = float(np.max(np.abs(self.points)) / np.min(weights))
         if self.rational:

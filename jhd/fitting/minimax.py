@@ -94,10 +94,10 @@ def minimize(
     problem: Problem,
     parameters: FloatArray,
     max_steps: int,
-    atol: float,
+    stop_below: float,
     report: Callable[[int, float, float], object],
 ) -> Ended:
-    """Steps from the parameters until they are stationary, the distance is below atol, or nothing is gained."""
+    """Steps from the parameters until they are stationary, the distance is below stop_below, or nothing is gained."""
     point = problem.at(parameters)
     scale = problem.scales(parameters)
     radius = np.full(len(scale), min(_RADIUS * point.size, _DISTANCES * point.top))
@@ -105,7 +105,7 @@ def minimize(
     mu, residual = stationarity(point)
     report(0, point.top, residual)
     for step in range(max_steps + 1):
-        if point.top <= max(atol, _ROUNDING * point.size) or residual <= _CONVERGED or step == max_steps:
+        if point.top <= max(stop_below, _ROUNDING * point.size) or residual <= _CONVERGED or step == max_steps:
             break
         last = history[-2] - point.top if len(history) > 1 else point.top
         try:
@@ -121,13 +121,13 @@ def minimize(
         report(step + 1, point.top, residual)
         problem.counts["steps"] += 1
         creeping = creeping + 1 if gain < _VALLEY * point.top else 0
-        result = RESULTS.fit_in_a_valley if creeping >= _VALLEY_STEPS else RESULTS.fit_steps_exhausted
+        result = RESULTS.fit_slow_progress if creeping >= _VALLEY_STEPS else RESULTS.fit_steps_exhausted
         if gain <= _ROUNDING * point.size and residual <= STATIONARY and residual >= 0.1 * before:
             break
         if point.many and len(history) > _SETTLED and history[-1 - _SETTLED] - point.top < _VALLEY * point.top:
-            result = RESULTS.fit_in_a_valley
+            result = RESULTS.fit_slow_progress
             break
-    if residual <= STATIONARY or point.top <= max(atol, _ROUNDING * point.size):
+    if residual <= STATIONARY or point.top <= max(stop_below, _ROUNDING * point.size):
         result = RESULTS.successful
     return Ended(point, mu, residual, result, problem.counts, history)
 
@@ -183,7 +183,7 @@ def _trusted_step(
             if predicted > floor:
                 tried.append((problem.at(point.parameters + scale * d), predicted, d))
         if not tried:
-            return None, radius, RESULTS.fit_at_rounding
+            return None, radius, RESULTS.fit_roundoff_limited
         moved, predicted, d = min(tried, key=lambda trial: trial[0].top)
         gain = point.top - moved.top
         offending = moved.expansion.value > point.top - 0.5 * predicted
@@ -195,7 +195,7 @@ def _trusted_step(
             return moved, radius, RESULTS.successful
         touched = touched if np.any(touched) else np.ones_like(touched)
         radius = np.where(touched, _SHRINKAGE * np.minimum(radius, _length(d)), radius)
-    return None, radius, RESULTS.fit_at_a_kink
+    return None, radius, RESULTS.fit_nonsmooth_stall
 
 
 def _reachable(h: FloatArray, g: FloatArray, model: FloatArray, radius: FloatArray) -> FloatArray:

@@ -44,8 +44,8 @@ class NearTop(NamedTuple):
     at: CurvePlaces
     point: FloatArray
     feet: FloatArray  # (maxima, 2, dim)
-    foot_segments: FloatArray
-    foot_params: FloatArray
+    feet_elements: FloatArray
+    feet_params: FloatArray
     multipliers: FloatArray
     event: FloatArray
 
@@ -106,8 +106,8 @@ def _widened(carrier: SampledCurve, wanted: FloatArray) -> FloatArray:
     wide[1:] |= wanted[:-1]
     wide[:-1] |= wanted[1:]
     start, end = carrier.first[:-1], carrier.first[1:] - 1
-    goes_on = carrier.following >= 0
-    before, after = end[goes_on], start[carrier.following[goes_on]]
+    goes_on = carrier.next_segment >= 0
+    before, after = end[goes_on], start[carrier.next_segment[goes_on]]
     both = wide[before] | wide[after]
     wide[before], wide[after] = both, both
     return wide
@@ -119,7 +119,7 @@ def _held_samples(carrier: SampledCurve, slope: FloatArray) -> FloatArray:
     start, end = carrier.first[:-1], carrier.first[1:] - 1
     if carrier.degree == 0:
         return ~held
-    on = carrier.following
+    on = carrier.next_segment
     falls = np.where(on >= 0, slope[start[on]] <= 0, True)
     held[end] = (slope[end] > 0) & falls
     starts = (slope[start] < 0) | (slope[start] == 0) & (slope[start + 1] <= 0)
@@ -131,7 +131,7 @@ def _held(carrier: SampledCurve, other: SampledCurve, samples: FloatArray) -> Ne
     """Maxima at samples, which are ends and corners but for one along a flat stretch: their nearest foot."""
     at = carrier.samples.take(samples)
     found = other.feet(carrier.points[samples])
-    corner = (at.t == 1) & (carrier.following[at.segment] >= 0)
+    corner = (at.t == 1) & (carrier.next_segment[at.segment] >= 0)
     end = (at.t == 1) | (at.t == 0) & (carrier.preceding[at.segment] < 0)
     free = np.where(end, int(EVENTS.a_end._value), int(EVENTS.antipodal._value))
     event = np.where(corner, int(EVENTS.corner._value), free)
@@ -270,12 +270,12 @@ def pairs_near_top(a: SampledCurve, b: SampledCurve, share: float, capacity: int
     room = np.minimum(np.arange(capacity), max(len(order) - 1, 0))
     found, turned, valid = found.take(room), turned[room], np.arange(capacity) < len(order)
     witness = Witness(
-        segment=jnp.asarray(found.at.segment),
+        element=jnp.asarray(found.at.segment),
         t=jnp.asarray(found.at.t),
         point=jnp.asarray(found.point),
         feet=jnp.asarray(found.feet),
-        foot_segments=jnp.asarray(found.foot_segments),
-        foot_params=jnp.asarray(found.foot_params),
+        feet_elements=jnp.asarray(found.feet_elements),
+        feet_params=jnp.asarray(found.feet_params),
         multipliers=jnp.asarray(found.multipliers),
         event=_members(EVENTS.antipodal, found.event),
         direction=_members(DIRECTIONS.a_to_b, np.where(turned, *_WAYS)),
@@ -292,7 +292,7 @@ def _repeated(there: NearTop, back: NearTop) -> FloatArray:
     ends = [int(event._value) for event in (EVENTS.a_end, EVENTS.corner)]
 
     def held(found: NearTop) -> tuple[FloatArray, FloatArray]:
-        carrier, s = np.isin(found.event, ends), found.foot_params[:, 0]
+        carrier, s = np.isin(found.event, ends), found.feet_params[:, 0]
         return carrier, (found.event == int(EVENTS.b_end._value)) | carrier & ((s <= 0) | (s >= 1))
 
     def apart(x: FloatArray, y: FloatArray) -> FloatArray:

@@ -59,11 +59,11 @@ def _moving(build: Callable, parameters: Any) -> tuple[AbstractCurve, Any, Any, 
 
     def segments(p: Any) -> Any:
         curve = build(p).segments()
-        return curve.homogeneous, (build(p), curve.following)
+        return curve.homogeneous, (build(p), curve.next_segment)
 
-    points, (shape, following) = segments(parameters)
+    points, (shape, next_segment) = segments(parameters)
     tangent = jax.jacfwd(lambda p: segments(p)[0])(parameters)
-    return shape, points, tangent, following
+    return shape, points, tangent, next_segment
 
 
 @eqx.filter_jit
@@ -105,13 +105,13 @@ class Problem:
         clock = self.clock if self.counts["evaluations"] else Clock()
         clock.check()
         self.counts["evaluations"] += 1
-        shape, points, tangent, following = _moving(self.build, jnp.asarray(parameters))
+        shape, points, tangent, next_segment = _moving(self.build, jnp.asarray(parameters))
         rational = points.shape[-1] > self.target.dim
         moving = Moving(np.asarray(points), np.asarray(tangent), rational)
-        pairs = None if self.has_many(len(points)) else self._all(_curve(moving, following))
+        pairs = None if self.has_many(len(points)) else self._all(_curve(moving, next_segment))
         many = pairs is None
         if pairs is None:
-            pairs = self._near_top(moving, np.asarray(following), clock)
+            pairs = self._near_top(moving, np.asarray(next_segment), clock)
         return Point(parameters, shape, pairs, self._fixed, moving, many, float(pairs.value[0]), self._size)
 
     def look_closer(self) -> None:
@@ -134,17 +134,19 @@ class Problem:
             self._hurried = True
             return None
 
-    def _near_top(self, moving: Moving, following: FloatArray, clock: Clock) -> CriticalPairs:
+    def _near_top(self, moving: Moving, next_segment: FloatArray, clock: Clock) -> CriticalPairs:
         samples = self.density * max(_SAMPLES, _SAMPLES_EACH * max(self.target.count, len(moving.points)))
         # Points have no length; the other curve's says how far apart its samples are.
         length = self._length or float(np.sum(lengths_of(moving.points, moving.rational)))
         spacing = (length or 1.0) / samples
         target = self._sampled.get((len(moving.points), self.density))
         if target is None:
-            target = SampledCurve(self._fixed.points, np.asarray(self.target.following), self._fixed.rational, spacing)
+            target = SampledCurve(
+                self._fixed.points, np.asarray(self.target.next_segment), self._fixed.rational, spacing
+            )
             self._sampled[len(moving.points), self.density] = target
         clock.check()
-        shape = SampledCurve(moving.points, following, moving.rational, spacing)
+        shape = SampledCurve(moving.points, next_segment, moving.rational, spacing)
         return pairs_near_top(target, shape, _LEAST_OF_MANY, self.capacity, clock)
 
     def scales(self, parameters: FloatArray) -> FloatArray:
@@ -159,8 +161,8 @@ class Problem:
         return np.asarray(_bending(self.build, jnp.asarray(point.parameters), cotangent))
 
 
-def _curve(moving: Moving, following: Any) -> BezierSegments:
+def _curve(moving: Moving, next_segment: Any) -> BezierSegments:
     if not moving.rational:
-        return BezierSegments(moving.points, None, following)
+        return BezierSegments(moving.points, None, next_segment)
     weights = moving.points[..., -1]
-    return BezierSegments(moving.points[..., :-1] / weights[..., None], weights, following)
+    return BezierSegments(moving.points[..., :-1] / weights[..., None], weights, next_segment)

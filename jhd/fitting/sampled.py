@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd.distance.frame.jets import CurveJet, polynomial_jet, quotient
 from jhd.distance.nearest.feet import dot, equation_of, gauss_newton
+from jhd.distance.normalization.jets import CurveJet, polynomial_jet, quotient
 
 # Samples from which the foot of a query is looked for.
 _NEAR = 3
@@ -49,18 +49,18 @@ class SampledCurve:
 
     Args:
         homogeneous: (segments, points, width) control points, times the weights and followed by them if there are any.
-        following: for each segment the next one, -1 at a free end.
+        next_segment: for each segment the next one, -1 at a free end.
         rational: whether the last coordinate is the weight.
         spacing: how far samples are to be apart.
     """
 
-    def __init__(self, homogeneous: FloatArray, following: FloatArray, rational: bool, spacing: float):
+    def __init__(self, homogeneous: FloatArray, next_segment: FloatArray, rational: bool, spacing: float):
         self._coefficients = np.ascontiguousarray(np.swapaxes(homogeneous, 0, 1))
-        self.following, self.rational = np.asarray(following), rational
+        self.next_segment, self.rational = np.asarray(next_segment), rational
         self.degree, self.count = homogeneous.shape[1] - 1, len(homogeneous)
         self.preceding = np.full(self.count, -1)
-        held = self.following >= 0
-        self.preceding[self.following[held]] = np.flatnonzero(held)
+        held = self.next_segment >= 0
+        self.preceding[self.next_segment[held]] = np.flatnonzero(held)
         lengths = lengths_of(homogeneous, rational)
         least = 0 if self.degree == 0 else _LEAST if self.degree > 1 else 1
         self.steps = np.clip(np.ceil(lengths / spacing), least, _MOST if least else 0).astype(int)
@@ -109,7 +109,7 @@ class SampledCurve:
             # Where a step is held at a joint it goes on with the next segment.
             beyond = np.where(
                 (at.t >= 1) & (here.residual < 0),
-                self.following[at.segment],
+                self.next_segment[at.segment],
                 np.where((at.t <= 0) & (here.residual > 0), self.preceding[at.segment], -1),
             )
             start = np.where(at.t >= 1, 0.0, 1.0)

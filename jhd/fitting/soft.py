@@ -27,17 +27,17 @@ from jaxtyping import Array
 from jhd._runtime.arrays import check_scalar, real_array, undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.scaling import length
-from jhd.distance.frame.attach import carrying
-from jhd.distance.frame.coordinates import Frame, extremes, frame_of
-from jhd.distance.frame.curves import padded_count, replaced, trusted, usable
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.method import AbstractHausdorffMethod, check_serves
-from jhd.distance.frame.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.hausdorff import hausdorff
 from jhd.distance.nearest.blocks import is_long
 from jhd.distance.nearest.curves import repeated
 from jhd.distance.nearest.feet import follow_foot
 from jhd.distance.nearest.near_curve import near_curve
+from jhd.distance.normalization.coordinates import Frame, extremes, frame_of
+from jhd.distance.normalization.curves import padded_count, replaced, trusted, usable
+from jhd.distance.normalization.custom_derivatives import carrying
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.method import AbstractHausdorffMethod, check_serves
+from jhd.distance.normalization.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.search.branch_and_bound import BranchAndBound, default_method
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
@@ -120,7 +120,7 @@ def _softened(a: BezierSegments, b: BezierSegments, hard: Array, heat: Array, fr
     scale = frame.scale(hard.dtype)
     known = jnp.isfinite(hard)
     top = jnp.where(known, hard, 0.0)
-    a, b = (trusted(frame.moved(curve.control_points), curve.weights, curve.following) for curve in (a, b))
+    a, b = (trusted(frame.moved(curve.control_points), curve.weights, curve.next_segment) for curve in (a, b))
     long = is_long(a) or is_long(b)
     means = [_mean(sampled(x), y, long, top * scale, heat * scale) for x, y in ((a, b), (b, a))]
     # Sums of weights round, and no mean of numbers up to one is more.
@@ -152,7 +152,7 @@ def sampled(curve: BezierSegments) -> SoftSamples:
 def _distances(of: SoftSamples, b: BezierSegments, long: bool) -> Array:
     """Distances to the feet on b, which are constants: the distance is stationary in their parameters, or they stay."""
     points, known = jax.lax.stop_gradient((of.points, b))
-    before, starts = preceding(known.following), near_curve(known, long, _STARTS // b.count).starts(points)
+    before, starts = preceding(known.next_segment), near_curve(known, long, _STARTS // b.count).starts(points)
 
     def foot(point: Array, start: CurvePlace, steps: int) -> CurvePlace:
         found = follow_foot(point, known, before, *start, steps)

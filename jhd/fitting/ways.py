@@ -1,4 +1,4 @@
-"""The ways to fit: by all maxima (curves), by a bundle of gradients (surfaces and meshes), or by another measure.
+"""The ways to fit: by all maxima (curves), by a bundle of gradients (surfaces and meshes), or by another statistic.
 
 Fits return their last parameters with the certified distance.
 """
@@ -14,9 +14,9 @@ import numpy as np
 from jhd._results.solution import DIRECTIONS, RESULTS, CriticalPairs, FitSolution, HausdorffSolution
 from jhd._runtime.arrays import array_of
 from jhd._runtime.compiled import asking
-from jhd.distance.frame.method import AbstractHausdorffMethod
 from jhd.distance.hausdorff import hausdorff
-from jhd.distance.measures.measures import AbstractMeasure, Hausdorff, check_measure
+from jhd.distance.normalization.method import AbstractHausdorffMethod
+from jhd.distance.statistics.statistics import AbstractStatistic, MaxDistance, check_statistic
 from jhd.fitting.bundle import Bundled, minimize_by_cuts, motions
 from jhd.fitting.clock import Clock, OutOfTimeError
 from jhd.fitting.descent import Descended, descend
@@ -30,7 +30,7 @@ from jhd.shapes.patch import AbstractPatch
 from jhd.triangles.closest_point import outward
 
 # Places along a curve or surface at each evaluation: fewer than the bounds at the end are made of.
-_PLACES = 1 << 11
+_NODES = 1 << 11
 # A maximum was missed where the proven distance is larger by this share, or this share of the size.
 _MISSED = 1e-9
 # How often samples are doubled after a maximum was missed.
@@ -41,7 +41,7 @@ class Limits(NamedTuple):
     """What ends an iteration, how many maxima take part, and how the end is proven."""
 
     max_steps: int
-    atol: float
+    stop_below: float
     capacity: int
     clock: Clock
     method: AbstractHausdorffMethod | None
@@ -55,29 +55,29 @@ class Way(NamedTuple):
     solution: Callable[[Any, Callable], FitSolution]
 
 
-def way_of(built: Any, target: Any, measure: AbstractMeasure | None, limits: Limits) -> Way:
-    """How shapes of the target's kind are fitted to it by a measure."""
-    check_measure(measure)
-    steps, atol, capacity, clock, method = limits
-    if measure is not None and measure != Hausdorff():
+def way_of(built: Any, target: Any, statistic: AbstractStatistic | None, limits: Limits) -> Way:
+    """How shapes of the target's kind are fitted to it by a statistic."""
+    check_statistic(statistic)
+    steps, stop_below, capacity, clock, method = limits
+    if statistic is not None and statistic != MaxDistance():
         scales = scales_of(built, target)
         return Way(
             lambda start, report: fit_by_measure(
-                built, measure, target, start, scales(start), steps, atol, clock, report
+                built, statistic, target, start, scales(start), steps, stop_below, clock, report
             ),
             lambda ended: ended.point.value,
-            lambda ended, unravel: measured_solution(built, unravel, measure, target, ended, method),
+            lambda ended, unravel: measured_solution(built, unravel, statistic, target, ended, method),
         )
     if isinstance(target, ImplicitSurface | TriangleMesh):
         return Way(
-            lambda start, report: minimize_by_cuts(built, target, start, steps, atol, report, clock),
+            lambda start, report: minimize_by_cuts(built, target, start, steps, stop_below, report, clock),
             lambda ended: ended.point.value,
             lambda ended, unravel: bundled_solution(ended, unravel, target, method, clock),
         )
     check_curve("target", target)
     return Way(
         lambda start, report: minimize_and_prove(
-            Problem(built, target.segments(), capacity, clock), start, steps, atol, method, report
+            Problem(built, target.segments(), capacity, clock), start, steps, stop_below, method, report
         ),
         lambda found: found.ended.point.top,
         lambda found, unravel: minimax_solution(found, unravel),
@@ -102,26 +102,31 @@ def scales_of(build: Callable, target: Any) -> Callable[[np.ndarray], np.ndarray
 
 def fit_by_measure(
     build: Callable[[Any], Any],
-    measure: AbstractMeasure,
+    statistic: AbstractStatistic,
     target: Any,
     parameters: Any,
     scale: Any,
     max_steps: int,
-    atol: float,
+    stop_below: float,
     clock: Clock,
     report: Callable[[int, float, float], object],
 ) -> Descended:
-    """Steps from the parameters, a vector, until the measure of (target, shape) is stationary; see descend."""
+    """Steps from the parameters, a vector, until the statistic of (target, shape) is stationary; see descend."""
     low, high = (np.asarray(end) for end in target.bounds)
     size = float(np.max(high - low)) or 1.0
-    function = lambda p: measure.estimate(target, build(p), places=_PLACES)  # noqa: E731
-    return descend(function, parameters, scale, size, max_steps, atol, clock, report)
+    function = lambda p: statistic.estimate(target, build(p), nodes=_NODES)  # noqa: E731
+    return descend(function, parameters, scale, size, max_steps, stop_below, clock, report)
 
 
 def measured_solution(
-    build: Callable[[Any], Any], unravel: Callable, measure: AbstractMeasure, target: Any, ended: Descended, method: Any
+    build: Callable[[Any], Any],
+    unravel: Callable,
+    statistic: AbstractStatistic,
+    target: Any,
+    ended: Descended,
+    method: Any,
 ) -> FitSolution:
-    """The fit with the proven measure and the proven largest distance."""
+    """The fit with the proven statistic and the proven largest distance."""
     parameters = jnp.asarray(ended.point.parameters)
     shape = build(parameters)
     error = hausdorff(target, shape, method, throw=False)
@@ -137,7 +142,7 @@ def measured_solution(
         result=ended.result,
         stats={name: jnp.asarray(count) for name, count in ended.counts.items()},
         history=jnp.asarray(ended.history),
-        measured=measure(target, shape, throw=False),
+        statistic=statistic(target, shape, throw=False),
     )
 
 
@@ -153,12 +158,12 @@ def minimize_and_prove(
     problem: Problem,
     start: Any,
     max_steps: int,
-    atol: float,
+    stop_below: float,
     method: AbstractHausdorffMethod | None,
     report: Callable[[int, float, float], object],
 ) -> ProvenEnd:
     """A fit by all maxima, taken up again with a closer look at the maxima if one was missed."""
-    found = _proven(problem, minimize(problem, start, max_steps, atol, report), method)
+    found = _proven(problem, minimize(problem, start, max_steps, stop_below, report), method)
     for _ in range(_DENSER):
         before, steps = found.ended, problem.counts["steps"]
         if not found.missed or steps >= max_steps or problem.clock.is_over():
@@ -169,7 +174,7 @@ def minimize_and_prove(
             if step:
                 report(steps + step, value, optimality)
 
-        ended = minimize(problem, before.point.parameters, max_steps - steps, atol, later)
+        ended = minimize(problem, before.point.parameters, max_steps - steps, stop_below, later)
         found = _proven(problem, ended._replace(history=before.history + ended.history[1:]), method)
     return found
 

@@ -4,7 +4,7 @@ from jhd.io.certificates import load_certificate
 from jhd.io.clouds import load_points
 from jhd.io.curves import curve_from_dict, curve_to_dict, load_curve, save_curve
 from jhd.io.errors import ParseError
-from jhd.io.glyphs import outline, outlines, parse_font_spec
+from jhd.io.glyphs import load_glyph, load_glyphs, parse_font_spec
 from jhd.io.iges import load_iges
 from jhd.io.iges_writer import save_iges
 from jhd.io.load import load_shape
@@ -12,7 +12,7 @@ from jhd.io.meshes import load_mesh, save_mesh
 from jhd.io.outward import to_geomdl, to_path, to_scipy, to_shapely
 from jhd.io.results import load_result, save_result
 from jhd.io.surfaces import load_surface, save_surface, surface_from_dict, surface_to_dict
-from jhd.io.svg import path, path_data, read_svg, write_svg
+from jhd.io.svg import format_path, load_svg, parse_path, save_svg
 
 __all__ = [
     "ParseError",
@@ -26,12 +26,12 @@ __all__ = [
     "load_result",
     "load_shape",
     "load_surface",
-    "outline",
-    "outlines",
+    "load_glyph",
+    "load_glyphs",
     "parse_font_spec",
-    "path",
-    "path_data",
-    "read_svg",
+    "parse_path",
+    "format_path",
+    "load_svg",
     "save_curve",
     "save_iges",
     "save_mesh",
@@ -43,5 +43,5 @@ __all__ = [
     "to_path",
     "to_scipy",
     "to_shapely",
-    "write_svg",
+    "save_svg",
 ]

@@ -16,8 +16,8 @@ def load_certificate(file: str | Path) -> Certificate:
     """Load a certificate from a file, compressed or not; `jhd.verify` checks its claim.
 
     >>> from tempfile import TemporaryDirectory
-    >>> from jhd import certify, directed_hausdorff, points
-    >>> a, b = points([[0, 0]]), points([[3, 4]])
+    >>> from jhd import certify, directed_hausdorff, point_set
+    >>> a, b = point_set([[0, 0]]), point_set([[3, 4]])
     >>> with TemporaryDirectory() as folder:
     ...     certify(a, b, directed_hausdorff(a, b)).save(f"{folder}/certificate.json")
     ...     round(verify(load_certificate(f"{folder}/certificate.json")).upper, 9)
@@ -42,7 +42,7 @@ def load_certificate(file: str | Path) -> Certificate:
 
 def verify_file(
     file: str | Path,
-    seconds: float | None = None,
+    max_seconds: float | None = None,
     shapes: Sequence[Any] = (),
     progress: Callable[[str], object] | None = None,
 ) -> Proven:
@@ -50,7 +50,7 @@ def verify_file(
 
     Args:
         file: name of a file written by `Certificate.save`.
-        seconds: time limit in seconds; None means no limit.
+        max_seconds: time limit in seconds; None means no limit.
         shapes: a and b, if the claim must be about these shapes; an empty sequence accepts any.
         progress: called with the name of the part of the certificate that is checked next.
 
@@ -60,7 +60,7 @@ def verify_file(
         CertificateError: JSON of another structure, a claim that is not proven, or a claim about other shapes.
     """
     with _read(file) as content:
-        proven = verify(content, seconds, progress)
+        proven = verify(content, max_seconds, progress)
         for name, shape in zip("ab", shapes, strict=False):
             if digest(content[name]) != plain_shape(shape)["sha256"]:
                 raise CertificateError(f"the claim is proven, but {name.upper()} is another shape than the one given.")

@@ -7,7 +7,7 @@ import numpy as np
 
 from jhd.io.errors import ParseError, read_bytes, read_text, shown
 from jhd.io.ply import read_ply
-from jhd.shapes.curve import BezierSegments, points
+from jhd.shapes.curve import BezierSegments, point_set
 
 # What is nothing but points; a .ply file may hold a mesh too.
 CLOUD_SUFFIXES = (".xyz", ".npy")
@@ -39,7 +39,7 @@ def load_points(file: str | Path) -> BezierSegments:
     reader = {".npy": _array, ".ply": _vertices}.get(suffix, _rows)
     rows = reader(str(file))
     try:
-        return points(rows)
+        return point_set(rows)
     except (TypeError, ValueError) as error:
         raise ParseError(str(error), str(file)) from None
 

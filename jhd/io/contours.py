@@ -135,7 +135,7 @@ def _elevate(coefficients: np.ndarray, degree: int) -> np.ndarray:
 def contours_of(curve: BezierSegments) -> list[Contour]:
     """The segments as contours, cut wherever an end is not exactly the next start."""
     points = np.asarray(curve.control_points, dtype=float)
-    following = np.asarray(curve.following)
+    following = np.asarray(curve.next_segment)
     weights = [None] * len(points) if curve.weights is None else map(tuple, np.asarray(curve.weights, float).tolist())
     contours: list[Contour] = []
     first = 0

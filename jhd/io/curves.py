@@ -4,7 +4,7 @@
 |---|---|
 | `BezierCurve` | `control_points`, [`weights`] |
 | `BSplineCurve` | `control_points`, `knots`, [`weights`], [`periodic`] |
-| `BezierSegments` | `control_points`, [`weights`], [`following`] |
+| `BezierSegments` | `control_points`, [`weights`], [`next_segment`] |
 | `polyline` | `points`, [`closed`] |
 | `points` | `points` |
 | `circle` | `center`, `radius` |
@@ -19,17 +19,17 @@ from typing import Any
 from jhd.io.described import DescribedKind, Kinds, built, check_suffix, described, load_described, save_described
 from jhd.io.iges import IGES_SUFFIXES
 from jhd.io.iges_writer import save_iges
-from jhd.io.svg import read_svg, write_svg
+from jhd.io.svg import load_svg, save_svg
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.bspline import BSplineCurve
-from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve, circle, points, polyline
+from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve, circle, point_set, polyline
 
 CURVE_KINDS: Kinds = {
     "BezierCurve": DescribedKind(BezierCurve, ("control_points",), ("weights",)),
     "BSplineCurve": DescribedKind(BSplineCurve, ("control_points", "knots"), ("weights", "periodic")),
-    "BezierSegments": DescribedKind(BezierSegments, ("control_points",), ("weights", "following")),
+    "BezierSegments": DescribedKind(BezierSegments, ("control_points",), ("weights", "next_segment")),
     "polyline": DescribedKind(polyline, ("points",), ("closed",)),
-    "points": DescribedKind(points, ("points",)),
+    "points": DescribedKind(point_set, ("points",)),
     "circle": DescribedKind(circle, ("center", "radius")),
 }
 
@@ -64,7 +64,7 @@ def curve_from_dict(content: Any) -> AbstractCurve:
 
     Args:
         content: a dictionary with the key `type`: "BezierCurve" (keys `control_points`, optional `weights`),
-            "BSplineCurve" (also `knots`, optional `periodic`), "BezierSegments" (optional `following`), "polyline"
+            "BSplineCurve" (also `knots`, optional `periodic`), "BezierSegments" (optional `next_segment`), "polyline"
             (`points`, optional `closed`), "points" (`points`) or "circle" (`center`, `radius`). A key `comment` is
             ignored.
 
@@ -88,7 +88,7 @@ def save_curve(file: str | Path, curve: AbstractCurve) -> None:
     [[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]]
 
     Args:
-        file: name with the suffix .json (one key per line), .svg (see `write_svg`), .igs or .iges (see `save_iges`). An
+        file: name with the suffix .json (one key per line), .svg (see `save_svg`), .igs or .iges (see `save_iges`). An
             existing file is replaced.
         curve: a BezierCurve, a BSplineCurve or BezierSegments.
 
@@ -104,7 +104,7 @@ def save_curve(file: str | Path, curve: AbstractCurve) -> None:
         save_described(file, curve_to_dict(curve))
     elif suffix == ".svg":
         check_curve("curve", curve)
-        write_svg(file, curve)
+        save_svg(file, curve)
     else:
         check_curve("curve", curve)
         save_iges(file, curve)
@@ -123,13 +123,13 @@ def load_curve(file: str | Path) -> AbstractCurve:
         file: name of a file written by `save_curve` or by hand (see `curve_from_dict`), or an SVG file.
 
     Returns:
-        The curve; for SVG everything that the file draws, see `read_svg`.
+        The curve; for SVG everything that the file draws, see `load_svg`.
 
     Raises:
         FileNotFoundError: the file does not exist.
         ParseError: text that is not JSON, with line and column; JSON that does not describe a curve, with the key; or
-            an SVG file that `read_svg` refuses.
+            an SVG file that `load_svg` refuses.
     """
     if Path(file).suffix.lower() == ".svg":
-        return read_svg(file)
+        return load_svg(file)
     return load_described("curve", file, CURVE_KINDS)

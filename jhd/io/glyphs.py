@@ -39,10 +39,10 @@ class _OutgrownError(Exception):
     """A letter has more parts or pieces than are allowed."""
 
 
-def outline(font: str | Path, text: str, *, size: float | int | None = None) -> BezierSegments:
+def load_glyph(font: str | Path, text: str, *, size: float | int | None = None) -> BezierSegments:
     """The outline of a letter, or of a text without kerning: all contours as one curve, with y up.
 
-    >>> outline("DejaVu Sans", "l").control_points[0].tolist()
+    >>> load_glyph("DejaVu Sans", "l").control_points[0].tolist()
     [[193.0, 1556.0], [377.0, 1556.0]]
 
     Args:
@@ -68,14 +68,14 @@ def outline(font: str | Path, text: str, *, size: float | int | None = None) -> 
     return curve
 
 
-def outlines(font: str | Path, *, size: float | int | None = None) -> dict[str, BezierSegments]:
+def load_glyphs(font: str | Path, *, size: float | int | None = None) -> dict[str, BezierSegments]:
     """The outlines of all letters of a font that have one, in the order of their code points.
 
-    >>> outlines("STIXSizeFiveSym")["_"].count
+    >>> load_glyphs("STIXSizeFiveSym")["_"].count
     4
 
     Args:
-        font: a family, the name of a font file or a path, see `outline`.
+        font: a family, the name of a font file or a path, see `load_glyph`.
         size: length of the em, a positive number in any unit; None keeps font units (usually 1000 or 2048 per em).
 
     Returns:

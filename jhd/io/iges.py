@@ -178,7 +178,7 @@ class _IgesReader:
         if matrix is None:
             return joined
         points = _placed(np.asarray(joined.control_points), matrix)
-        return BezierSegments(points, joined.weights, joined.following)
+        return BezierSegments(points, joined.weights, joined.next_segment)
 
     def _matrix(self, entry: IgesEntry) -> np.ndarray | None:
         """The rows (R, T) of x -> R x + T, matrices of matrices multiplied; None if nothing is to be moved."""
@@ -266,7 +266,7 @@ def _curve(record: IgesRecord, matrix: np.ndarray | None) -> BSplineCurve:
     curve = BSplineCurve(points, knots, _weights(record, weights, polynomial))
     start, stop = _ends(record, record.reals(7 + knots_count + 4 * count, 2), knots, degree)
     if (start, stop) == (knots[degree], knots[count]):
-        return curve.closed_up() if periodic else curve
+        return curve.to_periodic() if periodic else curve
     curve = curve.split(start)[1] if start > knots[degree] else curve
     return curve.split(stop)[0] if stop < knots[count] else curve
 

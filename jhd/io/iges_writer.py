@@ -120,7 +120,7 @@ def _patches(shape: AbstractPatch) -> list[BezierPatch]:
 
 def _runs(segments: BezierSegments) -> list[list[BezierCurve]]:
     """The segments one by one, those that follow one another together."""
-    points, following = np.asarray(segments.control_points), np.asarray(segments.following)
+    points, following = np.asarray(segments.control_points), np.asarray(segments.next_segment)
     weights = [None] * len(points) if segments.weights is None else list(np.asarray(segments.weights))
     runs: list[list[BezierCurve]] = []
     for k, pair in enumerate(zip(points, weights, strict=True)):

@@ -8,13 +8,13 @@ from jhd.io.clouds import CLOUD_SUFFIXES, load_points
 from jhd.io.curves import CURVE_KINDS
 from jhd.io.described import load_described
 from jhd.io.errors import ParseError, read_bytes
-from jhd.io.glyphs import outline, parse_font_spec
+from jhd.io.glyphs import load_glyph, parse_font_spec
 from jhd.io.iges import IGES_SUFFIXES, load_iges, united
 from jhd.io.meshes import MESH_SUFFIXES, load_mesh
 from jhd.io.ply import read_ply
 from jhd.io.polygons import mesh_of
 from jhd.io.surfaces import SURFACE_KINDS
-from jhd.io.svg import path, read_svg
+from jhd.io.svg import load_svg, parse_path
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import AbstractPatch
@@ -33,7 +33,7 @@ def load_shape(text: str | Path) -> AbstractCurve | AbstractPatch | TriangleMesh
     The suffix of a file, in any case, decides how it is read:
 
     - `.json`: a curve or a parametric surface, see `load_curve` and `load_surface`
-    - `.svg`: everything that the file draws, see `read_svg`
+    - `.svg`: everything that the file draws, see `load_svg`
     - `.igs`, `.iges`: all curves, or all surfaces, as one shape, see `load_iges`
     - `.obj`, `.stl`, `.ply`, `.off`: a mesh, see `load_mesh`
     - `.xyz`, `.npy`, and `.ply` without faces: a point set, see `load_points`
@@ -42,8 +42,8 @@ def load_shape(text: str | Path) -> AbstractCurve | AbstractPatch | TriangleMesh
     (3, 4)
 
     Args:
-        text: a file name or Path with one of these suffixes, `font:NAME:LETTER` (see `outline`), or SVG path data (see
-            `path`).
+        text: a file name or Path with one of these suffixes, `font:NAME:LETTER` (see `load_glyph`), or SVG path data
+            (see `parse_path`).
 
     Returns:
         The shape. An IGES file with a single spline gives that spline.
@@ -56,12 +56,12 @@ def load_shape(text: str | Path) -> AbstractCurve | AbstractPatch | TriangleMesh
     """
     text = str(text)
     if text.startswith("font:"):
-        return outline(*parse_font_spec(text))
+        return load_glyph(*parse_font_spec(text))
     suffix = Path(text).suffix.lower()
     if suffix in _READERS:
         return _READERS[suffix](text)
     if _PATH_DATA.match(text):
-        return path(text)
+        return parse_path(text)
     raise _refusal(text, suffix)
 
 
@@ -90,7 +90,7 @@ _READERS: dict[str, Callable[[str], AbstractCurve | AbstractPatch | TriangleMesh
     **dict.fromkeys(MESH_SUFFIXES, load_mesh),
     **dict.fromkeys(CLOUD_SUFFIXES, load_points),
     ".json": _json_shape,
-    ".svg": read_svg,
+    ".svg": load_svg,
     **dict.fromkeys(IGES_SUFFIXES, _iges_shape),
     ".ply": _ply_shape,
 }

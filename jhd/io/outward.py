@@ -121,11 +121,11 @@ def to_geomdl(surface: AbstractPatch) -> dict[str, Any]:
     }
 
 
-def to_shapely(curve: AbstractCurve, atol: float | None = None, *, filled: bool = False) -> Any:
+def to_shapely(curve: AbstractCurve, tolerance: float | None = None, *, filled: bool = False) -> Any:
     """A shapely LineString or MultiLineString of a curve; with `filled`, the Polygon or MultiPolygon that it bounds.
 
-    The geometry is a polyline within a certified Hausdorff distance of `atol` of the curve. Straight segments are kept
-    bit for bit. Closed contours become closed lines. A filled curve bounds the points inside an odd number of its
+    The geometry is a polyline within a certified Hausdorff distance of `tolerance` of the curve. Straight segments are
+    kept bit for bit. Closed contours become closed lines. A filled curve bounds the points inside an odd number of its
     contours; open contours are then refused.
 
     >>> from jhd.shapes.curve import polyline
@@ -134,7 +134,7 @@ def to_shapely(curve: AbstractCurve, atol: float | None = None, *, filled: bool 
 
     Args:
         curve: a curve; in the plane if `filled`.
-        atol: largest deviation, a positive length in the unit of the coordinates; None only for curves of straight
+        tolerance: largest deviation, a positive length in the unit of the coordinates; None only for curves of straight
             segments.
         filled: whether to return the area instead of the lines.
 
@@ -143,17 +143,17 @@ def to_shapely(curve: AbstractCurve, atol: float | None = None, *, filled: bool 
 
     Raises:
         ImportError: shapely is not installed.
-        ValueError: a curved curve without `atol`, a point set, or `filled` contours that are open or cross.
+        ValueError: a curved curve without `tolerance`, a point set, or `filled` contours that are open or cross.
         TypeError: not a curve.
     """
     check_curve("curve", curve)
     shapely = _shapely()
     segments = curve.segments()
     if segments.degree != 1:
-        if atol is None:
-            raise ValueError(f"the curve has degree {segments.degree}; give atol for a polyline.")
-        segments = segments.to_polyline(atol).curve
-    chains = _chains(np.asarray(segments.control_points, np.float64), np.asarray(segments.following))
+        if tolerance is None:
+            raise ValueError(f"the curve has degree {segments.degree}; give tolerance for a polyline.")
+        segments = segments.to_polyline(tolerance).curve
+    chains = _chains(np.asarray(segments.control_points, np.float64), np.asarray(segments.next_segment))
     if filled:
         return _area(shapely, chains)
     lines = [shapely.LineString(chain) for chain in chains]
@@ -168,14 +168,14 @@ def _shapely() -> Any:
     return shapely
 
 
-def _chains(points: np.ndarray, following: np.ndarray) -> list[np.ndarray]:
+def _chains(points: np.ndarray, next_segment: np.ndarray) -> list[np.ndarray]:
     """The points of straight segments (segments, 2, dim); consecutive joined segments form one row."""
     chains, start = [], 0
     for k in range(len(points)):
-        if following[k] != k + 1 or k + 1 == len(points) or np.any(points[k, 1] != points[k + 1, 0]):
+        if next_segment[k] != k + 1 or k + 1 == len(points) or np.any(points[k, 1] != points[k + 1, 0]):
             chain = np.concatenate([points[start : k + 1, 0], points[k : k + 1, 1]])
             # A joint within rounding closes the contour.
-            chain[-1] = chain[0] if following[k] == start and k > start else chain[-1]
+            chain[-1] = chain[0] if next_segment[k] == start and k > start else chain[-1]
             chains.append(chain)
             start = k + 1
     return chains
@@ -200,7 +200,7 @@ def _area(shapely: Any, chains: list[np.ndarray]) -> Any:
 _LENGTH = 1e-9
 
 
-def to_path(curve: AbstractCurve, atol: float | None = None) -> Any:
+def to_path(curve: AbstractCurve, tolerance: float | None = None) -> Any:
     """A matplotlib Path of a plane curve: polynomial segments of degree 1 to 3 bit for bit, others as cubics.
 
     >>> from jhd.shapes.curve import polyline
@@ -209,20 +209,20 @@ def to_path(curve: AbstractCurve, atol: float | None = None) -> Any:
 
     Args:
         curve: a curve in the plane.
-        atol: largest deviation, certified, a positive length in the unit of the coordinates; None only if all segments
-            are kept.
+        tolerance: largest deviation, certified, a positive length in the unit of the coordinates; None only if all
+            segments are kept.
 
     Returns:
         The path.
 
     Raises:
-        ValueError: a curve in space, a point set, or rational segments or degrees above 3 without `atol`.
+        ValueError: a curve in space, a point set, or rational segments or degrees above 3 without `tolerance`.
         TypeError: not a curve.
     """
     from matplotlib.path import Path
 
     check_curve("curve", curve)
-    contours = cubic_contours("curve", curve.segments(), atol)
+    contours = cubic_contours("curve", curve.segments(), tolerance)
     vertices: list[complex] = []
     codes: list[int] = []
     for contour in contours:
@@ -237,19 +237,21 @@ def to_path(curve: AbstractCurve, atol: float | None = None) -> Any:
     return Path(np.array([(p.real, p.imag) for p in vertices]), np.array(codes, np.uint8))
 
 
-def cubic_contours(name: str, segments: BezierSegments, atol: float | None) -> list[Contour]:
-    """Contours of polynomial segments of degree 1 to 3: the segments themselves, or cubics within atol of them.
+def cubic_contours(name: str, segments: BezierSegments, tolerance: float | None) -> list[Contour]:
+    """Contours of polynomial segments of degree 1 to 3: the segments themselves, or cubics within tolerance of them.
 
     Raises:
-        ValueError: a curve in space, points, or atol is None and needed.
+        ValueError: a curve in space, points, or tolerance is None and needed.
     """
     if segments.dim != 2:
         raise ValueError(f"{name} has {segments.dim} coordinates a point; a path needs 2.")
     if segments.degree == 0:
         raise ValueError(f"{name} has degree 0; paths hold degrees 1 to 3.")
     if segments.weights is not None or segments.degree > 3:
-        if atol is None:
+        if tolerance is None:
             what = "is rational" if segments.weights is not None else f"has degree {segments.degree}"
-            raise ValueError(f"{name} {what}; paths hold polynomial segments of degree 1 to 3: give atol for cubics.")
-        segments = segments.to_cubics(atol).curve
+            raise ValueError(
+                f"{name} {what}; paths hold polynomial segments of degree 1 to 3: give tolerance for cubics."
+            )
+        segments = segments.to_cubics(tolerance).curve
     return contours_of(segments)

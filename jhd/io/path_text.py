@@ -160,7 +160,7 @@ def _straight(name: str, value: float, at: complex, origin: complex | None) -> c
     return complex(at.real, value if origin is None else at.imag + value)
 
 
-def parse_path(d: str) -> list[Contour]:
+def contours_of_path(d: str) -> list[Contour]:
     """The contours of path data; contours of a lone move hold no segment.
 
     Raises:

@@ -28,9 +28,9 @@ def save_result(file: str | Path, solution: eqx.Module, /, **context: Any) -> No
     """Write a result, for example a `HausdorffSolution` or a batch of them, to a JSON or npz file.
 
     >>> from tempfile import TemporaryDirectory
-    >>> from jhd import directed_hausdorff, points
+    >>> from jhd import directed_hausdorff, point_set
     >>> with TemporaryDirectory() as folder:
-    ...     solution = directed_hausdorff(points([[0, 0]]), points([[3, 4]]))
+    ...     solution = directed_hausdorff(point_set([[0, 0]]), point_set([[3, 4]]))
     ...     save_result(f"{folder}/result.json", solution, seed=7)
     ...     content = load_result(f"{folder}/result.json")
     >>> content["solution"]["value"], content["context"]
@@ -67,9 +67,9 @@ def load_result(file: str | Path) -> dict[str, Any]:
     """Load a result that `save_result` wrote.
 
     >>> from tempfile import TemporaryDirectory
-    >>> from jhd import directed_hausdorff, points
+    >>> from jhd import directed_hausdorff, point_set
     >>> with TemporaryDirectory() as folder:
-    ...     save_result(f"{folder}/result.json", directed_hausdorff(points([[0, 0]]), points([[3, 4]])))
+    ...     save_result(f"{folder}/result.json", directed_hausdorff(point_set([[0, 0]]), point_set([[3, 4]])))
     ...     content = load_result(f"{folder}/result.json")
     >>> content["type"], content["solution"]["value"]
     ('HausdorffSolution', 5.0)

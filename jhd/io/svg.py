@@ -11,7 +11,7 @@ import numpy as np
 from jhd._runtime.files import replace_file
 from jhd.io.contours import Contour, assemble, contours_of
 from jhd.io.errors import ParseError, read_bytes
-from jhd.io.path_text import parse_path
+from jhd.io.path_text import contours_of_path
 from jhd.io.svg_document import Drawn, drawn_shapes
 from jhd.io.svg_elements import parse_document
 from jhd.io.svg_paths import path_words
@@ -22,14 +22,14 @@ _MIRROR = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _MARGIN, _STROKE = 0.05, 0.004
 
 
-def path(d: str) -> BezierSegments:
+def parse_path(d: str) -> BezierSegments:
     """The curve of SVG path data, the text of an attribute `d`.
 
     Arcs become rational quadratics of at most a quarter turn and are exact up to rounding. Lines and polynomial
     segments keep their numbers and are elevated to the largest degree of the path. y is the second number, in whichever
     direction it points.
 
-    >>> path("M0 0 H4 V2 Z").control_points[:, 0].tolist()
+    >>> parse_path("M0 0 H4 V2 Z").control_points[:, 0].tolist()
     [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0]]
 
     Args:
@@ -44,13 +44,13 @@ def path(d: str) -> BezierSegments:
     """
     if not isinstance(d, str):
         raise TypeError(f"d must be a string of SVG path data; got {type(d).__name__}.")
-    curve = assemble(parse_path(d))
+    curve = assemble(contours_of_path(d))
     if curve is None:
         raise ParseError("path data: draws nothing.")
     return curve
 
 
-def read_svg(file: str | Path, ids: str | Sequence[str] | None = None, *, y_up: bool = False) -> BezierSegments:
+def load_svg(file: str | Path, ids: str | Sequence[str] | None = None, *, y_up: bool = False) -> BezierSegments:
     """All shapes that an SVG file draws, as one curve: outlines of fills and center lines of strokes.
 
     Coordinates are user units of the root element. Transforms of groups and elements and nested viewBoxes are applied;
@@ -62,8 +62,8 @@ def read_svg(file: str | Path, ids: str | Sequence[str] | None = None, *, y_up: 
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
-    ...     _ = write_svg(f"{folder}/corner.svg", path("M0 0 H4 V2"))
-    ...     read_svg(f"{folder}/corner.svg", y_up=True).control_points[:, 1].tolist()
+    ...     _ = save_svg(f"{folder}/corner.svg", parse_path("M0 0 H4 V2"))
+    ...     load_svg(f"{folder}/corner.svg", y_up=True).control_points[:, 1].tolist()
     [[4.0, 0.0], [4.0, -2.0]]
 
     Args:
@@ -108,63 +108,63 @@ def _some(names: list[str]) -> str:
     return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "none"
 
 
-def path_data(curve: AbstractCurve, *, atol: float | None = None) -> str:
-    """The text of an attribute `d` that draws a plane curve: the inverse of `path`.
+def format_path(curve: AbstractCurve, *, tolerance: float | None = None) -> str:
+    """The text of an attribute `d` that draws a plane curve: the inverse of `parse_path`.
 
     Polynomial segments of degree 1 to 3 keep their numbers. Rational segments of degree 2 or 3 that are arcs of
-    ellipses are written as arcs; the arc that `path` reads back is within atol, certified. Other segments are
-    approximated by cubics.
+    ellipses are written as arcs; the arc that `parse_path` reads back is within tolerance, certified. Other segments
+    are approximated by cubics.
 
-    >>> path_data(path("M0 0 L4 .5 A2 2 0 0 1 8 .5"))
+    >>> format_path(parse_path("M0 0 L4 .5 A2 2 0 0 1 8 .5"))
     'M0.0,0.0 Q2.0,0.25 4.0,0.5 A2 2 0 0 1 6.0,-1.5 A2 2 0 0 1 8.0,0.5'
 
     Args:
         curve: a curve in the plane.
-        atol: largest deviation of the curve that is read back, in both directions, a positive length in the unit of the
-            coordinates. None keeps polynomial segments exactly and arcs within 1e-12 of the largest coordinate, and
-            refuses other segments.
+        tolerance: largest deviation of the curve that is read back, in both directions, a positive length in the unit
+            of the coordinates. None keeps polynomial segments exactly and arcs within 1e-12 of the largest coordinate,
+            and refuses other segments.
 
     Returns:
         The path data.
 
     Raises:
         TypeError: not a curve.
-        ValueError: a curve in space, a point set, or `atol` is None but needed.
+        ValueError: a curve in space, a point set, or `tolerance` is None but needed.
     """
-    _check_atol(atol)
-    return path_words(_drawing("curve", curve, False), atol)
+    _check_tolerance(tolerance)
+    return path_words(_drawing("curve", curve, False), tolerance)
 
 
-def write_svg(
+def save_svg(
     file: str | Path | None,
     curves: AbstractCurve | Sequence[AbstractCurve],
     *,
     y_up: bool = False,
-    atol: float | None = None,
+    tolerance: float | None = None,
 ) -> str:
     """Write plane curves as paths of an SVG file, and return the text of the file.
 
-    `read_svg` reads the same floats back (with the same `y_up`), except that it omits segments that are single points.
-    Arcs of ellipses and segments that paths cannot hold are written as in `path_data`. Each curve is one path with the
-    id curve0, curve1, ... The viewBox is the bounding box of the control points with a margin.
+    `load_svg` reads the same floats back (with the same `y_up`), except that it omits segments that are single points.
+    Arcs of ellipses and segments that paths cannot hold are written as in `format_path`. Each curve is one path with
+    the id curve0, curve1, ... The viewBox is the bounding box of the control points with a margin.
 
-    >>> print(write_svg(None, path("M0 0 H4 V2")).splitlines()[1].strip())
+    >>> print(save_svg(None, parse_path("M0 0 H4 V2")).splitlines()[1].strip())
     <path id="curve0" d="M0.0,0.0 L4.0,0.0 L4.0,2.0"/>
 
     Args:
         file: name of the file; None only returns the text. An existing file is replaced.
         curves: a curve in the plane, or several.
         y_up: whether y of the curves points up. The file then contains (x, -y), which viewers show upright.
-        atol: largest deviation of segments that paths cannot hold, see `path_data`; None refuses them.
+        tolerance: largest deviation of segments that paths cannot hold, see `format_path`; None refuses them.
 
     Returns:
         The text of the file.
 
     Raises:
         TypeError: not a curve.
-        ValueError: no curve; a curve in space or a point set; or `atol` is None but needed.
+        ValueError: no curve; a curve in space or a point set; or `tolerance` is None but needed.
     """
-    _check_atol(atol)
+    _check_tolerance(tolerance)
     several = list(curves) if isinstance(curves, Iterable) else [curves]
     if not several:
         raise ValueError("curves is empty; needs at least one curve.")
@@ -175,7 +175,9 @@ def write_svg(
     side = float(max(np.ptp(x), np.ptp(y))) or 1.0
     margin = _MARGIN * side
     box = (x.min() - margin, y.min() - margin, np.ptp(x) + 2 * margin, np.ptp(y) + 2 * margin)
-    paths = [f'  <path id="curve{index}" d="{path_words(drawing, atol)}"/>' for index, drawing in enumerate(drawings)]
+    paths = [
+        f'  <path id="curve{index}" d="{path_words(drawing, tolerance)}"/>' for index, drawing in enumerate(drawings)
+    ]
     style = f'fill="none" stroke="black" stroke-width="{_STROKE * side:.6g}"'
     view_box = " ".join(f"{number:.9g}" for number in box)
     opening = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{view_box}" {style}>'
@@ -196,6 +198,6 @@ def _drawing(name: str, curve: AbstractCurve, y_up: bool) -> list[Contour]:
     return [contour.transformed(_MIRROR) for contour in contours] if y_up else contours
 
 
-def _check_atol(atol: float | None) -> None:
-    if atol is not None and not atol > 0:
-        raise ValueError(f"atol is {atol}; needs a positive number, or None.")
+def _check_tolerance(tolerance: float | None) -> None:
+    if tolerance is not None and not tolerance > 0:
+        raise ValueError(f"tolerance is {tolerance}; needs a positive number, or None.")

@@ -17,7 +17,7 @@ import numpy as np
 
 from jhd.io.contours import Contour
 from jhd.io.errors import ParseError, shown
-from jhd.io.path_text import parse_path
+from jhd.io.path_text import contours_of_path
 from jhd.io.svg_elements import Element, Viewport, compose, translation
 
 # Elements that are drawn, where `use` repeats them: so many times as there are in the file, and so many in any case.
@@ -46,7 +46,7 @@ def _path(element: Element, viewport: Viewport) -> list[Contour]:
     if text.strip() == "none":
         return []
     try:
-        return parse_path(text)
+        return contours_of_path(text)
     except ParseError as error:
         raise element.error(f"{error.reason} (column {error.column} of d)") from error
 
@@ -62,12 +62,12 @@ def _rect(element: Element, viewport: Viewport) -> list[Contour]:
     if not (math.isfinite(right) and math.isfinite(bottom)):
         raise element.error("draws points beyond the range of doubles.")
     if rx == 0 or ry == 0:
-        return parse_path(f"M{x!r} {y!r}H{right!r}V{bottom!r}H{x!r}Z")
+        return contours_of_path(f"M{x!r} {y!r}H{right!r}V{bottom!r}H{x!r}Z")
     # One number where opposite corners meet: rounding would leave a side of an ulp.
     x0, y0 = x + rx, y + ry
     x1, y1 = x0 if rx == width / 2 else right - rx, y0 if ry == height / 2 else bottom - ry
     arc = f"A{rx!r} {ry!r} 0 0 1"
-    return parse_path(
+    return contours_of_path(
         f"M{x0!r} {y!r}H{x1!r}{arc} {right!r} {y0!r}V{y1!r}{arc} {x1!r} {bottom!r}"
         f"H{x0!r}{arc} {x!r} {y1!r}V{y0!r}{arc} {x0!r} {y!r}Z"
     )

@@ -36,41 +36,41 @@ _DIGITS = (6, 9, 12, 15, 17)
 _ROUND = 1e-6
 
 
-def path_words(contours: list[Contour], atol: float | None) -> str:
+def path_words(contours: list[Contour], tolerance: float | None) -> str:
     """Path data of the contours.
 
     Args:
         contours: polynomial and rational segments of any degree above 0.
-        atol: how far the text may be from the curve; None for what is exact, and for arcs up to rounding.
+        tolerance: how far the text may be from the curve; None for what is exact, and for arcs up to rounding.
 
     Raises:
-        ValueError: a segment that is none of these, and no atol.
+        ValueError: a segment that is none of these, and no tolerance.
     """
     largest = max((abs(p) for contour in contours for part in contour.segments for p in part.points), default=0.0)
     words = []
     for contour in contours:
         words.append("M" + pair(contour.start))
         for segment in contour.segments:
-            words += _segment_words(segment, largest, atol)
+            words += _segment_words(segment, largest, tolerance)
         words += ["Z"] if contour.closed else []
     return " ".join(words)
 
 
-def _segment_words(segment: Segment, largest: float, atol: float | None) -> list[str]:
+def _segment_words(segment: Segment, largest: float, tolerance: float | None) -> list[str]:
     points, weights = segment
     degree = len(points) - 1
     polynomial = weights is None or len(set(weights)) == 1
     if degree == 1 or (polynomial and degree in _LETTERS):
         return [_LETTERS[degree] + " ".join(map(pair, points[1:]))]
     if weights is not None:
-        arcs = _arcs(points, weights, ROUNDING * largest if atol is None else atol)
+        arcs = _arcs(points, weights, ROUNDING * largest if tolerance is None else tolerance)
         if arcs is not None:
             return arcs
     rows = np.array([[(p.real, p.imag) for p in points]])
     heavy = None if polynomial else np.array([weights])
     return [
         "C" + " ".join(map(pair, part.points[1:]))
-        for contour in cubic_contours("the curve", BezierSegments(rows, heavy, [-1]), atol)
+        for contour in cubic_contours("the curve", BezierSegments(rows, heavy, [-1]), tolerance)
         for part in contour.segments
     ]
 
@@ -80,16 +80,16 @@ def pair(point: complex) -> str:
     return f"{point.real!r},{point.imag!r}"
 
 
-def _arcs(points: tuple[complex, ...], weights: tuple[float, ...], atol: float) -> list[str] | None:
-    """The segment as arcs of at most a quarter turn within atol, None if it is none."""
+def _arcs(points: tuple[complex, ...], weights: tuple[float, ...], tolerance: float) -> list[str] | None:
+    """The segment as arcs of at most a quarter turn within tolerance, None if it is none."""
     p, w, off = np.array(points), np.array(weights) / max(weights), 0.0
     largest = float(np.abs(p).max())
     if len(p) == 4:
         p, w, off = _lowered(p, w)
     room = _ULPS * max(largest, float(np.abs(p).max()))
-    if len(p) != 3 or off + room > 0.5 * atol or w[1] ** 2 >= w[0] * w[2]:
+    if len(p) != 3 or off + room > 0.5 * tolerance or w[1] ** 2 >= w[0] * w[2]:
         return None
-    words, left = [], atol - off - room
+    words, left = [], tolerance - off - room
     for corner, end, weight, start in _quarters(p, float(w[1] / math.sqrt(w[0] * w[2]))):
         word = _arc(start, corner, end, weight, left)
         if word is None:
@@ -130,8 +130,8 @@ def _quarters(p: np.ndarray, weight: float) -> Iterator[tuple[complex, complex, 
     yield second, end, half, middle
 
 
-def _arc(start: complex, corner: complex, end: complex, weight: float, atol: float) -> str | None:
-    """The command A whose arc, as it is read, is within atol of the segment; None if there is none."""
+def _arc(start: complex, corner: complex, end: complex, weight: float, tolerance: float) -> str | None:
+    """The command A whose arc, as it is read, is within tolerance of the segment; None if there is none."""
     axes = _ellipse(start, corner, end, weight)
     if axes is None:
         return None
@@ -150,7 +150,10 @@ def _arc(start: complex, corner: complex, end: complex, weight: float, atol: flo
                 continue
             read = drawn.segments[0]
             weights = np.array([1.0, weight, 1.0])
-            if _apart(np.array([start, corner, end]), weights, np.array(read.points), np.array(read.weights)) <= atol:
+            if (
+                _apart(np.array([start, corner, end]), weights, np.array(read.points), np.array(read.weights))
+                <= tolerance
+            ):
                 return f"A{_short(rx)} {_short(ry)} {_short(angle)} 0 {int(sweep)} {pair(end)}"
     return None
 

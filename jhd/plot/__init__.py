@@ -9,7 +9,7 @@ A picture is no proof: curves, surfaces and profiles are drawn from samples.
 """
 
 from jhd.plot.axes import BLUE, GRAY, ORANGE, VERMILLION
-from jhd.plot.curves import curve, profile
+from jhd.plot.curves import curve, distance_profile
 from jhd.plot.deviations import deviation, distances, histogram
 from jhd.plot.implicit import section, surface, surfaces, voxels
 from jhd.plot.mesh_pictures import mesh, meshes
@@ -30,7 +30,7 @@ __all__ = [
     "meshes",
     "neighbors",
     "page",
-    "profile",
+    "distance_profile",
     "section",
     "solution",
     "surface",

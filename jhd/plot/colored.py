@@ -59,7 +59,7 @@ def distances_at(points: np.ndarray, b: Any, top: float, samples: DistanceSample
     if samples is not None:
         from scipy.spatial import KDTree
 
-        away, nearest = KDTree(samples.place).query(points)
+        away, nearest = KDTree(samples.point).query(points)
         width = samples.upper[nearest] - samples.lower[nearest]
         known = away + 0.5 * width <= top / _COLORS
         values[known] = (samples.lower[nearest] + 0.5 * width)[known]

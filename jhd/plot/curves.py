@@ -68,7 +68,7 @@ def curve(
     return ax
 
 
-def profile(
+def distance_profile(
     a: Any,
     b: Any,
     ax: Any = None,
@@ -87,7 +87,7 @@ def profile(
     >>> from jhd.shapes.curve import polyline
     >>> from matplotlib.figure import Figure
     >>> a, b = polyline([(0, 0), (1, 0)]), polyline([(0, 1), (1, 1)])
-    >>> profile(a, b, Figure().add_subplot()).get_ylabel()
+    >>> distance_profile(a, b, Figure().add_subplot()).get_ylabel()
     'distance to B (input units)'
 
     Args:
@@ -125,7 +125,7 @@ def profile(
             ax.axvline(k, color=GRAY, linewidth=0.4, alpha=0.35, zorder=0, gid="segment_boundary")
     draw(ax, line, "profile", color=color, **style)
     if pieces.degree:
-        tops = _local_maxima(distances, np.asarray(pieces.following))
+        tops = _local_maxima(distances, np.asarray(pieces.next_segment))
         rings = {"marker": "o", "markersize": 4, "markerfacecolor": "white", "markeredgecolor": color}
         draw(
             ax,
@@ -168,22 +168,22 @@ def _with_gaps(pieces: BezierSegments, samples: np.ndarray) -> np.ndarray:
     """The rows of all segments (segments, samples, width) as one list; a NaN row where the next does not follow."""
     rows: list[np.ndarray] = []
     gap = np.full((1, samples.shape[-1]), np.nan)
-    for k, following in enumerate(np.asarray(pieces.following)):
-        rows += [samples[k]] if following == k + 1 else [samples[k], gap]
+    for k, next_segment in enumerate(np.asarray(pieces.next_segment)):
+        rows += [samples[k]] if next_segment == k + 1 else [samples[k], gap]
     return np.concatenate(rows)
 
 
-def _local_maxima(distances: np.ndarray, following: np.ndarray) -> np.ndarray:
+def _local_maxima(distances: np.ndarray, next_segment: np.ndarray) -> np.ndarray:
     """Mask of the samples (segments, samples) not below their neighbors, across joints; of a plateau the first."""
-    previous = np.full(following.shape, -1)
-    previous[following[following >= 0]] = np.flatnonzero(following >= 0)
+    previous = np.full(next_segment.shape, -1)
+    previous[next_segment[next_segment >= 0]] = np.flatnonzero(next_segment >= 0)
     before = np.where(previous >= 0, distances[previous, -2], -np.inf)
-    after = np.where(following >= 0, distances[following, 1], -np.inf)
+    after = np.where(next_segment >= 0, distances[next_segment, 1], -np.inf)
     level = _LEVEL * np.max(distances)
     left = np.concatenate([before[:, None], distances[:, :-1]], axis=1)
     right = np.concatenate([distances[:, 1:], after[:, None]], axis=1)
     tops = (distances > left + level) & (distances >= right - level)
-    tops[following >= 0, -1] = False  # it is the first sample of the segment that follows
+    tops[next_segment >= 0, -1] = False  # it is the first sample of the segment that follows
     return tops
 
 
@@ -193,7 +193,7 @@ def _mark_level(ax: Any, pieces: BezierSegments, solution: HausdorffSolution) ->
         raise ValueError(f"solution is a batch of shape {np.shape(solution.value)}; draw one at a time.")
     value = float(solution.value)
     ax.axhline(value, color="black", linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=1, gid="level")
-    segment, t, point = (np.asarray(x) for x in (solution.witness.segment, solution.witness.t, solution.witness.point))
+    segment, t, point = (np.asarray(x) for x in (solution.witness.element, solution.witness.t, solution.witness.point))
     if segment >= pieces.count or point.shape[-1] != pieces.dim:
         return
     here = _sample(pieces, np.atleast_1d(t))[int(segment), 0]

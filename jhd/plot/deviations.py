@@ -47,7 +47,7 @@ def deviation(
 
     >>> import jhd
     >>> from matplotlib.figure import Figure
-    >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.points([(0, 0)]))
+    >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)]))
     >>> deviation(found, Figure().add_subplot(), color_bar=False).lines[0].get_gid()
     'witness'
 
@@ -136,7 +136,7 @@ def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A",
 
     >>> import jhd
     >>> from matplotlib.figure import Figure
-    >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.points([(0, 0)]))
+    >>> found = jhd.deviation(jhd.polyline([(0, 0), (1, 0)]), jhd.point_set([(0, 0)]))
     >>> histogram(found, Figure().add_subplot()).get_ylabel()
     'fraction of A (%)'
 
@@ -152,7 +152,7 @@ def histogram(found: Deviation, ax: Any = None, *, labels: Sequence[str] = ("A",
     ax = axes_for(ax, 2)
     parts = found.samples
     known = np.isfinite(parts.upper)
-    weight = parts.share[known].sum(axis=1)
+    weight = parts.fraction[known].sum(axis=1)
     top = float(found.maximum.value)
     edges = np.linspace(0.0, top if top > 0 else 1.0, _BINS + 1)
     lower, upper = (np.minimum(ends[known], edges[-1]) for ends in (parts.lower, parts.upper))

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from jhd.argument_hints import belongs
 from jhd.fields.octree import Voxels
 from jhd.plot.axes import BLUE, GRAY, ORANGE, PALE_BLUE, TEXT_POINTS, VERMILLION, axes_for, draw, finish, legend_above
 from jhd.plot.faces import add_faces, frame, rgb_of, shaded_shapes
 from jhd.plot.nets import quadrilaterals, quadrilaterals_of_patches
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 from jhd.shapes.patch import AbstractPatch
-from jhd.slips import belongs
 
 _LINES = 257  # samples along each axis of the curve in which a plane cuts a surface
 

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from jhd.argument_hints import belongs
 from jhd.plot.axes import BLUE, ORANGE, axes_for
 from jhd.plot.faces import frame, shaded_shapes
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.mesh import TriangleMesh, check_mesh, places_of
-from jhd.slips import belongs
 
 # More triangles of all meshes together take many seconds to draw, and are smaller than a printed dot.
 _MOST = 20_000

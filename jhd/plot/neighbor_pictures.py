@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jhd.distance.collections import Neighbors
+from jhd.distance.collections.entries import Neighbors
 from jhd.plot.axes import BLUE, COLUMN_INCHES, ORANGE, TEXT_POINTS, finish
 from jhd.plot.colored import pieces_of
 from jhd.plot.curves import curve

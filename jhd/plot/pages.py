@@ -15,7 +15,7 @@ import numpy as np
 from jhd._results.solution import HausdorffSolution, name_of
 from jhd.decimals import lower_text, upper_text
 from jhd.distance.deviation_solution import Deviation, DistanceSamples
-from jhd.distance.profile import profile
+from jhd.distance.profiles import distance_profile
 from jhd.plot.axes import BLUE, GRAY, ORANGE, VERMILLION
 from jhd.plot.colored import DrawnPieces, distances_at, pieces_of
 from jhd.shapes.as_shape import as_shape
@@ -261,14 +261,14 @@ def _in_plane(a: Any, b: Any, solution: HausdorffSolution, labels: Sequence[str]
 def _walk(a: AbstractCurve, b: Any, solution: HausdorffSolution) -> dict[str, Any]:
     """Points along a curve with their distances, among them the farthest point, and its event."""
     count = a.segments().count
-    found = profile(a, b, samples=int(np.clip(_PLACES // count, _LEAST, _MOST)))
+    found = distance_profile(a, b, samples=int(np.clip(_PLACES // count, _LEAST, _MOST)))
     names = ("t", "point", "distance", "lower", "upper")
     walk: dict[str, Any] = {name: np.asarray(getattr(found, name)).tolist() for name in names}
     walk["dots"] = a.segments().degree == 0
     walk["feet"] = np.asarray(found.foot)[:, None].tolist()
     w = solution.witness
     feet = np.unique(np.asarray(w.feet), axis=0)
-    place = float(w.segment) + float(w.t) if a.segments().degree > 0 else float(w.segment)
+    place = float(w.element) + float(w.t) if a.segments().degree > 0 else float(w.element)
     index = int(np.searchsorted(walk["t"], place))
     farthest = (place, w.point, solution.value, solution.lower, solution.upper, feet)
     for name, value in zip(("t", "point", "distance", "lower", "upper", "feet"), farthest, strict=True):

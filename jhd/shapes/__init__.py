@@ -5,7 +5,7 @@ from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.biarc import BiarcCurve, biarcs, least_tolerance
 from jhd.shapes.bspline import BSplineCurve
 from jhd.shapes.bspline_surface import BSplineSurface
-from jhd.shapes.curve import AbstractCurve, BezierSegments, circle, points, polyline
+from jhd.shapes.curve import AbstractCurve, BezierSegments, circle, point_set, polyline
 from jhd.shapes.flattening import CurveApproximation
 from jhd.shapes.implicit import ImplicitMesh, ImplicitSurface
 from jhd.shapes.implicit_mesh import NotRegularError

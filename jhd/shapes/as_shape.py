@@ -16,7 +16,7 @@ from jhd._runtime.forks import check_process
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.bspline import BSplineCurve
 from jhd.shapes.bspline_surface import BSplineSurface
-from jhd.shapes.curve import AbstractCurve, BezierSegments, points
+from jhd.shapes.curve import AbstractCurve, BezierSegments, point_set
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh, kind_of
 from jhd.shapes.patch import AbstractPatch, BezierPatch
@@ -34,7 +34,7 @@ def as_shape(shape: Any) -> Any:
     """Convert an array or an object of another package to a shape of jhd.
 
     Every function that takes shapes does this by itself. Polygons stand for their boundary rings and meshes for their
-    surface. The following objects are accepted:
+    surface. The next_segment objects are accepted:
 
     - a shape of jhd, which is returned unchanged,
     - an array (count, 2) or (count, 3), or an object that converts to one: a point set,
@@ -109,7 +109,7 @@ def _converted(value: Any) -> Any:
     if _is_pair(value):
         return TriangleMesh(*value)
     if _is_rows(value):
-        return points(value if is_traced(value) or isinstance(value, jax.Array) else _array(value))
+        return point_set(value if is_traced(value) or isinstance(value, jax.Array) else _array(value))
     spline = spline_of(value)
     if spline is not None:
         return spline
@@ -180,7 +180,7 @@ def _assembled(places: Any, faces: Any, lines: Any) -> Shape:
         return TriangleMesh(places, triangles)
     if len(segments):
         return BezierSegments(real_array("points", places)[segments])
-    return points(places)
+    return point_set(places)
 
 
 def _triangles(cells: np.ndarray) -> np.ndarray:

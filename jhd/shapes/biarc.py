@@ -38,7 +38,7 @@ class BiarcCurve(eqx.Module):
         t1: (arcs,) local parameters, from 0 to 1, at which the pieces end.
         deviation: (arcs,) certified bounds of the Hausdorff distance between each arc and its piece, in both
             directions.
-        following: (arcs,) for each arc the index of the arc that starts at its end, -1 at a free end.
+        next_segment: (arcs,) for each arc the index of the arc that starts at its end, -1 at a free end.
     """
 
     start: Float[Array, "arcs dim"]
@@ -48,7 +48,7 @@ class BiarcCurve(eqx.Module):
     t0: Float[Array, " arcs"]
     t1: Float[Array, " arcs"]
     deviation: Float[Array, " arcs"]
-    following: Int[Array, " arcs"]
+    next_segment: Int[Array, " arcs"]
 
     def __repr__(self) -> str:
         if text := opaque(self):
@@ -104,7 +104,7 @@ class BiarcCurve(eqx.Module):
         cosine = (1 - b) * (1 + b) / (1 + b * b)
         weights = xp.concatenate([xp.ones_like(b), cosine, xp.ones_like(b)], axis=-1)
         rows = xp.stack([xp.asarray(self.start), apex, xp.asarray(self.end)], axis=-2)
-        return BezierSegments(rows, weights, self.following)
+        return BezierSegments(rows, weights, self.next_segment)
 
     def _parts(self) -> tuple[Any, Any, Any, Any, Any]:
         """NumPy where the arcs are known; bulge, middle of the chord, chord, and its length, one where there is none.
@@ -123,15 +123,15 @@ def _left(xp: Any, x: Any) -> Any:
     return xp.stack([-x[..., 1], x[..., 0]], axis=-1)
 
 
-def biarcs(curve: Any, atol: Numbers) -> BiarcCurve:
-    """Circular arcs that approximate a plane curve, each within `atol` of its piece in both directions.
+def biarcs(curve: Any, tolerance: Numbers) -> BiarcCurve:
+    """Circular arcs that approximate a plane curve, each within `tolerance` of its piece in both directions.
 
     The Hausdorff distance between the curve and all arcs together is at most the largest deviation. The number of arcs
-    grows like atol^(-1/3). On smooth parts of the curve the arcs join smoothly; corners and cusps are kept. Two kinds
-    of pieces become lines:
+    grows like tolerance^(-1/3). On smooth parts of the curve the arcs join smoothly; corners and cusps are kept. Two
+    kinds of pieces become lines:
 
     - pieces that are straight up to rounding,
-    - pieces smaller than atol / 16 that turn too far for a biarc.
+    - pieces smaller than tolerance / 16 that turn too far for a biarc.
 
     >>> from jhd.shapes.curve import circle
     >>> arcs = biarcs(circle([0, 0], 1), 1e-9)
@@ -141,35 +141,35 @@ def biarcs(curve: Any, atol: Numbers) -> BiarcCurve:
     Args:
         curve: a polynomial or rational curve in the plane, or an object that `jhd.as_shape` converts to one. Its
             control points must not be traced.
-        atol: largest deviation allowed, a positive length in the unit of the coordinates.
+        tolerance: largest deviation allowed, a positive length in the unit of the coordinates.
 
     Returns:
         The arcs in the order of segments and parameters; together their intervals cover every segment.
 
     Raises:
         TypeError: not a curve, or a traced one; the number of arcs depends on its numbers.
-        ValueError: a curve in space, or an `atol` that is not positive or is below `jhd.shapes.least_tolerance(curve)`.
-        NotProvenError: the weights are so uneven that a piece cannot be halved any further. The error carries the arcs,
+        ValueError: a curve in space, or a `tolerance` that is not positive or is below
+        `jhd.shapes.least_tolerance(curve)`. NotProvenError: the weights are so uneven that a piece cannot be halved any
+        further. The error carries the arcs,
             whose deviations hold.
     """
     segments = _checked(curve)
-    tolerance = real_array("atol", atol)
+    tolerance = real_array("tolerance", tolerance)
     if tolerance.shape != ():
-        raise ValueError(f"atol has shape {tolerance.shape}; needs a scalar.")
+        raise ValueError(f"tolerance has shape {tolerance.shape}; needs a scalar.")
     if is_traced(tolerance):
-        raise TypeError("biarcs needs a known atol, not a traced one: the number of arcs depends on it.")
+        raise TypeError("biarcs needs a known tolerance, not a traced one: the number of arcs depends on it.")
     wanted, host = float(np.asarray(tolerance)), HostCurve.of(segments)
     least = 0.0 if segments.degree <= 1 else host.least
     if wanted < least or wanted <= 0:
-        raise ValueError(f"atol is {wanted:g}; needs at least {max(least, 5e-324):g} for these coordinates.")
+        raise ValueError(f"tolerance is {wanted:g}; needs at least {max(least, 5e-324):g} for these coordinates.")
     if segments.degree <= 1:
         return _assembled(segments, _lines(segments))
     found = _assembled(segments, fitted(host, wanted))
     reached = float(np.max(np.asarray(found.deviation)))
     if reached > wanted:
-        message = (
-            f"The deviation stays at {reached:g}, above atol = {wanted:g}: the weights are too uneven. Raise atol."
-        )
+        why = "the weights are too uneven. Raise tolerance."
+        message = f"The deviation stays at {reached:g}, above tolerance = {wanted:g}: {why}"
         raise NotProvenError(message, found)
     return found
 
@@ -216,11 +216,11 @@ def _assembled(segments: BezierSegments, arcs: HostArcs) -> BiarcCurve:
     """The arcs, each with the one that follows it."""
     last = np.append(arcs.segment[1:] != arcs.segment[:-1], True)
     first = np.searchsorted(arcs.segment, np.arange(segments.count))
-    onward = np.asarray(segments.following)[arcs.segment]
-    following = np.where(last, np.where(onward < 0, -1, first[onward]), np.arange(len(last)) + 1)
+    onward = np.asarray(segments.next_segment)[arcs.segment]
+    next_segment = np.where(last, np.where(onward < 0, -1, first[onward]), np.arange(len(last)) + 1)
     dtype = np.dtype(segments.control_points.dtype)
     start, end = (np.stack([np.real(x), np.imag(x)], axis=-1) for x in (arcs.start, arcs.end))
     numbers = [x.astype(dtype) for x in (start, end, arcs.bulge, arcs.t0, arcs.t1, arcs.deviation)]
     # All together: one transfer takes as long as eight.
-    start, end, bulge, t0, t1, deviation, segment, following = jax.device_put([*numbers, arcs.segment, following])
-    return BiarcCurve(start, end, bulge, segment, t0, t1, deviation, following)
+    start, end, bulge, t0, t1, deviation, segment, next_segment = jax.device_put([*numbers, arcs.segment, next_segment])
+    return BiarcCurve(start, end, bulge, segment, t0, t1, deviation, next_segment)

@@ -33,8 +33,8 @@ _SPECK = 1 / 16
 _SHARE, _HOPELESS = 324, 4
 
 
-def fitted(curve: HostCurve, atol: float) -> HostArcs:
-    """Arcs within atol of their pieces: biarcs if they fit, lines where nothing is curved, else both halves.
+def fitted(curve: HostCurve, tolerance: float) -> HostArcs:
+    """Arcs within tolerance of their pieces: biarcs if they fit, lines where nothing is curved, else both halves.
 
     In order of segments and parameters. Where no parameter lies between the ends of a piece that is too long, its line
     has a larger deviation.
@@ -47,17 +47,17 @@ def fitted(curve: HostCurve, atol: float) -> HostArcs:
         pieces = pieces_of(curve, todo)
         middle = curve.number(0.5 * (todo.t0 + todo.t1))
         whole = (middle <= todo.t0) | (middle >= todo.t1)
-        speck = curve.length(np.abs(pieces.offsets).max(axis=0)) <= _SPECK * atol
+        speck = curve.length(np.abs(pieces.offsets).max(axis=0)) <= _SPECK * tolerance
         todo = _measured(curve, todo, pieces, whole | speck)
-        straight = todo.deviation <= min(atol, 2 * curve.rounding)
+        straight = todo.deviation <= min(tolerance, 2 * curve.rounding)
         fits = np.zeros(len(whole), bool)
-        tried = np.flatnonzero(~straight & ~_hopeless(curve, pieces, atol))
+        tried = np.flatnonzero(~straight & ~_hopeless(curve, pieces, tolerance))
         if len(tried):
             first, second, good = _biarc(curve, todo.take(tried), pieces.take(tried))
-            good &= np.maximum(first.deviation, second.deviation) <= atol
+            good &= np.maximum(first.deviation, second.deviation) <= tolerance
             fits[tried[good]] = True
             done += [first.take(good), second.take(good)]
-        line = straight | ~fits & (speck & (todo.deviation <= atol) | whole)
+        line = straight | ~fits & (speck & (todo.deviation <= tolerance) | whole)
         done.append(todo.take(line))
         rest = ~line & ~fits
         todo, middle = todo.take(rest), middle[rest]
@@ -78,7 +78,7 @@ def _measured(curve: HostCurve, lines: HostArcs, pieces: Pieces, wanted: np.ndar
     return lines._replace(deviation=result)
 
 
-def _hopeless(curve: HostCurve, pieces: Pieces, atol: float) -> np.ndarray:
+def _hopeless(curve: HostCurve, pieces: Pieces, tolerance: float) -> np.ndarray:
     """Polynomial pieces whose curvature changes too much from end to end, by a product that divides by nothing."""
     n, q = curve.degree, pieces.offsets
     if curve.weights is not None or n < 2:
@@ -88,7 +88,7 @@ def _hopeless(curve: HostCurve, pieces: Pieces, atol: float) -> np.ndarray:
     cubes = [np.abs(legs[k]) ** 3 for k in (0, 3)]
     change = np.abs(bends[1] * cubes[0] - bends[0] * cubes[1]) * np.abs(pieces.chord) ** 2
     with np.errstate(over="ignore"):
-        return change > _SHARE * _HOPELESS * np.ldexp(atol, -curve.first - curve.second) * cubes[0] * cubes[1]
+        return change > _SHARE * _HOPELESS * np.ldexp(tolerance, -curve.first - curve.second) * cubes[0] * cubes[1]
 
 
 def _biarc(curve: HostCurve, spans: HostArcs, pieces: Pieces) -> tuple[HostArcs, HostArcs, np.ndarray]:

@@ -18,12 +18,12 @@ from jaxtyping import Array, Float
 
 from jhd._results.display import batch_text, count_text
 from jhd._runtime.arrays import is_traced, module_of, real_array
+from jhd.argument_hints import belongs
 from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between
 from jhd.shapes.curve import AbstractCurve, BezierSegments, affine_image
 from jhd.shapes.homogeneous import cartesian, elevate, hodograph, homogeneous, in_unit, out_of_unit
 from jhd.shapes.joints import completed
 from jhd.shapes.knots import bezier_pieces, evaluate, insert, parted, ratio, unrolled
-from jhd.slips import belongs
 
 # Knots of a periodic spline repeat to this many ulp of the largest knot: one subtraction and one addition each way.
 _KNOT_ULPS = 8
@@ -157,7 +157,7 @@ class BSplineCurve(AbstractCurve):
         if points.ndim != 2 or points.shape[1] not in (2, 3):
             raise ValueError(f"spline.c has shape {points.shape}; needs (points, 2) or (points, 3).")
         curve = cls(points, knots)
-        return curve.closed_up() if getattr(spline, "extrapolate", None) == "periodic" else curve
+        return curve.to_periodic() if getattr(spline, "extrapolate", None) == "periodic" else curve
 
     def _summary(self) -> str:
         points = count_text(self.control_points.shape[-2], "control point")
@@ -176,12 +176,12 @@ class BSplineCurve(AbstractCurve):
         last = self.knots.shape[-1] - 1
         return self.knots[..., self.degree], self.knots[..., last if self.periodic else last - self.degree]
 
-    def opened(self) -> "BSplineCurve":
+    def to_open(self) -> "BSplineCurve":
         """The same curve as an open spline; a periodic one repeats its first points and knots at the end."""
         return self._open(*self._unrolled())
 
-    def closed_up(self) -> "BSplineCurve":
-        """The inverse of `opened`: a periodic spline if points, weights and knots repeat, otherwise itself."""
+    def to_periodic(self) -> "BSplineCurve":
+        """The inverse of `to_open`: a periodic spline if points, weights and knots repeat, otherwise itself."""
         knots, p, count = np.asarray(self.knots), self.degree, self.control_points.shape[-2]
         arrays = [np.asarray(x) for x in (self.control_points, self.weights) if x is not None]
         if self.periodic or not all(_repeats(x, knots, p) for x in arrays):

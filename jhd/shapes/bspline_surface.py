@@ -14,12 +14,12 @@ from jaxtyping import Array, Float
 
 from jhd._results.display import batch_text, size_text
 from jhd._runtime.arrays import is_traced, module_of, real_array
+from jhd.argument_hints import belongs
 from jhd.shapes.checks import Numbers, check_degrees
 from jhd.shapes.curve import affine_image
 from jhd.shapes.homogeneous import cartesian, homogeneous, in_unit, out_of_unit
 from jhd.shapes.knots import bezier_pieces, evaluate, parted
 from jhd.shapes.patch import AbstractPatch, BezierPatches, checked_net
-from jhd.slips import belongs
 
 
 class BSplineSurface(AbstractPatch):

@@ -30,15 +30,15 @@ def outline_arrays(contours: list[list[np.ndarray]]) -> tuple[np.ndarray, np.nda
     for length in np.unique(lengths):
         rows = np.flatnonzero(lengths == length)
         control_points[rows] = bernstein.elevate(jnp.stack([pieces[k] for k in rows]), degree, axis=-2)
-    following = np.arange(1, len(pieces) + 1)
+    next_segment = np.arange(1, len(pieces) + 1)
     first = 0
     for contour in contours:
         last = first + len(contour) - 1
         start = contour[0][0]
         closed = np.array_equal(start, contour[-1][-1]) and any(np.any(piece != start) for piece in contour)
-        following[last] = first if closed else -1
+        next_segment[last] = first if closed else -1
         first = last + 1
-    return control_points, following
+    return control_points, next_segment
 
 
 def path_contours(path: Any) -> list[list[np.ndarray]]:

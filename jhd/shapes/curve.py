@@ -80,10 +80,10 @@ class AbstractCurve(eqx.Module):
         """Number of coordinates."""
         return self.control_points.shape[-1]
 
-    def to_polyline(self, atol: Numbers, *, max_segments: int = 1_000_000) -> CurveApproximation:
-        """A polyline through points of the curve, with a certified deviation of at most `atol` in both directions.
+    def to_polyline(self, tolerance: Numbers, *, max_segments: int = 1_000_000) -> CurveApproximation:
+        """A polyline through points of the curve, with a certified deviation of at most `tolerance` in both directions.
 
-        Segments are halved until each part is close enough, so their number grows like 1 / sqrt(atol). Joints and
+        Segments are halved until each part is close enough, so their number grows like 1 / sqrt(tolerance). Joints and
         closed contours are kept. The distance between two polylines differs from the distance between their curves by
         at most the sum of both deviations.
 
@@ -92,43 +92,43 @@ class AbstractCurve(eqx.Module):
         (16, True)
 
         Args:
-            atol: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
+            tolerance: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
             max_segments: largest number of segments to produce; more raise ValueError.
 
         Returns:
             The polyline as `curve`, and `deviation`: a certified bound of its Hausdorff distance to the curve.
 
         Raises:
-            ValueError: `atol` is not positive, is below the rounding of the coordinates or needs more than
+            ValueError: `tolerance` is not positive, is below the rounding of the coordinates or needs more than
                 `max_segments` segments; or the curve is a point set.
             TypeError: the curve is traced; the number of segments depends on its numbers.
         """
-        return _approximated(self, 1, atol, max_segments)
+        return _approximated(self, 1, tolerance, max_segments)
 
-    def to_cubics(self, atol: Numbers, *, max_segments: int = 1_000_000) -> CurveApproximation:
-        """Polynomial cubics that approximate the curve within `atol`, with the ends and tangents of its parts.
+    def to_cubics(self, tolerance: Numbers, *, max_segments: int = 1_000_000) -> CurveApproximation:
+        """Polynomial cubics that approximate the curve within `tolerance`, with the ends and tangents of its parts.
 
-        The number of cubics grows like (1 / atol)^(1/4), and like (1 / atol)^(1/6) for arcs of circles and ellipses.
-        Polynomial segments of degree 3 or less are elevated, which is exact except for rounding; `deviation` includes
-        this rounding.
+        The number of cubics grows like (1 / tolerance)^(1/4), and like (1 / tolerance)^(1/6) for arcs of circles and
+        ellipses. Polynomial segments of degree 3 or less are elevated, which is exact except for rounding; `deviation`
+        includes this rounding.
 
         >>> found = circle([0, 0], 1).to_cubics(1e-4)
         >>> found.curve.count, found.deviation < 5e-6
         (8, True)
 
         Args:
-            atol: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
+            tolerance: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
             max_segments: largest number of cubics to produce; more raise ValueError.
 
         Returns:
             The cubics as `curve`, and `deviation`: a certified bound of their Hausdorff distance to the curve.
 
         Raises:
-            ValueError: `atol` is not positive, is below the rounding of the coordinates or needs more than
+            ValueError: `tolerance` is not positive, is below the rounding of the coordinates or needs more than
                 `max_segments` cubics; or the curve is a point set.
             TypeError: the curve is traced; the number of cubics depends on its numbers.
         """
-        return _approximated(self, 3, atol, max_segments)
+        return _approximated(self, 3, tolerance, max_segments)
 
     @property
     def homogeneous(self) -> Float[Array, "*rows width"]:
@@ -153,14 +153,14 @@ class BezierSegments(AbstractCurve):
     one array.
 
     >>> corner = BezierSegments([[[0, 0], [1, 0]], [[1, 0], [1, 2]]])
-    >>> corner.count, corner.following.tolist()
+    >>> corner.count, corner.next_segment.tolist()
     (2, [1, -1])
 
     Args:
         control_points: (segments, points, dim) coordinates with dim 2 or 3, in any unit of length; distances have the
             same unit.
         weights: (segments, points) positive weights; None means polynomial segments.
-        following: (segments,) integers: for each segment the index of the segment that starts at its end, or -1 at a
+        next_segment: (segments,) integers: for each segment the index of the segment that starts at its end, or -1 at a
             free end. By default two ends are joined if they agree within 8 ulp of the largest coordinate; the next
             segment is preferred. The indices are stored as floats with zero derivative, so that jax.grad and optimizers
             accept curves.
@@ -173,18 +173,18 @@ class BezierSegments(AbstractCurve):
 
     control_points: Float[Array, "segments points dim"]
     weights: Float[Array, "segments points"] | None
-    # Integers inside the compiled functions of this package: jhd.distance.frame.curves.trusted.
-    links: Float[Array, "segments 2"] | Int[Array, " segments"] = eqx.field(metadata={"name": "following"})
+    # Integers inside the compiled functions of this package: jhd.distance.normalization.curves.trusted.
+    links: Float[Array, "segments 2"] | Int[Array, " segments"] = eqx.field(metadata={"name": "next_segment"})
 
-    def __init__(self, control_points: Numbers, weights: Numbers | None = None, following: Numbers | None = None):
+    def __init__(self, control_points: Numbers, weights: Numbers | None = None, next_segment: Numbers | None = None):
         self.control_points = real_array("control_points", control_points)
         self.weights = None if weights is None else real_array("weights", weights)
         check_control_points(self.control_points, self.weights, ("segments", "points", "dim"))
         check_degrees(self.control_points.dtype, self.degree)
-        self.links = linked(joints(self.control_points) if following is None else checked(following, self.count))
+        self.links = linked(joints(self.control_points) if next_segment is None else checked(next_segment, self.count))
 
     @property
-    def following(self) -> Any:
+    def next_segment(self) -> Any:
         """For each segment the index of the segment that starts at its end, -1 at a free end."""
         return followed(self.links)
 
@@ -196,10 +196,10 @@ class BezierSegments(AbstractCurve):
         return f"{lead}{count_text(self.count, 'segment')} of degree {self.degree}{self._ends_text()}"
 
     def _ends_text(self) -> str:
-        following = followed(self.links) if is_known(self.links) else None
-        if following is None or following.ndim != 1:
+        next_segment = followed(self.links) if is_known(self.links) else None
+        if next_segment is None or next_segment.ndim != 1:
             return ""
-        ends = int(np.sum(np.asarray(following) < 0))
+        ends = int(np.sum(np.asarray(next_segment) < 0))
         if ends == 0:
             return ", closed"
         return ", open" if ends == 1 else f", {ends} open ends"
@@ -214,14 +214,14 @@ class BezierSegments(AbstractCurve):
         """Degree of the segments."""
         return self.control_points.shape[-2] - 1
 
-    def with_homogeneous(self, homogeneous: Array, following: Array | None = None) -> "BezierSegments":
+    def with_homogeneous(self, homogeneous: Array, next_segment: Array | None = None) -> "BezierSegments":
         """Segments from homogeneous control points, rational if this curve is.
 
         Args:
             homogeneous: control points times weights and then the weights, or control points if there are none.
-            following: joints, in the form that the class takes; None joins ends that agree.
+            next_segment: joints, in the form that the class takes; None joins ends that agree.
         """
-        return BezierSegments(*cartesian(homogeneous, self.weights is not None), following)
+        return BezierSegments(*cartesian(homogeneous, self.weights is not None), next_segment)
 
     @staticmethod
     def from_path(path: Any) -> "BezierSegments":
@@ -240,8 +240,8 @@ class BezierSegments(AbstractCurve):
             TypeError: `path` has no `vertices` or no `codes`.
             ValueError: no segment, NaN or infinity, or a code that is unknown, misplaced or lacks vertices.
         """
-        control_points, following = convert.outline_arrays(convert.path_contours(path))
-        return BezierSegments(control_points, None, completed(following, array_of(control_points)))
+        control_points, next_segment = convert.outline_arrays(convert.path_contours(path))
+        return BezierSegments(control_points, None, completed(next_segment, array_of(control_points)))
 
     @staticmethod
     def from_shapely(geometry: Any) -> "BezierSegments":
@@ -257,8 +257,8 @@ class BezierSegments(AbstractCurve):
             TypeError: `geometry` is not a shapely geometry.
             ValueError: an empty geometry, NaN or infinity, or a collection with members in the plane and in space.
         """
-        control_points, following = convert.outline_arrays(convert.geometry_contours(geometry))
-        return BezierSegments(control_points, None, completed(following, array_of(control_points)))
+        control_points, next_segment = convert.outline_arrays(convert.geometry_contours(geometry))
+        return BezierSegments(control_points, None, completed(next_segment, array_of(control_points)))
 
     def point(self, segment: Numbers, t: Numbers) -> Array:
         """Points of numbered segments at local parameters: shape (*batch, dim).
@@ -304,17 +304,17 @@ class BezierSegments(AbstractCurve):
         t = float(np.asarray(t))
         whole, inside = int(t), int(t != int(t))
         first, last = cut(self.homogeneous, t - whole, whole, inside)
-        xp = jnp if is_traced(self.following) else np
-        following = xp.asarray(self.following)
-        before, after = following[: whole + inside], following[whole:] - whole
+        xp = jnp if is_traced(self.next_segment) else np
+        next_segment = xp.asarray(self.next_segment)
+        before, after = next_segment[: whole + inside], next_segment[whole:] - whole
         # The last segment before the cut leads to the cut, and none after it leads back to the cut.
         kept = (before < whole + inside) & (np.arange(whole + inside) < whole)
         before, after = xp.where(kept, before, -1), xp.where(after >= inside, after, -1)
         return self._completed(first, before), self._completed(last, after)
 
-    def _completed(self, homogeneous: Array, following: Any) -> "BezierSegments":
+    def _completed(self, homogeneous: Array, next_segment: Any) -> "BezierSegments":
         control_points, weights = cartesian(homogeneous, self.weights is not None)
-        return BezierSegments(control_points, weights, completed(following, control_points))
+        return BezierSegments(control_points, weights, completed(next_segment, control_points))
 
     def restrict(self, t0: Numbers, t1: Numbers) -> "BezierSegments":
         """The part of every segment over the local parameters [t0, t1].
@@ -341,11 +341,11 @@ class BezierSegments(AbstractCurve):
         if degree == self.degree:
             # The way through homogeneous coordinates rounds.
             return self
-        return self.with_homogeneous(elevate(self.homogeneous, degree), self.following)
+        return self.with_homogeneous(elevate(self.homogeneous, degree), self.next_segment)
 
     def reverse(self) -> "BezierSegments":
         """The same point set, traversed in the opposite direction."""
-        return self._completed(self.homogeneous[::-1, ::-1], turned(self.following))
+        return self._completed(self.homogeneous[::-1, ::-1], turned(self.next_segment))
 
     def transform(self, matrix: Numbers, offset: Numbers = 0.0) -> "BezierSegments":
         """The image under x -> matrix x + offset; differentiable in both. Joints are kept.
@@ -358,7 +358,7 @@ class BezierSegments(AbstractCurve):
             ValueError: wrong shapes, NaN or infinity.
         """
         control_points = affine_image(self.control_points, matrix, offset)
-        return BezierSegments(control_points, self.weights, completed(self.following, control_points))
+        return BezierSegments(control_points, self.weights, completed(self.next_segment, control_points))
 
     def pad(self, count: int) -> "BezierSegments":
         """The same point set with `count` segments, so that ragged curves fit one batch; the last segment is repeated.
@@ -375,14 +375,14 @@ class BezierSegments(AbstractCurve):
         if count < self.count:
             raise ValueError(f"count is {count}; the curve has {self.count} segments.")
         index = np.minimum(np.arange(count), self.count - 1)
-        points, weights, following = on_host(self.control_points, self.weights, self.following)
-        return BezierSegments(points[index], None if weights is None else weights[index], following[index])
+        points, weights, next_segment = on_host(self.control_points, self.weights, self.next_segment)
+        return BezierSegments(points[index], None if weights is None else weights[index], next_segment[index])
 
     @staticmethod
     def join(curves: Sequence[AbstractCurve]) -> "BezierSegments":
         """The union of several curves as one, in their largest degree; rational if any of them is.
 
-        >>> BezierSegments.join([polyline([[0, 0], [1, 0]]), points([[2, 2]])]).control_points.shape
+        >>> BezierSegments.join([polyline([[0, 0], [1, 0]]), point_set([[2, 2]])]).control_points.shape
         (2, 2, 2)
 
         Args:
@@ -410,38 +410,40 @@ class BezierSegments(AbstractCurve):
         tables = on_host(*(part.control_points for part in parts))
         points = module_of(tables[0]).concatenate(tables)
         first = np.cumsum([0] + [part.count for part in parts])
-        xp = jnp if is_traced([part.following for part in parts]) else np
-        known = [xp.asarray(part.following) for part in parts]
+        xp = jnp if is_traced([part.next_segment for part in parts]) else np
+        known = [xp.asarray(part.next_segment) for part in parts]
         shifted = [xp.where(rows < 0, -1, rows + first[k]) for k, rows in enumerate(known)]
-        following = completed(xp.concatenate(shifted), points)
+        next_segment = completed(xp.concatenate(shifted), points)
         if all(part.weights is None for part in parts):
-            return BezierSegments(points, None, following)
+            return BezierSegments(points, None, next_segment)
         ones = [np.ones(part.control_points.shape[:-1]) if part.weights is None else part.weights for part in parts]
-        return BezierSegments(points, module_of(points).concatenate(on_host(*ones)), following)
+        return BezierSegments(points, module_of(points).concatenate(on_host(*ones)), next_segment)
 
 
 def check_curve(name: str, value: object) -> None:
     """Raises TypeError unless the value is a curve."""
     if not isinstance(value, AbstractCurve):
         raise TypeError(
-            f"{name} must be a curve (BezierCurve, BSplineCurve, BezierSegments; see also jhd.points, jhd.polyline); "
-            f"got {type(value).__name__}."
+            f"{name} must be a curve (BezierCurve, BSplineCurve, BezierSegments; see also jhd.point_set, "
+            f"jhd.polyline); got {type(value).__name__}."
         )
 
 
-def _approximated(curve: AbstractCurve, degree: int, atol: Numbers, most: int) -> CurveApproximation:
-    if is_traced(curve, atol):
-        raise TypeError("an approximation needs a concrete curve and atol: the number of segments depends on them.")
-    tolerance = real_array("atol", atol)
+def _approximated(curve: AbstractCurve, degree: int, tolerance: Numbers, most: int) -> CurveApproximation:
+    if is_traced(curve, tolerance):
+        raise TypeError(
+            "an approximation needs a concrete curve and tolerance: the number of segments depends on them."
+        )
+    tolerance = real_array("tolerance", tolerance)
     if tolerance.shape != () or not float(tolerance) > 0:
-        raise ValueError(f"atol is {tolerance}; needs one positive number.")
+        raise ValueError(f"tolerance is {tolerance}; needs one positive number.")
     segments = curve.segments()
     if segments.degree == 0:
         raise ValueError("the curve is a point set (degree 0); join its points with jhd.polyline first.")
     points, weights = np.asarray(segments.control_points), segments.weights
     found = flattened(points, None if weights is None else np.asarray(weights), degree, float(tolerance), most)
-    following = pieces_following(found.segment, np.asarray(segments.following))
-    return CurveApproximation(BezierSegments(found.control_points, None, following), found.deviation)
+    next_segment = pieces_following(found.segment, np.asarray(segments.next_segment))
+    return CurveApproximation(BezierSegments(found.control_points, None, next_segment), found.deviation)
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -461,10 +463,10 @@ def affine_image(points: Array, matrix: Numbers, offset: Numbers) -> Array:
     return array_of((rows[..., None, :] * columns).sum(axis=-1) + shift)
 
 
-def points(array: Numbers) -> BezierSegments:
+def point_set(array: Numbers) -> BezierSegments:
     """A point set as a curve of degree 0, with one segment per point.
 
-    >>> points([[0, 0], [3, 4]])
+    >>> point_set([[0, 0], [3, 4]])
     BezierSegments(2 points, in the plane, box (0, 0) to (3, 4))
 
     Args:

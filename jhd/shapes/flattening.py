@@ -98,11 +98,11 @@ class _LocalCurve(NamedTuple):
         return np.ldexp(np.ldexp(stored.astype(np.float64), -self.first) - self.center, -self.second)
 
 
-def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, atol: float, most: int) -> FlatPieces:
-    """Lines (degree 1) or cubics (degree 3) within atol of Bezier segments (segments, points, dim).
+def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, tolerance: float, most: int) -> FlatPieces:
+    """Lines (degree 1) or cubics (degree 3) within tolerance of Bezier segments (segments, points, dim).
 
     Raises:
-        ValueError: more than `most` pieces are needed, or atol is below what rounding allows.
+        ValueError: more than `most` pieces are needed, or tolerance is below what rounding allows.
     """
     curve = _local(points, weights)
     count = len(points)
@@ -112,8 +112,8 @@ def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, atol:
     unit = curve.first + curve.second
     # Below that no number of pieces is enough, since their ends are rounded.
     least = np.ldexp(_error(curve, 0.0), unit) + 4 * float(np.spacing(np.abs(points).max()))
-    if not atol >= least:
-        raise ValueError(f"atol is {atol:g}, below the rounding of the coordinates; try {2 * least:.1g}.")
+    if not tolerance >= least:
+        raise ValueError(f"tolerance is {tolerance:g}, below the rounding of the coordinates; try {2 * least:.1g}.")
     segment, t0, t1 = np.arange(count), np.zeros(count), np.ones(count)
     done: list[tuple[np.ndarray, ...]] = []
     for _ in range(_DEEPEST):
@@ -121,7 +121,7 @@ def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, atol:
         with np.errstate(over="ignore"):
             bound = np.nextafter(np.ldexp(bound, unit), np.inf)
         # Written so that what is no number is halved, too.
-        good = bound <= atol
+        good = bound <= tolerance
         done.append((segment[good], t0[good], pieces[good], bound[good]))
         segment, t0, t1 = segment[~good], t0[~good], t1[~good]
         if not len(segment):
@@ -130,12 +130,12 @@ def flattened(points: np.ndarray, weights: np.ndarray | None, degree: int, atol:
             return FlatPieces(pieces[order], segment[order], float(bound.max()))
         if sum(len(x[0]) for x in done) + 2 * len(segment) > most:
             raise ValueError(
-                f"atol is {atol:g}; more than max_segments = {most} pieces would be needed. Raise one of them."
+                f"tolerance is {tolerance:g}; more than max_segments = {most} pieces are needed. Raise one of them."
             )
         middle = 0.5 * (t0 + t1)
         segment = np.concatenate([segment, segment])
         t0, t1 = np.concatenate([t0, middle]), np.concatenate([middle, t1])
-    raise ValueError(f"atol is {atol:g}, below the rounding of coordinates of this size; raise it.")
+    raise ValueError(f"tolerance is {tolerance:g}, below the rounding of coordinates of this size; raise it.")
 
 
 def _error(curve: _LocalCurve, size: Any) -> Any:
@@ -240,11 +240,11 @@ def _arcs(p: np.ndarray, w: np.ndarray) -> _EllipseArcs:
     return _EllipseArcs(bent, cubic, norm * radial * (1 + _ROOM))
 
 
-def pieces_following(segment: np.ndarray, following: np.ndarray) -> np.ndarray:
+def pieces_following(segment: np.ndarray, next_segment: np.ndarray) -> np.ndarray:
     """For each piece the one that follows it: the next of its segment, or the first of the segment that follows."""
     count = len(segment)
-    first = np.searchsorted(segment, np.arange(len(following)))
+    first = np.searchsorted(segment, np.arange(len(next_segment)))
     nxt = np.arange(1, count + 1)
     last = np.append(segment[1:] != segment[:-1], True)
-    after = following[segment]
+    after = next_segment[segment]
     return np.where(last, np.where(after < 0, -1, first[np.maximum(after, 0)]), nxt)

@@ -48,8 +48,8 @@ class ImplicitSurface(eqx.Module):
     - The polynomial is zero exactly at an isolated point with simple fractions as coordinates. For example, (x - 1/2)^2
       + y^2 + z^2 is a point; with 0.3 for 1/2 the rounded coefficients are positive everywhere.
 
-    Curves without a sign change, for example x^2 + y^2, cannot be proven. They lead to RESULTS.unverified or to wider
-    bounds; under `jit` isolated points do as well.
+    Curves without a sign change, for example x^2 + y^2, cannot be proven. They lead to RESULTS.existence_not_certified
+    or to wider bounds; under `jit` isolated points do as well.
 
     >>> sphere = ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", [-2, -2, -2], [2, 2, 2])
     >>> float(sphere([1.0, 0.0, 2.0])), sphere.gradient([1.0, 0.0, 2.0]).tolist()
@@ -198,8 +198,8 @@ class ImplicitSurface(eqx.Module):
         image = _image(self.coefficients, self.lower, self.upper, matrix, offset, mixed, self.degree)
         return ImplicitSurface(*image, reduced=self.reduced)
 
-    def to_mesh(self, atol: Numbers, *, max_triangles: int = 2_000_000) -> "ImplicitMesh":
-        """A triangle mesh of a regular surface with a certified deviation of at most `atol` in both directions.
+    def to_mesh(self, tolerance: Numbers, *, max_triangles: int = 2_000_000) -> "ImplicitMesh":
+        """A triangle mesh of a regular surface with a certified deviation of at most `tolerance` in both directions.
 
         Every point of the mesh is within the deviation of a zero of the polynomial in the box. Every zero in the box is
         within the deviation of the mesh. A surface is regular if, up to a fine grid:
@@ -219,22 +219,22 @@ class ImplicitSurface(eqx.Module):
         (True, True)
 
         Args:
-            atol: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
-            max_triangles: largest number of triangles to produce; it grows like 1 / atol.
+            tolerance: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
+            max_triangles: largest number of triangles to produce; it grows like 1 / tolerance.
 
         Returns:
             The mesh with its deviation.
 
         Raises:
             NotRegularError: a ValueError; the surface could not be proven regular.
-            ValueError: `atol` is not positive or needs more than `max_triangles`; or the surface is empty.
+            ValueError: `tolerance` is not positive or needs more than `max_triangles`; or the surface is empty.
             TypeError: the surface is traced; the number of triangles depends on its numbers.
         """
-        if is_traced(self, atol):
-            raise TypeError("to_mesh needs a concrete surface and atol: the number of triangles depends on them.")
-        tolerance = real_array("atol", atol)
+        if is_traced(self, tolerance):
+            raise TypeError("to_mesh needs a concrete surface and tolerance: the number of triangles depends on them.")
+        tolerance = real_array("tolerance", tolerance)
         if tolerance.shape != () or not float(tolerance) > 0:
-            raise ValueError(f"atol is {tolerance}; needs one positive number.")
+            raise ValueError(f"tolerance is {tolerance}; needs one positive number.")
         coefficients, lower, upper = (np.asarray(x) for x in (self.coefficients, self.lower, self.upper))
         found = triangulate(coefficients, lower, upper, float(tolerance), max_triangles)
         return ImplicitMesh(TriangleMesh(found.vertices, found.triangles), found.deviation)

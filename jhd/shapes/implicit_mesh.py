@@ -304,13 +304,13 @@ class _Box(NamedTuple):
 
 
 def triangulate(
-    coefficients: np.ndarray, lower: np.ndarray, upper: np.ndarray, atol: float, most: int
+    coefficients: np.ndarray, lower: np.ndarray, upper: np.ndarray, tolerance: float, most: int
 ) -> HostTriangles:
-    """Triangles within atol of the zeros of a polynomial in a box, both ways.
+    """Triangles within tolerance of the zeros of a polynomial in a box, both ways.
 
     Raises:
         NotRegularError: the surface is not proven regular.
-        ValueError: more than `most` triangles are needed, rounding alone may exceed atol, or there are no zeros.
+        ValueError: more than `most` triangles are needed, rounding alone may exceed tolerance, or there are no zeros.
     """
     box = _Box.of(lower, upper)
     polynomial = BoxedPolynomial.of(coefficients, lower, upper, box.sides)
@@ -319,18 +319,18 @@ def triangulate(
         cells = _cells(polynomial, counts)
         if len(cells) == 0:
             raise empty_surface()
-        if not box.in_user_units(box.off) <= atol:
-            raise ValueError(f"atol is {atol:g}, below the rounding of the vertices; raise it.")
+        if not box.in_user_units(box.off) <= tolerance:
+            raise ValueError(f"tolerance is {tolerance:g}, below the rounding of the vertices; raise it.")
         if len(cells) > most:
             raise ValueError(
-                f"atol is {atol:g}; more than max_triangles = {most} triangles would be needed. Raise one of them."
+                f"tolerance is {tolerance:g}; more than max_triangles = {most} triangles are needed. Raise one of them."
             )
         tau = deviations(polynomial, cells, counts)
         worst = float(tau.max())
-        if box.in_user_units(worst + box.off) <= atol:
+        if box.in_user_units(worst + box.off) <= tolerance:
             return _marched(polynomial, box, cells, counts, worst, most)
         if np.isfinite(worst):
-            lacking = box.in_user_units(worst + box.off) / atol
+            lacking = box.in_user_units(worst + box.off) / tolerance
             growth = float(np.clip(np.sqrt(lacking) * _GROWTH[0], *_GROWTH))
         else:
             _check_regular(polynomial, box, cells[np.isinf(tau)], counts)

@@ -37,11 +37,11 @@ def joints(control_points: Array) -> Int[Array, " segments"]:
     single: Any = xp.max(xp.abs(pieces - pieces[:, :1]), axis=(-2, -1)) <= tolerance
     if xp is jnp:
         return _meeting(pieces[:, -1], pieces[:, 0], single, tolerance)
-    following = np.arange(1, count + 1)
+    next_segment = np.arange(1, count + 1)
     apart = np.max(np.abs(pieces[:-1, -1] - pieces[1:, 0]), axis=-1) > tolerance
     loose = np.append(np.flatnonzero(apart), count - 1)
-    following[loose] = _found(loose, pieces[loose, -1], pieces[:, 0], single, tolerance)
-    return array_of(following)
+    next_segment[loose] = _found(loose, pieces[loose, -1], pieces[:, 0], single, tolerance)
+    return array_of(next_segment)
 
 
 def _meeting(ends: Array, starts: Array, single: Array, tolerance: Array) -> Array:
@@ -77,39 +77,39 @@ def _found(rows: np.ndarray, ends: np.ndarray, starts: np.ndarray, single: np.nd
     return np.where(best < count, (best + rows + 1) % count, -1)
 
 
-def checked(following: Any, count: int) -> Int[Array, " segments"]:
-    """`following` as it is given for so many segments; ValueError for anything that it cannot be."""
-    given = following if isinstance(following, Array) else np.asarray(following)
+def checked(next_segment: Any, count: int) -> Int[Array, " segments"]:
+    """`next_segment` as it is given for so many segments; ValueError for anything that it cannot be."""
+    given = next_segment if isinstance(next_segment, Array) else np.asarray(next_segment)
     if given.dtype == object:
-        raise ValueError("following has entries that are not integers or are too large.")
-    following = array_of(given)
-    if following.shape != (count,) or not jnp.issubdtype(following.dtype, jnp.integer):
+        raise ValueError("next_segment has entries that are not integers or are too large.")
+    next_segment = array_of(given)
+    if next_segment.shape != (count,) or not jnp.issubdtype(next_segment.dtype, jnp.integer):
         raise ValueError(
-            f"following has shape {following.shape} and dtype {following.dtype}; needs ({count},) integers."
+            f"next_segment has shape {next_segment.shape} and dtype {next_segment.dtype}; needs ({count},) integers."
         )
-    if is_traced(following):
-        return following.astype(int)
-    known = np.asarray(following)
+    if is_traced(next_segment):
+        return next_segment.astype(int)
+    known = np.asarray(next_segment)
     bad = np.flatnonzero((known < -1) | (known >= count))
     if len(bad):
-        raise ValueError(f"following[{bad[0]}] is {known[bad[0]]}; needs -1 or a segment below {count}.")
+        raise ValueError(f"next_segment[{bad[0]}] is {known[bad[0]]}; needs -1 or a segment below {count}.")
     return array_of(known.astype(int))
 
 
-def linked(following: Any) -> Float[Array, "*batch segments 2"]:
-    """`following` as floats: each number and one, beside a one.
+def linked(next_segment: Any) -> Float[Array, "*batch segments 2"]:
+    """`next_segment` as floats: each number and one, beside a one.
 
     jax.grad takes no whole numbers among what it differentiates. The derivative of these floats is zero, so optimizers
     leave them where they are; and what scales all that it finds, as weight decay does, changes no quotient.
     """
-    xp = jnp if is_traced(following) else np
+    xp = jnp if is_traced(next_segment) else np
     # Not stacked: of explicitly sharded numbers JAX stacks none with constants.
-    number = (xp.asarray(following) + 1)[..., None]
+    number = (xp.asarray(next_segment) + 1)[..., None]
     return array_of(xp.where(np.array([True, False]), number, 1), float)
 
 
 def followed(links: Any) -> Any:
-    """`following` from what `linked` made of it; whole numbers are it already. Of zeros, -1."""
+    """`next_segment` from what `linked` made of it; whole numbers are it already. Of zeros, -1."""
     return array_of(followed_here(links))
 
 
@@ -126,25 +126,25 @@ def followed_here(links: Any) -> Any:
     return xp.rint(quotient).astype(int) - 1
 
 
-def completed(following: Any, control_points: Array) -> Int[Array, " segments"]:
-    """`following` as it is known, and where it is -1 the segment that `joints` finds."""
-    if is_traced(following):
-        return jnp.where(following < 0, joints(control_points), following)
-    if np.all(np.asarray(following) >= 0):
-        return array_of(following)
+def completed(next_segment: Any, control_points: Array) -> Int[Array, " segments"]:
+    """`next_segment` as it is known, and where it is -1 the segment that `joints` finds."""
+    if is_traced(next_segment):
+        return jnp.where(next_segment < 0, joints(control_points), next_segment)
+    if np.all(np.asarray(next_segment) >= 0):
+        return array_of(next_segment)
     found = joints(control_points)
     xp = jnp if is_traced(found) else np
-    return array_of(xp.where(np.asarray(following) < 0, xp.asarray(found), np.asarray(following)))
+    return array_of(xp.where(np.asarray(next_segment) < 0, xp.asarray(found), np.asarray(next_segment)))
 
 
-def turned(following: Any) -> Any:
-    """`following` of the segments in the opposite order and direction; where two lead to one, one of them counts."""
-    count = following.shape[0]
+def turned(next_segment: Any) -> Any:
+    """`next_segment` of the segments in the opposite order and direction; where two lead to one, one of them counts."""
+    count = next_segment.shape[0]
     index = np.arange(count)
     # The free ends, -1, all write to the slot behind the last.
-    if is_traced(following):
-        preceding = jnp.full(count + 1, -1).at[following].set(index)
+    if is_traced(next_segment):
+        preceding = jnp.full(count + 1, -1).at[next_segment].set(index)
         return jnp.where(preceding[:-1] >= 0, count - 1 - preceding[:-1], -1)[::-1]
     preceding = np.full(count + 1, -1)
-    preceding[np.asarray(following)] = index
+    preceding[np.asarray(next_segment)] = index
     return np.where(preceding[:-1] >= 0, count - 1 - preceding[:-1], -1)[::-1]

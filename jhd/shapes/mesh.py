@@ -13,10 +13,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jhd._results.display import batch_text, box_text, count_text, described, is_known, opaque
 from jhd._runtime.arrays import array_of, bare_array, is_traced, module_of, on_host, real_array
+from jhd.argument_hints import takes
 from jhd.shapes import sketches
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import affine_image
-from jhd.slips import takes
 
 # Scenes of trimesh, grids of PyVista.
 _WAYS_TO_MESHES = ("to_mesh", "extract_surface")
@@ -51,7 +51,7 @@ class TriangleMesh(eqx.Module):
         self.triangles = _checked_triangles(triangles, self.vertices.shape[0])
 
     @classmethod
-    def of(cls, mesh: Any) -> "TriangleMesh":
+    def from_object(cls, mesh: Any) -> "TriangleMesh":
         """The mesh of an object of another library.
 
         Args:
@@ -256,13 +256,13 @@ def edges_of(mesh: TriangleMesh) -> Edges:
     if is_traced(mesh):
         raise TypeError("the edges of a mesh are found from its numbers; they cannot be traced.")
     places = places_of(np.asarray(mesh.vertices))[np.asarray(mesh.triangles)]
-    following = np.roll(places, -1, axis=1)
-    proper = np.all(places != following, axis=1)
-    low, high = np.minimum(places, following)[proper], np.maximum(places, following)[proper]
+    next_segment = np.roll(places, -1, axis=1)
+    proper = np.all(places != next_segment, axis=1)
+    low, high = np.minimum(places, next_segment)[proper], np.maximum(places, next_segment)[proper]
     # Two numbers of places in one integer sort faster than pairs.
     names = low.astype(np.int64) * (int(places.max()) + 1) + high
     _, index, count = np.unique(names.ravel(), return_inverse=True, return_counts=True)
-    direction = np.where(places == np.minimum(places, following), 1, -1)[proper]
+    direction = np.where(places == np.minimum(places, next_segment), 1, -1)[proper]
     balance = np.bincount(index.ravel(), weights=direction.ravel(), minlength=len(count)).astype(np.int64)
     edge = np.full(places.shape, -1, np.int64)
     edge[proper] = index.reshape(-1, 3)
@@ -287,7 +287,7 @@ def kind_of(value: object) -> str:
 def check_mesh(name: str, value: object) -> None:
     """Raises TypeError unless the value is a triangle mesh."""
     if not isinstance(value, TriangleMesh):
-        raise TypeError(f"{name} must be a TriangleMesh (see TriangleMesh.of); got {kind_of(value)}.")
+        raise TypeError(f"{name} must be a TriangleMesh (see TriangleMesh.from_object); got {kind_of(value)}.")
 
 
 def _check_rows(name: str, shape: tuple[int, ...]) -> None:

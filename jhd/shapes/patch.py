@@ -171,8 +171,8 @@ class AbstractPatch(eqx.Module):
         u, v = jnp.broadcast_arrays(real_array("u", u), real_array("v", v))
         return Partials(*_partials(self, u, v))
 
-    def to_mesh(self, atol: Numbers, *, max_triangles: int = 2_000_000) -> "PatchMesh":
-        """A triangle mesh of the surface with a certified deviation of at most `atol` in both directions.
+    def to_mesh(self, tolerance: Numbers, *, max_triangles: int = 2_000_000) -> "PatchMesh":
+        """A triangle mesh of the surface with a certified deviation of at most `tolerance` in both directions.
 
         Triangles are small if the surface is curved and long if it is straight. Patches whose control points (and
         weights) agree along a common edge, in either direction, have the same vertices there, so the mesh has no
@@ -184,22 +184,22 @@ class AbstractPatch(eqx.Module):
         (8, True)
 
         Args:
-            atol: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
-            max_triangles: largest number of triangles to produce; it grows like 1 / atol.
+            tolerance: largest deviation allowed in either direction, a positive length in the unit of the coordinates.
+            max_triangles: largest number of triangles to produce; it grows like 1 / tolerance.
 
         Returns:
             The mesh with its deviation; its method `on` moves the mesh with the surface.
 
         Raises:
-            ValueError: `atol` is not positive, is below the rounding of the coordinates or needs more than
+            ValueError: `tolerance` is not positive, is below the rounding of the coordinates or needs more than
                 `max_triangles`.
             TypeError: the surface is traced; the number of triangles depends on its numbers.
         """
-        if is_traced(self, atol):
-            raise TypeError("to_mesh needs a concrete surface and atol: the number of triangles depends on them.")
-        tolerance = real_array("atol", atol)
+        if is_traced(self, tolerance):
+            raise TypeError("to_mesh needs a concrete surface and tolerance: the number of triangles depends on them.")
+        tolerance = real_array("tolerance", tolerance)
         if tolerance.shape != () or not float(tolerance) > 0:
-            raise ValueError(f"atol is {tolerance}; needs one positive number.")
+            raise ValueError(f"tolerance is {tolerance}; needs one positive number.")
         parts = self.patches()
         weights = None if parts.weights is None else np.asarray(parts.weights)
         found = tessellate(np.asarray(parts.control_points), weights, float(tolerance), max_triangles)

@@ -42,13 +42,13 @@ class Tessellation(NamedTuple):
 
 
 class _Goal(NamedTuple):
-    atol: float
+    tolerance: float
     most: int
 
     def check(self, triangles: int) -> None:
         if triangles > self.most:
             needed = f"more than max_triangles = {self.most} triangles would be needed"
-            raise ValueError(f"atol is {self.atol:g}; {needed}. Raise one of them.")
+            raise ValueError(f"tolerance is {self.tolerance:g}; {needed}. Raise one of them.")
 
 
 class _Loops(NamedTuple):
@@ -75,13 +75,13 @@ class _Loops(NamedTuple):
         return self.patch, self.u, self.v
 
 
-def tessellate(points: np.ndarray, weights: np.ndarray | None, atol: float, most: int) -> Tessellation:
-    """Triangles within atol of Bezier patches (patches, rows, columns, 3).
+def tessellate(points: np.ndarray, weights: np.ndarray | None, tolerance: float, most: int) -> Tessellation:
+    """Triangles within tolerance of Bezier patches (patches, rows, columns, 3).
 
     Raises:
-        ValueError: more than `most` triangles are needed, or rounding alone may exceed atol.
+        ValueError: more than `most` triangles are needed, or rounding alone may exceed tolerance.
     """
-    patches, goal, off = HostPatches.of(points, weights), _Goal(atol, most), 0.0
+    patches, goal, off = HostPatches.of(points, weights), _Goal(tolerance, most), 0.0
     cells = patches.whole()
     while True:
         cells = _refined(patches, cells, goal, off)
@@ -92,7 +92,7 @@ def tessellate(points: np.ndarray, weights: np.ndarray | None, atol: float, most
         patch, u, v = (np.concatenate(pair) for pair in pairs)
         vertices, off = patches.vertices(patch, u, v)
         deviation = float(patches.in_user_units(np.max(cells.bound) + off))
-        if deviation <= atol:
+        if deviation <= tolerance:
             _, once, names = np.unique(places_of(vertices), return_index=True, return_inverse=True)
             return Tessellation(vertices[once], names[triangles], patch[once], u[once], v[once], deviation)
 
@@ -102,21 +102,21 @@ def _refined(patches: HostPatches, cells: PatchCells, goal: _Goal, off: float) -
     found, count = [], 0
     while len(cells.patch):
         goal.check(2 * (count + len(cells.patch)))
-        enough = patches.in_local_units(goal.atol) - off
+        enough = patches.in_local_units(goal.tolerance) - off
         parts = [with_bounds(patches, cells.take(rows), enough) for rows in _chunks(len(cells.patch))]
         cells = joined(parts)
-        good = patches.in_user_units(cells.bound + off) <= goal.atol
+        good = patches.in_user_units(cells.bound + off) <= goal.tolerance
         found.append(cells.take(good))
         count += int(good.sum())
-        cells = _checked(patches, cells.take(~good), goal.atol, off).halves()
+        cells = _checked(patches, cells.take(~good), goal.tolerance, off).halves()
     return joined(found)
 
 
-def _checked(patches: HostPatches, cells: PatchCells, atol: float, off: float) -> PatchCells:
+def _checked(patches: HostPatches, cells: PatchCells, tolerance: float, off: float) -> PatchCells:
     """The rectangles to bisect; ValueError if that cannot help."""
     width = np.where(cells.along_u, cells.u1 - cells.u0, cells.v1 - cells.v0)
-    if len(width) and (width.min() <= _NARROWEST or not patches.in_user_units(patches.noise + off) <= atol):
-        raise ValueError(f"atol is {atol:g}; rounding leaves more on this surface; raise it.")
+    if len(width) and (width.min() <= _NARROWEST or not patches.in_user_units(patches.noise + off) <= tolerance):
+        raise ValueError(f"tolerance is {tolerance:g}; rounding leaves more on this surface; raise it.")
     return cells
 
 

@@ -4,7 +4,7 @@ from tests.defects.runner import within
 
 DEFECTS = [
     *within(
-        "distance/frame/net_jets.py",
+        "distance/normalization/net_jets.py",
         "rounding/test_kernels.py",
         ("(3 if net.weights is None else 6)", "3", "test_points_of_nets_and_of_their_parts_are_as_close_as_told"),
         ("(7 if net.weights is None else 20)", "7", "test_points_of_nets_and_of_their_parts_are_as_close_as_told"),
@@ -20,7 +20,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/frame/curves.py",
+        "distance/normalization/curves.py",
         "rounding/test_kernels.py",
         ("math.sqrt(dim) * gamma(4 * (degree + 7) + 1, dtype)", "0.0", "test_curves_are_moved_by_at_most_what_is_told"),
     ),
@@ -113,7 +113,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/frame/attach.py",
+        "distance/normalization/custom_derivatives.py",
         "distance/witness/test_derivative.py",
         (
             "usable = where & jnp.isfinite(number) & jnp.isfinite(other)",
@@ -122,8 +122,8 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/frame/coordinates.py",
-        "distance/frame/test_curves.py",
+        "distance/normalization/coordinates.py",
+        "distance/normalization/test_curves.py",
         (
             "exact = (xp.abs(scaled) > 2 * smallest_normal(scaled.dtype)) | (given == 0)",
             "exact = True",
@@ -141,8 +141,8 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/frame/following.py",
-        "distance/frame/test_following.py",
+        "distance/normalization/implicit_derivatives.py",
+        "distance/normalization/test_implicit_derivatives.py",
         (
             "jnp.where(usable.reshape(-1, *[1] * (x.ndim - 1)), x, 0.0)",
             "x",
@@ -193,14 +193,18 @@ DEFECTS = [
             "near = np.array([0])",
             "test_of_points_that_are_one_only_one_is_searched_beside_a_long_curve",
         ),
+    ),
+    *within(
+        "distance/search/branch_and_bound.py",
+        "distance/test_minimum.py",
         (
-            "if given:\n        raise ValueError",
-            "if False:\n        raise ValueError",
-            "distance/test_minimum.py::test_a_method_holds_the_options_and_not_both_are_given",
+            "if given:\n        written",
+            "if False:\n        written",
+            "test_a_method_holds_the_options_and_not_both_are_given",
         ),
     ),
     *within(
-        "distance/collections.py",
+        "distance/collections/entries.py",
         "distance/test_collections.py",
         (
             "near &= columns[None, :] > rows[:, None]",
@@ -214,7 +218,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/many/neighbors.py",
+        "distance/collections/neighbors.py",
         "distance/test_collections.py",
         ("near[each, index] = False", "near[each, index] = True", "test_ties_are_named"),
         (
@@ -229,7 +233,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/many/signatures.py",
+        "distance/collections/pivots.py",
         "distance/test_collections.py",
         (
             "jnp.where(low <= reach, high_b, -jnp.inf), axis=1) + reach",
@@ -243,8 +247,8 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/many/store.py",
-        "distance/many/test_store.py",
+        "distance/collections/store.py",
+        "distance/collections/test_store.py",
         (
             "if rows.dtype != _PART or rows.shape != (count,):",
             "if rows.dtype != _PART:",
@@ -253,7 +257,7 @@ DEFECTS = [
         ("if found != mine:", "if False:", "test_a_store_of_something_else_is_refused_and_both_fingerprints_are_named"),
     ),
     *within(
-        "distance/many/blocks.py",
+        "distance/collections/blocks.py",
         "distance/test_collections.py",
         (
             "return Aim(jnp.maximum(aim.level, found.lower), most), found",
@@ -262,8 +266,8 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/measures/measures.py",
-        "distance/measures/test_measures.py",
+        "distance/statistics/statistics.py",
+        "distance/statistics/test_statistics.py",
         (
             "for end, sign in zip(bounds, (-1, 1), strict=True)",
             "for end, sign in zip(bounds, (1, -1), strict=True)",
@@ -282,7 +286,7 @@ DEFECTS = [
         (
             "if not value.is_confirmed:",
             "if False:",
-            "distance/measures/test_confirmed.py::test_derivatives_over_more_pieces_than_are_looked_at_closely_are_refused",
+            "distance/statistics/test_error_control.py::test_derivatives_over_more_pieces_than_are_looked_at_closely_are_refused",
         ),
     ),
     *within(

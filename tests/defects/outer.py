@@ -330,7 +330,7 @@ DEFECTS = [
         "fitting/annealing.py",
         "fitting/test_annealing.py",
         (
-            "if measure is not None and measure != Hausdorff():",
+            "if statistic is not None and statistic != MaxDistance():",
             "if False:",
             "test_only_the_distance_of_curves_is_annealed_and_by_a_length",
         ),

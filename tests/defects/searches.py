@@ -123,7 +123,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/nearest/places.py",
+        "distance/nearest/surface_points.py",
         "rounding/test_kernels.py",
         (
             " * (1 + 8 * unit_roundoff(dtype))\n\n\ndef thorough",
@@ -216,8 +216,8 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/cells/squares.py",
-        "distance/cells/test_squares.py",
+        "distance/cells/squared_distance_bounds.py",
+        "distance/cells/test_squared_distance_bounds.py",
         ("lower - smallest_normal(np.float64)", "lower", "test_subnormal_distances_are_not_rounded_upward"),
     ),
     *within(
@@ -256,8 +256,8 @@ DEFECTS = [
         ("ends[1] < -1.01 * error", "ends[1] < 1e30 * error", "test_a_polynomial_of_one_sign_has_no_bound_from_signs"),
     ),
     *within(
-        "distance/cells/moving_surfaces.py",
-        "distance/cells/test_moving_surfaces.py",
+        "distance/cells/tracked_feet_surfaces.py",
+        "distance/cells/test_tracked_feet_surfaces.py",
         (
             "total = (far + off) *",
             "total = far *",
@@ -270,7 +270,7 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/cells/moving_surfaces.py",
+        "distance/cells/tracked_feet_surfaces.py",
         "distance/cells/test_narrowed.py",
         (
             "others + f.rest[0] + f.error[0]",
@@ -279,8 +279,8 @@ DEFECTS = [
         ),
     ),
     *within(
-        "distance/cells/beside.py",
-        "distance/cells/test_beside.py",
+        "distance/cells/linear_proxies.py",
+        "distance/cells/test_linear_proxies.py",
         (
             "some = square > 0\n",
             "some = square >= 0\n",

@@ -89,7 +89,7 @@ DEFECTS = [
     *within(
         "shapes/curve.py",
         "shapes/test_curve.py",
-        ("turned(self.following))", "self.following)", "test_reversal_turns_segments_and_joints_around"),
+        ("turned(self.next_segment))", "self.next_segment)", "test_reversal_turns_segments_and_joints_around"),
         (
             "xp.where(after >= inside, after, -1)",
             "xp.where(after >= 0, after, -1)",
@@ -157,7 +157,7 @@ DEFECTS = [
         "shapes/flattening.py",
         "shapes/test_flattening.py",
         ("norm * radial * (1 + _ROOM)", "0 * norm * radial", "test_cubics_of_arcs_of_ellipses_are_near_both_ways"),
-        ("if not atol >= least:", "if not atol >= 0:", "test_what_cannot_be_done_is_refused"),
+        ("if not tolerance >= least:", "if not tolerance >= 0:", "test_what_cannot_be_done_is_refused"),
     ),
     *within(
         "shapes/biarc.py",

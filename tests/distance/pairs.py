@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 import jhd
-from jhd.distance.frame.curves import padded_count, raised_degree
+from jhd.distance.normalization.curves import padded_count, raised_degree
 from tests import reference
 from tests.cases import CASES
 from tests.sweeps import swept
@@ -81,7 +81,7 @@ def of_one_size(case):
 def solved(name, direction="ab"):
     """The directed distance of a case by the two-step method, once for all tests."""
     a, b = of_one_size(BY_NAME[name])
-    return jhd.directed_hausdorff(*((a, b) if direction == "ab" else (b, a)), jhd.TwoStep())
+    return jhd.directed_hausdorff(*((a, b) if direction == "ab" else (b, a)), jhd.published.TwoStep())
 
 
 def diagonal(name):

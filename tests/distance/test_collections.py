@@ -15,7 +15,7 @@ import pytest
 
 import jhd
 from jhd._results.solution import names_of
-from jhd.distance.many import blocks, tasks
+from jhd.distance.collections import blocks, tasks
 
 
 def squares(sides):
@@ -44,7 +44,7 @@ def every():
 
 def clouds(seed, count):
     random = np.random.default_rng(seed)
-    return [jhd.points(random.standard_normal((3 + k, 2)) + k % 3) for k in range(count)]
+    return [jhd.point_set(random.standard_normal((3 + k, 2)) + k % 3) for k in range(count)]
 
 
 class InPlace(Executor):
@@ -97,7 +97,7 @@ def test_shapes_of_all_kinds_are_measured_beside_each_other():
     faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
     shapes = [
         jhd.TriangleMesh(corners, faces),
-        jhd.points(corners),
+        jhd.point_set(corners),
         jhd.TriangleMesh(corners + 0.25, faces),
         jhd.polyline([(0, 0, 0), (1, 1, 1)]),
     ]
@@ -110,7 +110,7 @@ def test_shapes_of_all_kinds_are_measured_beside_each_other():
     for i in range(4):
         second = np.sort(every.upper[i])[1]
         assert near.lower[i, 1] <= second and np.sort(every.lower[i])[1] <= near.upper[i, 1]
-    within = jhd.pairs_within(shapes, 0.5, method=method)
+    within = jhd.pairs_within(shapes, method=method, threshold=0.5)
     found = {(i, j) for i, j in itertools.combinations(range(4), 2) if every.upper[i, j] <= 0.5}
     assert {tuple(pair) for pair in within.index} == found == {(0, 2)}
 
@@ -146,7 +146,7 @@ def test_what_a_pair_gets_depends_on_nothing_else(every):
 
 @pytest.mark.slow
 def test_padded_curves_are_kept_as_far_as_there_is_room(monkeypatch, every):
-    from jhd.distance.many import shapes
+    from jhd.distance.collections import shapes
 
     collection, kind = shapes.Collection("shapes", CURVES), blocks.PairKind(16, 3, 2, False)
     size = sum(x.nbytes for x in collection.row(0, kind) if x is not None)
@@ -169,7 +169,7 @@ def test_the_table_of_one_collection_is_symmetric_and_zero_for_a_shape_and_itsel
 def test_signatures_bound_every_pair_at_every_scale(exponent, every):
     # Powers of two change no digit of a distance.
     shapes = some_curves(1, scale=2.0**exponent)
-    signs = jhd.signatures(shapes)
+    signs = jhd.pivot_distances(shapes)
     assert np.all(signs.lower <= signs.upper)
     most = np.max(np.maximum(signs.lower[:, None] - signs.upper, signs.lower - signs.upper[:, None]), axis=-1)
     assert np.all(np.ldexp(most, -exponent) <= every.upper)
@@ -181,13 +181,13 @@ def test_signatures_bound_every_pair_at_every_scale(exponent, every):
 
 
 def test_bounds_of_all_pairs_hold_and_the_reach_covers_the_shapes(every):
-    from jhd.distance.many.shapes import Collection
-    from jhd.distance.many.signatures import SignatureBounds, lattice_over, reaches
+    from jhd.distance.collections.pivots import PivotBounds, lattice_over, reaches
+    from jhd.distance.collections.shapes import Collection
 
     for offset in (0.0, 1e9):
         moved = [jhd.BezierSegments(np.asarray(shape.control_points) + offset) for shape in CURVES]
-        signs = jhd.signatures(moved)
-        lower, upper = SignatureBounds(signs, signs).between(np.arange(len(moved)), np.arange(len(moved)))
+        signs = jhd.pivot_distances(moved)
+        lower, upper = PivotBounds(signs, signs).between(np.arange(len(moved)), np.arange(len(moved)))
         exact = every if offset == 0.0 else jhd.pairwise(moved)
         assert np.all(lower <= exact.upper) and np.all(exact.lower <= upper)
         assert np.median(lower[exact.value > 0] / exact.value[exact.value > 0]) > 0.8
@@ -220,19 +220,19 @@ def test_ties_are_named():
 
 @pytest.mark.parametrize("threshold", [1e-9, 1.0, 2.5])
 def test_pairs_within_a_threshold_are_those_of_all_distances(threshold, every):
-    found = jhd.pairs_within(CURVES, threshold)
+    found = jhd.pairs_within(CURVES, threshold=threshold)
     near = [(i, j) for i, j in itertools.combinations(range(len(CURVES)), 2) if every.value[i, j] <= threshold]
     assert [tuple(pair) for pair in found.index] == near and len(near) > 0
     assert np.all(found.upper <= threshold) and len(found.undecided) == 0 and found.computed < every.computed
     assert repr(found) == f"PairsWithin({len(near)} pairs, 0 undecided, {found.computed} computed)"
-    between = jhd.pairs_within(CURVES[:4], threshold, CURVES[4:])
+    between = jhd.pairs_within(CURVES[:4], CURVES[4:], threshold=threshold)
     assert [(i, j + 4) for i, j in between.index] == [(i, j) for i, j in near if i < 4 <= j]
 
 
 def test_a_threshold_within_the_bounds_of_a_pair_is_undecided():
     a, b = some_curves(3)[2], some_curves(4)[2]
     value = float(jhd.pairwise([a], [b]).value[0, 0])
-    found = jhd.pairs_within([a], value, [b])
+    found = jhd.pairs_within([a], [b], threshold=value)
     assert len(found.index) + len(found.undecided) == 1
     assert (names_of(found.result) == "gap_not_closed") == (len(found.undecided) == 1)
 
@@ -270,7 +270,7 @@ def test_an_interrupted_call_keeps_what_is_done_and_says_so():
         assert set(names_of(near.result)) == {"interrupted"} and near.computed == 0
         chosen = np.take_along_axis(exact.value[:2, 2:], near.index, axis=1)
         assert np.all(near.lower <= chosen) and np.all(chosen <= near.upper)
-        within = jhd.pairs_within(clouds(3, 16), 2.3, executor=pool, progress=stop)
+        within = jhd.pairs_within(clouds(3, 16), threshold=2.3, executor=pool, progress=stop)
         assert names_of(within.result) == "interrupted" and len(within.undecided) > 0
 
 
@@ -294,20 +294,20 @@ def test_what_is_no_collection_is_refused(as_a_user):
     with pytest.raises(TypeError, match=r"others\[1\]: text is not a shape: jhd\.io\.load_shape"):
         jhd.pairwise(CURVES, [CURVES[0], "a"])
     one = r"(shapes|queries) must be a list of shapes; got a single BezierSegments\."
-    for call in (jhd.pairwise, jhd.nearest_shapes, jhd.signatures):
+    for call in (jhd.pairwise, jhd.nearest_shapes, jhd.pivot_distances):
         with pytest.raises(TypeError, match=one):
             call(CURVES[0], CURVES[1])
     with pytest.raises(ValueError, match=r"shapes\[1\] has 3 coordinates and shapes\[0\] has 2"):
-        jhd.pairs_within([CURVES[0], space], 1.0)
+        jhd.pairs_within([CURVES[0], space], threshold=1.0)
     with pytest.raises(ValueError, match="queries has shapes of 3 coordinates and shapes of 2"):
         jhd.nearest_shapes([space], CURVES)
     with pytest.raises(ValueError, match="k is 11; there are 10 shapes"):
         jhd.nearest_shapes(CURVES, CURVES, 11)
     with pytest.raises(ValueError, match="threshold is -1"):
-        jhd.pairs_within(CURVES, -1.0)
+        jhd.pairs_within(CURVES, threshold=-1.0)
     with pytest.raises(TypeError, match="method must be BranchAndBound"):
-        jhd.nearest_shapes(CURVES, CURVES, method=jhd.TwoStep())  # pyright: ignore[reportArgumentType]
+        jhd.nearest_shapes(CURVES, CURVES, method=jhd.published.TwoStep())  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match="method must be"):
-        jhd.pairwise(CURVES, method=jhd.CubeIntervals())
+        jhd.pairwise(CURVES, method=jhd.published.CubeIntervals())
     with pytest.raises(ValueError, match=r"points has shape \(1, 3\); needs \(points, 2\)"):
-        jhd.signatures(CURVES, np.zeros((1, 3)))
+        jhd.pivot_distances(CURVES, np.zeros((1, 3)))

@@ -81,7 +81,7 @@ def test_a_shape_is_within_zero_of_its_copy():
     curve = lambda: jhd.BezierCurve([(0, 0), (1, 2), (2, -1), (3, 1)])  # noqa: E731
     assert jhd.hausdorff_at_most(curve(), curve(), 0) and jhd.hausdorff_at_most(curve(), curve(), 0, directed=True)
     other = curve().transform(np.eye(2), (0, 1e-13))
-    found = jhd.pairs_within([curve(), other, curve()], 0)
+    found = jhd.pairs_within([curve(), other, curve()], threshold=0)
     assert found.index.tolist() == [[0, 2]] and not len(found.undecided)
 
 
@@ -117,7 +117,7 @@ def test_bad_thresholds_and_methods_are_refused():
     with pytest.raises(ValueError, match="threshold is not finite"):
         jhd.hausdorff_at_most(a, b, float("nan"))
     with pytest.raises(TypeError, match=r"method must be BranchAndBound\(\)"):
-        jhd.hausdorff_at_most(a, b, 1.0, jhd.TwoStep())
+        jhd.hausdorff_at_most(a, b, 1.0, jhd.published.TwoStep())
 
 
 def test_one_direction_may_be_asked_for():
@@ -150,7 +150,7 @@ def test_a_minimum_distance_is_decided_by_fewer_steps():
     with pytest.raises(ValueError, match="needs one number of at least 0"):
         jhd.minimum_at_most(a, b, -1.0)
     with pytest.raises(TypeError, match=r"method must be BranchAndBound\(\)|^Type-check error"):
-        jhd.minimum_at_most(a, b, 1.0, jhd.VoxelPairs(8))  # pyright: ignore[reportArgumentType]
+        jhd.minimum_at_most(a, b, 1.0, jhd.published.VoxelPairs(8))  # pyright: ignore[reportArgumentType]
 
 
 def test_a_threshold_ends_a_search_when_it_is_passed():

@@ -42,12 +42,12 @@ def within(found, atol, rtol=1e-3):
 @pytest.mark.parametrize("power", swept([0, -400, 400], 1, 2))
 def test_a_segment_and_one_of_its_ends(power):
     unit = 2.0**power
-    found = jhd.deviation(jhd.polyline(unit * np.array(SEGMENT)), jhd.points([(0, 0)]))
-    assert encloses(found.mean, unit / 2) and encloses(found.rms, unit / math.sqrt(3)) and encloses(found.measure, unit)
+    found = jhd.deviation(jhd.polyline(unit * np.array(SEGMENT)), jhd.point_set([(0, 0)]))
+    assert encloses(found.mean, unit / 2) and encloses(found.rms, unit / math.sqrt(3)) and encloses(found.size, unit)
     assert within(found, 1e-6 * unit) and found.maximum.lower <= unit <= found.maximum.upper
     for q in (0.1, 0.5, 0.9, 1.0):
         assert encloses(found.quantile(q), q * unit) and found.quantile(q).upper - found.quantile(q).lower < 0.2 * unit
-        assert encloses(found.share_within(q * unit), q)
+        assert encloses(found.fraction_within(q * unit), q)
 
 
 def test_a_segment_above_a_line_that_rises():
@@ -56,7 +56,7 @@ def test_a_segment_above_a_line_that_rises():
     found = jhd.deviation(jhd.polyline([(0, 1), (1, 1)]), jhd.polyline([(-3, -1.5), (3, 1.5)]))
     assert encloses(found.mean, 0.75 * cosine) and encloses(found.quantile(0.5), 0.75 * cosine) and within(found, 1e-5)
     assert encloses(found.rms, cosine * math.sqrt(7 / 12))
-    assert encloses(found.share_within(0.75 * cosine), 0.5)
+    assert encloses(found.fraction_within(0.75 * cosine), 0.5)
 
 
 @pytest.mark.slow
@@ -66,7 +66,7 @@ def test_concentric_circles_are_everywhere_as_far():
     for bounds in (found.mean, found.rms, found.quantile(0.2), found.quantile(0.9)):
         assert bounds.lower <= 0.5 * (1 + 1e-14) and 0.5 * (1 - 1e-14) <= bounds.upper
         assert bounds.upper - bounds.lower < 5e-3
-    assert encloses(found.measure, 2 * math.pi) and within(found, 1e-5, 4e-3)
+    assert encloses(found.size, 2 * math.pi) and within(found, 1e-5, 4e-3)
 
 
 @pytest.mark.slow
@@ -75,15 +75,15 @@ def test_circles_that_cross_agree_with_a_dense_sum():
     exact = np.abs(np.hypot(np.cos(TURN) - 0.3, np.sin(TURN)) - 1)
     assert encloses(found.mean, exact.mean()) and encloses(found.rms, np.sqrt(np.mean(exact**2)))
     assert encloses(found.quantile(0.5), np.median(exact)) and encloses(found.quantile(0.9), np.quantile(exact, 0.9))
-    assert encloses(found.share_within(0.1), np.mean(exact <= 0.1)) and within(found, 1e-5, 4e-3)
+    assert encloses(found.fraction_within(0.1), np.mean(exact <= 0.1)) and within(found, 1e-5, 4e-3)
 
 
 def test_points_are_counted_and_not_cut():
     rows = [(0.0, 1.0), (0.5, 2.0), (0.75, 4.0), (2.0, 0.0)]
-    found = jhd.deviation(jhd.points(rows), jhd.polyline(SEGMENT))
-    assert encloses(found.mean, 2.0) and encloses(found.rms, math.sqrt(22 / 4)) and found.measure == (4.0, 4.0)
+    found = jhd.deviation(jhd.point_set(rows), jhd.polyline(SEGMENT))
+    assert encloses(found.mean, 2.0) and encloses(found.rms, math.sqrt(22 / 4)) and found.size == (4.0, 4.0)
     assert encloses(found.quantile(0.5), 1.0) and encloses(found.quantile(0.75), 2.0)
-    assert found.share_within(1.5).upper == pytest.approx(0.5) and found.mean.upper - found.mean.lower < 1e-11
+    assert found.fraction_within(1.5).upper == pytest.approx(0.5) and found.mean.upper - found.mean.lower < 1e-11
     assert np.all(np.asarray(found.at().distance) == pytest.approx([1, 2, 4, 1]))
 
 
@@ -93,34 +93,34 @@ def test_points_count_by_weights_of_any_size(weights, power):
     given, exact = [math.ldexp(w, power) for w in weights], [Fraction(w) for w in weights]
     assert [Fraction(x) for x in given] == [w * Fraction(2) ** power for w in exact]
     far, total = (0, 1, 5), sum(exact)
-    found = jhd.deviation(jhd.points([(x, 0) for x in far]), jhd.points([(0, 0)]), weights=given)
+    found = jhd.deviation(jhd.point_set([(x, 0) for x in far]), jhd.point_set([(0, 0)]), weights=given)
     assert encloses(found.mean, sum(w * x for w, x in zip(exact, far, strict=True)) / total)
     square = sum(w * x * x for w, x in zip(exact, far, strict=True)) / total
     assert Fraction(found.rms.lower) ** 2 <= square <= Fraction(found.rms.upper) ** 2
-    assert encloses(found.share_within(2), (exact[0] + exact[1]) / total)
-    assert encloses(found.quantile(0.9), 5) and encloses(found.measure, total * Fraction(2) ** power)
+    assert encloses(found.fraction_within(2), (exact[0] + exact[1]) / total)
+    assert encloses(found.quantile(0.9), 5) and encloses(found.size, total * Fraction(2) ** power)
     assert within(found, 1e-5)
 
 
 def test_the_size_of_weighted_points_is_the_exact_sum_of_the_weights():
     # As floats the sums are whole.
     for weights in ([0.1, 1.9, 1.0], [0.3, 1.7, 1.0], [1 / 3, 5 / 3, 1.0], [1 + 2**-52, 1 - 2**-53, 1.0]):
-        found = jhd.deviation(jhd.points([(x, 0) for x in (0, 1, 5)]), jhd.points([(0, 0)]), weights=weights).measure
+        found = jhd.deviation(jhd.point_set([(x, 0) for x in (0, 1, 5)]), jhd.point_set([(0, 0)]), weights=weights).size
         assert encloses(found, sum(map(Fraction, weights))) and found.upper == math.nextafter(found.lower, math.inf)
 
 
 @pytest.mark.slow
 def test_lengths_below_the_normal_numbers_are_rounded_outward():
     tiny = 5e-324
-    found = jhd.deviation(jhd.polyline([(0, 0, 0), (tiny, tiny, tiny)]), jhd.points([(0, 0, 0)]), throw=False)
-    assert (Fraction(found.measure.lower) / Fraction(tiny)) ** 2 <= 3 <= (Fraction(found.measure.upper) / tiny) ** 2
+    found = jhd.deviation(jhd.polyline([(0, 0, 0), (tiny, tiny, tiny)]), jhd.point_set([(0, 0, 0)]), throw=False)
+    assert (Fraction(found.size.lower) / Fraction(tiny)) ** 2 <= 3 <= (Fraction(found.size.upper) / tiny) ** 2
 
 
 SINGLE = """
 import math, jhd, numpy as np
 tiny = 2.0**-149
-far = jhd.points(np.array([(3, 0), (0, 7), (5, 5)], np.float32) * np.float32(tiny))
-found = jhd.deviation(far, jhd.points([(0, 0)]), throw=False)
+far = jhd.point_set(np.array([(3, 0), (0, 7), (5, 5)], np.float32) * np.float32(tiny))
+found = jhd.deviation(far, jhd.point_set([(0, 0)]), throw=False)
 mean, median = (10 + math.sqrt(50)) / 3 * tiny, 7 * tiny
 assert found.mean.lower <= mean <= found.mean.upper, found.mean
 assert found.quantile(0.5).lower <= median <= found.quantile(0.5).upper
@@ -143,8 +143,8 @@ def test_in_single_precision_bounds_below_the_normal_numbers_stay_true():
 
 
 def test_a_box_whose_diagonal_is_no_float_has_a_default_tolerance():
-    ends = jhd.points([(-8e307, -1e308), (8e307, 1e308), (6e307, 1e308)])
-    found = jhd.deviation(ends, jhd.points([(0, 0), (0, 1e308)]))
+    ends = jhd.point_set([(-8e307, -1e308), (8e307, 1e308), (6e307, 1e308)])
+    found = jhd.deviation(ends, jhd.point_set([(0, 0), (0, 1e308)]))
     assert encloses(found.maximum, math.hypot(8e307, 1e308)) and encloses(found.quantile(0.6), 8e307)
     assert 0 < found.mean.upper - found.mean.lower < 1e303
 
@@ -154,7 +154,7 @@ def test_a_square_above_a_tilted_plane():
     square, plane = jhd.TriangleMesh(SQUARE, TRIANGLES), jhd.TriangleMesh(PLANE, TRIANGLES)
     found, cosine = jhd.deviation(square, plane), 1 / math.sqrt(1.25)
     assert encloses(found.mean, 1.25 * cosine) and encloses(found.rms, cosine * math.sqrt(1.25**2 + 1 / 48))
-    assert encloses(found.measure, 1.0) and encloses(found.quantile(0.5), 1.25 * cosine) and within(found, 1e-5)
+    assert encloses(found.size, 1.0) and encloses(found.quantile(0.5), 1.25 * cosine) and within(found, 1e-5)
     assert np.asarray(found.at().distance) == pytest.approx(cosine * np.array([1, 1.5, 1.5, 1]))
 
 
@@ -163,13 +163,13 @@ def test_a_triangle_that_crosses_a_plane_is_known_up_to_rounding():
     tilted = jhd.TriangleMesh([[1, 0, -0.5], [0, 0, 0.25], [0, 1, 0.75]], [[0, 1, 2]])
     plane = jhd.TriangleMesh(PLANE * [1, 1, 0], TRIANGLES)
     found = jhd.deviation(tilted, plane)
-    exact = {found.mean: 23 / 90, found.rms: math.sqrt(3 / 32), found.share_within(0.25): 8 / 15}
+    exact = {found.mean: 23 / 90, found.rms: math.sqrt(3 / 32), found.fraction_within(0.25): 8 / 15}
     for bounds, value in exact.items():
         assert encloses(bounds, value) and bounds.upper - bounds.lower < 1e-11
     # Up to 1/4 the share is (16 / 15) ((1/2 + t)^2 - (1/2 - t)^2) = 32 t / 15.
     level = found.quantile(0.4)
     assert encloses(level, 3 / 16) and level.upper - level.lower < 1e-7
-    assert encloses(found.measure, math.sqrt(0.25 + 0.75**2 + 1) / 2) and found.stats["cells"] < 12
+    assert encloses(found.size, math.sqrt(0.25 + 0.75**2 + 1) / 2) and found.stats["cells"] < 12
 
 
 def ball(levels: int) -> tuple[np.ndarray, np.ndarray]:
@@ -197,10 +197,10 @@ def test_meshes_that_cross_each_other_close_with_few_cells_and_agree_with_a_dens
     # Of so many samples the mean and the shares are good to a few thousandths.
     assert found.mean.value == pytest.approx(np.average(distance, weights=weights), rel=3e-3)
     for level in (0.003, 0.01, 0.016):
-        share = found.share_within(level)
+        share = found.fraction_within(level)
         assert share.upper - share.lower < 3e-3
         assert share.value == pytest.approx(np.sum(weights[distance <= level]) / np.sum(weights), abs=3e-3)
-    assert encloses(found.measure, np.sum(areas)) and within(found, 1e-5) and found.stats["cells"] < 3000
+    assert encloses(found.size, np.sum(areas)) and within(found, 1e-5) and found.stats["cells"] < 3000
     median = found.quantile(0.5)
     assert median.upper - median.lower < 5e-3 * float(found.maximum.upper)
 
@@ -208,11 +208,11 @@ def test_meshes_that_cross_each_other_close_with_few_cells_and_agree_with_a_dens
 def test_a_square_beside_points_closes_with_few_cells_where_the_nearest_one_changes():
     # The nearest point changes at 1/3, so that all of the square is three rectangles beside a corner of each.
     square, width = jhd.TriangleMesh(SQUARE * [1, 1, 0], TRIANGLES), 1 / 3
-    found = jhd.deviation(square, jhd.points([(0, 0, 0), (2 * width, 0, 0)]))
+    found = jhd.deviation(square, jhd.point_set([(0, 0, 0), (2 * width, 0, 0)]))
     mean = (math.hypot(1, width) + width**2 / 2 * math.asinh(1 / width) + math.asinh(width) / (2 * width)) / 3
     assert encloses(found.mean, mean) and encloses(found.rms, math.sqrt((1 + width**2) / 3)) and within(found, 1e-5)
     assert found.stats["cells"] < 2000
-    share = found.share_within(width)
+    share = found.fraction_within(width)
     assert encloses(share, math.pi / 4 * width) and share.upper - share.lower < 1e-3
 
 
@@ -220,7 +220,7 @@ def test_a_shape_deviates_from_itself_by_nothing():
     mesh = jhd.TriangleMesh([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.5]], [[0, 1, 2], [0, 2, 3]])
     found = jhd.deviation(mesh, mesh)
     assert found.mean.lower == found.rms.lower == 0 and found.rms.upper < 2e-6
-    assert found.share_within(1e-5).lower > 1 - 1e-10
+    assert found.fraction_within(1e-5).lower > 1 - 1e-10
 
 
 @pytest.mark.exhaustive
@@ -234,7 +234,7 @@ def test_a_flat_patch_and_a_paraboloid_agree_with_a_dense_sum():
     exact = np.interp(np.hypot(*np.meshgrid(x, x)), radius, from_a_parabola(radius))
     assert encloses(found.mean, exact.mean()) and encloses(found.rms, np.sqrt(np.mean(exact**2)))
     assert encloses(found.quantile(0.5), np.median(exact)) and encloses(found.quantile(0.9), np.quantile(exact, 0.9))
-    assert encloses(found.share_within(0.1), np.mean(exact <= 0.1)) and within(found, 1e-5, 1e-2)
+    assert encloses(found.fraction_within(0.1), np.mean(exact <= 0.1)) and within(found, 1e-5, 1e-2)
 
 
 def from_a_parabola(radius):
@@ -259,11 +259,11 @@ def test_an_octahedron_and_a_polynomial_sphere_agree_with_a_dense_sum():
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
     exact = 1 - np.linalg.norm(np.stack([u, v, 1 - u - v]), axis=0)
     assert encloses(found.mean, exact.mean()) and encloses(found.rms, np.sqrt(np.mean(exact**2)))
-    assert encloses(found.quantile(0.5), np.median(exact)) and encloses(found.measure, 4 * math.sqrt(3))
+    assert encloses(found.quantile(0.5), np.median(exact)) and encloses(found.size, 4 * math.sqrt(3))
 
 
 def test_results_are_told_and_written():
-    found = jhd.deviation(jhd.polyline(SEGMENT), jhd.points([(0, 0)]))
+    found = jhd.deviation(jhd.polyline(SEGMENT), jhd.point_set([(0, 0)]))
     stored = json.loads(found.to_json())
     assert stored["mean"] == list(found.mean) and stored["result"] == "successful"
     assert stored["quantiles"]["0.5"] == list(found.quantile(0.5))
@@ -271,7 +271,7 @@ def test_results_are_told_and_written():
 
 
 def test_a_tolerance_that_is_not_reached_is_told_with_true_bounds():
-    shapes = jhd.polyline(SEGMENT), jhd.points([(0, 0)])
+    shapes = jhd.polyline(SEGMENT), jhd.point_set([(0, 0)])
     with pytest.raises(jhd.NotProvenError) as caught:
         jhd.deviation(*shapes, rtol=1e-9, atol=0, max_cells=16)
     found = caught.value.solution
@@ -281,7 +281,7 @@ def test_a_tolerance_that_is_not_reached_is_told_with_true_bounds():
 
 
 def test_an_unreached_tolerance_names_the_bounds_and_one_that_they_meet():
-    shapes = jhd.polyline(SEGMENT), jhd.points([(0, 0)])
+    shapes = jhd.polyline(SEGMENT), jhd.point_set([(0, 0)])
     with pytest.raises(jhd.NotProvenError) as caught:
         jhd.deviation(*shapes, rtol=1e-9, atol=0, max_cells=16, quantile=0.5)
     found, message = caught.value.solution, str(caught.value)
@@ -321,31 +321,31 @@ def test_the_maximum_and_distances_at_places_are_differentiable():
         (lambda a, b: jhd.deviation(a, b, rtol=-1), ValueError, "rtol"),
         (lambda a, b: jhd.deviation(a, b, atol=-1), ValueError, "atol"),
         (lambda a, b: jhd.deviation(a, b, max_cells=0), ValueError, "max_cells"),
-        (lambda a, b: jhd.deviation(a, jhd.points([(0, 0, 0)])), ValueError, "coordinates"),
+        (lambda a, b: jhd.deviation(a, jhd.point_set([(0, 0, 0)])), ValueError, "coordinates"),
         (lambda a, b: jhd.deviation(jhd.polyline([(1, 1), (1, 1)]), b), ValueError, "a has no length"),
         (lambda a, b: jhd.deviation(jhd.BezierPatch([[[0, 0, 0]], [[1, 0, 0]]]), b), ValueError, "a has no area"),
         (lambda a, b: jhd.deviation(a, b).quantile(0), ValueError, "q is 0"),
-        (lambda a, b: jhd.deviation(a, b).share_within(-1), ValueError, "threshold is -1"),
-        (lambda a, b: jhd.deviation(a, b).at(), ValueError, "places is missing"),
-        (lambda a, b: jhd.deviation(b, a).at([0]), ValueError, "places is for curves"),
+        (lambda a, b: jhd.deviation(a, b).fraction_within(-1), ValueError, "threshold is -1"),
+        (lambda a, b: jhd.deviation(a, b).at(), ValueError, "params is missing"),
+        (lambda a, b: jhd.deviation(b, a).at([0]), ValueError, "params is for curves"),
         (lambda a, b: jhd.deviation(a, b).to_trimesh(), TypeError, "a is BezierSegments"),
     ],
 )
 @pytest.mark.usefixtures("as_a_user")
 def test_what_cannot_be_measured_is_refused(call, error, message):
     with pytest.raises(error, match=message):
-        call(jhd.polyline(SEGMENT), jhd.points([(0, 0)]))
+        call(jhd.polyline(SEGMENT), jhd.point_set([(0, 0)]))
 
 
 def test_a_polynomial_surface_has_no_proven_area():
     sphere = jhd.ImplicitSurface.parse("x**2 + y**2 + z**2 - 1", -1.5 * np.ones(3), 1.5 * np.ones(3))
     with pytest.raises(TypeError, match="whose area is not certified"):
-        jhd.deviation(sphere, jhd.points([(0, 0, 0)]))
+        jhd.deviation(sphere, jhd.point_set([(0, 0, 0)]))
 
 
 def test_traced_shapes_are_refused():
     with pytest.raises(TypeError, match="needs concrete shapes"):
-        jax.jit(lambda x: jhd.deviation(jhd.polyline(x), jhd.points([(0.0, 0.0)])).mean)(np.array(SEGMENT, float))
+        jax.jit(lambda x: jhd.deviation(jhd.polyline(x), jhd.point_set([(0.0, 0.0)])).mean)(np.array(SEGMENT, float))
 
 
 def triangulated(net: np.ndarray, count: int) -> tuple[Any, jhd.TriangleMesh]:

@@ -70,7 +70,7 @@ def test_a_curve_coincides_with_itself(name):
 def test_the_larger_direction_is_taken_and_named(name):
     there, back = (float(pairs.solved(name, direction)) for direction in ("ab", "ba"))
     a, b = pairs.of_one_size(pairs.BY_NAME[name])
-    solution = jhd.hausdorff(a, b, jhd.TwoStep())
+    solution = jhd.hausdorff(a, b, jhd.published.TwoStep())
     assert float(solution) == max(there, back)
     assert name_of(solution.direction) == ("a_to_b" if there >= back else "b_to_a")
     assert solution.lower == max(float(pairs.solved(name, d).lower) for d in ("ab", "ba"))
@@ -90,7 +90,7 @@ def test_the_distance_is_symmetric(name):
 
 @pytest.mark.parametrize("name", SOME)
 @pytest.mark.parametrize("exponent", swept([-300, -40, 1, 300], quick=[-300, 300]))
-@pytest.mark.parametrize("method", [jhd.BranchAndBound(), jhd.TwoStep()], ids=lambda m: type(m).__name__)
+@pytest.mark.parametrize("method", [jhd.BranchAndBound(), jhd.published.TwoStep()], ids=lambda m: type(m).__name__)
 def test_scaling_by_a_power_of_two_is_exact(name, exponent, method):
     a, b = pairs.both(pairs.BY_NAME[name])
     factor = 2.0**exponent
@@ -201,9 +201,9 @@ def test_the_largest_and_smallest_floats_have_distances(exponent):
 @pytest.mark.parametrize(
     ("a", "b", "value"),
     [
-        (jhd.points([[0, 0]]), jhd.points([[3, 4]]), 5.0),
-        (jhd.points([[0, 0], [0, 0]]), jhd.points([[0, 0]]), 0.0),
-        (jhd.BezierSegments(np.ones((1, 4, 2))), jhd.points([[1, 1]]), 0.0),
+        (jhd.point_set([[0, 0]]), jhd.point_set([[3, 4]]), 5.0),
+        (jhd.point_set([[0, 0], [0, 0]]), jhd.point_set([[0, 0]]), 0.0),
+        (jhd.BezierSegments(np.ones((1, 4, 2))), jhd.point_set([[1, 1]]), 0.0),
         (jhd.polyline([[0, 0], [0, 0]]), jhd.polyline([[1, 0], [1, 0]]), 1.0),
     ],
     ids=["points", "one place", "point-curve", "lines of no length"],
@@ -221,7 +221,7 @@ def test_every_kind_of_curve_is_accepted():
         jhd.BSplineCurve.clamped(rows),
         pairs.curve(WAVE),
         jhd.polyline(rows),
-        jhd.points(rows),
+        jhd.point_set(rows),
         jhd.circle([1.0, 2.0], 3.0),
     )
     for curve in kinds:
@@ -260,7 +260,7 @@ def test_a_second_pair_of_the_same_size_compiles_nothing():
 
 # ---- refusals ------------------------------------------------------------------------------------
 
-ONE, SPACE = jhd.points([[0.0, 0.0]]), jhd.points([[0.0, 0.0, 0.0]])
+ONE, SPACE = jhd.point_set([[0.0, 0.0]]), jhd.point_set([[0.0, 0.0, 0.0]])
 
 
 @pytest.mark.parametrize("entry", [jhd.hausdorff, jhd.directed_hausdorff])
@@ -287,13 +287,15 @@ def test_curves_of_different_dimensions_are_refused(entry):
 
 
 @pytest.mark.parametrize("entry", [jhd.hausdorff, jhd.directed_hausdorff])
-@pytest.mark.parametrize("method", ["two_step", jhd.TwoStep, jhd.NearestSearch()], ids=["text", "class", "projection"])
+@pytest.mark.parametrize(
+    "method", ["two_step", jhd.published.TwoStep, jhd.BestFirstProjection()], ids=["text", "class", "projection"]
+)
 def test_what_is_no_method_is_refused(entry, method, as_a_user):
     with pytest.raises(TypeError) as caught:
         entry(ONE, ONE, method)
     known = "BranchAndBound(), TwoStep(), BiarcTrimming() or AlgebraicEvents()"
     kinds = "BezierSegments and BezierSegments"
-    came = "the class TwoStep: call it" if method is jhd.TwoStep else type(method).__name__
+    came = "the class TwoStep: call it" if method is jhd.published.TwoStep else type(method).__name__
     assert str(caught.value) == f"method must be {known} for {kinds}; got {came}."
 
 

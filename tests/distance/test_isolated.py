@@ -39,7 +39,7 @@ def test_a_sphere_that_touches_its_box_from_outside_is_a_point():
     other = jhd.ImplicitSurface.parse("(x - 3)**2 + y**2 + z**2 - 1", [0, -3, -3], [5, 3, 3])
     assert_is(jhd.directed_hausdorff(point, other), 1.0)
     assert_is(jhd.minimum_distance(point, other), 1.0)
-    assert_is(jhd.directed_hausdorff(jhd.points(np.array([[3.0, 0, 0]])), point), 2.0)
+    assert_is(jhd.directed_hausdorff(jhd.point_set(np.array([[3.0, 0, 0]])), point), 2.0)
 
 
 @pytest.mark.slow
@@ -48,7 +48,7 @@ def test_a_point_that_no_simple_fraction_names_stays_in_doubt():
     text = "((9973 * x - 4000)**2 + 99460729 * (y**2 + z**2)) * (x**2 + y**2 + z**2 - 1)"
     found = jhd.directed_hausdorff(jhd.ImplicitSurface.parse(text, *BOX), SPHERE, throw=False)
     assert found.lower <= 5973 / 9973 <= found.upper < 5973 / 9973 + CLOSE
-    assert name_of(found.result) == "unverified"
+    assert name_of(found.result) == "existence_not_certified"
 
 
 @pytest.mark.slow

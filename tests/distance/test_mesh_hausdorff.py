@@ -51,6 +51,6 @@ def test_other_shapes_and_methods_are_refused(as_a_user):
     with pytest.raises(
         TypeError, match=r"method must be BranchAndBound\(\) for TriangleMesh and TriangleMesh; got TwoStep."
     ):
-        jhd.hausdorff(mesh, mesh, jhd.TwoStep())
+        jhd.hausdorff(mesh, mesh, jhd.published.TwoStep())
     with pytest.raises(ValueError, match="a has 3 coordinates a point and b has 2"):
         jhd.hausdorff(mesh, jhd.BezierCurve([(0, 0), (1, 1)]))

@@ -9,11 +9,12 @@ import pytest
 from scipy.optimize import minimize
 
 from jhd._results.solution import RESULTS, NotProvenError, name_of
+from jhd.distance.hausdorff import hausdorff
 from jhd.distance.minimum import minimum_distance
 from jhd.distance.published.voxel_pairs import VoxelPairs
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.shapes.bezier import BezierCurve
-from jhd.shapes.curve import circle, points, polyline
+from jhd.shapes.curve import circle, point_set, polyline
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.patch import BezierPatch
 from tests.distance.test_families import sphere
@@ -95,7 +96,7 @@ def test_rational_curves_and_shapes_of_many_pieces():
 
 
 def test_point_sets_and_polylines_are_curves_too():
-    found = minimum_distance(points([[0.0, 0], [5, 5]]), polyline([[5.0, 6], [9, 6]]))
+    found = minimum_distance(point_set([[0.0, 0], [5, 5]]), polyline([[5.0, 6], [9, 6]]))
     assert holds(found, 1.0, 1e-8) and found.point_a.tolist() == [5, 5]
 
 
@@ -135,7 +136,7 @@ def test_derivatives_are_zero_where_a_patch_crosses_a_surface_and_points_meet_bu
     assert 0 <= float(value) < 1e-14
     np.testing.assert_array_equal(slope, 0.0)
     place = BezierPatch(corners)(0.3, 1 / 3) + 2e-17
-    value, slope = jax.value_and_grad(lambda x: minimum_distance(points(place[None]), BezierPatch(x)).value)(corners)
+    value, slope = jax.value_and_grad(lambda x: minimum_distance(point_set(place[None]), BezierPatch(x)).value)(corners)
     assert 0 <= float(value) < 1e-14
     np.testing.assert_array_equal(slope, 0.0)
 
@@ -147,7 +148,7 @@ def test_ends_and_borders_that_nearly_touch_hold_their_place(gap):
     up, along = jnp.array([0, 0, 1.0]), jnp.array([0, 0.6, 0.8])
     over = jax.grad(lambda t: minimum_distance(BezierCurve(segment + t * up), flat).value)(gap)
     np.testing.assert_allclose(over, 1.0, rtol=1e-6)
-    for shape in (BezierCurve, lambda x: points(x[:1])):
+    for shape in (BezierCurve, lambda x: point_set(x[:1])):
         # The foot is on a side of the patch.
         beside = jax.grad(lambda t, shape=shape: minimum_distance(shape(tip + t * along), flat).value)(gap)
         np.testing.assert_allclose(beside, 1.0, rtol=1e-6)
@@ -156,7 +157,7 @@ def test_ends_and_borders_that_nearly_touch_hold_their_place(gap):
 @pytest.mark.slow
 def test_second_derivatives_follow_the_nearest_points():
     def distance(x):
-        return minimum_distance(BezierCurve(ARCH), points(jnp.stack([x, jnp.asarray(1.5)])[None])).value
+        return minimum_distance(BezierCurve(ARCH), point_set(jnp.stack([x, jnp.asarray(1.5)])[None])).value
 
     h = 1e-4
     second = jax.grad(jax.grad(distance))(0.45)
@@ -177,8 +178,7 @@ def test_numbers_that_are_known_late_and_unusable_are_reported():
         (BezierCurve(np.zeros((2, 3))), {}, ValueError, "a has 3 coordinates a point and b has 2"),
         (BezierCurve(ARCH), {"atol": -1.0}, ValueError, "atol is -1; needs a number of at least 0"),
         (BezierCurve(ARCH), {"rtol": np.zeros(2)}, ValueError, r"rtol has shape \(2,\)"),
-        (BezierCurve(ARCH), {"max_steps": -1}, ValueError, "max_steps is -1"),
-        (BezierCurve(ARCH), {"capacity": 3}, ValueError, "capacity is 3; needs a whole number of at least 16"),
+        (BezierCurve(ARCH), {"max_steps": 9}, TypeError, "takes no max_steps: write method=jhd.Branch"),
         (BezierCurve(ARCH), {"method": "fast"}, TypeError, r"method must be BranchAndBound\(\) for BezierCurve and"),
         (BezierCurve(ARCH), {"method": VoxelPairs(0.1)}, TypeError, "for BezierCurve and BezierCurve; got VoxelPairs"),
     ],
@@ -191,7 +191,7 @@ def test_what_is_no_question_is_refused(as_a_user, a, options, error, message):
 def test_a_search_that_is_cut_short_says_so_and_its_bounds_are_true():
     a, b = BezierCurve(ARCH), BezierCurve(ARCH * [1, -1] + [0.1, 2.5])
     with pytest.raises(NotProvenError) as caught:
-        minimum_distance(a, b, max_steps=0)
+        minimum_distance(a, b, BranchAndBound(max_steps=0))
     reached, full = caught.value.solution, minimum_distance(a, b)
     assert name_of(reached.result) == "gap_not_closed"
     assert reached.lower <= full.lower and reached.upper >= full.upper and reached.lower > 0
@@ -199,14 +199,13 @@ def test_a_search_that_is_cut_short_says_so_and_its_bounds_are_true():
 
 def test_a_method_holds_the_options_and_not_both_are_given():
     a, b = BezierCurve(ARCH), BezierCurve(ARCH * [1, -1] + [0.1, 2.5])
-    found = [
-        minimum_distance(a, b, BranchAndBound(max_steps=0), throw=False),
-        minimum_distance(a, b, max_steps=0, throw=False),
-    ]
-    assert [name_of(each.result) for each in found] == ["gap_not_closed"] * 2
-    assert (found[0].lower, found[0].upper) == (found[1].lower, found[1].upper)
-    with pytest.raises(ValueError, match="method is given, and so is atol, capacity"):
-        minimum_distance(a, b, BranchAndBound(), atol=0.5, capacity=64)
+    for entry in (minimum_distance, hausdorff):
+        found = [entry(a, b, BranchAndBound(atol=0.5, rtol=0.1)), entry(a, b, atol=0.5, rtol=0.1)]
+        assert (found[0].lower, found[0].upper) == (found[1].lower, found[1].upper)
+        with pytest.raises(ValueError, match="rtol is -1"):
+            entry(a, b, rtol=-1.0)
+        with pytest.raises(TypeError, match="rtol and atol cannot be combined with a method: write Branch"):
+            entry(a, b, BranchAndBound(), atol=0.5, rtol=0.1)
 
 
 def test_progress_is_reported():
@@ -322,11 +321,15 @@ def test_a_sphere_that_touches_faces_of_its_box_where_it_is_nearest(axis):
     assert holds(minimum_distance(sphere, plane), 1.0, 1e-8)
 
 
+# The tables of these searches grow to the same length, and so they share all programs.
+ROOM = BranchAndBound(capacity=1 << 10)
+
+
 @pytest.mark.slow
 def test_sheets_far_closer_to_each_other_than_to_a_sphere():
     sheets = ImplicitSurface.parse("1048576 * z^2 - 1", [-1.6] * 3, [1.6] * 3)
     sphere = ImplicitSurface.parse("x^2 + y^2 + (z - 1)^2 - 0.25", [-1.6] * 3, [1.6] * 3)
-    assert holds(minimum_distance(sheets, sphere), 0.5 - 2.0**-10, 1e-8)
+    assert holds(minimum_distance(sheets, sphere, ROOM), 0.5 - 2.0**-10, 1e-8)
 
 
 @pytest.mark.slow
@@ -339,7 +342,7 @@ def test_sheets_far_closer_to_each_other_than_to_a_sphere():
 )
 def test_a_sphere_inside_of_another_surface_where_many_places_are_about_as_near(inner, outer, exact):
     a, b = (ImplicitSurface.parse(text, [-1.75] * 3, [1.75] * 3) for text in (inner, outer))
-    assert holds(minimum_distance(a, b), exact, 1e-8)
+    assert holds(minimum_distance(a, b, ROOM), exact, 1e-8)
 
 
 INSIDE = {
@@ -358,7 +361,7 @@ INSIDE = {
 def test_surfaces_inside_of_each_other_that_are_as_near_everywhere_or_along_a_line(name):
     inner, outer, exact, gap = INSIDE[name]
     a, b = (ImplicitSurface.parse(text, [-2] * 3, [2] * 3) for text in (inner, outer))
-    assert holds(minimum_distance(a, b, BranchAndBound(atol=gap)), exact, gap)
+    assert holds(minimum_distance(a, b, BranchAndBound(atol=gap, capacity=ROOM.capacity)), exact, gap)
 
 
 @pytest.mark.parametrize(
@@ -375,7 +378,7 @@ def test_a_point_about_the_center_of_what_is_round_is_as_far_as_the_radius(kind,
     else:
         shape, place = (sphere(2.0) if kind == "sphere" else SPHERES[0]), [0.0, shift, 0.0]
     shape = ImplicitSurface.parse("x^2 + y^2 + z^2 - 4", [-3] * 3, [3] * 3) if kind == "polynomial" else shape
-    found = minimum_distance(shape, points([place, np.multiply(place, 0.5)]))
+    found = minimum_distance(shape, point_set([place, np.multiply(place, 0.5)]))
     assert holds(found, 2.0 - shift, 1e-10)
     assert np.array_equal(found.point_b, place)
     assert float(np.linalg.norm(found.point_a)) == pytest.approx(2.0)
@@ -384,7 +387,7 @@ def test_a_point_about_the_center_of_what_is_round_is_as_far_as_the_radius(kind,
 @pytest.mark.exhaustive
 def test_the_derivative_of_the_distance_of_the_nearest_point_is_that_of_its_foot():
     def distance(rows):
-        return minimum_distance(points(rows), circle([0.0, 0.0], 2.0)).value
+        return minimum_distance(point_set(rows), circle([0.0, 0.0], 2.0)).value
 
     rows = np.array([[0.3, 0.4], [0.1, 0.0], [0.0, -6.0]])
     slopes = jax.grad(distance)(rows)
@@ -416,7 +419,7 @@ def test_a_curve_and_a_patch_against_a_surface():
 @pytest.mark.slow
 def test_the_voxel_method_is_unproven_and_its_samples_are_on_the_surfaces():
     found = minimum_distance(*SPHERES, VoxelPairs(0.5, 6))
-    assert found.result == RESULTS.unproven and found.lower == 0 and np.isinf(found.upper)
+    assert found.result == RESULTS.not_certified and found.lower == 0 and np.isinf(found.upper)
     # VoxelPairs has no rules to choose from.
     assert "rule" not in RESULTS[found.result]
     # Any two points of the surfaces are at least as far apart as the nearest.

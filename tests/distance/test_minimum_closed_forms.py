@@ -165,10 +165,10 @@ def test_points_to_a_circle_and_to_points():
     for shift in (0.0, 1.5, 6.0):
         rows = 0.5 * random.normal(size=(4, 2)) + [shift, 0]
         exact = np.min(np.abs(np.hypot(*rows.T) - 2))
-        check(jhd.points(rows), jhd.circle([0, 0], 2.0), exact, slack=1e-15)
+        check(jhd.point_set(rows), jhd.circle([0, 0], 2.0), exact, slack=1e-15)
         others = random.normal(size=(4, 2))
         exact = np.min(np.hypot(*(rows[:, None] - others[None]).transpose(2, 0, 1)))
-        check(jhd.points(rows), jhd.points(others), exact, slack=4e-16)
+        check(jhd.point_set(rows), jhd.point_set(others), exact, slack=4e-16)
 
 
 # ---- surfaces ------------------------------------------------------------------------------------
@@ -268,7 +268,7 @@ def test_boxes(name):
 
 def test_points_and_a_polyline_against_a_box():
     cube = box([-1, -1, -1], [1, 1, 1])
-    check(jhd.points([[4.0, 0, 0], [0, 3, 0], [0, 0, -9]]), cube, 2.0)
-    check(jhd.points([[0.25, 0.0, 0.5]]), cube, 0.5)
+    check(jhd.point_set([[4.0, 0, 0], [0, 3, 0], [0, 0, -9]]), cube, 2.0)
+    check(jhd.point_set([[0.25, 0.0, 0.5]]), cube, 0.5)
     check(jhd.polyline([[-5.0, 4, 0], [5, 4, 0], [5, 9, 0]]), cube, 3.0)
     check(jhd.polyline([[0.0, 0, 0], [5, 4, 0]]), cube, 0.0)

@@ -166,7 +166,7 @@ def test_both_directions_and_decisions_agree_with_the_directed_distances():
     )
     larger = max(float(there), float(back))
     assert abs(float(both) - larger) < 1e-9
-    assert both.witness.t.shape == (3,) and both.witness.foot_params.shape == (4, 3)
+    assert both.witness.t.shape == (3,) and both.witness.feet_params.shape == (4, 3)
     assert name_of(jhd.hausdorff_at_most(BUMPY, COARSE, larger * 1.01).answer) == "yes"
     assert name_of(jhd.hausdorff_at_most(BUMPY, COARSE, larger * 0.99).answer) == "no"
 
@@ -216,7 +216,7 @@ def test_derivatives_in_both_shapes_are_those_of_differences(a, b):
 
 # Steps of differences of first derivatives, and what these know of second ones.
 _STEP, _KNOWN = 1e-4, 1e-6
-POINTED = {**SHAPES, "points": jhd.points(RNG.normal(size=(3, 3)) + [2, 1, 2.5])}
+POINTED = {**SHAPES, "points": jhd.point_set(RNG.normal(size=(3, 3)) + [2, 1, 2.5])}
 KINDS = [(a, b) for a in POINTED for b in POINTED if a != "others"]
 
 
@@ -290,7 +290,7 @@ def test_a_place_on_a_face_of_the_box_is_as_far_from_two_points(seed):
     surface = jhd.ImplicitSurface.parse("x**2 + 2*y**2 + z**2 + x*y*z/2 - 1", [-2, -2, -0.5], [2, 2, 0.5])
 
     def found(points):
-        return jhd.directed_hausdorff(surface, jhd.points(points))
+        return jhd.directed_hausdorff(surface, jhd.point_set(points))
 
     points = jnp.asarray(np.random.default_rng(seed).normal(size=(5, 3)))
     witness = found(points).witness
@@ -323,7 +323,7 @@ def test_shapes_that_are_none_and_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="a has 3 coordinates a point and b has 2"):
         jhd.directed_hausdorff(COARSE, ROUND)
     with pytest.raises(TypeError, match="BranchAndBound.. for BezierPatches and TriangleMesh"):
-        jhd.hausdorff(BUMPY, COARSE, jhd.TwoStep())
+        jhd.hausdorff(BUMPY, COARSE, jhd.published.TwoStep())
     with pytest.raises(ValueError, match="empty"):
         jhd.directed_hausdorff(jhd.ImplicitSurface.parse("x**2 + 1", [-1] * 3, [1] * 3), COARSE)
     bad = jax.jit(lambda p: jhd.directed_hausdorff(jhd.BezierPatches(p), COARSE))(jnp.full((1, 2, 2, 3), jnp.nan))

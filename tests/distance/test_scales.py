@@ -9,7 +9,7 @@ import pytest
 
 import jhd
 from jhd.distance.cells.pairs import newton_step
-from jhd.distance.frame.surfaces import prepare_surfaces
+from jhd.distance.normalization.surfaces import prepare_surfaces
 from jhd.fields.adaptive import AdaptiveDistanceField
 from tests.sweeps import swept
 
@@ -140,14 +140,14 @@ def test_subnormal_coefficients_count_under_jit():
 
 def test_decisions_about_subnormal_lengths_are_true():
     least = 5e-324
-    a, b = jhd.points([[0.0, 0.0]]), jhd.points([[3 * least, 0.0]])
+    a, b = jhd.point_set([[0.0, 0.0]]), jhd.point_set([[3 * least, 0.0]])
     answers = [jhd.hausdorff_at_most(a, b, k * least) for k in range(6)]
     for k, found in enumerate(answers):
         assert found.answer != (jhd.ANSWERS.yes if k < 3 else jhd.ANSWERS.no)
         assert not (found.answer == jhd.ANSWERS.yes and float(found.lower) > k * least)
     assert answers[0].answer == jhd.ANSWERS.no and answers[5].answer == jhd.ANSWERS.yes
     # The larger of two directions, of which one is zero.
-    both = jhd.points([[0.0, 0.0], [3 * least, 0.0]])
+    both = jhd.point_set([[0.0, 0.0], [3 * least, 0.0]])
     assert all(np.asarray(jhd.hausdorff(*pair).upper) >= 3 * least for pair in ((a, both), (both, a)))
     far = jhd.hausdorff_at_most(a, b, 1e308)
     assert far.answer == jhd.ANSWERS.yes

@@ -148,7 +148,7 @@ def test_bounds_enclose_the_distance_after_turns(name, seed):
     check_turned(name, seed)
 
 
-@pytest.mark.parametrize("name", swept([c.name for c in CASES if "degenerate" not in c.tags], slow=SLOW[1::3]))
+@pytest.mark.parametrize("name", swept([c.name for c in CASES if "degenerate" not in c.tags], slow=SLOW[4::3]))
 def test_a_witness_lies_on_its_surface_and_its_feet_on_the_other(name):
     case = BY_NAME[name]
     a, b = surfaces(case)

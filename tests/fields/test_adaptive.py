@@ -96,7 +96,7 @@ def test_every_leaf_in_full_mode_is_within_the_tolerance_at_its_19_points(full):
     for step in np.ndindex(3, 3, 3):
         # A little inside, so that no neighbor is asked.
         points = lower + side[:, None] * np.clip(np.array(step) / 2, 1e-9, 1 - 1e-9)
-        assert np.max(np.abs(np.asarray(full(points)) - block_distance(points))) <= float(full.atol) + 1e-8
+        assert np.max(np.abs(np.asarray(full(points)) - block_distance(points))) <= float(full.tolerance) + 1e-8
 
 
 def test_the_band_is_refined_at_the_surface_alone_and_has_the_right_sign_elsewhere(field):
@@ -354,8 +354,8 @@ def changed(field, path, **arrays):
         ({"depth": np.inf}, "infinity"),
         ({"roots": np.full((4, 4, 4), (1 << 32) + 1)}, "roots holds int64 up to 4294967297; needs integers of 32 bits"),
         ({"corners": np.full((3, 8), 1.0)}, "corners holds float64"),
-        ({"spacing": -0.5}, "spacing is -0.5 and atol"),
-        ({"atol": 0.0}, "atol 0; needs positive lengths"),
+        ({"spacing": -0.5}, "spacing is -0.5 and tolerance"),
+        ({"tolerance": 0.0}, "tolerance 0; needs positive lengths"),
     ],
 )
 def test_files_that_hold_no_field_are_refused_with_their_name(full, tmp_path, arrays, message):
@@ -391,11 +391,11 @@ def test_files_that_are_no_archive_are_refused_with_their_name(tmp_path):
     ("options", "error", "message"),
     [
         ({"mesh": "bunny"}, TypeError, "mesh"),
-        ({"atol": 0.0}, ValueError, "atol is 0; needs a positive number"),
-        ({"atol": -1e-3}, ValueError, "atol is -0.001"),
-        ({"atol": np.nan}, ValueError, "atol is not finite"),
-        ({"atol": [1e-3, 1e-3]}, ValueError, "needs a scalar"),
-        ({"atol": 1j}, TypeError, "atol must be real"),
+        ({"tolerance": 0.0}, ValueError, "tolerance is 0; needs a positive number"),
+        ({"tolerance": -1e-3}, ValueError, "tolerance is -0.001"),
+        ({"tolerance": np.nan}, ValueError, "tolerance is not finite"),
+        ({"tolerance": [1e-3, 1e-3]}, ValueError, "needs a scalar"),
+        ({"tolerance": 1j}, TypeError, "tolerance must be real"),
         ({"mode": "half"}, ValueError, "mode is 'half'; needs one of 'band', 'full'"),
         ({"sign": "ray"}, ValueError, "sign is 'ray'; needs one of 'winding', 'pseudonormal'"),
         ({"max_depth": 99}, ValueError, "max_depth is 99; needs 0 to 15"),
@@ -404,7 +404,7 @@ def test_files_that_are_no_archive_are_refused_with_their_name(tmp_path):
 )
 def test_what_cannot_be_built_is_refused(options, error, message):
     with pytest.raises(error, match=message):
-        AdaptiveDistanceField.build(**{"mesh": block(), "atol": 1e-2, **options})
+        AdaptiveDistanceField.build(**{"mesh": block(), "tolerance": 1e-2, **options})
 
 
 def test_bad_questions_to_a_field_are_refused(full):
@@ -445,6 +445,6 @@ def test_the_proven_error_is_true_on_rough_meshes(seed):
     mesh = torus(10)
     rough = np.random.default_rng(seed).normal(0, 0.03, mesh.vertices.shape)
     mesh = TriangleMesh(np.asarray(mesh.vertices) + rough, mesh.triangles)
-    for mode, atol in (("band", 2e-2), ("full", 5e-2)):
-        field = AdaptiveDistanceField.build(mesh, atol, mode)
+    for mode, tolerance in (("band", 2e-2), ("full", 5e-2)):
+        field = AdaptiveDistanceField.build(mesh, tolerance, mode)
         assert field.proven_error(mesh, max_boxes=100_000) >= largest_seen(field, mesh, 200_000)

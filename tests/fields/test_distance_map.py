@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd import BezierSegments, BSplineCurve, circle, points, polyline, project
+from jhd import BezierSegments, BSplineCurve, circle, point_set, polyline, project
 from jhd.arithmetic.rounding import gamma
 from jhd.fields import distance_map
 from jhd.shapes import BiarcCurve, biarcs
@@ -169,7 +169,7 @@ TEMPLATE = biarcs(polyline([[0, 0], [1, 0]]), 1e-3)
 def test_points_and_lines_have_their_exact_distances():
     rng = np.random.default_rng(5)
     rows = rng.uniform(-5, 5, (20, 2))
-    found = distance_map(points(rows), *BOX, 50)
+    found = distance_map(point_set(rows), *BOX, 50)
     x, y = (np.asarray(c) for c in found.centers)
     expected = np.hypot(x[:, None, None] - rows[:, 0], y[None, :, None] - rows[:, 1])
     np.testing.assert_allclose(found.distance, expected.min(axis=-1), rtol=0, atol=ROUNDING)
@@ -183,7 +183,7 @@ def test_points_and_lines_have_their_exact_distances():
 
 
 def test_the_first_axis_is_x_and_pixels_have_their_centers_inside():
-    found = distance_map(points([[0.0, 0.0]]), [0, 0], [4, 1], (8, 4))
+    found = distance_map(point_set([[0.0, 0.0]]), [0, 0], [4, 1], (8, 4))
     assert found.distance.shape == found.nearest.shape == (8, 4)
     np.testing.assert_array_equal(found.spacing, [0.5, 0.25])
     np.testing.assert_array_equal(found.centers[0][:2], [0.25, 0.75])
@@ -197,12 +197,12 @@ def test_anywhere_in_a_pixel_the_distance_is_within_reach_and_enclosed():
     at = rng.uniform(*BOX, (200, 2))
     exact = reference.distance_profile(at, np.asarray(curve.segments().control_points))
     index = tuple(np.floor((at - np.asarray(found.lower)) / np.asarray(found.spacing)).astype(int).T)
-    assert np.all(np.abs(np.asarray(found.distance)[index] - exact) <= float(found.reach) + REFERENCE)
+    assert np.all(np.abs(np.asarray(found.distance)[index] - exact) <= float(found.max_error) + REFERENCE)
     bounds = found.enclose(at)
     assert np.all(np.asarray(bounds.lower) <= exact + REFERENCE) and np.all(
         exact - REFERENCE <= np.asarray(bounds.upper)
     )
-    assert np.all(np.asarray(bounds.upper - bounds.lower) <= 2 * float(found.reach) + REFERENCE)
+    assert np.all(np.asarray(bounds.upper - bounds.lower) <= 2 * float(found.max_error) + REFERENCE)
     far = found.enclose([[100.0, 0.0]])
     exact = reference.distance_profile(np.array([[100.0, 0.0]]), np.asarray(curve.segments().control_points))
     assert float(far.lower[0]) <= exact[0] <= float(far.upper[0])
@@ -231,7 +231,7 @@ def test_far_from_the_origin_the_error_is_that_of_the_box():
 
 
 def test_more_arcs_bring_the_map_nearer():
-    errors = [float(distance_map(spline(12), *BOX, 16, atol=atol).error) for atol in (1e-2, 1e-4, 1e-6)]
+    errors = [float(distance_map(spline(12), *BOX, 16, tolerance=tolerance).error) for tolerance in (1e-2, 1e-4, 1e-6)]
     assert np.all(np.array(errors) <= [1e-2 + 1e-10, 1e-4 + 1e-10, 1e-6 + 1e-10])
 
 
@@ -260,14 +260,14 @@ def test_what_makes_no_map_is_refused(as_a_user):
             distance_map(curve, *BOX, resolution)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="tile is 0"):
         distance_map(curve, *BOX, 8, tile=0)
-    with pytest.raises(ValueError, match="atol is for a curve"):
-        distance_map(arcs, *BOX, 8, atol=1e-3)
+    with pytest.raises(ValueError, match="tolerance is for a curve"):
+        distance_map(arcs, *BOX, 8, tolerance=1e-3)
     with pytest.raises(ValueError, match="needs at least"):
-        distance_map(curve, *BOX, 8, atol=-1)
+        distance_map(curve, *BOX, 8, tolerance=-1)
     with pytest.raises(TypeError, match="curve must be a curve"):
         distance_map(3.0, *BOX, 8)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="coordinates a point"):
-        distance_map(points(np.zeros((2, 3))), *BOX, 8)
+        distance_map(point_set(np.zeros((2, 3))), *BOX, 8)
     with pytest.raises(TypeError, match="traced"):
         jax.jit(lambda a: distance_map(a, *BOX, 8).distance)(arcs)
     with pytest.raises(TypeError, match="known lower"):

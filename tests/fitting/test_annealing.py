@@ -18,13 +18,13 @@ def moved(offset):
     return jhd.BezierSegments(jnp.asarray(ROWS) + offset)
 
 
-def begun(temperature, measure: Any = None, target: Any = TARGET, clock: Any = None):
-    return annealing(temperature, measure, moved, target, np.ones_like, clock or Clock())
+def begun(temperature, statistic: Any = None, target: Any = TARGET, clock: Any = None):
+    return annealing(temperature, statistic, moved, target, np.ones_like, clock or Clock())
 
 
 def test_only_the_distance_of_curves_is_annealed_and_by_a_length():
-    with pytest.raises(ValueError, match="temperature is given with the measure Mean"):
-        begun(0.1, jhd.Mean())
+    with pytest.raises(ValueError, match="temperature is given with the statistic Mean"):
+        begun(0.1, jhd.MeanDistance())
     with pytest.raises(TypeError, match="target must be a curve"):
         begun(0.1, target=jhd.ImplicitSurface.parse("x + y + z", [-1, -1, -1], [1, 1, 1]))
     with pytest.raises(ValueError, match="temperature is -1"):

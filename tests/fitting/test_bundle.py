@@ -24,7 +24,7 @@ def scaled(factors):
 @pytest.mark.slow
 def test_a_moved_mesh_finds_its_place():
     seen = []
-    fit = jhd.minimize_hausdorff(moved, np.array([0.3, -0.2, 0.1]), TETRAHEDRON, atol=1e-3, progress=seen.append)
+    fit = jhd.minimize_hausdorff(moved, np.array([0.3, -0.2, 0.1]), TETRAHEDRON, stop_below=1e-3, progress=seen.append)
     assert fit.result == jhd.RESULTS.successful
     assert float(fit.error.upper) <= 1e-3 + 1e-9
     assert np.max(np.abs(fit.parameters)) <= 2e-3
@@ -77,7 +77,7 @@ def test_an_ellipsoid_is_fitted_to_a_sphere():
         )
 
     target = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [-2] * 3, [2] * 3)
-    fit = jhd.minimize_hausdorff(ellipsoid, np.array([0.8, 1.1, 1.3]), target, atol=1e-3, max_steps=30)
+    fit = jhd.minimize_hausdorff(ellipsoid, np.array([0.8, 1.1, 1.3]), target, stop_below=1e-3, max_steps=30)
     assert float(fit.error.upper) <= 1e-3 + 1e-6
     np.testing.assert_allclose(fit.parameters, np.ones(3), atol=5e-3)
 
@@ -85,6 +85,6 @@ def test_an_ellipsoid_is_fitted_to_a_sphere():
 @pytest.mark.slow
 def test_shapes_of_another_kind_are_refused():
     with pytest.raises(TypeError, match="TriangleMesh"):
-        jhd.minimize_hausdorff(lambda p: jhd.points(p), np.zeros((1, 3)), TETRAHEDRON)
+        jhd.minimize_hausdorff(lambda p: jhd.point_set(p), np.zeros((1, 3)), TETRAHEDRON)
     with pytest.raises(TypeError, match="target"):
         jhd.minimize_hausdorff(moved, np.zeros(3), "a mesh")  # pyright: ignore[reportArgumentType]

@@ -33,7 +33,7 @@ def test_derivatives_of_all_pairs_agree_with_differences(name, which):
     direction[..., [0, -1], :] = [0.1, -0.2, 0.05]
 
     def pairs(x):
-        return jhd.critical_pairs(fixed, rational(points + x * direction, moving.following), CAPACITY)
+        return jhd.critical_pairs(fixed, rational(points + x * direction, moving.next_segment), CAPACITY)
 
     still = Moving(np.asarray(fixed.homogeneous), None, True)
     found = expand(pairs(0.0), still, Moving(points, direction[..., None], True), 1e-3)

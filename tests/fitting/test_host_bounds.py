@@ -45,7 +45,7 @@ def test_exact_distances_lie_between_the_bounds(name, exponent):
 
 def test_what_is_too_large_or_too_small_to_be_squared_has_no_bounds():
     for size in (1e200, 1e-200):
-        assert host_bounds(jhd.BezierSegments(size * np.array(LINE)), jhd.points([(0, 0)]), Clock()) == (0, math.inf)
+        assert host_bounds(jhd.BezierSegments(size * np.array(LINE)), jhd.point_set([(0, 0)]), Clock()) == (0, math.inf)
 
 
 @pytest.mark.parametrize("seed", swept(range(4), slow=1))

@@ -19,7 +19,7 @@ VERTICES, NOISE, SEGMENTS = 150, 0.01, 8
 def sampled(curve):
     segments = curve.segments()
     rational = segments.weights is not None
-    return SampledCurve(np.asarray(segments.homogeneous), np.asarray(segments.following), rational, 0.01)
+    return SampledCurve(np.asarray(segments.homogeneous), np.asarray(segments.next_segment), rational, 0.01)
 
 
 def noisy(count=VERTICES):
@@ -95,7 +95,7 @@ def test_the_maxima_of_many_points_and_a_curve_are_found(dim):
     def build(radius):
         return jhd.BezierSegments(radius[0] * quarter, np.asarray(arc.weights)[:1])
 
-    at = Problem(build, jhd.points(points), 32).at(np.array([1.5]))
+    at = Problem(build, jhd.point_set(points), 32).at(np.array([1.5]))
     assert at.many
     inside = np.all(points[:, :2] > 0, axis=1)
     off = np.where(inside, np.abs(np.hypot(points[:, 0], points[:, 1]) - 1.5), np.inf)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.frame.pieces import CurvePlace
+from jhd.distance.normalization.pieces import CurvePlace
 from jhd.fitting import soft
 from tests.sweeps import swept
 
@@ -108,7 +108,7 @@ def test_what_is_no_temperature_or_serves_no_curves_is_refused():
         with pytest.raises(ValueError, match="temperature is .*; needs a positive number"):
             jhd.soft_hausdorff(a, b, temperature)
     with pytest.raises(TypeError, match=r"method must be BranchAndBound\(\)"):
-        jhd.soft_hausdorff(a, b, 0.1, jhd.TwoStep())
+        jhd.soft_hausdorff(a, b, 0.1, jhd.published.TwoStep())
     with pytest.raises(TypeError, match="b must be a curve"):
         jhd.soft_hausdorff(a, jhd.ImplicitSurface.parse("x + y + z", [-1, -1, -1], [1, 1, 1]), 0.1)
 
@@ -161,7 +161,7 @@ def ring(count):
 
 # Points and weights; space; weights on both sides; and many segments.
 OTHERS = [
-    lambda rng: (jhd.points(rng.normal(size=(30, 2))), jhd.circle((0, 0), 1)),
+    lambda rng: (jhd.point_set(rng.normal(size=(30, 2))), jhd.circle((0, 0), 1)),
     lambda rng: (jhd.BezierCurve(rng.normal(size=(4, 3))), jhd.BezierCurve(rng.normal(size=(5, 3)))),
     lambda rng: (jhd.circle((0, 0), 1), jhd.circle((0.1, 0), 1.2)),
     lambda rng: (

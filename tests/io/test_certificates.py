@@ -100,7 +100,7 @@ def test_verify_compares_with_the_shapes_at_hand(made, file, tmp_path, capsys):
     status, out, err = run(capsys, "verify", file, tmp_path / "a.json", tmp_path / "b.json")
     assert (status, err) == (0, "") and out.startswith("proven: ")
     status, _, err = run(capsys, "verify", file, tmp_path / "a.json", tmp_path / "a.json")
-    assert status == 1 and "the claim is proven, but B is another shape than the one given" in err
+    assert status == 4 and "the claim is proven, but B is another shape than the one given" in err
     status, _, err = run(capsys, "verify", file, tmp_path / "a.json")
     assert status == 2 and "needs both shapes, or none" in err
 
@@ -111,10 +111,10 @@ def test_a_hash_that_is_not_that_of_the_arrays_is_refused(made, file):
         load_certificate(file)
 
 
-def test_verify_refuses_a_false_claim_with_status_one(file, capsys):
+def test_verify_refuses_a_false_claim_with_a_status_of_its_own(file, capsys):
     edited(file, '"lower": ', '"lower": 1')
     status, out, err = run(capsys, "verify", file)
-    assert (status, out) == (1, "")
+    assert (status, out) == (4, "")
     assert err.startswith(f"jhd: refused: {file}: witness: that the distance from the witness to piece 0 of ")
     assert err.count("\n") == 1
 

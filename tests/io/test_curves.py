@@ -11,7 +11,7 @@ from jhd.io.errors import ParseError
 from jhd.io.load import load_shape
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.bspline import BSplineCurve
-from jhd.shapes.curve import AbstractCurve, BezierSegments, circle, points, polyline
+from jhd.shapes.curve import AbstractCurve, BezierSegments, circle, point_set, polyline
 
 RANDOM = np.random.default_rng(11)
 
@@ -29,9 +29,9 @@ CURVES = {
     "NURBS": BSplineCurve(awkward(5, 2), KNOTS, weights=np.abs(awkward(5))),
     "periodic B-spline": BSplineCurve.uniform(awkward(5, 2), closed=True),
     "segments": BezierSegments(awkward(4, 3, 2)),
-    "segments with joints": BezierSegments(awkward(3, 2, 2), following=[2, -1, 0]),
+    "segments with joints": BezierSegments(awkward(3, 2, 2), next_segment=[2, -1, 0]),
     "polyline": polyline(awkward(4, 3), closed=True),
-    "points": points(awkward(3, 2)),
+    "points": point_set(awkward(3, 2)),
     "circle": circle([1, 2], 0.1),
 }
 
@@ -82,7 +82,7 @@ def test_files_are_readable_json_with_one_key_a_line(tmp_path):
             {"type": "polyline", "points": [[0, 0], [1, 0], [1, 1]], "closed": True, "comment": "a triangle"},
             polyline([[0, 0], [1, 0], [1, 1]], closed=True),
         ),
-        ({"type": "points", "points": [[0, 0, 1]]}, points([[0, 0, 1]])),
+        ({"type": "points", "points": [[0, 0, 1]]}, point_set([[0, 0, 1]])),
         ({"type": "circle", "center": [1, 2], "radius": 3}, circle([1, 2], 3)),
         ({"type": "BezierCurve", "control_points": [[0, 0], [1, 0]], "weights": None}, BezierCurve([[0, 0], [1, 0]])),
     ],
@@ -121,8 +121,8 @@ CONTENT_ERRORS = {
     ),
     "flag": ({"type": "polyline", "points": [[0, 0], [1, 1]], "closed": "no"}, "closed is 'no'; needs true or false"),
     "joints": (
-        {"type": "BezierSegments", "control_points": [[[0, 0], [1, 1]]], "following": [5]},
-        r"following\[0\] is 5; needs -1 or a segment below 1",
+        {"type": "BezierSegments", "control_points": [[[0, 0], [1, 1]]], "next_segment": [5]},
+        r"next_segment\[0\] is 5; needs -1 or a segment below 1",
     ),
     "radius": ({"type": "circle", "center": [0, 0], "radius": -1}, "radius is not positive: -1"),
 }

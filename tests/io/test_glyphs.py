@@ -8,7 +8,7 @@ from fontTools.ttLib import TTFont
 from matplotlib.ft2font import FT2Font, LoadFlags
 
 from jhd.io.errors import ParseError
-from jhd.io.glyphs import _font_file, outline, parse_font_spec
+from jhd.io.glyphs import _font_file, load_glyph, parse_font_spec
 
 
 def reference_points(font, letter, units):
@@ -26,7 +26,7 @@ def reference_points(font, letter, units):
 def test_an_outline_has_the_points_of_matplotlibs(font, letter):
     with TTFont(_font_file(font)) as opened:
         units = opened["head"].unitsPerEm  # pyright: ignore[reportAttributeAccessIssue]
-    points = np.asarray(outline(font, letter).control_points)
+    points = np.asarray(load_glyph(font, letter).control_points)
     theirs = reference_points(font, letter, units)
     # FreeType rounds implied points to 1/64 unit, which halves are multiples of: the sets agree exactly. Lines raised
     # to quadratics have control points that only we have.
@@ -37,32 +37,32 @@ def test_an_outline_has_the_points_of_matplotlibs(font, letter):
 
 
 def test_a_line_raised_to_a_quadratic_has_its_midpoint_exactly():
-    points = np.asarray(outline("DejaVu Sans", "B").control_points)
+    points = np.asarray(load_glyph("DejaVu Sans", "B").control_points)
     np.testing.assert_array_equal(points[0], [[403, 713], [403, 439.5], [403, 166]])
 
 
 @pytest.mark.parametrize(("letter", "contours"), [("l", 1), ("a", 2), ("B", 3), ("i", 2), ("é", 3)])
 def test_every_contour_closes_on_its_own_start(letter, contours):
-    curve = outline("DejaVu Sans", letter)
-    following = np.asarray(curve.following)
+    curve = load_glyph("DejaVu Sans", letter)
+    next_segment = np.asarray(curve.next_segment)
     points = np.asarray(curve.control_points)
-    assert sorted(following) == list(range(curve.count))
-    assert np.sum(following <= np.arange(curve.count)) == contours
-    np.testing.assert_array_equal(points[following, 0], points[:, -1])
+    assert sorted(next_segment) == list(range(curve.count))
+    assert np.sum(next_segment <= np.arange(curve.count)) == contours
+    np.testing.assert_array_equal(points[next_segment, 0], points[:, -1])
 
 
 def test_a_composite_glyph_contains_its_base_letter():
-    with_accent, plain = (np.asarray(outline("DejaVu Sans", letter).control_points) for letter in "ée")
+    with_accent, plain = (np.asarray(load_glyph("DejaVu Sans", letter).control_points) for letter in "ée")
     assert any(np.array_equal(with_accent[k : k + len(plain)], plain) for k in range(len(with_accent)))
 
 
 def test_the_size_scales_the_em():
-    units, scaled = outline("DejaVu Sans", "g"), outline("DejaVu Sans", "g", size=1.0)
+    units, scaled = load_glyph("DejaVu Sans", "g"), load_glyph("DejaVu Sans", "g", size=1.0)
     np.testing.assert_array_equal(np.asarray(scaled.control_points) * 2048, np.asarray(units.control_points))
 
 
 def test_letters_of_a_text_follow_each_other_by_their_advances():
-    word, letters = outline("DejaVu Sans", "o n"), [outline("DejaVu Sans", letter) for letter in "on"]
+    word, letters = load_glyph("DejaVu Sans", "o n"), [load_glyph("DejaVu Sans", letter) for letter in "on"]
     with TTFont(_font_file("DejaVu Sans")) as font:
         names = font.getBestCmap() or {}
         shift = sum(font["hmtx"][names[ord(letter)]][0] for letter in "o ")
@@ -73,12 +73,12 @@ def test_letters_of_a_text_follow_each_other_by_their_advances():
 def test_a_regular_face_is_preferred_and_files_can_be_named():
     assert _font_file("DejaVu Sans").endswith("DejaVuSans.ttf")
     assert "mpl-data" in _font_file("dejavu sans")
-    bold = outline("DejaVuSans-Bold", "l")
+    bold = load_glyph("DejaVuSans-Bold", "l")
     assert float(np.ptp(bold.control_points[..., 0])) > float(
-        np.ptp(outline("DejaVu Sans", "l").control_points[..., 0])
+        np.ptp(load_glyph("DejaVu Sans", "l").control_points[..., 0])
     )
     path = _font_file("DejaVuSans-Bold")
-    np.testing.assert_array_equal(outline(path, "l").control_points, bold.control_points)
+    np.testing.assert_array_equal(load_glyph(path, "l").control_points, bold.control_points)
 
 
 def truetype_without_on_curve_points(file):
@@ -123,22 +123,22 @@ def finish(builder, file):
 def test_on_curve_points_that_truetype_implies_are_the_midpoints(tmp_path):
     file = tmp_path / "round.ttf"
     truetype_without_on_curve_points(file)
-    curve = outline(file, "O")
+    curve = load_glyph(file, "O")
     starts = {tuple(point) for point in np.asarray(curve.control_points)[:, 0].tolist()}
     assert curve.count == 4
     assert starts == {(50.0, 0.0), (100.0, 50.0), (50.0, 100.0), (0.0, 50.0)}
-    assert sorted(np.asarray(curve.following).tolist()) == [0, 1, 2, 3]
+    assert sorted(np.asarray(curve.next_segment).tolist()) == [0, 1, 2, 3]
 
 
 def test_cubics_of_cff_fonts_stay_cubics_and_the_closing_line_is_added(tmp_path):
     file = tmp_path / "square.otf"
     cff_square_with_a_round_corner(file)
-    curve = outline(file, "D")
+    curve = load_glyph(file, "D")
     assert (curve.degree, curve.count) == (3, 3)
     np.testing.assert_allclose(curve.control_points[0], [[0, 0], [30, 0], [60, 0], [90, 0]], rtol=1e-15)
     np.testing.assert_array_equal(curve.control_points[1], [[90, 0], [96, 0], [102, 6], [102, 12]])
     np.testing.assert_array_equal(np.asarray(curve.control_points)[2, [0, 3]], [[102, 12], [0, 0]])
-    assert curve.following.tolist() == [1, 2, 0]
+    assert curve.next_segment.tolist() == [1, 2, 0]
 
 
 def test_specs_are_split_at_the_last_colon():
@@ -157,28 +157,28 @@ def test_an_unknown_font_is_refused_with_names_of_known_ones():
     with pytest.raises(
         ValueError, match="'Helvetika' is not a font known to matplotlib; known are for example .*DejaVu Sans"
     ):
-        outline("Helvetika", "a")
+        load_glyph("Helvetika", "a")
 
 
 def test_a_letter_without_glyph_is_refused_with_its_code_point():
     with pytest.raises(ValueError, match=r"DejaVu Sans has no glyph for '漢' \(U\+6F22\)"):
-        outline("DejaVu Sans", "漢")
+        load_glyph("DejaVu Sans", "漢")
 
 
 @pytest.mark.parametrize("text", [" ", "  "])
 def test_a_text_without_outline_is_refused(text):
     with pytest.raises(ValueError, match=f"'{text}' has no outline in DejaVu Sans"):
-        outline("DejaVu Sans", text)
+        load_glyph("DejaVu Sans", text)
 
 
 def test_bad_texts_sizes_and_files_are_refused(tmp_path):
     with pytest.raises(ValueError, match="text is empty"):
-        outline("DejaVu Sans", "")
+        load_glyph("DejaVu Sans", "")
     with pytest.raises(ValueError, match="size is -1.0; needs a positive length"):
-        outline("DejaVu Sans", "a", size=-1.0)
+        load_glyph("DejaVu Sans", "a", size=-1.0)
     with pytest.raises(FileNotFoundError, match=r"nothing\.ttf: no such file"):
-        outline(tmp_path / "nothing.ttf", "a")
+        load_glyph(tmp_path / "nothing.ttf", "a")
     broken = tmp_path / "broken.ttf"
     broken.write_bytes(b"no font at all")
     with pytest.raises(ParseError, match="broken.ttf: is not a readable font"):
-        outline(broken, "a")
+        load_glyph(broken, "a")

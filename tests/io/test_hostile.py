@@ -77,7 +77,7 @@ REFUSED = {
     ),
     "a.stl": ("solid a\nfacet\n" + CORNERS.replace("v ", "vertex ") + "endfacet\n", "a.stl:6: ends without 'endsolid'"),
     "a.json": (
-        json.dumps({"type": "BezierSegments", "control_points": [[[0, 0], [1, 1]]], "following": [10**20]}),
+        json.dumps({"type": "BezierSegments", "control_points": [[[0, 0], [1, 1]]], "next_segment": [10**20]}),
         "a.json: .*too large",
     ),
     "b.json": ('{"type": "BezierCurve", "type": 1, "control_points": [[0, 0], [1, 1]]}', "'type' occurs twice"),
@@ -142,29 +142,29 @@ def test_display_none_is_heeded_in_capitals(tmp_path):
     file = tmp_path / "a.svg"
     hidden = '<path style="DISPLAY : NONE" d="M0 0L1 1"/><path display="None" d="M0 0L3 1"/>'
     file.write_text(svg(hidden + '<path d="M0 0L2 2"/>'))
-    assert jhd.io.read_svg(file).count == 1
+    assert jhd.io.load_svg(file).count == 1
 
 
 def test_a_small_symbol_may_be_used_often(tmp_path):
     file = tmp_path / "a.svg"
     file.write_text(crowd(300, 3))
-    assert jhd.io.read_svg(file).count == 900
+    assert jhd.io.load_svg(file).count == 900
 
 
 def test_what_is_drawn_far_beyond_the_file_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("jhd.io.svg_document._ALWAYS_DRAWN", 100)
     file = tmp_path / "a.svg"
     file.write_text(crowd(20, 20))
-    assert jhd.io.read_svg(file).count == 400
+    assert jhd.io.load_svg(file).count == 400
     file.write_text(crowd(40, 40))
     with pytest.raises(jhd.io.ParseError, match="is drawn after too many others"):
         jhd.io.load_shape(file)
 
 
 def test_numbers_at_the_end_of_the_range_are_drawn():
-    assert jhd.io.path("M0 0L1.7e308 1.7e308Z").count == 2
+    assert jhd.io.parse_path("M0 0L1.7e308 1.7e308Z").count == 2
     with pytest.raises(jhd.io.ParseError, match="needs a command"):
-        jhd.io.path("M0 0 \u017f 1 1 1 1")
+        jhd.io.parse_path("M0 0 \u017f 1 1 1 1")
 
 
 @pytest.mark.parametrize(
@@ -317,20 +317,20 @@ TRIANGLE = [(0, 0), (0, 500), (500, 0)]
 
 
 def test_a_letter_of_parts_is_drawn_and_one_of_very_many_is_refused_at_once(tmp_path):
-    assert jhd.io.outline(font(tmp_path, {"b0": TRIANGLE, "b1": ["b0", "b0"]}), "a").count == 6
+    assert jhd.io.load_glyph(font(tmp_path, {"b0": TRIANGLE, "b1": ["b0", "b0"]}), "a").count == 6
     doubling = {f"b{k + 1}": [f"b{k}"] * 2 for k in range(40)}
     for first in ({"b0": TRIANGLE}, {"b0": ["none"]}):
         file = font(tmp_path, {"none": TRIANGLE[:1], **first, **doubling})
         start = time.process_time()
         with pytest.raises(jhd.io.ParseError, match="a.ttf: a letter has more than 1000 parts"):
-            jhd.io.outline(file, "a")
+            jhd.io.load_glyph(file, "a")
         assert time.process_time() - start < 2 and file.stat().st_size < 4_000
 
 
 def test_a_letter_of_very_many_points_is_refused(tmp_path):
     wide = font(tmp_path, {"b0": [(k % 2, 0) for k in range(700)], "b1": ["b0"] * 99})
     with pytest.raises(jhd.io.ParseError, match="a.ttf: a letter has more than 65536 pieces"):
-        jhd.io.outline(wide, "a")
+        jhd.io.load_glyph(wide, "a")
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -342,7 +342,7 @@ def test_damaged_fonts_are_refused_or_drawn(seed, tmp_path):
     file = tmp_path / "a.ttf"
     file.write_bytes(content if seed % 2 else content[: random.integers(len(content))])
     try:
-        assert jhd.io.outline(file, "a").count > 0
+        assert jhd.io.load_glyph(file, "a").count > 0
     except (jhd.io.ParseError, ValueError) as error:
         assert "\n" not in str(error)
 

@@ -172,7 +172,7 @@ def test_composite_curves_are_joined_and_their_parts_are_no_shapes_of_their_own(
     (joined,) = shapes(tmp_path, (LINE, part), (second, part | {"matrix": 0}), ("102,2,1,3;", {"matrix": 7}), TURN)
     assert isinstance(joined, jhd.BezierSegments)
     np.testing.assert_array_equal(joined.control_points[:, :, 2], [[1, 4], [4, 10]])
-    assert np.asarray(joined.following).tolist() == [1, -1]
+    assert np.asarray(joined.next_segment).tolist() == [1, -1]
 
 
 def test_lines_and_circular_arcs_are_curves(tmp_path):
@@ -193,7 +193,7 @@ def test_lines_and_circular_arcs_are_curves(tmp_path):
         angles = np.unwrap(np.arctan2(points[..., 1] - 2, points[..., 0] - 1).ravel())
         assert np.all(np.diff(angles) > -1e-15) and abs(np.ptp(angles) - count * np.pi / 2) < 1e-14
     np.testing.assert_array_equal(arc.control_points[-1, -1], [1, 0, 5])
-    np.testing.assert_array_equal(ring.following, [1, 2, 3, 0])
+    np.testing.assert_array_equal(ring.next_segment, [1, 2, 3, 0])
 
 
 def test_lines_and_arcs_are_joined_with_splines(tmp_path):
@@ -204,7 +204,7 @@ def test_lines_and_arcs_are_joined_with_splines(tmp_path):
         LINE.replace("0.,0.,0.,1.,2.,3.", "2.,2.,0.,0.,2.,0."),
     ]
     (joined,) = shapes(tmp_path, *((text, part) for text in entities), "102,3,1,3,5;")
-    assert joined.degree == 2 and np.asarray(joined.following).tolist() == [1, 2, 3, -1]
+    assert joined.degree == 2 and np.asarray(joined.next_segment).tolist() == [1, 2, 3, -1]
     np.testing.assert_allclose(
         joined.point([0, 1, 2, 3], 0.5),
         [[1, 0, 0], [2 + 0.5**0.5, 1 - 0.5**0.5, 0], [2 + 0.5**0.5, 1 + 0.5**0.5, 0], [1, 2, 0]],

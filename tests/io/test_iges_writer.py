@@ -59,7 +59,7 @@ def test_joined_segments_are_one_composite_curve(tmp_path):
     assert found[2][4] == [2, 1, 3]
     joined, single = load_iges(tmp_path / "a.igs")
     assert isinstance(joined, jhd.BezierSegments) and isinstance(single, jhd.BSplineCurve)
-    np.testing.assert_array_equal(joined.following, [1, -1])
+    np.testing.assert_array_equal(joined.next_segment, [1, -1])
 
 
 def test_plane_curves_lie_in_the_plane_z_0_and_say_so(tmp_path):
@@ -117,7 +117,12 @@ def test_several_shapes_the_unit_and_the_version_stand_in_the_file(tmp_path):
     ("shapes", "options", "error", "message"),
     [
         ([], {}, ValueError, "shapes is empty"),
-        (jhd.points([[0, 0]]), {}, ValueError, r"shapes\[0\] has degree 0; the splines of IGES have degree 1 at least"),
+        (
+            jhd.point_set([[0, 0]]),
+            {},
+            ValueError,
+            r"shapes\[0\] has degree 0; the splines of IGES have degree 1 at least",
+        ),
         (jhd.BezierPatch([[[0, 0, 0]]]), {}, ValueError, "degree 0"),
         ([EXACT["surface"], 5], {}, TypeError, r"shapes\[1\] must be a curve or a parametric surface; got int"),
         ([EXACT["surface"]], {"unit": "mm"}, ValueError, "unit is 'mm'; needs one of IN, MM"),

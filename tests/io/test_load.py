@@ -7,9 +7,9 @@ import pytest
 
 from jhd.io.curves import save_curve
 from jhd.io.errors import ParseError
-from jhd.io.glyphs import outline
+from jhd.io.glyphs import load_glyph
 from jhd.io.load import load_shape
-from jhd.io.svg import write_svg
+from jhd.io.svg import save_svg
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.curve import polyline
 
@@ -28,12 +28,12 @@ def test_json_files_are_read(tmp_path):
 
 
 def test_svg_files_are_read_whatever_the_case_of_the_suffix(tmp_path):
-    write_svg(tmp_path / "a.SVG", polyline([[0, 0], [1, 2]]))
+    save_svg(tmp_path / "a.SVG", polyline([[0, 0], [1, 2]]))
     assert segments(str(tmp_path / "a.SVG")).count == 1
 
 
 def test_letters_of_fonts_are_read():
-    expected = outline("DejaVu Sans", "a").control_points
+    expected = load_glyph("DejaVu Sans", "a").control_points
     np.testing.assert_array_equal(segments("font:DejaVu Sans:a").control_points, expected)
 
 

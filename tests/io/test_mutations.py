@@ -11,7 +11,7 @@ import jhd
 import jhd.io
 from tests.sweeps import swept
 
-CURVE = jhd.io.path("M0 0C1 2 3 4 5 0A2 1 0 0 1 7 0L3 3Z")
+CURVE = jhd.io.parse_path("M0 0C1 2 3 4 5 0A2 1 0 0 1 7 0L3 3Z")
 MESH = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 PATCH = jhd.BezierPatch(np.arange(27.0).reshape(3, 3, 3) ** 1.5, np.ones((3, 3)))
 PLANE = jhd.polyline([(0, 0), (1, 0)])
@@ -21,7 +21,7 @@ href="#a" x="3"/><ellipse cx="1" cy="2" rx="1e1" ry=".5"/></g><path d="M0 0C1 2 
 SAVED = {
     "a.json": lambda file: jhd.io.save_curve(file, CURVE),
     "b.json": lambda file: jhd.io.save_surface(file, PATCH),
-    "b.svg": lambda file: jhd.io.write_svg(file, CURVE),
+    "b.svg": lambda file: jhd.io.save_svg(file, CURVE),
     "a.igs": lambda file: jhd.io.save_iges(file, CURVE),
     "b.igs": lambda file: jhd.io.save_iges(file, PATCH),
     **{f"a{kind}": lambda file: jhd.io.save_mesh(file, MESH) for kind in (".obj", ".off", ".ply", ".stl")},
@@ -69,7 +69,7 @@ def mutated(content, chance):
 
 def read(file, content):
     if file.name == "path":
-        return jhd.io.path(content.decode("latin-1"))
+        return jhd.io.parse_path(content.decode("latin-1"))
     if file.name == "polynomial":
         return jhd.ImplicitSurface.parse(content.decode("latin-1"), [-1] * 3, [1] * 3)
     file.write_bytes(content)

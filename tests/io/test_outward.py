@@ -88,7 +88,7 @@ def test_areas_are_those_inside_of_an_odd_number_of_contours():
 @pytest.mark.parametrize(
     ("curve", "options", "error", "message"),
     [
-        (jhd.circle([0, 0], 1), {}, ValueError, "the curve has degree 2; give atol for a polyline"),
+        (jhd.circle([0, 0], 1), {}, ValueError, "the curve has degree 2; give tolerance for a polyline"),
         (
             jhd.polyline([[0, 0], [1, 0], [1, 1], [0, 1]]),
             {"filled": True},
@@ -102,7 +102,7 @@ def test_areas_are_those_inside_of_an_odd_number_of_contours():
             ValueError,
             "the contours cross each other or themselves",
         ),
-        (jhd.points([[0, 0]]), {"atol": 1.0}, ValueError, "curve is a point set"),
+        (jhd.point_set([[0, 0]]), {"tolerance": 1.0}, ValueError, "curve is a point set"),
     ],
 )
 def test_what_is_no_geometry_is_refused(curve, options, error, message):
@@ -111,17 +111,17 @@ def test_what_is_no_geometry_is_refused(curve, options, error, message):
 
 
 def test_letters_go_to_matplotlib_and_back_bit_for_bit():
-    letter = jhd.io.outline("DejaVu Sans", "o")
+    letter = jhd.io.load_glyph("DejaVu Sans", "o")
     path = jhd.io.to_path(letter)
     assert isinstance(path, Path)
     again = jhd.BezierSegments.from_path(path)
     np.testing.assert_array_equal(again.control_points, letter.control_points)
-    np.testing.assert_array_equal(again.following, letter.following)
+    np.testing.assert_array_equal(again.next_segment, letter.next_segment)
 
 
 def test_what_paths_cannot_hold_is_drawn_by_cubics_within_atol():
     circle = jhd.circle([0, 0], 2)
-    with pytest.raises(ValueError, match="curve is rational; paths hold .*: give atol for cubics"):
+    with pytest.raises(ValueError, match="curve is rational; paths hold .*: give tolerance for cubics"):
         jhd.io.to_path(circle)
     path = jhd.io.to_path(circle, 1e-4)
     assert set(path.codes.tolist()) == {1, 4, 79}
@@ -129,7 +129,7 @@ def test_what_paths_cannot_hold_is_drawn_by_cubics_within_atol():
     assert len(ends) == 9 and np.abs(np.linalg.norm(ends, axis=1) - 2).max() < 1e-15
     cubics = np.asarray(jhd.BezierSegments.from_path(path)(np.linspace(0, len(path.codes) // 3, 999)))
     assert np.abs(np.linalg.norm(cubics, axis=1) - 2).max() <= 1e-4
-    for curve, message in ((jhd.points([[0, 0]]), "degree 0"), (jhd.polyline(np.eye(3)), "3 coordinates a point")):
+    for curve, message in ((jhd.point_set([[0, 0]]), "degree 0"), (jhd.polyline(np.eye(3)), "3 coordinates a point")):
         with pytest.raises(ValueError, match=message):
             jhd.io.to_path(curve)
 

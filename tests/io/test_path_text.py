@@ -10,7 +10,7 @@ from svgelements import Path as SvgelementsPath
 
 from jhd.io.contours import assemble
 from jhd.io.errors import ParseError
-from jhd.io.path_text import parse_path
+from jhd.io.path_text import contours_of_path
 
 # A few roundings of numbers of order ten.
 ROUNDING = 1e-14
@@ -18,11 +18,11 @@ ROUNDING = 1e-14
 
 def segments(d):
     """The control points of each segment, as lists of complex numbers, contours one after another."""
-    return [list(points) for contour in parse_path(d) for points, _ in contour.segments]
+    return [list(points) for contour in contours_of_path(d) for points, _ in contour.segments]
 
 
 def arc_curve(d):
-    curve = assemble(parse_path(d))
+    curve = assemble(contours_of_path(d))
     assert curve is not None
     return curve
 
@@ -81,7 +81,7 @@ def test_closing_adds_a_line_only_where_the_end_is_away():
 
 def test_a_gap_of_rounding_is_closed_by_moving_the_end():
     d = "m.1.1l.1.2.1-.3" + "l-.1.05" * 2 + "z"
-    contour = parse_path(d)[0]
+    contour = contours_of_path(d)[0]
     assert len(contour.segments) == 4
     assert contour.segments[-1].points[-1] == contour.segments[0].points[0]
 
@@ -151,9 +151,9 @@ def test_a_quarter_has_the_exact_control_points():
 
 
 def test_flags_need_no_separators():
-    assert parse_path("M0 0a1 1 0 012 3")[0].segments == parse_path("M0 0a1 1 0 0 1 2 3")[0].segments
-    assert parse_path("M0 0a1 1 0 1,0.5.5 1 1 0 000 1")[0].segments == (
-        parse_path("M0 0 a 1 1 0 1 0 .5 .5 a 1 1 0 0 0 0 1")[0].segments
+    assert contours_of_path("M0 0a1 1 0 012 3")[0].segments == contours_of_path("M0 0a1 1 0 0 1 2 3")[0].segments
+    assert contours_of_path("M0 0a1 1 0 1,0.5.5 1 1 0 000 1")[0].segments == (
+        contours_of_path("M0 0 a 1 1 0 1 0 .5 .5 a 1 1 0 0 0 0 1")[0].segments
     )
 
 
@@ -175,7 +175,7 @@ def test_radii_that_are_too_small_are_scaled_up_to_a_half_turn():
 
 
 def test_signs_of_radii_do_not_matter():
-    assert parse_path("M0 0A-1 -2 20 1 1 1 1")[0].segments == parse_path("M0 0A1 2 20 1 1 1 1")[0].segments
+    assert contours_of_path("M0 0A-1 -2 20 1 1 1 1")[0].segments == contours_of_path("M0 0A1 2 20 1 1 1 1")[0].segments
 
 
 def test_a_flat_arc_far_from_its_center_keeps_its_sagitta():
@@ -190,7 +190,7 @@ def test_arcs_and_lines_share_a_degree_and_get_weights():
     assert curve.degree == 2
     np.testing.assert_array_equal(np.asarray(curve.weights)[0], 1.0)
     np.testing.assert_array_equal(curve.control_points[0], [[0, 0], [1, 0], [2, 0]])
-    assert curve.following.tolist() == [1, 2, 3, 0]
+    assert curve.next_segment.tolist() == [1, 2, 3, 0]
 
 
 def test_arcs_and_cubics_share_a_degree_and_stay_the_same_curves():
@@ -213,11 +213,11 @@ def test_segments_that_stay_at_a_point_are_left_out_unless_alone():
 
 def test_contours_that_touch_are_closed_on_themselves():
     curve = arc_curve("M0 0H1V1ZM0 0H-1V-1Z")
-    assert curve.following.tolist() == [1, 2, 0, 4, 5, 3]
+    assert curve.next_segment.tolist() == [1, 2, 0, 4, 5, 3]
 
 
 def test_open_ends_that_meet_are_joined():
-    assert arc_curve("M0 0H1M1 0H2").following.tolist() == [1, -1]
+    assert arc_curve("M0 0H1M1 0H2").next_segment.tolist() == [1, -1]
 
 
 @pytest.mark.parametrize(
@@ -241,5 +241,5 @@ def test_open_ends_that_meet_are_joined():
 )
 def test_errors_say_where_and_what(d, line, column, message):
     with pytest.raises(ParseError, match=f"^line {line}, column {column}: path data: {message}") as caught:
-        parse_path(d)
+        contours_of_path(d)
     assert (caught.value.file, caught.value.line, caught.value.column) == (None, line, column)

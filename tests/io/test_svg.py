@@ -7,10 +7,10 @@ import pytest
 import svgelements
 
 from jhd.io.errors import ParseError
-from jhd.io.svg import path, read_svg, write_svg
+from jhd.io.svg import load_svg, parse_path, save_svg
 from jhd.shapes.bezier import BezierCurve
 from jhd.shapes.bspline import BSplineCurve
-from jhd.shapes.curve import BezierSegments, circle, points, polyline
+from jhd.shapes.curve import BezierSegments, circle, point_set, polyline
 
 # What placement may cost: a few roundings of coordinates of order one hundred.
 PLACEMENT = 1e-12
@@ -28,7 +28,7 @@ def written(folder, body, attributes=""):
 
 
 def read(folder, body, attributes="", **options):
-    return read_svg(written(folder, body, attributes), **options)
+    return load_svg(written(folder, body, attributes), **options)
 
 
 def starts(curve):
@@ -49,24 +49,24 @@ def image(of, *rows):
 
 
 def test_path_reads_path_data():
-    curve = path("M0 0H2V1Z")
+    curve = parse_path("M0 0H2V1Z")
     np.testing.assert_array_equal(curve.control_points, [[[0, 0], [2, 0]], [[2, 0], [2, 1]], [[2, 1], [0, 0]]])
-    assert curve.following.tolist() == [1, 2, 0]
+    assert curve.next_segment.tolist() == [1, 2, 0]
 
 
 def test_path_refuses_what_draws_nothing_and_what_is_no_text():
     with pytest.raises(ParseError, match="draws nothing"):
-        path("M1 2")
+        parse_path("M1 2")
     with pytest.raises(ParseError, match="^line 1, column 7: path data: needs a number"):
-        path("M1 2 L")
+        parse_path("M1 2 L")
     with pytest.raises(TypeError, match="d must be a string of SVG path data; got int" + TYPE_CHECKED):
-        path(3)  # pyright: ignore[reportArgumentType]
+        parse_path(3)  # pyright: ignore[reportArgumentType]
 
 
 def test_a_drawing_without_groups_keeps_its_numbers_whatever_the_paper(tmp_path):
     d = "M0.1 0.2L30.7 1e-3"
     curve = read(tmp_path, f'<path d="{d}"/>', 'width="10cm" height="5cm" viewBox="-7 3 100 50"')
-    np.testing.assert_array_equal(curve.control_points, path(d).control_points)
+    np.testing.assert_array_equal(curve.control_points, parse_path(d).control_points)
 
 
 def test_nested_transforms_compose_from_outside_in(tmp_path):
@@ -193,7 +193,7 @@ SHAPES = {
 def test_shapes_agree_with_svgelements(tmp_path, name):
     placed = f'<g transform="rotate(25) translate(3 4)">{SHAPES[name]}</g>'
     file = written(tmp_path, placed)
-    curve = read_svg(file)
+    curve = load_svg(file)
     shape = next(e for e in svgelements.SVG.parse(str(file)).elements() if isinstance(e, svgelements.Shape))
     segments = [
         s for s in svgelements.Path(shape).segments() if not isinstance(s, svgelements.Move) and s.length() > 1e-9
@@ -214,7 +214,7 @@ def test_shapes_agree_with_svgelements(tmp_path, name):
 @pytest.mark.parametrize("name", ["rect", "rect with round corners", "circle", "ellipse", "polygon"])
 def test_closed_shapes_are_one_closed_contour(tmp_path, name):
     curve = read(tmp_path, SHAPES[name])
-    assert curve.following.tolist() == [*range(1, curve.count), 0]
+    assert curve.next_segment.tolist() == [*range(1, curve.count), 0]
 
 
 def test_a_rectangle_that_is_all_corners_has_no_sides_of_an_ulp(tmp_path):
@@ -235,7 +235,7 @@ def test_shapes_without_size_are_not_drawn(tmp_path):
 def test_shapes_of_one_file_are_joined_in_one_degree(tmp_path):
     curve = read(tmp_path, '<line x2="1"/><path d="M5 5Q6 6 7 5"/><circle r="2"/>')
     assert (curve.degree, curve.count) == (2, 6)
-    assert curve.following.tolist() == [-1, -1, 3, 4, 5, 2]
+    assert curve.next_segment.tolist() == [-1, -1, 3, 4, 5, 2]
 
 
 def test_elements_are_chosen_by_id(tmp_path):
@@ -243,9 +243,9 @@ def test_elements_are_chosen_by_id(tmp_path):
       <use id="copy" href="#a"/>"""
     file = written(tmp_path, body)
     for ids, first in (("a", [10, 0]), ("b", [12]), ("group", [10, 12]), ("copy", [0]), (["b", "copy"], [12, 0])):
-        assert starts(read_svg(file, ids))[:, 0].tolist() == first
+        assert starts(load_svg(file, ids))[:, 0].tolist() == first
     with pytest.raises(ParseError, match="drawing.svg: draws nothing of id 'c'; ids that draw: a, b, copy, group"):
-        read_svg(file, ids=["a", "c"])
+        load_svg(file, ids=["a", "c"])
 
 
 def test_y_up_mirrors(tmp_path):
@@ -264,10 +264,10 @@ def awkward(shape, seed=7):
 @pytest.mark.parametrize("y_up", [False, True])
 def test_what_is_written_is_read_back_bit_for_bit(tmp_path, degree, y_up):
     curve = BezierSegments(awkward((5, degree + 1, 2)))
-    write_svg(tmp_path / "out.svg", curve, y_up=y_up)
-    again = read_svg(tmp_path / "out.svg", y_up=y_up)
+    save_svg(tmp_path / "out.svg", curve, y_up=y_up)
+    again = load_svg(tmp_path / "out.svg", y_up=y_up)
     np.testing.assert_array_equal(again.control_points, curve.control_points)
-    np.testing.assert_array_equal(again.following, curve.following)
+    np.testing.assert_array_equal(again.next_segment, curve.next_segment)
     assert again.weights is None
 
 
@@ -275,22 +275,22 @@ def test_contours_and_joints_survive_the_round_trip(tmp_path):
     square, open_line = polyline(awkward((4, 2)), closed=True), polyline(awkward((3, 2), seed=8))
     spline = BSplineCurve.uniform(np.random.default_rng(3).normal(size=(6, 2)), closed=True)
     for curve in (BezierSegments.join([square, open_line, square]), spline.segments()):
-        write_svg(tmp_path / "out.svg", curve)
-        again = read_svg(tmp_path / "out.svg")
+        save_svg(tmp_path / "out.svg", curve)
+        again = load_svg(tmp_path / "out.svg")
         np.testing.assert_array_equal(again.control_points, curve.control_points)
-        np.testing.assert_array_equal(again.following, curve.following)
+        np.testing.assert_array_equal(again.next_segment, curve.next_segment)
 
 
 def test_several_curves_are_paths_of_their_own(tmp_path):
     curves = [BezierCurve([[0, 0], [1, 2], [2, 0]]), polyline([[0, 0], [3, 1]])]
-    write_svg(tmp_path / "out.svg", curves)
+    save_svg(tmp_path / "out.svg", curves)
     for index, curve in enumerate(curves):
-        again = read_svg(tmp_path / "out.svg", ids=f"curve{index}")
+        again = load_svg(tmp_path / "out.svg", ids=f"curve{index}")
         np.testing.assert_array_equal(again.control_points, curve.segments().control_points)
 
 
 def test_the_text_is_returned_and_other_readers_agree(tmp_path):
-    text = write_svg(None, polyline([[0, 0], [3, 1], [1, 2]], closed=True))
+    text = save_svg(None, polyline([[0, 0], [3, 1], [1, 2]], closed=True))
     assert 'd="M0.0,0.0 L3.0,1.0 L1.0,2.0 L0.0,0.0 Z"' in text
     assert 'viewBox="-0.15 -0.15 3.3 2.3"' in text
     (tmp_path / "out.svg").write_text(text, encoding="utf-8")
@@ -304,10 +304,10 @@ def test_the_text_is_returned_and_other_readers_agree(tmp_path):
         (
             BezierCurve([[0, 0], [1, 2], [2, 0]], [1, 3, 1]),
             ValueError,
-            "the curve is rational; .* give atol for cubics",
+            "the curve is rational; .* give tolerance for cubics",
         ),
-        (points([[0, 0]]), ValueError, r"curves\[0\] has degree 0; SVG paths hold no points"),
-        (BezierCurve(np.ones((5, 2))), ValueError, "the curve has degree 4; .* give atol"),
+        (point_set([[0, 0]]), ValueError, r"curves\[0\] has degree 0; SVG paths hold no points"),
+        (BezierCurve(np.ones((5, 2))), ValueError, "the curve has degree 4; .* give tolerance"),
         (polyline([[0, 0, 0], [1, 1, 1]]), ValueError, r"curves\[0\] has 3 coordinates a point; SVG needs 2"),
         ([], ValueError, "curves is empty"),
         ([3], TypeError, r"curves\[0\] must be a curve" + TYPE_CHECKED),
@@ -315,7 +315,7 @@ def test_the_text_is_returned_and_other_readers_agree(tmp_path):
 )
 def test_what_path_data_cannot_hold_is_refused(curves, error, message):
     with pytest.raises(error, match=message):
-        write_svg(None, curves)
+        save_svg(None, curves)
 
 
 ERRORS = {
@@ -330,7 +330,7 @@ ERRORS = {
     ),
     "origin": ('<g transform="scale(2)" transform-origin="4 0"/>', "<g> has transform-origin, which is not read"),
     "size in a style": ('<circle r="2" style="fill:red;R:5px"/>', "<circle> has r in its style"),
-    "path in a style": ("<path style=\"d:path('M0 0L1 1')\"/>", "<path> has d in its style"),
+    "path in a style": ("<path style=\"d:parse_path('M0 0L1 1')\"/>", "<path> has d in its style"),
     "sheet that hides": (
         "<style>.a{fill:red}.b{display:none}</style>",
         "<style> sets 'display: *none', and style sheets",
@@ -366,7 +366,7 @@ def test_errors_name_the_file_the_line_the_column_and_the_element(tmp_path, name
     body, message = ERRORS[name]
     file = written(tmp_path, "\n<g>\n  " + body + "</g>")
     with pytest.raises(ParseError, match=rf"drawing\.svg:3:\d+: {message}") as caught:
-        read_svg(file)
+        load_svg(file)
     assert (caught.value.file, caught.value.line) == (str(file), 3)
     assert caught.value.column in (3, 3 + body.find("<use"))
     assert "\n" not in str(caught.value)
@@ -375,21 +375,21 @@ def test_errors_name_the_file_the_line_the_column_and_the_element(tmp_path, name
 def test_broken_xml_has_its_line_and_column(tmp_path):
     file = written(tmp_path, "\n<g></path>")
     with pytest.raises(ParseError, match=r"drawing\.svg:2:6: XML: mismatched tag\.$"):
-        read_svg(file)
+        load_svg(file)
     file.write_text("", encoding="utf-8")
     with pytest.raises(ParseError, match=r"drawing\.svg:1:1: XML: no element found\.$"):
-        read_svg(file)
+        load_svg(file)
 
 
 def test_files_that_are_missing_or_no_svg_or_empty_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none\.svg: no such file\.$"):
-        read_svg(tmp_path / "none.svg")
+        load_svg(tmp_path / "none.svg")
     file = written(tmp_path, "")
     with pytest.raises(ParseError, match=r"drawing\.svg: draws no path, rect"):
-        read_svg(file)
+        load_svg(file)
     file.write_text("<html/>", encoding="utf-8")
     with pytest.raises(ParseError, match=r"drawing\.svg:1:1: <html> is the root; an SVG file has <svg> there"):
-        read_svg(file)
+        load_svg(file)
 
 
 def test_declared_encodings_and_entities_are_read(tmp_path):
@@ -397,4 +397,4 @@ def test_declared_encodings_and_entities_are_read(tmp_path):
     text = '<?xml version="1.0" encoding="ISO-8859-1"?><!DOCTYPE svg [<!ENTITY two "2">]>'
     text += '<svg><path id="é" d="M0 0L&two; 0"/></svg>'
     file.write_bytes(text.encode("latin-1"))
-    np.testing.assert_array_equal(read_svg(file, ids="é").control_points, [[[0, 0], [2, 0]]])
+    np.testing.assert_array_equal(load_svg(file, ids="é").control_points, [[[0, 0], [2, 0]]])

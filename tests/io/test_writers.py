@@ -17,8 +17,8 @@ import pytest
 import jhd
 import jhd.io
 from jhd._cli.report import save_figure
-from jhd.distance.many.blocks import MeasuredPairs
-from jhd.distance.many.store import Store
+from jhd.distance.collections.blocks import MeasuredPairs
+from jhd.distance.collections.store import Store
 from jhd.io.load import SHAPE_SUFFIXES
 from tests.processes import started
 
@@ -65,7 +65,7 @@ def written(certificate, fields):
     return {
         "a.json": lambda file, count: jhd.io.save_curve(file, curve(count)),
         "b.json": lambda file, count: jhd.io.save_surface(file, surface(count)),
-        "a.svg": lambda file, count: jhd.io.write_svg(file, curve(count)),
+        "a.svg": lambda file, count: jhd.io.save_svg(file, curve(count)),
         "a.igs": lambda file, count: jhd.io.save_iges(file, surface(count)),
         **dict.fromkeys(("a.obj", "a.off", "a.ply", "a.stl"), mesh),
         # What holds arrays is stored as results are.
@@ -83,7 +83,7 @@ def written(certificate, fields):
 @pytest.fixture(scope="module")
 def certificate():
     # Sets of points take no program that takes long to compile.
-    a, b = jhd.points([[0.0, 0.0], [1.0, 0.0]]), jhd.points([[0.0, 1.0], [1.0, 1.0]])
+    a, b = jhd.point_set([[0.0, 0.0], [1.0, 0.0]]), jhd.point_set([[0.0, 1.0], [1.0, 1.0]])
     return jhd.certify(a, b, jhd.directed_hausdorff(a, b), directed=True)
 
 

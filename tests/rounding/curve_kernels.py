@@ -8,12 +8,12 @@ import numpy as np
 
 from jhd.arithmetic import bernstein
 from jhd.distance.cells import branches
-from jhd.distance.frame import curves as preparation
-from jhd.distance.frame.curves import trusted
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import Piece
 from jhd.distance.nearest import chords
 from jhd.distance.nearest import curves as nearest
+from jhd.distance.normalization import curves as preparation
+from jhd.distance.normalization.curves import trusted
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import Piece
 from jhd.shapes.curve import BezierSegments
 
 # Inputs side by side, of four kinds in turn.

@@ -12,13 +12,13 @@ from jhd.arithmetic import bernstein, truncated
 from jhd.arithmetic.rounding import absolute_error, gamma
 from jhd.distance.cells import beside, followed, graphs, lagrange, moving_feet
 from jhd.distance.cells import surfaces as upper
-from jhd.distance.frame import isolated, net_jets
-from jhd.distance.frame import surfaces as preparation
-from jhd.distance.frame.net_jets import Net
-from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest import chords, forms, places, stationarity
 from jhd.distance.nearest.forms import Boxes, Form
 from jhd.distance.nearest.target import Flats
+from jhd.distance.normalization import isolated, net_jets
+from jhd.distance.normalization import surfaces as preparation
+from jhd.distance.normalization.net_jets import Net
+from jhd.distance.normalization.surfaces import Side
 
 COUNT = 24
 DTYPE = np.float32

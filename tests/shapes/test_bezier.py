@@ -44,7 +44,7 @@ def test_a_single_point_is_a_curve():
     np.testing.assert_array_equal(point(T), np.tile([1.0, 2.0, 3.0], (9, 1)))
     np.testing.assert_array_equal(point.derivative()(0.5), [0, 0, 0])
     np.testing.assert_array_equal(point.split(0.5)[1].control_points, [[1, 2, 3]])
-    assert point.segments().following.tolist() == [-1]
+    assert point.segments().next_segment.tolist() == [-1]
 
 
 @RATIONAL
@@ -92,8 +92,8 @@ def test_transform_is_affine():
 
 
 def test_a_closed_curve_follows_itself():
-    assert BezierCurve([[0, 0], [1, 0], [0, 1], [0, 0]]).segments().following.tolist() == [0]
-    assert BezierCurve(POINTS).segments().following.tolist() == [-1]
+    assert BezierCurve([[0, 0], [1, 0], [0, 1], [0, 0]]).segments().next_segment.tolist() == [0]
+    assert BezierCurve(POINTS).segments().next_segment.tolist() == [-1]
 
 
 @pytest.mark.parametrize(

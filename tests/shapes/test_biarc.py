@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd import BezierCurve, BezierSegments, BSplineCurve, NotProvenError, circle, hausdorff, points, polyline
+from jhd import BezierCurve, BezierSegments, BSplineCurve, NotProvenError, circle, hausdorff, point_set, polyline
 from jhd.shapes import biarcs, deviation, least_tolerance
 from tests import reference
 from tests.sweeps import swept
@@ -61,7 +61,7 @@ CASES = {
     "folded": BezierSegments([[[0, 0], [2, 1.3], [0, 0]]]),
     "point": BezierSegments([[[0.1, 0.7]] * 4]),
     "circle": circle([3, 4], 5),
-    "mixed": BezierSegments.join([points([[5.0, 5]]), circle([0, 0], 1), polyline([[0, 0], [1, 0], [1, 2]])]),
+    "mixed": BezierSegments.join([point_set([[5.0, 5]]), circle([0, 0], 1), polyline([[0, 0], [1, 0], [1, 2]])]),
 }
 
 
@@ -105,8 +105,8 @@ def exact_distance(x, start, end, bulge):
 
 def arcs_of(curve, share):
     low, high = (np.asarray(x) for x in curve.bounds)
-    atol = max(share * float(np.hypot(*(high - low))), 1.01 * least_tolerance(curve), 1e-300)
-    return biarcs(curve, atol), atol
+    tolerance = max(share * float(np.hypot(*(high - low))), 1.01 * least_tolerance(curve), 1e-300)
+    return biarcs(curve, tolerance), tolerance
 
 
 def check_pieces(curve, arcs, most, samples):
@@ -129,8 +129,8 @@ def check_pieces(curve, arcs, most, samples):
 @pytest.mark.parametrize("share", swept([1e-4, 0.3], 1))
 @pytest.mark.parametrize("name", CASES)
 def test_points_of_a_piece_are_within_the_deviation_of_its_arc(name, share):
-    arcs, atol = arcs_of(CASES[name], share)
-    assert float(arcs.deviation.max()) <= atol
+    arcs, tolerance = arcs_of(CASES[name], share)
+    assert float(arcs.deviation.max()) <= tolerance
     check_pieces(CASES[name], arcs, 6, 5)
 
 
@@ -243,16 +243,16 @@ def test_the_pieces_cover_every_segment_without_a_gap(name):
 def test_arcs_follow_each_other_as_the_segments_do():
     curve = BezierSegments.join([circle([0, 0], 1), polyline([[3, 0], [4, 0], [4, 1]])])
     arcs = biarcs(curve, 1e-3)
-    assert arcs.following.tolist() == [1, 2, 3, 4, 5, 6, 7, 0, 9, -1]
-    assert arcs.segments().following.tolist() == arcs.following.tolist()
+    assert arcs.next_segment.tolist() == [1, 2, 3, 4, 5, 6, 7, 0, 9, -1]
+    assert arcs.segments().next_segment.tolist() == arcs.next_segment.tolist()
 
 
 def turns(arcs):
     """Angles between the end of each arc and the start of the one that follows."""
-    following = np.asarray(arcs.following)
+    next_segment = np.asarray(arcs.next_segment)
     tangents = np.asarray(arcs.tangents) @ [1, 1j]
-    there = following >= 0
-    return np.abs(np.angle(tangents[following[there], 0] / tangents[there, 1]))
+    there = next_segment >= 0
+    return np.abs(np.angle(tangents[next_segment[there], 0] / tangents[there, 1]))
 
 
 @pytest.mark.parametrize("share", [1e-1, 1e-3, 1e-5])
@@ -298,7 +298,7 @@ def test_points_and_lines_are_themselves():
     assert (arcs.count, float(arcs.bulge[0]), float(arcs.radius[0])) == (1, 0, np.inf)
     arcs = biarcs(CASES["folded"], 1e-3)
     assert arcs.count == 2 and not np.any(arcs.bulge)
-    arcs = biarcs(points([[1, 2], [3, 4]]), 1e-3)
+    arcs = biarcs(point_set([[1, 2], [3, 4]]), 1e-3)
     assert arcs.start.tolist() == arcs.end.tolist() == [[1, 2], [3, 4]]
     assert not np.any(arcs.deviation) and not np.any(arcs.curvature) and not np.any(arcs.tangents)
     assert biarcs(CASES["point"], 1e-3).count == 1
@@ -352,17 +352,17 @@ def test_what_cannot_be_approximated_is_refused(as_a_user):
         biarcs(3.0, 1e-3)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="curve has 3 coordinates a point; biarcs needs 2"):
         biarcs(BezierSegments(np.zeros((1, 3, 3))), 1e-3)
-    for atol in (0.0, -1.0, 1e-18):
-        with pytest.raises(ValueError, match=r"atol is .*; needs at least"):
-            biarcs(curve, atol)
-    for atol in (np.nan, np.inf):
-        with pytest.raises(ValueError, match="atol is not finite"):
-            biarcs(curve, atol)
-    with pytest.raises(ValueError, match="atol has shape"):
+    for tolerance in (0.0, -1.0, 1e-18):
+        with pytest.raises(ValueError, match=r"tolerance is .*; needs at least"):
+            biarcs(curve, tolerance)
+    for tolerance in (np.nan, np.inf):
+        with pytest.raises(ValueError, match="tolerance is not finite"):
+            biarcs(curve, tolerance)
+    with pytest.raises(ValueError, match="tolerance has shape"):
         biarcs(curve, [1e-3, 1e-3])
     with pytest.raises(TypeError, match="known control points"):
         jax.jit(lambda p: biarcs(BezierSegments(p), 1e-3).start)(CUBIC)
-    with pytest.raises(TypeError, match="known atol"):
+    with pytest.raises(TypeError, match="known tolerance"):
         jax.jit(lambda x: biarcs(curve, x).start)(1e-3)
 
 

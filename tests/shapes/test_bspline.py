@@ -60,14 +60,14 @@ def test_values_derivatives_and_segments_agree_with_scipy(degree):
         expected = reference(lower + u * (upper - lower))
         # At the end of the domain scipy evaluates from the left as well.
         np.testing.assert_allclose(values, expected, atol=ROUNDING)
-    assert segments.following.tolist() == [*range(1, segments.count), -1]
+    assert segments.next_segment.tolist() == [*range(1, segments.count), -1]
 
 
 def test_a_spline_of_degree_zero_is_its_points():
     steps = BSplineCurve(POINTS[:3], [0, 1, 1, 3])
     np.testing.assert_array_equal(steps([0.5, 1.0, 2.0]), POINTS[[0, 2, 2]])
     np.testing.assert_array_equal(steps.derivative()(0.5), [0, 0])
-    assert steps.segments().following.tolist() == [-1, -1, -1]
+    assert steps.segments().next_segment.tolist() == [-1, -1, -1]
     before, after = steps.split(2.0)
     np.testing.assert_array_equal(before.control_points, POINTS[:3])
     np.testing.assert_array_equal(after.control_points, POINTS[2:3])
@@ -104,7 +104,7 @@ def test_uniform_closed_splines_agree_with_scipy_on_wrapped_points(degree):
     np.testing.assert_allclose(curve(t - 7), reference(t), atol=10 * ROUNDING)
     np.testing.assert_allclose(curve.derivative()(t[:-1]), reference(t[:-1], nu=1), atol=10 * ROUNDING)
     segments = curve.segments()
-    assert segments.following.tolist() == [1, 2, 3, 4, 5, 6, 0]
+    assert segments.next_segment.tolist() == [1, 2, 3, 4, 5, 6, 0]
     starts = np.roll(segments.control_points[:, 0], -1, axis=0)
     np.testing.assert_allclose(segments.control_points[:, -1], starts, atol=ROUNDING)
 
@@ -117,7 +117,7 @@ def test_closed_splines_with_repeated_knots_agree_with_scipy(weights):
     knots = np.concatenate([CLOSED, CLOSED[4:7] + 3])
     values = BSpline(knots, np.vstack([lifted, lifted[:3]]), 3)(np.linspace(1, 4, 31))
     np.testing.assert_allclose(curve(np.linspace(1, 4, 31)), values[:, :2] / values[:, 2:], atol=ROUNDING)
-    assert curve.segments().following.tolist() == [1, 2, 3, 4, 5, 6, 0]
+    assert curve.segments().next_segment.tolist() == [1, 2, 3, 4, 5, 6, 0]
 
 
 def test_the_circle_of_nine_points_is_round():
@@ -130,7 +130,7 @@ def test_the_circle_of_nine_points_is_round():
     np.testing.assert_allclose(np.sum(tangents * np.asarray(circle(t)), axis=1), 0.0, atol=DERIVATIVE)
     segments = circle.segments()
     assert segments.count == 7
-    assert segments.following.tolist() == [1, 2, 3, 4, 5, 6, 0]
+    assert segments.next_segment.tolist() == [1, 2, 3, 4, 5, 6, 0]
     np.testing.assert_allclose(np.asarray(segments.weights)[::2], np.tile([1, HALF, 1], (4, 1)), atol=ROUNDING)
     np.testing.assert_allclose(segments.control_points[1], np.tile([0, 1], (3, 1)), atol=ROUNDING)
 
@@ -151,7 +151,7 @@ def test_derivatives_of_rational_splines_agree_with_differences(periodic):
 def test_empty_spans_are_points_of_the_curve():
     curve = BSplineCurve(POINTS, DOUBLE)
     segments = curve.segments()
-    assert segments.following.tolist() == [1, 2, 3, -1]
+    assert segments.next_segment.tolist() == [1, 2, 3, -1]
     np.testing.assert_allclose(segments.control_points[1], np.tile(curve(0.3), (4, 1)), atol=ROUNDING)
     starts = BSplineCurve(POINTS[:5], [0, 0, 0, 0, 0, 1, 1, 1, 1]).segments()
     np.testing.assert_array_equal(starts.control_points[0], np.tile(POINTS[1], (4, 1)))
@@ -162,23 +162,23 @@ def test_a_jump_is_a_free_end_and_a_kink_is_none():
     curve = BSplineCurve(points, JUMP)
     segments = curve.segments()
     # Three empty spans at the jump, where the curve still is at its left end.
-    assert segments.following.tolist() == [1, 2, 3, -1, -1]
+    assert segments.next_segment.tolist() == [1, 2, 3, -1, -1]
     np.testing.assert_allclose(segments.control_points[1:4], np.tile(POINTS[3], (3, 4, 1)), atol=ROUNDING)
     np.testing.assert_allclose(curve(0.4), POINTS[4], atol=ROUNDING)
     points[4] = points[3]
-    assert BSplineCurve(points, JUMP).segments().following.tolist() == [1, 2, 3, 4, -1]
+    assert BSplineCurve(points, JUMP).segments().next_segment.tolist() == [1, 2, 3, 4, -1]
     np.testing.assert_allclose(curve.derivative()(0.3), BSpline(JUMP, curve.control_points, 3)(0.3, nu=1))
 
 
 def test_a_closed_spline_with_a_jump_at_its_seam_has_two_ends():
     knots = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 2.5])
     curve = BSplineCurve(POINTS, np.concatenate([knots, knots[:4] + 3]), periodic=True)
-    assert curve.segments().following.tolist() == [1, 2, 3, 4, 5, 6, -1]
+    assert curve.segments().next_segment.tolist() == [1, 2, 3, 4, 5, 6, -1]
 
 
 def test_open_splines_whose_ends_agree_are_closed():
     points = np.vstack([POINTS, POINTS[:1]])
-    assert BSplineCurve.clamped(points).segments().following.tolist() == [1, 2, 3, 4, 0]
+    assert BSplineCurve.clamped(points).segments().next_segment.tolist() == [1, 2, 3, 4, 0]
 
 
 # Splitting, inserting, elevating, reversing, transforming
@@ -262,8 +262,8 @@ def test_transform_is_affine(curve):
 def test_the_opened_curve_is_the_same():
     curve = BSplineCurve(POINTS, CLOSED, WEIGHTS, periodic=True)
     t = domain_samples(curve)
-    assert not curve.opened().periodic
-    np.testing.assert_allclose(curve.opened()(t), curve(t), atol=ROUNDING)
+    assert not curve.to_open().periodic
+    np.testing.assert_allclose(curve.to_open()(t), curve(t), atol=ROUNDING)
 
 
 # From scipy
@@ -288,7 +288,7 @@ def test_periodic_scipy_splines_become_closed_ones():
     assert (curve.periodic, curve.control_points.shape) == (True, (8, 2))
     t = np.linspace(0, 8, 21)
     np.testing.assert_allclose(curve(t), reference(t), atol=10 * ROUNDING)
-    assert curve.segments().following.tolist() == [1, 2, 3, 4, 5, 6, 7, 0]
+    assert curve.segments().next_segment.tolist() == [1, 2, 3, 4, 5, 6, 7, 0]
 
 
 def test_scipy_splines_that_only_wrap_their_parameter_stay_open():
@@ -304,7 +304,7 @@ def test_closed_fits_of_scipy_are_closed():
     rows[-1] = rows[0]
     (knots, coefficients, degree), _ = splprep(rows.T, per=1, s=0)
     segments = BSplineCurve.from_scipy(BSpline(knots, np.transpose(coefficients), degree)).segments()
-    assert segments.following.tolist() == [1, 2, 3, 4, 5, 6, 7, 0]
+    assert segments.next_segment.tolist() == [1, 2, 3, 4, 5, 6, 7, 0]
 
 
 @pytest.mark.parametrize(
@@ -433,7 +433,7 @@ def test_curves_are_mapped_over():
     np.testing.assert_allclose(values[1], 2 * values[0], atol=ROUNDING)
     segments = jax.vmap(lambda curve: curve.segments())(batch)
     assert segments.control_points.shape == (2, 7, 4, 2)
-    assert segments.following.tolist() == [[1, 2, 3, 4, 5, 6, 0]] * 2
+    assert segments.next_segment.tolist() == [[1, 2, 3, 4, 5, 6, 0]] * 2
 
 
 @pytest.mark.parametrize(("knots", "periodic"), swept([(CLOSED, True), (DOUBLE, False)], 0, 1))

@@ -69,7 +69,7 @@ def test_derivative_of_a_rational_line_is_exact():
 
 
 def test_derivative_of_points_is_zero():
-    np.testing.assert_array_equal(jhd.points([[1.0, 2.0]]).derivative()(0.5), [0.0, 0.0])
+    np.testing.assert_array_equal(jhd.point_set([[1.0, 2.0]]).derivative()(0.5), [0.0, 0.0])
     np.testing.assert_array_equal(BezierSegments([[[1.0, 2.0]]], [[3.0]]).derivative()(0.5), [0.0, 0.0])
 
 
@@ -83,15 +83,15 @@ def test_split_gives_the_parts_before_and_after(t):
     np.testing.assert_allclose(before.control_points[0, 0], LOOP[0, 0], atol=ROUNDING)
     np.testing.assert_allclose(before.control_points[-1, -1], curve(t), atol=ROUNDING)
     np.testing.assert_allclose(after.control_points[0, 0], curve(t), atol=ROUNDING)
-    np.testing.assert_array_equal(before.following, [*range(1, before.count), -1])
-    np.testing.assert_array_equal(after.following, [*range(1, after.count), -1])
+    np.testing.assert_array_equal(before.next_segment, [*range(1, before.count), -1])
+    np.testing.assert_array_equal(after.next_segment, [*range(1, after.count), -1])
 
 
 def test_split_of_one_closed_segment_opens_it():
     loop = BezierSegments([[[0, 0], [1, 0], [0, 1], [0, 0]]])
-    assert loop.following.tolist() == [0]
+    assert loop.next_segment.tolist() == [0]
     before, after = loop.split(0.5)
-    assert before.following.tolist() == after.following.tolist() == [-1]
+    assert before.next_segment.tolist() == after.next_segment.tolist() == [-1]
 
 
 @pytest.mark.parametrize(
@@ -153,11 +153,11 @@ def test_reversal_turns_segments_and_joints_around():
     back = curve.reverse()
     t = np.linspace(0.1, 3.9, 9)
     np.testing.assert_allclose(back(t), curve(4 - t), atol=ROUNDING)
-    assert back.following.tolist() == [1, 2, 3, 0]
-    assert BezierSegments(CUBICS).reverse().following.tolist() == [-1, -1, -1]
+    assert back.next_segment.tolist() == [1, 2, 3, 0]
+    assert BezierSegments(CUBICS).reverse().next_segment.tolist() == [-1, -1, -1]
     apart = BezierSegments(CUBICS, None, [2, -1, 1]).reverse()
-    assert apart.following.tolist() == [2, 0, -1]
-    jitted = jax.jit(lambda c: c.reverse().following)(BezierSegments(CUBICS, None, [2, -1, 1]))
+    assert apart.next_segment.tolist() == [2, 0, -1]
+    jitted = jax.jit(lambda c: c.reverse().next_segment)(BezierSegments(CUBICS, None, [2, -1, 1]))
     assert jitted.tolist() == [2, 0, -1]
 
 
@@ -167,20 +167,20 @@ def test_transform_is_affine_and_keeps_joints():
     image = curve.transform(matrix, offset)
     t = np.linspace(0, 3.9, 9)
     np.testing.assert_allclose(image(t), curve(t) @ matrix.T + offset, atol=10 * ROUNDING)
-    assert image.following.tolist() == [1, 2, 3, 0]
+    assert image.next_segment.tolist() == [1, 2, 3, 0]
 
 
 def test_a_seam_that_is_only_rounding_survives_a_move_to_the_origin():
     # Ends 1e-10 apart are one joint at 1e6, and must stay one when the offset makes that difference visible.
     loop = np.array([[[1e6, 0.0], [1e6, 1.0], [1e6 + 1e-10, 0.0]]])
-    assert BezierSegments(loop).following.tolist() == [0]
-    assert BezierSegments(loop).transform(np.eye(2), [-1e6, 0.0]).following.tolist() == [0]
+    assert BezierSegments(loop).next_segment.tolist() == [0]
+    assert BezierSegments(loop).transform(np.eye(2), [-1e6, 0.0]).next_segment.tolist() == [0]
 
 
 def test_a_projection_that_closes_a_curve_joins_its_ends():
     helix = jhd.polyline([[1, 0, 0], [0, 1, 1], [-1, 0, 2], [1, 0, 3]])
-    assert helix.following.tolist() == [1, 2, -1]
-    assert helix.transform([[1, 0, 0], [0, 1, 0]]).following.tolist() == [1, 2, 0]
+    assert helix.next_segment.tolist() == [1, 2, -1]
+    assert helix.transform([[1, 0, 0], [0, 1, 0]]).next_segment.tolist() == [1, 2, 0]
 
 
 @pytest.mark.parametrize(
@@ -202,15 +202,17 @@ def test_pad_repeats_the_last_segment():
     padded = curve.pad(6)
     assert padded.count == 6
     np.testing.assert_array_equal(padded.control_points[4:], LOOP[[3, 3]])
-    assert padded.following.tolist() == [1, 2, 3, 0, 0, 0]
+    assert padded.next_segment.tolist() == [1, 2, 3, 0, 0, 0]
     with pytest.raises(ValueError, match=r"count is 3; the curve has 4 segments\."):
         curve.pad(3)
 
 
 def test_join_raises_degrees_and_keeps_joints():
-    union = BezierSegments.join([jhd.circle((0, 0), 1.0), jhd.points([[3, 3]]), jhd.polyline([[0, 0], [1, 1], [2, 0]])])
+    union = BezierSegments.join(
+        [jhd.circle((0, 0), 1.0), jhd.point_set([[3, 3]]), jhd.polyline([[0, 0], [1, 1], [2, 0]])]
+    )
     assert (union.degree, union.count) == (2, 7)
-    assert union.following.tolist() == [1, 2, 3, 0, -1, 6, -1]
+    assert union.next_segment.tolist() == [1, 2, 3, 0, -1, 6, -1]
     np.testing.assert_array_equal(np.asarray(union.weights)[4:], np.ones((3, 3)))
     np.testing.assert_allclose(union.point(4, 0.3), [3, 3], atol=ROUNDING)
     np.testing.assert_allclose(union.point(5, 0.5), [0.5, 0.5], atol=ROUNDING)
@@ -220,20 +222,20 @@ def test_join_raises_degrees_and_keeps_joints():
 def test_join_keeps_two_closed_contours_apart_that_start_at_one_point():
     triangle = jhd.polyline([[0, 0], [1, 0], [0, 1]], closed=True)
     other = jhd.polyline([[0, 0], [-1, 0], [0, -1]], closed=True)
-    assert BezierSegments.join([triangle, other]).following.tolist() == [1, 2, 0, 4, 5, 3]
+    assert BezierSegments.join([triangle, other]).next_segment.tolist() == [1, 2, 0, 4, 5, 3]
 
 
 def test_join_refuses_nothing_and_mixed_dimensions():
     with pytest.raises(ValueError, match=r"join needs at least one curve; got none\."):
         BezierSegments.join([])
     with pytest.raises(ValueError, match=r"join needs curves of one dimension; got \[2, 3\]\."):
-        BezierSegments.join([jhd.points([[0, 0]]), jhd.points([[0, 0, 0]])])
+        BezierSegments.join([jhd.point_set([[0, 0]]), jhd.point_set([[0, 0, 0]])])
     with pytest.raises(TypeError, match=r"curves\[0\] must be a curve|type-checking|Type-check"):
         BezierSegments.join([CUBICS])  # pyright: ignore[reportArgumentType]
 
 
 def test_anything_but_a_curve_is_refused_by_name():
-    with pytest.raises(TypeError, match=r"a must be a curve .*jhd\.points.* got ndarray\."):
+    with pytest.raises(TypeError, match=r"a must be a curve .*jhd\.point_set.* got ndarray\."):
         check_curve("a", CUBICS)
 
 
@@ -249,7 +251,7 @@ def test_box_holds_the_control_points():
 
 
 @pytest.mark.parametrize(
-    ("rows", "following"),
+    ("rows", "next_segment"),
     [
         ([[0, 0], [1, 0], [1, 1]], [1, -1]),
         ([[0, 0], [1, 0], [1, 1], [0, 0]], [1, 2, 0]),
@@ -262,41 +264,41 @@ def test_box_holds_the_control_points():
         ([[1, 1], [1, 1]], [-1]),
     ],
 )
-def test_joints_of_polylines(rows, following):
-    assert jhd.polyline(rows).following.tolist() == following
-    traced = jax.jit(lambda x: jhd.polyline(x).following)(np.array(rows, dtype=float))
-    assert traced.tolist() == following
+def test_joints_of_polylines(rows, next_segment):
+    assert jhd.polyline(rows).next_segment.tolist() == next_segment
+    traced = jax.jit(lambda x: jhd.polyline(x).next_segment)(np.array(rows, dtype=float))
+    assert traced.tolist() == next_segment
 
 
 def test_ends_that_differ_by_rounding_are_joined_and_others_are_not():
     gap = 4 * np.spacing(1e6)
     near = BezierSegments([[[1e6, 0], [1e6, 1]], [[1e6 + gap, 1], [0, 1]]])
-    assert near.following.tolist() == [1, -1]
+    assert near.next_segment.tolist() == [1, -1]
     far = BezierSegments([[[1e6, 0], [1e6, 1]], [[1e6 + 100 * gap, 1], [0, 1]]])
-    assert far.following.tolist() == [-1, -1]
+    assert far.next_segment.tolist() == [-1, -1]
 
 
 def test_many_loose_segments_find_their_joints():
     # More pairs than are compared at once: a chain of 2000 lines in random order.
     order = np.random.default_rng(0).permutation(2000)
     lines = np.stack([np.stack([order, order**2], 1), np.stack([order + 1, (order + 1) ** 2], 1)], axis=1)
-    following = np.asarray(BezierSegments(lines).following)
-    assert np.sum(following < 0) == 1
-    np.testing.assert_array_equal(order[following[following >= 0]], order[following >= 0] + 1)
+    next_segment = np.asarray(BezierSegments(lines).next_segment)
+    assert np.sum(next_segment < 0) == 1
+    np.testing.assert_array_equal(order[next_segment[next_segment >= 0]], order[next_segment >= 0] + 1)
 
 
 @pytest.mark.parametrize(
-    ("following", "message"),
+    ("next_segment", "message"),
     [
-        ([0, 1], r"following has shape \(2,\) .*; needs \(3,\) integers\."),
-        ([0.0, 1.0, 2.0], r"following has shape \(3,\) and dtype float64; needs \(3,\) integers\."),
-        ([0, 3, -1], r"following\[1\] is 3; needs -1 or a segment below 3\."),
-        ([0, 1, -2], r"following\[2\] is -2"),
+        ([0, 1], r"next_segment has shape \(2,\) .*; needs \(3,\) integers\."),
+        ([0.0, 1.0, 2.0], r"next_segment has shape \(3,\) and dtype float64; needs \(3,\) integers\."),
+        ([0, 3, -1], r"next_segment\[1\] is 3; needs -1 or a segment below 3\."),
+        ([0, 1, -2], r"next_segment\[2\] is -2"),
     ],
 )
-def test_a_wrong_following_is_refused(following, message):
+def test_a_wrong_following_is_refused(next_segment, message):
     with pytest.raises(ValueError, match=message):
-        BezierSegments(CUBICS, None, following)
+        BezierSegments(CUBICS, None, next_segment)
 
 
 # Refusals of arrays
@@ -341,9 +343,9 @@ def test_traced_complex_numbers_are_refused():
 
 
 def test_points_are_segments_of_degree_zero():
-    cloud = jhd.points([[1, 2], [3, 4]])
+    cloud = jhd.point_set([[1, 2], [3, 4]])
     assert (cloud.degree, cloud.count, cloud.dim) == (0, 2, 2)
-    assert cloud.following.tolist() == [-1, -1]
+    assert cloud.next_segment.tolist() == [-1, -1]
     np.testing.assert_array_equal(cloud(np.array([0.3, 1.9])), [[1, 2], [3, 4]])
 
 
@@ -358,7 +360,7 @@ def test_points_are_segments_of_degree_zero():
 )
 def test_points_refuse_what_is_none(array, message):
     with pytest.raises(ValueError, match=message):
-        jhd.points(array)
+        jhd.point_set(array)
 
 
 def test_polylines_close_once():
@@ -373,7 +375,7 @@ def test_polylines_close_once():
 
 def test_the_circle_is_round_closed_and_starts_at_angle_zero():
     circle = jhd.circle([1.0, 2.0], 3.0)
-    assert circle.following.tolist() == [1, 2, 3, 0]
+    assert circle.next_segment.tolist() == [1, 2, 3, 0]
     radii = np.hypot(*(np.asarray(circle(np.linspace(0, 4, 101))) - [1, 2]).T)
     np.testing.assert_allclose(radii, 3.0, rtol=ROUNDING)
     np.testing.assert_array_equal(circle(np.arange(4)), [[4, 2], [1, 5], [-2, 2], [1, -1]])
@@ -403,7 +405,7 @@ def test_a_path_of_every_code():
     codes = [Path.MOVETO, Path.LINETO, Path.CURVE3, Path.CURVE3, *[Path.CURVE4] * 3, Path.CLOSEPOLY]
     outline = BezierSegments.from_path(Path(vertices, [*codes, Path.MOVETO, Path.LINETO]))
     assert (outline.degree, outline.count) == (3, 5)
-    assert outline.following.tolist() == [1, 2, 3, 0, -1]
+    assert outline.next_segment.tolist() == [1, 2, 3, 0, -1]
     np.testing.assert_allclose(outline.point(0, 0.25), [0.5, 0], atol=ROUNDING)
     expected = bernstein_value(np.array([[2, 0], [3, 0], [3, 1]]), np.ones(3), 0.4)
     np.testing.assert_allclose(outline.point(1, 0.4), expected, atol=ROUNDING)
@@ -419,13 +421,13 @@ def test_a_path_without_codes_is_a_polyline():
 
 def test_a_closing_line_of_length_zero_is_dropped():
     square = Path([[0, 0], [1, 0], [1, 1], [0, 0], [0, 0]], [1, 2, 2, 2, 79])
-    assert BezierSegments.from_path(square).following.tolist() == [1, 2, 0]
+    assert BezierSegments.from_path(square).next_segment.tolist() == [1, 2, 0]
 
 
 def test_after_closing_the_pen_is_at_the_start_and_stop_ends_the_path():
     path = Path([[0, 0], [1, 0], [1, 1], [0, 0], [5, 0], [9, 9], [7, 7]], [1, 2, 2, 79, 2, 0, 2])
     outline = BezierSegments.from_path(path)
-    assert outline.following.tolist() == [1, 2, 0, -1]
+    assert outline.next_segment.tolist() == [1, 2, 0, -1]
     np.testing.assert_array_equal(outline.control_points[3], [[0, 0], [5, 0]])
 
 
@@ -433,14 +435,14 @@ def test_contours_that_touch_keep_their_own_seams():
     path = Path.make_compound_path(
         Path([[0, 0], [1, 0], [0, 1], [0, 0]], [1, 2, 2, 79]), Path([[0, 0], [-1, 0], [0, -1], [0, 0]], [1, 2, 2, 79])
     )
-    assert BezierSegments.from_path(path).following.tolist() == [1, 2, 0, 4, 5, 3]
+    assert BezierSegments.from_path(path).next_segment.tolist() == [1, 2, 0, 4, 5, 3]
 
 
 @pytest.mark.parametrize("letter", ["a", "%"])
 def test_the_outline_of_a_letter_is_closed_and_lies_on_its_path(letter):
     path = TextPath((0, 0), letter, size=10.0)
     outline = BezierSegments.from_path(path)
-    assert np.all(np.asarray(outline.following) >= 0)
+    assert np.all(np.asarray(outline.next_segment) >= 0)
     # matplotlib's own reading of the same path, one curve after the other.
     pairs: Any = path.iter_bezier()
     pieces = [piece for piece, code in pairs if code != Path.MOVETO and np.ptp(piece.control_points, axis=0).any()]
@@ -484,7 +486,7 @@ def test_what_is_no_path_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("text", "degree", "following"),
+    ("text", "degree", "next_segment"),
     [
         ("POINT (1 2)", 0, [-1]),
         ("MULTIPOINT (1 2, 3 4)", 0, [-1, -1]),
@@ -497,10 +499,10 @@ def test_what_is_no_path_is_refused():
         ("LINESTRING Z (0 0 1, 1 0 2)", 1, [-1]),
     ],
 )
-def test_geometries_become_their_points_and_lines(text, degree, following):
+def test_geometries_become_their_points_and_lines(text, degree, next_segment):
     geometry = shapely.from_wkt(text)
     curve = BezierSegments.from_shapely(geometry)
-    assert (curve.degree, curve.following.tolist()) == (degree, following)
+    assert (curve.degree, curve.next_segment.tolist()) == (degree, next_segment)
     assert curve.dim == (3 if geometry.has_z else 2)
     ends = np.unique(np.asarray(curve.control_points).reshape(-1, curve.dim), axis=0)
     np.testing.assert_array_equal(ends, np.unique(shapely.get_coordinates(geometry, include_z=geometry.has_z), axis=0))
@@ -561,7 +563,7 @@ def test_a_curve_is_a_tree_of_its_arrays():
 def test_curves_are_mapped_over():
     batch = eqx.filter_vmap(BezierSegments)(np.stack([LOOP, LOOP[::-1]]))
     assert (batch.count, batch.degree, batch.dim) == (4, 3, 2)
-    assert batch.following.shape == (2, 4)
+    assert batch.next_segment.shape == (2, 4)
     values = jax.vmap(lambda curve: curve(1.5))(batch)
     expected = [BezierSegments(LOOP)(1.5), BezierSegments(LOOP[::-1])(1.5)]
     np.testing.assert_allclose(values, expected, atol=ROUNDING)
@@ -581,7 +583,7 @@ def test_the_precision_is_double_unless_the_environment_says_otherwise():
         "a = jhd.BSplineCurve.uniform(np.arange(8.0).reshape(4, 2) ** 2, closed=True)\n"
         "for x in (a, a.segments(), jhd.BezierCurve([[0, 0.5], [1, 2]]), jhd.circle((0, 0), 1)):\n"
         "    assert x.control_points.dtype == x(0.5).dtype == 'float32', x\n"
-        "assert a.segments().following.tolist() == [1, 2, 3, 0]\n"
+        "assert a.segments().next_segment.tolist() == [1, 2, 3, 0]\n"
     )
     environment = os.environ | {"JAX_ENABLE_X64": "0"}
     python("-W", "error", "-c", code, env=environment)
@@ -604,10 +606,10 @@ def test_joints_of_points_that_are_differentiated_are_known():
     seen = []
 
     def length(points):
-        seen.append(BezierSegments(points).following)
+        seen.append(BezierSegments(points).next_segment)
         return jnp.sum(points)
 
     square = jnp.array([[[0.0, 0.0], [1.0, 0.0]], [[1.0, 0.0], [1.0, 1.0]], [[1.0, 1.0], [0.0, 0.0]]])
     jax.grad(length)(square)
     jax.jvp(length, (square,), (square,))
-    assert [following.tolist() for following in seen] == [[1, 2, 0], [1, 2, 0]]
+    assert [next_segment.tolist() for next_segment in seen] == [[1, 2, 0], [1, 2, 0]]

@@ -97,7 +97,7 @@ def test_straight_segments_are_kept_whatever_their_weights_are():
     found = jhd.BezierSegments(rows, RANDOM.uniform(0.1, 9, (3, 2)), [2, -1, 0]).to_polyline(1e-300)
     assert found.deviation == 0
     np.testing.assert_array_equal(found.curve.control_points, rows)
-    np.testing.assert_array_equal(found.curve.following, [2, -1, 0])
+    np.testing.assert_array_equal(found.curve.next_segment, [2, -1, 0])
 
 
 STRAIGHT = {
@@ -125,9 +125,9 @@ def test_contours_stay_closed_and_apart():
     rings = jhd.BezierSegments.join([jhd.circle([0, 0], 1), jhd.circle([9, 0], 1)])
     found = rings.to_polyline(0.05).curve
     assert found.count == 32
-    np.testing.assert_array_equal(found.following, [*range(1, 16), 0, *range(17, 32), 16])
+    np.testing.assert_array_equal(found.next_segment, [*range(1, 16), 0, *range(17, 32), 16])
     smooth = jhd.BSplineCurve.uniform([[0, 0], [6, 0], [6, 6], [0, 6]], closed=True).to_cubics(1e-6)
-    np.testing.assert_array_equal(smooth.curve.following, [1, 2, 3, 0])
+    np.testing.assert_array_equal(smooth.curve.next_segment, [1, 2, 3, 0])
 
 
 def distance_of_arcs(cubics, radius, center):
@@ -138,14 +138,14 @@ def distance_of_arcs(cubics, radius, center):
     return float(off.min()), float(off.max())
 
 
-@pytest.mark.parametrize(("atol", "count"), [(1e-3, 4), (1e-4, 8), (1e-9, 48)])
-def test_cubics_of_a_circle_are_few_and_as_near_as_is_proven(atol, count):
+@pytest.mark.parametrize(("tolerance", "count"), [(1e-3, 4), (1e-4, 8), (1e-9, 48)])
+def test_cubics_of_a_circle_are_few_and_as_near_as_is_proven(tolerance, count):
     radius, center = 3.0, [1.0, -2.0]
-    found = jhd.circle(center, radius).to_cubics(radius * atol)
+    found = jhd.circle(center, radius).to_cubics(radius * tolerance)
     low, high = distance_of_arcs(found.curve.control_points, radius, center)
-    assert found.curve.count == count and found.deviation <= radius * atol
+    assert found.curve.count == count and found.deviation <= radius * tolerance
     assert -1e-14 < low and 0.99 * found.deviation < high <= found.deviation
-    np.testing.assert_array_equal(found.curve.following, [*range(1, count), 0])
+    np.testing.assert_array_equal(found.curve.next_segment, [*range(1, count), 0])
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -155,8 +155,8 @@ def test_cubics_of_arcs_of_ellipses_are_near_both_ways(seed):
     points, middle = random.normal(size=(1, 3, 3)), random.choice([0.05, 0.3, 0.9, 0.9999, 1 - 1e-10, 1.0, 2.0])
     ends = 10.0 ** random.uniform(-2, 2, 2)
     arc = jhd.BezierSegments(points, [[ends[0], middle * np.sqrt(ends[0] * ends[1]), ends[1]]])
-    for atol in (1e-2, 1e-5):
-        found = arc.to_cubics(atol)
+    for tolerance in (1e-2, 1e-5):
+        found = arc.to_cubics(tolerance)
         dense_t = 1 / (1 + np.exp(-np.linspace(-18, 18, 3001)))
         there = values(points[0], np.asarray(arc.weights)[0], dense_t)
         back = np.concatenate([values(row, None, np.linspace(0, 1, 301)) for row in found.curve.control_points])
@@ -165,13 +165,13 @@ def test_cubics_of_arcs_of_ellipses_are_near_both_ways(seed):
         room = max(float(np.linalg.norm(np.diff(x, 2, axis=0), axis=1).max()) for x in (there, back))
         assert distance_to_lines(back[::7], chains[0]).max() <= found.deviation + room
         assert distance_to_lines(there[::31], chains[1]).max() <= found.deviation + room
-        assert found.deviation <= atol
+        assert found.deviation <= tolerance
 
 
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (lambda: jhd.circle([0, 0], 1).to_polyline(0), ValueError, "atol is 0"),
+        (lambda: jhd.circle([0, 0], 1).to_polyline(0), ValueError, "tolerance is 0"),
         (lambda: jhd.circle([0, 0], 1).to_polyline([1.0]), ValueError, "needs one positive number"),
         (
             lambda: jhd.circle([0, 0], 1).to_polyline(1e-9, max_segments=100),
@@ -183,7 +183,7 @@ def test_cubics_of_arcs_of_ellipses_are_near_both_ways(seed):
             ValueError,
             "below the rounding of",
         ),
-        (lambda: jhd.points([[0, 0]]).to_polyline(1), ValueError, "curve is a point set"),
+        (lambda: jhd.point_set([[0, 0]]).to_polyline(1), ValueError, "curve is a point set"),
     ],
 )
 def test_what_cannot_be_done_is_refused(call, error, message):

@@ -24,19 +24,19 @@ def barycentric_samples(mesh):
     return np.einsum("kc,tcd->tkd", grid, np.asarray(mesh.corners)).reshape(-1, 3)
 
 
-@pytest.mark.parametrize(("power", "atol"), swept([(-500, 0.05), (0, 0.01), (500, 0.05), (0, 0.05)], 1, 1))
-def test_a_sphere_gives_a_closed_mesh_within_the_deviation_at_every_scale(power, atol):
+@pytest.mark.parametrize(("power", "tolerance"), swept([(-500, 0.05), (0, 0.01), (500, 0.05), (0, 0.05)], 1, 1))
+def test_a_sphere_gives_a_closed_mesh_within_the_deviation_at_every_scale(power, tolerance):
     # So divided that all coefficients are floats: x^2 / r + y^2 / r + z^2 / r - r.
     coefficients = np.zeros((3, 3, 3))
     coefficients[2, 0, 0] = coefficients[0, 2, 0] = coefficients[0, 0, 2] = np.ldexp(1.0, -power)
     coefficients[0, 0, 0] = -np.ldexp(1.0, power)
     box = np.ldexp([[-2.0, -2.0, -1.5], [2.0, 1.5, 2.0]], power)
-    mesh, deviation = ImplicitSurface(coefficients, *box).to_mesh(np.ldexp(atol, power))
+    mesh, deviation = ImplicitSurface(coefficients, *box).to_mesh(np.ldexp(tolerance, power))
     assert mesh.is_closed and mesh.is_manifold and characteristic(mesh) == 2
     # A closed surface around the center: the farthest of its points is as far from the sphere as the sphere from it.
     off = np.abs(np.linalg.norm(np.ldexp(barycentric_samples(mesh), -power), axis=1) - 1).max()
-    assert 0.1 * atol <= off <= np.ldexp(deviation, -power) <= atol
-    assert mesh.count <= 250 / atol
+    assert 0.1 * tolerance <= off <= np.ldexp(deviation, -power) <= tolerance
+    assert mesh.count <= 250 / tolerance
 
 
 def test_a_plane_is_met_exactly_where_coordinates_are_subnormal():
@@ -123,9 +123,9 @@ def test_a_surface_that_is_not_regular_is_refused_with_the_place(text, near):
 
 def test_what_cannot_be_is_refused():
     sphere = ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [-2, -2, -2], [2, 2, 2])
-    for atol in (0.0, -1.0):
+    for tolerance in (0.0, -1.0):
         with pytest.raises(ValueError, match="needs one positive number"):
-            sphere.to_mesh(atol)
+            sphere.to_mesh(tolerance)
     with pytest.raises(ValueError, match="max_triangles"):
         sphere.to_mesh(0.01, max_triangles=1000)
     with pytest.raises(ValueError, match="rounding"):

@@ -45,7 +45,7 @@ def test_a_curve_is_something_to_differentiate_by():
 def test_joints_are_known_while_a_derivative_is_taken():
     def length_of_parts(curve):
         before, after = curve.split(1.5)
-        assert before.following.tolist() == [1, -1] and after.following.tolist() == [1, -1]
+        assert before.next_segment.tolist() == [1, -1] and after.next_segment.tolist() == [1, -1]
         return jnp.sum(before.control_points) + jnp.sum(after.control_points)
 
     assert np.any(jax.grad(length_of_parts)(TRIANGLE).control_points)
@@ -66,25 +66,25 @@ def test_optimizers_move_the_points_and_leave_the_joints(optimizer):
     for _ in range(20):
         curve, state = step(curve, state)
     assert float(area(curve)) > 0.6
-    np.testing.assert_array_equal(curve.following, [1, 2, 0])
+    np.testing.assert_array_equal(curve.next_segment, [1, 2, 0])
 
 
 def test_other_joints_are_no_other_program():
     traces = []
 
     @jax.jit
-    def following(curve):
+    def next_segment(curve):
         traces.append(curve)
-        return curve.following
+        return curve.next_segment
 
-    assert following(TRIANGLE).tolist() == [1, 2, 0] and following(OPEN).tolist() == [-1, 2, -1]
+    assert next_segment(TRIANGLE).tolist() == [1, 2, 0] and next_segment(OPEN).tolist() == [-1, 2, -1]
     batch = jax.tree_util.tree_map(lambda *x: jnp.stack(x), TRIANGLE, OPEN)
-    assert jax.vmap(following)(batch).tolist() == [[1, 2, 0], [-1, 2, -1]]
+    assert jax.vmap(next_segment)(batch).tolist() == [[1, 2, 0], [-1, 2, -1]]
     assert len(traces) == 1
-    assert jhd.stack_curves([TRIANGLE, OPEN]).following.tolist() == [[1, 2, 0, 0], [-1, 2, -1, -1]]
+    assert jhd.stack_curves([TRIANGLE, OPEN]).next_segment.tolist() == [[1, 2, 0, 0], [-1, 2, -1, -1]]
 
 
 def test_curves_are_kept_and_compared_with_their_joints():
     again = pickle.loads(pickle.dumps(OPEN))
-    assert eqx.tree_equal(again, OPEN) and again.following.tolist() == [-1, 2, -1]
+    assert eqx.tree_equal(again, OPEN) and again.next_segment.tolist() == [-1, 2, -1]
     assert not eqx.tree_equal(TRIANGLE, OPEN)

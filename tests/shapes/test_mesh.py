@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.shapes.curve import points
+from jhd.shapes.curve import point_set
 from jhd.shapes.mesh import TriangleMesh, check_mesh, edges_of, places_of
 
 CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
@@ -153,14 +153,14 @@ def test_points_are_named_by_barycentric_coordinates():
 def test_meshes_of_other_libraries_are_taken():
     trimesh = SimpleNamespace(vertices=CORNERS, faces=CUBE)
     open3d: Any = SimpleNamespace(vertices=CORNERS.tolist(), triangles=CUBE.tolist())
-    mesh = TriangleMesh.of(trimesh)
-    np.testing.assert_array_equal(mesh.triangles, TriangleMesh.of(open3d).triangles)
-    assert TriangleMesh.of(mesh) is mesh
+    mesh = TriangleMesh.from_object(trimesh)
+    np.testing.assert_array_equal(mesh.triangles, TriangleMesh.from_object(open3d).triangles)
+    assert TriangleMesh.from_object(mesh) is mesh
     with pytest.raises(TypeError, match="mesh must be a TriangleMesh, or an object with vertices and faces"):
-        TriangleMesh.of(CORNERS)
+        TriangleMesh.from_object(CORNERS)
 
 
 def test_other_shapes_are_no_meshes():
     check_mesh("b", TriangleMesh(CORNER, TETRAHEDRON))
     with pytest.raises(TypeError, match="b must be a TriangleMesh .* got BezierSegments"):
-        check_mesh("b", points([[0, 1]]))
+        check_mesh("b", point_set([[0, 1]]))

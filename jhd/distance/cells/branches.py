@@ -40,10 +40,10 @@ from jaxtyping import Array
 from jhd._runtime.arrays import module_of, varying
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.distance.frame.jets import CurveJet, jet
-from jhd.distance.frame.pieces import Piece, piece_of
 from jhd.distance.nearest.chords import Chords, chord_error, square_and_parameter
 from jhd.distance.nearest.feet import equation, foot_speed, nearest_passed
+from jhd.distance.normalization.jets import CurveJet, jet
+from jhd.distance.normalization.pieces import Piece, piece_of
 from jhd.shapes.curve import BezierSegments
 
 # Newton steps that carry a foot to the other end of its cell, from a start of second order.

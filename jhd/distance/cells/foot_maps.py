@@ -15,7 +15,7 @@ from jaxtyping import Array
 from jhd.arithmetic.rounding import smallest_normal
 from jhd.arithmetic.simplices import fitting
 from jhd.distance.cells.pairs import newton_step
-from jhd.distance.frame.net_jets import Net, jet
+from jhd.distance.normalization.net_jets import Net, jet
 
 # How far towards the middle of a cell the places are whose feet are followed.
 INSET = 0.125

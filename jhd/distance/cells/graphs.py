@@ -24,8 +24,8 @@ from jhd._runtime.arrays import varying
 from jhd.arithmetic.polynomials import jets
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.truncated import DEGREE, EXPONENTS, Truncated, bernstein_form, composed
-from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, Form, form, slope_changes
+from jhd.distance.normalization.surfaces import Side
 
 # Newton steps for the nodes.
 _STEPS_OF_NODES = 3

@@ -1,7 +1,7 @@
 """Implicit surfaces in the search for minimum distances: a cell of one is a part of its box.
 
 Rounding: polynomials by `jhd.arithmetic.trivariate`, to which the errors of the coefficients are added here, all else
-in balls. Coordinates and coefficients are at most one (jhd.distance.frame.surfaces).
+in balls. Coordinates and coefficients are at most one (jhd.distance.normalization.surfaces).
 """
 
 import math
@@ -17,9 +17,9 @@ from jhd.arithmetic.balls import Ball
 from jhd.arithmetic.interval import Interval
 from jhd.arithmetic.polynomials import SYMMETRIC, derivatives, horner, jets
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.distance.frame.net_jets import Net, enclosed, eta, jet, point_error
-from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import underflow
+from jhd.distance.normalization.net_jets import Net, enclosed, eta, jet, point_error
+from jhd.distance.normalization.surfaces import Side
 
 
 def parameters(shape: Net | Side) -> int:

@@ -42,10 +42,10 @@ from jhd.distance.cells.implicit import (
     shape_over,
 )
 from jhd.distance.cells.pairs import Cell, PairBound, bends, expand, joined, newton_step
-from jhd.distance.frame.isolated import cleared
-from jhd.distance.frame.net_jets import Net, jet, part_of, skew
-from jhd.distance.frame.surfaces import Side
-from jhd.distance.nearest.places import proven_radius, returned
+from jhd.distance.nearest.surface_points import proven_radius, returned
+from jhd.distance.normalization.isolated import cleared
+from jhd.distance.normalization.net_jets import Net, jet, part_of, skew
+from jhd.distance.normalization.surfaces import Side
 
 # Steps of Newton's method on the Lagrange system of a cell.
 _STEPS = 6

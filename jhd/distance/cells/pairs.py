@@ -13,7 +13,7 @@ parameters of one piece of each shape, x in [0, 1]^n over the box, with e(x) = a
   shrinks to it. So with dF/dx_i < 0 at the other end. What is left out holds no nearest pair of the two pieces, hence
   the smallest bound of the cells that stay is a bound of the distance.
 
-Rounding: see `jhd.distance.frame.net_jets` for points and derivatives; balls enclose the rest.
+Rounding: see `jhd.distance.normalization.net_jets` for points and derivatives; balls enclose the rest.
 
 Source: the hull property as in Farouki & Rajan, CAGD 5 (1988); exclusion by gradients and convexity as in Hansen &
 Walster, Global Optimization Using Interval Analysis (2004), chapter 12; psi is ours.
@@ -28,7 +28,7 @@ from jaxtyping import Array
 from jhd.arithmetic.balls import Ball, dot, factors, minus, plus, semidefinite
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.scaling import length
-from jhd.distance.frame.net_jets import Net, NetJet, enclosed, eta, jet, part_of, point_error, skew
+from jhd.distance.normalization.net_jets import Net, NetJet, enclosed, eta, jet, part_of, point_error, skew
 
 # Steps of Newton's method towards the nearest pair of a cell; the cells that count are entered near it.
 _STEPS = 5

@@ -13,8 +13,8 @@ from jaxtyping import Array, Bool, Float
 
 from jhd.arithmetic.polynomials import slopes
 from jhd.arithmetic.rounding import smallest_normal, unit_roundoff
-from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, Form, form, multiples
+from jhd.distance.normalization.surfaces import Side
 
 # Room above the value that is expected to suffice, and errors of both ends in it.
 _ROOM, _ERRORS = 1.1, 3.0

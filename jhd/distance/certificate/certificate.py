@@ -80,11 +80,11 @@ class Certificate:
         name = NAMES[self.content["claim"]["kind"]]
         return f"Certificate({lower_text(self.lower)} <= {name} <= {upper_text(self.upper)}, {self.cells} cells)"
 
-    def verify(self, seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:
+    def verify(self, max_seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:
         """Checks the whole proof in exact arithmetic, without any result of the search.
 
         Args:
-            seconds: time limit in seconds; by default none.
+            max_seconds: time limit in seconds; by default none.
             progress: a function that is called with the name of the next part of the certificate.
 
         Returns:
@@ -94,7 +94,7 @@ class Certificate:
             CertificateError: a part of the claim is not proven, or the check takes too long. The message names the
                 part.
         """
-        return verify(self.content, seconds, progress)
+        return verify(self.content, max_seconds, progress)
 
     def matches(self, a: Any, b: Any) -> bool:
         """Whether the claim is about these shapes: their stored arrays must be identical to the last bit.
@@ -129,18 +129,18 @@ def certify(
     solution: HausdorffSolution | MinimumSolution | Decision,
     *,
     directed: bool = False,
-    atol: float | None = None,
+    slack: float | None = None,
     max_cells: int = 100_000,
     progress: Callable[[dict[str, Any]], None] | None = None,
 ) -> Certificate:
     """A certificate of the bounds of a solution, which can be saved and checked independently.
 
     An upper bound of inf is not claimed, and a lower bound of 0 needs no proof. The certified bounds may be slightly
-    wider than the bounds of the solution (see `atol`); the certificate states them. Shapes that coincide up to rounding
-    need very many cells: choose a larger `atol`.
+    wider than the bounds of the solution (see `slack`); the certificate states them. Shapes that coincide up to
+    rounding need very many cells: choose a larger `slack`.
 
     >>> import jhd
-    >>> a, b = jhd.points([(0, 0), (4, 0)]), jhd.points([(0, 0)])
+    >>> a, b = jhd.point_set([(0, 0), (4, 0)]), jhd.point_set([(0, 0)])
     >>> certificate = jhd.certify(a, b, jhd.directed_hausdorff(a, b))
     >>> proven = certificate.verify()
     >>> bool(proven.lower <= 4 <= proven.upper), certificate.matches(a, b)
@@ -155,7 +155,7 @@ def certify(
             undecided one, both bounds are.
         directed: for a decision about the two-sided distance: whether to certify the distance from `a` to `b` only; by
             default False.
-        atol: how much wider the certified bounds may be than the bounds of the solution, in the unit of the
+        slack: how much wider the certified bounds may be than the bounds of the solution, in the unit of the
             coordinates. By default 0 for decisions and for Hausdorff distances of two curves, otherwise 1e-9 of the
             diagonal of the joint bounding box.
         max_cells: largest number of cells in one direction, or of pairs of parts. A smooth piece needs a few, or more
@@ -168,7 +168,7 @@ def certify(
 
     Raises:
         TypeError: a shape or solution of another kind, a traced object or a batch.
-        ValueError: the dimensions differ, a polynomial has too high a degree, `atol` is negative, `max_cells` is not a
+        ValueError: the dimensions differ, a polynomial has too high a degree, `slack` is negative, `max_cells` is not a
             positive whole number, or `directed` is True for a minimum distance.
         NotProvenError: a bound of the solution could not be certified for these shapes, or needs more cells. For
             implicit surfaces: a bound rests on points without a change of sign, which prove nothing.
@@ -179,11 +179,11 @@ def certify(
     if isinstance(solution, MinimumSolution) or (isinstance(solution, Decision) and solution.distance == "minimum"):
         if directed:
             raise ValueError("directed is True, but a minimum distance has no direction: leave directed out.")
-        slack = _checked_atol(atol, a, b, sharp=isinstance(solution, Decision))
+        slack = _checked_slack(slack, a, b, sharp=isinstance(solution, Decision))
         found = prove_minimum(a, b, solution, slack, max_cells, report)
     else:
         curves = isinstance(a, AbstractCurve) and isinstance(b, AbstractCurve)
-        slack = _checked_atol(atol, a, b, sharp=curves or isinstance(solution, Decision))
+        slack = _checked_slack(slack, a, b, sharp=curves or isinstance(solution, Decision))
         asked = asked_of(solution, directed, slack)
         cells, witness = prove_largest(a, b, asked, max_cells, report)
         upper = asked.upper if math.isfinite(asked.upper) else None
@@ -215,12 +215,12 @@ def _check_degrees(name: str, surface: ImplicitSurface) -> None:
         raise ValueError(f"{name} has degrees {surface.degrees}; certificates go up to {most}.")
 
 
-def _checked_atol(atol: object, a: Any, b: Any, sharp: bool) -> float:
-    if atol is None:
+def _checked_slack(slack: object, a: Any, b: Any, sharp: bool) -> float:
+    if slack is None:
         return 0.0 if sharp else default_atol(a, b)
-    if isinstance(atol, bool) or not isinstance(atol, int | float | np.number) or not 0 <= float(atol) < math.inf:
-        raise ValueError(f"atol is {atol!r}; needs one number of at least 0.")
-    return float(atol)
+    if isinstance(slack, bool) or not isinstance(slack, int | float | np.number) or not 0 <= float(slack) < math.inf:
+        raise ValueError(f"slack is {slack!r}; needs one number of at least 0.")
+    return float(slack)
 
 
 def _reporting(progress: Callable[[dict[str, Any]], None] | None) -> Report:

@@ -86,21 +86,21 @@ class ToProve(NamedTuple):
     solution: HausdorffSolution | Decision
 
 
-def asked_of(solution: HausdorffSolution | Decision, directed: bool, atol: float) -> ToProve:
-    """The bounds of a solution, or the one of a decision that answers, wider by atol."""
+def asked_of(solution: HausdorffSolution | Decision, directed: bool, slack: float) -> ToProve:
+    """The bounds of a solution, or the one of a decision that answers, wider by slack."""
     if isinstance(solution, Decision):
         directed = directed or solution.distance == "directed"
     else:
         directed = solution.directed
-    return ToProve("directed" if directed else "two_sided", *_bounds_of(solution, atol), solution)
+    return ToProve("directed" if directed else "two_sided", *_bounds_of(solution, slack), solution)
 
 
-def _bounds_of(solution: HausdorffSolution | MinimumSolution | Decision, atol: float) -> tuple[float, float]:
-    """The bounds, wider by atol; of a decision that is made only the one that answers."""
+def _bounds_of(solution: HausdorffSolution | MinimumSolution | Decision, slack: float) -> tuple[float, float]:
+    """The bounds, wider by slack; of a decision that is made only the one that answers."""
     answer = name_of(solution.answer) if isinstance(solution, Decision) else ""
     lower = 0.0 if answer == "yes" else float(solution.lower)
     upper = math.inf if answer == "no" else float(solution.upper)
-    return max(lower - atol, 0.0), upper + atol
+    return max(lower - slack, 0.0), upper + slack
 
 
 def prove_largest(a: Any, b: Any, asked: ToProve, max_cells: int, report: Report) -> tuple[Any, Any]:
@@ -177,7 +177,7 @@ def _candidates(
         direction, witness = name_of(asked.solution.direction), asked.solution.witness
         if direction in KINDS[asked.kind]:
             t = np.atleast_1d(np.asarray(witness.t, float))
-            yield direction, sides[direction[0]].named(int(witness.segment), t, np.asarray(witness.point, float))
+            yield direction, sides[direction[0]].named(int(witness.element), t, np.asarray(witness.point, float))
     for name, cover in covers.items():
         yield from ((name, sides[name[0]].named(*place)) for place in cover.farthest)
     for name in KINDS[asked.kind]:
@@ -206,14 +206,15 @@ def _far_points(source: Side, target: Side) -> list[np.ndarray]:
 
 
 def prove_minimum(
-    a: Any, b: Any, solution: MinimumSolution | Decision, atol: float, max_cells: int, report: Report
+    a: Any, b: Any, solution: MinimumSolution | Decision, slack: float, max_cells: int, report: Report
 ) -> dict[str, Any]:
     """The claim, the orders of the pieces, the pairs of parts and the two points.
 
     Raises:
-        NotProvenError: a bound of the solution could not be proven of these shapes to within atol, or takes more pairs.
+        NotProvenError: a bound of the solution could not be proven of these shapes to within slack, or takes more
+        pairs.
     """
-    lower, upper = _bounds_of(solution, atol)
+    lower, upper = _bounds_of(solution, slack)
     points = np.array([solution.point_a, solution.point_b], float)
     sides = _sides(a, b, points)
     witness, cells, orders = None, None, {"a": None, "b": None}

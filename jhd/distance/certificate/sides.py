@@ -16,9 +16,9 @@ from jhd.distance.certificate.verification.pieces import pieces_of
 from jhd.distance.certificate.verification.proofs import point_of
 from jhd.distance.certificate.verification.structure import digest
 from jhd.distance.certificate.verification.zeros import NearZero
-from jhd.distance.frame.jets import CurveJet, polynomial_jet, quotient
 from jhd.distance.nearest.feet import equation_of, gauss_newton
 from jhd.distance.nearest.target import curve_in_space, in_space
+from jhd.distance.normalization.jets import CurveJet, polynomial_jet, quotient
 from jhd.distance.search.targets import target_of
 from jhd.shapes.curve import AbstractCurve, BezierSegments
 from jhd.shapes.implicit import ImplicitSurface

@@ -36,9 +36,9 @@ from jaxtyping import Array, Bool, Float, Int
 from jhd._runtime.arrays import varying
 from jhd.arithmetic import bernstein
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import Piece
 from jhd.distance.nearest.feet import foot_in
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import Piece
 
 # Open cells beside the whole segments. A search holds a handful; symmetric and degenerate input up to about twenty.
 _CAPACITY = 32

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jhd._runtime.arrays import module_of, varying
-from jhd.distance.frame.jets import CurveJet, jet
-from jhd.distance.frame.pieces import Piece, is_point, piece_of
+from jhd.distance.normalization.jets import CurveJet, jet
+from jhd.distance.normalization.pieces import Piece, is_point, piece_of
 from jhd.shapes.curve import BezierSegments
 
 # A foot at an end of its segment is free where the slope of the distance is below this share of its size: Newton's
@@ -93,7 +93,7 @@ def follow_foot(point: Array, b: BezierSegments, before: Array, segment: Array, 
     Args:
         point: the query.
         b: the curve that carries the foot.
-        before: `preceding(b.following)`.
+        before: `preceding(b.next_segment)`.
         segment: where to start.
         s: where to start.
         steps: number of Newton steps.
@@ -102,7 +102,7 @@ def follow_foot(point: Array, b: BezierSegments, before: Array, segment: Array, 
     def newton(_: Any, foot: tuple[Array, Array]) -> tuple[Array, Array]:
         segment, s = foot
         s = s + newton_step(equation(point, piece_of(b, segment), s), _DOWNHILL)
-        nxt, last = b.following[segment], before[segment]
+        nxt, last = b.next_segment[segment], before[segment]
         forward, backward = (s > 1) & (nxt >= 0), (s < 0) & (last >= 0)
         segment = jnp.where(forward, nxt, jnp.where(backward, last, segment))
         s = jnp.where(forward, 0.0, jnp.where(backward, 1.0, jnp.clip(s, 0.0, 1.0)))

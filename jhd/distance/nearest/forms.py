@@ -11,8 +11,8 @@ terms take part: each is at most m in size, so lambda times the terms, added to 
 A squared distance |p - q|^2 on a cell is off by at most gamma(24) R with R = sum (|c_i - q_i| + h_i)^2: differences of
 coordinates have one rounding each and everything after them is a sum of products of at most this size in all.
 
-Coordinates and coefficients are at most one (jhd.distance.frame.surfaces), so what underflow takes is below 2^-900
-and 2^-110 in double and single precision.
+Coordinates and coefficients are at most one (jhd.distance.normalization.surfaces), so what underflow takes is below
+2^-900 and 2^-110 in double and single precision.
 
 Source: the bounds are ours. Bernstein form: Farouki & Rajan, CAGD 5 (1988).
 """
@@ -28,8 +28,8 @@ from jhd._runtime.arrays import varying
 from jhd.arithmetic.polynomials import horner
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.arithmetic.trivariate import bernstein_along, bernstein_conversion
-from jhd.distance.frame.isolated import cleared
-from jhd.distance.frame.surfaces import Side
+from jhd.distance.normalization.isolated import cleared
+from jhd.distance.normalization.surfaces import Side
 
 
 class Boxes(NamedTuple):

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import CurvePlace, piece_of
 from jhd.distance.nearest.blocks import Blocks, blocks_of, guesses, in_groups, nearest_in_blocks
 from jhd.distance.nearest.chords import Chords, runs_of
 from jhd.distance.nearest.curves import NearestOnCurve, nearest, repeated
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import CurvePlace, piece_of
 from jhd.shapes.curve import BezierSegments
 
 # Samples of each segment for the first feet.

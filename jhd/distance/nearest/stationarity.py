@@ -5,7 +5,7 @@ from jaxtyping import Array
 
 from jhd.arithmetic import bernstein, polynomial_systems
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.distance.frame.pieces import piece_of
+from jhd.distance.normalization.pieces import piece_of
 from jhd.shapes.curve import BezierSegments
 from jhd.shapes.homogeneous import wronskian
 

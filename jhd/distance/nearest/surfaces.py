@@ -14,9 +14,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jhd._runtime.arrays import module_of, varying
 from jhd.arithmetic.rounding import gamma, like_double, round_up, smallest_normal, unit_roundoff
-from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, Form, box_distances, boxes, finite_or_zero, form, lower_bounds, positive
-from jhd.distance.nearest.places import local_feet, projected, proven_radius, reach, thorough_radius
+from jhd.distance.nearest.surface_points import local_feet, projected, proven_radius, reach, thorough_radius
+from jhd.distance.normalization.surfaces import Side
 
 # Cells along each axis that every search starts from, and places along each axis for the points of a cloud.
 _GRID, _PLACES = 8, 12

@@ -16,9 +16,9 @@ from jaxtyping import Array
 
 from jhd._results.solution import HausdorffSolution
 from jhd._runtime.arrays import check_scalar, check_whole, real_array
-from jhd.distance.frame.aim import Aim
-from jhd.distance.frame.coordinates import Frame
-from jhd.distance.frame.method import AbstractHostMethod
+from jhd.distance.normalization.coordinates import Frame
+from jhd.distance.normalization.method import AbstractHostMethod
+from jhd.distance.normalization.stopping import Aim
 from jhd.distance.published.events.candidates import Search, candidate_events
 from jhd.distance.published.events.host_pair import HostPair, check_served
 from jhd.distance.published.events.survivors import EventPieces
@@ -46,27 +46,29 @@ class AlgebraicEvents(AbstractHostMethod):
     `stats` counts `pairs` of segments, `boxes` examined, `candidates` (final boxes, and ends of segments).
     `roots` counts the candidates that are isolated roots, double ones included. `unresolved` counts boxes on curves of
     roots, on which the equations vanish along a stretch. Their distances lie between `unresolved_lower` and
-    `unresolved_upper`, in the unit of the coordinates. If they may exceed the value by more than `atol`, the result is
-    gap_not_closed. If max_boxes is reached, it is capacity_reached.
+    `unresolved_upper`, in the unit of the coordinates. If they may exceed the value by more than `box_size`, the result
+    is gap_not_closed. If max_boxes is reached, it is capacity_reached.
 
-    Use it as `jhd.directed_hausdorff(a, b, jhd.AlgebraicEvents())`.
+    Use it as `jhd.directed_hausdorff(a, b, jhd.published.AlgebraicEvents())`.
 
     Args:
-        atol: size of the final boxes in space before Newton's method, in the unit of the coordinates; by default 1e-8
-            of the largest half extent of the pair, up to a factor of two.
+        box_size: size of the final boxes in space before Newton's method, in the unit of the coordinates; by default
+            1e-8 of the largest half extent of the pair, up to a factor of two.
         capacity: number of open boxes of one system from which it counts as a system with a curve of roots.
         max_boxes: largest number of boxes examined in all.
 
     Raises:
-        ValueError: a negative `atol`, or a count that is too small.
+        ValueError: a negative `box_size`, or a count that is too small.
     """
 
-    atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
+    box_size: Array | None = eqx.field(
+        default=None, converter=lambda x: None if x is None else real_array("box_size", x)
+    )
     capacity: int = eqx.field(static=True, default=256)
     max_boxes: int = eqx.field(static=True, default=2**23)
 
     def __check_init__(self) -> None:
-        check_scalar("atol", self.atol)
+        check_scalar("box_size", self.box_size)
         check_whole("capacity", self.capacity, 16)
         check_whole("max_boxes", self.max_boxes, 0)
 
@@ -90,11 +92,11 @@ class AlgebraicEvents(AbstractHostMethod):
         count = pair.a.moving
         side = np.broadcast_to(np.array([[0.0], [1.0]]), (2, count))
         whole = EventPieces(np.arange(count), side, np.broadcast_to(np.array([[0.0], [np.inf]]), (2, count)))
-        search = Search(final_size(self.atol, frame), self.capacity, self.max_boxes)
+        search = Search(final_size(self.box_size, frame), self.capacity, self.max_boxes)
         candidates, stats = candidate_events(pair, whole, search)
         return best_of(pair, candidates, None, stats, search, frame)
 
 
-def final_size(atol: Array | None, frame: Frame) -> float:
+def final_size(box_size: Array | None, frame: Frame) -> float:
     """The size of final boxes in common coordinates, not below what parameters resolve."""
-    return _FINAL if atol is None else max(float(frame.common(np.asarray(atol))), 1e-13)
+    return _FINAL if box_size is None else max(float(frame.common(np.asarray(box_size))), 1e-13)

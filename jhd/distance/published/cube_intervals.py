@@ -36,8 +36,8 @@ from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution
 from jhd._runtime.compiled import optimized
 from jhd.arithmetic import rounding
 from jhd.arithmetic.rationals import float_above, float_below, root_between
-from jhd.distance.frame.directions import larger
-from jhd.distance.frame.method import AbstractHausdorffMethod
+from jhd.distance.normalization.directions import larger
+from jhd.distance.normalization.method import AbstractHausdorffMethod
 from jhd.fields.boxes import squared_distances, squared_vertex_distances
 from jhd.fields.octree import VoxelProgress, Voxels, checked_cells, voxelize
 from jhd.shapes.implicit import ImplicitSurface, check_surface
@@ -54,9 +54,10 @@ class CubeIntervals(AbstractHausdorffMethod):
     """Distances of implicit surfaces from intervals of cells, up to about the size of a cell.
 
     - rule="safe": lower <= exact <= upper. If no cell of a surface is certified to hold a point, a bound is missing,
-      the value is NaN and the result RESULTS.unverified. Ranges of polynomials come from Bernstein coefficients.
-    - rule="paper": the published interval and its midpoint, with RESULTS.unproven. It can miss the distance. Ranges
-      come from modified affine arithmetic.
+      the value is NaN and the result RESULTS.existence_not_certified. Ranges of polynomials come from Bernstein
+      coefficients.
+    - rule="paper": the published interval and its midpoint, with RESULTS.not_certified. It can miss the distance.
+      Ranges come from modified affine arithmetic.
 
     Changes to the source:
 
@@ -67,7 +68,7 @@ class CubeIntervals(AbstractHausdorffMethod):
     largest upper end, and its foot point is the center of the nearest cell. The event is a_end or b_end if one of them
     is at the border of its box, otherwise antipodal. Segments are -1 and parameters NaN.
 
-    Use it as `jhd.hausdorff(a, b, jhd.CubeIntervals(64))`.
+    Use it as `jhd.hausdorff(a, b, jhd.published.CubeIntervals(64))`.
 
     Args:
         cells: number of cells along each axis of each box, up to 2^20. The paper's 1/64 of the side is 64.
@@ -183,7 +184,9 @@ class CubeIntervals(AbstractHausdorffMethod):
         upper_sq = np.max(most)
         lower, upper = scale.lengths(float(lower_sq), float(upper_sq), outward=safe)
         verified = bool(p.proven.any() and q.proven.any())
-        result = (RESULTS.successful if verified else RESULTS.unverified) if safe else RESULTS.unproven
+        result = (
+            (RESULTS.successful if verified else RESULTS.existence_not_certified) if safe else RESULTS.not_certified
+        )
         place = int(np.argmax(most)) if np.isfinite(upper_sq) else int(np.argmax(least))
         return HausdorffSolution(
             value=_value(lower, upper, result),
@@ -385,12 +388,12 @@ def _witness(p: _GridCells, q: _GridCells, place: int, proven: np.ndarray, cells
     foot = int(np.argmin(np.where(proven | ~proven.any(), most, np.inf)))
     ends = EVENTS.b_end if q.at_border(foot, cells) else EVENTS.antipodal
     return Witness(
-        segment=jnp.asarray(-1),
+        element=jnp.asarray(-1),
         t=jnp.asarray(np.nan),
         point=jnp.asarray(p.center(place)),
         feet=jnp.asarray(np.repeat(q.center(foot)[None], 4, axis=0)),
-        foot_segments=jnp.asarray([-1] * 4),
-        foot_params=jnp.asarray([np.nan] * 4),
+        feet_elements=jnp.asarray([-1] * 4),
+        feet_params=jnp.asarray([np.nan] * 4),
         multipliers=jnp.asarray([1.0, 0.0, 0.0, 0.0]),
         event=EVENTS.a_end if p.at_border(place, cells) else ends,
         direction=direction,
@@ -398,4 +401,6 @@ def _witness(p: _GridCells, q: _GridCells, place: int, proven: np.ndarray, cells
 
 
 def _value(lower: Array, upper: Array, result: Any) -> Array:
-    return jnp.where(result == RESULTS.unverified, jnp.nan, jnp.clip(0.5 * lower + 0.5 * upper, lower, upper))
+    return jnp.where(
+        result == RESULTS.existence_not_certified, jnp.nan, jnp.clip(0.5 * lower + 0.5 * upper, lower, upper)
+    )

@@ -9,11 +9,11 @@ from jaxtyping import Array
 
 from jhd._results.solution import RESULTS, HausdorffSolution
 from jhd._runtime.compiled import compiled
-from jhd.distance.frame.coordinates import Frame
-from jhd.distance.frame.curves import evaluation_error
-from jhd.distance.frame.jets import jet, polynomial_jet
-from jhd.distance.frame.pieces import CurvePlace, piece_of
 from jhd.distance.nearest.curves import nearest
+from jhd.distance.normalization.coordinates import Frame
+from jhd.distance.normalization.curves import evaluation_error
+from jhd.distance.normalization.jets import jet, polynomial_jet
+from jhd.distance.normalization.pieces import CurvePlace, piece_of
 from jhd.distance.published.events.candidates import Candidates, Search, Stats, Unresolved
 from jhd.distance.published.events.forms import restricted
 from jhd.distance.published.events.host_pair import HostPair
@@ -148,10 +148,10 @@ def best_of(
         found = farthest(pair, candidates, None)
     missed = False
     if best is not None and (found is None or best.distance > found.distance):
-        missed = best.distance > max(level, -np.inf if found is None else found.distance) + search.atol
+        missed = best.distance > max(level, -np.inf if found is None else found.distance) + search.box_size
         found, described = best, None
     width = np.max(unresolved.side[1] - unresolved.side[0], initial=0.0)
-    open_ = _may_exceed(pair, unresolved, max(0.0 if found is None else found.distance, level) + search.atol)
+    open_ = _may_exceed(pair, unresolved, max(0.0 if found is None else found.distance, level) + search.box_size)
     if found is not None and open_:
         # The middles of boxes on a curve of roots are no events: the largest distance is next to the best of them.
         found, described = zoomed(pair, found, width), None

@@ -19,10 +19,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import CurvePlace, piece_of
 from jhd.distance.nearest.curves import in_chunks
 from jhd.distance.nearest.stationarity import roots_on
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import CurvePlace, piece_of
 from jhd.distance.published.refinement import RefinedPair, lengths
 from jhd.shapes.curve import BezierSegments
 
@@ -75,7 +75,7 @@ class _Run(NamedTuple):
     @classmethod
     def of(cls, curve: BezierSegments, skip: Array) -> "_Run":
         order, count = jnp.argsort(skip, stable=True), jnp.sum(~skip)
-        return cls(curve, skip, order, count, curve.following[order[count - 1]] == order[0])
+        return cls(curve, skip, order, count, curve.next_segment[order[count - 1]] == order[0])
 
     def place(self, g: Array) -> CurvePlace:
         """The segment and its parameter at the parameter g of the whole."""

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jhd.distance.frame.jets import polynomial_jet
+from jhd.distance.normalization.jets import polynomial_jet
 from jhd.distance.published.arc_bounds import Arcs
 from jhd.distance.published.events.forms import Curve
 from jhd.distance.published.events.host_pair import HostPair, HostSide

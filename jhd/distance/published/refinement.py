@@ -18,9 +18,9 @@ import optimistix as optx
 from jaxtyping import Array
 
 from jhd._runtime.arrays import varying
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import piece_of
 from jhd.distance.nearest.feet import Branch, FootState, follow_foot
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import piece_of
 from jhd.distance.witness.events import event_residual
 from jhd.shapes.curve import BezierSegments
 

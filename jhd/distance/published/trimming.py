@@ -20,10 +20,10 @@ from jaxtyping import Array
 
 from jhd._results.solution import RESULTS, HausdorffSolution, result_where
 from jhd._runtime.arrays import check_scalar, check_whole, real_array
-from jhd.distance.frame.aim import Aim
-from jhd.distance.frame.coordinates import Frame
-from jhd.distance.frame.curves import evaluation_error, trusted
-from jhd.distance.frame.method import AbstractHostMethod
+from jhd.distance.normalization.coordinates import Frame
+from jhd.distance.normalization.curves import evaluation_error, trusted
+from jhd.distance.normalization.method import AbstractHostMethod
+from jhd.distance.normalization.stopping import Aim
 from jhd.distance.published.algebraic import final_size
 from jhd.distance.published.arc_bounds import Arcs, ArcTarget, arcs_of, chords
 from jhd.distance.published.events.candidates import Search, candidate_events, near_ends
@@ -70,8 +70,8 @@ class BiarcTrimming(AbstractHostMethod):
      - Each event is measured by the certified nearest point of all of b. The source takes the largest solution.
 
     `variant="paper"` reverts the first five (`printed_trimming`). Each direction reads its own map, which is evaluated
-    at the middles of pixels instead of rendered. The result is RESULTS.unproven, without an upper bound: its test of
-    arcs is unsafe, and it trims both curves. `stats` also has `lower_bound`, which the source calls LB, and
+    at the middles of pixels instead of rendered. The result is RESULTS.not_certified, without an upper bound: its test
+    of arcs is unsafe, and it trims both curves. `stats` also has `lower_bound`, which the source calls LB, and
     `trimmed_of_b`. A directed value below LB shows that an event was lost.
 
     `value`, `lower` and the counts in `stats` are as in AlgebraicEvents. `stats` also counts `arcs` of both curves,
@@ -80,10 +80,10 @@ class BiarcTrimming(AbstractHostMethod):
     arcs, so a finer `deviation` lowers it. It is not proven that the value itself is the maximum. The result is
     gap_not_closed if the events on the remaining pieces stay below a measured distance: then one was missed.
 
-    Use it as `jhd.directed_hausdorff(a, b, jhd.BiarcTrimming())`.
+    Use it as `jhd.directed_hausdorff(a, b, jhd.published.BiarcTrimming())`.
 
     Args:
-        atol: size of the final boxes in space, in the unit of the coordinates, as in AlgebraicEvents.
+        box_size: size of the final boxes in space, in the unit of the coordinates, as in AlgebraicEvents.
         deviation: largest deviation of the biarcs, in the unit of the coordinates; by default 1/64 of the distance of
             the best of a few samples, between 1e-5 and 1e-2 of the extent. Finer arcs trim more and cost more.
         capacity: number of open boxes of one system from which it counts as a system with a curve of roots.
@@ -92,11 +92,13 @@ class BiarcTrimming(AbstractHostMethod):
         pixels: number of pixels along the longer side of the distance map, for variant="paper".
 
     Raises:
-        ValueError: a negative `atol`, a deviation that is not positive, a count that is too small, or an unknown
+        ValueError: a negative `box_size`, a deviation that is not positive, a count that is too small, or an unknown
             variant.
     """
 
-    atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
+    box_size: Array | None = eqx.field(
+        default=None, converter=lambda x: None if x is None else real_array("box_size", x)
+    )
     deviation: Array | None = eqx.field(
         default=None, converter=lambda x: None if x is None else real_array("deviation", x)
     )
@@ -109,7 +111,7 @@ class BiarcTrimming(AbstractHostMethod):
         if self.variant not in ("ours", "paper"):
             raise ValueError(f"variant is {self.variant!r}; needs 'ours' or 'paper'.")
         check_whole("pixels", self.pixels, 1)
-        check_scalar("atol", self.atol)
+        check_scalar("box_size", self.box_size)
         check_whole("capacity", self.capacity, 16)
         check_whole("max_boxes", self.max_boxes, 0)
         check_scalar("deviation", self.deviation, positive=True)
@@ -131,7 +133,7 @@ class BiarcTrimming(AbstractHostMethod):
         """
         check_served(type(self).__name__, a, b)
         pair, arcs = _replaced(a, b, None if self.deviation is None else float(self.deviation), frame)
-        search = Search(final_size(self.atol, frame), self.capacity, self.max_boxes)
+        search = Search(final_size(self.box_size, frame), self.capacity, self.max_boxes)
         if self.variant == "paper":
             return self._as_printed(pair, arcs, search, frame, float(aim.level))
         left = trimmed(pair, *arcs, float(aim.level))
@@ -151,7 +153,7 @@ class BiarcTrimming(AbstractHostMethod):
         counts["trimmed_of_b"] = 1.0 - left.kept_of_b / max(pair.b.moving, 1)
         counts["lower_bound"] = float(frame.length(np.asarray(left.lower)))
         found = best_of(pair, candidates, None, stats, search, frame, level, **counts)
-        result = result_where(found.result == RESULTS.successful, RESULTS.unproven, found.result)
+        result = result_where(found.result == RESULTS.successful, RESULTS.not_certified, found.result)
         return eqx.tree_at(lambda s: s.result, found, result)
 
 

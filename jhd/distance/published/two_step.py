@@ -25,13 +25,13 @@ from jaxtyping import Array
 
 from jhd._results.solution import RESULTS, HausdorffSolution
 from jhd._runtime.arrays import check_whole, varying
-from jhd.distance.frame.aim import Aim
-from jhd.distance.frame.coordinates import Frame
-from jhd.distance.frame.curves import evaluation_error
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.method import AbstractCurveMethod
-from jhd.distance.frame.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.nearest.curves import NearestOnCurve, in_chunks, nearest, repeated
+from jhd.distance.normalization.coordinates import Frame
+from jhd.distance.normalization.curves import evaluation_error
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.method import AbstractCurveMethod
+from jhd.distance.normalization.pieces import CurvePlace, piece_of, preceding
+from jhd.distance.normalization.stopping import Aim
 from jhd.distance.published.literal_steps import published_candidates
 from jhd.distance.published.refinement import COARSE, Bracket, RefinedPair, candidates, lengths
 from jhd.distance.witness.events import describe
@@ -68,11 +68,12 @@ class TwoStep(AbstractCurveMethod):
        source takes the nearest point of a, which is a minimum.
 
     `variant="paper"` leaves these changes out (`literal_steps`), except for foot points at ends of segments of b, which
-    are no roots. Its result is RESULTS.unproven: a maximum can be missed, and if b is open the value can be too large.
+    are no roots. Its result is RESULTS.not_certified: a maximum can be missed, and if b is open the value can be too
+    large.
 
     `stats["samples"]` counts the samples. Ends of segments that meet are one sample; padding is not counted.
 
-    Use it as `jhd.directed_hausdorff(a, b, jhd.TwoStep())`.
+    Use it as `jhd.directed_hausdorff(a, b, jhd.published.TwoStep())`.
 
     Args:
         samples: number of intervals between samples; more samples find narrower maxima. By default 512 in all, with 6
@@ -107,7 +108,7 @@ class TwoStep(AbstractCurveMethod):
     def directed(self, a: BezierSegments, b: BezierSegments, frame: Frame, aim: Aim) -> HausdorffSolution:
         """The distance from `a` to `b` in common coordinates."""
         skip = (repeated(curve.control_points, curve.weights) for curve in (a, b))
-        pair = RefinedPair(a, b, preceding(b.following), *skip)
+        pair = RefinedPair(a, b, preceding(b.next_segment), *skip)
         if self.variant == "paper":
             return _as_published(pair, self.samples or _PUBLISHED)
         samples = _sampled(pair, self._places(a, pair.skip_a))
@@ -222,7 +223,7 @@ def _number(pair: RefinedPair, samples: _CurveSamples) -> Array:
     """How many samples there are, without those of repeated segments; those at a joint count once."""
     again = (samples.segment[1:] == samples.segment[:-1]) & (samples.t[1:] == samples.t[:-1])
     kept = ~pair.skip_a[samples.segment] & ~jnp.pad(again, (1, 0))
-    return jnp.sum(kept) - jnp.sum(~pair.skip_a & (pair.a.following >= 0))
+    return jnp.sum(kept) - jnp.sum(~pair.skip_a & (pair.a.next_segment >= 0))
 
 
 def _sampled(pair: RefinedPair, at: CurvePlace) -> _CurveSamples:
@@ -274,7 +275,7 @@ def _as_published(pair: RefinedPair, samples: int) -> HausdorffSolution:
     lower = jnp.maximum(jnp.max(proven.lower) - evaluation_error(pair.a, pair.b), 0.0)
     value = jnp.maximum(found.distance[k], lower)
     stats = {"samples": found.samples, "peaks": found.peaks}
-    return HausdorffSolution(value, lower, jnp.full_like(lower, jnp.inf), witness, RESULTS.unproven, stats)
+    return HausdorffSolution(value, lower, jnp.full_like(lower, jnp.inf), witness, RESULTS.not_certified, stats)
 
 
 def _round(pair: RefinedPair, state: _Refining) -> _Refining:

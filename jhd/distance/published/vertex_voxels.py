@@ -249,7 +249,7 @@ class VertexVoxels(AbstractMeshSearch):
      - A point outside the cube uses the nearest voxel of the cube.
      - Equally near features come from a tree. The source walks over the voxels between two cubes.
 
-    Use it as `jhd.project(points, mesh, jhd.VertexVoxels())`.
+    Use it as `jhd.project(points, mesh, jhd.published.VertexVoxels())`.
 
     Args:
         resolution: number of voxels along each side of the cube. By default the least power of two for which no voxel

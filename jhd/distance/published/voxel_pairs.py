@@ -23,7 +23,7 @@ from typing_extensions import override
 
 from jhd._results.solution import RESULTS, MinimumSolution
 from jhd._runtime.arrays import check_whole, is_traced, real_array
-from jhd.distance.frame.method import AbstractMethod
+from jhd.distance.normalization.method import AbstractMethod
 from jhd.fields.distance_transform import distance_transform
 from jhd.fields.octree import voxelize
 from jhd.shapes.implicit import ImplicitSurface
@@ -214,7 +214,7 @@ class TiedPairs(NamedTuple):
 
 
 class VoxelPairs(AbstractMethod):
-    """The published method: samples in the nearest pair of cubes. Its result is RESULTS.unproven, without bounds.
+    """The published method: samples in the nearest pair of cubes. Its result is RESULTS.not_certified, without bounds.
 
     It serves implicit surfaces, meshes, parametric surfaces, and mixed pairs of these.
 
@@ -227,7 +227,7 @@ class VoxelPairs(AbstractMethod):
 
     The paper uses spacing = (samples - 1) eps for an error of eps; it does not reach this error in general.
 
-    Use it as `jhd.minimum_distance(a, b, jhd.VoxelPairs(spacing=0.1, samples=11))`.
+    Use it as `jhd.minimum_distance(a, b, jhd.published.VoxelPairs(spacing=0.1, samples=11))`.
 
     Args:
         spacing: side of the cubes, in the unit of the coordinates, positive.
@@ -267,7 +267,7 @@ class VoxelPairs(AbstractMethod):
             b: a surface of any of these kinds.
 
         Returns:
-            A MinimumSolution with RESULTS.unproven.
+            A MinimumSolution with RESULTS.not_certified.
 
         Raises:
             TypeError: a shape of another kind, or a call under tracing.
@@ -281,7 +281,7 @@ class VoxelPairs(AbstractMethod):
         stats = {"ties": jnp.asarray(len(found.distance))}
         point_a, point_b = (jnp.asarray(point) for point in points)
         zero, infinite = jnp.zeros_like(value), jnp.full_like(value, jnp.inf)
-        return MinimumSolution(value, zero, infinite, point_a, point_b, RESULTS.unproven, stats)
+        return MinimumSolution(value, zero, infinite, point_a, point_b, RESULTS.not_certified, stats)
 
     def pairs(self, a: Any, b: Any) -> TiedPairs:
         """All pairs of cubes that are equally near, each with its nearest samples.

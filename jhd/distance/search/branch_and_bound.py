@@ -5,7 +5,7 @@ jhd.distance.search.curves.
 """
 
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -17,16 +17,18 @@ from typing_extensions import override
 
 from jhd._results.solution import HausdorffSolution
 from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array
-from jhd.distance.frame.aim import Aim, Wanted
-from jhd.distance.frame.coordinates import Frame
-from jhd.distance.frame.method import AbstractHausdorffMethod
+from jhd.argument_hints import belongs
 from jhd.distance.nearest.blocks import is_long
 from jhd.distance.nearest.near_curve import near_curve
+from jhd.distance.normalization.coordinates import Frame
+from jhd.distance.normalization.method import AbstractHausdorffMethod, AbstractMethod
+from jhd.distance.normalization.stopping import Aim, Wanted
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.curves import advance, begin, solution_of
 from jhd.distance.search.solutions import CoveredPair, in_one_go
 from jhd.shapes.curve import BezierSegments
 
+Chosen = TypeVar("Chosen", bound=AbstractMethod)
 # Rows of a table of surfaces for each of those of curves.
 _SURFACE_ROWS = 32
 # Segments of a long curve for each row of its table at first.
@@ -38,7 +40,7 @@ class BranchAndBound(AbstractHausdorffMethod):
 
     >>> import jhd
     >>> method = jhd.BranchAndBound(atol=1e-3)
-    >>> found = jhd.directed_hausdorff(jhd.points([(0, 0), (4, 0)]), jhd.points([(0, 3)]), method)
+    >>> found = jhd.directed_hausdorff(jhd.point_set([(0, 0), (4, 0)]), jhd.point_set([(0, 3)]), method)
     >>> bool(found.upper - found.lower <= 1e-3)
     True
 
@@ -106,6 +108,27 @@ def default_method() -> BranchAndBound:
     # Asked for first inside a trace, its numbers would be tracers of that program.
     with jax.ensure_compile_time_eval():
         return BranchAndBound()
+
+
+# Sizes are options of the method, and easily handed to the call.
+sized_by_method = belongs(
+    **{name: f"write method=jhd.BranchAndBound({name}=...)" for name in ("max_steps", "capacity")}
+)
+
+
+def chosen_method(method: Chosen | None, rtol: Any, atol: Any) -> Chosen | BranchAndBound:
+    """The method of a call, BranchAndBound() if it is None, with the tolerances of the call.
+
+    Raises:
+        TypeError: a tolerance is given together with a method.
+    """
+    given = {name: value for name, value in (("rtol", rtol), ("atol", atol)) if value is not None}
+    if method is None:
+        return BranchAndBound(**given) if given else default_method()
+    if given:
+        written = ", ".join(f"{name}=..." for name in given)
+        raise TypeError(f"{' and '.join(given)} cannot be combined with a method: write BranchAndBound({written}).")
+    return method
 
 
 # Functions and no methods: a method of a Module is made anew wherever it is taken, which costs more than these do.

@@ -14,9 +14,9 @@ from jaxtyping import Array, Bool
 from jhd._runtime.arrays import varying
 from jhd.arithmetic.rounding import like_double, round_down, unit_roundoff
 from jhd.distance.cells.surfaces import FEET
-from jhd.distance.frame.surfaces import Side
-from jhd.distance.nearest.places import thorough_radius
+from jhd.distance.nearest.surface_points import thorough_radius
 from jhd.distance.nearest.surfaces import CAPACITY, Cover, SurfaceCloud, nearest, nearest_places
+from jhd.distance.normalization.surfaces import Side
 from jhd.distance.witness.polish import polish
 
 # The last points of b that were found nearest.

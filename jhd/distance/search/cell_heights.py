@@ -1,4 +1,4 @@
-"""Bounds over cells beside a curve or parametric surface by heights, from the host; see jhd.distance.cells.heights.
+"""Bounds over cells beside a curve or parametric surface by heights (normal_offset_bounds), from the host.
 
 Parts of the pieces of b whose boxes are near a cell are those that may be nearest; of each piece one box of parameters
 holds them. Where one of the pieces has no valley there, as about a pole or an edge where sides meet in a fold, or too
@@ -16,9 +16,10 @@ from jhd._runtime.compiled import compiled, optimized
 from jhd.arithmetic.balls import Ball
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.simplices import dividing, inner_lattice, lattice
-from jhd.distance.cells.followed import levels_of, part_over
+from jhd.distance.cells.arc_length_area import FlatCells, off_by, restricted
+from jhd.distance.cells.foot_map_bounds import levels_of, part_over
 from jhd.distance.cells.foot_maps import INSET, Triangles, foot_map, place_on, weighted
-from jhd.distance.cells.heights import (
+from jhd.distance.cells.normal_offset_bounds import (
     HeightBounds,
     Valley,
     growth_beyond,
@@ -27,11 +28,10 @@ from jhd.distance.cells.heights import (
     unknown_bounds,
     valley,
 )
-from jhd.distance.cells.measures import FlatCells, off_by, restricted
-from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.nearest.target import AbstractTarget, ProvenFeet
+from jhd.distance.normalization.net_jets import Net, jet
 from jhd.distance.search.followed_cells import FeetOfParts, FollowedFeet, Simplices, corners_of
-from jhd.distance.search.rows import each, in_blocks, in_groups
+from jhd.distance.search.row_batches import each, in_blocks, in_groups
 from jhd.distance.search.sources import CellRows
 
 # Parts of all pieces, about, and most along a parameter of one.
@@ -64,7 +64,7 @@ class _NearPieces(NamedTuple):
 
 
 class _HeightsSeen(NamedTuple):
-    """Heights and valleys of pairs; see jhd.distance.cells.heights."""
+    """Heights and valleys of pairs; see jhd.distance.cells.normal_offset_bounds."""
 
     height: np.ndarray
     aside: np.ndarray

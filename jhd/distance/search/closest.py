@@ -20,11 +20,11 @@ from jhd._results.solution import RESULTS, MinimumSolution, result_where
 from jhd._runtime.arrays import is_traced, varying
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import length
-from jhd.distance.cells.moving import PairProblem
 from jhd.distance.cells.pairs import BestPair, Cell, Parametric
-from jhd.distance.frame.aim import default_tolerance
-from jhd.distance.frame.coordinates import Frame, diagonal
-from jhd.distance.frame.net_jets import Net, eta, point_error
+from jhd.distance.cells.tracked_feet import PairProblem
+from jhd.distance.normalization.coordinates import Frame, diagonal
+from jhd.distance.normalization.net_jets import Net, eta, point_error
+from jhd.distance.normalization.stopping import default_tolerance
 from jhd.distance.search.branch_and_bound import BranchAndBound
 
 # Pairs that are cut in one step.
@@ -266,9 +266,9 @@ def outcome(
     relative = wanted.rtol * jnp.where(jnp.isfinite(upper), upper, 0.0)
     granted = jnp.maximum(jnp.maximum(wanted.atol, relative), jnp.where(wanted.given, 0.0, 2 * floor))
     waiting = jnp.sum(jnp.isfinite(state.lower))
-    failed = result_where(waiting >= _FAMILY, RESULTS.family_of_maxima, RESULTS.gap_not_closed)
+    failed = result_where(waiting >= _FAMILY, RESULTS.nonisolated_maxima, RESULTS.gap_not_closed)
     failed = result_where(state.lost, RESULTS.capacity_reached, failed)
-    failed = result_where(jnp.isfinite(upper), failed, RESULTS.unverified)
+    failed = result_where(jnp.isfinite(upper), failed, RESULTS.existence_not_certified)
     result = result_where(upper - lower <= granted, RESULTS.successful, failed)
     stats = {"steps": state.steps, "pairs": state.pairs, "waiting": waiting}
     best = best._replace(distance=jnp.clip(best.distance, lower, upper))

@@ -24,9 +24,9 @@ from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
 from jhd.arithmetic.rationals import float_above, float_below, float_near, root_between
 from jhd.arithmetic.rounding import gamma
 from jhd.arithmetic.scaling import common_exponent, length, scale_of
-from jhd.distance.frame.aim import AllowedGap, default_tolerance
-from jhd.distance.frame.coordinates import diagonal, extremes
-from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
+from jhd.distance.normalization.coordinates import diagonal, extremes
+from jhd.distance.normalization.implicit_derivatives import MovingNumbers, TouchedRows, following
+from jhd.distance.normalization.stopping import AllowedGap, default_tolerance
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.from_program import from_program
 from jhd.distance.search.search import AbstractSearch, Listener, Progress, Standing, drive

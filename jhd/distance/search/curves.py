@@ -24,16 +24,16 @@ from jaxtyping import Array
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, result_where
 from jhd._runtime.arrays import varying
 from jhd.distance.cells.branches import CurveBound, CurveCell, cell_upper_bound, first_upper_bound
-from jhd.distance.frame.aim import Aim, Wanted, default_tolerance
-from jhd.distance.frame.coordinates import diagonal, extremes
-from jhd.distance.frame.curves import evaluation_error
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import CurvePlace, piece_of
 from jhd.distance.nearest.blocks import Blocks
 from jhd.distance.nearest.chords import Chords
 from jhd.distance.nearest.curves import NearestOnCurve, in_chunks, repeated
 from jhd.distance.nearest.feet import equation, gauss_newton, nearest_passed
 from jhd.distance.nearest.near_curve import NearCurve
+from jhd.distance.normalization.coordinates import diagonal, extremes
+from jhd.distance.normalization.curves import evaluation_error
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import CurvePlace, piece_of
+from jhd.distance.normalization.stopping import Aim, Wanted, default_tolerance
 from jhd.distance.witness import active
 from jhd.distance.witness.events import describe
 from jhd.shapes.curve import BezierSegments
@@ -267,8 +267,8 @@ def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: Curve
 
     Accepted only where the place is measured to be as far, both feet to be its nearest points, and two feet balance.
     """
-    b, k, (k1, k2) = near.curve, witness.segment, witness.foot_segments
-    y = jnp.concatenate([witness.t[None], witness.foot_params])
+    b, k, (k1, k2) = near.curve, witness.element, witness.feet_elements
+    y = jnp.concatenate([witness.t[None], witness.feet_params])
     pieces = piece_of(a, k), piece_of(b, k1), piece_of(b, k2)
     system = active.active(*pieces, y, witness.event, witness.multipliers)
     y = active.polished(y, system)
@@ -282,7 +282,7 @@ def _polished(a: BezierSegments, near: NearCurve, witness: Witness, state: Curve
     better = (found.distance >= state.value - _NOISE * eps) & (off <= _AGREEING * eps)
     multipliers, _ = active.balance(y, system, witness.multipliers)
     better = better & (~system.two | jnp.all(multipliers > 0))
-    new = replace(witness, t=y[0], point=point, feet=feet, foot_params=y[1:], multipliers=multipliers)
+    new = replace(witness, t=y[0], point=point, feet=feet, feet_params=y[1:], multipliers=multipliers)
     witness = jax.tree_util.tree_map(lambda x, y: jnp.where(better, x, y), new, witness)
     lower = jnp.where(better, jnp.maximum(state.lower, found.lower - evaluation_error(a, b)), state.lower)
     value = jnp.where(better, jnp.maximum(found.distance, state.value), state.value)
@@ -376,7 +376,7 @@ def _beside_joints(
     Returns:
         The cuts, and which of them were moved.
     """
-    forward, backward = b.following[cells.k0] == cells.k1, b.following[cells.k1] == cells.k0
+    forward, backward = b.next_segment[cells.k0] == cells.k1, b.next_segment[cells.k1] == cells.k0
     joined = (forward | backward) & (cells.k0 != cells.k1)
 
     def moved(cut: Array, k: Array, joined: Array, cell: CurveCell, found: CurveBound) -> tuple[Array, Array]:

@@ -1,8 +1,8 @@
 """How the distance to a shape is distributed along another one: its mean, its root mean square, and cells for the rest.
 
-Cells of a with proven measures (jhd.distance.search.measured) get proven bounds of the distance over them and of its
-means there (jhd.distance.cells.averages). A step cuts those that leave most of the gaps, until both means are known to
-the tolerance. What is asked for later (quantiles, shares) comes from the same cells.
+Cells of a with proven measures (jhd.distance.search.weighted_cells) get proven bounds of the distance over them and of
+its means there (jhd.distance.cells.mean_bounds). A step cuts those that leave most of the gaps, until both means are
+known to the tolerance. What is asked for later (quantiles, shares) comes from the same cells.
 """
 
 from collections.abc import Callable
@@ -15,14 +15,14 @@ from typing_extensions import override
 
 from jhd._results.solution import RESULTS
 from jhd.arithmetic.rounding import gamma, smallest_normal
-from jhd.distance.cells.averages import NEAR, OverCells, distances_over
-from jhd.distance.cells.measures import FlatCells
+from jhd.distance.cells.arc_length_area import FlatCells
+from jhd.distance.cells.mean_bounds import NEAR, OverCells, distances_over
 from jhd.distance.cells.weighted import Values, Weights, mean_bounds, quantile_bounds
 from jhd.distance.nearest.target import AbstractTarget
 from jhd.distance.search.cell_heights import CellHeights
-from jhd.distance.search.measured import AbstractMeasured
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import CellRows
+from jhd.distance.search.weighted_cells import AbstractMeasured
 
 # Cells cut in a step, at most and, where there are so many, at least; and the share of the gap that they leave.
 _BATCH, _LEAST, _MOST_OF = 1 << 13, 64, 0.8
@@ -208,7 +208,7 @@ class DistributionSearch(AbstractSearch):
         if self._closed(mean) and self._closed(rms) and self._closed(level):
             result = RESULTS.successful
         elif not np.isfinite(mean[1]):
-            result = RESULTS.unverified
+            result = RESULTS.existence_not_certified
         found = Distribution(*mean, rms, result, table, state.steps)
         return found, np.zeros_like(scores) if result == RESULTS.successful else scores
 

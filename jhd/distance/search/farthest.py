@@ -11,10 +11,10 @@ from typing_extensions import override
 
 from jhd._results.solution import HausdorffSolution, in_direction, on_device
 from jhd._runtime.compiled import compiled
-from jhd.distance.frame.aim import Wanted
-from jhd.distance.frame.pieces import CurvePlace
 from jhd.distance.nearest.blocks import is_long
 from jhd.distance.nearest.near_curve import near_curve
+from jhd.distance.normalization.pieces import CurvePlace
+from jhd.distance.normalization.stopping import Wanted
 from jhd.distance.search import solutions as surface_solution
 from jhd.distance.search import surfaces as surface_search
 from jhd.distance.search.curves import LANES, CurveState, CurveTable, advance, begin, solution_of, unfinished

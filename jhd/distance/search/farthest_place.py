@@ -17,12 +17,12 @@ from typing_extensions import override
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness, on_device
 from jhd.arithmetic.rounding import cast, unit_roundoff
 from jhd.distance.cells.surfaces import FEET
-from jhd.distance.frame.aim import Aim, AllowedGap
-from jhd.distance.frame.coordinates import Frame, user_length
 from jhd.distance.nearest.target import AbstractTarget, FootRows, ProvenFeet
-from jhd.distance.search.farther_places import FartherPlaces, PlaceFound
+from jhd.distance.normalization.coordinates import Frame, user_length
+from jhd.distance.normalization.stopping import Aim, AllowedGap
 from jhd.distance.search.followed_cells import FollowedFeet
 from jhd.distance.search.followed_graphs import FollowedGraphs, FollowedOnSurface
+from jhd.distance.search.incumbent import FartherPlaces, PlaceFound
 from jhd.distance.search.polished_place import About
 from jhd.distance.search.search import AbstractSearch, Standing
 from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells
@@ -340,7 +340,7 @@ class FarthestSearch(AbstractSearch):
         closed = gap <= self._allowed.asked(place.lower) or place.lower > self._ceiling
         full = len(state.waiting.upper) > _WAITING
         failed = RESULTS.capacity_reached if full else RESULTS.gap_not_closed
-        failed = RESULTS.family_of_maxima if self._hopeless(state) else failed
+        failed = RESULTS.nonisolated_maxima if self._hopeless(state) else failed
         result = RESULTS.successful if closed else failed
         lower = max(place.lower - self._moved, 0.0)
         distance = place.distance if place.lower > 0 else 0.0
@@ -352,7 +352,7 @@ class FarthestSearch(AbstractSearch):
         stats = {name: np.asarray(count) for name, count in zip(COUNTS, counts, strict=True)}
         witness = self._witness(place, distance, upper - place.lower)
         value, low, high, stats = on_device((value, *ends, stats))
-        return HausdorffSolution(value, low, high, witness, result if known else RESULTS.unverified, stats)
+        return HausdorffSolution(value, low, high, witness, result if known else RESULTS.existence_not_certified, stats)
 
     def _upper(self, state: _FarthestState) -> float:
         return max(state.settled, float(np.max(state.waiting.upper, initial=-np.inf)))
@@ -388,14 +388,14 @@ class FarthestSearch(AbstractSearch):
         t, params = self._source.parameters(place.x), self._target.parameters(feet.t)
         numbers = (np.asarray(x, dtype) for x in (t, params, shares))
         segments = np.asarray(place.piece), np.asarray(feet.segment)
-        t, params, shares, segment, foot_segments = on_device((*numbers, *segments))
+        t, params, shares, segment, feet_elements = on_device((*numbers, *segments))
         return Witness(
-            segment=segment,
+            element=segment,
             t=t,
             point=self._frame.place(place.point),
             feet=self._frame.place(feet.point),
-            foot_segments=foot_segments,
-            foot_params=params,
+            feet_elements=feet_elements,
+            feet_params=params,
             multipliers=shares,
             event=event if distance > 0 else EVENTS.coincident,
             direction=DIRECTIONS.a_to_b,

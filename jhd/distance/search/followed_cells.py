@@ -1,4 +1,4 @@
-"""Bounds over cells by feet that are followed over them, from the host; see jhd.distance.cells.followed.
+"""Bounds over cells by feet that are followed over them, from the host; see jhd.distance.cells.foot_map_bounds.
 
 A box of parameters of a patch is two triangles, that of a curve a segment, and the cells of meshes are triangles. Of
 the pieces that the feet of a cell lie on one after the other is tried, until the bound is good enough. Where the foot
@@ -21,7 +21,7 @@ from jaxtyping import Array
 
 from jhd._runtime.compiled import compiled, optimized
 from jhd.arithmetic.simplices import inner_lattice
-from jhd.distance.cells.followed import bound_between, levels_of, part_over
+from jhd.distance.cells.foot_map_bounds import bound_between, levels_of, part_over
 from jhd.distance.cells.foot_maps import (
     BEYOND,
     INSET,
@@ -33,11 +33,11 @@ from jhd.distance.cells.foot_maps import (
     share_on_side,
     weighted,
 )
-from jhd.distance.frame.curves import padded_count
-from jhd.distance.frame.net_jets import Net
-from jhd.distance.frame.nets import repeated
 from jhd.distance.nearest.target import AbstractTarget, FootRows
-from jhd.distance.search.rows import each, in_blocks, in_groups
+from jhd.distance.normalization.curves import padded_count
+from jhd.distance.normalization.net_jets import Net
+from jhd.distance.normalization.nets import repeated
+from jhd.distance.search.row_batches import each, in_blocks, in_groups
 from jhd.distance.search.sources import CellRows
 
 # Cells done side by side: few, since often there are no more; of polynomials over them some more.

@@ -1,7 +1,7 @@
 """Bounds over cells by feet that are followed over them, if one of the shapes is an implicit surface.
 
-The feet lie on pieces of the other shape, or on the surface itself (jhd.distance.cells.moving_surfaces). In a cell
-that it crosses in one sheet a polynomial surface is about a polynomial graph, proven to be so close to it
+The feet lie on pieces of the other shape, or on the surface itself (jhd.distance.cells.tracked_feet_surfaces). In a
+cell that it crosses in one sheet a polynomial surface is about a polynomial graph, proven to be so close to it
 (jhd.distance.cells.graphs). That is a piece of a parametric surface, and is bounded like one, cuts included.
 """
 
@@ -15,15 +15,15 @@ from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import unit_roundoff
 from jhd.distance.cells.foot_maps import Triangles
 from jhd.distance.cells.graphs import beside_graph, control_points, graph_over, values_over
-from jhd.distance.cells.moving_nets import points_of_net
-from jhd.distance.cells.moving_surfaces import distance_to_surface
-from jhd.distance.frame.net_jets import Net
-from jhd.distance.frame.surfaces import Side
+from jhd.distance.cells.tracked_feet_nets import points_of_net
+from jhd.distance.cells.tracked_feet_surfaces import distance_to_surface
 from jhd.distance.nearest.forms import boxes, form
 from jhd.distance.nearest.target import AbstractTarget, FootRows
+from jhd.distance.normalization.net_jets import Net
+from jhd.distance.normalization.surfaces import Side
 from jhd.distance.search.followed_cells import FollowedFeet
 from jhd.distance.search.polished_place import PlaceOnPiece
-from jhd.distance.search.rows import BLOCK, each, in_blocks, in_groups
+from jhd.distance.search.row_batches import BLOCK, each, in_blocks, in_groups
 from jhd.distance.search.sources import CellRows
 
 # Cells done side by side.
@@ -122,7 +122,7 @@ class FollowedOnSurface:
         self._shapes = net, side
 
     def over(self, cells: CellRows, feet: FootRows, goal: float) -> np.ndarray:
-        """Proven upper bounds of the distances of all points in cells; see jhd.distance.cells.moving_surfaces.
+        """Proven upper bounds of the distances of all points in cells; see jhd.distance.cells.tracked_feet_surfaces.
 
         They are off by the sixth order of the size of a cell if the distance is constant. They cost much, and are
         infinite unless there are many cells of each piece.

@@ -9,7 +9,7 @@ import numpy as np
 from jax.core import eval_context
 
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
-from jhd.distance.frame.from_host import from_host
+from jhd.distance.normalization.from_host import from_host
 
 
 class AnswerForm(NamedTuple):
@@ -27,12 +27,12 @@ class AnswerForm(NamedTuple):
         number = lambda x, *shape: jnp.full(shape, x, self.dtype)  # noqa: E731
         none = jnp.array(0)
         witness = Witness(
-            segment=none,
+            element=none,
             t=number(jnp.nan, *self.t),
             point=number(jnp.nan, self.dim),
             feet=number(jnp.nan, self.feet, self.dim),
-            foot_segments=jnp.zeros(self.feet, int),
-            foot_params=number(jnp.nan, self.feet, *self.params),
+            feet_elements=jnp.zeros(self.feet, int),
+            feet_params=number(jnp.nan, self.feet, *self.params),
             multipliers=number(0.0, self.feet).at[0].set(1.0),
             event=EVENTS.coincident,
             direction=DIRECTIONS.a_to_b,

@@ -14,7 +14,7 @@ import numpy as np
 from jhd.arithmetic.rounding import gamma
 from jhd.distance.cells.lagrange import WithSurface
 from jhd.distance.cells.pairs import BestPair
-from jhd.distance.frame.surfaces import Side
+from jhd.distance.normalization.surfaces import Side
 from jhd.distance.search.closest import ClosestState
 from jhd.distance.search.on_surfaces import SurfaceTarget
 

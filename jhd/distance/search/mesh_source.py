@@ -6,7 +6,7 @@ import numpy as np
 from typing_extensions import override
 
 from jhd.arithmetic.rounding import gamma
-from jhd.distance.cells.flats import Hulls
+from jhd.distance.cells.proxy_bounds import Hulls
 from jhd.distance.nearest.target import AbstractTarget, FootRows
 from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells, over_hulls, units
 

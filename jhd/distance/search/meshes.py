@@ -22,8 +22,8 @@ from jhd._results.solution import RESULTS, HausdorffSolution
 from jhd._runtime.arrays import array_of, is_tracing, joined
 from jhd.distance.cells.surfaces import FEET
 from jhd.distance.cells.triangles import MeshSide, TriangleCells, first_cells, split
-from jhd.distance.frame.aim import Aim, AllowedGap, default_tolerance
-from jhd.distance.frame.coordinates import diagonal, exact_middle, extremes, frame_of
+from jhd.distance.normalization.coordinates import diagonal, exact_middle, extremes, frame_of
+from jhd.distance.normalization.stopping import Aim, AllowedGap, default_tolerance
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.from_program import AnswerForm, from_program
 from jhd.distance.search.search import AbstractSearch, Listener, Standing, drive
@@ -117,7 +117,8 @@ class MeshSearch(AbstractSearch):
     Args:
         a: the mesh whose farthest point is looked for, its numbers known.
         b: the mesh that distances are taken to, likewise.
-        method: its tolerances, by default those of jhd.distance.frame.aim; its capacity bounds the cells that wait.
+        method: its tolerances, by default those of jhd.distance.normalization.stopping; its capacity bounds the cells
+            that wait.
         aim: what of the distance matters: cells are dropped at its level, and the upper bound stops there.
     """
 

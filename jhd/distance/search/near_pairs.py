@@ -14,14 +14,14 @@ from jaxtyping import Array
 
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma
-from jhd.distance.frame.net_jets import Net
-from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import boxes, form, signed_values
 from jhd.distance.nearest.surfaces import halved
 from jhd.distance.nearest.target import AbstractTarget, MeshTarget
+from jhd.distance.normalization.net_jets import Net
+from jhd.distance.normalization.surfaces import Side
 from jhd.distance.search.on_patches import NetTarget
 from jhd.distance.search.on_surfaces import SurfaceTarget
-from jhd.distance.search.rows import BLOCK
+from jhd.distance.search.row_batches import BLOCK
 from jhd.shapes.mesh import TriangleMesh
 from jhd.triangles.closest_point import in_blocks_of
 

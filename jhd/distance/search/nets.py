@@ -12,11 +12,11 @@ from jhd._results.solution import MinimumSolution
 from jhd._runtime.arrays import is_tracing, undifferentiated
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma
-from jhd.distance.cells.moving import WithMovingFeet
 from jhd.distance.cells.pairs import Parametric
-from jhd.distance.frame.coordinates import extremes
-from jhd.distance.frame.net_jets import Net, jet, point_error
-from jhd.distance.frame.nets import net_of, prepare_nets
+from jhd.distance.cells.tracked_feet import WithMovingFeet
+from jhd.distance.normalization.coordinates import extremes
+from jhd.distance.normalization.net_jets import Net, jet, point_error
+from jhd.distance.normalization.nets import net_of, prepare_nets
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.closest import (
     ClosestState,
@@ -32,10 +32,10 @@ from jhd.distance.search.closest import (
     room_for,
     wanted_gap,
 )
-from jhd.distance.search.in_turn import InTurn, with_feet
 from jhd.distance.search.search import Listener, Progress, drive
+from jhd.distance.search.two_phase_minimum import InTurn, with_feet
+from jhd.distance.witness.mixed_derivatives import with_pair_derivatives
 from jhd.distance.witness.nets import polished
-from jhd.distance.witness.places import with_pair_derivatives
 
 
 def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None) -> MinimumSolution:

@@ -20,14 +20,14 @@ from typing_extensions import override
 from jhd._runtime.compiled import compiled, optimized
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, ldexp, length, times_two_to, unit_weights
-from jhd.distance.cells.beside import beside_net, of_points
+from jhd.distance.cells.linear_proxies import beside_net, of_points
 from jhd.distance.cells.pairs import Cell, bound, nearest_in
-from jhd.distance.cells.squares import distances_by_squares
-from jhd.distance.frame.curves import padded_count
-from jhd.distance.frame.net_jets import Net, jet, point_error
+from jhd.distance.cells.squared_distance_bounds import distances_by_squares
 from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
+from jhd.distance.normalization.curves import padded_count
+from jhd.distance.normalization.net_jets import Net, jet, point_error
 from jhd.distance.search.patch_samples import SampledStarts, samples_of, starts_among
-from jhd.distance.search.rows import BLOCK, each, in_blocks
+from jhd.distance.search.row_batches import BLOCK, each, in_blocks
 from jhd.triangles.closest_point import outward
 
 # Samples of a piece along each parameter from which feet are looked for, and Newton steps for feet.

@@ -13,19 +13,19 @@ from typing_extensions import override
 
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma, round_up, smallest_normal, unit_roundoff
-from jhd.distance.cells.beside import beside_surface, of_points
-from jhd.distance.cells.moving import moving_bound
-from jhd.distance.cells.moving_surfaces import narrowed
+from jhd.distance.cells.linear_proxies import beside_surface, of_points
 from jhd.distance.cells.pairs import Cell
-from jhd.distance.frame.coordinates import Frame, common_points
-from jhd.distance.frame.net_jets import Net
-from jhd.distance.frame.surfaces import Side, prepare_surfaces
-from jhd.distance.nearest.places import local_feet, proven_radius, reach, with_singular_radius
+from jhd.distance.cells.tracked_feet import moving_bound
+from jhd.distance.cells.tracked_feet_surfaces import narrowed
+from jhd.distance.nearest.surface_points import local_feet, proven_radius, reach, with_singular_radius
 from jhd.distance.nearest.surfaces import CAPACITY, halved, nearest, nearest_places, proven_distances
 from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
+from jhd.distance.normalization.coordinates import Frame, common_points
+from jhd.distance.normalization.net_jets import Net
+from jhd.distance.normalization.surfaces import Side, prepare_surfaces
 from jhd.distance.search.candidates import Target
-from jhd.distance.search.looked_at import looked_at, may_vanish
-from jhd.distance.search.rows import each, in_blocks, in_groups
+from jhd.distance.search.row_batches import each, in_blocks, in_groups
+from jhd.distance.search.surface_candidates import looked_at, may_vanish
 from jhd.shapes.checks import empty_surface
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.triangles.closest_point import outward

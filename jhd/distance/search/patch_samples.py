@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jhd.arithmetic.bernstein import binomials
-from jhd.distance.frame.net_jets import Net
+from jhd.distance.normalization.net_jets import Net
 from jhd.triangles.closest_point import TriangleTree, in_unit_of, nearest_triangles, point_tree
 
 # Pairs of queries and samples of which all are looked at, which takes no longer than to make a tree of some thousand

@@ -19,10 +19,10 @@ from jaxtyping import Array
 
 from jhd._runtime.compiled import compiled
 from jhd.distance.cells.foot_maps import Triangles, foot_near, place_on
-from jhd.distance.frame.net_jets import Net, jet
-from jhd.distance.nearest.places import local_feet
+from jhd.distance.nearest.surface_points import local_feet
 from jhd.distance.nearest.target import FootRows
-from jhd.distance.search.rows import each, in_blocks
+from jhd.distance.normalization.net_jets import Net, jet
+from jhd.distance.search.row_batches import each, in_blocks
 
 # Newton steps; the first that is longer than this share of the domain ends them, and the first that is shorter.
 _STEPS, _LONGEST, _SHORTEST = 8, 0.05, 1e-15

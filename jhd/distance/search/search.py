@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jhd._results.solution import RESULTS, name_of, with_result
-from jhd.distance.frame.coordinates import Frame
+from jhd.distance.normalization.coordinates import Frame
 
 # The seconds that stretches after the first two are made to last, and how much longer the next one may be.
 _SECONDS, _LONGER = 0.2, 4.0

@@ -11,11 +11,11 @@ from jhd._results.solution import EVENTS, RESULTS, HausdorffSolution, Witness, r
 from jhd._runtime.arrays import varying
 from jhd.arithmetic.rounding import like_double, unit_roundoff
 from jhd.distance.cells.surfaces import FEET
-from jhd.distance.frame.aim import Wanted
-from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import boxes, form
-from jhd.distance.nearest.places import projected, proven_radius
+from jhd.distance.nearest.surface_points import projected, proven_radius
 from jhd.distance.nearest.surfaces import cloud, cover, halved, inner, pushed
+from jhd.distance.normalization.stopping import Wanted
+from jhd.distance.normalization.surfaces import Side
 from jhd.distance.search.candidates import Target
 from jhd.distance.search.surfaces import SurfaceState, advance, begin, tolerance, unfinished
 
@@ -125,15 +125,15 @@ def solution_of(pair: CoveredPair, wanted: Wanted, state: SurfaceState, directio
     gap = upper - jnp.maximum(lower, wanted.aim.level)
     closed = gap <= tolerance(a.side, b.side, wanted, upper) * (1 + 4 * u)
     family = state.waiting >= _FAMILY
-    result = result_where(family, RESULTS.family_of_maxima, RESULTS.gap_not_closed)
+    result = result_where(family, RESULTS.nonisolated_maxima, RESULTS.gap_not_closed)
     # Room is what lacks where cells were dropped, or where a place is farther than its bound says: from there many
     # points of b are about as near.
     wide = best.value - best.lower > _WIDE * tolerance(a.side, b.side, wanted, upper)
     result = result_where(state.full | wide, RESULTS.capacity_reached, result)
     # What keeps the bounds apart may be a point that cannot be proven.
-    result = result_where(a.side.isolated.doubtful | b.side.isolated.doubtful, RESULTS.unverified, result)
+    result = result_where(a.side.isolated.doubtful | b.side.isolated.doubtful, RESULTS.existence_not_certified, result)
     result = result_where(closed, RESULTS.successful, result)
-    result = result_where(proven, result, RESULTS.unverified)
+    result = result_where(proven, result, RESULTS.existence_not_certified)
     result = result_where(empty, RESULTS.empty_surface, result)
     value = jnp.where(proven, jnp.clip(best.value, lower, upper), jnp.nan)
     stats = {"steps": state.steps, "cells": state.cells, "waiting": state.waiting, "measured": best.measured}
@@ -153,12 +153,12 @@ def _witness(a: Side, b: Side, state: SurfaceState, value: Array, direction: Any
     event = EVENTS.where(value <= _COINCIDENT * u, EVENTS.coincident, event)
     nothing = jnp.full((FEET,), -1)
     return Witness(
-        segment=nothing[0],
+        element=nothing[0],
         t=jnp.asarray(jnp.nan, value.dtype),
         point=place.point,
         feet=place.feet,
-        foot_segments=nothing,
-        foot_params=jnp.full((FEET,), jnp.nan, value.dtype),
+        feet_elements=nothing,
+        feet_params=jnp.full((FEET,), jnp.nan, value.dtype),
         multipliers=place.weights,
         event=event,
         direction=direction,

@@ -1,13 +1,14 @@
 """What distances are maximized over: curves, parametric surfaces, meshes and polynomial surfaces, cut into cells.
 
-A cell lies in the hull of some points, and is bounded by flat pieces of the other shape (jhd.distance.cells.flats). Of
-a curve or patch these are the control points of a part, of a triangle its corners, and of a polynomial surface the
-corners of what is left of a box between the two planes that hold all of the surface in it; there the bound by points of
-the other shape of jhd.distance.cells.surfaces counts as well, which knows of the curvature.
+A cell lies in the hull of some points, and is bounded by flat pieces of the other shape
+(jhd.distance.cells.proxy_bounds). Of a curve or patch these are the control points of a part, of a triangle its
+corners, and of a polynomial surface the corners of what is left of a box between the two planes that hold all of the
+surface in it; there the bound by points of the other shape of jhd.distance.cells.surfaces counts as well, which knows
+of the curvature.
 
 Rounding. Coordinates are at most one (those of far points may be larger, by |q|): a control point of a part is off by
-eta (see jhd.distance.frame.net_jets) in each coordinate, which moves a distance by at most sqrt(3) eta; a corner of a
-part of a triangle by at most gamma(16) in each.
+eta (see jhd.distance.normalization.net_jets) in each coordinate, which moves a distance by at most sqrt(3) eta; a
+corner of a part of a triangle by at most gamma(16) in each.
 """
 
 import math
@@ -20,11 +21,11 @@ from jaxtyping import Array, Float, Int
 from typing_extensions import override
 
 from jhd._runtime.compiled import compiled
-from jhd.distance.cells.flats import Hulls, bound_of
-from jhd.distance.frame.net_jets import Net, eta, jet, part_of, point_error
+from jhd.distance.cells.proxy_bounds import Hulls, bound_of
 from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows
+from jhd.distance.normalization.net_jets import Net, eta, jet, part_of, point_error
 from jhd.distance.search.polished_place import SharpenedPlace
-from jhd.distance.search.rows import each, in_blocks
+from jhd.distance.search.row_batches import each, in_blocks
 
 # Cells done side by side: few, since often there are no more.
 _LANES = 8

@@ -11,17 +11,17 @@ from typing_extensions import override
 
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.rounding import gamma, smallest_normal, unit_roundoff
-from jhd.distance.cells.flats import Hulls
+from jhd.distance.cells.proxy_bounds import Hulls
 from jhd.distance.cells.surfaces import upper_bounds
-from jhd.distance.frame.surfaces import Side
 from jhd.distance.nearest.forms import Boxes, Form, boxes, form
 from jhd.distance.nearest.surfaces import halved, inner
 from jhd.distance.nearest.target import AbstractTarget, FootRows, PointTarget
+from jhd.distance.normalization.surfaces import Side
 from jhd.distance.search.candidates import Target
-from jhd.distance.search.looked_at import may_vanish, places_near
 from jhd.distance.search.polished_place import SharpenedPlace
-from jhd.distance.search.rows import each, in_blocks
+from jhd.distance.search.row_batches import each, in_blocks
 from jhd.distance.search.sources import AbstractSource, CellRows, PlaceOfCut, PlacesOfCells, over_hulls, units
+from jhd.distance.search.surface_candidates import may_vanish, places_near
 
 # Cells done side by side.
 _LANES = 64

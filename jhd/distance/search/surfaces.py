@@ -23,16 +23,16 @@ from jaxtyping import Array
 from jhd._runtime.arrays import varying
 from jhd.arithmetic.polynomials import slopes
 from jhd.arithmetic.rounding import like_double, unit_roundoff
-from jhd.distance.cells.moving_feet import moving_bounds
 from jhd.distance.cells.signs import sign_bounds
 from jhd.distance.cells.surfaces import FEET, upper_bounds
-from jhd.distance.frame.aim import Wanted, default_tolerance
-from jhd.distance.frame.coordinates import diagonal
-from jhd.distance.frame.isolated import on_isolated
-from jhd.distance.frame.surfaces import Side
+from jhd.distance.cells.tracked_feet_upper import moving_bounds
 from jhd.distance.nearest.forms import Boxes, box_distances, boxes, form
-from jhd.distance.nearest.places import local_feet, projected, thorough_radius
+from jhd.distance.nearest.surface_points import local_feet, projected, thorough_radius
 from jhd.distance.nearest.surfaces import CAPACITY, SurfaceCloud, halved, inner, pushed
+from jhd.distance.normalization.coordinates import diagonal
+from jhd.distance.normalization.isolated import on_isolated
+from jhd.distance.normalization.stopping import Wanted, default_tolerance
+from jhd.distance.normalization.surfaces import Side
 from jhd.distance.search.candidates import HINTS, NOISE, FarthestPlace, SurfacePlace, Target, improved
 
 # Cells bounded in one step.

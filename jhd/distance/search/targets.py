@@ -9,11 +9,11 @@ from jaxtyping import Array
 
 from jhd._results.solution import RESULTS, Projection
 from jhd._runtime.arrays import is_traced, is_tracing, undifferentiated
-from jhd.distance.frame.from_host import from_host
-from jhd.distance.frame.net_jets import Net
-from jhd.distance.frame.nets import net_of
 from jhd.distance.nearest.meshes import checked_points
 from jhd.distance.nearest.target import AbstractTarget, MeshTarget, PointTarget, ProvenFeet
+from jhd.distance.normalization.from_host import from_host
+from jhd.distance.normalization.net_jets import Net
+from jhd.distance.normalization.nets import net_of
 from jhd.distance.search.on_patches import NetTarget
 from jhd.distance.search.on_surfaces import SurfaceTarget
 from jhd.distance.witness.surface_projection import with_patch_derivatives, with_surface_derivatives
@@ -28,7 +28,7 @@ from jhd.shapes.prepared import prepared, working
 _ENDS = (
     RESULTS.successful,
     RESULTS.many_nearest_points,
-    RESULTS.unverified,
+    RESULTS.existence_not_certified,
     RESULTS.nonfinite_value,
     RESULTS.empty_surface,
 )
@@ -104,7 +104,7 @@ def _projection(*parts: Any) -> Projection:
     """The result, whose last part says by a number how each query ended."""
     *numbers, end = (jnp.asarray(x) for x in parts)
     result = jax.tree_util.tree_map(lambda *x: jnp.stack(x)[end], *_ENDS)
-    return Projection(*numbers[:4], segment=numbers[4].astype(int), t=numbers[5], result=result)
+    return Projection(*numbers[:4], element=numbers[4].astype(int), t=numbers[5], result=result)
 
 
 def _ended(found: ProvenFeet) -> tuple[np.ndarray, ...]:

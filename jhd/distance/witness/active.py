@@ -23,9 +23,9 @@ from jaxtyping import Array
 
 from jhd._results.solution import EVENTS
 from jhd._runtime.arrays import varying
-from jhd.distance.frame.jets import CurveJet, jet
-from jhd.distance.frame.pieces import Piece, is_point
 from jhd.distance.nearest.feet import by_normal, equation, is_held
+from jhd.distance.normalization.jets import CurveJet, jet
+from jhd.distance.normalization.pieces import Piece, is_point
 
 # A determinant below this share of the product of the lengths of its rows is none.
 _SINGULAR = 1e-10

@@ -30,8 +30,8 @@ from jhd._runtime.arrays import varying
 from jhd.arithmetic.polynomials import jets, rescaled, slopes
 from jhd.arithmetic.rounding import like_double, smallest_normal, unit_roundoff
 from jhd.arithmetic.scaling import common_exponent, length, scale_of
-from jhd.distance.frame.following import MovingNumbers
-from jhd.distance.frame.net_jets import Net, jet
+from jhd.distance.normalization.implicit_derivatives import MovingNumbers
+from jhd.distance.normalization.net_jets import Net, jet
 
 # Singular values below this fraction of the largest are zero: no move along non-isolated places.
 _FLAT = 1e-10
@@ -215,7 +215,7 @@ def from_place(rows: tuple[Any, Any], constants: tuple[Array, Witness]) -> Movin
     rows, (found, w) = finite((rows, constants))
     scale, rows = in_one_unit(rows, found)
     points = scale * w.point[None], scale * w.feet
-    start = _started(rows, (w.t[None], w.foot_params), points, w.multipliers, found * scale)
+    start = _started(rows, (w.t[None], w.feet_params), points, w.multipliers, found * scale)
     fixed = _fixed(*jax.lax.stop_gradient((start, rows)), True)
     moving = _at_places(_moving_point, (start.x, fixed.held, fixed.low), rows, jax.lax.stop_gradient(rows))
     numbers = {"value": _distance(start, rows, fixed) / scale, "point": moving[0] / scale, "feet": moving[1:] / scale}

@@ -18,8 +18,8 @@ from jaxtyping import Array
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, CriticalPairs, Witness, result_where
 from jhd._runtime.arrays import undifferentiated
 from jhd._runtime.compiled import compiled
-from jhd.distance.frame.coordinates import Frame
-from jhd.distance.frame.curves import prepare
+from jhd.distance.normalization.coordinates import Frame
+from jhd.distance.normalization.curves import prepare
 from jhd.distance.witness.maxima import local_maxima
 from jhd.shapes.curve import BezierSegments
 
@@ -87,7 +87,7 @@ def _repeats(there: tuple[Array, Witness], back: tuple[Array, Witness]) -> Array
         return jnp.max(jnp.abs(x[:, None] - y), axis=-1)
 
     def held(x: Witness) -> tuple[Array, Array]:
-        carrier, s = (x.event == EVENTS.a_end) | (x.event == EVENTS.corner), x.foot_params[:, 0]
+        carrier, s = (x.event == EVENTS.a_end) | (x.event == EVENTS.corner), x.feet_params[:, 0]
         return carrier, (x.event == EVENTS.b_end) | carrier & ((s <= 0) | (s >= 1))
 
     (w_carrier, w_foot), (v_carrier, v_foot) = held(w), held(v)

@@ -22,13 +22,13 @@ from jhd._results.solution import DIRECTIONS, EVENTS, HausdorffSolution, Project
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.scaling import common_exponent, scale_of, unit_weights
-from jhd.distance.frame.attach import at_rest, attached
-from jhd.distance.frame.coordinates import Frame
-from jhd.distance.frame.curves import elevation_matrix
-from jhd.distance.frame.following import MovingNumbers, TouchedRows, following
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import Piece
 from jhd.distance.nearest.feet import is_held
+from jhd.distance.normalization.coordinates import Frame
+from jhd.distance.normalization.curves import elevation_matrix
+from jhd.distance.normalization.custom_derivatives import at_rest, attached
+from jhd.distance.normalization.implicit_derivatives import MovingNumbers, TouchedRows, following
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import Piece
 from jhd.distance.witness import active
 from jhd.shapes.curve import BezierSegments
 
@@ -40,7 +40,7 @@ class _Answer(NamedTuple):
     t: Array
     point: Array
     feet: Array
-    foot_params: Array
+    feet_params: Array
 
 
 class _Rows(NamedTuple):
@@ -80,9 +80,9 @@ def _found(
     given: tuple[tuple[Array, Witness], ...], a: BezierSegments, b: BezierSegments, frame: Frame
 ) -> tuple[_Answer, ...]:
     """The answers as functions of both curves."""
-    answers = tuple(_Answer(value, w.t, w.point, w.feet, w.foot_params) for value, w in given)
+    answers = tuple(_Answer(value, w.t, w.point, w.feet, w.feet_params) for value, w in given)
     parts = tuple(
-        tuple(_Touched(_rows(curve, w.segment), _rows(curve, w.foot_segments)) for curve in (a, b)) for _, w in given
+        tuple(_Touched(_rows(curve, w.element), _rows(curve, w.feet_elements)) for curve in (a, b)) for _, w in given
     )
     return following(_moving, answers, parts, (tuple(w for _, w in given), frame))
 
@@ -145,7 +145,7 @@ def _feet(found: Projection, queries: Array, curve: BezierSegments) -> tuple[Arr
         return c @ active.direction(c, b.first, held) / scale, b.point / scale, s
 
     batch = queries.shape[:-1]
-    flat = (x.reshape(-1, *x.shape[len(batch) :]) for x in (queries, found.segment, found.t))
+    flat = (x.reshape(-1, *x.shape[len(batch) :]) for x in (queries, found.element, found.t))
     return jax.tree_util.tree_map(lambda x: x.reshape(*batch, *x.shape[1:]), jax.vmap(one)(*flat))
 
 
@@ -171,7 +171,7 @@ def _raised(rows: Array, degree: int) -> Array:
 def _answer(frame: Frame, rows: tuple[_Touched, _Touched], w: Witness) -> tuple[_Answer, Array]:
     """An answer by the active system of its witness, and where it has derivatives."""
     pieces = _pieces(rows, w.direction == DIRECTIONS.b_to_a, frame)
-    start, still = jnp.append(w.t, w.foot_params), jax.lax.stop_gradient(pieces)
+    start, still = jnp.append(w.t, w.feet_params), jax.lax.stop_gradient(pieces)
     _, _, _, held, two = active.active(*still, start, w.event, w.multipliers)
     y = active.solution(start, pieces, held, two)
     multipliers, units = active.balance(y, active.Active(*pieces, held, two), w.multipliers)

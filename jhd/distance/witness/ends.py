@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import CurvePlace, piece_of
 from jhd.distance.nearest.feet import stands_still
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import CurvePlace, piece_of
 from jhd.shapes.curve import BezierSegments
 
 # Tangents that differ by more than this angle (radians) make a joint a corner: joints that are smooth by construction
@@ -33,13 +33,13 @@ class Around(NamedTuple):
 
 
 def around(curve: BezierSegments, before: Array, at: CurvePlace) -> Around:
-    """What a place of a curve is, with `before` as of `preceding(curve.following)`.
+    """What a place of a curve is, with `before` as of `preceding(curve.next_segment)`.
 
     A joint without a corner is a place like any other, and so is the seam of a closed curve.
     """
     segment, t = at
     first, last = t <= 0, t >= 1
-    neighbor = jnp.where(last, curve.following[segment], jnp.where(first, before[segment], segment))
+    neighbor = jnp.where(last, curve.next_segment[segment], jnp.where(first, before[segment], segment))
     beyond = jnp.where(last, 0.0, jnp.where(first, 1.0, t))
     own, other = jax.vmap(lambda k, t: _tangent(curve, k, t))(jnp.stack([segment, neighbor]), jnp.stack([t, beyond]))
     border = first | last

@@ -15,10 +15,10 @@ from jaxtyping import Array, Float
 
 from jhd._results.solution import DIRECTIONS, EVENTS, Witness
 from jhd._runtime.arrays import varying
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import CurvePlace, Piece, piece_of, preceding
 from jhd.distance.nearest.curves import repeated, segment_bounds
 from jhd.distance.nearest.feet import Branch, FootEquation, equation, holds, step_in
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import CurvePlace, Piece, piece_of, preceding
 from jhd.distance.witness.ends import Around, around
 from jhd.distance.witness.multipliers import two_of
 from jhd.shapes.curve import BezierSegments
@@ -134,12 +134,12 @@ class Described(NamedTuple):
         event = EVENTS.where(self.around.end, EVENTS.a_end, event)
         event = EVENTS.where(least <= ZERO, EVENTS.coincident, event)
         return Witness(
-            segment=self.at.segment,
+            element=self.at.segment,
             t=self.at.t,
             point=self.point,
             feet=self.feet[chosen],
-            foot_segments=self.segments[chosen],
-            foot_params=self.params[chosen],
+            feet_elements=self.segments[chosen],
+            feet_params=self.params[chosen],
             multipliers=jnp.where(two, jnp.stack([share, 1 - share]), jnp.array([1.0, 0.0])),
             event=event,
             direction=DIRECTIONS.a_to_b,
@@ -169,7 +169,7 @@ def describe(a: BezierSegments, b: BezierSegments, at: CurvePlace, foot: CurvePl
     distances = jnp.sqrt(jnp.sum(apart**2, axis=-1))
     missed = ~jnp.any(sound[:-1] & (distances[:-1] <= distances[-1] + ZERO))
     sound = sound.at[-1].set(missed)
-    around_ = around(a, preceding(a.following), at)
+    around_ = around(a, preceding(a.next_segment), at)
     slopes = -apart @ around_.into.T / jnp.where(distances > 0, distances, 1.0)[:, None]
     distances = jnp.where(sound, distances, jnp.inf)
     return Described(

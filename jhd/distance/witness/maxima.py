@@ -14,10 +14,10 @@ from jaxtyping import Array
 
 from jhd._results.solution import DIRECTIONS, EVENTS, Witness
 from jhd._runtime.arrays import varying
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.nearest.curves import in_chunks, nearest, repeated
 from jhd.distance.nearest.feet import by_normal, follow_foot
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.witness import active
 from jhd.distance.witness.ends import Around, around
 from jhd.distance.witness.events import ZERO, describe
@@ -118,7 +118,7 @@ def _at_ends(pair: _CriticalPair, witness: Witness, valid: Array) -> Witness:
     def described(i: Array, witness: Witness) -> Witness:
         k = order[i]
         w = jax.tree_util.tree_map(lambda x: x[k], witness)
-        place, foot = CurvePlace(w.segment, w.t), CurvePlace(w.foot_segments[0], w.foot_params[0])
+        place, foot = CurvePlace(w.element, w.t), CurvePlace(w.feet_elements[0], w.feet_params[0])
         new = describe(pair.a, pair.b, place, foot).witness()
         return jax.tree_util.tree_map(lambda x, y: x.at[k].set(y), witness, new)
 
@@ -130,7 +130,7 @@ def _prepared(a: BezierSegments, b: BezierSegments) -> _CriticalPair:
     s = jnp.linspace(0.0, 1.0, _SEEDS + 1, dtype=b.control_points.dtype)
     points = jax.vmap(lambda k: jax.vmap(lambda u: jet(*piece_of(b, k), u).point)(s))(jnp.arange(b.count))
     at = CurvePlace(jnp.repeat(jnp.arange(b.count), s.size), jnp.tile(s, b.count))
-    return _CriticalPair(a, b, preceding(a.following), preceding(b.following), points.reshape(-1, b.dim), at)
+    return _CriticalPair(a, b, preceding(a.next_segment), preceding(b.next_segment), points.reshape(-1, b.dim), at)
 
 
 def _seed(pair: _CriticalPair, points: Array) -> CurvePlace:
@@ -184,7 +184,7 @@ def _proposed(pair: _CriticalPair, lanes: int) -> tuple[Array, _CriticalCell, Ar
     met = distance <= ZERO
     rises = (slope[:, :-1] > 0) | met[:, :-1] & ~met[:, 1:]
     inside = rises & ((slope[:, 1:] <= 0) | met[:, 1:] & ~met[:, :-1])
-    joined = jnp.where(a.following < 0, 1.0, -slope[jnp.maximum(a.following, 0), 0]) >= 0
+    joined = jnp.where(a.next_segment < 0, 1.0, -slope[jnp.maximum(a.next_segment, 0), 0]) >= 0
     at_end = (slope[:, -1] > 0) & joined
     falls = (slope[:, 0] < 0) | (slope[:, 0] == 0) & (slope[:, 1] <= 0)
     at_start = (pair.before_a < 0) & falls
@@ -274,12 +274,12 @@ def _described(pair: _CriticalPair, cell: _CriticalCell, t: Array, foot: _Foot, 
     at, value = jet(*piece, y[0]).point, active.distance(y, system)
     near = nearest(at, b.control_points, b.weights, 0.0, repeated(b.control_points, b.weights))
     witness = Witness(
-        segment=cell.segment,
+        element=cell.segment,
         t=y[0],
         point=at,
         feet=jnp.stack([jet(*system.first, s1).point, jet(*system.second, s2).point]),
-        foot_segments=jnp.stack([first.segment, second.segment]),
-        foot_params=jnp.stack([s1, s2]),
+        feet_elements=jnp.stack([first.segment, second.segment]),
+        feet_params=jnp.stack([s1, s2]),
         multipliers=active.balance(y, system, one)[0],
         event=EVENTS.where(value <= ZERO, EVENTS.coincident, event),
         direction=DIRECTIONS.a_to_b,

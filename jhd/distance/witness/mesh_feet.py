@@ -13,8 +13,8 @@ from jhd._results.solution import Projection
 from jhd._runtime.arrays import is_traced
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.scaling import common_exponent, length, scale_of
-from jhd.distance.frame.attach import attached
 from jhd.distance.nearest.meshes import checked_points, nearest_on_mesh
+from jhd.distance.normalization.custom_derivatives import attached
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh
 
@@ -35,7 +35,7 @@ def project_on_mesh(points: Numbers, mesh: TriangleMesh, method: object = None) 
     found = nearest_on_mesh(queries, mesh, method)
     if not is_traced(queries, mesh):
         return found
-    distance, foot, t = _feet(queries, mesh.vertices[mesh.triangles[found.segment]], found.t > 0)
+    distance, foot, t = _feet(queries, mesh.vertices[mesh.triangles[found.element]], found.t > 0)
     return attached(attached(found, found.distance > 0, distance=distance), foot=foot, t=t)
 
 

@@ -122,12 +122,12 @@ def witness_of(feet: MeshFeet, side: MeshSide, owner: int, weights: np.ndarray, 
     point = np.ldexp(weights @ side.corners[owner].astype(np.float64), exponent)
     places = np.einsum("nk,nkd->nd", feet.t.astype(np.float64), _corners_of(side, feet.triangle))
     return Witness(
-        segment=array_of(np.asarray(int(owner))),
+        element=array_of(np.asarray(int(owner))),
         t=array_of(weights.astype(dtype)),
         point=array_of(point.astype(dtype)),
         feet=array_of(np.ldexp(places, exponent).astype(dtype)),
-        foot_segments=array_of(side.tree.order[feet.triangle].astype(int)),
-        foot_params=array_of(feet.t.astype(dtype)),
+        feet_elements=array_of(side.tree.order[feet.triangle].astype(int)),
+        feet_params=array_of(feet.t.astype(dtype)),
         multipliers=array_of(feet.multipliers.astype(dtype)),
         event=event_of(feet, weights, distance),
         direction=DIRECTIONS.a_to_b,

@@ -10,9 +10,9 @@ from jaxtyping import Array
 from jhd._results.solution import MinimumSolution
 from jhd.arithmetic.scaling import length
 from jhd.distance.cells.pairs import BestPair, derivatives, newton_step
-from jhd.distance.frame.following import MovingNumbers
-from jhd.distance.frame.net_jets import Net, NetJet, jet
 from jhd.distance.nearest.feet import presses
+from jhd.distance.normalization.implicit_derivatives import MovingNumbers
+from jhd.distance.normalization.net_jets import Net, NetJet, jet
 from jhd.distance.witness.balance import NetRows, apart, finite, in_one_unit
 
 _POLISH = 16

@@ -22,9 +22,9 @@ from jhd._runtime.arrays import varying
 from jhd._runtime.compiled import compiled
 from jhd.arithmetic.polynomials import jets, rescaled, slopes
 from jhd.arithmetic.scaling import common_exponent, length, scale_of, unit
-from jhd.distance.frame.attach import at_rest, attached, without_derivative
-from jhd.distance.frame.net_jets import Net, jet
 from jhd.distance.nearest.feet import presses
+from jhd.distance.normalization.custom_derivatives import at_rest, attached, without_derivative
+from jhd.distance.normalization.net_jets import Net, jet
 
 # A derivative this much shorter than the piece is large is that along a collapsed edge; above, feet have six digits.
 _COLLAPSED = 1e-10
@@ -38,7 +38,7 @@ _SINGULAR = 1e-8
 
 def with_patch_derivatives(found: Projection, queries: Array, net: Net) -> Projection:
     """Nearest points (points, ...) of a net, differentiable in the queries and in the net."""
-    distance, foot, t = distances_from_patches(queries, found.segment, found.t, net)
+    distance, foot, t = distances_from_patches(queries, found.element, found.t, net)
     return attached(attached(found, found.distance > 0, distance=distance), foot=foot, t=t)
 
 

@@ -15,8 +15,8 @@ from jhd.distance.cells.branches import (
     cell_upper_bound,
     first_upper_bound,
 )
-from jhd.distance.frame.jets import jet
 from jhd.distance.nearest.curves import nearest
+from jhd.distance.normalization.jets import jet
 from tests.distance import exact
 
 KINDS = ("smooth", "rational", "close", "extreme_weights")

@@ -4,8 +4,8 @@ import jax
 import numpy as np
 import pytest
 
-from jhd.distance.cells.moving_surfaces import narrowed
-from jhd.distance.frame.surfaces import prepare_surfaces
+from jhd.distance.cells.tracked_feet_surfaces import narrowed
+from jhd.distance.normalization.surfaces import prepare_surfaces
 from jhd.shapes import ImplicitSurface
 
 CASES = 2000

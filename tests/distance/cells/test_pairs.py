@@ -6,7 +6,7 @@ import numpy as np
 
 from jhd.distance.cells import pairs
 from jhd.distance.cells.pairs import Cell
-from jhd.distance.frame.net_jets import Net
+from jhd.distance.normalization.net_jets import Net
 
 CELLS, DEGREES = 400, (3, 3)
 

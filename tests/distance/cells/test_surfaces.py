@@ -9,10 +9,10 @@ import pytest
 
 from jhd.distance.cells.signs import sign_bounds
 from jhd.distance.cells.surfaces import FEET, upper_bounds
-from jhd.distance.frame.surfaces import Side, prepare_surfaces
 from jhd.distance.nearest.forms import boxes, form, lower_bounds
-from jhd.distance.nearest.places import local_feet, projected, proven_radius
+from jhd.distance.nearest.surface_points import local_feet, projected, proven_radius
 from jhd.distance.nearest.surfaces import halved
+from jhd.distance.normalization.surfaces import Side, prepare_surfaces
 from jhd.shapes import ImplicitSurface
 from tests.sweeps import swept
 

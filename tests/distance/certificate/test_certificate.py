@@ -62,7 +62,7 @@ def test_the_bounds_of_all_cases_are_proven(name, kind):
 @pytest.mark.slow
 def test_a_method_without_an_upper_bound_has_a_certificate_of_the_lower_one():
     a, b, _ = solved("arch_and_wave", "ab")
-    solution = jhd.directed_hausdorff(a, b, jhd.TwoStep())
+    solution = jhd.directed_hausdorff(a, b, jhd.published.TwoStep())
     proven = certify(a, b, solution).verify()
     assert proven == ("directed", float(solution.lower), None, 0)
 
@@ -133,9 +133,9 @@ def test_arguments_of_another_kind_are_refused(made, as_a_user):
     with pytest.raises(ValueError, match="max_cells is 0"):
         certify(a, b, solution, max_cells=0)
     with pytest.raises(ValueError, match="a has 2 coordinates a point and b has 3"):
-        certify(a, jhd.points([[0.0, 0.0, 0.0]]), solution)
-    with pytest.raises(ValueError, match="atol is 'x'; needs one number"):
-        certify(a, b, solution, atol="x")  # pyright: ignore[reportArgumentType]
+        certify(a, jhd.point_set([[0.0, 0.0, 0.0]]), solution)
+    with pytest.raises(ValueError, match="slack is 'x'; needs one number"):
+        certify(a, b, solution, slack="x")  # pyright: ignore[reportArgumentType]
     with pytest.raises(jhd.CertificateError, match="is no certificate"):
         Certificate({})
 

@@ -31,7 +31,7 @@ def net(rng, height):
 def shape(kind, seed, height=0.0):
     rng = np.random.default_rng(seed)
     if kind == "points":
-        return jhd.points(rng.uniform(size=(20, 3)))
+        return jhd.point_set(rng.uniform(size=(20, 3)))
     if kind == "curve":
         return jhd.BezierSegments(rng.uniform(size=(2, 4, 3)))
     points = net(rng, height)
@@ -67,7 +67,7 @@ def test_a_witness_on_the_third_side_of_a_triangle_is_one_of_it():
     triangle = jhd.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     for seed in range(4):
         x = np.random.default_rng(seed).uniform(0.7, 1.3)
-        b = jhd.points([[0, 0, 0], [x, 0, 0], [0, 1, 0]])
+        b = jhd.point_set([[0, 0, 0], [x, 0, 0], [0, 1, 0]])
         checked(triangle, b, jhd.directed_hausdorff(triangle, b))
 
 
@@ -128,13 +128,13 @@ def test_minimum_distances_have_certificates():
 def test_the_places_of_a_minimum_are_found_at_a_corner(seed):
     # A near foot of the corner is on the other segment, apart from it.
     rng = np.random.default_rng(seed)
-    a, b = jhd.points(rng.normal(size=(4, 3))), jhd.polyline(rng.normal(size=(3, 3)) + [2, 0, 1.5])
+    a, b = jhd.point_set(rng.normal(size=(4, 3))), jhd.polyline(rng.normal(size=(3, 3)) + [2, 0, 1.5])
     solution = jhd.minimum_distance(a, b, jhd.BranchAndBound(atol=1e-3))
     assert certify(a, b, solution).upper >= float(solution.upper)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("other", [jhd.polyline([(-1.0, 3.0), (1.0, 4.0)]), jhd.points([(0.3, 3.0), (2.0, 5.0)])])
+@pytest.mark.parametrize("other", [jhd.polyline([(-1.0, 3.0), (1.0, 4.0)]), jhd.point_set([(0.3, 3.0), (2.0, 5.0)])])
 def test_minimum_distances_of_plane_curves_have_certificates(other):
     curve = jhd.BezierCurve([(0.0, 0.0), (1.0, 2.0), (2.0, -1.0), (3.0, 0.0)])
     for pair in ((curve, other), (other, curve)):
@@ -155,11 +155,11 @@ def test_shapes_that_meet_have_a_certificate_of_the_upper_bound_alone():
 def test_what_is_asked_for_is_checked(as_a_user):
     a, b = shape("points", 1), shape("mesh", 2)
     solution = jhd.hausdorff(a, b)
-    with pytest.raises(ValueError, match="atol is -1; needs one number of at least 0"):
-        certify(a, b, solution, atol=-1)
+    with pytest.raises(ValueError, match="slack is -1; needs one number of at least 0"):
+        certify(a, b, solution, slack=-1)
     with pytest.raises(TypeError, match="b must be points, a curve, a parametric surface .*; got HausdorffSolution"):
         certify(a, solution, solution)
-    wide = certify(a, b, solution, atol=0.5)
+    wide = certify(a, b, solution, slack=0.5)
     assert wide.upper == float(solution.upper) + 0.5 and wide.verify().lower == float(solution.lower) - 0.5
 
 
@@ -225,12 +225,12 @@ def test_pairs_of_every_kind_have_certificates_of_what_samples_say(first, second
     value = sampled_distance({"claim": {"kind": "two_sided"}, "a": plain[0], "b": plain[1]}, (13, 25))
     nowhere = dataclasses.replace(solutions[0].witness, segment=jnp.asarray(-1))
     bounds = {name: jnp.asarray(value) for name in ("value", "lower", "upper")}
-    found = certify(a, b, dataclasses.replace(solutions[0], witness=nowhere, **bounds), atol=SAMPLING)
+    found = certify(a, b, dataclasses.replace(solutions[0], witness=nowhere, **bounds), slack=SAMPLING)
     assert found.verify()[:3] == ("two_sided", value - SAMPLING, value + SAMPLING)
     places = [sampled(x, 13) for x in plain]
     gaps = np.linalg.norm(places[0][:, None] - places[1], axis=-1)
     i, j = np.unravel_index(np.argmin(gaps), gaps.shape)
     points = {"point_a": jnp.asarray(places[0][i]), "point_b": jnp.asarray(places[1][j])}
     bounds = {name: jnp.asarray(gaps[i, j]) for name in ("value", "lower", "upper")}
-    found = certify(a, b, dataclasses.replace(solutions[1], **points, **bounds), atol=SAMPLING)
+    found = certify(a, b, dataclasses.replace(solutions[1], **points, **bounds), slack=SAMPLING)
     assert found.verify()[:3] == ("minimum", max(gaps[i, j] - SAMPLING, 0.0), gaps[i, j] + SAMPLING)

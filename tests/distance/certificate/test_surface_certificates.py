@@ -42,7 +42,7 @@ def sharp(a, b, value, distance="directed", points=(None, None)):
     return made
 
 
-POINT = jhd.points([[0.25, 0.5, 1.0]])
+POINT = jhd.point_set([[0.25, 0.5, 1.0]])
 # From the point to its foot, and from the farthest corners of the square.
 THERE, BACK = 1.0, math.sqrt(0.75**2 + 0.5**2 + 1.0)
 
@@ -66,7 +66,7 @@ def test_the_farthest_point_of_a_surface_may_lie_on_faces_of_its_box():
 @pytest.mark.slow  # programs of its own
 def test_a_nearest_place_may_lie_next_to_a_face_of_the_box():
     # No way across the surface that leaves the box proves a zero; the place on the face is as near but for rounding.
-    point, bent = jhd.points([[0.25, -0.5, 1.0]]), flat(0, "z - {0} - x^2/3 - y/7")
+    point, bent = jhd.point_set([[0.25, -0.5, 1.0]]), flat(0, "z - {0} - x^2/3 - y/7")
     nearest = jhd.minimum_distance(point, bent)
     places = np.array([0.25, -0.5, 1.0]), np.asarray(nearest.point_b) + [0, 1e-18, 0]
     made = certify(point, bent, claim(float(nearest.lower), float(nearest.upper), "minimum", places))
@@ -97,7 +97,7 @@ def test_of_two_feet_about_as_near_the_nearer_one_counts():
 @pytest.mark.exhaustive
 def test_a_ball_about_a_point():
     sphere = jhd.ImplicitSurface.parse("x^2 + y^2 + z^2 - 1", [0, 0, 0], [1.5] * 3)
-    center = jhd.points([[0.5, 0.5, 0.5]])
+    center = jhd.point_set([[0.5, 0.5, 0.5]])
     # Its corner on an axis is the farthest, its middle the nearest.
     sharp(sphere, center, math.sqrt(0.75))
     middle = 1 - math.sqrt(0.75)
@@ -126,7 +126,7 @@ def test_the_least_distance_of_a_triangle_and_a_surface():
 
 
 def test_a_part_without_zeros_is_apart_from_several_pieces():
-    points = jhd.points([[0.25, 0.5, 1.0], [0.75, 0.5, 1.25]])
+    points = jhd.point_set([[0.25, 0.5, 1.0], [0.75, 0.5, 1.25]])
     made = certify(points, flat(0), claim(0.25, math.inf, "minimum", (np.zeros(3), np.zeros(3)))).content
     (whole,) = made["cells"]["apart"]
     names = ["XX" + "".join(letters) for letters in itertools.product("AB", repeat=5)]

@@ -55,7 +55,7 @@ def test_a_check_ends_at_its_limit_before_it_begins_or_within(monkeypatch):
     large = arch()
     large["cells"]["a_to_b"] *= 50_000
     seen.clear()
-    with pytest.raises(CertificateError, match=r"takes 3\.\d+ seconds or more; seconds is 2\.0"):
+    with pytest.raises(CertificateError, match=r"takes 3\.\d+ seconds or more; max_seconds is 2\.0"):
         verify(large, 2.0, seen.append)
     assert not seen
     clock = iter([0.0, 59.0, 61.0])
@@ -462,9 +462,9 @@ def test_the_checker_is_a_program_that_runs_by_itself(tmp_path):
     assert unread.returncode == 2 and unread.stderr.count("not read: ") == 4 and unread.stdout.count("proven") == 1
     told = run(tmp_path, "--shapes", "good", "old").stdout.splitlines()
     assert told[1:3] == told[4:6] == [f"  {name.upper()} has SHA-256 {digest(arch()[name])}" for name in "ab"]
-    late = run(tmp_path, "--seconds", "1e-9", "good")
-    assert late.returncode == 1 and " seconds or more; seconds is 1e-09" in late.stderr
-    assert run(tmp_path).returncode == run(tmp_path, "--seconds", "x", "good").returncode == 2
+    late = run(tmp_path, "--max-seconds", "1e-9", "good")
+    assert late.returncode == 1 and " seconds or more; max_seconds is 1e-09" in late.stderr
+    assert run(tmp_path).returncode == run(tmp_path, "--max-seconds", "x", "good").returncode == 2
 
 
 def test_its_process_holds_nothing_of_the_package(tmp_path):

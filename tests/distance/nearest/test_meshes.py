@@ -102,7 +102,7 @@ def test_under_jit_a_query_that_is_no_number_says_so():
 def test_the_shape_of_the_queries_is_kept():
     found = project(QUERIES.reshape(2, 2, 3), TriangleMesh(VERTICES, TRIANGLES))
     assert (found.distance.shape, found.foot.shape, found.t.shape) == ((2, 2), (2, 2, 3), (2, 2, 3))
-    assert found.segment.tolist()[0] == [0, 0]
+    assert found.element.tolist()[0] == [0, 0]
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_the_local_search_claims_an_upper_bound_alone_and_moves_with_points_and_
 
 
 def test_the_local_search_is_refused_on_curves_under_jit_and_with_options_out_of_range():
-    with pytest.raises(TypeError, match="method must be one of NearestSearch, .* for curves; got VertexVoxels"):
+    with pytest.raises(TypeError, match="method must be one of BestFirstProjection, .* for curves; got VertexVoxels"):
         project([0.0, 0], jhd.polyline([[0.0, 0], [1, 1]]), VertexVoxels())
     with pytest.raises(TypeError, match="VertexVoxels runs on the host, not under jit"):
         jax.jit(lambda x: project(x, TriangleMesh(VERTICES, TRIANGLES), VertexVoxels()))(QUERIES)
@@ -229,7 +229,7 @@ def test_unknown_signs_other_shapes_and_traced_pseudonormals_are_refused(as_a_us
     with pytest.raises(ValueError, match="sign is 'raycast'; needs one of 'winding', 'pseudonormal', 'average'"):
         signed_distance([0.0, 0, 0], mesh, "raycast")
     with pytest.raises(TypeError, match="mesh must be a TriangleMesh"):
-        signed_distance([0.0, 0, 0], jhd.points([[0.0, 0, 0]]))  # pyright: ignore[reportArgumentType]
+        signed_distance([0.0, 0, 0], jhd.point_set([[0.0, 0, 0]]))  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match="under jit use sign='winding'"):
         jax.jit(lambda x: signed_distance(x, mesh, "pseudonormal"))(jnp.zeros(3))
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jhd
-from jhd.distance.frame.surfaces import prepare_surfaces
 from jhd.distance.nearest.surfaces import cloud, cover, nearest, nearest_places
+from jhd.distance.normalization.surfaces import prepare_surfaces
 from jhd.distance.search.on_surfaces import SurfaceTarget
 from jhd.shapes import ImplicitSurface
 

@@ -9,9 +9,9 @@ import pytest
 
 import jhd
 from jhd._results.solution import name_of
-from jhd.distance import CubeIntervals
 from jhd.distance.published import cube_intervals
 from jhd.fields.octree import voxelize
+from jhd.published import CubeIntervals
 from jhd.shapes import ImplicitSurface
 from tests.sweeps import swept
 
@@ -38,7 +38,7 @@ def test_the_paper_rule_gives_the_published_interval(pairs):
     both, there = method.surfaces(*CONES), method.directed_surfaces(*CONES)
     assert bounds(both) == (math.sqrt(17 / 32), math.sqrt(103 / 128))
     assert bounds(there) == (math.sqrt(105) / 16, math.sqrt(185) / 16)
-    assert name_of(both.result) == name_of(there.result) == "unproven"
+    assert name_of(both.result) == name_of(there.result) == "not_certified"
     assert float(both.value) == (math.sqrt(17 / 32) + math.sqrt(103 / 128)) / 2
     assert not both.directed and there.directed
     assert name_of(both.direction) == "b_to_a" and name_of(both.event) == "a_end"
@@ -62,7 +62,7 @@ def test_the_witness_is_where_the_upper_end_comes_from():
     solution = CubeIntervals(32).directed_surfaces(*CONES)
     witness = solution.witness
     assert witness.feet.shape == (4, 3) and witness.multipliers.tolist() == [1, 0, 0, 0]
-    assert int(witness.segment) == -1 and np.isnan(witness.t)
+    assert int(witness.element) == -1 and np.isnan(witness.t)
     apart = np.abs(np.asarray(witness.point - witness.feet[0])) + 4 / 32
     assert abs(np.linalg.norm(apart) - float(solution.upper)) < 1e-12
 
@@ -120,7 +120,7 @@ def test_a_surface_without_points_gets_no_number_from_the_safe_rule():
     there, back = CubeIntervals(64).directed_surfaces(EMPTY, BALL), CubeIntervals(64).directed_surfaces(BALL, EMPTY)
     both = CubeIntervals(64).surfaces(BALL, EMPTY)
     for solution in (there, back, both):
-        assert name_of(solution.result) == "unverified" and np.isnan(solution.value)
+        assert name_of(solution.result) == "existence_not_certified" and np.isnan(solution.value)
     assert float(there.lower) == 0 and float(back.upper) == math.inf == float(both.upper)
     # Smaller cells show that it is empty.
     with pytest.raises(ValueError, match="the surface is empty"):
@@ -261,7 +261,7 @@ def test_other_options_are_refused(options, kind, message):
 
 @pytest.mark.usefixtures("as_a_user")
 def test_curves_are_refused():
-    curve = jhd.points([[0.0, 0.0, 0.0]])
+    curve = jhd.point_set([[0.0, 0.0, 0.0]])
     with pytest.raises(TypeError, match="b must be an ImplicitSurface; got BezierSegments"):
         CubeIntervals().surfaces(BALL, curve)  # pyright: ignore[reportArgumentType]
     with pytest.raises(TypeError, match="AlgebraicEvents.. for BezierSegments and BezierSegments; got CubeIntervals"):
@@ -273,7 +273,7 @@ def test_the_entries_take_surfaces():
     assert bounds(jhd.directed_hausdorff(*CONES, small)) == bounds(small.directed_surfaces(*CONES))
     assert bounds(jhd.hausdorff(*CONES, small)) == bounds(small.surfaces(*CONES))
     paper = jhd.hausdorff(*CONES, CubeIntervals(16, rule="paper"))
-    assert name_of(paper.result) == "unproven"
+    assert name_of(paper.result) == "not_certified"
 
 
 def test_a_surface_that_proves_nothing_raises_and_keeps_what_is_known():
@@ -290,7 +290,7 @@ def test_a_surface_that_proves_nothing_raises_and_keeps_what_is_known():
         ((CONES[0], "x^2 - 1"), None, "b: text is not a shape: .*ImplicitSurface.parse reads polynomials; got str."),
         (
             CONES,
-            jhd.TwoStep(),
+            jhd.published.TwoStep(),
             r"BranchAndBound\(\) or CubeIntervals\(\) for ImplicitSurface and ImplicitSurface; got TwoStep.",
         ),
         (

@@ -10,8 +10,8 @@ import pytest
 
 import jhd
 from jhd._results.solution import name_of
-from jhd.distance.frame.coordinates import reported
-from jhd.distance.frame.curves import prepare
+from jhd.distance.normalization.coordinates import reported
+from jhd.distance.normalization.curves import prepare
 from jhd.distance.published import algebraic, arc_bounds, farthest, printed_trimming, trimming
 from jhd.distance.published.events import candidates as event_candidates
 from jhd.distance.published.events import host_pair
@@ -59,11 +59,11 @@ def check_that_the_maximum_is_kept(a, b, wanted=None):
 
 def check_kept(witness, pair, left):
     """Whether the place is in a piece whose parts of b hold the feet; places and feet may be ends of segments."""
-    segment, t = int(witness.segment), float(witness.t)
+    segment, t = int(witness.element), float(witness.t)
     pieces, feet = left.pieces, left.feet
     kept = (pair.index[pieces.segment] == segment) & around(pieces.side, t)
     assert kept.any() or min(t, 1 - t) < 1e-9
-    for foot, s in zip(np.asarray(witness.foot_segments), np.asarray(witness.foot_params), strict=True):
+    for foot, s in zip(np.asarray(witness.feet_elements), np.asarray(witness.feet_params), strict=True):
         at = pair.second.index[feet.segment] == foot
         assert not kept.any() or np.any(kept[feet.piece] & at & around(feet.side, s)) or min(s, 1 - s) < 1e-9
 
@@ -102,8 +102,8 @@ def test_three_hundred_random_chains_agree_and_keep_their_maximum(block):
 def test_the_deviation_of_the_arcs_changes_no_value(deviation):
     for seed in range(6):
         a, b = random_pair(seed)
-        check_against_branch_and_bound(a, b, jhd.BiarcTrimming(deviation=deviation))
-        check_against_branch_and_bound(b, a, jhd.BiarcTrimming(deviation=deviation))
+        check_against_branch_and_bound(a, b, jhd.published.BiarcTrimming(deviation=deviation))
+        check_against_branch_and_bound(b, a, jhd.published.BiarcTrimming(deviation=deviation))
 
 
 # ---- the bound of an arc -------------------------------------------------------------------------
@@ -211,7 +211,7 @@ PAIRS = list(itertools.product(kim10.KINDS, kim10.COUNTS))
 def test_trimming_examines_many_times_fewer_boxes(kind, count):
     a, b = kim10.pair(kind, count)
     deviation = 1e-4 * float(np.linalg.norm(np.ptp(np.concatenate([x.bounds for x in (a, b)]), axis=0)))
-    methods = jhd.AlgebraicEvents(), jhd.BiarcTrimming(deviation=deviation)
+    methods = jhd.published.AlgebraicEvents(), jhd.published.BiarcTrimming(deviation=deviation)
     full, less = (jhd.hausdorff(a, b, method) for method in methods)
     assert abs(float(full) - float(less)) <= 1e-9
     assert name_of(less.event) == kim10.EVENTS[kind]
@@ -238,20 +238,23 @@ def test_the_pairs_have_the_events_that_they_are_named_after(kind, count):
 def test_segments_that_are_points_are_no_trouble():
     a = jhd.polyline([[0, 0], [2, 1], [2, 1], [3, -1]])
     b = jhd.polyline([[0, 1], [0, 1], [3, 2]])
-    check_against_branch_and_bound(a, b, jhd.BiarcTrimming())
-    check_against_branch_and_bound(b, a, jhd.BiarcTrimming())
+    check_against_branch_and_bound(a, b, jhd.published.BiarcTrimming())
+    check_against_branch_and_bound(b, a, jhd.published.BiarcTrimming())
 
 
 def test_finer_arcs_trim_more():
     a, b = spline_pair(5)
-    shares = [float(jhd.directed_hausdorff(a, b, jhd.BiarcTrimming(deviation=x)).stats["trimmed"]) for x in (0.3, 1e-3)]
+    shares = [
+        float(jhd.directed_hausdorff(a, b, jhd.published.BiarcTrimming(deviation=x)).stats["trimmed"])
+        for x in (0.3, 1e-3)
+    ]
     assert shares[0] <= shares[1]
 
 
 def test_the_second_direction_is_trimmed_below_the_first():
     a, b = spline_pair(5)
-    both = jhd.hausdorff(a, b, jhd.BiarcTrimming())
-    alone = jhd.directed_hausdorff(b, a, jhd.BiarcTrimming())
+    both = jhd.hausdorff(a, b, jhd.published.BiarcTrimming())
+    alone = jhd.directed_hausdorff(b, a, jhd.published.BiarcTrimming())
     assert float(both.stats["b_to_a_trimmed"]) >= float(alone.stats["trimmed"])
     assert float(both) == pytest.approx(float(jhd.hausdorff(a, b)), abs=1e-9)
 
@@ -272,11 +275,11 @@ def test_a_missed_event_is_an_error():
 
 def test_the_printed_trimming_keeps_an_end_and_loses_a_foot_and_says_nothing_false():
     """An end and its foot survive; of the self-bisector's two feet one is trimmed, as both curves are."""
-    method = jhd.BiarcTrimming(variant="paper")
+    method = jhd.published.BiarcTrimming(variant="paper")
     for kind, lost in (("end", False), ("self_bisector", True)):
         a, b = kim10.pair(kind, 5)
         found, proven = jhd.directed_hausdorff(a, b, method), jhd.directed_hausdorff(a, b)
-        assert name_of(found.result) == "unproven" and found.upper == np.inf and found.lower <= proven.upper
+        assert name_of(found.result) == "not_certified" and found.upper == np.inf and found.lower <= proven.upper
         assert float(found.stats["lower_bound"]) <= float(proven.upper)
         assert float(found) <= float(proven.upper) + 1e-9
         assert (float(found) < float(proven.lower) - 1e-3) == lost
@@ -285,4 +288,4 @@ def test_the_printed_trimming_keeps_an_end_and_loses_a_foot_and_says_nothing_fal
 @pytest.mark.parametrize(("deviation", "message"), [(0.0, "deviation is 0; needs"), (-1.0, "deviation is -1; needs")])
 def test_deviations_that_make_no_sense_are_refused(deviation, message):
     with pytest.raises(ValueError, match=message):
-        jhd.BiarcTrimming(deviation=deviation)
+        jhd.published.BiarcTrimming(deviation=deviation)

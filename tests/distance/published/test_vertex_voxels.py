@@ -132,7 +132,7 @@ def test_a_mesh_at_one_place_is_one_voxel():
 @pytest.mark.slow
 def test_algorithm_1_as_published_splits_the_cube_about_the_mesh_by_local_distances_and_averaged_signs():
     """The leaves are those of the printed recursion, and their values those of the local search."""
-    mesh, atol, method, depth = sphere(120), 0.1, jhd.VertexVoxels(8), 3
+    mesh, atol, method, depth = sphere(120), 0.1, jhd.published.VertexVoxels(8), 3
     field = jhd.AdaptiveDistanceField.build(mesh, atol, "full", method=method, max_depth=depth)
     # Distances of the local search jump, so somewhere no cell is small enough.
     assert field.sign == "average" and field.unresolved > 0

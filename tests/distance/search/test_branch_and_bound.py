@@ -303,7 +303,7 @@ def test_bounds_of_random_pairs_hold_the_reference_and_the_distance_of_the_witne
     assert expected.value - accuracy <= solution.value <= expected.upper + accuracy
     assert solution.lower <= expected.upper and expected.value - accuracy <= solution.upper
     # The lower bound is below the exact distance of the place that the solution names.
-    point = exact.point(a[int(solution.witness.segment)], None, Fraction(float(solution.witness.t)))
+    point = exact.point(a[int(solution.witness.element)], None, Fraction(float(solution.witness.t)))
     point = np.array([float(x) for x in point])
     _, segment, s = reference.project(point, b)
     assert Fraction(float(solution.lower)) ** 2 <= exact.minimum_near(point, b[segment], None, s)

@@ -9,8 +9,9 @@ import pytest
 
 from jhd._results.solution import NotProvenError, name_of
 from jhd.distance.minimum import minimum_distance
+from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.shapes.bezier import BezierCurve
-from jhd.shapes.curve import BezierSegments, points, polyline
+from jhd.shapes.curve import BezierSegments, point_set, polyline
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.patch import BezierPatch
@@ -131,7 +132,7 @@ def test_the_last_digit_survives_a_move_far_away_and_any_unit():
 
 def test_points_and_polylines_are_measured_against_meshes():
     ball = sphere(12)
-    found = minimum_distance(points([[0.0, 0, 3], [4, 4, 4]]), ball)
+    found = minimum_distance(point_set([[0.0, 0, 3], [4, 4, 4]]), ball)
     assert found.value == 2 and found.point_b.tolist() == [0, 0, 1]
     line = polyline([[-5.0, 0, 2], [5, 0, 2], [5, 5, 2]])
     found = minimum_distance(ball, line)
@@ -182,7 +183,7 @@ def test_first_and_second_derivatives_are_those_of_differences(name):
 @pytest.mark.slow
 def test_the_points_move_with_the_corners_and_where_meshes_meet_derivatives_are_zero():
     def gap(z):
-        return minimum_distance(sphere(6), points(jnp.stack([0.1, 0.2, z])[None]))
+        return minimum_distance(sphere(6), point_set(jnp.stack([0.1, 0.2, z])[None]))
 
     value, slope = jax.value_and_grad(lambda z: gap(z).value)(3.0)
     assert abs(float(slope) - 1) < 0.02 and value > 0
@@ -233,7 +234,7 @@ def test_other_kinds_and_dimensions_are_refused():
     with pytest.raises(TypeError, match="b must be a shape of jhd.* got int"):
         minimum_distance(sphere(4), 3)
     with pytest.raises(ValueError, match="a has 3 coordinates a point and b has 2"):
-        minimum_distance(sphere(4), points([[0.0, 0]]))
+        minimum_distance(sphere(4), point_set([[0.0, 0]]))
 
 
 def test_progress_is_reported_and_a_search_that_is_cut_short_says_so():
@@ -242,7 +243,7 @@ def test_progress_is_reported_and_a_search_that_is_cut_short_says_so():
     full = minimum_distance(a, b, progress=seen.append)
     assert seen and all(x.lower <= full.value <= x.upper for x in seen)
     with pytest.raises(NotProvenError) as caught:
-        minimum_distance(a, b, max_steps=1)
+        minimum_distance(a, b, BranchAndBound(max_steps=1))
     reached = caught.value.solution
     assert name_of(reached.result) == "gap_not_closed" and reached.lower <= full.lower <= full.upper <= reached.upper
 

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from jhd.distance.cells.branches import CurveBound
-from jhd.distance.frame.aim import Wanted, aim_at
-from jhd.distance.frame.curves import trusted
-from jhd.distance.frame.pieces import CurvePlace
 from jhd.distance.nearest.chords import chords_between
 from jhd.distance.nearest.curves import NearestOnCurve
 from jhd.distance.nearest.near_curve import NearCurve
+from jhd.distance.normalization.curves import trusted
+from jhd.distance.normalization.pieces import CurvePlace
+from jhd.distance.normalization.stopping import Wanted, aim_at
 from jhd.distance.search import curves as search
 
 MOVED = 0.125

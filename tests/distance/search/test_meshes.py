@@ -7,7 +7,7 @@ import pytest
 
 import jhd
 from jhd._results.solution import EVENTS, RESULTS
-from jhd.distance.frame.aim import Aim
+from jhd.distance.normalization.stopping import Aim
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.meshes import MeshSearch
 from jhd.distance.search.search import Listener, drive
@@ -105,7 +105,7 @@ def check(a, b, found, rng):
     assert float(found.lower) <= exact + 1e-14 * size
     assert found.result == RESULTS.successful
     assert float(found.value) == pytest.approx(exact, abs=1e-13 * size)
-    np.testing.assert_allclose(a.point(found.witness.segment, found.witness.t), found.witness.point, atol=1e-13 * size)
+    np.testing.assert_allclose(a.point(found.witness.element, found.witness.t), found.witness.point, atol=1e-13 * size)
     feet = np.linalg.norm(np.asarray(found.witness.feet) - np.asarray(found.witness.point), axis=1)
     np.testing.assert_allclose(feet, float(found.value), atol=2e-8 * size)
 
@@ -164,7 +164,7 @@ def test_meshes_in_map_coordinates_keep_their_digits():
 @pytest.mark.slow
 def test_no_search_says_that_it_has_closed_a_gap_that_rounding_leaves():
     method = BranchAndBound(atol=1e-18)
-    lid, points = PLATE.transform(np.eye(3), [0.1, 0.2, 0.7]), jhd.points([[0.1, 0.2, 0.3], [0.7, 0.1, 0.4]])
+    lid, points = PLATE.transform(np.eye(3), [0.1, 0.2, 0.7]), jhd.point_set([[0.1, 0.2, 0.3], [0.7, 0.1, 0.4]])
     for a in (lid, points, jhd.polyline([(0.1, 0.2, 0.3), (0.4, 0.1, 0.9)])):
         found = jhd.directed_hausdorff(a, VALLEY, method, throw=False)
         assert found.result == RESULTS.gap_not_closed and 1e-18 < float(found.upper - found.lower) < 1e-12

@@ -56,8 +56,9 @@ def test_a_mesh_that_touches_a_ball_and_one_beneath_its_top():
 @pytest.mark.slow
 @pytest.mark.parametrize("exponent", [-300, 300])
 def test_distances_of_meshes_and_balls_scale(exponent):
+    # A mesh of 288 triangles: more than are searched each over the whole ball.
     scale = 2.0**exponent
-    found = minimum_distance(BALL.transform(np.eye(3) * scale), square(3.0, scale=scale))
+    found = minimum_distance(BALL.transform(np.eye(3) * scale), square(3.0, 13, scale=scale))
     assert found.lower <= 2 * scale <= found.upper <= 2 * scale * (1 + 1e-8)
 
 

@@ -8,11 +8,11 @@ import jhd
 from jhd._results.solution import name_of
 from jhd.distance.search import farthest_place
 from jhd.distance.search.closest_triangles import TriangleSearch
+from jhd.distance.search.dispatch import PointSearch
 from jhd.distance.search.farthest import CurveSearch, SurfaceSearch
 from jhd.distance.search.farthest_place import FarthestSearch
-from jhd.distance.search.in_turn import InTurn
 from jhd.distance.search.meshes import MeshSearch
-from jhd.distance.search.mixes import PointSearch
+from jhd.distance.search.two_phase_minimum import InTurn
 from tests.distance import pairs
 from tests.distance.nearest.test_meshes import torus
 from tests.distance.search.test_mixed import spheres
@@ -66,8 +66,8 @@ def test_stretches_of_steps_that_take_long_end_with_each_of_them(monkeypatch):
 # A surface, and points whose nearest sample of it lies on another fold than their foot.
 GRID = np.stack([*np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij"), np.zeros((4, 4))], axis=-1)
 WAVY = jhd.BezierPatch(GRID + 3 * np.random.default_rng(2).normal(size=GRID.shape))
-CROWD = jhd.points([5.09677513, 1.18783915, 2.91161431] + 1e-4 * np.random.default_rng(5).normal(size=(100, 3)))
-SPREAD = jhd.points(np.random.default_rng(2).normal(size=(60, 3)) * 2 + [1.5, 1.5, 0])
+CROWD = jhd.point_set([5.09677513, 1.18783915, 2.91161431] + 1e-4 * np.random.default_rng(5).normal(size=(100, 3)))
+SPREAD = jhd.point_set(np.random.default_rng(2).normal(size=(60, 3)) * 2 + [1.5, 1.5, 0])
 # Pairs whose searches are not done where they begin, and the search of each kind.
 FARTHEST = {
     "curves": (CurveSearch, (FOLDED, LINE)),
@@ -189,7 +189,7 @@ def test_max_steps_holds_across_the_stretches():
 def test_other_methods_report_once():
     seen = []
     a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
-    jhd.directed_hausdorff(a, b, jhd.TwoStep(), progress=seen.append)
+    jhd.directed_hausdorff(a, b, jhd.published.TwoStep(), progress=seen.append)
     assert [p.direction for p in seen] == ["a_to_b"]
     assert seen[0].upper == np.inf
 

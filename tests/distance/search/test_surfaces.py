@@ -43,7 +43,7 @@ def test_the_published_cones_are_proven_to_ten_digits():
     # A corner of the second cone in two faces of the box; all four are as far.
     assert np.allclose(np.abs(witness.point), [2, math.sqrt(7) / 3, 2], atol=1e-12)
     assert witness.feet.shape == (4, 3) and witness.multipliers.tolist() == [1, 0, 0, 0]
-    assert int(witness.segment) == -1 and np.isnan(witness.t)
+    assert int(witness.element) == -1 and np.isnan(witness.t)
     assert abs(np.linalg.norm(witness.point - witness.feet[0]) - EXACT_H21) < 1e-12
     assert int(solution.stats["a_to_b_cells"]) < 2000 > int(solution.stats["b_to_a_cells"])
 
@@ -88,7 +88,7 @@ def test_a_single_line_gets_no_number():
         jhd.directed_hausdorff(SPHERE, line)
     for pair in ((SPHERE, line), (line, SPHERE)):
         solution = jhd.directed_hausdorff(*pair, throw=False)
-        assert name_of(solution.result) == "unverified" and np.isnan(solution.value)
+        assert name_of(solution.result) == "existence_not_certified" and np.isnan(solution.value)
         assert (float(solution.lower), float(solution.upper)) == (0.0, math.inf)
 
 
@@ -170,7 +170,7 @@ def test_too_little_room_leaves_true_bounds_and_says_so():
     inner, outer = SPHERE, parsed("x^2 + y^2 + z^2 - 1.5625")
     solution = jhd.directed_hausdorff(inner, outer, jhd.BranchAndBound(max_steps=60), throw=False)
     check(solution, 0.25, 0.1)
-    assert name_of(solution.result) in ("gap_not_closed", "family_of_maxima", "capacity_reached")
+    assert name_of(solution.result) in ("gap_not_closed", "nonisolated_maxima", "capacity_reached")
 
 
 @pytest.mark.parametrize("name", swept(surface_cases.BY_NAME, slow=surface_cases.SLOW[::2]))
@@ -263,4 +263,4 @@ def test_what_is_equally_far_everywhere_closes_to_a_millionth_of_the_diagonal(na
     if name == "cylinders":
         # What does not close by default says so, and has bounds.
         found = jhd.directed_hausdorff(a, b, jhd.BranchAndBound(max_steps=20), throw=False)
-        assert name_of(found.result) == "family_of_maxima" and float(found.lower) <= exact <= float(found.upper)
+        assert name_of(found.result) == "nonisolated_maxima" and float(found.lower) <= exact <= float(found.upper)

@@ -57,7 +57,7 @@ def test_feet_of_patches_are_points_of_the_piece_named_at_the_parameters_named()
     found = jhd.project(points, patches)
     assert found.distance.shape == (3, 5)
     assert found.t.shape == (3, 5, 2)
-    there = patches.point(found.segment, found.t[..., 0], found.t[..., 1])
+    there = patches.point(found.element, found.t[..., 0], found.t[..., 1])
     np.testing.assert_allclose(there, found.foot, atol=1e-14)
     np.testing.assert_allclose(np.linalg.norm(np.asarray(found.foot) - points, axis=-1), found.distance, rtol=1e-13)
     u, v = np.meshgrid(np.linspace(0, 1, 90), np.linspace(0, 1, 90), indexing="ij")
@@ -101,7 +101,7 @@ def test_distances_to_a_sphere_are_those_of_its_formula_from_its_center_to_far_a
     length = np.array([np.abs(p).max() * np.linalg.norm(p / max(np.abs(p).max(), 1e-300)) for p in points])
     np.testing.assert_allclose(found.distance, np.abs(length - 1), rtol=1e-12, atol=1e-12)
     assert np.all(np.asarray(found.upper - found.lower) <= 1e-12 * np.maximum(length, 4))
-    assert np.all(np.asarray(found.segment) == -1)
+    assert np.all(np.asarray(found.element) == -1)
     assert np.all(np.isnan(found.t))
     np.testing.assert_allclose(np.linalg.norm(np.asarray(found.foot), axis=1), 1, atol=1e-14)
 
@@ -116,7 +116,9 @@ def test_where_a_polynomial_does_not_change_its_sign_a_point_is_proven_or_only_a
     # A fraction that no evaluation in floats finds to be a zero.
     hidden = jhd.ImplicitSurface.parse("(9973*x - 4000)**2 + 99460729*(y**2 + z**2)", *corners)
     found = jhd.project([[1.0, 0, 0], [0, 0, 3]], hidden, throw=False)
-    assert [name_of(jax.tree_util.tree_map(lambda x, k=k: x[k], found.result)) for k in (0, 1)] == ["unverified"] * 2
+    assert [name_of(jax.tree_util.tree_map(lambda x, k=k: x[k], found.result)) for k in (0, 1)] == [
+        "existence_not_certified"
+    ] * 2
     assert np.all(np.isinf(found.upper))
     assert np.all(np.asarray(found.lower) <= [5973 / 9973, np.hypot(3, 4000 / 9973)])
     with pytest.raises(jhd.NotProvenError):
@@ -127,7 +129,7 @@ def test_surfaces_are_refused_where_they_have_no_point_and_methods_where_they_se
     with pytest.raises(ValueError, match="empty"):
         jhd.project([0.0, 0, 0], jhd.ImplicitSurface.parse("x**2 + 1", [-1, -1, -1], [1, 1, 1]))
     with pytest.raises(TypeError, match="None for surfaces"):
-        jhd.project([0.0, 0, 0], SPHERE, jhd.NearestSearch())
+        jhd.project([0.0, 0, 0], SPHERE, jhd.BestFirstProjection())
     with pytest.raises(ValueError, match="shape"):
         jhd.project([0.0, 0], jhd.BezierPatch(GRID))
 
@@ -238,7 +240,7 @@ def test_under_jit_what_is_no_number_is_said_to_be_none():
 @pytest.mark.slow
 def test_a_target_says_upper_bounds_at_once_and_stops_where_enough_is_known():
     points = RNG.normal(size=(30, 3)) + [1, 1, 0]
-    for shape in (jhd.BezierPatch(BUMPY), SPHERE, jhd.points(BUMPY.reshape(-1, 3))):
+    for shape in (jhd.BezierPatch(BUMPY), SPHERE, jhd.point_set(BUMPY.reshape(-1, 3))):
         target = target_of(shape)
         found = target.nearest(points)
         assert np.all(target.feet(points) >= np.asarray(found.lower))

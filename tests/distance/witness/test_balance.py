@@ -9,9 +9,9 @@ import pytest
 
 import jhd
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, MinimumSolution, Witness
-from jhd.distance.frame.following import TouchedRows, following
+from jhd.distance.normalization.implicit_derivatives import TouchedRows, following
 from jhd.distance.witness import balance
-from jhd.distance.witness.places import with_place_derivatives
+from jhd.distance.witness.mixed_derivatives import with_place_derivatives
 
 NORMAL = np.array([0.6, 0.0, 0.8])
 
@@ -21,12 +21,12 @@ def found_at(point, feet, weights, t: Any = np.nan, params: Any = np.nan, dtype:
     unused = 4 - len(feet)
     rows = lambda x: jnp.asarray(np.concatenate([x, np.repeat(np.asarray(x)[:1], unused, axis=0)]), dtype)  # noqa: E731
     witness = Witness(
-        segment=jnp.asarray(0),
+        element=jnp.asarray(0),
         t=jnp.asarray(t, dtype),
         point=jnp.asarray(point, dtype),
         feet=rows(feet),
-        foot_segments=jnp.zeros(4, int),
-        foot_params=jnp.asarray(np.broadcast_to(params, (4, *np.shape(params))), dtype),
+        feet_elements=jnp.zeros(4, int),
+        feet_params=jnp.asarray(np.broadcast_to(params, (4, *np.shape(params))), dtype),
         multipliers=jnp.asarray(np.append(weights, np.zeros(unused)), dtype),
         event=EVENTS.antipodal,
         direction=DIRECTIONS.a_to_b,
@@ -149,7 +149,7 @@ def test_second_derivatives_at_a_collapsed_edge_are_refused():
     )
     b = jhd.BezierPatches(points[None].astype(float), np.outer([1, s, 1], [1, s, 1])[None])
     found = found_at([0.0, 0, 2], [[0.0, 0, 1]], [1.0], params=[0.5, 1.0])
-    value = lambda point: with_place_derivatives(found, jhd.points(point[None]), b).value  # noqa: E731
+    value = lambda point: with_place_derivatives(found, jhd.point_set(point[None]), b).value  # noqa: E731
     point = jnp.asarray([0.0, 0, 2])
     np.testing.assert_allclose(jax.jit(jax.grad(value))(point), [0, 0, 1], atol=1e-12)
     assert np.all(np.isnan(jax.jit(jax.hessian(value))(point)[:2, :2]))

@@ -145,7 +145,7 @@ def test_the_witness_moves_as_differences_say():
 
         def parts(shift, heights=heights):
             w = over_the_parabola(shift, heights).witness
-            return jnp.concatenate([w.t[None], w.point, w.feet.ravel(), w.foot_params])
+            return jnp.concatenate([w.t[None], w.point, w.feet.ravel(), w.feet_params])
 
         assert name_of(over_the_parabola(0.1, heights).event) == event
         rule = jax.jacfwd(parts)(0.1)
@@ -230,7 +230,7 @@ def test_at_distance_zero_the_gradient_is_zero():
     [
         (jhd.circle((0, 0), 1.0), jhd.circle((0, 0), 2.0)),
         pytest.param(
-            jhd.points([[0.0, 0.0], [1.0, 1.0]]), jhd.points([[0.0, 1.0], [3.0, 0.0]]), marks=pytest.mark.slow
+            jhd.point_set([[0.0, 0.0], [1.0, 1.0]]), jhd.point_set([[0.0, 1.0], [3.0, 0.0]]), marks=pytest.mark.slow
         ),
         pytest.param(*(jhd.polyline([[0.0, y], [1.0, y]]) for y in (0.0, 1.0)), marks=pytest.mark.slow),
         pytest.param(jhd.circle((0, 0), 1e-6), jhd.circle((0, 0), 1.0), marks=pytest.mark.slow),

@@ -7,11 +7,11 @@ import pytest
 
 import jhd
 from jhd._results.solution import name_of
-from jhd.distance.frame.curves import prepare
-from jhd.distance.frame.jets import jet
-from jhd.distance.frame.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.nearest.curves import nearest
 from jhd.distance.nearest.feet import follow_foot
+from jhd.distance.normalization.curves import prepare
+from jhd.distance.normalization.jets import jet
+from jhd.distance.normalization.pieces import CurvePlace, piece_of, preceding
 from jhd.distance.witness.events import describe
 
 # Feet are refined by Newton's method in float64.
@@ -37,14 +37,14 @@ def witness(a, b, segment, t):
     ("a", "b", "segment", "t", "event"),
     [
         (jhd.polyline([[0.0, 1.0], [1.0, 2.0]]), BASE, 0, 1.0, "a_end"),
-        (jhd.points([[0.0, 1.0]]), BASE, 0, 0.0, "a_end"),
+        (jhd.point_set([[0.0, 1.0]]), BASE, 0, 0.0, "a_end"),
         (jhd.polyline([[0.0, 0.0], [0.5, 1.0], [1.0, 0.0]]), BASE, 0, 1.0, "corner"),
         (jhd.polyline([[0.0, 0.0], [0.5, 1.0], [1.0, 0.0]]), BASE, 1, 0.0, "corner"),
         (jhd.BezierSegments([[[0.0, 0.0], [0.5, 1.0], [1.0, 0.0]]]), BASE, 0, 0.5, "antipodal"),
         (jhd.BezierSegments([[[0.0, 0.0], [0.5, 1.0], [1.0, 0.0]]]), BASE, 0, 0.0, "coincident"),
         (jhd.polyline([[-1.0, 0.5], [-1.0, -0.5]]), BASE, 0, 0.5, "b_end"),
         (jhd.polyline([[-0.5, 2.0], [0.5, 2.0]]), PARABOLA, 0, 0.5, "one_to_two"),
-        (jhd.polyline([[0.0, 0.0], [4.0, 0.0]]), jhd.points([[0.0, 1.0], [3.0, 1.0]]), 0, 0.375, "one_to_two"),
+        (jhd.polyline([[0.0, 0.0], [4.0, 0.0]]), jhd.point_set([[0.0, 1.0], [3.0, 1.0]]), 0, 0.375, "one_to_two"),
     ],
 )
 def test_events_are_told_apart(a, b, segment, t, event):
@@ -69,7 +69,7 @@ def test_two_feet_are_named_in_the_order_of_b_with_multipliers_that_balance():
     slopes = offsets @ np.array([1.0, 1.0]) / np.linalg.norm(offsets, axis=1)
     expected = np.array([-slopes[1], slopes[0]]) / (slopes[0] - slopes[1])
     np.testing.assert_allclose(found.multipliers, expected, atol=ROUNDING)
-    assert found.foot_params[0] < found.foot_params[1]
+    assert found.feet_params[0] < found.feet_params[1]
 
 
 def test_two_feet_that_pull_the_same_way_are_no_event_of_two():
@@ -112,7 +112,7 @@ def test_preceding_turns_following_round():
 )
 def test_feet_are_followed_across_joints_and_stop_at_free_ends(point, start, segment, s):
     b = jhd.polyline([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    found = _follow(jnp.array(point), b, preceding(b.following), jnp.array(start[0]), jnp.array(start[1]), 12)
+    found = _follow(jnp.array(point), b, preceding(b.next_segment), jnp.array(start[0]), jnp.array(start[1]), 12)
     assert int(found.segment) == segment
     assert abs(float(found.s) - s) <= ROUNDING
     assert bool(found.pinned) == (point[0] < 0 or point[0] > 2)
@@ -121,13 +121,13 @@ def test_feet_are_followed_across_joints_and_stop_at_free_ends(point, start, seg
 
 def test_a_foot_at_an_end_where_the_distance_is_stationary_is_free():
     b = jhd.polyline([[0.0, 0.0], [1.0, 0.0]])
-    found = _follow(jnp.array([0.0, 1.0]), b, preceding(b.following), jnp.array(0), jnp.array(0.5), 12)
+    found = _follow(jnp.array([0.0, 1.0]), b, preceding(b.next_segment), jnp.array(0), jnp.array(0.5), 12)
     assert float(found.s) == 0 and not found.pinned
 
 
 def test_an_isolated_point_is_always_a_pinned_foot():
     b = jhd.BezierSegments(np.ones((1, 2, 2)))
-    found = _follow(jnp.array([1.0, 1.0]), b, preceding(b.following), jnp.array(0), jnp.array(0.5), 12)
+    found = _follow(jnp.array([1.0, 1.0]), b, preceding(b.next_segment), jnp.array(0), jnp.array(0.5), 12)
     assert bool(found.pinned)
 
 

@@ -86,12 +86,15 @@ def largest(kinds: tuple[str, str], center: Any, size: Any) -> Any:
 
 
 KINDS = ("implicit", "implicit"), ("patch", "implicit"), ("patch", "patch")
-# The unit is one for all kinds: single precision shows it with two implicit surfaces, which compile soonest.
+# The unit is one for all kinds: single precision shows it with two implicit surfaces, which compile soonest. In double
+# precision each function of the package gets a patch, and an octant is the first and the second surface.
+SLOW = [(function, KINDS[0], np.float32) for function in (least, largest)]
+SLOW += [(least, KINDS[1], np.float64), (least, KINDS[2], np.float64), (largest, KINDS[2], np.float64)]
 CASES = [
     pytest.param(
         *case,
         id="-".join([case[0].__name__, *case[1], case[2].__name__]),
-        marks=pytest.mark.exhaustive if "patch" in case[1] and case[2] is np.float32 else pytest.mark.slow,
+        marks=pytest.mark.slow if case in SLOW else pytest.mark.exhaustive,
     )
     for case in itertools.product((least, largest), KINDS, SIZES)
 ]

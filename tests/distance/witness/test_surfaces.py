@@ -9,7 +9,7 @@ import pytest
 from mpmath import mp, mpf
 
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, Witness
-from jhd.distance.witness.places import with_place_derivatives
+from jhd.distance.witness.mixed_derivatives import with_place_derivatives
 from jhd.shapes.implicit import ImplicitSurface
 from tests.surface_cases import BY_NAME, Surface
 from tests.surface_reference import solve
@@ -63,12 +63,12 @@ def solution(d):
     weights[: len(d.feet)] = [float(w) for w in known.weights]
     value = jnp.asarray(float(known.value))
     witness = Witness(
-        segment=jnp.asarray(-1),
+        element=jnp.asarray(-1),
         t=jnp.asarray(np.nan),
         point=jnp.asarray(d.point),
         feet=jnp.asarray(feet),
-        foot_segments=jnp.full(4, -1),
-        foot_params=jnp.full(4, np.nan),
+        feet_elements=jnp.full(4, -1),
+        feet_params=jnp.full(4, np.nan),
         multipliers=jnp.asarray(weights),
         event=EVENTS.antipodal,
         direction=DIRECTIONS.b_to_a if d.turned else DIRECTIONS.a_to_b,

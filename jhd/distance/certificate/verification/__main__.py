@@ -1,4 +1,4 @@
-"""The checker as a program of its own: `python FOLDER [--shapes] [--seconds S] FILE...`, with nothing but Python.
+"""The checker as a program of its own: `python FOLDER [--shapes] [--max-seconds S] FILE...`, with nothing but Python.
 
 With --shapes the hashes of the shapes are printed too, by which they can be compared with those of files at hand.
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 
 _PLACE = "jhd.distance.certificate.verification"
-_USAGE = "usage: python verification [--shapes] [--seconds S] FILE..."
+_USAGE = "usage: python verification [--shapes] [--max-seconds S] FILE..."
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -21,7 +21,7 @@ def main(arguments: Sequence[str]) -> int:
     from jhd.distance.certificate.verification import CertificateError, digest, opened, sentence, verify
 
     files, seconds = [name for name in arguments if name != "--shapes"], None
-    if files and files[0] == "--seconds":
+    if files and files[0] == "--max-seconds":
         seconds, files = _number(files[1:2]), files[2:]
     if not files or (seconds is not None and not seconds > 0):
         print(_USAGE, file=sys.stderr)

@@ -85,7 +85,7 @@ class _Deadline:
     def begin(self, expected: float) -> None:
         """Raises CertificateError where the check takes longer than there is time, by all that is known of it."""
         if self.seconds is not None and expected > self.seconds:
-            raise CertificateError(f"takes {expected:.3g} seconds or more; seconds is {self.seconds!r}.")
+            raise CertificateError(f"takes {expected:.3g} seconds or more; max_seconds is {self.seconds!r}.")
 
     def check(self, place: str, count: int = 0) -> None:
         """Raises CertificateError when it has passed; `count` is how many such places there are, if it is known."""
@@ -100,11 +100,11 @@ class _Deadline:
             raise CertificateError(f"is not checked in {self.seconds!r} seconds; it ends at {self.place}.")
 
 
-def verify(content: Any, seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:
+def verify(content: Any, max_seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:
     """Checks a certificate completely in exact arithmetic, and returns the bounds that it proves.
 
     >>> import jhd
-    >>> a, b = jhd.points([(0, 0), (4, 0)]), jhd.points([(0, 0)])
+    >>> a, b = jhd.point_set([(0, 0), (4, 0)]), jhd.point_set([(0, 0)])
     >>> proven = jhd.verify(jhd.certify(a, b, jhd.directed_hausdorff(a, b)))
     >>> proven.kind, bool(proven.lower <= 4 <= proven.upper)
     ('directed', True)
@@ -112,8 +112,8 @@ def verify(content: Any, seconds: float | None = None, progress: Callable[[str],
     Args:
         content: a Certificate, or the content of a certificate file as `opened` reads it. Its lists of cells may be any
             iterables.
-        seconds: time limit in seconds; by default none. The check ends before the first cell if the number of cells and
-            the degrees show that it would take longer.
+        max_seconds: time limit in seconds; by default none. The check ends before the first cell if the number of cells
+            and the degrees show that it would take longer.
         progress: a function that is called with the name of the next part of the certificate.
 
     Returns:
@@ -123,7 +123,7 @@ def verify(content: Any, seconds: float | None = None, progress: Callable[[str],
         CertificateError: something is missing, invalid or not proven, or the check takes too long. The message names
             it.
     """
-    deadline, content = _Deadline(seconds, progress), getattr(content, "content", content)
+    deadline, content = _Deadline(max_seconds, progress), getattr(content, "content", content)
     sizes = check_content(content)
     deadline.begin(expected_seconds(content["cells"], sizes))
     claim, power = content["claim"], common_power(content["a"], content["b"])

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jhd.distance.frame.jets import polynomial_jet
+from jhd.distance.normalization.jets import polynomial_jet
 from jhd.distance.published.events.forms import Curve, hull_distances, restricted
 from jhd.distance.published.events.host_pair import HostPair
 from jhd.distance.published.events.survivors import EventPieces, SurvivingFeet, everywhere, pairs, survivors, triples
@@ -18,7 +18,7 @@ _NEWTON_STEPS, _SETTLED = 8, 2.0**-44
 class Search(NamedTuple):
     """Options of the solver in common coordinates: size of final boxes, open boxes of a system, boxes in all."""
 
-    atol: float
+    box_size: float
     limit: int
     max_boxes: int
 
@@ -67,7 +67,7 @@ def candidate_events(
     stretches = [_distances(a, b, NO_EVENTS)]
     boxes, roots, exhausted = 0, 0, False
     for groups in _groups(pair, pieces, feet):
-        found = solve(a, b, groups, atol=search.atol, limit=search.limit, max_boxes=search.max_boxes - boxes)
+        found = solve(a, b, groups, box_size=search.box_size, limit=search.limit, max_boxes=search.max_boxes - boxes)
         boxes, exhausted, roots = boxes + found.boxes, exhausted or found.exhausted, roots + int(found.isolated.sum())
         parts.append(_refined(a, b, found))
         stretches.append(_distances(a, b, found))

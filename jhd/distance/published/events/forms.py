@@ -24,7 +24,7 @@ import numpy as np
 
 from jhd.arithmetic.bernstein import product_weights
 from jhd.arithmetic.rounding import gamma
-from jhd.distance.frame.curves import elevation_matrix
+from jhd.distance.normalization.curves import elevation_matrix
 
 # Tangents that differ by more than this angle (radians) make a joint of b a corner; below, feet at the joint count as
 # feet of both segments, within four times the angle.
@@ -39,7 +39,7 @@ class Curve(NamedTuple):
         velocity: control points of the derivatives (points - 1, 2, segments).
         speed: the largest coordinate of those, (segments,).
         moving: number of segments that are no such points.
-        following: which segment goes on smoothly where one ends, -1 where none does.
+        next_segment: which segment goes on smoothly where one ends, -1 where none does.
         start_of: for each segment that is a point, the segment that starts there, else -1.
         end_of: likewise the one that ends there.
     """
@@ -48,7 +48,7 @@ class Curve(NamedTuple):
     velocity: np.ndarray
     speed: np.ndarray
     moving: int
-    following: np.ndarray
+    next_segment: np.ndarray
     start_of: np.ndarray
     end_of: np.ndarray
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jhd._runtime.arrays import is_traced
-from jhd.distance.frame.curves import trusted
+from jhd.distance.normalization.curves import trusted
 from jhd.distance.published.events.forms import CORNER_ANGLE, Curve
 from jhd.shapes.curve import BezierSegments
 
@@ -52,7 +52,7 @@ class HostSide(NamedTuple):
     @classmethod
     def of(cls, curve: BezierSegments) -> "HostSide":
         """From the common coordinates; repeated segments are left out."""
-        stored = trusted(np.asarray(curve.control_points), None, np.asarray(curve.following))
+        stored = trusted(np.asarray(curve.control_points), None, np.asarray(curve.next_segment))
         skip = _repeated(stored)
         made, index = _curve(stored, ~skip)
         return cls(made, index, np.flatnonzero(index >= 0)[made.moving :], stored, skip)
@@ -114,15 +114,15 @@ def _curve(curve: BezierSegments, kept: np.ndarray) -> tuple[Curve, np.ndarray]:
 
     With it the index of each segment and isolated point in the stored curve, -1 for free ends and corners.
     """
-    points, following = np.asarray(curve.control_points, np.float64), np.asarray(curve.following)
+    points, next_segment = np.asarray(curve.control_points, np.float64), np.asarray(curve.next_segment)
     representative = np.flatnonzero(kept)[np.cumsum(kept) - 1]
-    following = np.where(following < 0, -1, representative[following])
+    next_segment = np.where(next_segment < 0, -1, representative[next_segment])
     single = np.all(points == points[:, :1], axis=(1, 2))
     moving = np.flatnonzero(kept & ~single)
     number = np.full(len(points), -1)
     number[moving] = np.arange(len(moving))
     rows = points[moving].copy()
-    onward = np.where(following[moving] < 0, -1, number[following[moving]])
+    onward = np.where(next_segment[moving] < 0, -1, number[next_segment[moving]])
     from_, to = np.flatnonzero(onward >= 0), onward[onward >= 0]
     # Joined ends may differ by a few units of roundoff, which would make two feet of one.
     rows[to, 0] = rows[from_, -1]
@@ -143,7 +143,7 @@ def _curve(curve: BezierSegments, kept: np.ndarray) -> tuple[Curve, np.ndarray]:
             velocity=np.ascontiguousarray(np.moveaxis(velocity, 0, -1)),
             speed=np.abs(velocity).max(axis=(1, 2)),
             moving=len(moving),
-            following=np.concatenate([onward, none(ends)]),
+            next_segment=np.concatenate([onward, none(ends)]),
             start_of=np.concatenate([none(moving), start_of]),
             end_of=np.concatenate([none(moving), end_of]),
         ),

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jhd.arithmetic.rounding import gamma
-from jhd.distance.frame.curves import elevation_matrix
+from jhd.distance.normalization.curves import elevation_matrix
 from jhd.distance.published.events.forms import (
     Curve,
     EventForm,
@@ -233,7 +233,7 @@ def _trivial(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, alive: np
     """Boxes that hold at most the common point of two segments that meet, or of an end and its own segment."""
     drop = np.zeros(len(alive), bool)
     for r, s in ((1, 2), (2, 1)):
-        rows = np.flatnonzero(alive & (b.following[segment[r]] == segment[s]))
+        rows = np.flatnonzero(alive & (b.next_segment[segment[r]] == segment[s]))
         if len(rows):
             drop[rows] |= _through(a, b, segment[:, rows], box[:, :, rows], r, s)
     for owner, stop in ((b.start_of, False), (b.end_of, True)):
@@ -248,7 +248,7 @@ def _trivial(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, alive: np
 def _closing(a: Curve, b: Curve, segment: np.ndarray, box: np.ndarray, alive: np.ndarray) -> np.ndarray:
     """Boxes of one segment that closes on itself, at whose joint r and s are one point."""
     drop = np.zeros(len(alive), bool)
-    rows = np.flatnonzero(alive & (b.following[segment[1]] == segment[1]))
+    rows = np.flatnonzero(alive & (b.next_segment[segment[1]] == segment[1]))
     if len(rows):
         drop[rows] = _through(a, b, segment[:, rows], box[:, :, rows], 2, 1)
     return drop
@@ -281,14 +281,14 @@ NO_EVENTS = Events(np.zeros((3, 0), int), np.zeros((3, 2, 0)), np.zeros(0, bool)
 _Kernel = Callable[[Curve, Curve, np.ndarray, np.ndarray, np.ndarray], EventCut]
 
 
-def solve(a: Curve, b: Curve, groups: list[Systems], *, atol: float, limit: int, max_boxes: int) -> Events:
+def solve(a: Curve, b: Curve, groups: list[Systems], *, box_size: float, limit: int, max_boxes: int) -> Events:
     """All boxes that may hold an event, of three groups of systems: pairs, triples, and triples on one segment.
 
     Args:
         a: the curve of the maximum.
         b: the other one.
         groups: systems as made by `pairs` and `triples`.
-        atol: a box is final when its pieces of both curves are at most this large.
+        box_size: a box is final when its pieces of both curves are at most this large.
         limit: most boxes of one system that are open together; beyond them it has a curve of roots.
         max_boxes: most boxes examined in all.
     """
@@ -296,7 +296,7 @@ def solve(a: Curve, b: Curve, groups: list[Systems], *, atol: float, limit: int,
     for kernel, systems in zip((pair_kernel, triple_kernel, same_kernel), groups, strict=True):
         for start in range(0, systems.segment.shape[1], SYSTEMS):
             rows = np.arange(start, min(start + SYSTEMS, systems.segment.shape[1]))
-            parts, count, full = _solve(kernel, a, b, systems.take(rows), atol, limit, max_boxes - boxes)
+            parts, count, full = _solve(kernel, a, b, systems.take(rows), box_size, limit, max_boxes - boxes)
             found += parts
             boxes, exhausted = boxes + count, exhausted or full
     every = [(NO_EVENTS.segment, NO_EVENTS.box, NO_EVENTS.isolated), *found]
@@ -305,7 +305,7 @@ def solve(a: Curve, b: Curve, groups: list[Systems], *, atol: float, limit: int,
 
 
 def _solve(
-    kernel: _Kernel, a: Curve, b: Curve, systems: Systems, atol: float, limit: int, max_boxes: int
+    kernel: _Kernel, a: Curve, b: Curve, systems: Systems, box_size: float, limit: int, max_boxes: int
 ) -> tuple[list[tuple[np.ndarray, ...]], int, bool]:
     """Boxes of some systems, level by level."""
     job, box = np.arange(systems.segment.shape[1]), systems.box
@@ -331,7 +331,7 @@ def _solve(
         for start in range(0, len(job), BLOCK):
             rows, part = job[start : start + BLOCK], box[:, :, start : start + BLOCK]
             cut = kernel(a, b, systems.segment[:, rows], part, systems.wanted[:, rows])
-            final, children = _children(part, cut, atol)
+            final, children = _children(part, cut, box_size)
             keep(rows[final[0]], final[1], True)
             next_job += [rows[index] for index, _ in children]
             next_box += [boxes for _, boxes in children]
@@ -341,7 +341,7 @@ def _solve(
 
 
 def _children(
-    box: np.ndarray, cut: EventCut, atol: float
+    box: np.ndarray, cut: EventCut, box_size: float
 ) -> tuple[tuple[np.ndarray, np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
     """Final boxes, and those to examine next: what the cuts left, in halves where they left much; with their rows."""
     rows = np.flatnonzero(cut.alive)
@@ -354,7 +354,7 @@ def _children(
     stop = np.where(high < 1, np.minimum(old[:, 0] + high * width + _ULP, old[:, 1]), old[:, 1])
     new, shares = np.stack([start, stop], axis=1), high - low
     extent = sizes * shares
-    done = np.all((extent <= atol) | (stop - start <= _RESOLVED), axis=0)
+    done = np.all((extent <= box_size) | (stop - start <= _RESOLVED), axis=0)
     largest = np.argmax(np.where(stop - start > _RESOLVED, extent, -1.0), axis=0)
     halve = ~done & (np.max(extent, axis=0) > _KEPT * np.max(sizes, axis=0))
     whole = ~done & ~halve

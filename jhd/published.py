@@ -1,0 +1,28 @@
+"""Published methods for comparison with the searches of this package; pass an instance as `method`.
+
+`TwoStep`, `BiarcTrimming`, `AlgebraicEvents` and `CubeIntervals` serve `jhd.hausdorff` and `jhd.directed_hausdorff`,
+`VoxelPairs` serves `jhd.minimum_distance`, and `VertexVoxels` serves `jhd.project` and `jhd.signed_distance`. The class
+docstrings name the sources, the changes to them, and what each result certifies.
+
+>>> import jhd
+>>> line, hill = jhd.polyline([(0, 0), (2, 0)]), jhd.BezierCurve([(0, 1), (1, 3), (2, 1)])
+>>> round(float(jhd.hausdorff(line, hill, jhd.published.TwoStep())), 9)
+2.0
+"""
+
+from jhd.distance.published.algebraic import AlgebraicEvents
+from jhd.distance.published.cube_intervals import CubeIntervals
+from jhd.distance.published.trimming import BiarcTrimming
+from jhd.distance.published.two_step import TwoStep
+from jhd.distance.published.vertex_voxels import VertexVoxels
+from jhd.distance.published.voxel_pairs import TiedPairs, VoxelPairs
+
+__all__ = [
+    "AlgebraicEvents",
+    "BiarcTrimming",
+    "CubeIntervals",
+    "TiedPairs",
+    "TwoStep",
+    "VertexVoxels",
+    "VoxelPairs",
+]
