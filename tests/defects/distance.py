@@ -37,6 +37,11 @@ DEFECTS = [
         "distance/witness/balance.py",
         "distance/witness/test_sizes.py",
         (
+            " | (size**2 < smallest_normal(x.dtype)), ~inside",
+            ", ~inside",
+            "distance/witness/test_balance.py::test_points_beside_a_mesh_are_triangles_that_have_no_coordinates",
+        ),
+        (
             "return scale, tuple(_in_unit(part, origin, scale) for part in rows)",
             "return scale / scale, tuple(_in_unit(part, 0 * origin, scale / scale) for part in rows)",
             "test_second_derivatives_between_spheres_do_not_depend_on_their_size[least-implicit-implicit-float32]",

@@ -444,7 +444,8 @@ def _held(rows: Any, x: Array, pull: Array, far: Array) -> tuple[Array, Array]:
         inside = x > _ON_EDGE
         pull = pull - jnp.sum(jnp.where(inside, pull, 0.0)) / jnp.maximum(jnp.sum(inside), 1)
         size = jnp.max(length(rows.corners - _point(rows, x)))
-        return ~inside & (pull > _PRESSING * far * size), ~inside
+        # A triangle whose corners are one point has no coordinates, and its constraint would have no weight.
+        return ~inside & (pull > _PRESSING * far * size) | (size**2 < smallest_normal(x.dtype)), ~inside
     net = rows.net
     n = net.parameters
     size = far * length(jet(net, x[:n]).first)

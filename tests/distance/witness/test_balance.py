@@ -10,6 +10,7 @@ import pytest
 import jhd
 from jhd._results.solution import DIRECTIONS, EVENTS, RESULTS, HausdorffSolution, MinimumSolution, Witness
 from jhd.distance.normalization.implicit_derivatives import TouchedRows, following
+from jhd.distance.search.closest_triangles import as_mesh
 from jhd.distance.witness import balance
 from jhd.distance.witness.mixed_derivatives import with_place_derivatives
 
@@ -69,6 +70,22 @@ def test_at_the_apex_of_a_cone_the_foot_and_not_the_noise_of_a_gradient_tells_th
         return with_place_derivatives(found, jhd.TriangleMesh(corners, [[0, 1, 2]]), cone).value
 
     np.testing.assert_allclose(jax.grad(value)(jnp.zeros(3)), [0.6, 0.0, -0.8], atol=1e-7)
+
+
+def test_points_beside_a_mesh_are_triangles_that_have_no_coordinates():
+    corners, point = np.array([[3.0, 1, 2], [6, 0, -1], [4, -1, 0]]), np.array([2.0, 2.5, 1])
+    speeds = np.array([[0.2, 0.1, -0.3], [0.3, -0.1, 0.2], [0.1, 0.4, 0.1]]), np.array([-0.2, 0.1, 0.3])
+    found = found_at(corners[1], [point], [1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
+
+    def value(s):
+        a = jhd.TriangleMesh(corners + s * speeds[0], [[0, 1, 2]])
+        return with_place_derivatives(found, a, as_mesh(jhd.point_set((point + s * speeds[1])[None]))).value
+
+    apart, speed = corners[1] - point, speeds[0][1] - speeds[1]
+    far = np.linalg.norm(apart)
+    np.testing.assert_allclose(jax.grad(value)(0.0), speed @ apart / far, rtol=1e-13)
+    expected = (speed @ speed - (speed @ apart / far) ** 2) / far
+    np.testing.assert_allclose(jax.hessian(value)(0.0), expected, rtol=1e-12)
 
 
 def in_single(scale=1.0, point: Any = (0.0, 0.0, 2.0), foot: Any = (0.0, 0.0, 1.0)):
