@@ -116,6 +116,7 @@ from jhd.distance import (  # noqa: E402
     QuantileDistance,
     RMSDistance,
     StatisticSolution,
+    arc_length,
     certify,
     critical_pairs,
     deviation,
@@ -133,6 +134,7 @@ from jhd.distance import (  # noqa: E402
     signed_distance,
     stack_curves,
     stationary_points,
+    surface_area,
     verify,
 )
 from jhd.fields import (  # noqa: E402
@@ -235,6 +237,7 @@ __all__ = [
     "VoxelProgress",
     "Voxels",
     "Witness",
+    "arc_length",
     "arithmetic",
     "as_shape",
     "biarcs",
@@ -269,6 +272,7 @@ __all__ = [
     "soft_hausdorff",
     "stack_curves",
     "stationary_points",
+    "surface_area",
     "verify",
     "voxelize",
 ]

@@ -46,6 +46,7 @@ from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.search import Progress
 from jhd.distance.search.search import Progress as MinimumProgress
 from jhd.distance.signed_distance import signed_distance
+from jhd.distance.sizes import arc_length, surface_area
 from jhd.distance.statistics.statistics import (
     MaxDistance,
     MeanDistance,

@@ -169,7 +169,7 @@ def _checked(a: Any, b: Any, atol: Any, rtol: Any, max_cells: int) -> tuple[floa
     check_scalar("atol", given)
     check_scalar("rtol", relative)
     if given is None:
-        size = diagonal_of(*(_working(shape) for shape in (a, b)))
+        size = diagonal_of(*(in_space(shape) for shape in (a, b)))
         given = _SHARE * min(size, np.finfo(np.asarray(size).dtype).max)
     return float(given), float(relative)
 
@@ -190,7 +190,7 @@ def checked_weights(a: Any, weights: Any) -> Any:
     return rows if is_traced(rows) else known
 
 
-def _working(shape: Any) -> Any:
+def in_space(shape: Any) -> Any:
     """A shape as searches take it, nothing of it traced; of the plane at height zero."""
     shape = working(undifferentiated(shape))
     return curve_in_space(shape) if isinstance(shape, BezierSegments) else shape
@@ -205,10 +205,10 @@ def _distributed(
     progress: Any,
 ) -> tuple[Distribution, Together, Bounds]:
     """What is known in common coordinates, and the measure of a in the user's."""
-    a, b = _working(a), _working(b)
+    a, b = in_space(a), in_space(b)
     pair = together(a, b)
     frame, moved = pair.frame, pair.moved
-    source = _measured(a, pair.a, moved, _moderate(counts))
+    source = measured_in(a, pair.a, moved, _moderate(counts))
     target, size = target_in(b, pair.b)
     dtype = dtype_of(a)
     # Less than this cannot be told: bounds err by some hundred roundings to both sides.
@@ -228,7 +228,11 @@ def _distributed(
     if source.dimension and not _is_extended(source, found.cells):
         raise ValueError(f"a has no {('length', 'area')[source.dimension - 1]}, so averages are undefined.")
     flat = found.cells.flat
-    return found, pair, _measure(frame, source.dimension, flat) if source.dimension else _size(len(flat.lower), counts)
+    return (
+        found,
+        pair,
+        user_measure(frame, source.dimension, flat) if source.dimension else _size(len(flat.lower), counts),
+    )
 
 
 def _moderate(counts: np.ndarray | None) -> np.ndarray | None:
@@ -252,7 +256,8 @@ def _is_extended(source: AbstractMeasured, known: DistanceCells) -> bool:
     return bool(np.any(flat.lower > 0))
 
 
-def _measured(shape: Any, moved: Any, off: float, counts: np.ndarray | None) -> AbstractMeasured:
+def measured_in(shape: Any, moved: Any, off: float, counts: np.ndarray | None) -> AbstractMeasured:
+    """A shape as cells with measures: its common coordinates, their error, and what each point counts."""
     if is_points(shape):
         return MeasuredPoints(moved, off, counts)
     if isinstance(shape, TriangleMesh):
@@ -298,7 +303,7 @@ def _size(count: int, counts: np.ndarray | None) -> Bounds:
     return Bounds(float(low), float(high))
 
 
-def _measure(frame: Frame, dimension: int, flat: FlatCells) -> Bounds:
+def user_measure(frame: Frame, dimension: int, flat: FlatCells) -> Bounds:
     """The length or area of all cells in the user's unit: a sum, which rounds once a cell."""
     lower, upper = float(np.sum(flat.lower)), float(np.sum(flat.upper))
     room = (len(flat.lower) + 16) * np.finfo(np.float64).eps

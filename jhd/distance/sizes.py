@@ -1,0 +1,119 @@
+"""Lengths of curves and areas of surfaces, with certified bounds."""
+
+from typing import Any
+
+import numpy as np
+
+from jhd._results.unproven import NotProvenError
+from jhd._runtime.arrays import is_traced, real_array
+from jhd.decimals import interval_text
+from jhd.distance.cells.arc_length_area import FlatCells
+from jhd.distance.deviation import in_space, measured_in, user_measure
+from jhd.distance.deviation_solution import Bounds
+from jhd.distance.search.dispatch import diagonal_of, together
+from jhd.distance.search.points import is_points
+from jhd.distance.search.sources import CellRows
+from jhd.shapes.as_shape import taken_as
+from jhd.shapes.checks import Numbers
+from jhd.shapes.curve import AbstractCurve
+from jhd.shapes.mesh import TriangleMesh
+from jhd.shapes.patch import AbstractPatch
+
+# Share of the gap that the cells which are cut leave.
+_LEFT = 0.2
+# The default tolerance, as a share of the diagonal or of its square.
+_SHARE = 1e-12
+
+
+def arc_length(curve: Any, *, rtol: Numbers = 1e-6, atol: Numbers | None = None, max_cells: int = 1 << 18) -> Bounds:
+    """The length of a curve with certified bounds; parts that are run through twice count twice.
+
+    >>> import jhd
+    >>> found = jhd.arc_length(jhd.circle((0, 0), 1.0))
+    >>> bool(found.lower <= 2 * 3.14159265358979 and found.upper >= 2 * 3.14159265358980)
+    True
+
+    Args:
+        curve: a curve in the plane or in space, or an object that `jhd.as_shape` accepts; not a point set.
+        rtol: tolerance on `upper - lower`, relative to `upper`, at least 0. The number of cells grows like
+            1 / sqrt(rtol); straight segments need none.
+        atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; by default 1e-12 of the diagonal of
+            the bounding box. The larger tolerance counts.
+        max_cells: largest number of cells.
+
+    Returns:
+        Bounds of the length, in the unit of the coordinates.
+
+    Raises:
+        TypeError: another shape than a curve, or a traced one.
+        NotProvenError: `max_cells` were not enough. The exception carries the bounds reached.
+    """
+    curve = taken_as("curve", curve)
+    if not isinstance(curve, AbstractCurve) or is_points(curve):
+        raise TypeError(f"curve is a {type(curve).__name__}; needs a curve with a length.")
+    return _closed(curve, rtol, atol, max_cells)
+
+
+def surface_area(
+    surface: Any, *, rtol: Numbers = 1e-4, atol: Numbers | None = None, max_cells: int = 1 << 18
+) -> Bounds:
+    """The area of a parametric surface or a mesh with certified bounds; parts that lie on each other count twice.
+
+    >>> import jhd
+    >>> found = jhd.surface_area(jhd.TriangleMesh([[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0, 1, 2]]))
+    >>> bool(found.lower <= 2 <= found.upper)
+    True
+
+    Args:
+        surface: a mesh, a parametric surface, or an object that `jhd.as_shape` accepts. For an implicit surface pass
+            `surface.to_mesh(tolerance)`, whose area is not that of the surface.
+        rtol: tolerance on `upper - lower`, relative to `upper`, at least 0. The number of cells grows like 1 / rtol;
+            flat pieces need none.
+        atol: absolute tolerance on `upper - lower`, in the square of the unit of the coordinates; by default 1e-12 of
+            the squared diagonal of the bounding box. The larger tolerance counts.
+        max_cells: largest number of cells.
+
+    Returns:
+        Bounds of the area, in the square of the unit of the coordinates.
+
+    Raises:
+        TypeError: another shape than a mesh or a parametric surface, or a traced one.
+        NotProvenError: `max_cells` were not enough. The exception carries the bounds reached.
+    """
+    surface = taken_as("surface", surface)
+    if not isinstance(surface, TriangleMesh | AbstractPatch):
+        raise TypeError(f"surface is a {type(surface).__name__}; needs a mesh or a parametric surface.")
+    return _closed(surface, rtol, atol, max_cells)
+
+
+def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int) -> Bounds:
+    """Cells are cut until the sum of their measures is known to a tolerance."""
+    if is_traced(shape):
+        raise TypeError("the shape is traced; its cells depend on its numbers, so these must be known.")
+    relative, shape = float(real_array("rtol", rtol)), in_space(shape)
+    pair = together(shape, shape)
+    source = measured_in(shape, pair.a, pair.moved, None)
+    diagonal = float(diagonal_of(shape))
+    if diagonal == 0:  # all control points are one
+        return Bounds(0.0, 0.0)
+    absolute = _SHARE * diagonal**source.dimension if atol is None else float(real_array("atol", atol))
+    cells = source.cover()
+    flat = source.flat(cells)
+    while True:
+        found = user_measure(pair.frame, source.dimension, flat)
+        if found.upper - found.lower <= max(absolute, relative * found.upper):
+            return found
+        gap = flat.upper - flat.lower
+        order = np.argsort(-gap)
+        wide = order[: 1 + int(np.searchsorted(np.cumsum(gap[order]), (1 - _LEFT) * np.sum(gap)))]
+        if len(gap) + 3 * len(wide) > max_cells:
+            text = interval_text(found.lower, found.upper, ".6g")
+            raise NotProvenError(f"{max_cells} cells prove {text} only. Raise a tolerance or max_cells.", found)
+        parts, _ = source.cut(cells.take(wide), flat.take(wide))
+        kept = np.delete(np.arange(len(gap)), wide)
+        cells = CellRows(*map(_after, cells.take(kept), parts))
+        flat = FlatCells(*map(_after, flat.take(kept), source.flat(parts)))
+
+
+def _after(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return np.concatenate([first, second])

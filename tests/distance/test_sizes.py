@@ -1,0 +1,49 @@
+"""Lengths and areas of closed forms lie between their bounds, at every size, and what has none is refused."""
+
+import math
+
+import numpy as np
+import pytest
+
+import jhd
+
+QUARTER = np.sqrt(0.5)
+# A quarter of a cylinder of radius 1 and height 3.
+CYLINDER = jhd.BezierPatch(
+    np.array([[[1, 0, z], [1, 1, z], [0, 1, z]] for z in (0.0, 3.0)]), np.array([[1, QUARTER, 1]] * 2)
+)
+
+
+def test_lengths_of_circles_lines_and_a_parabola_are_those_of_closed_forms():
+    parabola = 0.5 * math.sqrt(5) + 0.25 * math.asinh(2)  # y = x^2 from 0 to 1
+    curves = [
+        (jhd.circle((0, 0), 1.0), 2 * math.pi),
+        (jhd.BezierCurve([(0, 0), (0.5, 0), (1, 1)]), parabola),
+        (jhd.polyline([(1e6, 0), (1e6 + 1, 0), (1e6, 0)]), 2.0),
+        (jhd.polyline([(0, 0, 0), (1, 2, 2)]), 3.0),
+    ]
+    for scale in (1.0, 2.0**-600, 2.0**400):
+        for curve, exact in curves:
+            found = jhd.arc_length(curve.transform(scale * np.eye(curve.dim)))
+            assert found.lower <= exact * scale <= found.upper <= found.lower * (1 + 1.1e-6)
+    point = jhd.arc_length(jhd.polyline([(3, 4), (3, 4)]))
+    assert point.lower == point.upper == 0
+
+
+def test_areas_of_a_cylinder_and_of_a_mesh_are_those_of_closed_forms():
+    mesh = jhd.TriangleMesh([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 1]], [[0, 1, 2], [0, 3, 1]])
+    for surface, exact in ((CYLINDER, 1.5 * math.pi), (mesh, 3.0)):
+        found = jhd.surface_area(surface)
+        assert found.lower <= exact <= found.upper <= found.lower * (1 + 1.1e-4)
+
+
+def test_what_has_no_length_or_area_is_refused_and_an_open_gap_is_an_error():
+    with pytest.raises(TypeError, match="curve is a TriangleMesh; needs a curve"):
+        jhd.arc_length(jhd.TriangleMesh([[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0, 1, 2]]))
+    with pytest.raises(TypeError, match="curve is a BezierSegments; needs a curve with a length"):
+        jhd.arc_length(jhd.point_set([(0, 0)]))
+    with pytest.raises(TypeError, match="surface is a Bezier.*; needs a mesh or a parametric surface"):
+        jhd.surface_area(jhd.circle((0, 0), 1.0))
+    with pytest.raises(jhd.NotProvenError, match="64 cells prove .* only") as caught:
+        jhd.arc_length(jhd.circle((0, 0), 1.0), rtol=1e-12, max_cells=64)
+    assert caught.value.solution.lower <= 2 * math.pi <= caught.value.solution.upper
