@@ -57,7 +57,7 @@ SHOWN = {
     "ImplicitSurface(polynomial of degree 4 with 15 terms, box (0, 0, 0) to (1, 1, 1))": lambda: (
         jhd.ImplicitSurface.parse("(x + y + z/3)**4 - 1/7*(x + y)**4 + 0*x", [0] * 3, [1] * 3)
     ),
-    "BranchAndBound(atol=0.001, rtol=0, max_steps=4000, capacity=512)": lambda: jhd.BranchAndBound(atol=1e-3),
+    "BranchAndBound(atol=0.001, rtol=0, max_steps=4000, queue_size=512)": lambda: jhd.BranchAndBound(atol=1e-3),
     "PivotDistances(2 shapes from 4 points)": lambda: PivotDistances(
         np.zeros((4, 2)), np.zeros((2, 4)), np.zeros((2, 4)), np.zeros(2)
     ),
@@ -113,7 +113,7 @@ def test_values_print_in_few_characters():
     assert display.count_text(2, "patch", "patches") == "2 patches"
 
 
-@pytest.mark.parametrize("name", ["max_steps", "capacity"])
+@pytest.mark.parametrize("name", ["max_steps", "queue_size"])
 def test_an_option_of_the_method_says_where_it_belongs(name):
     line = jhd.polyline([(0, 0), (1, 0)])
     call: Any = jhd.hausdorff

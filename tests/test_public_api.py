@@ -51,7 +51,7 @@ PARAMETERS = {
     "fit_outline": ["target", "tolerance", "degree", "smooth", "max_segments", "max_steps", "max_seconds", "progress"],
     "fit_curve": ["target", "degree", "segments", "ends", "closed", "smooth", "max_steps", "stop_below", "method"],
     "soft_hausdorff": ["a", "b", "temperature", "method"],
-    "BranchAndBound": ["atol", "rtol", "max_steps", "capacity"],
+    "BranchAndBound": ["atol", "rtol", "max_steps", "queue_size"],
     "published.TwoStep": ["samples", "spacing", "max_rounds", "per", "variant"],
     "published.AlgebraicEvents": ["box_size", "capacity", "max_boxes"],
     "published.BiarcTrimming": ["box_size", "deviation", "capacity", "max_boxes", "variant", "pixels"],

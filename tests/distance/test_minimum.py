@@ -322,7 +322,7 @@ def test_a_sphere_that_touches_faces_of_its_box_where_it_is_nearest(axis):
 
 
 # The tables of these searches grow to the same length, and so they share all programs.
-ROOM = BranchAndBound(capacity=1 << 10)
+ROOM = BranchAndBound(queue_size=1 << 10)
 
 
 @pytest.mark.slow
@@ -361,7 +361,7 @@ INSIDE = {
 def test_surfaces_inside_of_each_other_that_are_as_near_everywhere_or_along_a_line(name):
     inner, outer, exact, gap = INSIDE[name]
     a, b = (ImplicitSurface.parse(text, [-2] * 3, [2] * 3) for text in (inner, outer))
-    assert holds(minimum_distance(a, b, BranchAndBound(atol=gap, capacity=ROOM.capacity)), exact, gap)
+    assert holds(minimum_distance(a, b, BranchAndBound(atol=gap, queue_size=ROOM.queue_size)), exact, gap)
 
 
 @pytest.mark.parametrize(

@@ -52,8 +52,8 @@ class BranchAndBound(AbstractHausdorffMethod):
         rtol: tolerance relative to `upper`, at least 0; by default 0. The larger tolerance counts.
         max_steps: largest number of steps. For Hausdorff distances a step cuts four cells (implicit surfaces: 32,
             meshes: 16384); for minimum distances see `minimum_distance`.
-        capacity: initial size of the queue of open cells, at least twice the number of segments of `a`. Outside jit and
-            vmap it grows automatically for curves and minimum distances. Implicit surfaces use 32 times this size,
+        queue_size: initial size of the queue of open cells, at least twice the number of segments of `a`. Outside jit
+            and vmap it grows automatically for curves and minimum distances. Implicit surfaces use 32 times this size,
             rounded up to a power of two, and scale the nearest-point search with it. Meshes hold 2048 times as many
             cells.
     """
@@ -61,13 +61,13 @@ class BranchAndBound(AbstractHausdorffMethod):
     atol: Array | None = eqx.field(default=None, converter=lambda x: None if x is None else real_array("atol", x))
     rtol: Array = eqx.field(default=0.0, converter=lambda x: real_array("rtol", x))
     max_steps: int = eqx.field(static=True, default=4000)
-    capacity: int = eqx.field(static=True, default=512)
+    queue_size: int = eqx.field(static=True, default=512)
 
     def __check_init__(self) -> None:
         check_scalar("atol", self.atol)
         check_scalar("rtol", self.rtol)
         check_whole("max_steps", self.max_steps, 0)
-        check_whole("capacity", self.capacity, 16)
+        check_whole("queue_size", self.queue_size, 16)
 
     @classmethod
     @override
@@ -84,7 +84,7 @@ class BranchAndBound(AbstractHausdorffMethod):
 
         def search(a: BezierSegments, b: BezierSegments, wanted: Wanted) -> HausdorffSolution:
             near = near_curve(b, is_long(a) or is_long(b))
-            state = begin(a, near, wanted, max(self.capacity, 2 * a.count))
+            state = begin(a, near, wanted, max(self.queue_size, 2 * a.count))
             return solution_of(a, near, wanted, advance(a, near, wanted, state, self.max_steps))
 
         if jax.default_backend() == "cpu":
@@ -112,7 +112,7 @@ def default_method() -> BranchAndBound:
 
 # Sizes are options of the method, and easily handed to the call.
 sized_by_method = belongs(
-    **{name: f"write method=jhd.BranchAndBound({name}=...)" for name in ("max_steps", "capacity")}
+    **{name: f"write method=jhd.BranchAndBound({name}=...)" for name in ("max_steps", "queue_size")}
 )
 
 
@@ -135,9 +135,9 @@ def chosen_method(method: Chosen | None, rtol: Any, atol: Any) -> Chosen | Branc
 def length_of_table(method: BranchAndBound, a: BezierSegments | Target) -> int:
     """Initial number of cells in the queue."""
     if not isinstance(a, BezierSegments):
-        return _SURFACE_ROWS * (1 << (method.capacity - 1).bit_length())
+        return _SURFACE_ROWS * (1 << (method.queue_size - 1).bit_length())
     # Of a long curve few cells are left when the first bounds are known; where more are, it begins anew with room.
-    return max(method.capacity, a.count // _LONG_SHARE if is_long(a) else 2 * a.count)
+    return max(method.queue_size, a.count // _LONG_SHARE if is_long(a) else 2 * a.count)
 
 
 def wanted_of(method: BranchAndBound, a: BezierSegments | Target, frame: Frame, aim: Aim) -> Wanted:

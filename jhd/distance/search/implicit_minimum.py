@@ -101,7 +101,7 @@ def _in_program(shapes: tuple[Any, Any], method: BranchAndBound) -> _FoundBoth:
     """The search in one program."""
     task = _task_of(shapes, method)
     pieces = np.asarray(max(map(_count, shapes)))
-    begun = lambda problem: _begin(problem, pieces, method.capacity)  # noqa: E731
+    begun = lambda problem: _begin(problem, pieces, method.queue_size)  # noqa: E731
     found = in_one_go(begun, _outcome, task.problem, task.wanted, method.max_steps)
     return _FoundBoth(found, found.solution(task.frame))
 
@@ -134,7 +134,7 @@ def _empty_of(problem: WithSurface) -> str:
 
 def _search(task: "_SurfaceTask", pieces: int, method: BranchAndBound, is_mesh: bool) -> AbstractSearch:
     """Over all pairs; where there are many pieces, over those that may be the nearest ones."""
-    problem, capacity = task.problem, method.capacity
+    problem, capacity = task.problem, method.queue_size
     net: Any = problem.a
     surface: Any = problem.b
     room = room_for(PART, capacity)

@@ -151,7 +151,7 @@ class MeshSearch(AbstractSearch):
         return bool(state.waiting.count) and state.best.lower <= self._ceiling
 
     def _has_room(self, state: _CutCells) -> bool:
-        return state.waiting.count <= _ROOM * self._method.capacity
+        return state.waiting.count <= _ROOM * self._method.queue_size
 
     def _dropping(self, state: _CutCells) -> _CutCells:
         """The state without the cells whose bounds are within what is allowed."""

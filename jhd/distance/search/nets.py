@@ -47,10 +47,10 @@ def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress
     wanted = wanted_gap([extremes(net.points) for net in (p, q)], frame, method, problem.floor)
     # Inside jit all operations are traced, those on known numbers too.
     if is_tracing(problem, wanted):
-        found = in_one_go(partial(_all_pairs, counts, method.capacity), _outcome, problem, wanted, method.max_steps)
+        found = in_one_go(partial(_all_pairs, counts, method.queue_size), _outcome, problem, wanted, method.max_steps)
     else:
         pairs, valid = _near_pairs(p, q, counts)
-        begun = partial(_begun, problem, pairs, valid, room_for(len(pairs), method.capacity))
+        begun = partial(_begun, problem, pairs, valid, room_for(len(pairs), method.queue_size))
         search = InTurn(
             begun, partial(_stretch, problem, wanted), partial(_following, problem, wanted), method.max_steps
         )

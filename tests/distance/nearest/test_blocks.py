@@ -66,7 +66,7 @@ def test_a_table_that_is_too_short_for_a_long_curve_grows_before_the_first_step(
     angles = np.linspace(0, 2 * np.pi, 769)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     a, b = jhd.polyline(ring), jhd.polyline(2 * ring)
-    method = jhd.BranchAndBound(capacity=16)
+    method = jhd.BranchAndBound(queue_size=16)
     solution = jhd.directed_hausdorff(a, b, method)
     roomy = jhd.directed_hausdorff(a, b)
     assert float(solution.lower) <= float(roomy.upper) and float(roomy.lower) <= float(solution.upper)

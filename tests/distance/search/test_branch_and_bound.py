@@ -94,7 +94,7 @@ TRACED = []
 def traced(a, b, atol):
     """One program, of two cubics and the shortest table, for all that is asked of the search within jit."""
     TRACED.append(None)
-    method = jhd.BranchAndBound(atol=atol, capacity=16)
+    method = jhd.BranchAndBound(atol=atol, queue_size=16)
     return jhd.directed_hausdorff(jhd.BezierSegments(a), jhd.BezierSegments(b), method)
 
 
@@ -182,7 +182,7 @@ def test_options_are_leaves_and_a_new_tolerance_does_not_compile_again():
         ({"atol": float("nan")}, "atol is not finite: nan"),
         ({"atol": [1.0, 2.0]}, r"atol has shape \(2,\); needs a scalar"),
         ({"max_steps": -1}, "max_steps is -1; needs a whole number of at least 0"),
-        ({"capacity": 3}, "capacity is 3; needs a whole number of at least 16"),
+        ({"queue_size": 3}, "queue_size is 3; needs a whole number of at least 16"),
     ],
 )
 def test_options_out_of_range_are_refused(options, message):

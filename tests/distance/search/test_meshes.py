@@ -221,7 +221,10 @@ def test_steps_that_are_used_up_and_interruption_leave_true_bounds():
 def test_more_cells_than_there_is_room_for_end_the_search_with_true_bounds(monkeypatch):
     monkeypatch.setattr("jhd.distance.search.meshes._ROOM", 1)
     a, b = torus(12, 8), torus(10, 7)
-    found, full = mesh_directed(a, b, BranchAndBound(capacity=16)), mesh_directed(a, b, BranchAndBound(capacity=4096))
+    found, full = (
+        mesh_directed(a, b, BranchAndBound(queue_size=16)),
+        mesh_directed(a, b, BranchAndBound(queue_size=4096)),
+    )
     assert found.result == RESULTS.capacity_reached and full.result == RESULTS.successful
     assert float(found.lower) <= float(full.lower) <= float(full.upper) <= float(found.upper)
 

@@ -168,7 +168,7 @@ def test_a_search_that_is_done_is_not_spoilt_by_an_interruption():
 @pytest.mark.exhaustive  # programs of its own
 def test_the_host_takes_a_longer_table_where_one_program_folds():
     a, b = FOLDED, LINE
-    method = jhd.BranchAndBound(capacity=64)
+    method = jhd.BranchAndBound(queue_size=64)
     folded = jax.jit(lambda a, b: jhd.directed_hausdorff(a, b, method, throw=False))(a, b)
     grown = jhd.directed_hausdorff(a, b, method)
     assert name_of(folded.result) == "capacity_reached"

@@ -159,7 +159,7 @@ def test_more_room_closes_the_gap_where_a_circle_of_feet_is_as_near():
     ellipsoid, torus = parsed("x^2/9 + y^2/4 + z^2 - 1", *box), parsed("(x^2 + y^2 + z^2 + 3)^2 - 16*(x^2 + y^2)", *box)
     gaps = []
     for capacity in (512, 2048):
-        solution = jhd.directed_hausdorff(ellipsoid, torus, jhd.BranchAndBound(capacity=capacity), throw=False)
+        solution = jhd.directed_hausdorff(ellipsoid, torus, jhd.BranchAndBound(queue_size=capacity), throw=False)
         check(solution, exact, 1e-5)
         assert name_of(solution.result) == "capacity_reached"
         gaps.append(float(solution.upper - solution.lower))
