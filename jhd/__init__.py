@@ -26,8 +26,8 @@ distance, with its *foot points*, the nearest points on the other shape.
 
 # Choose a method
 
-The default, `BranchAndBound`, certifies both bounds and serves every pair of shapes. Pass `BranchAndBound(atol=...)`
-for another gap than 1e-10 of the diagonal of the joint bounding box. The methods in
+The default, `BranchAndBound`, certifies both bounds and serves every pair of shapes. Pass `atol=` or
+`rtol=` for another gap than 1e-10 of the diagonal of the joint bounding box. The methods in
 `jhd.published` are for comparison. `TwoStep` refines samples of curves and certifies a lower bound only.
 `AlgebraicEvents` and `BiarcTrimming` solve for all candidate events of plane curves. `CubeIntervals` and `VoxelPairs`
 work on cells of surfaces.

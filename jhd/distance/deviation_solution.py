@@ -197,7 +197,7 @@ class Deviation(eqx.Module):
     def _mesh(self) -> TriangleMesh:
         if not isinstance(self.a, TriangleMesh):
             raise TypeError(
-                f"a is {type(self.a).__name__}; needs a TriangleMesh: measure a.to_mesh(atol).mesh instead."
+                f"a is {type(self.a).__name__}; needs a TriangleMesh: measure a.to_mesh(tolerance).mesh instead."
             )
         return self.a
 
