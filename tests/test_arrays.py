@@ -55,6 +55,15 @@ def test_what_is_no_real_number_is_refused_with_its_type(value, dtype):
     assert str(caught.value) == f"weights must be real numbers; its dtype is {dtype}."
 
 
+def test_a_percentage_is_refused_with_the_number_that_it_stands_for():
+    bounds = np.array([0.0, 0.0]), np.array([3.0, 4.0])
+    with pytest.raises(TypeError, match="threshold is '2%'; needs a number: of the diagonal") as caught:
+        real_array("threshold", "2%")
+    shape = type("Shape", (), {"bounds": bounds})
+    written = str(caught.value).rpartition(" this is ")[2].removesuffix(".")
+    assert eval(written, {"np": np, "shape": shape}) == pytest.approx(0.1)
+
+
 class InMeters(np.ndarray):
     """An array that knows its unit, as those of astropy and unyt."""
 

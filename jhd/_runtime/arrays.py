@@ -119,6 +119,9 @@ def real_array(name: str, value: Any) -> Array:
         return value.astype(float)
     if is_traced(value):
         return jnp.asarray(value, dtype=float)
+    if isinstance(value, str) and value.strip().endswith("%"):
+        share = f"{value.strip()[:-1]} / 100 * np.linalg.norm(np.subtract(*shape.bounds))"
+        raise TypeError(f"{name} is {value!r}; needs a number: of the diagonal of a shape's box this is {share}.")
     given = bare_array(name, value)
     if given.dtype.kind not in "fiub" and given.dtype.name != "bfloat16":
         raise TypeError(f"{name} must be real numbers; its dtype is {given.dtype}.")
