@@ -70,7 +70,7 @@ PARAMETERS = {
     "HybridProjection": ["interval", "rough", "tolerance", "max_steps"],
     "HausdorffSolution": ["value", "lower", "upper", "witness", "result", "stats", "directed"],
     "Witness": ["element", "t", "point", "feet", "feet_elements", "feet_params", "multipliers", "event", "direction"],
-    "Projection": ["distance", "lower", "upper", "foot", "element", "t", "result"],
+    "Projection": ["distance", "lower", "upper", "foot", "segment", "t", "result"],
     "StationaryPoints": ["segment", "t", "lower", "upper", "distance", "valid", "result"],
     "CriticalPairs": ["value", "witness", "valid", "result"],
     "FitSolution": ["parameters", "shape", "error", "optimality", "result", "stats", "history"],

@@ -231,7 +231,7 @@ def project(options: Namespace) -> int:
     where = [kind, *parameters] if kind else []
     feet = [f"foot {axis}" for axis in "xyz"[: shape.dim]]
     print("\t".join(["distance", "lower", "upper", *where, *feet, "result"]))
-    rows = [found.distance, found.lower, found.upper, found.element, found.t, found.foot]
+    rows = [found.distance, found.lower, found.upper, found.segment, found.t, found.foot]
     for value, low, high, segment, t, foot, end in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
         place = (segment, *np.atleast_1d(t)) if kind else ()
         bounds = lower_text(low), upper_text(high)

@@ -119,8 +119,8 @@ def real_array(name: str, value: Any) -> Array:
         return value.astype(float)
     if is_traced(value):
         return jnp.asarray(value, dtype=float)
-    if isinstance(value, str) and value.strip().endswith("%"):
-        share = f"{value.strip()[:-1]} / 100 * np.linalg.norm(np.subtract(*shape.bounds))"
+    if _is_percentage(value):
+        share = f"{value[:-1]} / 100 * np.linalg.norm(np.subtract(*shape.bounds))"
         raise TypeError(f"{name} is {value!r}; needs a number: of the diagonal of a shape's box this is {share}.")
     given = bare_array(name, value)
     if given.dtype.kind not in "fiub" and given.dtype.name != "bfloat16":
@@ -130,6 +130,10 @@ def real_array(name: str, value: Any) -> Array:
     array = value if kept else array_of(given, float)
     check_finite(name, array)
     return array
+
+
+def _is_percentage(value: object) -> bool:
+    return isinstance(value, str) and value.endswith("%")
 
 
 def check_finite(name: str, array: ArrayLike) -> None:

@@ -82,7 +82,7 @@ def _known(found: ClosestPoints, mesh: TriangleMesh) -> Projection:
     result = jax.tree_util.tree_map(lambda x: np.broadcast_to(np.asarray(x), count), RESULTS.successful)
     segment = jnp.asarray(found.triangle.astype(np.asarray(mesh.triangles).dtype))
     lengths = (jnp.asarray(x) for x in (found.distance, found.lower, found.upper, found.foot))
-    return Projection(*lengths, element=segment, t=jnp.asarray(found.t), result=result)
+    return Projection(*lengths, segment=segment, t=jnp.asarray(found.t), result=result)
 
 
 def _traced(points: Array, mesh: TriangleMesh) -> Projection:
@@ -112,7 +112,7 @@ def _traced(points: Array, mesh: TriangleMesh) -> Projection:
         lower=jnp.where(good, lower, 0.0),
         upper=jnp.where(good, upper, jnp.inf),
         foot=times_two_to(foot, exponent),
-        element=triangle.astype(mesh.triangles.dtype),
+        segment=triangle.astype(mesh.triangles.dtype),
         t=t,
         result=result,
     )

@@ -104,7 +104,7 @@ def _projection(*parts: Any) -> Projection:
     """The result, whose last part says by a number how each query ended."""
     *numbers, end = (jnp.asarray(x) for x in parts)
     result = jax.tree_util.tree_map(lambda *x: jnp.stack(x)[end], *_ENDS)
-    return Projection(*numbers[:4], element=numbers[4].astype(int), t=numbers[5], result=result)
+    return Projection(*numbers[:4], segment=numbers[4].astype(int), t=numbers[5], result=result)
 
 
 def _ended(found: ProvenFeet) -> tuple[np.ndarray, ...]:

@@ -145,7 +145,7 @@ def _feet(found: Projection, queries: Array, curve: BezierSegments) -> tuple[Arr
         return c @ active.direction(c, b.first, held) / scale, b.point / scale, s
 
     batch = queries.shape[:-1]
-    flat = (x.reshape(-1, *x.shape[len(batch) :]) for x in (queries, found.element, found.t))
+    flat = (x.reshape(-1, *x.shape[len(batch) :]) for x in (queries, found.segment, found.t))
     return jax.tree_util.tree_map(lambda x: x.reshape(*batch, *x.shape[1:]), jax.vmap(one)(*flat))
 
 

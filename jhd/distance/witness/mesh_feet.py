@@ -35,7 +35,7 @@ def project_on_mesh(points: Numbers, mesh: TriangleMesh, method: object = None) 
     found = nearest_on_mesh(queries, mesh, method)
     if not is_traced(queries, mesh):
         return found
-    distance, foot, t = _feet(queries, mesh.vertices[mesh.triangles[found.element]], found.t > 0)
+    distance, foot, t = _feet(queries, mesh.vertices[mesh.triangles[found.segment]], found.t > 0)
     return attached(attached(found, found.distance > 0, distance=distance), foot=foot, t=t)
 
 

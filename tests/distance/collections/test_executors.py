@@ -19,7 +19,7 @@ import multiprocessing, os, signal, sys
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 import numpy as np
 import jhd
-from jhd.distance import collections
+from jhd.distance.collections import entries
 
 random = np.random.default_rng(3)
 shapes = [jhd.point_set(random.standard_normal((40, 2))) for _ in range(24)]
@@ -45,7 +45,7 @@ class Once:
 
 
 def main():
-    collections._PAIRS = 24
+    entries._PAIRS = 24
     jhd.pairwise(shapes, store=folder + "/whole")
 """
 _END = """

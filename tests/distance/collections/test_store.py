@@ -11,8 +11,7 @@ import pytest
 
 import jhd
 from jhd._results.solution import names_of
-from jhd.distance import collections
-from jhd.distance.collections import store
+from jhd.distance.collections import entries, store
 from tests.processes import LONGEST, ran, started
 
 
@@ -27,7 +26,7 @@ SHAPES = clouds(1, 10)
 @pytest.fixture(autouse=True)
 def small_parts(monkeypatch):
     # One row of the table a part.
-    monkeypatch.setattr(collections, "_PAIRS", 10)
+    monkeypatch.setattr(entries, "_PAIRS", 10)
 
 
 def contents(folder):
@@ -143,9 +142,9 @@ import numpy as np
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 import jhd
-from jhd.distance import collections
+from jhd.distance.collections import entries
 if __name__ == "__main__":
-    collections._PAIRS = 40
+    entries._PAIRS = 40
     random = np.random.default_rng(3)
     shapes = [jhd.point_set(random.standard_normal((200, 2))) for _ in range(40)]
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
