@@ -10,9 +10,9 @@ import numpy as np
 
 from jhd.arithmetic import bernstein, truncated
 from jhd.arithmetic.rounding import absolute_error, gamma
-from jhd.distance.cells import beside, followed, graphs, lagrange, moving_feet
+from jhd.distance.cells import foot_map_bounds, graphs, lagrange, linear_proxies, tracked_feet_upper
 from jhd.distance.cells import surfaces as upper
-from jhd.distance.nearest import chords, forms, places, stationarity
+from jhd.distance.nearest import chords, forms, stationarity, surface_points
 from jhd.distance.nearest.forms import Boxes, Form
 from jhd.distance.nearest.target import Flats
 from jhd.distance.normalization import isolated, net_jets
@@ -110,13 +110,13 @@ def isolated_radius(places_of, center):
 
 
 def bound_between(a, b):
-    simplex = followed.Simplex
-    return followed.bound_between(2, simplex(a, None), simplex(b, None), 4)
+    simplex = foot_map_bounds.Simplex
+    return foot_map_bounds.bound_between(2, simplex(a, None), simplex(b, None), 4)
 
 
 def bound_between_rational(a, b, v, w):
-    simplex = followed.Simplex
-    return followed.bound_between(2, simplex(a * v[:, :, None], v), simplex(b * w[:, :, None], w), 4)
+    simplex = foot_map_bounds.Simplex
+    return foot_map_bounds.bound_between(2, simplex(a * v[:, :, None], v), simplex(b * w[:, :, None], w), 4)
 
 
 def values_over(a, variables):
@@ -128,13 +128,13 @@ def values_over(a, variables):
 def apart(height, center, half, q):
     order = jnp.broadcast_to(jnp.arange(3)[:, None], center.shape)
     graph = graphs.Graph(order, center, half, height, jnp.sum(jnp.abs(height), axis=0))
-    return moving_feet._apart(graph, q)
+    return tracked_feet_upper._apart(graph, q)
 
 
 def sag(a, origin, first, second):
     normal = jnp.broadcast_to(jnp.array([0, 0, 1], origin.dtype), origin.shape)
     thickness = jnp.full(origin.shape[:1], 0.5, origin.dtype)
-    return beside._sag(side(a), Flats(origin, first, second, thickness), normal, thickness)
+    return linear_proxies._sag(side(a), Flats(origin, first, second, thickness), normal, thickness)
 
 
 def _about_a_plane() -> np.ndarray:
@@ -177,7 +177,7 @@ BOUNDS: dict[str, tuple[Callable, list[np.ndarray], tuple, int]] = {
     "slope changes": (slope_changes, [uniform(11, 9, 9, 9, 4)], (forms,), 1),
     "slowest": (rates(0), _cells(2), (forms, graphs), -1),
     "fastest": (rates(1), _cells(2), (forms, graphs), 1),
-    "reach": (places.reach, [uniform(12, 3, COUNT)], (places,), 1),
+    "reach": (surface_points.reach, [uniform(12, 3, COUNT)], (surface_points,), 1),
     "isolated": (
         isolated_radius,
         [uniform(13, 3, COUNT), uniform(14, len(isolated.none_known(DTYPE).half), 3) / 3],
@@ -193,7 +193,7 @@ BOUNDS: dict[str, tuple[Callable, list[np.ndarray], tuple, int]] = {
     "apart": (
         apart,
         [uniform(43, 21, COUNT) * DTYPE(0.3), *_cells(1)[1:], uniform(44, 21, 3, COUNT) * DTYPE(0.2)],
-        (moving_feet, truncated),
+        (tracked_feet_upper, truncated),
         1,
     ),
     "sag": (
@@ -203,16 +203,16 @@ BOUNDS: dict[str, tuple[Callable, list[np.ndarray], tuple, int]] = {
             uniform(45, 8, 3) * DTYPE(0.2),
             *(uniform(k, 8, 3) * np.array([0.05, 0.05, 0], DTYPE) for k in (46, 47)),
         ],
-        (beside, forms),
+        (linear_proxies, forms),
         1,
     ),
     "joined": (lagrange.joined_upper, [np.array(0.7, DTYPE), uniform(48, 2, low=0.0)], (lagrange,), 1),
-    "followed": (bound_between, [_triangular(15, 3, COUNT), _triangular(16, 3, COUNT)], (followed,), 1),
+    "followed": (bound_between, [_triangular(15, 3, COUNT), _triangular(16, 3, COUNT)], (foot_map_bounds,), 1),
     "followed rational": (
         bound_between_rational,
         [_triangular(15, 3, COUNT), _triangular(16, 3, COUNT)]
         + [_triangular(17, COUNT, low=0.1), _triangular(18, COUNT, low=0.1)],
-        (followed,),
+        (foot_map_bounds,),
         1,
     ),
 }

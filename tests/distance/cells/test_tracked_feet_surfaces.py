@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jhd.distance.cells import moving_surfaces
+from jhd.distance.cells import tracked_feet_surfaces
 from jhd.distance.cells.pairs import Cell
 from jhd.distance.cells.tracked_feet import moving_bound
 from jhd.distance.cells.tracked_feet_nets import points_of_net
@@ -203,7 +203,7 @@ def test_upper_bounds_of_wavy_pieces_hold_all_sampled_distances_or_are_none(cent
         return points - apart * (1 - (1.5 - missed) / unit / jnp.linalg.norm(apart, axis=0))
 
     if missed is not None:
-        monkeypatch.setattr(moving_surfaces, "local_feet", feet)
+        monkeypatch.setattr(tracked_feet_surfaces, "local_feet", feet)
     bounds_of = jax.jit(lambda *shapes: farthest(*shapes))
     pieces, shares = jnp.arange(CELLS) % len(rows), rng.uniform(0, 1, (64, 2))
     for size in (0.3, 0.1, 0.01):

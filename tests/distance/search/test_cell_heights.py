@@ -8,7 +8,7 @@ import pytest
 
 import jhd
 from jhd.distance.cells.mean_bounds import NEAR, distances_over
-from jhd.distance.deviation import _measured, _working
+from jhd.distance.deviation import in_space, measured_in
 from jhd.distance.search.dispatch import heights_of, target_in, together
 from tests.distance.test_families import torus
 from tests.sweeps import swept
@@ -101,10 +101,10 @@ def nodes(shape: Any, moved: Any, cells: Any, count: int) -> tuple[np.ndarray, n
 )
 def test_bounds_hold_beside_shapes_of_all_kinds(kind, source):
     random = np.random.default_rng(100 * len(kind) + len(source))
-    b = _working(shape(random, kind))
-    a = _working(beside(random, b, source))
+    b = in_space(shape(random, kind))
+    a = in_space(beside(random, b, source))
     pair = together(a, b)
-    measured, target = _measured(a, pair.a, pair.moved, None), target_in(b, pair.b)[0]
+    measured, target = measured_in(a, pair.a, pair.moved, None), target_in(b, pair.b)[0]
     heights, cells = heights_of(a, b, pair, target), measured.cover()
     assert heights is not None
     for _ in range(2):
@@ -133,7 +133,7 @@ def test_bounds_hold_beside_shapes_of_all_kinds(kind, source):
 @pytest.mark.slow
 def test_gaps_over_triangles_beside_a_paraboloid_fall_with_the_fourth_power():
     ends = {-1.0: 1.0, 0.0: -1.0, 1.0: 1.0}
-    b = _working(jhd.BezierPatch([[[x, y, ends[x] + ends[y]] for y in ends] for x in ends]))
+    b = in_space(jhd.BezierPatch([[[x, y, ends[x] + ends[y]] for y in ends] for x in ends]))
     gaps = []
     for size in (0.1, 0.05, 0.025):
         corners = np.array([[0.2, 0.1], [0.2 + size, 0.1], [0.2, 0.1 + size]])
@@ -141,7 +141,7 @@ def test_gaps_over_triangles_beside_a_paraboloid_fall_with_the_fourth_power():
         # The middle part, where the distance is nowhere zero.
         a = jhd.TriangleMesh(0.5 * (np.sum(corners, axis=0) - corners), [[0, 1, 2]])
         pair = together(a, b)
-        measured, target = _measured(a, pair.a, pair.moved, None), target_in(b, pair.b)[0]
+        measured, target = measured_in(a, pair.a, pair.moved, None), target_in(b, pair.b)[0]
         heights, cells = heights_of(a, b, pair, target), measured.cover()
         assert heights is not None
         near = np.full(1, NEAR)

@@ -15,7 +15,7 @@ from jhd.distance.search.meshes import MeshSearch
 from jhd.distance.search.two_phase_minimum import InTurn
 from tests.distance import pairs
 from tests.distance.nearest.test_meshes import torus
-from tests.distance.search.test_mixed import spheres
+from tests.distance.search.test_implicit_minimum import spheres
 from tests.distance.search.test_surfaces import CONES
 from tests.distance.test_minimum import ARCH
 from tests.sweeps import swept
