@@ -20,9 +20,13 @@ from jhd._runtime.starting import INTERRUPTED
 # The names of jhd._cli.warming and jhd.fields, written out, as their import takes seconds.
 _KINDS = "plane", "space", "rational", "surfaces", "meshes"
 _MODES, _SIGNS = ("band", "full"), ("winding", "pseudonormal", "none")
+# A minus alone is standard input.
+_SHORT = "-", "-h", "-k", "-o"
 _FULL = errno.ENOSPC, errno.EFBIG, errno.EDQUOT
 _BOX_HELP = "box of an implicit surface: LOWER UPPER for all axes, or three lower and then three upper ends"
 _ATOL_HELP = "largest upper - lower (default: 1e-10 of the diagonal)"
+_RTOL_HELP = "largest upper - lower, relative to upper; the larger tolerance counts (default: {})"
+_OUT_HELP = "file for the {}: {}"
 _THRESHOLD_HELP = "question: is the distance at most LENGTH? The exit status is the answer: 0 yes, 3 no, 1 undecided"
 _METHOD_HELP = "method, a class of jhd (default: {}); an unknown name lists all methods"
 _PLOT_HELP = "file for a picture of {}; the suffix selects the format (.png, .svg, .pdf, ...)"
@@ -40,7 +44,7 @@ _SHAPES_EPILOG = f"""\
   an implicit surface  polynomial in x, y, z ("x**2 + y**2 + z**2 - 1"), with --box
 """
 _MANY_EPILOG = f"""\
-{_FILES_EPILOG}
+{_SHAPES_EPILOG}
 For several shapes, give a folder, a quoted pattern of files ("scans/*.ply"), or all letters of a font (font:NAME:*).
 """
 _LENGTH_EPILOG = """\
@@ -161,7 +165,7 @@ def _numbers(text: str) -> list[float]:
 
 def _option_or_word(word: str) -> str:
     """The word, with a space before a minus that begins no option: argparse takes -1e-3 and -x**2 for one otherwise."""
-    return f" {word}" if word.startswith("-") and not word.startswith("--") and word not in ("-", "-h") else word
+    return f" {word}" if word.startswith("-") and not word.startswith("--") and word not in _SHORT else word
 
 
 def _as_given(word: str) -> str:
@@ -200,7 +204,7 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("--degree", type=int, default=3, metavar="N", help="degree of the segments (default: 3)")
     smooth = "continuous tangents at the joints (default: corners allowed)"
     fit.add_argument("--smooth", action="store_true", help=smooth)
-    fit.add_argument("-o", "--out", metavar="FILE", help="file for the fitted curve: .svg or .json")
+    _add_out(fit, "fitted curve", ".svg or .json")
     shown = "both curves, the witness and the distance profiles"
     fit.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     fit.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
@@ -235,19 +239,21 @@ def _add_distances(commands: Any) -> None:
     directed = "directed distance, the largest distance from a point of A to B (default: larger of both directions)"
     distance.add_argument("--directed", action="store_true", help=directed)
     distance.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("BranchAndBound"))
-    distance.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=_ATOL_HELP)
+    _add_tolerances(distance)
     distance.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
     shown = "both shapes, the witness and, for curves, the distance profiles"
     distance.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     distance.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
     distance.add_argument("--certificate", metavar="FILE", help=_CERTIFICATE_HELP)
+    _add_out(distance, "result", ".json")
 
     minimum = _added(commands, "minimum", "minimum distance of two shapes, with certified bounds", epilog)
     _add_shapes(minimum)
-    minimum.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=_ATOL_HELP)
+    _add_tolerances(minimum)
     minimum.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=_THRESHOLD_HELP)
     minimum.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format("both shapes and their nearest points"))
     minimum.add_argument("--certificate", metavar="FILE", help=_CERTIFICATE_HELP)
+    _add_out(minimum, "result", ".json")
 
 
 def _add_others(commands: Any) -> None:
@@ -260,6 +266,7 @@ def _add_others(commands: Any) -> None:
     rows = "file with one point in each row instead of X; - or neither means standard input"
     project.add_argument("--points", metavar="FILE", help=rows)
     project.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("chosen by the kind of shape"))
+    _add_out(project, "result", ".csv or .json")
 
     field = _added(commands, "field", "distance field of a surface on an octree", _SHAPES_EPILOG + _LENGTH_EPILOG)
     surface = "mesh, parametric surface or implicit surface: a SHAPE, see below"
@@ -267,7 +274,7 @@ def _add_others(commands: Any) -> None:
     field.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
     tolerance = "tolerance of the interpolation"
     field.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help=tolerance)
-    field.add_argument("-o", "--out", required=True, metavar="FILE", help="file for the field: .npz")
+    _add_out(field, "field", ".npz", required=True)
     refined = "region that is refined: near the surface, or everywhere (default: band)"
     field.add_argument("--mode", choices=_MODES, default="band", help=refined)
     sign = "rule that tells inside from outside (default: winding)"
@@ -302,37 +309,59 @@ def _add_deviation(commands: Any) -> None:
         parser, "shape over which distances are taken, no implicit surface", "shape to which distances are taken"
     )
     atol = "largest upper - lower of maximum, mean and RMS (default: 1e-6 of the diagonal)"
-    parser.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=atol)
-    rtol = "the same relative to the upper bound; the larger of both counts (default: 1e-3)"
-    parser.add_argument("--rtol", type=float, default=1e-3, metavar="FRACTION", help=rtol)
+    _add_tolerances(parser, atol, 1e-3)
     within = "distance up to which the fraction of A is printed too"
     parser.add_argument("--threshold", type=lengths.length, metavar="LENGTH", help=within)
     shown = "A colored by its distance, with a histogram"
     parser.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     parser.add_argument("--html", metavar="FILE", help=_PAGE_HELP)
+    _add_out(parser, "result", ".json")
+
+
+def _add_tolerances(parser: Any, atol: str = _ATOL_HELP, rtol: float | None = None) -> None:
+    parser.add_argument("--atol", type=lengths.length, metavar="LENGTH", help=atol)
+    help_ = _RTOL_HELP.format("0" if rtol is None else f"{rtol:g}")
+    parser.add_argument("--rtol", type=float, default=rtol, metavar="FRACTION", help=help_)
+
+
+def _add_out(parser: Any, content: str, suffixes: str, required: bool = False) -> None:
+    help_ = _OUT_HELP.format(content, suffixes)
+    parser.add_argument("-o", "--out", required=required, metavar="FILE", help=help_)
+
+
+def _add_search(parser: Any) -> None:
+    """Options that all commands on collections have."""
+    parser.add_argument("--box", type=_numbers, metavar="X ...", help=_BOX_HELP)
+    parser.add_argument("--method", metavar="NAME", help=_METHOD_HELP.format("BranchAndBound"))
+    _add_tolerances(parser)
+    parser.add_argument("--jobs", type=int, metavar="N", help="number of threads (default: one for each processor)")
+    _add_out(parser, "results", ".csv or .json")
 
 
 def _add_collections(commands: Any) -> None:
-    pairwise = _added(commands, "pairwise", "Hausdorff distances of all pairs of many shapes", _MANY_EPILOG)
-    pairwise.add_argument("shapes", metavar="SHAPE", nargs="+", help="shapes, see below")
+    epilog = _MANY_EPILOG + _LENGTH_EPILOG
+    pairwise = _added(commands, "pairwise", "Hausdorff distances of all pairs of many shapes", epilog)
+    pairwise.add_argument("shapes", metavar="SHAPE", nargs="+", type=_as_given, help="shapes, see below")
     store = "folder for finished distances; a later call continues from it (default: none)"
     pairwise.add_argument("--store", metavar="FOLDER", help=store)
 
-    nearest = _added(commands, "nearest", "nearest of many shapes by the Hausdorff distance, certified", _MANY_EPILOG)
-    nearest.add_argument("query", metavar="QUERY", help="query shape or shapes, see below")
-    nearest.add_argument("shapes", metavar="SHAPE", nargs="+", help="shapes among which to search, see below")
+    nearest = _added(commands, "nearest", "nearest of many shapes by the Hausdorff distance, certified", epilog)
+    nearest.add_argument("query", metavar="QUERY", type=_as_given, help="query shape or shapes, see below")
+    nearest.add_argument(
+        "shapes", metavar="SHAPE", nargs="+", type=_as_given, help="shapes among which to search, see below"
+    )
     count = "number of nearest shapes for each query (default: 1)"
-    nearest.add_argument("-k", "--count", dest="k", type=int, default=1, metavar="N", help=count)
+    nearest.add_argument("-k", "--count", type=int, default=1, metavar="N", help=count)
     shown = "the first queries with their nearest shapes"
     nearest.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))
     nearest.add_argument("--html", metavar="FILE", help="file for an HTML page with the same picture")
 
-    duplicates = _added(
-        commands, "duplicates", "pairs of many shapes within a Hausdorff distance", _MANY_EPILOG + _LENGTH_EPILOG
-    )
-    duplicates.add_argument("shapes", metavar="SHAPE", nargs="+", help="shapes, see below")
+    duplicates = _added(commands, "duplicates", "pairs of many shapes within a Hausdorff distance", epilog)
+    duplicates.add_argument("shapes", metavar="SHAPE", nargs="+", type=_as_given, help="shapes, see below")
     threshold = "largest Hausdorff distance of a pair"
     duplicates.add_argument("--threshold", type=lengths.length, required=True, metavar="LENGTH", help=threshold)
+    for command in (pairwise, nearest, duplicates):
+        _add_search(command)
 
 
 def _switch_cache_on() -> None:

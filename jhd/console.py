@@ -25,12 +25,12 @@ _SECOND = 1.0
 _PACE = 0.1
 
 
-def print_json(solution: Any, content: Any = None, **context: Any) -> None:
-    """Prints a result in the format of `jhd.io.save_result`; `content` replaces the fields of the solution."""
+def json_text(solution: Any, content: Any = None, **context: Any) -> str:
+    """A result in the format of `jhd.io.save_result`; `content` replaces the fields of the solution."""
     context |= {"version": jhd.__version__, "device": device(), "precision": precision()}
     plain = to_plain(solution) if content is None else content
     stored = {"type": type(solution).__name__, "solution": plain, "context": context}
-    print(json.dumps(stored, indent=2, allow_nan=False))
+    return json.dumps(stored, indent=2, allow_nan=False)
 
 
 def exit_status(*solutions: Any) -> int:

@@ -27,7 +27,7 @@ ORDER = """
 CHECKER = "distance.certificate.verification.__main__"
 COMMAND_LINE = (
     *(CHECKER, "_runtime.starting", "console", "__main__"),
-    *("_cli.lengths", "_cli.comparisons", "_cli.collected", "_cli.commands"),
+    *("_cli.lengths", "_cli.output", "_cli.comparisons", "_cli.collected", "_cli.commands"),
 )
 # Their import takes a tenth of a second and more, so they may be imported where they are used.
 HEAVY = {"matplotlib", "mpl_toolkits", "fontTools", "scipy", "shapely", "trimesh", "pyvista", "skimage"} | {

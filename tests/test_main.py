@@ -246,6 +246,32 @@ def test_points_are_projected(run):
     np.testing.assert_allclose([float(x) for x in row], [2.5, 2.5, 2.5, 0, 0.25, 1, 0], atol=1e-9)
 
 
+def test_results_are_written_to_files(run):
+    for command in (("hausdorff", DIAGONAL), ("minimum", DIAGONAL), ("hausdorff", DIAGONAL, "--threshold", 3.5)):
+        tolerances = "--rtol", "1e-3", "--atol", "0.1%"
+        status, out, _ = run(command[0], BASE, *command[1:], *tolerances, "-o", "result.json")
+        stored = load_result("result.json")["context"]
+        assert status == 0 and out.endswith(f"result     {Path('result.json').resolve()}\n")
+        assert (stored["a"], stored["rtol"], stored["atol"]) == (BASE, 1e-3, 0.005)
+    assert run("project", BASE, "1", "-2", "-o", "foot.csv")[:2] == (0, f"result     {Path('foot.csv').resolve()}\n")
+    head, row = (line.split(",") for line in Path("foot.csv").read_text().splitlines())
+    assert head == ["distance", "lower", "upper", "segment", "t", "foot x", "foot y", "result"]
+    assert float(row[1]) <= 2 <= float(row[2]) and row[-1] == "successful"
+    printed = run("project", BASE, "1", "-2", "-o", "foot.json", "--json")[1]
+    assert Path("foot.json").read_text() == printed
+
+
+def test_a_relative_tolerance_ends_the_search_of_a_distance(run):
+    def found(command, tolerance):
+        stored = json.loads(run(command, "M0 0 Q2 1 4 0", "M0 5 C1 4 3 6 4 5", "--rtol", tolerance, "--json")[1])
+        assert stored["context"]["rtol"] == tolerance
+        return stored["solution"]["upper"], stored["solution"]["upper"] - stored["solution"]["lower"]
+
+    for command in ("hausdorff", "minimum"):
+        (upper, wide), (_, narrow) = found(command, 0.1), found(command, 1e-9)
+        assert narrow < wide <= 0.1 * upper
+
+
 def test_points_come_from_a_file_or_standard_input(run, monkeypatch):
     rows = "# x y\n1 2\n\n3, -1  # below\n"
     Path("points.txt").write_text(rows)
@@ -396,8 +422,16 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
         (["hausdorff", BASE, DIAGONAL, "--plot", "no/folder/a.png"], "no/folder/a.png: no such folder"),
         (
             ["hausdorff", BASE, DIAGONAL, "--method", "TwoStep", "--atol", "-1"],
-            "TwoStep proves no bounds",
+            "--atol: TwoStep takes no tolerance; leave it out.",
         ),
+        (
+            ["hausdorff", BASE, DIAGONAL, "--method", "TwoStep", "--rtol", "0.1", "--atol", "1%"],
+            "--rtol and --atol: ",
+        ),
+        (["hausdorff", BASE, DIAGONAL, "--rtol", "-1"], "rtol is -1; needs a number of at least 0"),
+        (["minimum", BASE, DIAGONAL, "--out", "a.csv"], "a.csv: the name must end in .json."),
+        (["hausdorff", BASE, DIAGONAL, "-o", "none/a.json"], "none/a.json: no such folder."),
+        (["project", BASE, "1", "2", "-o", "a.txt"], "a.txt: the name must end in .csv or .json."),
         (["hausdorff", BASE, DIAGONAL, "--plot", "a.xyz"], "a.xyz: the suffix is '.xyz'; pictures are stored as "),
         (["hausdorff", BASE, DIAGONAL, "--html", "a.png"], "a.png: the name must end in .html."),
         (["hausdorff", *SPHERES[:2]], "A is a polynomial; give the box of its surface: --box LOWER UPPER."),

@@ -18,18 +18,19 @@ import jhd
 from jhd._cli.collected import duplicates as duplicates
 from jhd._cli.collected import nearest as nearest
 from jhd._cli.collected import pairwise as pairwise
-from jhd._cli.comparisons import check_drawn, directions_of, print_files, write_page
+from jhd._cli.comparisons import check_drawn, directions_of, write_page
 from jhd._cli.comparisons import deviation as deviation
 from jhd._cli.comparisons import hausdorff as hausdorff
 from jhd._cli.comparisons import minimum as minimum
 from jhd._cli.comparisons import project as project
 from jhd._cli.options import box_of, check_writable, curve_of, kind_of, shape_of
+from jhd._cli.output import print_files
 from jhd._cli.report import bar, names_of, picture, shape_line, solution_text
 from jhd._cli.warming import KINDS, preparations
 from jhd._results.solution import HausdorffSolution
 from jhd._runtime import storage
 from jhd._runtime.programs import refused
-from jhd.console import busy, device, exit_status, paced, precision, print_json, timed
+from jhd.console import busy, device, exit_status, json_text, paced, precision, timed
 from jhd.decimals import upper_text
 from jhd.distance.certificate.verification import sentence
 from jhd.io import save_curve, save_mesh
@@ -73,9 +74,8 @@ def demo(options: Namespace) -> int:
 def fit(options: Namespace) -> int:
     """Fit of an outline by few segments within a tolerance, with its certified distance."""
     target = curve_of("TARGET", options.target)
-    if options.out and Path(options.out).suffix not in (".svg", ".json"):
-        raise ValueError(f"{options.out}: the name must end in .svg or .json.")
-    check_writable(options.out, options.plot)
+    check_writable(options.out, ".svg", ".json")
+    check_writable(options.plot)
     check_drawn(options, target.dim)
     tolerance = options.tolerance.of(target)
     start = time.perf_counter()
@@ -95,8 +95,9 @@ def fit(options: Namespace) -> int:
     if options.html:
         write_page(options.html, target, shape, error)
     if options.json:
-        asked = {"target": options.target, "tolerance": tolerance, "degree": options.degree}
-        print_json(error, **asked, within=near, segments=[c.shape.count for c in contours], seconds=seconds)
+        asked = {"target": options.target, "tolerance": tolerance, "degree": degree, "smooth": smooth}
+        segments = [contour.shape.count for contour in contours]
+        print(json_text(error, **asked, within=near, segments=segments, seconds=seconds))
         return status
     print(shape_line("A", options.target, target), shape_line("B", "fit", shape), sep="\n", end="\n\n")
     print(solution_text("Hausdorff distance", error, *names_of(error)), end="\n\n")
@@ -121,7 +122,7 @@ def verify(options: Namespace) -> int:
         return _REFUSED
     seconds = time.perf_counter() - start
     if options.json:
-        print(json.dumps({"proven": proven._asdict(), "seconds": seconds}, indent=2))
+        print(json.dumps({"file": options.file, "proven": proven._asdict(), "seconds": seconds}, indent=2))
         return 0
     print(f"proven: {sentence(proven)}, checked exactly in {seconds:.3f} s")
     return 0
@@ -132,13 +133,10 @@ def field(options: Namespace) -> int:
     shape = shape_of(options)
     if shape.dim != 3 or kind_of(shape) in ("curve", "set of points"):
         raise TypeError(f"SURFACE is a {kind_of(shape)}; needs a mesh or a surface.")
-    if not options.out.endswith(".npz"):
-        raise ValueError(f"{options.out}: the name must end in .npz.")
     if (options.surface is None) != (options.resolution is None):
         raise ValueError("--surface and --resolution go together; give both or none.")
-    if options.surface and Path(options.surface).suffix.lower() not in MESH_SUFFIXES:
-        raise ValueError(f"{options.surface}: the name must end in {' or '.join(MESH_SUFFIXES)}.")
-    check_writable(options.out, options.surface)
+    check_writable(options.out, ".npz")
+    check_writable(options.surface, *MESH_SUFFIXES)
     tolerance = options.tolerance.of(shape)
     build = jhd.AdaptiveDistanceField.build
     with busy("building; a first run compiles") as show:
@@ -148,6 +146,8 @@ def field(options: Namespace) -> int:
         error = made.sampled_error(shape)
         if options.surface:
             save_mesh(options.surface, made.to_mesh(options.resolution))
+    if options.surface:
+        asked |= {"surface": options.surface, "resolution": options.resolution}
     facts = {"leaves": made.leaves, "unresolved": made.unresolved, "sampled_error": error, "seconds": seconds}
     status = 0 if made.unresolved == 0 else 1
     if options.json:
@@ -158,9 +158,7 @@ def field(options: Namespace) -> int:
     where = "near the surface" if options.mode == "band" else "in the box"
     print(f"error      {upper_text(error)}, the largest found at random points {where}")
     print(f"time       {seconds:.2f} s with compilation")
-    for name, file in (("field", options.out), ("surface", options.surface)):
-        if file:
-            print(f"{name:<10} {Path(file).resolve()}")
+    print_files(field=options.out, surface=options.surface)
     return status
 
 

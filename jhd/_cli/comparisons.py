@@ -5,9 +5,8 @@ Lengths may be given as percentages of the diagonal of the joint bounding box, a
 
 import sys
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -23,9 +22,12 @@ from jhd._cli.options import (
     method_name,
     method_of,
     points_of,
+    search_of,
     shape_of,
     shapes_of,
+    tolerances_of,
 )
+from jhd._cli.output import TABLE_SUFFIXES, delivered, print_files
 from jhd._cli.report import (
     PLACES,
     bar,
@@ -46,9 +48,8 @@ from jhd._cli.report import (
 )
 from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, name_of, to_plain
 from jhd._runtime.files import replace_file
-from jhd.console import INTERRUPTED, busy, device, exit_status, precision, print_json, timed
+from jhd.console import INTERRUPTED, busy, device, exit_status, precision, timed
 from jhd.decimals import lower_text, upper_text
-from jhd.distance.normalization.method import AbstractHausdorffMethod
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.patch import AbstractPatch
@@ -65,10 +66,10 @@ def hausdorff(options: Namespace) -> int:
     """The (directed) Hausdorff distance of two shapes, or whether it is at most a threshold."""
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
-    atol = None if options.atol is None else options.atol.of(a, b)
-    method = method_of(options.method, atol, AbstractHausdorffMethod)
+    method = search_of(options, a, b)
     check_drawn(options, a.dim)
     check_writable(options.certificate)
+    check_writable(options.out, ".json")
     if options.threshold is not None:
         return _distance_at_most(options, a, b, method)
     entry = jhd.directed_hausdorff if options.directed else jhd.hausdorff
@@ -83,12 +84,13 @@ def hausdorff(options: Namespace) -> int:
             write_page(options.html, a, b, solution)
         written = bool(options.certificate) and _certified(options.certificate, a, b, solution)
     status = 1 if options.certificate and not (written or stopped) else exit_status(solution)
-    if options.json:
-        asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": method_name(method)}
-        print_json(solution, **asked, **box_of(a, b), diagonal=size, seconds=seconds)
+    asked = {"a": options.a, "b": options.b, "directed": options.directed, "method": method_name(method)}
+    asked |= {**tolerances_of(options, a, b), **box_of(a, b)}
+    if delivered(options, solution, **asked, diagonal=size, seconds=seconds):
         return status
     if stopped:
         print(solution_text("the bounds reached", solution, *names_of(solution), size))
+        print_files(result=options.out)
         return status
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     print(solution_text(_title(options), solution, *names_of(solution), size), end="\n\n")
@@ -96,9 +98,8 @@ def hausdorff(options: Namespace) -> int:
         print(directions_text(*solution.directions), end="\n\n")
     print(f"method     {method_name(method)}")
     _print_run(seconds, size)
-    print_files(picture=options.plot, page=options.html)
-    if written:
-        print(f"proof      {Path(options.certificate).resolve()}")
+    proof = options.certificate if written else None
+    print_files(picture=options.plot, page=options.html, proof=proof, result=options.out)
     return status
 
 
@@ -140,13 +141,13 @@ def _print_decision(
     """Prints the answer with the bounds reached, and returns its exit status."""
     size, limit = rounded_diagonal(a, b), _limit(options, a, b)
     status = INTERRUPTED if interrupted(found) else _STATUS[name_of(found.answer)]
-    if options.json:
-        asked |= {"a": options.a, "b": options.b, "threshold": limit}
-        print_json(found, **asked, **box_of(a, b), diagonal=size, seconds=seconds)
+    asked |= {"a": options.a, "b": options.b, "threshold": limit, **tolerances_of(options, a, b), **box_of(a, b)}
+    if delivered(options, found, **asked, diagonal=size, seconds=seconds):
         return status
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     print(decision_text(title, found, limit, size), end="\n\n")
     _print_run(seconds, size)
+    print_files(result=options.out)
     return status
 
 
@@ -154,33 +155,35 @@ def minimum(options: Namespace) -> int:
     """The minimum distance of two shapes and their nearest points, or whether it is at most a threshold."""
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
-    atol = None if options.atol is None else options.atol.of(a, b)
+    method = search_of(options, a, b)
     if options.plot:
         check_picture_file(options.plot)
     check_writable(options.certificate)
+    check_writable(options.out, ".json")
     if options.threshold is not None:
         if options.certificate or options.plot:
             name = "--certificate" if options.certificate else "--plot"
             raise ValueError(f"{name}: with --threshold the nearest points are not known; leave it out.")
-        limit, method = _limit(options, a, b), jhd.BranchAndBound(atol=atol)
+        limit = _limit(options, a, b)
         with busy("computing; a first run compiles") as show:
             decided, seconds = timed(lambda: jhd.minimum_at_most(a, b, limit, method, progress=show))
         return _print_decision(options, a, b, "minimum distance", decided, seconds, {})
     with busy("computing; a first run compiles") as show:
-        found, seconds = timed(lambda: jhd.minimum_distance(a, b, atol=atol, throw=False, progress=show))
+        found, seconds = timed(lambda: jhd.minimum_distance(a, b, method=method, throw=False, progress=show))
     stopped = interrupted(found)
     if options.plot and not stopped:
         with busy("drawing"):
             minimum_picture(options.plot, a, b, found)
     written = bool(options.certificate) and not stopped and _certified(options.certificate, a, b, found)
     status = 1 if options.certificate and not (written or stopped) else exit_status(found)
-    if options.json:
-        print_json(found, a=options.a, b=options.b, **box_of(a, b), diagonal=size, seconds=seconds)
+    asked = {"a": options.a, "b": options.b, **tolerances_of(options, a, b), **box_of(a, b)}
+    if delivered(options, found, **asked, diagonal=size, seconds=seconds):
         return status
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     print(minimum_text(found, size), end="\n\n")
     _print_run(seconds, size)
-    print_files(picture=None if stopped else options.plot, proof=options.certificate if written else None)
+    drawn, proof = None if stopped else options.plot, options.certificate if written else None
+    print_files(picture=drawn, proof=proof, result=options.out)
     return status
 
 
@@ -189,9 +192,12 @@ def deviation(options: Namespace) -> int:
     a, b = shapes_of(options)
     size = rounded_diagonal(a, b)
     check_drawn(options, a.dim)
-    atol, threshold = (None if x is None else x.of(a, b) for x in (options.atol, options.threshold))
+    check_writable(options.out, ".json")
+    tolerances = tolerances_of(options, a, b)
+    threshold = None if options.threshold is None else options.threshold.of(a, b)
+    asked = {"rtol": options.rtol, "atol": tolerances["atol"], "throw": False}
     with busy("computing; a first run compiles") as show:
-        found, seconds = timed(lambda: jhd.deviation(a, b, atol=atol, rtol=options.rtol, throw=False, progress=show))
+        found, seconds = timed(lambda: jhd.deviation(a, b, **asked, progress=show))
     within = None if threshold is None else found.fraction_within(threshold)
     drawn = {} if interrupted(found) else {"picture": options.plot, "page": options.html}
     if drawn.get("picture"):
@@ -199,15 +205,14 @@ def deviation(options: Namespace) -> int:
             deviation_picture(options.plot, found)
     if drawn.get("page"):
         write_page(options.html, found)
-    if options.json:
-        asked = {"atol": atol, "rtol": options.rtol, "a": options.a, "b": options.b, "threshold": threshold}
-        shares = {} if within is None else {"fraction_within": list(within)}
-        print_json(found, found.to_dict() | shares, **asked, **box_of(a, b), diagonal=size, seconds=seconds)
+    asked = {"a": options.a, "b": options.b, "threshold": threshold, **tolerances, **box_of(a, b)}
+    content = found.to_dict() | ({} if within is None else {"fraction_within": list(within)})
+    if delivered(options, found, content, **asked, diagonal=size, seconds=seconds):
         return exit_status(found)
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")
     print(deviation_text(found, threshold, size), end="\n\n")
     _print_run(seconds, size)
-    print_files(**drawn)
+    print_files(**drawn, result=options.out)
     return exit_status(found)
 
 
@@ -217,26 +222,38 @@ def project(options: Namespace) -> int:
     points = points_of(options)
     if points.shape[1] != shape.dim:
         raise ValueError(f"a point has {points.shape[1]} coordinates; the {kind_of(shape)} has {shape.dim}.")
-    unnamed = options.method is None and not isinstance(shape, AbstractCurve)
-    method = None if unnamed else method_of(options.method, None, PROJECTIONS)
+    check_writable(options.out, *TABLE_SUFFIXES)
+    method = jhd.BestFirstProjection() if isinstance(shape, AbstractCurve) else None
+    if options.method is not None:
+        method = method_of(options.method, PROJECTIONS)()
     with busy("computing; a first run compiles") as show:
         found = _projected(points, shape, method, show)
     done = len(found.distance)
     status = exit_status(found) if done == len(points) else INTERRUPTED
-    if options.json:
-        name = "exact" if method is None else method_name(method)
-        print_json(found, shape=options.shape, points=points[:done].tolist(), method=name, **box_of(shape))
+    asked = {"points": points[:done].tolist(), "method": "exact" if method is None else method_name(method)}
+    head, *rows = _rows_of(found, shape)
+    if delivered(options, found, table=(head, *rows), shape=options.shape, **asked, **box_of(shape)):
         return status
-    kind, *parameters = PLACES[kind_of(shape)]
-    where = [kind, *parameters] if kind else []
-    feet = [f"foot {axis}" for axis in "xyz"[: shape.dim]]
-    print("\t".join(["distance", "lower", "upper", *where, *feet, "result"]))
-    rows = [found.distance, found.lower, found.upper, found.segment, found.t, found.foot]
-    for value, low, high, segment, t, foot, end in zip(*map(np.asarray, rows), to_plain(found.result), strict=True):
-        place = (segment, *np.atleast_1d(t)) if kind else ()
-        bounds = lower_text(low), upper_text(high)
-        print(repr(value.item()), *bounds, *(repr(x.item()) for x in (*place, *foot)), end, sep="\t")
+    if options.out:
+        print_files(result=options.out)
+        return status
+    print(*head, sep="\t")
+    for value, lower, upper, *others, end in rows:
+        print(repr(value), lower_text(lower), upper_text(upper), *map(repr, others), end, sep="\t")
     return status
+
+
+def _rows_of(found: Any, shape: Any) -> Iterator[list[Any]]:
+    """The rows of projections: distance, bounds, the place on the shape, the foot point and the result."""
+    kind, *parameters = PLACES[kind_of(shape)]
+    place = [kind, *parameters] if kind else []
+    yield ["distance", "lower", "upper", *place, *(f"foot {axis}" for axis in "xyz"[: shape.dim]), "result"]
+    columns = [found.distance, found.lower, found.upper, found.segment, found.t, found.foot]
+    for value, lower, upper, element, t, foot, end in zip(
+        *map(np.asarray, columns), to_plain(found.result), strict=True
+    ):
+        where = (element, *np.atleast_1d(t)) if kind else ()
+        yield [*(x.item() for x in (value, lower, upper, *where, *foot)), end]
 
 
 def _projected(points: np.ndarray, shape: Any, method: Any, show: Callable[[Any], None]) -> Any:
@@ -274,13 +291,6 @@ def write_page(file: str, *shown: Any) -> None:
     """Writes the page of two shapes and their distance, or of a deviation."""
     with busy("drawing"):
         replace_file(file, jhd.plot.page(*shown))
-
-
-def print_files(**files: str | None) -> None:
-    """Names the files that were written."""
-    for name, file in files.items():
-        if file:
-            print(f"{name:<10} {Path(file).resolve()}")
 
 
 def directions_of(solution: HausdorffSolution) -> list[HausdorffSolution | None]:

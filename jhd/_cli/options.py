@@ -3,6 +3,7 @@
 import inspect
 import sys
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,27 +42,39 @@ def shape_of(options: Namespace) -> Any:
 
 
 def _read(texts: dict[str, str], box: list[float] | None) -> list[Any]:
-    if box is None:
-        return [_without_box(name, text) for name, text in texts.items()]
-    if len(box) not in (2, 6):
-        raise ValueError(f"--box has {len(box)} numbers; needs 2, or 6: three lower ends, then three upper ends.")
-    lower, upper = np.array(box).reshape(2, -1)
-    shapes = [_in_box(name, text, lower, upper) for name, text in texts.items()]
-    if not any(isinstance(shape, ImplicitSurface) for shape in shapes):
-        which = " nor ".join(texts)
-        none = f"neither {which} is one" if len(texts) > 1 else f"{which} is not one"
-        raise ValueError(f"--box is for implicit surfaces, and {none}; leave it out.")
+    shapes = [read_shape(name, text, box) for name, text in texts.items()]
+    check_box(box, shapes, f"neither {' nor '.join(texts)} is one" if len(texts) > 1 else f"{min(texts)} is not one")
     return shapes
 
 
-def _in_box(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> Any:
-    """The shape that a text names, or the implicit surface of the polynomial in the text."""
+def read_shape(name: str, text: str, box: list[float] | None) -> Any:
+    """The shape that a text names, or with a box the implicit surface of the polynomial in the text."""
+    if box is None:
+        return _without_box(name, text)
+    if len(box) not in (2, 6):
+        raise ValueError(f"--box has {len(box)} numbers; needs 2, or 6: three lower ends, then three upper ends.")
     try:
         return load_shape(text)
     except FileNotFoundError:
         if Path(text).suffix.lower() in SHAPE_SUFFIXES:
             raise
+    lower, upper = np.array(box).reshape(2, -1)
     return _surface(name, text, lower, upper)
+
+
+def check_box(box: list[float] | None, shapes: Sequence[Any], otherwise: str) -> None:
+    """Raises ValueError if there is a box but no implicit surface for it."""
+    if box is not None and not any(isinstance(shape, ImplicitSurface) for shape in shapes):
+        raise ValueError(f"--box is for implicit surfaces, and {otherwise}; leave it out.")
+
+
+def is_polynomial(text: str) -> bool:
+    """Whether a text is a polynomial in x, y and z."""
+    try:
+        read_polynomial(text)
+    except ValueError:
+        return False
+    return True
 
 
 def box_of(*shapes: Any) -> dict[str, Any]:
@@ -70,11 +83,17 @@ def box_of(*shapes: Any) -> dict[str, Any]:
     return {} if surface is None else {"box": [np.asarray(end).tolist() for end in surface.bounds]}
 
 
-def check_writable(*files: str | None) -> None:
-    """Raises ValueError if the folder of a file does not exist, before a long computation and not after it."""
-    for file in files:
-        if file and not Path(file).absolute().parent.is_dir():
-            raise ValueError(f"{file}: no such folder.")
+def check_writable(file: str | None, *suffixes: str) -> None:
+    """Raises ValueError if a file cannot have this name, before a long computation and not after it.
+
+    Args:
+        file: the name; None for no file.
+        suffixes: suffixes that the name may have; none for any.
+    """
+    if file and suffixes and Path(file).suffix.lower() not in suffixes:
+        raise ValueError(f"{file}: the name must end in {' or '.join(suffixes)}.")
+    if file and not Path(file).absolute().parent.is_dir():
+        raise ValueError(f"{file}: no such folder.")
 
 
 def kind_of(shape: Any) -> str:
@@ -101,11 +120,7 @@ def _without_box(name: str, text: str) -> Any:
     try:
         return load_shape(text)
     except FileNotFoundError:
-        try:
-            read_polynomial(text)
-        except ValueError:
-            pass
-        else:
+        if is_polynomial(text):
             raise ValueError(f"{name} is a polynomial; give the box of its surface: --box LOWER UPPER.") from None
         raise
 
@@ -117,35 +132,43 @@ def _surface(name: str, text: str, lower: np.ndarray, upper: np.ndarray) -> Impl
         raise ValueError(f"{name}: {error}") from None
 
 
-def method_of(name: str | None, atol: float | None, kind: Any) -> Any:
-    """The method of this name, with the tolerance if one is given; without both the default method.
+def method_of(name: str, kind: Any) -> Any:
+    """The class of the method of this name, in any spelling of capitals, hyphens and underscores.
 
     Raises:
-        ValueError: the name is unknown, or the method has no tolerance.
+        ValueError: the name is unknown.
     """
-    if name is None and atol is None:
-        return jhd.BranchAndBound() if kind is AbstractHausdorffMethod else jhd.BestFirstProjection()
-    if name is None and kind is AbstractHausdorffMethod:
-        name = "BranchAndBound"
-    known: dict[str, Any] = {
+    known = {
         key: item
         for key, item in {**vars(jhd), **vars(jhd.published)}.items()
         if inspect.isclass(item) and issubclass(item, kind)
     }
-    chosen = known
-    if name is not None:
-        plain = name.replace("-", "").replace("_", "").lower()
-        chosen = {key: item for key, item in known.items() if key.lower() == plain}
-    if not chosen:
+    plain = name.replace("-", "").replace("_", "").lower()
+    chosen = next((item for key, item in known.items() if key.lower() == plain), None)
+    if chosen is None or inspect.isabstract(chosen):
         raise ValueError(f"unknown method {name!r}; there are {', '.join(sorted(known))}.")
-    if atol is None:
-        return next(iter(chosen.values()))()
-    tolerant = {key: item for key, item in chosen.items() if "atol" in inspect.signature(item).parameters}
-    if not tolerant:
-        raise ValueError(f"--atol: {' and '.join(chosen)} proves no bounds to a tolerance; leave it out.")
-    if len(tolerant) > 1:
-        raise ValueError(f"--atol needs --method, one of {', '.join(tolerant)}.")
-    return next(iter(tolerant.values()))(atol=atol)
+    return chosen
+
+
+def search_of(options: Namespace, *shapes: Any) -> Any:
+    """The method of a search with its tolerances, from --method, --rtol and --atol.
+
+    Raises:
+        ValueError: the name is unknown, or the method takes no tolerance.
+    """
+    chosen = method_of(getattr(options, "method", None) or "BranchAndBound", AbstractHausdorffMethod)
+    given = tolerances_of(options, *shapes)
+    named = [f"--{name}" for name, value in given.items() if value is not None]
+    if chosen is jhd.BranchAndBound:
+        return chosen(atol=given["atol"], rtol=given["rtol"] or 0.0)
+    if named:
+        raise ValueError(f"{' and '.join(named)}: {chosen.__name__} takes no tolerance; leave it out.")
+    return chosen()
+
+
+def tolerances_of(options: Namespace, *shapes: Any) -> dict[str, float | None]:
+    """The values of --rtol and of --atol in input units, None for each that is not given."""
+    return {"rtol": options.rtol, "atol": None if options.atol is None else options.atol.of(*shapes)}
 
 
 def method_name(method: Any) -> str:
