@@ -123,6 +123,8 @@ def _run(argv: list[str]) -> int:
         command = "jhd" if options.command == "demo" else f"jhd {options.command}"
         names = " ".join(_as_given(word) for word in unknown)
         raise ValueError(f"{command} does not know: {names} (see {command} --help)")
+    if options.demo is not None and options.command != "demo":
+        raise ValueError(f"--out in front of {options.command} is for the demonstration; give it after the command.")
     from jhd.console import interrupts_heard
 
     with interrupts_heard():
@@ -188,6 +190,8 @@ def _parser() -> argparse.ArgumentParser:
     summary = (jhd.__doc__ or "").partition("\n")[0]
     parser = _Parser("jhd", description=summary, epilog=_EPILOG, formatter_class=raw)
     parser.add_argument("--version", action="version", version=f"jhd {jhd.__version__}")
+    picture = "file for the picture of the demonstration (default: jhd-demo.png)"
+    parser.add_argument("-o", "--out", dest="demo", metavar="FILE", help=picture)
     parser.set_defaults(command="demo")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
@@ -204,6 +208,8 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("--degree", type=int, default=3, metavar="N", help="degree of the segments (default: 3)")
     smooth = "continuous tangents at the joints (default: corners allowed)"
     fit.add_argument("--smooth", action="store_true", help=smooth)
+    seconds = "time in seconds after which the present fit is returned (default: none)"
+    fit.add_argument("--max-seconds", type=float, metavar="S", help=seconds)
     _add_out(fit, "fitted curve", ".svg or .json")
     shown = "both curves, the witness and the distance profiles"
     fit.add_argument("--plot", metavar="FILE", help=_PLOT_HELP.format(shown))

@@ -7,6 +7,7 @@ import sys
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -446,6 +447,8 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
             ["hausdorff", BASE, DIAGONAL, "--frob", "3"],
             "jhd hausdorff does not know: --frob 3 (see jhd hausdorff --help)",
         ),
+        (["-o", "a.png", "hausdorff", BASE, DIAGONAL], "--out in front of hausdorff is for the demonstration"),
+        (["-o", "a.xyz"], "a.xyz: the suffix is '.xyz'; pictures are stored as "),
         (["--frob"], "jhd does not know: --frob (see jhd --help)"),
         (["minimum", BASE, DIAGONAL, "--plot", "a.xyz"], "a.xyz: the suffix is '.xyz'; pictures are stored as "),
         (["minimum", BASE, DIAGONAL, "--plot", "a.png", "--threshold", "1"], "--plot: with --threshold the nearest"),
@@ -483,13 +486,13 @@ def test_help_names_what_there_is():
 
 @pytest.mark.slow  # a process that compiles the search
 def test_the_demonstration_prints_both_distances_and_writes_its_picture(tmp_path):
-    done = subprocess_run(cwd=tmp_path)
+    done = subprocess_run("-o", tmp_path / "demo.png", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     there, back = done.stdout.index("directed distance from A to B"), done.stdout.index("directed distance from B to A")
     assert there < back < done.stdout.index("Hausdorff distance, the larger of the two")
     assert done.stdout.count("  lower    ") == done.stdout.count("  upper    ") == 2
-    assert str(tmp_path / "jhd-demo.png") in done.stdout
-    height, width, _ = imread(tmp_path / "jhd-demo.png").shape
+    assert str(tmp_path / "demo.png") in done.stdout
+    height, width, _ = imread(tmp_path / "demo.png").shape
     assert min(height, width) > 700
 
 
@@ -506,10 +509,30 @@ def test_a_fit_is_written_with_its_proven_distance(run, tmp_path):
     assert float(jhd.hausdorff(jhd.io.parse_path(outline), curve).upper) <= 0.0101
 
 
+def test_a_fit_hears_its_limits_and_names_its_results(run, monkeypatch):
+    seen = {}
+
+    def fitted(target, tolerance, **options):
+        seen.update(options, tolerance=tolerance)
+        curve = jhd.polyline([(0, 0), (4, 0)])
+        return [SimpleNamespace(shape=curve, result=jhd.RESULTS.fit_out_of_time)]
+
+    monkeypatch.setattr(jhd, "fit_outline", fitted)
+    asked = "--tolerance", "25%", "--max-seconds", "1.5", "--smooth", "-o", "fit.json", "--json"
+    status, out, _ = run("fit", BASE, *asked)
+    del seen["progress"]
+    known = {"tolerance": 1.0, "degree": 3, "smooth": True, "max_seconds": 1.5}
+    context = json.loads(out)["context"]
+    assert status == 0 and seen == known == {name: context[name] for name in known}
+    assert context["within"] and context["results"] == ["fit_out_of_time"]
+    assert jhd.io.load_curve("fit.json").segments().count == 1
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (("--tolerance", "0"), "tolerance is 0.0; needs one positive number."),
+        (("--tolerance", "1", "--max-seconds", "0"), "max_seconds is 0.0; needs a positive number."),
         (("--tolerance", "1", "--out", "fit.txt"), "fit.txt: the name must end in .svg or .json."),
         (("--tolerance", "1", "--out", "none/fit.svg"), "none/fit.svg: no such folder."),
         ((), "--tolerance"),

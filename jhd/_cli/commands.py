@@ -10,7 +10,6 @@ import sys
 import time
 from argparse import Namespace
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 
 import jax
 
@@ -25,9 +24,9 @@ from jhd._cli.comparisons import minimum as minimum
 from jhd._cli.comparisons import project as project
 from jhd._cli.options import box_of, check_writable, curve_of, kind_of, shape_of
 from jhd._cli.output import print_files
-from jhd._cli.report import bar, names_of, picture, shape_line, solution_text
+from jhd._cli.report import bar, check_picture_file, names_of, picture, shape_line, solution_text
 from jhd._cli.warming import KINDS, preparations
-from jhd._results.solution import HausdorffSolution
+from jhd._results.solution import HausdorffSolution, name_of
 from jhd._runtime import storage
 from jhd._runtime.programs import refused
 from jhd.console import busy, device, exit_status, json_text, paced, precision, timed
@@ -48,6 +47,8 @@ _PACKAGES = "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib"
 
 def demo(options: Namespace) -> int:
     """Both directed distances between one letter in two fonts, as text and as a picture."""
+    file = options.demo or _DEMO_FILE
+    check_picture_file(file)
     specs = [f"font:{font}:{_DEMO_LETTER}" for font in _DEMO_FONTS.values()]
     a, b = (curve_of(name, spec) for name, spec in zip("AB", specs, strict=True))
     print(f"The letter {_DEMO_LETTER} in two fonts, in font units\n")
@@ -66,8 +67,8 @@ def demo(options: Namespace) -> int:
     print(f"time       {first:.2f} s with compilation, {again:.3f} s once compiled (both directions)")
     print(f"device     {device()}, {precision()}")
     with busy("drawing"):
-        picture(_DEMO_FILE, a, b, (there, back), list(_DEMO_FONTS), "font units")
-    print(f"picture    {Path(_DEMO_FILE).resolve()}")
+        picture(file, a, b, (there, back), list(_DEMO_FONTS), "font units")
+    print_files(picture=file)
     return exit_status(there, back)
 
 
@@ -80,8 +81,8 @@ def fit(options: Namespace) -> int:
     tolerance = options.tolerance.of(target)
     start = time.perf_counter()
     with busy("fitting; a first run compiles") as show:
-        degree, smooth = options.degree, options.smooth
-        contours = jhd.fit_outline(target, tolerance, degree=degree, smooth=smooth, progress=show)
+        limits = {"degree": options.degree, "smooth": options.smooth, "max_seconds": options.max_seconds}
+        contours = jhd.fit_outline(target, tolerance, **limits, progress=show)
         shape = jhd.BezierSegments.join([contour.shape for contour in contours])
         error = jhd.hausdorff(target, shape, throw=False, progress=show)
     seconds = time.perf_counter() - start
@@ -95,9 +96,10 @@ def fit(options: Namespace) -> int:
     if options.html:
         write_page(options.html, target, shape, error)
     if options.json:
-        asked = {"target": options.target, "tolerance": tolerance, "degree": degree, "smooth": smooth}
-        segments = [contour.shape.count for contour in contours]
-        print(json_text(error, **asked, within=near, segments=segments, seconds=seconds))
+        asked = {"target": options.target, "tolerance": tolerance, **limits}
+        facts = {"within": near, "segments": [contour.shape.count for contour in contours]}
+        facts["results"] = [name_of(contour.result) for contour in contours]
+        print(json_text(error, **asked, **facts, seconds=seconds))
         return status
     print(shape_line("A", options.target, target), shape_line("B", "fit", shape), sep="\n", end="\n\n")
     print(solution_text("Hausdorff distance", error, *names_of(error)), end="\n\n")
