@@ -34,10 +34,10 @@ _PAGE_HELP = "file for an HTML page: walk along plane curves, or rotate shapes i
 _CERTIFICATE_HELP = "file for a certificate of the bounds, which jhd verify checks"
 _FILES_EPILOG = """\
 SHAPE is one of
-  a curve              .json, .svg or .igs file, font:NAME:LETTER, or SVG path data ("M 0 0 L 1 2")
+  a curve              .json, .svg, .igs, .geojson or .wkt file, font:NAME:LETTER, or SVG path data ("M 0 0 L 1 2")
   a parametric surface .json or .igs file
   a triangle mesh      .obj, .off, .ply or .stl file
-  a point set          .xyz or .npy file, or .ply file without faces
+  a point set          .xyz, .csv, .txt, .npy, .geojson or .wkt file, or .ply file without faces
 """
 _SHAPES_EPILOG = f"""\
 {_FILES_EPILOG}\
@@ -45,7 +45,8 @@ _SHAPES_EPILOG = f"""\
 """
 _MANY_EPILOG = f"""\
 {_SHAPES_EPILOG}
-For several shapes, give a folder, a quoted pattern of files ("scans/*.ply"), or all letters of a font (font:NAME:*).
+For several shapes, give a folder (its .txt files are left out), a quoted pattern of files ("scans/*.ply"), or all
+letters of a font (font:NAME:*).
 """
 _LENGTH_EPILOG = """\
 
@@ -201,7 +202,7 @@ def _parser() -> argparse.ArgumentParser:
 
     purpose = "fit of a curve by few segments, within a tolerance"
     fit = _added(commands, "fit", purpose, _LENGTH_EPILOG.lstrip())
-    curve = "curve to approximate: a .json, .svg or .igs file, font:NAME:LETTER, or SVG path data"
+    curve = "curve to approximate: a .json, .svg, .igs, .geojson or .wkt file, font:NAME:LETTER, or SVG path data"
     fit.add_argument("target", metavar="TARGET", help=curve)
     tolerance = "largest certified Hausdorff distance"
     fit.add_argument("--tolerance", type=lengths.length, required=True, metavar="LENGTH", help=tolerance)

@@ -416,7 +416,8 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
         (["hausdorff", BASE, DIAGONAL, "--atol", "small"], "argument --atol: invalid length value"),
         (["hausdorff", BASE, "missing.svg"], "missing.svg: no such file"),
         (["hausdorff", BASE, "broken.svg"], "broken.svg:"),
-        (["hausdorff", BASE, "notes.txt"], "notes.txt: the suffix is '.txt'"),
+        (["hausdorff", BASE, "notes.txt"], "notes.txt:2: needs numbers; found 'three four'"),
+        (["hausdorff", BASE, "notes.dat"], "notes.dat: the suffix is '.dat'"),
         (["hausdorff", BASE, "font:No Such Font:a"], "No Such Font"),
         (["hausdorff", BASE, "space.json"], "needs the same"),
         (["hausdorff", BASE, DIAGONAL, "--method", "Guess"], "unknown method 'Guess'; there are "),
@@ -466,6 +467,7 @@ def test_the_doctor_fails_where_the_known_distance_comes_out_wrong(run, monkeypa
 def test_bad_input_is_one_line_on_standard_error_with_status_two(run, arguments, message):
     Path("broken.svg").write_text("<svg><path d='M 0 0 L 1'")
     Path("notes.txt").write_text("1 2\nthree four\n")
+    Path("notes.dat").write_text("1 2\n")
     Path("ragged.txt").write_text("1 2\n1 2 3\n")
     Path("empty.txt").write_text("# nothing\n")
     Path("space.json").write_text(SPACE)

@@ -26,6 +26,8 @@ from jhd.io.load import SHAPE_SUFFIXES
 from jhd.shapes.implicit import ImplicitSurface
 
 _ALL = ":*"
+# Text beside shapes is rarely a point set.
+_IN_FOLDERS = tuple(suffix for suffix in SHAPE_SUFFIXES if suffix != ".txt")
 
 
 def pairwise(options: Namespace) -> int:
@@ -159,7 +161,7 @@ def _pairs_of(word: str, box: list[float] | None) -> list[tuple[str, Any]]:
         font = word.removeprefix("font:").removesuffix(_ALL)
         return [(f"font:{font}:{letter}", curve) for letter, curve in load_glyphs(font).items()]
     if os.path.isdir(word):
-        files = sorted(str(path) for path in Path(word).iterdir() if path.suffix.lower() in SHAPE_SUFFIXES)
+        files = sorted(str(path) for path in Path(word).iterdir() if path.suffix.lower() in _IN_FOLDERS)
     elif any(sign in word for sign in "*?[") and not word.startswith("font:"):
         files = sorted(glob.glob(word, recursive=True)) or [word] * is_polynomial(word)
     else:

@@ -14,7 +14,7 @@ from jhd.distance.normalization.method import AbstractHausdorffMethod
 from jhd.distance.project_methods import AbstractProjectionMethod
 from jhd.distance.search.points import is_points
 from jhd.io import load_shape
-from jhd.io.clouds import rows_in
+from jhd.io.clouds import load_points, rows_in
 from jhd.io.errors import read_text
 from jhd.io.load import SHAPE_SUFFIXES
 from jhd.shapes.curve import AbstractCurve
@@ -185,6 +185,8 @@ def points_of(options: Namespace) -> np.ndarray:
     name = options.points or "-"
     if name == "-" and sys.stdin.isatty():
         raise ValueError("there is no point; give X Y [Z], --points FILE, or rows on standard input.")
+    if Path(name).suffix.lower() == ".csv":
+        return np.asarray(load_points(name).control_points[:, 0])
     rows = rows_in(sys.stdin.read() if name == "-" else read_text(name), name)
     if not len(rows):
         raise ValueError(f"{name} holds no points.")

@@ -1,4 +1,4 @@
-"""Point clouds: rows of coordinates in text (.xyz), a NumPy array (.npy), or the vertices of a PLY file."""
+"""Point clouds: rows of coordinates in text (.xyz, .csv, .txt), a NumPy array (.npy), or the vertices of a PLY file."""
 
 from io import StringIO
 from pathlib import Path
@@ -7,10 +7,11 @@ import numpy as np
 
 from jhd.io.errors import ParseError, read_bytes, read_text, shown
 from jhd.io.ply import read_ply
+from jhd.io.tables import table_in
 from jhd.shapes.curve import BezierSegments, point_set
 
 # What is nothing but points; a .ply file may hold a mesh too.
-CLOUD_SUFFIXES = (".xyz", ".npy")
+CLOUD_SUFFIXES = (".xyz", ".csv", ".txt", ".npy")
 
 
 def load_points(file: str | Path) -> BezierSegments:
@@ -24,9 +25,13 @@ def load_points(file: str | Path) -> BezierSegments:
     BezierSegments(2 points, in space, box (0, 0, 0) to (3, 4, 0))
 
     Args:
-        file: `NAME.xyz`, with one point per line: numbers separated by spaces or commas, the first three of them
-            coordinates; comments start with #. Or `NAME.npy`, an array (count, 2) or (count, 3). Or `NAME.ply` without
-            faces.
+        file: a file with one of these suffixes. Text has one point per line, and comments start with #.
+
+            - `.xyz`: numbers separated by spaces or commas, the first three of them coordinates
+            - `.csv`, `.txt`: 2 or 3 columns separated by blanks, commas or semicolons. A first line may name the
+              columns; columns other than x, y and z are then ignored.
+            - `.npy`: an array (count, 2) or (count, 3)
+            - `.ply`: vertices, without faces
 
     Returns:
         The points in the order of the file.
@@ -36,7 +41,7 @@ def load_points(file: str | Path) -> BezierSegments:
         ParseError: a file that cannot be read, with the line; or a file without points or with faces.
     """
     suffix = Path(file).suffix.lower()
-    reader = {".npy": _array, ".ply": _vertices}.get(suffix, _rows)
+    reader = {".npy": _array, ".ply": _vertices, ".csv": _table, ".txt": _table}.get(suffix, _rows)
     rows = reader(str(file))
     try:
         return point_set(rows)
@@ -59,6 +64,10 @@ def _vertices(file: str) -> np.ndarray:
     if len(found.sizes):
         raise ParseError(f"holds {len(found.sizes)} faces; load_mesh reads the mesh.", file)
     return found.vertices
+
+
+def _table(file: str) -> np.ndarray:
+    return table_in(read_text(file), file)
 
 
 def _rows(file: str) -> np.ndarray:

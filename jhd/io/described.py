@@ -103,18 +103,28 @@ def load_described(what: str, file: str | Path, kinds: Kinds) -> Any:
         ParseError: text that is not JSON, with line and column; or JSON that does not describe such a shape, with the
             file and key.
     """
+    content = load_json(file)
+    try:
+        return built(what, content, kinds)
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise ParseError(str(error), file) from error
+
+
+def load_json(file: str | Path) -> Any:
+    """The content of a JSON file, in which no object has a key twice.
+
+    Raises:
+        FileNotFoundError: the file does not exist.
+        ParseError: text that is not JSON, with line and column.
+    """
     text = read_text(file)
     try:
-        content = json.loads(text, object_pairs_hook=_unique)
+        return json.loads(text, object_pairs_hook=_unique)
     except json.JSONDecodeError as error:
         raise ParseError(f"JSON: {error.msg}.", file, error.lineno, error.colno) from error
     except (ValueError, RecursionError) as error:
         # Integers of more digits than Python takes, and brackets deeper than its stack.
         raise ParseError(f"JSON: {shown(str(error), 100)}.", file) from None
-    try:
-        return built(what, content, kinds)
-    except (TypeError, ValueError, OverflowError, RecursionError) as error:
-        raise ParseError(str(error), file) from error
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

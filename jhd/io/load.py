@@ -8,6 +8,7 @@ from jhd.io.clouds import CLOUD_SUFFIXES, load_points
 from jhd.io.curves import CURVE_KINDS
 from jhd.io.described import load_described
 from jhd.io.errors import ParseError, read_bytes
+from jhd.io.geometries import GEOMETRY_SUFFIXES, load_geometry
 from jhd.io.glyphs import load_glyph, parse_font_spec
 from jhd.io.iges import IGES_SUFFIXES, load_iges, united
 from jhd.io.meshes import MESH_SUFFIXES, load_mesh
@@ -21,9 +22,10 @@ from jhd.shapes.patch import AbstractPatch
 
 _PATH_DATA = re.compile(r"\s*[Mm][\s]*[-+.\d]")
 _ACCEPTED = (
-    "a curve is a .json or .svg file, font:NAME:LETTER, or SVG path data (M0 0 ...); a parametric surface is a "
-    f".json or .igs file; a mesh is a file {', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}; points are a file "
-    f"{', '.join(CLOUD_SUFFIXES)}, or .ply without faces"
+    f"a curve is a .json, .svg, .igs, {' or '.join(GEOMETRY_SUFFIXES)} file, font:NAME:LETTER, or SVG path data "
+    "(M0 0 ...); a parametric surface is a .json or .igs file; a mesh is a file "
+    f"{', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}; points are a file {', '.join(CLOUD_SUFFIXES)}, or .ply "
+    "without faces"
 )
 
 
@@ -36,7 +38,8 @@ def load_shape(text: str | Path) -> AbstractCurve | AbstractPatch | TriangleMesh
     - `.svg`: everything that the file draws, see `load_svg`
     - `.igs`, `.iges`: all curves, or all surfaces, as one shape, see `load_iges`
     - `.obj`, `.stl`, `.ply`, `.off`: a mesh, see `load_mesh`
-    - `.xyz`, `.npy`, and `.ply` without faces: a point set, see `load_points`
+    - `.xyz`, `.csv`, `.txt`, `.npy`, and `.ply` without faces: a point set, see `load_points`
+    - `.geojson`, `.wkt`: the points, lines and rings of all geometries, in the unit of the file, with shapely
 
     >>> load_shape("M0 0 H4 V2 Z").count, load_shape("font:DejaVu Sans:l").count
     (3, 4)
@@ -52,6 +55,7 @@ def load_shape(text: str | Path) -> AbstractCurve | AbstractPatch | TriangleMesh
         FileNotFoundError: the file does not exist.
         ParseError: the file or the path data cannot be read; the message gives the line or byte. Also for an existing
             file with another suffix.
+        ImportError: a package that reads the file is not installed; the message names the extra.
         ValueError: a font that is not known to matplotlib, or a letter that it lacks.
     """
     text = str(text)
@@ -89,6 +93,7 @@ def _ply_shape(file: str) -> BezierSegments | TriangleMesh:
 _READERS: dict[str, Callable[[str], AbstractCurve | AbstractPatch | TriangleMesh]] = {
     **dict.fromkeys(MESH_SUFFIXES, load_mesh),
     **dict.fromkeys(CLOUD_SUFFIXES, load_points),
+    **dict.fromkeys(GEOMETRY_SUFFIXES, load_geometry),
     ".json": _json_shape,
     ".svg": load_svg,
     **dict.fromkeys(IGES_SUFFIXES, _iges_shape),

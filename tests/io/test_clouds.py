@@ -31,8 +31,52 @@ def test_rows_of_text_and_arrays_are_points(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "content",
+    [
+        "1 2 3\n4 5 6\n",
+        "1\t2\t3\n4\t5\t6",
+        "1, 2,3\n\n4,5,6 # last\n",
+        "1;2;3\r\n4; 5;6\r\n",
+        "\ufeffx,y,z\n1,2,3\n4,5,6\n",
+        "# survey\n//Z X Y R\n3 1 2 255\n6 4 5 0\n",
+        'id;"X [mm]";"Y [mm]";"z";note\nA 1;"1";"2";"3";first\nB;4;5;6;\n',
+    ],
+)
+@pytest.mark.parametrize("suffix", [".csv", ".txt", ".TXT"])
+def test_tables_of_text_are_points(suffix, content, tmp_path):
+    file = tmp_path / f"a{suffix}"
+    file.write_bytes(content.encode())
+    cloud: Any = jhd.io.load_shape(file)
+    assert cloud.control_points[:, 0].tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    file.write_text("y,x\n1,2\n")
+    assert jhd.io.load_points(file).control_points.tolist() == [[[2.0, 1.0]]]
+
+
+@pytest.mark.parametrize(
     ("name", "content", "message"),
     [
+        ("a.csv", b"0,5;1,5\n", "a.csv:1: has commas next to semicolons: '0,5;1,5'"),
+        ("a.csv", b"0,5 1,5\n", "a.csv:1: has blanks next to commas: '0,5 1,5'"),
+        ("a.csv", b"x;y\n1;2\n0,5;1,5\n", "a.csv:3: has commas next to semicolons"),
+        ("a.csv", b"1,5,2,5\n", r"a.csv:1: 4 columns; needs 2 or 3, or a first line that names"),
+        ("a.csv", b"1\n2\n", r"a.csv:1: 1 columns; needs 2 or 3"),
+        ("a.txt", b"1 2\n3,4\n", "a.txt:2: has commas next to blanks: '3,4'"),
+        ("a.txt", b"1,2\n3 4\n", "a.txt:2: has blanks next to commas: '3 4'"),
+        ("a.txt", b"1;2\n3,4\n", "a.txt:2: has commas next to semicolons: '3,4'"),
+        ("a.csv", b"# x\n\n1,2\n1,2,3\n", "a.csv:4: 3 cells; the lines before have 2"),
+        ("a.csv", b"1,2\n3,4,\n", "a.csv:2: 3 cells; the lines before have 2"),
+        ("a.csv", b"1,2,\n", "a.csv:1: needs numbers; found '1 2 '"),
+        ("a.csv", b"1,two\n", "a.csv:1: needs numbers; found '1 two'"),
+        ("a.csv", b"x,y\n1,two\n", "a.csv:2: needs numbers; found '1 two'"),
+        ("a.csv", b"0,1\n0.5,0.25\n", "a.csv:1: 0, 1, ... may be a point or the numbers of columns"),
+        ("a.csv", b"lon,lat\n1,2\n", "a.csv:1: needs numbers, or names with x, y .and z. once; found 'lon lat'"),
+        ("a.csv", b"x,y,x\n1,2,3\n", "a.csv:1: needs numbers, or names"),
+        ("a.csv", b"x,z\n1,2\n", "a.csv:1: needs numbers, or names"),
+        ("a.csv", b"x,y\n", "at least 1"),
+        ("a.txt", b"", "at least 1"),
+        ("a.txt", b"1 nan\n", "not finite"),
+        ("a.txt", b"1 2 # \xe9\n", "a.txt: byte 6 is not UTF-8 text"),
+        ("a.csv", b"x" * 100_000, r"a.csv:1: needs numbers, or names .*xxx"),
         ("a.xyz", b"1 2 3\n1 two 3\n", "a.xyz:2.*two"),
         ("a.xyz", b"1 2 3\n" + b"x" * 10_000, r"a.xyz:2: needs numbers; found 'xxx+\.\.\."),
         ("a.xyz", b"1 2 3\n1 2\n", "a.xyz:2.*2 numbers; the lines before have 3"),

@@ -54,9 +54,9 @@ def test_a_name_that_looks_like_path_data_is_a_file(tmp_path, monkeypatch):
         ("none.json", FileNotFoundError, r"none\.json: no such file\.$"),
         ("none.svg", FileNotFoundError, r"none\.svg: no such file\.$"),
         (
-            "none.txt",
+            "none.dat",
             FileNotFoundError,
-            r"none\.txt: no such file; a curve is a \.json or \.svg file",
+            r"none\.dat: no such file; a curve is a \.json, \.svg, \.igs, ",
         ),
         ("nothing", FileNotFoundError, "nothing: no such file; a curve is"),
         ("", FileNotFoundError, ": no such file; a curve is"),
@@ -76,7 +76,7 @@ def test_other_texts_are_refused_in_one_line(tmp_path, monkeypatch, text, error,
 
 
 def test_an_unknown_suffix_names_what_is_accepted(tmp_path):
-    file = tmp_path / "curve.csv"
+    file = tmp_path / "curve.dat"
     file.write_text("0,0", encoding="utf-8")
-    with pytest.raises(ParseError, match=r"curve\.csv: the suffix is '\.csv'; a curve is a \.json or \.svg file"):
+    with pytest.raises(ParseError, match=r"curve\.dat: the suffix is '\.dat'; a curve is a \.json, \.svg, \.igs, "):
         load_shape(str(file))

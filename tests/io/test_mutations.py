@@ -28,6 +28,13 @@ SAVED = {
     **{f"b{kind}": lambda file: jhd.io.save_mesh(file, MESH, text=True) for kind in (".ply", ".stl")},
     "a.svg": lambda file: file.write_text(DRAWING),
     "a.xyz": lambda file: file.write_text("0 0 0\n1 2 3\n# c\n4,5,6\n"),
+    "a.csv": lambda file: file.write_text("id,x,y,z\n1,0,0,0\n2,1,2.5,3\n# c\n3,4,5,6\n"),
+    "a.txt": lambda file: file.write_text("0 0 0\n1 2.5 3\n# c\n4 5 6\n"),
+    "a.wkt": lambda file: file.write_text("LINESTRING (0 0, 1 2, 3 4)\nSRID=4326;POLYGON ((0 0, 1 0, 0 1, 0 0))\n"),
+    "a.geojson": lambda file: file.write_text(
+        '{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {"a": [1]}, "geometry": '
+        '{"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [0.5, 1], [0, 0]]]}}]}'
+    ),
     "a.npy": lambda file: np.save(file, np.eye(3)),
     "r.json": lambda file: jhd.io.save_result(file, PLANE),
     "r.npz": lambda file: jhd.io.save_result(file, PLANE),
