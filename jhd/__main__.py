@@ -36,7 +36,7 @@ _FILES_EPILOG = """\
 SHAPE is one of
   a curve              .json, .svg, .igs, .geojson or .wkt file, font:NAME:LETTER, or SVG path data ("M 0 0 L 1 2")
   a parametric surface .json or .igs file
-  a triangle mesh      .obj, .off, .ply or .stl file
+  a triangle mesh      .obj, .off, .ply, .stl, .glb, .gltf or .3mf file
   a point set          .xyz, .csv, .txt, .npy, .geojson or .wkt file, or .ply file without faces
 """
 _SHAPES_EPILOG = f"""\

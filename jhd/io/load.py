@@ -11,7 +11,7 @@ from jhd.io.errors import ParseError, read_bytes
 from jhd.io.geometries import GEOMETRY_SUFFIXES, load_geometry
 from jhd.io.glyphs import load_glyph, parse_font_spec
 from jhd.io.iges import IGES_SUFFIXES, load_iges, united
-from jhd.io.meshes import MESH_SUFFIXES, load_mesh
+from jhd.io.meshes import MESH_SUFFIXES, SCENE_SUFFIXES, load_mesh
 from jhd.io.ply import read_ply
 from jhd.io.polygons import mesh_of
 from jhd.io.surfaces import SURFACE_KINDS
@@ -24,7 +24,7 @@ _PATH_DATA = re.compile(r"\s*[Mm][\s]*[-+.\d]")
 _ACCEPTED = (
     f"a curve is a .json, .svg, .igs, {' or '.join(GEOMETRY_SUFFIXES)} file, font:NAME:LETTER, or SVG path data "
     "(M0 0 ...); a parametric surface is a .json or .igs file; a mesh is a file "
-    f"{', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}; points are a file {', '.join(CLOUD_SUFFIXES)}, or .ply "
+    f"{', '.join((*MESH_SUFFIXES, *SCENE_SUFFIXES))}; points are a file {', '.join(CLOUD_SUFFIXES)}, or .ply "
     "without faces"
 )
 
@@ -37,7 +37,7 @@ def load_shape(text: str | Path) -> AbstractCurve | AbstractPatch | TriangleMesh
     - `.json`: a curve or a parametric surface, see `load_curve` and `load_surface`
     - `.svg`: everything that the file draws, see `load_svg`
     - `.igs`, `.iges`: all curves, or all surfaces, as one shape, see `load_iges`
-    - `.obj`, `.stl`, `.ply`, `.off`: a mesh, see `load_mesh`
+    - `.obj`, `.stl`, `.ply`, `.off`, `.glb`, `.gltf`, `.3mf`: a mesh, see `load_mesh`
     - `.xyz`, `.csv`, `.txt`, `.npy`, and `.ply` without faces: a point set, see `load_points`
     - `.geojson`, `.wkt`: the points, lines and rings of all geometries, in the unit of the file, with shapely
 
@@ -91,7 +91,7 @@ def _ply_shape(file: str) -> BezierSegments | TriangleMesh:
 
 
 _READERS: dict[str, Callable[[str], AbstractCurve | AbstractPatch | TriangleMesh]] = {
-    **dict.fromkeys(MESH_SUFFIXES, load_mesh),
+    **dict.fromkeys((*MESH_SUFFIXES, *SCENE_SUFFIXES), load_mesh),
     **dict.fromkeys(CLOUD_SUFFIXES, load_points),
     **dict.fromkeys(GEOMETRY_SUFFIXES, load_geometry),
     ".json": _json_shape,

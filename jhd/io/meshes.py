@@ -1,4 +1,4 @@
-"""Triangle meshes in files: OBJ, STL (text and binary), PLY (text and binary, either byte order) and OFF.
+"""Triangle meshes in files: OBJ, STL (text and binary), PLY (text and binary, either byte order), OFF, glTF and 3MF.
 
 Polygons become triangles between their corners, convex ones fans about the first corner. Data other than the surface
 (normals, colors, textures, lines, materials) are dropped; free-form surfaces are refused. STL files have no common
@@ -14,6 +14,8 @@ import numpy as np
 
 from jhd._runtime.files import replace_file
 from jhd.io.errors import ParseError, numbered_lines, read_bytes, shown
+from jhd.io.gltf import read_gltf
+from jhd.io.model_packages import read_3mf
 from jhd.io.ply import read_ply, write_ply
 from jhd.io.polygons import Polygons, coordinates_in, in_doubles, indices_in, merged, mesh_of
 from jhd.shapes.as_shape import taken_as
@@ -26,7 +28,7 @@ _UNREAD = ("surf", "fo", "bsp", "bzp", "cdp", "call")
 
 
 def load_mesh(file: str | Path) -> TriangleMesh:
-    """Load a triangle mesh from an OBJ, STL, PLY or OFF file.
+    """Load a triangle mesh from an OBJ, STL, PLY, OFF, glTF or 3MF file.
 
     >>> from tempfile import TemporaryDirectory
     >>> triangle = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
@@ -36,18 +38,22 @@ def load_mesh(file: str | Path) -> TriangleMesh:
     [[0, 1, 2]]
 
     Args:
-        file: name with the suffix .obj, .stl, .ply or .off.
+        file: name with the suffix .obj, .stl, .ply, .off, .glb, .gltf or .3mf.
 
     Returns:
-        The mesh; polygons are split into triangles.
+        The mesh; polygons are split into triangles. A scene (.glb, .gltf, .3mf) becomes one mesh: every part at its
+        place, in the coordinates and the unit of the scene.
 
     Raises:
         FileNotFoundError: the file does not exist.
         ParseError: another suffix, or content that cannot be read, with the line or byte.
     """
     suffix = Path(file).suffix.lower()
+    if suffix in _SCENES:
+        return _SCENES[suffix](str(file), read_bytes(file))
     if suffix not in _READERS:
-        raise ParseError(f"the suffix is {suffix!r}; a mesh is a file {_KNOWN}.", file)
+        known = ", ".join((*MESH_SUFFIXES, *SCENE_SUFFIXES))
+        raise ParseError(f"the suffix is {suffix!r}; a mesh is a file {known}.", file)
     return mesh_of(file, _READERS[suffix](file, read_bytes(file)))
 
 
@@ -268,5 +274,7 @@ _READERS: dict[str, Callable[[object, bytes], Polygons]] = {
 _WRITERS: dict[str, Callable[[np.ndarray, np.ndarray, bool], bytes]] = {
     ".obj": _write_obj, ".off": _write_off, ".ply": write_ply, ".stl": _write_stl,
 }  # fmt: skip
-MESH_SUFFIXES = tuple(_READERS)
+# Files that are read and not written.
+_SCENES: dict[str, Callable[[str, bytes], TriangleMesh]] = {".glb": read_gltf, ".gltf": read_gltf, ".3mf": read_3mf}
+MESH_SUFFIXES, SCENE_SUFFIXES = tuple(_READERS), tuple(_SCENES)
 _KNOWN = f"{', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}"

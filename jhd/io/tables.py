@@ -26,7 +26,7 @@ def table_in(text: str, name: str) -> np.ndarray:
     if not table:
         return np.empty((0, 3))
     number, first = table[0]
-    if any(_number(word) is not None for word in first):
+    if any(number_in(word) is not None for word in first):
         columns = list(range(len(first)))
         if len(first) not in (2, 3):
             message = f"{len(first)} columns; needs 2 or 3, or a first line that names the columns x, y (and z)."
@@ -47,7 +47,7 @@ def _cells(lines: list[tuple[int, str]], name: str) -> list[tuple[int, list[str]
     for number, line in lines:
         words = [_unquoted(word) for word in (line.split(separator) if separator else line.split())]
         others = [sign for sign in ";," if sign != separator and sign in line]
-        if separator and any(len(w.split()) > 1 and None not in map(_number, w.split()) for w in words):
+        if separator and any(len(w.split()) > 1 and None not in map(number_in, w.split()) for w in words):
             others = [""]
         if others:
             message = f"has {_NAMES[others[0]]} next to {_NAMES[separator]}: {shown(line)}; use one separator"
@@ -64,7 +64,7 @@ def _unquoted(word: str) -> str:
 
 
 def _row(words: list[str], columns: list[int], name: str, number: int) -> list[float]:
-    row = [value for value in (_number(words[k]) for k in columns) if value is not None]
+    row = [value for value in (number_in(words[k]) for k in columns) if value is not None]
     if len(row) < len(columns):
         raise ParseError(f"needs numbers; found {shown(' '.join(words))}.", name, number)
     return row
@@ -80,7 +80,8 @@ def _named(words: list[str], name: str, number: int) -> list[int]:
     return columns
 
 
-def _number(word: str) -> float | None:
+def number_in(word: str) -> float | None:
+    """The number that a word is; None for other words."""
     # Python takes 1_0 and digits of other scripts for numbers.
     try:
         return float(word) if word.isascii() and "_" not in word else None

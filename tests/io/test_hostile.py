@@ -21,6 +21,7 @@ from fontTools.ttLib import newTable
 import jhd
 import jhd.io
 from jhd._runtime.archives import read_arrays
+from tests.io.scenes import glb, gltf, package, zipped
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 OFF = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n"
@@ -54,6 +55,15 @@ def member(shape, dtype="<f8", size=0):
     """An array in a file that says more of itself than it is."""
     header = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117).encode() + b"\n"
     return b"\x93NUMPY\x01\x00v\x00" + header + bytes(size)
+
+
+def nested(times, inner=None):
+    """Objects of two objects of two objects of ...; or objects that contain another one."""
+    pair = "<component objectid='{}'/>" * 2
+    return "".join(
+        f'<object id="{k}"><components>{pair.replace("{}", inner or str(k - 1))}</components></object>'
+        for k in range(1, times + 1)
+    )
 
 
 REFUSED = {
@@ -110,6 +120,47 @@ REFUSED = {
     "b.csv": ("1" * 5_000 + "x,2\n", "b.csv:1: needs numbers; found '111"),
     "a.txt": ("\u0663 2 3\n".encode().decode("latin-1"), "a.txt:1: needs numbers"),
     "b.txt": ("1 2\n" * 10_000 + "0,5 2\n", "b.txt:10001: has commas next to blanks"),
+    "a.glb": (glb()[:-60], "a.glb: byte .*: a chunk of .* bytes ends behind the file"),
+    "b.glb": (b"glTF" + struct.pack("<II", 1, 12), "b.glb: glTF: the version is 1; needs 2"),
+    "c.glb": (b"glTF" + struct.pack("<II", 2, 12), "c.glb: glTF: has no JSON chunk"),
+    "d.glb": (glb({("accessors", 0, "count"): 10**18}), r"accessors\[0\] does not fit its bufferView"),
+    "e.glb": (glb({("bufferViews", 1, "byteLength"): 10**9}), "ends behind its buffer of 72 bytes"),
+    "f.glb": (glb({("nodes", 0, "mesh"): -1}), r"names meshes\[-1\]; there are 1"),
+    "a.gltf": ("[" * 100_000, "a.gltf: glTF: .*recursion"),
+    "b.gltf": (gltf({("asset",): None}), "b.gltf: glTF: the key 'asset' is missing"),
+    "c.gltf": (gltf(nodes=[{"children": [1, 1]}, {"mesh": 0}]), r"nodes\[1\] has two parents"),
+    "d.gltf": (gltf(nodes=[{"children": [1]}, {"children": [0]}]), r"nodes\[0\] has two parents"),
+    "e.gltf": (gltf({("buffers", 0, "uri"): "../../etc/passwd"}), "needs a file next to this one"),
+    "f.gltf": (gltf({("buffers", 0, "uri"): "/dev/zero"}), "needs a file next to this one"),
+    "g.gltf": (gltf({("buffers", 0, "uri"): "https://a.org/b.bin"}), "needs a file next to this one"),
+    "h.gltf": (gltf({("buffers", 0, "uri"): "data:;base64,!"}), "h.gltf: glTF: "),
+    "i.gltf": (gltf({("accessors", 0, "sparse"): {"count": 1}}), r"accessors\[0\] is sparse"),
+    "j.gltf": (gltf({("accessors", 0, "bufferView"): None}), r"accessors\[0\] is .*without data"),
+    "k.gltf": (gltf(extensionsRequired=["KHR_draco_mesh_compression"]), "needs the extension 'KHR_draco"),
+    "l.gltf": (gltf({("nodes", 0, "skin"): 0}), "has a skin or morph weights"),
+    "m.gltf": (gltf({("nodes", 0, "scale"): [1e308, 1, 1]}, nodes=[{"mesh": 0, "matrix": [1e308] * 16}]), "not finite"),
+    "n.gltf": (gltf({("accessors", 0, "count"): 3}), "a triangle names vertex 3, counted from 0; there are 3"),
+    "o.gltf": (gltf(scenes=[{"nodes": []}]), "o.gltf: holds no triangles"),
+    "p.gltf": (gltf({("asset", "version"): "1.0"}), "the version is '1.0'; needs 2.0"),
+    "q.gltf": (gltf({("bufferViews", 0, "byteStride"): -4}), "does not fit its bufferView"),
+    "r.gltf": (gltf({("nodes", 0, "matrix"): [1, 2]}), "r.gltf: glTF: "),
+    "a.3mf": ("PK\3\4 and nothing more", "a.3mf: 3MF: "),
+    "b.3mf": (zipped({"a": "b"}), "b.3mf: 3MF: the package has no part '3D/3dmodel.model'"),
+    "c.3mf": (package(items='<item objectid="2"/>'), "the object '2' in '3D/3dmodel.model' is not there"),
+    "d.3mf": (package(nested(1, "1"), '<item objectid="1"/>'), "contains itself, or too many levels"),
+    "e.3mf": (package('<object id="0">MESH</object>' + nested(40), '<item objectid="40"/>'), "has more than .* parts"),
+    "f.3mf": (package('<object id="1"><mesh><vertices><vertex x="1_0" y="0" z="0"/></vertices></mesh></object>'),
+        "line 1: needs a number; found '1_0'"),
+    "g.3mf": (package('<object id="1"><mesh><triangle v1="0" v2="-1" v3="0"/></mesh></object>'), "needs a whole n"),
+    "h.3mf": (package('<object id="1"><mesh><triangle v1="0" v2="1"/></mesh></object>'), "attribute 'v3' is missing"),
+    "i.3mf": (package("<object>"), "i.3mf: 3MF: .*line 1"),
+    "j.3mf": (zipped({"3D/3dmodel.model": '<!DOCTYPE a [<!ENTITY b "c">]><model>&b;</model>'}), "entities are not"),
+    "k.3mf": (package(items='<item objectid="1" transform="1 2 3"/>'), "k.3mf: 3MF: .*line 1"),
+    "l.3mf": (package(items=""), "l.3mf: holds no triangles"),
+    "m.3mf": (package(items='<item objectid="1" transform="1e999 0 0 0 1 0 0 0 1 0 0 0"/>'), "not finite"),
+    "n.3mf": (zipped({"3D/3dmodel.model": " " * (1 << 27)}), "would take 134217728 bytes in memory"),
+    "o.3mf": (package('<object id="1"><vertex x="0" y="0" z="0"/><triangle v1="0" v2="0" v3="7"/></object>'),
+        "names vertex 7, counted from 0; there are 1"),
     "a.wkt": ("GEOMETRYCOLLECTION(" * 100_000, "a.wkt:1: brackets are nested deeper than 100"),
     "b.wkt": ("POINT (1 2)\nPOINT (1 x)\n", "b.wkt:2: .*Expected number"),
     "c.wkt": ("POINT (1e999 2)", "c.wkt: .*not finite"),

@@ -9,6 +9,7 @@ import pytest
 
 import jhd
 import jhd.io
+from tests.io.scenes import glb, gltf, package
 from tests.sweeps import swept
 
 CURVE = jhd.io.parse_path("M0 0C1 2 3 4 5 0A2 1 0 0 1 7 0L3 3Z")
@@ -35,6 +36,9 @@ SAVED = {
         '{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {"a": [1]}, "geometry": '
         '{"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [0.5, 1], [0, 0]]]}}]}'
     ),
+    "a.glb": lambda file: file.write_bytes(glb(nodes=[{"mesh": 0, "translation": [1, 2, 3], "scale": [1, 2, 3]}])),
+    "a.gltf": lambda file: file.write_bytes(gltf()),
+    "a.3mf": lambda file: file.write_bytes(package()),
     "a.npy": lambda file: np.save(file, np.eye(3)),
     "r.json": lambda file: jhd.io.save_result(file, PLANE),
     "r.npz": lambda file: jhd.io.save_result(file, PLANE),
