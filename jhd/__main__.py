@@ -1,9 +1,9 @@
 """The command line: `jhd` or `python -m jhd`; without a command it runs the demonstration.
 
-Exit status: 0 done, and the requested property holds; 1 the bounds are true but wider than requested (or the self-check
-of `jhd doctor` fails, or `jhd verify` refuses a certificate); 2 invalid input, with one line on stderr; 70 unexpected
-error (JHD_TRACEBACK=1 shows its location); 130 interrupted, with the bounds reached, if any; 141 the reader of the
-output closed it. With --threshold: 0 certified yes, 3 certified no, 1 undecided.
+Exit status: 0 done, and the requested property holds; 1 the bounds are true but wider than requested, or a certificate
+cannot be proven; 2 invalid input, with one line on stderr; 4 `jhd verify` refuses a certificate; 5 the self-check of
+`jhd doctor` fails; 70 unexpected error (JHD_TRACEBACK=1 shows its location); 130 interrupted, with the bounds reached,
+if any; 141 the reader of the output closed it. With --threshold: 0 certified yes, 3 certified no, 1 undecided.
 """
 
 import argparse
@@ -48,6 +48,17 @@ _MANY_EPILOG = f"""\
 For several shapes, give a folder (its .txt files are left out), a quoted pattern of files ("scans/*.ply"), or all
 letters of a font (font:NAME:*).
 """
+# Exit statuses of commands, in their help.
+_STATUSES = {
+    "hausdorff": "0 done; 1 bounds not closed, or no certificate; 2 invalid input. With --threshold: 0 yes, 3 no, "
+    "1 undecided.",
+    "duplicates": "0 done; 1 some pairs undecided; 2 invalid input.",
+    "fit": "0 done; 1 tolerance not reached; 2 invalid input.",
+    "verify": "0 proven; 2 invalid input; 4 certificate refused.",
+    "precompile": "0 done; 2 invalid input.",
+    "doctor": "0 self-check passed; 5 self-check failed.",
+}
+_STATUSES |= {"minimum": _STATUSES["hausdorff"], "field": _STATUSES["fit"]}
 _LENGTH_EPILOG = """\
 
 LENGTH is a number in input units, or a percentage of the diagonal of the box around all given shapes, for example 0.1%.
@@ -74,9 +85,9 @@ examples:
   jhd doctor
 
 {_SHAPES_EPILOG}{_LENGTH_EPILOG}
-Exit status: 0 done; 1 bounds not closed, or a tolerance not reached; 2 invalid input; 4 certificate refused;
-5 self-check failed; 70 unexpected error; 130 interrupted, with the bounds reached. A question (`--threshold` of
-hausdorff and minimum) is answered by 0 yes, 3 no, 1 undecided.
+Exit status: 0 done; 1 bounds not closed, a tolerance not reached, or no certificate; 2 invalid input; 4 certificate
+refused; 5 self-check failed; 70 unexpected error; 130 interrupted, with the bounds reached; 141 output closed by its
+reader. A question (`--threshold` of hausdorff and minimum) is answered by 0 yes, 3 no, 1 undecided.
 
 Environment: JHD_CACHE=FOLDER is the folder of compiled functions, JHD_CACHE=0 keeps none. JAX_ENABLE_X64=0 computes in
 float32. JHD_TRACEBACK=1 shows the location of an unexpected error.
@@ -232,7 +243,9 @@ def _added(commands: Any, name: str, purpose: str, epilog: str | None = None, al
     """A command, whose purpose stands in the list of commands and in its own help."""
     raw = argparse.RawDescriptionHelpFormatter
     described = {"help": purpose, "description": f"{purpose[0].upper()}{purpose[1:]}."}
-    parser = commands.add_parser(name, aliases=aliases, epilog=epilog, formatter_class=raw, **described)
+    statuses = _STATUSES.get(name, "0 done; 1 bounds not closed; 2 invalid input.")
+    ends = f"{epilog}\nExit status: {statuses}" if epilog else f"Exit status: {statuses}"
+    parser = commands.add_parser(name, aliases=aliases, epilog=ends, formatter_class=raw, **described)
     parser.set_defaults(command=name)
     return parser
 

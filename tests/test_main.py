@@ -277,6 +277,8 @@ def test_points_come_from_a_file_or_standard_input(run, monkeypatch):
     rows = "# x y\n1 2\n\n3, -1  # below\n"
     Path("points.txt").write_text(rows)
     _, from_file, _ = run("project", BASE, "--points", "points.txt", "--json")
+    Path("points.csv").write_text("y;x;id\n2;1;a\n-1;3;b\n")
+    assert run("project", BASE, "--points", "points.csv", "--json")[1] == from_file
     with open("points.txt") as stream:
         monkeypatch.setattr(sys, "stdin", stream)
         _, from_input, _ = run("project", BASE, "--json")
@@ -361,6 +363,7 @@ def test_warm_keeps_the_programs_of_the_kinds_that_are_named(run, monkeypatch, t
     assert [line.split(": one")[0] for line in out.splitlines()[:2]] == ["plane", "meshes"]
     assert f"programs   {tmp_path / 'kept' / 'programs'} (0.0 MB in 0 files" in out
     status, out, _ = run("precompile", "--json")
+    assert json.loads(out)["kinds"] == list(KINDS) and json.loads(out)["degree"] is None
     assert calls[3] == (list(KINDS), None)
     assert [row["name"] for row in json.loads(out)["prepared"]] == ["plane: one", "meshes: one"]
 

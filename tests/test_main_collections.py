@@ -26,7 +26,8 @@ def run(capsys, monkeypatch, tmp_path):
     (tmp_path / "sets").mkdir()
     for name, x in PLACES.items():
         np.save(tmp_path / "sets" / f"{name}.npy", [[x, 0.0], [x, 1.0]])
-    (tmp_path / "sets" / "notes.md").write_text("no shape")
+    for name in ("notes.md", "notes.txt"):
+        (tmp_path / "sets" / name).write_text("no shape")
 
     def call(*arguments):
         status = main([str(argument) for argument in arguments])

@@ -44,6 +44,10 @@ def test_help_and_the_version_are_answered_before_the_package_is_imported(tmp_pa
     assert (status, err) == (0, "") and all(command in out for command in ("hausdorff", "project", "doctor"))
     status, out, err = interrupted(tmp_path, "-W", "error", "-m", "jhd", "hausdorff", "--help")
     assert (status, err) == (0, "") and out.startswith("usage: jhd hausdorff ")
+    answer = (
+        "Exit status: 0 done; 1 bounds not closed, or no certificate; 2 invalid input. With --threshold: 0 yes, 3 no"
+    )
+    assert answer in out
     assert interrupted(tmp_path, "-m", "jhd", "--version") == (0, f"jhd {jhd.__version__}\n", "")
     status, out, err = interrupted(tmp_path, "-m", "jhd", "draw", "--help")
     assert (status, out) == (2, "") and err.startswith("jhd: error: argument COMMAND: invalid choice: 'draw'")

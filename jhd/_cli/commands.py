@@ -212,7 +212,12 @@ def precompile(options: Namespace) -> int:
             show(f"{bar(done, len(asked))} {name}")
             rows.append({"name": name, "seconds": timed(run)[1]})
     if options.json:
-        print(json.dumps({"folder": str(folder), **storage.contents(folder)._asdict(), "prepared": rows}, indent=2))
+        given = {"kinds": options.kinds or list(KINDS), "degree": options.degree}
+        print(
+            json.dumps(
+                {**given, "folder": str(folder), **storage.contents(folder)._asdict(), "prepared": rows}, indent=2
+            )
+        )
         return 0
     width = max(len(row["name"]) for row in rows)
     print("\n".join(f"{row['name']:<{width}}  {row['seconds']:6.2f} s" for row in rows), end="\n\n")
