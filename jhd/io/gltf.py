@@ -156,8 +156,10 @@ def _parts(scene: _Scene) -> Iterator[ScenePart]:
         if "mesh" not in node:
             continue
         mesh = scene.entry("meshes", node["mesh"])
-        if "skin" in node or any(node.get("weights", mesh.get("weights", []))):
-            raise ParseError(f"glTF: nodes[{index}] has a skin or morph weights, which are not read.", scene.file)
+        many = "EXT_mesh_gpu_instancing" in node.get("extensions", {})
+        if many or "skin" in node or any(node.get("weights", mesh.get("weights", []))):
+            message = f"glTF: nodes[{index}] has a skin, morph weights or instances, which are not read."
+            raise ParseError(message, scene.file)
         if node["mesh"] not in known:
             surfaces = [primitive for primitive in mesh["primitives"] if primitive.get("mode", 4) >= 4]
             known[node["mesh"]] = [_triangles(scene, primitive) for primitive in surfaces]

@@ -21,6 +21,8 @@ from jhd.shapes.mesh import TriangleMesh
 _RELATIONS, _USUAL = "_rels/.rels", "3D/3dmodel.model"
 # Objects inside objects, which must not contain themselves.
 _MOST_LEVELS = 100
+# Extensions that leave the triangles as they are, and the one that is read.
+_HARMLESS = ("material", "trianglesets", "production")
 # All members together: so many times the size of the package, and so many bytes in any case.
 _TIMES, _ALWAYS = 64, 1 << 26
 
@@ -138,7 +140,7 @@ def _model(file: str, package: zipfile.ZipFile, name: str) -> tuple[dict[str, _O
 
 
 def _parse(file: str, package: zipfile.ZipFile, name: str, begun: Callable[[str, dict[str, str]], Any]) -> None:
-    """Calls a function with each element that begins: its name without the namespace, and its attributes."""
+    """Calls a function with each element of the root's namespace: its name without it, and its attributes."""
     if name not in package.namelist():
         raise ParseError(f"3MF: the package has no part {shown(name)}.", file)
     parser = expat.ParserCreate(namespace_separator=" ")
@@ -146,8 +148,23 @@ def _parse(file: str, package: zipfile.ZipFile, name: str, begun: Callable[[str,
     def refuse(*_: Any) -> None:
         raise ValueError("entities are not read")
 
+    spaces: dict[str | None, str] = {}
+    roots: list[str] = []
+
+    def element(tag: str, attributes: dict[str, str]) -> None:
+        space, _, plain = tag.rpartition(" ")
+        if not roots:
+            roots.append(space)
+            for prefix in attributes.get("requiredextensions", "").split():
+                if not any(f"/{word}/" in spaces.get(prefix, "") for word in _HARMLESS):
+                    raise ValueError(f"needs the extension {shown(spaces.get(prefix, prefix))}, which is not read")
+        # Extensions have vertices and triangles of their own.
+        if space == roots[0]:
+            begun(plain, attributes)
+
     parser.EntityDeclHandler = refuse
-    parser.StartElementHandler = lambda tag, attributes: begun(tag.rpartition(" ")[2], attributes)
+    parser.StartNamespaceDeclHandler = lambda prefix, space: spaces.update({prefix: space})
+    parser.StartElementHandler = element
     try:
         parser.Parse(package.read(name), True)
     except (KeyError, ValueError, expat.ExpatError) as error:

@@ -107,6 +107,12 @@ def test_the_build_plate_places_objects_and_their_parts(tmp_path):
     assert faces(loaded(tmp_path, "b.3mf", package(items=item))) == expected(CORNERS, MOVED)
 
 
+def test_vertices_of_extensions_are_left_out(tmp_path):
+    names = 'xmlns:s="http://a/slice/2015/07" xmlns:m="http://a/material/2015/02" requiredextensions="m"'
+    objects = '<s:slicestack><s:vertex x="1" y="2"/></s:slicestack><object id="1">MESH<s:triangle/></object>'
+    assert faces(loaded(tmp_path, "a.3mf", package(objects, unit=names))) == expected(CORNERS)
+
+
 def test_other_parts_of_a_package_are_read(tmp_path):
     relations = '<Relationships><Relationship Type="http://a/3dmodel" Target="/3D/main.model"/></Relationships>'
     main = model(
