@@ -81,6 +81,7 @@ from jhd._results.solution import (  # noqa: E402
     DIRECTIONS,
     EVENTS,
     RESULTS,
+    Bounds,
     CriticalPairs,
     Decision,
     FitSolution,
@@ -93,7 +94,6 @@ from jhd._results.solution import (  # noqa: E402
 )
 from jhd.distance import (  # noqa: E402
     BestFirstProjection,
-    Bounds,
     BranchAndBound,
     Certificate,
     CertificateError,

@@ -134,15 +134,17 @@ def undecided(decision):
 def test_every_object_prints_bounds_that_hold_what_it_stores(given):
     ends = given.low, given.high
     kinds = (given.hausdorff, given.minimum, given.projection, given.decision, given.measure)
-    for thing in kinds:
+    for thing in (*kinds, given.bounds):
         check(repr(thing), 1, *ends)
         check(thing._repr_html_(), 1, *ends)
+    for thing in kinds:
         check(refused(thing), 1, *ends)
     check(repr(given.fit), 2, *ends)
     check(given.fit._repr_html_(), 2, *ends)
     check(repr(given.deviation), 4, *ends)
+    check(given.deviation._repr_html_(), 4, *ends)
     check(undecided(given.decision), 1, *ends)
-    for thing in (given.hausdorff, given.minimum):
+    for thing in (given.hausdorff, given.minimum, given.measure, given.bounds):
         check(f"{thing:.9g}", 1, *ends)
         check(f"{thing:.3e}", 1, *ends)
     check(repr(given.certificate), 1, *ends)

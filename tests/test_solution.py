@@ -2,6 +2,7 @@
 
 import json
 import operator
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -218,7 +219,7 @@ def test_a_format_of_numbers_is_that_of_both_bounds_rounded_outward():
     assert f"{solution:.3f}" == "[1.234, 1.236]" and f"{solution:>8.1e}" == "[  1.2e+0,   1.3e+0]"
     assert f"{eqx.tree_at(lambda s: s.upper, solution, jnp.asarray(jnp.inf)):.2f}" == "[1.23, inf]"
     assert f"{solution}" == repr(solution)
-    with pytest.raises(TypeError, match="one distance"):
+    with pytest.raises(TypeError, match="one number"):
         f"{jax.tree_util.tree_map(lambda x: x[None], solution):.3f}"
 
 
@@ -232,8 +233,20 @@ def test_a_dictionary_holds_what_json_holds_for_every_kind_of_solution():
 @pytest.mark.parametrize("compare", [operator.lt, operator.le, operator.gt, operator.ge])
 def test_an_order_of_distances_is_refused_with_what_decides(compare):
     for other in (1, 2.0, a_solution()):
-        with pytest.raises(TypeError, match="is not a number: .* hausdorff_at_most"):
-            compare(a_solution(), other)
+        for bounded in (a_solution(), jhd.Bounds(0, 2)):
+            with pytest.raises(TypeError, match="is not a number: .* hausdorff_at_most"):
+                compare(bounded, other)
+
+
+def test_bounds_are_a_number_and_no_tuple():
+    bounds = jhd.Bounds(0, 1 / 3)
+    assert float(bounds) == bounds.value == 1 / 6 and f"{bounds:.2f}" == "[0.00, 0.34]"
+    assert repr(bounds) == "Bounds(lower=0.0, upper=0.33333333333333332)" and bounds == jhd.Bounds(0.0, 1 / 3)
+    assert bounds.to_dict() == {"lower": 0.0, "upper": 1 / 3} and "<th>value</th>" in bounds._repr_html_()
+    calls = [lambda x: 2 * x, lambda x: x + x, tuple, lambda x: x[0], len]
+    for call in calls:
+        with pytest.raises(TypeError):
+            call(cast(Any, bounds))
 
 
 def test_json_takes_the_options_of_json_dumps():

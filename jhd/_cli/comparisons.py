@@ -206,7 +206,7 @@ def deviation(options: Namespace) -> int:
     if drawn.get("page"):
         write_page(options.html, found)
     asked = {"a": options.a, "b": options.b, "threshold": threshold, **tolerances, **box_of(a, b)}
-    content = found.to_dict() | ({} if within is None else {"fraction_within": list(within)})
+    content = found.to_dict() | ({} if within is None else {"fraction_within": to_plain(within)})
     if delivered(options, found, content, **asked, diagonal=size, seconds=seconds):
         return exit_status(found)
     print(shape_line("A", options.a, a), shape_line("B", options.b, b), sep="\n", end="\n\n")

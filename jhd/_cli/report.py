@@ -17,7 +17,7 @@ from jhd._results.solution import RESULTS, Decision, HausdorffSolution, MinimumS
 from jhd._runtime.files import replace_file
 from jhd.decimals import interval_text, lower_text, upper_text
 from jhd.distance.collections.tasks import CollectionProgress
-from jhd.distance.deviation_solution import Bounds, Deviation
+from jhd.distance.deviation_solution import Deviation
 from jhd.distance.search.points import is_points
 from jhd.fields.adaptive_build import FieldProgress
 from jhd.fields.octree import VoxelProgress
@@ -79,8 +79,7 @@ def solution_text(title: str, solution: HausdorffSolution, name: str, other: str
 
 def deviation_text(found: Deviation, threshold: float | None, diagonal: float) -> str:
     """A table of the bounds of a deviation."""
-    largest = Bounds(float(found.maximum.lower), float(found.maximum.upper))
-    rows = {"maximum": largest, "rms": found.rms, "mean": found.mean}
+    rows: dict[str, Any] = {"maximum": found.maximum, "rms": found.rms, "mean": found.mean}
     rows |= {f"{q:.0%} within": found.quantile(q) for q in (0.5, 0.9, 0.99)}
     lengths = len(rows)
     if threshold is not None:

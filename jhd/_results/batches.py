@@ -20,42 +20,15 @@ from jhd.decimals import lower_text, upper_text
 
 # What a notebook shows of a solution, as far as it has it.
 _SHOWN = (
-    *("answer", "value", "distance", "lower", "upper", "error", "statistic", "optimality", "event", "direction"),
-    *("witness", "point_a", "point_b", "foot", "element", "segment", "t", "result"),
+    *("answer", "value", "distance", "lower", "upper", "error", "statistic", "maximum", "rms", "mean", "size"),
+    *("optimality", "event", "direction", "witness", "point_a", "point_b", "foot", "element", "segment", "t", "result"),
 )
 # How the bounds among them are written.
 _ENDS = {"lower": lower_text, "upper": upper_text}
 
 
-class AbstractSolution(eqx.Module):
-    """Result of an entry point, single or a batch. The batch axes are the axes of `result`."""
-
-    # The field `result` is left to each class: checkers of types would take it for the first argument of all.
-
-    @property
-    def ok(self) -> Array:
-        """Whether all requested bounds and conditions hold; a boolean array if the solution is a batch."""
-        return _result(self) == RESULTS.successful
-
-    def __getitem__(self, index: Any) -> Any:
-        """Entries of a batch, by an index along its axes, as in NumPy.
-
-        Raises:
-            TypeError: the solution is not a batch.
-            IndexError: the index is outside the batch.
-        """
-        shape = np.shape(_result(self)._value)
-        if not shape:
-            raise TypeError(
-                f"this {type(self).__name__} is a single result; only a batch, as vmap returns it, can be indexed."
-            )
-        if not is_traced(index):
-            # NumPy says what is outside, where JAX takes what is nearest.
-            np.empty(shape, bool)[index]
-        if is_traced(self, index):
-            return jax.tree_util.tree_map(lambda x: x[index], self)
-        # On the host, where nothing is compiled.
-        return on_device(jax.tree_util.tree_map(lambda x: np.asarray(x)[index], self))
+class AbstractResult(eqx.Module):
+    """What an entry point computes, as text, JSON and a table in a notebook."""
 
     def to_dict(self) -> dict[str, Any]:
         """The solution as nested dictionaries, lists, numbers and names.
@@ -78,7 +51,7 @@ class AbstractSolution(eqx.Module):
 
     def _repr_html_(self) -> str:
         """The solution in a notebook: a table of its numbers; for a batch the printed text."""
-        if is_traced(self) or np.shape(_result(self)._value):
+        if is_traced(self) or _batch_shape(self):
             return f"<pre>{escape(repr(self))}</pre>"
         known = {name: getattr(self, name, None) for name in _SHOWN}
         rows = {name: _cell(name, value) for name, value in known.items() if value is not None}
@@ -87,8 +60,43 @@ class AbstractSolution(eqx.Module):
         return f"<table><caption>{type(self).__name__}</caption>{cells}</table>{picture}"
 
 
+class AbstractSolution(AbstractResult):
+    """Result of an entry point, single or a batch. The batch axes are the axes of `result`."""
+
+    # The field `result` is left to each class: checkers of types would take it for the first argument of all.
+
+    @property
+    def ok(self) -> Array:
+        """Whether all requested bounds and conditions hold; a boolean array if the solution is a batch."""
+        return _result(self) == RESULTS.successful
+
+    def __getitem__(self, index: Any) -> Any:
+        """Entries of a batch, by an index along its axes, as in NumPy.
+
+        Raises:
+            TypeError: the solution is not a batch.
+            IndexError: the index is outside the batch.
+        """
+        shape = _batch_shape(self)
+        if not shape:
+            raise TypeError(
+                f"this {type(self).__name__} is a single result; only a batch, as vmap returns it, can be indexed."
+            )
+        if not is_traced(index):
+            # NumPy says what is outside, where JAX takes what is nearest.
+            np.empty(shape, bool)[index]
+        if is_traced(self, index):
+            return jax.tree_util.tree_map(lambda x: x[index], self)
+        # On the host, where nothing is compiled.
+        return on_device(jax.tree_util.tree_map(lambda x: np.asarray(x)[index], self))
+
+
 def _result(solution: Any) -> Any:
-    return solution.result
+    return getattr(solution, "result", None)
+
+
+def _batch_shape(solution: Any) -> tuple[int, ...]:
+    return np.shape(getattr(_result(solution), "_value", 0))
 
 
 def _cell(name: str, value: Any) -> str:
@@ -97,7 +105,7 @@ def _cell(name: str, value: Any) -> str:
         return names_of(value)
     if hasattr(value, "point"):
         return f"at {_cell('point', value.point)}"
-    if isinstance(value, AbstractSolution):
+    if isinstance(value, AbstractResult):
         return " to ".join(_cell(end, getattr(value, end)) for end in _ENDS if getattr(value, end, None) is not None)
     numbers = np.asarray(value)
     if numbers.ndim == 0:

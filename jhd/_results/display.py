@@ -51,7 +51,9 @@ def value_text(value: Any, bound: BoundText | None = None) -> str:
         bound: `lower_text` or `upper_text` if the entries of an array are bounds.
     """
     if not hasattr(value, "shape"):
-        return f"{value:.6g}" if isinstance(value, float) else repr(value)
+        if isinstance(value, float):
+            return f"{value:.6g}" if bound is None else bound(value)
+        return repr(value)
     if is_traced(value):
         return f"traced {size_text(value.shape)}".rstrip()
     if not is_known(value) or np.size(value) > _FEW or 0 in value.shape:

@@ -15,6 +15,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jhd._results.batches import AbstractSolution, shown_many
 from jhd._results.batches import on_device as on_device
+from jhd._results.bounds import AbstractBounds
+from jhd._results.bounds import Bounds as Bounds
 from jhd._results.outcomes import ANSWERS as ANSWERS
 from jhd._results.outcomes import DIRECTIONS as DIRECTIONS
 from jhd._results.outcomes import EVENTS as EVENTS
@@ -27,7 +29,7 @@ from jhd._results.plain import to_plain as to_plain
 from jhd._results.unproven import NotProvenError as NotProvenError
 from jhd._results.unproven import throw_unless_successful as throw_unless_successful
 from jhd._runtime.arrays import is_traced
-from jhd.decimals import interval_text, lower_text, point_text, upper_text
+from jhd.decimals import lower_text, point_text, upper_text
 
 
 def with_result(solution: Any, result: Any) -> Any:
@@ -102,35 +104,7 @@ class Witness(eqx.Module):
         return f"Witness({shown}, {ends}, direction={name_of(self.direction)})"
 
 
-class AbstractDistance(AbstractSolution):
-    """A distance with certified bounds."""
-
-    value: eqx.AbstractVar[Array]
-    lower: eqx.AbstractVar[Array]
-    upper: eqx.AbstractVar[Array]
-
-    def __float__(self) -> float:
-        if is_traced(self.value):
-            raise TypeError("the distance is traced and has no number yet: use its `value` instead.")
-        return float(self.value)
-
-    def __format__(self, spec: str) -> str:
-        """Both bounds in a number format, lower rounded down and upper rounded up; without a format the repr."""
-        if not spec:
-            return str(self)
-        if is_traced(self.value) or np.ndim(self.value):
-            raise TypeError("a number format needs one distance; this one is traced, or a batch to index.")
-        return interval_text(self.lower, self.upper, spec)
-
-    def _compared(self, other: object) -> Any:
-        # Bounds may overlap, so there is no order.
-        ask = "compare its value, lower or upper, or use hausdorff_at_most or minimum_at_most"
-        raise TypeError(f"a {type(self).__name__} is not a number: {ask}.")
-
-    __lt__ = __le__ = __gt__ = __ge__ = _compared
-
-
-class HausdorffSolution(AbstractDistance):
+class HausdorffSolution(AbstractBounds, AbstractSolution):
     """A Hausdorff distance with certified bounds: lower <= exact <= upper.
 
     `float(solution)` is the value. `f"{solution:.3f}"` shows both bounds, rounded outward.
@@ -180,7 +154,7 @@ class HausdorffSolution(AbstractDistance):
         )
 
 
-class MinimumSolution(AbstractDistance):
+class MinimumSolution(AbstractBounds, AbstractSolution):
     """A minimum distance of two shapes with certified bounds: lower <= exact <= upper.
 
     If the shapes meet, `lower` is 0 and `upper` bounds the distance between the two points found.

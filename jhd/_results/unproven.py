@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jhd._results.bounds import Bounds
 from jhd._results.outcomes import RESULTS
 from jhd._runtime.arrays import is_traced
 from jhd.decimals import lower_text, upper_text
@@ -21,8 +22,6 @@ _TOLERANCES = {
 # Relative tolerances from here on say nothing.
 _COARSE = 0.5
 
-Ends = tuple[float, float]
-
 
 class NotProvenError(RuntimeError):
     """A computation ended without the requested accuracy. `solution` holds its result, whose bounds are true."""
@@ -32,7 +31,9 @@ class NotProvenError(RuntimeError):
         self.solution = solution
 
 
-def throw_unless_successful(solution: Any, known: Mapping[str, Ends] | None = None, option: str | None = None) -> None:
+def throw_unless_successful(
+    solution: Any, known: Mapping[str, Bounds] | None = None, option: str | None = None
+) -> None:
     """Raises NotProvenError with the solution unless every entry is successful or RESULTS.not_certified; tracers pass.
 
     Args:
@@ -54,43 +55,43 @@ def throw_unless_successful(solution: Any, known: Mapping[str, Ends] | None = No
         raise NotProvenError(f"{RESULTS._index_to_message[ended]}{reached}", solution)
 
 
-def relative_tolerance(known: Mapping[str, Ends]) -> str | None:
+def relative_tolerance(known: Mapping[str, Bounds]) -> str | None:
     """The least `rtol` that accepts all bounds, as written in a call; `atol` if the bounds are far apart.
 
     None if there are no bounds, or infinite ones.
     """
-    if not known or not all(math.isfinite(low) and math.isfinite(high) for low, high in known.values()):
+    if not known or not all(math.isfinite(x.lower) and math.isfinite(x.upper) for x in known.values()):
         return None
-    share = max(((high - low) / high for low, high in known.values() if high > 0), default=0.0)
+    share = max(((x.upper - x.lower) / x.upper for x in known.values() if x.upper > 0), default=0.0)
     if share < _COARSE:
         return f"rtol={_least(share)}"
-    return f"atol={_least(max(high - low for low, high in known.values()))}"
+    return f"atol={_least(max(x.upper - x.lower for x in known.values()))}"
 
 
-def _bounds_of(solution: Any, lane: int) -> dict[str, Ends]:
+def _bounds_of(solution: Any, lane: int) -> dict[str, Bounds]:
     """The bounds that a solution holds in one of its lanes; none where it has none, or those of something else."""
     ends: list[Any] = [getattr(solution, name, None) for name in ("lower", "upper")]
     if any(not isinstance(end, jax.Array | np.ndarray | float) for end in ends):
         return {}
     if np.shape(ends[0]) != np.shape(solution.result._value):
         return {}
-    low, high = (float(np.ravel(np.asarray(end))[lane]) for end in ends)
+    found = Bounds(*(np.ravel(np.asarray(end))[lane] for end in ends))
     of = f"entry {lane} of {np.size(solution.lower)}" if np.size(solution.lower) > 1 else ""
-    return {of: (low, high)}
+    return {of: found}
 
 
-def _tolerance(solution: Any, known: Mapping[str, Ends]) -> str | None:
+def _tolerance(solution: Any, known: Mapping[str, Bounds]) -> str | None:
     option = _TOLERANCES.get(type(solution).__name__)
-    gap = max((high - low for low, high in known.values()), default=0.0)
+    gap = max((x.upper - x.lower for x in known.values()), default=0.0)
     return None if option is None or not 0 < gap < math.inf else option.format(_least(gap))
 
 
-def _reached(known: Mapping[str, Ends], option: str | None) -> str:
+def _reached(known: Mapping[str, Bounds], option: str | None) -> str:
     """The bounds as a sentence, and what would take them."""
     parts = [
-        f"{lower_text(low)} and {upper_text(high)}{f' for {of}' if of else ''}"
-        for of, (low, high) in known.items()
-        if not math.isnan(low) and not math.isnan(high)
+        f"{lower_text(x.lower)} and {upper_text(x.upper)}{f' for {of}' if of else ''}"
+        for of, x in known.items()
+        if not math.isnan(x.lower) and not math.isnan(x.upper)
     ]
     if not parts:
         return ""

@@ -29,7 +29,7 @@ from jhd.distance.collections.pivots import PivotDistances
 from jhd.distance.collections.tasks import CollectionProgress
 from jhd.distance.critical_pairs import critical_pairs
 from jhd.distance.deviation import deviation
-from jhd.distance.deviation_solution import Bounds, Deviation, DistanceSamples
+from jhd.distance.deviation_solution import Deviation, DistanceSamples
 from jhd.distance.hausdorff import directed_hausdorff, hausdorff, hausdorff_at_most
 from jhd.distance.minimum import minimum_at_most, minimum_distance
 from jhd.distance.normalization.stacked import stack_curves

@@ -271,7 +271,7 @@ def _in_units(
     """What was found, in the user's coordinates."""
     frame, over, flat = pair.frame, found.cells.over, found.cells.flat
     ends = partial(_lengths, frame, pair.moved)
-    mean, rms = (Bounds(*(float(x) for x in ends(*known))) for known in ((found.lower, found.upper), found.rms))
+    mean, rms = (Bounds(*ends(*known)) for known in ((found.lower, found.upper), found.rms))
     lower, upper = ends(over.lower, over.upper)
     place = np.asarray(frame.place(np.mean(flat.corners, axis=1)))[:, : a.dim]
     affine = np.stack(_affine_lengths(frame, pair.moved, over.ends), axis=2)
@@ -300,7 +300,7 @@ def _size(count: int, counts: np.ndarray | None) -> Bounds:
     near = float_near(total, np.dtype(np.float64))
     low = np.nextafter(near, 0.0) if near > total else near
     high = np.nextafter(near, np.inf) if near < total else near
-    return Bounds(float(low), float(high))
+    return Bounds(low, high)
 
 
 def user_measure(frame: Frame, dimension: int, flat: FlatCells) -> Bounds:
@@ -312,4 +312,4 @@ def user_measure(frame: Frame, dimension: int, flat: FlatCells) -> Bounds:
         low, high = (np.ldexp(x, power) for x in (lower * (1 - room), upper * (1 + room)))
     # Below the normal numbers a power of two rounds too.
     low, high = np.nextafter(min(low, np.finfo(np.float64).max), 0.0), np.nextafter(high, np.inf)
-    return Bounds(float(low), float(high))
+    return Bounds(low, high)

@@ -1,38 +1,20 @@
 """Results of `deviation`: statistics of the distance to one shape over another, with their bounds."""
 
-import json
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from jhd._results.solution import HausdorffSolution, Projection, name_of, to_plain
+from jhd._results.batches import AbstractSolution
+from jhd._results.solution import Bounds, HausdorffSolution, Projection, name_of, to_plain
 from jhd._runtime.arrays import real_array
-from jhd.decimals import interval_text
 from jhd.distance.cells.weighted import Values, Weights, quantile_bounds, share_bounds
 from jhd.distance.project import project
 from jhd.distance.search.points import is_points
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
-
-
-class Bounds(NamedTuple):
-    """Certified bounds of a number.
-
-    Args:
-        lower: the lower bound.
-        upper: the upper bound; inf if none is certified.
-    """
-
-    lower: float
-    upper: float
-
-    @property
-    def value(self) -> float:
-        """Midpoint of the bounds; its error is at most half of `upper - lower`."""
-        return 0.5 * self.lower + 0.5 * self.upper
 
 
 class DistanceSamples(NamedTuple):
@@ -54,7 +36,7 @@ class DistanceSamples(NamedTuple):
     ends: Float[np.ndarray, "parts corners 2"]
 
 
-class Deviation(eqx.Module):
+class Deviation(AbstractSolution):
     """Distribution of the distance d(x, b) over x in `a`, by length, area or number of points.
 
     All bounds are certified: lower <= exact <= upper.
@@ -139,32 +121,18 @@ class Deviation(eqx.Module):
         Returns:
             A dictionary from names, as they appear in messages, to bounds.
         """
-        largest = Bounds(float(self.maximum.lower), float(self.maximum.upper))
+        largest = Bounds(self.maximum.lower, self.maximum.upper)
         ends = {"the mean": self.mean, "the root mean square": self.rms, "the maximum": largest}
         return ends if quantile is None else ends | {f"the quantile {quantile:g}": self.quantile(quantile)}
-
-    def to_json(self, **options: Any) -> str:
-        """The bounds and the quantiles 0.5, 0.9 and 0.99 as JSON text; bounds that are not certified are null.
-
-        Args:
-            options: options of json.dumps, for example indent=2.
-
-        Returns:
-            The JSON text.
-        """
-        return json.dumps(self.to_dict(), **options)
 
     def to_dict(self) -> dict[str, Any]:
         """The bounds and the quantiles 0.5, 0.9 and 0.99 as nested dictionaries, lists, numbers and names.
 
         Returns:
-            The entries maximum, mean, rms, size, quantiles, result and stats.
+            The entries maximum, mean, rms, size, result, stats and quantiles. Bounds have the entries lower and upper,
+            which are None if they are not certified.
         """
-        quantiles = {str(q): to_plain(list(self.quantile(q))) for q in (0.5, 0.9, 0.99)}
-        ends = {name: to_plain(list(getattr(self, name))) for name in ("mean", "rms", "size")}
-        return {"maximum": to_plain(self.maximum), **ends, "quantiles": quantiles, "result": name_of(self.result)} | {
-            "stats": dict(self.stats)
-        }
+        return to_plain(self) | {"quantiles": {str(q): to_plain(self.quantile(q)) for q in (0.5, 0.9, 0.99)}}
 
     def to_trimesh(self) -> Any:
         """The mesh `a` as a trimesh.Trimesh, with the distances at its vertices as the vertex attribute `distance`.
@@ -211,9 +179,8 @@ class Deviation(eqx.Module):
         return self.mean.value
 
     def __repr__(self) -> str:
-        largest = Bounds(float(self.maximum.lower), float(self.maximum.upper))
-        rows = {"maximum": largest, "rms": self.rms, "mean": self.mean, "median": self.quantile(0.5)}
-        text = ", ".join(f"{name} in {interval_text(*x, '.6g')}" for name, x in rows.items())
+        rows = {"maximum": self.maximum, "rms": self.rms, "mean": self.mean, "median": self.quantile(0.5)}
+        text = ", ".join(f"{name} in {x:.6g}" for name, x in rows.items())
         return f"Deviation({text},\n  {len(self.samples.lower)} parts, {name_of(self.result)})"
 
 

@@ -274,8 +274,8 @@ DEFECTS = [
         "distance/statistics/statistics.py",
         "distance/statistics/test_statistics.py",
         (
-            "for end, sign in zip(bounds, (-1, 1), strict=True)",
-            "for end, sign in zip(bounds, (1, -1), strict=True)",
+            "ends = (bounds.lower, -1), (bounds.upper, 1)",
+            "ends = (bounds.lower, 1), (bounds.upper, -1)",
             "test_bounds_round_outward_in_the_precision_of_the_shapes",
         ),
         (

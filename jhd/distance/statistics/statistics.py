@@ -20,13 +20,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jhd._results.batches import AbstractSolution
+from jhd._results.bounds import AbstractBounds, Bounds
 from jhd._results.solution import DIRECTIONS, RESULTS, NotProvenError, name_of, result_where, throw_unless_successful
 from jhd._results.unproven import relative_tolerance
 from jhd._runtime.arrays import is_traced, is_tracing, real_array, undifferentiated
 from jhd.arithmetic.scaling import common_exponent, scale_of
 from jhd.decimals import interval_text
 from jhd.distance.deviation import check_kinds, checked_weights, deviation
-from jhd.distance.deviation_solution import Bounds, Deviation, check_share
+from jhd.distance.deviation_solution import Deviation, check_share
 from jhd.distance.hausdorff import directed_hausdorff
 from jhd.distance.normalization.custom_derivatives import carrying
 from jhd.distance.normalization.net_jets import Net
@@ -47,7 +48,7 @@ from jhd.shapes.curve import AbstractCurve
 from jhd.triangles.closest_point import outward
 
 
-class StatisticSolution(AbstractSolution):
+class StatisticSolution(AbstractBounds, AbstractSolution):
     """A statistic of the distances from one shape to another, or the larger of both directions.
 
     Args:
@@ -63,9 +64,6 @@ class StatisticSolution(AbstractSolution):
     upper: Float[Array, ""]
     direction: Any
     result: Any
-
-    def __float__(self) -> float:
-        return float(self.value)
 
     def __repr__(self) -> str:
         bounds = interval_text(self.lower, self.upper, ".9g")
@@ -260,7 +258,7 @@ class MaxDistance(AbstractStatistic):
         return _Directed(solution, Estimated(found.value, 0.0), {})
 
     def _bounds(self, found: Deviation) -> Bounds:
-        return Bounds(float(found.maximum.lower), float(found.maximum.upper))
+        return Bounds(found.maximum.lower, found.maximum.upper)
 
     def _value(self, a: Any, b: Any, weights: Any, nodes: int | None) -> Estimated:
         return Estimated(directed_hausdorff(a, b, throw=False).value, 0.0)
@@ -366,14 +364,13 @@ class QuantileDistance(AbstractStatistic):
 
 def _rounded_outward(bounds: Bounds, dtype: np.dtype) -> tuple[Array, Array]:
     """Bounds in double precision as arrays of the precision of the shapes."""
-    return tuple(  # pyright: ignore[reportReturnType]
-        jnp.asarray(outward(np.asarray(end), 0, dtype, sign)) for end, sign in zip(bounds, (-1, 1), strict=True)
-    )
+    ends = (bounds.lower, -1), (bounds.upper, 1)
+    return tuple(jnp.asarray(outward(np.asarray(x), 0, dtype, sign)) for x, sign in ends)  # pyright: ignore[reportReturnType]
 
 
 def _within(bounds: Bounds, value: np.ndarray) -> np.ndarray:
     """The value where it lies between the bounds, else the nearest one, or their middle where it is no number."""
-    known = np.where(np.isnan(value), 0.5 * bounds.lower + 0.5 * bounds.upper, value)
+    known = np.where(np.isnan(value), bounds.value, value)
     return np.asarray(np.clip(known, bounds.lower, bounds.upper), value.dtype)
 
 

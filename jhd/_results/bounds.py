@@ -1,0 +1,64 @@
+"""Numbers with certified bounds: lower <= exact <= upper."""
+
+from typing import Any, SupportsFloat
+
+import equinox as eqx
+import numpy as np
+
+from jhd._results.batches import AbstractResult
+from jhd._results.display import fields_shown
+from jhd._runtime.arrays import is_traced
+from jhd.decimals import interval_text
+
+
+class AbstractBounds(AbstractResult):
+    """A number with certified bounds."""
+
+    value: eqx.AbstractVar[Any]
+    lower: eqx.AbstractVar[Any]
+    upper: eqx.AbstractVar[Any]
+
+    def __float__(self) -> float:
+        if is_traced(self.value):
+            raise TypeError("the number is traced and not known yet: use its `value` instead.")
+        return float(self.value)
+
+    def __format__(self, spec: str) -> str:
+        """Both bounds in a number format, lower rounded down and upper rounded up; without a format the repr."""
+        if not spec:
+            return str(self)
+        if is_traced(self.value) or np.ndim(self.value):
+            raise TypeError("a number format needs one number; this one is traced, or a batch to index.")
+        return interval_text(self.lower, self.upper, spec)
+
+    def _compared(self, other: object) -> Any:
+        # Bounds may overlap, so there is no order.
+        ask = "compare its value, lower or upper; for distances use hausdorff_at_most or minimum_at_most"
+        raise TypeError(f"a {type(self).__name__} is not a number: {ask}.")
+
+    __lt__ = __le__ = __gt__ = __ge__ = _compared
+
+
+class Bounds(AbstractBounds):
+    """Certified bounds of a number.
+
+    `float(bounds)` is the midpoint. `f"{bounds:.3f}"` shows both bounds, rounded outward.
+
+    Args:
+        lower: the lower bound.
+        upper: the upper bound; inf if none is certified.
+    """
+
+    lower: float
+    upper: float
+
+    def __init__(self, lower: SupportsFloat, upper: SupportsFloat):
+        self.lower, self.upper = float(lower), float(upper)
+
+    @property
+    def value(self) -> float:
+        """Midpoint of the bounds; its error is at most half of `upper - lower`."""
+        return 0.5 * self.lower + 0.5 * self.upper
+
+    def __repr__(self) -> str:
+        return fields_shown(self, "lower", "upper")
