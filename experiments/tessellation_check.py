@@ -38,7 +38,7 @@ def main() -> None:
     asked = _SMOKE_ASKED if run.smoke else _ASKED
     shares = _SMOKE_SHARES if run.smoke else _SHARES
     run.warm(
-        lambda: [_directed(*pair, shares[way]) for way, pair in _ways(sheet, sheet.to_mesh(asked[0]).mesh).items()]
+        lambda: [_directed(*pair, shares[way]) for way, pair in _ways(sheet, sheet.to_mesh(asked[0]).shape).items()]
     )
     meshes = [_measured(run, sheet, atol, shares) for atol in asked]
     header = ["triangles", "asked for", "promised", "mesh to surface", "gap", "seconds", "surface to mesh", "gap"]
@@ -53,14 +53,14 @@ def main() -> None:
         row += [*(f"{way['value']:.6f}" for way in ways), f"{sum(way['seconds'] for way in ways):.2f}"]
         rows.append(row)
     numbers = {"patches": sheet.patches().count, "shares": shares, "meshes": meshes, "shown": _SHOWN}
-    numbers |= {"surface": stored(sheet), "mesh": stored(sheet.to_mesh(asked[_SHOWN]).mesh)}
+    numbers |= {"surface": stored(sheet), "mesh": stored(sheet.to_mesh(asked[_SHOWN]).shape)}
     run.save(numbers, markdown(header, rows))
 
 
 def _measured(run: Run, sheet: jhd.BSplineSurface, atol: float, shares: dict[str, float]) -> dict[str, Any]:
     made, seconds = cpu(lambda: sheet.to_mesh(atol))
-    numbers = {"asked": atol, "promised": float(made.deviation), "count": made.mesh.count, "making": seconds}
-    for way, pair in _ways(sheet, made.mesh).items():
+    numbers = {"asked": atol, "promised": float(made.deviation), "count": made.shape.count, "making": seconds}
+    for way, pair in _ways(sheet, made.shape).items():
         solution, seconds = cpu(lambda pair=pair, way=way: _directed(*pair, shares[way]))
         tree = beside(run, lambda count, pair=pair: sampled_directed(*pair, count), seconds)
         ends = {"lower": float(solution.lower), "upper": float(solution.upper), "result": name_of(solution.result)}

@@ -152,6 +152,7 @@ from jhd.fields import (  # noqa: E402
 from jhd.fit import fit_curve, fit_outline, minimize_hausdorff  # noqa: E402
 from jhd.fitting.soft import soft_hausdorff  # noqa: E402
 from jhd.shapes import (  # noqa: E402
+    Approximation,
     BezierCurve,
     BezierPatch,
     BezierPatches,
@@ -159,8 +160,6 @@ from jhd.shapes import (  # noqa: E402
     BiarcCurve,
     BSplineCurve,
     BSplineSurface,
-    CurveApproximation,
-    ImplicitMesh,
     ImplicitSurface,
     NotRegularError,
     Partials,
@@ -181,6 +180,7 @@ if _TYPE_CHECKING:
 __all__ = [
     "ANSWERS",
     "AdaptiveDistanceField",
+    "Approximation",
     "BSplineCurve",
     "BSplineSurface",
     "BezierCurve",
@@ -194,7 +194,6 @@ __all__ = [
     "CertificateError",
     "CollectionProgress",
     "CriticalPairs",
-    "CurveApproximation",
     "DIRECTIONS",
     "Decision",
     "Deviation",
@@ -207,7 +206,6 @@ __all__ = [
     "MaxDistance",
     "HausdorffSolution",
     "HybridProjection",
-    "ImplicitMesh",
     "ImplicitSurface",
     "IntervalHalvingProjection",
     "MeanDistance",

@@ -21,7 +21,7 @@ _FEW = 6
 _DIGITS = ".4g"
 _SPACES = {2: "in the plane", 3: "in space"}
 # Fields that are bounds.
-_BOUNDS: dict[str, BoundText] = {"lower": lower_text, "upper": upper_text}
+_BOUNDS: dict[str, BoundText] = {"lower": lower_text, "upper": upper_text, "deviation": upper_text}
 
 
 def described(thing: Any, *parts: str) -> str:

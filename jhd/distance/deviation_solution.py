@@ -165,7 +165,7 @@ class Deviation(AbstractSolution):
     def _mesh(self) -> TriangleMesh:
         if not isinstance(self.a, TriangleMesh):
             raise TypeError(
-                f"a is {type(self.a).__name__}; needs a TriangleMesh: measure a.to_mesh(tolerance).mesh instead."
+                f"a is {type(self.a).__name__}; needs a TriangleMesh: measure a.to_mesh(tolerance).shape instead."
             )
         return self.a
 

@@ -152,7 +152,7 @@ def to_shapely(curve: AbstractCurve, tolerance: float | None = None, *, filled: 
     if segments.degree != 1:
         if tolerance is None:
             raise ValueError(f"the curve has degree {segments.degree}; give tolerance for a polyline.")
-        segments = segments.to_polyline(tolerance).curve
+        segments = segments.to_polyline(tolerance).shape
     chains = _chains(np.asarray(segments.control_points, np.float64), np.asarray(segments.next_segment))
     if filled:
         return _area(shapely, chains)
@@ -253,5 +253,5 @@ def cubic_contours(name: str, segments: BezierSegments, tolerance: float | None)
             raise ValueError(
                 f"{name} {what}; paths hold polynomial segments of degree 1 to 3: give tolerance for cubics."
             )
-        segments = segments.to_cubics(tolerance).curve
+        segments = segments.to_cubics(tolerance).shape
     return contours_of(segments)

@@ -18,8 +18,9 @@ from jaxtyping import Array, Float, Int
 from jhd._results.display import batch_text, count_text, described, is_known, net_text, opaque
 from jhd._runtime.arrays import array_of, is_traced, module_of, on_host, real_array
 from jhd.shapes import convert, sketches
+from jhd.shapes.approximation import Approximation
 from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
-from jhd.shapes.flattening import CurveApproximation, flattened, pieces_following
+from jhd.shapes.flattening import flattened, pieces_following
 from jhd.shapes.homogeneous import cartesian, cut, elevate, evaluate, hodograph, homogeneous, restrict
 from jhd.shapes.joints import checked, completed, followed, joints, linked, turned
 
@@ -80,7 +81,7 @@ class AbstractCurve(eqx.Module):
         """Number of coordinates."""
         return self.control_points.shape[-1]
 
-    def to_polyline(self, tolerance: Numbers, *, max_segments: int = 1_000_000) -> CurveApproximation:
+    def to_polyline(self, tolerance: Numbers, *, max_segments: int = 1_000_000) -> "Approximation[BezierSegments]":
         """A polyline through points of the curve, with a certified deviation of at most `tolerance` in both directions.
 
         Segments are halved until each part is close enough, so their number grows like 1 / sqrt(tolerance). Joints and
@@ -88,7 +89,7 @@ class AbstractCurve(eqx.Module):
         at most the sum of both deviations.
 
         >>> found = circle([0, 0], 1).to_polyline(0.05)
-        >>> found.curve.count, found.deviation < 0.05
+        >>> found.shape.count, found.deviation < 0.05
         (16, True)
 
         Args:
@@ -96,7 +97,7 @@ class AbstractCurve(eqx.Module):
             max_segments: largest number of segments to produce; more raise ValueError.
 
         Returns:
-            The polyline as `curve`, and `deviation`: a certified bound of its Hausdorff distance to the curve.
+            An Approximation: the polyline as `shape`, and `deviation`, a bound of its Hausdorff distance to the curve.
 
         Raises:
             ValueError: `tolerance` is not positive, is below the rounding of the coordinates or needs more than
@@ -105,7 +106,7 @@ class AbstractCurve(eqx.Module):
         """
         return _approximated(self, 1, tolerance, max_segments)
 
-    def to_cubics(self, tolerance: Numbers, *, max_segments: int = 1_000_000) -> CurveApproximation:
+    def to_cubics(self, tolerance: Numbers, *, max_segments: int = 1_000_000) -> "Approximation[BezierSegments]":
         """Polynomial cubics that approximate the curve within `tolerance`, with the ends and tangents of its parts.
 
         The number of cubics grows like (1 / tolerance)^(1/4), and like (1 / tolerance)^(1/6) for arcs of circles and
@@ -113,7 +114,7 @@ class AbstractCurve(eqx.Module):
         includes this rounding.
 
         >>> found = circle([0, 0], 1).to_cubics(1e-4)
-        >>> found.curve.count, found.deviation < 5e-6
+        >>> found.shape.count, found.deviation < 5e-6
         (8, True)
 
         Args:
@@ -121,7 +122,7 @@ class AbstractCurve(eqx.Module):
             max_segments: largest number of cubics to produce; more raise ValueError.
 
         Returns:
-            The cubics as `curve`, and `deviation`: a certified bound of their Hausdorff distance to the curve.
+            An Approximation: the cubics as `shape`, and `deviation`, a bound of their Hausdorff distance to the curve.
 
         Raises:
             ValueError: `tolerance` is not positive, is below the rounding of the coordinates or needs more than
@@ -429,7 +430,7 @@ def check_curve(name: str, value: object) -> None:
         )
 
 
-def _approximated(curve: AbstractCurve, degree: int, tolerance: Numbers, most: int) -> CurveApproximation:
+def _approximated(curve: AbstractCurve, degree: int, tolerance: Numbers, most: int) -> "Approximation[BezierSegments]":
     if is_traced(curve, tolerance):
         raise TypeError(
             "an approximation needs a concrete curve and tolerance: the number of segments depends on them."
@@ -443,7 +444,7 @@ def _approximated(curve: AbstractCurve, degree: int, tolerance: Numbers, most: i
     points, weights = np.asarray(segments.control_points), segments.weights
     found = flattened(points, None if weights is None else np.asarray(weights), degree, float(tolerance), most)
     next_segment = pieces_following(found.segment, np.asarray(segments.next_segment))
-    return CurveApproximation(BezierSegments(found.control_points, None, next_segment), found.deviation)
+    return Approximation(BezierSegments(found.control_points, None, next_segment), found.deviation)
 
 
 @np.errstate(over="ignore", invalid="ignore")

@@ -46,19 +46,6 @@ _BENT, _ROOM = 1e-8, 1e-5
 _DEEPEST = 40
 
 
-class CurveApproximation(NamedTuple):
-    """An approximation of a curve by lines or cubics: `curve, deviation = ...`.
-
-    Args:
-        curve: the approximation, a `BezierSegments`.
-        deviation: certified bound of the Hausdorff distance between the approximation and the curve, in both
-            directions.
-    """
-
-    curve: Any  # BezierSegments
-    deviation: float
-
-
 class FlatPieces(NamedTuple):
     """Control points (pieces, degree + 1, dim) in order, the segment of each, and their largest deviation."""
 

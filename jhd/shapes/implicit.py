@@ -1,7 +1,7 @@
 """Implicit surfaces: the zeros of a polynomial in three variables inside a box."""
 
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -15,24 +15,13 @@ from jhd._runtime.compiled import optimized
 from jhd.arithmetic import exact_polynomials
 from jhd.arithmetic.polynomials import horner, slopes
 from jhd.shapes import polynomial_text
+from jhd.shapes.approximation import Approximation
 from jhd.shapes.checks import Numbers
 from jhd.shapes.implicit_mesh import triangulate
 from jhd.shapes.mesh import TriangleMesh
 
 # Longer polynomials are printed as their degree and number of terms.
 _MOST_TERMS_SHOWN = 12
-
-
-class ImplicitMesh(NamedTuple):
-    """A triangle mesh of an implicit surface with a certified deviation; unpack it as `mesh, deviation = ...`.
-
-    Args:
-        mesh: the triangles.
-        deviation: certified bound of the Hausdorff distance between mesh and surface, in the unit of the coordinates.
-    """
-
-    mesh: TriangleMesh
-    deviation: float
 
 
 class ImplicitSurface(eqx.Module):
@@ -198,7 +187,7 @@ class ImplicitSurface(eqx.Module):
         image = _image(self.coefficients, self.lower, self.upper, matrix, offset, mixed, self.degree)
         return ImplicitSurface(*image, reduced=self.reduced)
 
-    def to_mesh(self, tolerance: Numbers, *, max_triangles: int = 2_000_000) -> "ImplicitMesh":
+    def to_mesh(self, tolerance: Numbers, *, max_triangles: int = 2_000_000) -> Approximation[TriangleMesh]:
         """A triangle mesh of a regular surface with a certified deviation of at most `tolerance` in both directions.
 
         Every point of the mesh is within the deviation of a zero of the polynomial in the box. Every zero in the box is
@@ -237,7 +226,7 @@ class ImplicitSurface(eqx.Module):
             raise ValueError(f"tolerance is {tolerance}; needs one positive number.")
         coefficients, lower, upper = (np.asarray(x) for x in (self.coefficients, self.lower, self.upper))
         found = triangulate(coefficients, lower, upper, float(tolerance), max_triangles)
-        return ImplicitMesh(TriangleMesh(found.vertices, found.triangles), found.deviation)
+        return Approximation(TriangleMesh(found.vertices, found.triangles), found.deviation)
 
 
 def check_surface(name: str, value: object) -> None:

@@ -8,7 +8,7 @@ Source: Farin, Curves and Surfaces for CAGD, 5th edition (2002), chapters 14 and
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -22,6 +22,7 @@ from jhd._runtime.arrays import array_of, is_traced, real_array
 from jhd._runtime.compiled import optimized
 from jhd.arithmetic import bernstein
 from jhd.shapes import sketches
+from jhd.shapes.approximation import Approximation
 from jhd.shapes.checks import Numbers, check_control_points, check_degrees, checked_between, checked_parameter
 from jhd.shapes.curve import affine_image
 from jhd.shapes.homogeneous import cartesian, homogeneous
@@ -52,28 +53,20 @@ class Partials(NamedTuple):
         return fields_shown(self, *self._fields)
 
 
-class PatchMesh(eqx.Module):
+class PatchMesh(Approximation[TriangleMesh]):
     """A triangle mesh of a parametric surface with a certified deviation; unpack it as `mesh, deviation = ...`.
 
     Args:
-        mesh: the triangles; their corners are points of the surface.
+        shape: the triangles; their corners are points of the surface.
         deviation: certified bound of the Hausdorff distance between mesh and surface, in the unit of the coordinates.
         patch: for each vertex the index of its patch in `surface.patches()`.
         u: first parameter of each vertex on its patch, from 0 to 1.
         v: second parameter of each vertex on its patch, from 0 to 1.
     """
 
-    mesh: TriangleMesh
-    deviation: float
     patch: Int[Array, " vertices"]
     u: Float[Array, " vertices"]
     v: Float[Array, " vertices"]
-
-    def __repr__(self) -> str:
-        return fields_shown(self, "mesh", "deviation")
-
-    def __iter__(self) -> Iterator[Any]:
-        return iter((self.mesh, self.deviation))
 
     def on(self, surface: "AbstractPatch") -> TriangleMesh:
         """The same triangles with their corners at the same parameters of another surface; differentiable in it.
@@ -93,7 +86,7 @@ class PatchMesh(eqx.Module):
         most = int(np.max(np.asarray(self.patch)))
         if most >= parts.count:
             raise ValueError(f"surface has {parts.count} patches; a vertex is on patch {most}.")
-        return TriangleMesh(parts.point(self.patch, self.u, self.v), self.mesh.triangles)
+        return TriangleMesh(parts.point(self.patch, self.u, self.v), self.shape.triangles)
 
 
 class AbstractPatch(eqx.Module):

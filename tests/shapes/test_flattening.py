@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import jhd
+from jhd.decimals import upper_text
 from jhd.shapes.flattening import flattened
 from jhd.shapes.homogeneous import elevate
 
@@ -49,8 +50,8 @@ def test_no_point_of_the_curve_is_farther_from_the_polyline_than_its_deviation(n
     points = np.asarray(curve.control_points)
     extent = float(np.ptp(points, axis=(0, 1)).max()) or 1.0
     found = curve.to_polyline(share * extent)
-    lines = np.asarray(found.curve.control_points)
-    assert found.curve.degree == 1 and found.deviation <= share * extent
+    lines = np.asarray(found.shape.control_points)
+    assert found.shape.degree == 1 and found.deviation <= share * extent
     far = 0.0
     for k in range(curve.count):
         weights = None if curve.weights is None else np.asarray(curve.weights)[k]
@@ -85,19 +86,19 @@ def test_pieces_are_near_and_start_where_the_last_one_ends(name, degree):
 
 def test_polynomials_of_degree_three_and_less_are_their_own_cubics():
     curve = CURVES["cubic"]
-    np.testing.assert_allclose(curve.to_cubics(1e-12).curve.control_points, curve.control_points, atol=1e-14)
+    np.testing.assert_allclose(curve.to_cubics(1e-12).shape.control_points, curve.control_points, atol=1e-14)
     parabola = jhd.BezierSegments([[[0.0, 0], [1, 2], [2, 0]]])
     found = parabola.to_cubics(1e-13)
-    assert found.curve.count == 1 and 0 < found.deviation < 1e-13
-    np.testing.assert_allclose(found.curve.control_points[0], elevate(parabola.control_points[0], 3), atol=1e-15)
+    assert found.shape.count == 1 and 0 < found.deviation < 1e-13
+    np.testing.assert_allclose(found.shape.control_points[0], elevate(parabola.control_points[0], 3), atol=1e-15)
 
 
 def test_straight_segments_are_kept_whatever_their_weights_are():
     rows = RANDOM.normal(size=(3, 2, 2))
     found = jhd.BezierSegments(rows, RANDOM.uniform(0.1, 9, (3, 2)), [2, -1, 0]).to_polyline(1e-300)
     assert found.deviation == 0
-    np.testing.assert_array_equal(found.curve.control_points, rows)
-    np.testing.assert_array_equal(found.curve.next_segment, [2, -1, 0])
+    np.testing.assert_array_equal(found.shape.control_points, rows)
+    np.testing.assert_array_equal(found.shape.next_segment, [2, -1, 0])
 
 
 STRAIGHT = {
@@ -112,22 +113,22 @@ def test_a_straight_segment_of_any_speed_is_one_line(name):
     points = np.array([STRAIGHT[name]], float)
     for weights in (None, [[1.0, 9, 0.2, 3]]):
         found = jhd.BezierSegments(points, weights).to_polyline(1e-9)
-        np.testing.assert_array_equal(found.curve.control_points, points[:, [0, -1]])
+        np.testing.assert_array_equal(found.shape.control_points, points[:, [0, -1]])
         assert found.deviation < 1e-10
 
 
 def test_a_segment_that_runs_beyond_its_ends_keeps_its_turns():
     found = jhd.BezierSegments([[[0.0, 0], [-6, 0], [7, 0], [1, 0]]]).to_polyline(1e-3)
-    assert 2 < found.curve.count < 40 and found.curve.control_points[..., 0].min() < -1
+    assert 2 < found.shape.count < 40 and found.shape.control_points[..., 0].min() < -1
 
 
 def test_contours_stay_closed_and_apart():
     rings = jhd.BezierSegments.join([jhd.circle([0, 0], 1), jhd.circle([9, 0], 1)])
-    found = rings.to_polyline(0.05).curve
+    found = rings.to_polyline(0.05).shape
     assert found.count == 32
     np.testing.assert_array_equal(found.next_segment, [*range(1, 16), 0, *range(17, 32), 16])
     smooth = jhd.BSplineCurve.uniform([[0, 0], [6, 0], [6, 6], [0, 6]], closed=True).to_cubics(1e-6)
-    np.testing.assert_array_equal(smooth.curve.next_segment, [1, 2, 3, 0])
+    np.testing.assert_array_equal(smooth.shape.next_segment, [1, 2, 3, 0])
 
 
 def distance_of_arcs(cubics, radius, center):
@@ -142,10 +143,10 @@ def distance_of_arcs(cubics, radius, center):
 def test_cubics_of_a_circle_are_few_and_as_near_as_is_proven(tolerance, count):
     radius, center = 3.0, [1.0, -2.0]
     found = jhd.circle(center, radius).to_cubics(radius * tolerance)
-    low, high = distance_of_arcs(found.curve.control_points, radius, center)
-    assert found.curve.count == count and found.deviation <= radius * tolerance
+    low, high = distance_of_arcs(found.shape.control_points, radius, center)
+    assert found.shape.count == count and found.deviation <= radius * tolerance
     assert -1e-14 < low and 0.99 * found.deviation < high <= found.deviation
-    np.testing.assert_array_equal(found.curve.next_segment, [*range(1, count), 0])
+    np.testing.assert_array_equal(found.shape.next_segment, [*range(1, count), 0])
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -159,7 +160,7 @@ def test_cubics_of_arcs_of_ellipses_are_near_both_ways(seed):
         found = arc.to_cubics(tolerance)
         dense_t = 1 / (1 + np.exp(-np.linspace(-18, 18, 3001)))
         there = values(points[0], np.asarray(arc.weights)[0], dense_t)
-        back = np.concatenate([values(row, None, np.linspace(0, 1, 301)) for row in found.curve.control_points])
+        back = np.concatenate([values(row, None, np.linspace(0, 1, 301)) for row in found.shape.control_points])
         chains = [np.stack([x[:-1], x[1:]], axis=1) for x in (there, back)]
         # The chords of the dense points are off by less than this.
         room = max(float(np.linalg.norm(np.diff(x, 2, axis=0), axis=1).max()) for x in (there, back))
@@ -189,3 +190,10 @@ def test_cubics_of_arcs_of_ellipses_are_near_both_ways(seed):
 def test_what_cannot_be_done_is_refused(call, error, message):
     with pytest.raises(error, match=message):
         call()
+
+
+def test_an_approximation_unpacks_and_prints_its_deviation_rounded_up():
+    found = jhd.circle([0, 0], 1).to_polyline(0.05)
+    shape, deviation = found
+    assert shape is found.shape and deviation == found.deviation
+    assert repr(found) == f"Approximation(shape={shape!r}, deviation={upper_text(deviation)})"

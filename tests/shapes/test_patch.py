@@ -154,7 +154,7 @@ def test_a_bilinear_patch_has_the_twist_as_its_deviation_and_a_flat_one_none():
 
 def test_neighboring_patches_share_the_vertices_of_their_edges():
     surface = BSplineSurface.clamped(RANDOM.normal(size=(5, 5, 3)), (2, 2))
-    mesh = surface.to_mesh(0.2).mesh
+    mesh = surface.to_mesh(0.2).shape
     edges = edges_of(mesh).count
     # Euler: vertices - edges + triangles is one for a disc, and more where patches were apart.
     assert mesh.is_manifold and mesh.vertices.shape[0] - len(edges) + mesh.count == 1
@@ -189,7 +189,7 @@ def test_neighbors_of_different_curvature_share_their_edge_in_either_direction(t
     bent[-1] = flat[0]
     # The second one with both parameters exchanged and reversed: its last column is the shared edge.
     other = flat[::-1, ::-1].swapaxes(0, 1) if turned else flat
-    mesh = BezierPatches(np.stack([bent, other])).to_mesh(1e-3).mesh
+    mesh = BezierPatches(np.stack([bent, other])).to_mesh(1e-3).shape
     edges = edges_of(mesh)
     assert np.all(edges.count <= 2) and edges.proper.all()
     assert mesh.vertices.shape[0] - len(edges.count) + mesh.count == 1
@@ -255,7 +255,7 @@ def test_nearly_flat_patches_and_their_meshes_are_within_the_deviation_of_each_o
 def test_the_mesh_moves_with_the_surface_and_has_its_derivatives():
     made = BezierPatch(POINTS, WEIGHTS).to_mesh(0.05)
     same = made.on(BezierPatch(POINTS, WEIGHTS))
-    np.testing.assert_allclose(same.vertices, made.mesh.vertices, atol=ROUNDING)
+    np.testing.assert_allclose(same.vertices, made.shape.vertices, atol=ROUNDING)
     total = lambda points: jnp.sum(made.on(BezierPatch(points, WEIGHTS)).vertices[:, 2])  # noqa: E731
     slope, step = jax.grad(total)(jnp.asarray(POINTS)), np.random.default_rng(5).normal(size=POINTS.shape)
     # Vertices are linear in the control points.
@@ -284,8 +284,8 @@ def test_points_of_a_patch_with_weights_from_1e_minus_6_to_1e6_are_within_the_de
     shape = (degrees[0] + 1, degrees[1] + 1)
     points, weights = random.normal(size=(*shape, 3)), 10.0 ** random.uniform(-6, 6, size=shape)
     made = BezierPatch(points, weights).to_mesh(0.05)
-    assert made.deviation <= 0.05 and made.mesh.is_manifold
-    corners = np.asarray(made.mesh.corners)
+    assert made.deviation <= 0.05 and made.shape.is_manifold
+    corners = np.asarray(made.shape.corners)
     for _ in range(10):
         # Near the ends too, where such weights make the surface run.
         u, v = (Fraction(float(x)) for x in random.beta(0.3, 0.3, size=2))

@@ -65,7 +65,7 @@ def cube_side(shape: Any, tolerance: float) -> AbstractCubeSide:
     """The side of a shape; a parametric surface is replaced by a mesh within the tolerance."""
     if isinstance(shape, ImplicitSurface):
         return _ImplicitCubes(np.asarray(shape.lower, float), np.asarray(shape.upper, float), shape)
-    mesh = shape.to_mesh(tolerance).mesh if isinstance(shape, AbstractPatch) else shape
+    mesh = shape.to_mesh(tolerance).shape if isinstance(shape, AbstractPatch) else shape
     corners = np.asarray(mesh.corners, float)
     return _MeshCubes(corners.min(axis=(0, 1)), corners.max(axis=(0, 1)), corners)
 
