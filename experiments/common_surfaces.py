@@ -38,9 +38,9 @@ def kept(shape: jhd.ImplicitSurface, cells: int, ranges: str) -> dict[str, Any]:
     levels: dict[int, int] = {}
     tested = 0
 
-    def report(progress: jhd.VoxelProgress) -> None:
+    def report(progress: jhd.progress.Progress) -> None:
         nonlocal tested
-        levels[progress.level], tested = progress.kept, progress.tested
+        levels[progress.done], tested = (int(progress.details[name]) for name in ("kept", "tested"))
 
     voxels = jhd.voxelize(shape, cells, ranges, report)
     return {"levels": list(levels.values()), "tested": tested, "proven": int(voxels.proven.sum())}

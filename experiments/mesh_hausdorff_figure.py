@@ -53,8 +53,9 @@ def _directed(a: jhd.TriangleMesh, b: jhd.TriangleMesh) -> dict[str, Any]:
     rounds: list[dict[str, Any]] = []
     start = time.perf_counter()
 
-    def report(progress: jhd.Progress) -> None:
-        kept = {key: getattr(progress, key) for key in ("steps", "waiting", "lower", "upper")}
+    def report(progress: jhd.progress.Progress) -> None:
+        kept = {"steps": progress.done, "waiting": (progress.total or 0) - progress.done}
+        kept |= {"lower": progress.lower, "upper": progress.upper}
         rounds.append({**kept, "seconds": time.perf_counter() - start})
 
     solution = jhd.directed_hausdorff(a, b, progress=report)

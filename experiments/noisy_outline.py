@@ -77,7 +77,7 @@ def _case(run: Run, count: int, sizes: _Sizes) -> dict[str, Any]:
     def fitted(max_steps: int = sizes.fit_steps) -> jhd.BezierSegments:
         began = time.process_time()
         history.clear()
-        note = lambda news: history.append([time.process_time() - began, news.value])  # noqa: E731
+        note = lambda news: history.append([time.process_time() - began, news.details["value"]])  # noqa: E731
         return jhd.fit_curve(target, degree=3, segments=segments, max_steps=max_steps, progress=note).shape
 
     start = fitted(0)

@@ -266,8 +266,8 @@ def _timed(fitted: Callable[[Callable], jhd.FitSolution]) -> dict[str, Any]:
 
     def report(progress: Any) -> None:
         seconds.append(time.perf_counter() - start)
-        values.append(progress.value)
-        optimality.append(progress.optimality)
+        values.append(progress.details["value"])
+        optimality.append(progress.details["optimality"])
 
     found = fitted(report)
     return {

@@ -81,7 +81,7 @@ def _history(start: float) -> dict[str, Any]:
         "c": c,
         "off": off,
         "distance": solution.history,
-        "optimality": [report.optimality for report in reports],
+        "optimality": [report.details["optimality"] for report in reports],
         "steps_within": next((k for k, x in enumerate(off) if x <= WITHIN), None),
         "result": to_plain(solution.result),
         "stats": solution.stats,

@@ -77,7 +77,7 @@ def _fitted(scan: np.ndarray, net: np.ndarray, smoke: bool) -> tuple[np.ndarray,
             jhd.point_set(scan),
             statistic=statistic,
             max_steps=_SMOKE_STEPS if smoke else _STEPS,
-            progress=lambda now: steps.append(float(now.value)),
+            progress=lambda now: steps.append(float(now.details["value"])),
         )
     )
     return np.concatenate([net[..., :2], np.asarray(found.parameters)[..., None]], axis=-1), steps, seconds

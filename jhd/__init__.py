@@ -74,7 +74,7 @@ import jax as _jax
 if _os.environ.get("JAX_ENABLE_X64", "").lower() not in ("0", "false", "no", "off"):
     _jax.config.update("jax_enable_x64", True)
 
-from jhd import arithmetic, plot, published  # noqa: E402
+from jhd import arithmetic, plot, progress, published  # noqa: E402
 from jhd._results import solution  # noqa: E402, F401
 from jhd._results.solution import (  # noqa: E402
     ANSWERS,
@@ -97,7 +97,6 @@ from jhd.distance import (  # noqa: E402
     BranchAndBound,
     Certificate,
     CertificateError,
-    CollectionProgress,
     Deviation,
     DistanceProfile,
     DistanceSamples,
@@ -105,13 +104,11 @@ from jhd.distance import (  # noqa: E402
     IntervalHalvingProjection,
     MaxDistance,
     MeanDistance,
-    MinimumProgress,
     Neighbors,
     NewtonProjection,
     PairsWithin,
     Pairwise,
     PivotDistances,
-    Progress,
     ProjectedPolyhedronProjection,
     QuantileDistance,
     RMSDistance,
@@ -141,8 +138,6 @@ from jhd.fields import (  # noqa: E402
     AdaptiveDistanceField,
     DistanceMap,
     DistanceTransform,
-    FieldProgress,
-    VoxelProgress,
     Voxels,
     distance_map,
     distance_transform,
@@ -192,7 +187,6 @@ __all__ = [
     "BranchAndBound",
     "Certificate",
     "CertificateError",
-    "CollectionProgress",
     "CriticalPairs",
     "DIRECTIONS",
     "Decision",
@@ -201,7 +195,6 @@ __all__ = [
     "DistanceSamples",
     "DistanceTransform",
     "EVENTS",
-    "FieldProgress",
     "FitSolution",
     "MaxDistance",
     "HausdorffSolution",
@@ -210,7 +203,6 @@ __all__ = [
     "IntervalHalvingProjection",
     "MeanDistance",
     "StatisticSolution",
-    "MinimumProgress",
     "MinimumSolution",
     "BestFirstProjection",
     "Neighbors",
@@ -223,7 +215,6 @@ __all__ = [
     "PatchMesh",
     "Prepared",
     "DistanceProfile",
-    "Progress",
     "ProjectedPolyhedronProjection",
     "Projection",
     "QuantileDistance",
@@ -232,7 +223,6 @@ __all__ = [
     "PivotDistances",
     "StationaryPoints",
     "TriangleMesh",
-    "VoxelProgress",
     "Voxels",
     "Witness",
     "arc_length",
@@ -258,6 +248,7 @@ __all__ = [
     "pairs_within",
     "pairwise",
     "plot",
+    "progress",
     "published",
     "point_set",
     "polyline",

@@ -16,6 +16,7 @@ import jhd
 from jhd._cli.report import interrupted, progress_text, successful
 from jhd._results.solution import to_plain
 from jhd._runtime.starting import INTERRUPTED
+from jhd.progress import Callback, Progress
 
 # Seconds after which an interrupt that was dropped is sent again: what dropped it is over by then.
 _AGAIN = 0.02
@@ -48,11 +49,11 @@ def timed(action: Callable[[], Any]) -> tuple[Any, float]:
 
 
 @contextmanager
-def busy(message: str) -> Iterator[Callable[[Any], None]]:
+def busy(message: str) -> Iterator[Callback]:
     """Shows a message and the elapsed seconds while the block runs; only if standard error is a terminal.
 
-    Yields a function that shows progress: pass it a text, or pass it as `progress=` to a search. The seconds also count
-    during compilation, which reports no progress.
+    Yields a function that shows progress: pass it as `progress=` to any call. The seconds also count during
+    compilation, which reports no progress.
     """
     if not sys.stderr.isatty():
         yield lambda _: None
@@ -78,18 +79,18 @@ def busy(message: str) -> Iterator[Callable[[Any], None]]:
     show()
     threading.Thread(target=tick, daemon=True).start()
     try:
-        yield lambda progress: show(progress if isinstance(progress, str) else progress_text(progress))
+        yield lambda progress: show(progress_text(progress))
     finally:
         with line:
             over.set()
             write("")
 
 
-def paced(show: Callable[[Any], None]) -> Callable[[Any], None]:
+def paced(show: Callback) -> Callback:
     """The same for thousands of reports a second, most of which are not shown."""
     last = -_PACE
 
-    def call(progress: Any) -> None:
+    def call(progress: Progress) -> None:
         nonlocal last
         if time.perf_counter() - last >= _PACE:
             show(progress)

@@ -23,9 +23,9 @@ from jhd.distance.statistics.statistics import AbstractStatistic
 from jhd.fitting.annealing import annealing
 from jhd.fitting.chain import Layout, contours, divided, from_a_corner, least_squares, longest_pieces, points_of
 from jhd.fitting.clock import Clock
-from jhd.fitting.minimax import FitProgress
 from jhd.fitting.sampled import lengths_of
 from jhd.fitting.ways import Limits, scales_of, way_of
+from jhd.progress import Callback, Progress
 from jhd.shapes.as_shape import Shape, taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.curve import AbstractCurve, BezierSegments, check_curve
@@ -63,7 +63,7 @@ def minimize_hausdorff(
     stop_below: float = 0.0,
     capacity: int | None = None,
     method: AbstractHausdorffMethod | None = None,
-    progress: Callable[[FitProgress], object] | None = None,
+    progress: Callback | None = None,
 ) -> FitSolution:
     """Parameters that minimize the distance from build(parameters) to a target, or a statistic of this distance.
 
@@ -107,7 +107,7 @@ def minimize_hausdorff(
         stop_below: distance at which the fit is good enough and stops. 0 (the default) continues to a stationary point.
         capacity: number of local maxima used in each step, for curves. None chooses it by the number of parameters.
         method: method that certifies the error. None selects BranchAndBound().
-        progress: callback that receives a FitProgress after each step.
+        progress: callback that receives a Progress after each step.
 
     Returns:
         A FitSolution with the best parameters, their shape, its certified error, and the result of the best start.
@@ -137,7 +137,7 @@ def _minimized(
     stop_below: float = 0.0,
     capacity: int | None = None,
     method: AbstractHausdorffMethod | None = None,
-    progress: Callable[[FitProgress], object] | None = None,
+    progress: Callback | None = None,
 ) -> FitSolution:
     """The same as `minimize_hausdorff`, within the time of a clock."""
     target = taken_as("target", target)
@@ -153,7 +153,8 @@ def _minimized(
 
         def report(step: int, value: float, optimality: float, number: int = number) -> None:
             if progress is not None:
-                progress(FitProgress(number, step, value, optimality))
+                details = {"value": value, "optimality": optimality}
+                progress(Progress(f"start {number}", step, max_steps, details=details))
 
         if ends and clock.is_over():
             break
@@ -175,7 +176,7 @@ def fit_curve(
     max_seconds: float | None = None,
     stop_below: float = 0.0,
     method: AbstractHausdorffMethod | None = None,
-    progress: Callable[[FitProgress], object] | None = None,
+    progress: Callback | None = None,
 ) -> FitSolution:
     """Fit of polynomial Bézier segments to a connected curve, by the Hausdorff distance or a statistic.
 
@@ -201,7 +202,7 @@ def fit_curve(
         max_seconds: wall time in seconds after which the best fit so far is returned; see `minimize_hausdorff`.
         stop_below: distance at which the fit is good enough and stops. 0 (the default) continues to a stationary point.
         method: method that certifies the error. None selects BranchAndBound().
-        progress: callback that receives a FitProgress after each step.
+        progress: callback that receives a Progress after each step.
 
     Returns:
         A FitSolution with the fitted curve (`shape`), its certified error, and the free control points (`parameters`).
@@ -283,7 +284,7 @@ def fit_outline(
     max_segments: int = 64,
     max_steps: int = 40,
     max_seconds: float | None = None,
-    progress: Callable[[FitProgress], object] | None = None,
+    progress: Callback | None = None,
 ) -> list[FitSolution]:
     """Fits of all contours of an outline within a tolerance, by few segments.
 
@@ -310,7 +311,7 @@ def fit_outline(
         max_steps: largest number of steps of one fit. A fit stops as soon as it is within the tolerance.
         max_seconds: wall time in seconds for all contours together; see `minimize_hausdorff`. When it is over, the
             present fits are returned, which may exceed the tolerance.
-        progress: callback that receives a FitProgress after each step.
+        progress: callback that receives a Progress after each step.
 
     Returns:
         A list with one FitSolution for each contour, in the order of the contours.
@@ -342,7 +343,7 @@ def _within(
     smooth: bool,
     most: int,
     max_steps: int,
-    progress: Callable[[FitProgress], object] | None,
+    progress: Callback | None,
 ) -> FitSolution:
     """The first fit within the limit, with joints closer and closer together; otherwise the last fit."""
     closed = bool(np.asarray(contour.next_segment)[-1] == 0)

@@ -10,6 +10,7 @@ import pytest
 
 from jhd import console
 from jhd.console import busy, interrupts_heard
+from jhd.progress import Progress
 
 
 def wait():
@@ -63,7 +64,7 @@ def test_on_a_terminal_the_seconds_go_on_while_nothing_is_reported_and_end_with_
     monkeypatch.setattr(console, "_SECOND", 0.01)
     with busy("compiling") as show:
         time.sleep(0.2)
-        show("halfway")
+        show(Progress("halfway", 1))
         time.sleep(0.2)
     shown = capsys.readouterr().err.split("\r\x1b[K")
     assert shown.count("compiling ..., 0 s") > 2 and shown.count("halfway, 0 s") > 2

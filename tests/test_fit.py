@@ -93,7 +93,7 @@ def test_parameters_may_be_a_pytree_and_progress_is_reported():
     seen = []
     solution = jhd.minimize_hausdorff(turned, {"offset": jnp.array([0.1, 0.0])}, quarter(), progress=seen.append)
     assert set(solution.parameters) == {"offset"}
-    assert [news.step for news in seen] == list(range(len(solution.history)))
+    assert [news.done for news in seen] == list(range(len(solution.history)))
     assert float(solution.error.value) < 1e-3
 
 

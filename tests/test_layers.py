@@ -13,7 +13,7 @@ PACKAGE = Path(__file__).parent.parent / "jhd"
 # above its own, or in its own line before it; those of one line that are parted by a bar know nothing of each other.
 # Inside a folder the order is free, as long as there is no cycle.
 ORDER = """
-    _runtime decimals argument_hints _results
+    _runtime decimals progress argument_hints _results
     arithmetic
     shapes
     triangles

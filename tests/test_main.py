@@ -25,12 +25,10 @@ from jhd._cli.report import progress_text
 from jhd._cli.warming import KINDS, Preparation, preparations
 from jhd._runtime import storage
 from jhd.distance import pairs
-from jhd.distance.collections.tasks import CollectionProgress
-from jhd.distance.search.search import Progress
 from jhd.fields.adaptive_build import MODES
 from jhd.fields.adaptive_samples import SIGNS
-from jhd.fitting.minimax import FitProgress
 from jhd.io import load_result
+from jhd.progress import Progress
 from tests.processes import python
 from tests.sweeps import CPU_ONLY
 
@@ -198,7 +196,7 @@ def test_surfaces_are_polynomials_with_a_box(run, monkeypatch):
     assert status == 0
     assert "B  -x^2 - (y - 1/4)^2 - z^2 + 2.25: surface of degree 2 in [-2, 2] x [-2, 2] x [-2, 2]" in out
     assert "  witness  B at (" in out and "nan" not in out
-    assert "cells of level 6 of 6: " in err
+    assert f"levels [{24 * '#'}] 6/6, tested " in err
     assert err.endswith("\r\x1b[K")
 
 
@@ -220,14 +218,16 @@ def test_progress_is_shown_on_a_terminal_and_wiped(run, monkeypatch):
 
 
 def test_progress_of_every_kind_is_one_line_that_says_how_much_is_done():
-    search = Progress(None, 3, 5, 0.9991, 1.0)
-    assert progress_text(search) == f"[{7 * '#'}{17 * '.'}] 3/10 digits, 0.999099999 to 1, step 3, 5 open cells"
+    search = Progress("a_to_b", 3, 8, 0.9991, 1.0)
+    text = f"a_to_b: [{7 * '#'}{17 * '.'}] 3/10 digits, 0.999099999 to 1, step 3, 5 open cells"
+    assert progress_text(search) == text
     for lower, upper, digits in ((0, np.inf, 0), (0, 0, 10), (1, 1, 10), (1, 1 + 1e-14, 10)):
         assert f" {digits}/10 digits" in progress_text(search._replace(lower=lower, upper=upper))
-    assert progress_text(FitProgress(1, 2, 0.5, 0.25)) == "start 1, step 2: distance 0.5, optimality 2.5e-01"
-    assert progress_text({"direction": "a_to_b", "cells": 0, "open": 0}).startswith("a_to_b: [....")
-    assert progress_text(CollectionProgress("bounds", 6, 12)) == f"bounds [{12 * '#'}{12 * '.'}] 6/12"
-    assert "] 6/8 cells" in progress_text({"direction": "a_to_b", "cells": 6, "open": 2})
+    fit = Progress("start 1", 15, 60, details={"value": 0.5, "optimality": 0.25})
+    assert progress_text(fit) == f"start 1 [{6 * '#'}{18 * '.'}] 15/60, value 0.5, optimality 0.25"
+    assert progress_text(Progress("a_to_b", 0, 0)).startswith("a_to_b [....")
+    assert progress_text(Progress("bounds", 6, 12)) == f"bounds [{12 * '#'}{12 * '.'}] 6/12"
+    assert progress_text(Progress("cells.a_to_b[0] of 2", 0)) == "cells.a_to_b[0] of 2"
 
 
 def test_an_interrupt_ends_with_one_line(run, monkeypatch):
@@ -375,8 +375,8 @@ def test_warm_shows_a_bar(run, monkeypatch, tmp_path):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setattr(commands, "preparations", lambda kinds, degree: [Preparation(x, int) for x in ("one", "two")])
     err = run("precompile", "plane")[2]
-    assert f"[{'.' * 24}] 0/2 one" in err
-    assert f"[{'#' * 12}{'.' * 12}] 1/2 two" in err
+    assert f"one [{'.' * 24}] 0/2" in err
+    assert f"two [{'#' * 12}{'.' * 12}] 1/2" in err
 
 
 @CPU_ONLY

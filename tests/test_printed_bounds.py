@@ -20,8 +20,8 @@ from jhd._results.solution import throw_unless_successful
 from jhd.arithmetic import Interval
 from jhd.decimals import interval_text, lower_text, upper_text
 from jhd.distance.certificate.verification import Proven, sentence
-from jhd.distance.search.search import Progress
 from jhd.plot import pages
+from jhd.progress import Progress
 from tests.test_solution import a_solution
 
 # Bounds that a rounding to the nearest prints wrongly on one side or on both.
@@ -156,8 +156,8 @@ def test_every_object_prints_bounds_that_hold_what_it_stores(given):
 
 
 def test_progress_tells_bounds_that_hold_what_is_known(given):
-    for direction in ("a_to_b", None):
-        check(report.progress_text(Progress(direction, 1, 2, given.low, given.high)), 1, given.low, given.high)
+    for stage in ("a_to_b", "minimum"):
+        check(report.progress_text(Progress(stage, 1, 3, given.low, given.high)), 1, given.low, given.high)
 
 
 def test_every_command_prints_bounds_that_hold_what_was_found(given, monkeypatch, capsys):

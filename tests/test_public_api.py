@@ -169,4 +169,4 @@ def test_the_environment_keeps_float32():
 def test_every_public_name_is_listed():
     modules = {name for name, value in vars(jhd).items() if inspect.ismodule(value)}
     public = {name for name in vars(jhd) if not name.startswith("_")} - modules
-    assert sorted(jhd.__all__) == sorted(public | {"arithmetic", "io", "plot", "published"})
+    assert sorted(jhd.__all__) == sorted(public | {"arithmetic", "io", "plot", "progress", "published"})

@@ -24,7 +24,7 @@ from jhd._cli.comparisons import minimum as minimum
 from jhd._cli.comparisons import project as project
 from jhd._cli.options import box_of, check_writable, curve_of, kind_of, shape_of
 from jhd._cli.output import print_files
-from jhd._cli.report import bar, check_picture_file, names_of, picture, shape_line, solution_text
+from jhd._cli.report import check_picture_file, names_of, picture, shape_line, solution_text
 from jhd._cli.warming import KINDS, preparations
 from jhd._results.solution import HausdorffSolution, name_of
 from jhd._runtime import storage
@@ -36,6 +36,7 @@ from jhd.io import save_curve, save_mesh
 from jhd.io.certificates import verify_file
 from jhd.io.load import load_shape
 from jhd.io.meshes import MESH_SUFFIXES
+from jhd.progress import Progress
 
 _DEMO_FONTS = {"Sans": "DejaVu Sans", "Serif": "DejaVu Serif"}
 _DEMO_LETTER = "a"
@@ -117,8 +118,7 @@ def verify(options: Namespace) -> int:
     start = time.perf_counter()
     try:
         with busy("checking") as show:
-            told = paced(lambda place: show(f"checking {place}"))
-            proven = verify_file(options.file, options.max_seconds, shapes, told)
+            proven = verify_file(options.file, options.max_seconds, shapes, paced(show))
     except jhd.CertificateError as error:
         print(f"jhd: refused: {options.file}: {error}", file=sys.stderr)
         return _REFUSED
@@ -209,7 +209,7 @@ def precompile(options: Namespace) -> int:
     rows = []
     with busy("preparing") as show:
         for done, (name, run) in enumerate(asked):
-            show(f"{bar(done, len(asked))} {name}")
+            show(Progress(name, done, len(asked)))
             rows.append({"name": name, "seconds": timed(run)[1]})
     if options.json:
         given = {"kinds": options.kinds or list(KINDS), "degree": options.degree}

@@ -5,7 +5,7 @@ Lengths may be given as percentages of the diagonal of the joint bounding box, a
 
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
@@ -30,7 +30,6 @@ from jhd._cli.options import (
 from jhd._cli.output import TABLE_SUFFIXES, delivered, print_files
 from jhd._cli.report import (
     PLACES,
-    bar,
     check_page_file,
     check_picture_file,
     decision_text,
@@ -50,6 +49,7 @@ from jhd._results.solution import Decision, HausdorffSolution, MinimumSolution, 
 from jhd._runtime.files import replace_file
 from jhd.console import INTERRUPTED, busy, device, exit_status, precision, timed
 from jhd.decimals import lower_text, upper_text
+from jhd.progress import Callback, Progress
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.patch import AbstractPatch
@@ -256,7 +256,7 @@ def _rows_of(found: Any, shape: Any) -> Iterator[list[Any]]:
         yield [*(x.item() for x in (value, lower, upper, *where, *foot)), end]
 
 
-def _projected(points: np.ndarray, shape: Any, method: Any, show: Callable[[Any], None]) -> Any:
+def _projected(points: np.ndarray, shape: Any, method: Any, show: Callback) -> Any:
     """The projections of the points, thousands at a time; only the finished ones after an interrupt."""
     size = _FEW_POINTS if isinstance(shape, AbstractPatch | ImplicitSurface) else _MANY_POINTS
     parts: list[Any] = []
@@ -264,7 +264,7 @@ def _projected(points: np.ndarray, shape: Any, method: Any, show: Callable[[Any]
         for start in range(0, len(points), size):
             parts.append(jhd.project(points[start : start + size], shape, method=method, throw=False))
             done = min(start + size, len(points))
-            show(f"points {bar(done, len(points))}")
+            show(Progress("points", done, len(points)))
     except KeyboardInterrupt:
         if not parts:
             raise

@@ -16,13 +16,10 @@ from jhd._cli.lengths import share_text
 from jhd._results.solution import RESULTS, Decision, HausdorffSolution, MinimumSolution, name_of
 from jhd._runtime.files import replace_file
 from jhd.decimals import interval_text, lower_text, upper_text
-from jhd.distance.collections.tasks import CollectionProgress
 from jhd.distance.deviation_solution import Deviation
 from jhd.distance.search.points import is_points
-from jhd.fields.adaptive_build import FieldProgress
-from jhd.fields.octree import VoxelProgress
-from jhd.fitting.minimax import FitProgress
 from jhd.plot.pages import check_pages_in_space, page_of_figure
+from jhd.progress import Progress
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -199,28 +196,15 @@ def interrupted(solution: Any) -> bool:
     return bool(np.any(np.asarray(solution.result._value) == np.asarray(RESULTS.interrupted._value)))
 
 
-def progress_text(progress: Any) -> str:
-    """One line for a progress report of any kind."""
-    if isinstance(progress, VoxelProgress):
-        p = progress
-        return f"cells of level {p.level} of {p.levels}: {p.kept} kept, {p.tested} tested so far"
-    if isinstance(progress, FieldProgress):
-        p = progress
-        return f"level {p.level}: {p.tested} cells tested, {p.split} split, {p.samples} distances"
-    if isinstance(progress, FitProgress):
-        p = progress
-        return f"start {p.start}, step {p.step}: distance {p.value:.9g}, optimality {p.optimality:.1e}"
-    if isinstance(progress, CollectionProgress):
-        p = progress
-        return f"{p.stage} {bar(p.done, max(p.total, 1))}"
-    if isinstance(progress, dict):
-        p = progress
-        return f"{p['direction']}: {bar(p['cells'], max(p['cells'] + p['open'], 1))} cells"
-    p = progress
-    name = "" if p.direction is None else f"{p.direction}: "
-    digits = f"{bar(_digits(p.lower, p.upper), _DIGITS)} digits"
-    ends = f"{lower_text(p.lower, '.9g')} to {upper_text(p.upper, '.9g')}"
-    return f"{name}{digits}, {ends}, step {p.steps}, {p.waiting} open cells"
+def progress_text(progress: Progress) -> str:
+    """One line for a progress report."""
+    stage, done, total, lower, upper, details = progress
+    if lower is not None and upper is not None and total is not None:
+        ends = f"{lower_text(lower, '.9g')} to {upper_text(upper, '.9g')}"
+        digits = bar(_digits(lower, upper), _DIGITS)
+        return f"{stage}: {digits} digits, {ends}, step {done}, {total - done} open cells"
+    known = [] if total is None else [bar(min(done, total), max(total, 1))]
+    return ", ".join([f"{stage} {' '.join(known)}".rstrip(), *(f"{name} {x:.9g}" for name, x in details.items())])
 
 
 def _digits(lower: float, upper: float) -> int:

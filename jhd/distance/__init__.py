@@ -14,8 +14,8 @@ The entry points are `hausdorff`, `critical_pairs`, `minimum`, `project`, `signe
 `measures`, which integrate the distances found by `project`, and `collections`, for many shapes at once (`many`).
 """
 
-from jhd.distance.certificate.certificate import Certificate, certify
-from jhd.distance.certificate.verification import CertificateError, verify
+from jhd.distance.certificate.certificate import Certificate, certify, verify
+from jhd.distance.certificate.verification import CertificateError
 from jhd.distance.collections.entries import (
     Neighbors,
     PairsWithin,
@@ -26,7 +26,6 @@ from jhd.distance.collections.entries import (
     pivot_distances,
 )
 from jhd.distance.collections.pivots import PivotDistances
-from jhd.distance.collections.tasks import CollectionProgress
 from jhd.distance.critical_pairs import critical_pairs
 from jhd.distance.deviation import deviation
 from jhd.distance.deviation_solution import Deviation, DistanceSamples
@@ -43,8 +42,6 @@ from jhd.distance.project_methods import (
     ProjectedPolyhedronProjection,
 )
 from jhd.distance.search.branch_and_bound import BranchAndBound
-from jhd.distance.search.search import Progress
-from jhd.distance.search.search import Progress as MinimumProgress
 from jhd.distance.signed_distance import signed_distance
 from jhd.distance.sizes import arc_length, surface_area
 from jhd.distance.statistics.statistics import (

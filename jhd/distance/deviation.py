@@ -1,6 +1,5 @@
 """Distribution of the distance to one shape over another: maximum, mean, root mean square, quantiles and fractions."""
 
-from collections.abc import Callable
 from fractions import Fraction
 from functools import partial
 from typing import Any, NamedTuple
@@ -28,8 +27,9 @@ from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.dispatch import Together, diagonal_of, dtype_of, heights_of, target_in, together
 from jhd.distance.search.distribution import COUNTS, DistanceCells, Distribution, DistributionSearch
 from jhd.distance.search.points import is_points
-from jhd.distance.search.search import Listener, Progress, drive
+from jhd.distance.search.search import Listener, drive
 from jhd.distance.search.weighted_cells import AbstractMeasured, MeasuredMesh, MeasuredNet, MeasuredPoints
+from jhd.progress import Callback
 from jhd.shapes.as_shape import check_shape, taken_as
 from jhd.shapes.checks import Numbers, check_same_dim
 from jhd.shapes.curve import BezierSegments
@@ -69,7 +69,7 @@ def deviation(
     weights: Numbers | None = None,
     max_cells: int = 1 << 17,
     throw: bool = True,
-    progress: Callable[[Progress], object] | None = None,
+    progress: Callback | None = None,
 ) -> Deviation:
     """Distribution of the distance to `b` over `a`: maximum, mean, RMS and quantiles, each with certified bounds.
 
@@ -221,7 +221,7 @@ def _distributed(
     most = float(frame.common(np.asarray(maximum.upper, np.float64), np.inf)) + moved
     limits = most, allowed, asked.max_cells, _MAX_STEPS, asked.quantile
     search = DistributionSearch(source, target, dtype, *limits, heights_of(a, b, pair, target))
-    listener = Listener(progress, frame)
+    listener = Listener(progress, frame, "mean")
     # Who interrupted the search for the maximum waits for no other.
     listener.interrupted = name_of(maximum.result) == "interrupted"
     found = drive(search, listener)

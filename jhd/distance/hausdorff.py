@@ -1,7 +1,6 @@
 """Entry points for directed and two-sided Hausdorff distances of two shapes."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 from jhd._results.solution import (
@@ -15,7 +14,7 @@ from jhd.distance.decisions import checked_limit, decided, of_copies
 from jhd.distance.normalization.method import AbstractHausdorffMethod, check_serves
 from jhd.distance.pairs import pair_of
 from jhd.distance.search.branch_and_bound import BranchAndBound, chosen_method, sized_by_method
-from jhd.distance.search.search import Progress
+from jhd.progress import Callback
 from jhd.shapes.checks import Numbers
 
 
@@ -28,7 +27,7 @@ def directed_hausdorff(
     rtol: Numbers | None = None,
     atol: Numbers | None = None,
     throw: bool = True,
-    progress: Callable[[Any], object] | None = None,
+    progress: Callback | None = None,
 ) -> HausdorffSolution:
     """Directed Hausdorff distance from `a` to `b`, with certified bounds.
 
@@ -62,7 +61,7 @@ def directed_hausdorff(
             units in the last place) of the diagonal of the joint bounding box. With another method than the default,
             give its options to the method instead.
         throw: whether to raise NotProvenError if the method does not reach its stated accuracy; by default True.
-        progress: a function that is called with a Progress from time to time (by CubeIntervals with a VoxelProgress);
+        progress: a function that is called with a Progress from time to time;
             ignored under jit. Ctrl-C ends the search with the bounds reached and RESULTS.interrupted.
 
     Returns:
@@ -87,7 +86,7 @@ def hausdorff(
     rtol: Numbers | None = None,
     atol: Numbers | None = None,
     throw: bool = True,
-    progress: Callable[[Any], object] | None = None,
+    progress: Callback | None = None,
 ) -> HausdorffSolution:
     """Hausdorff distance of `a` and `b` (the larger of both directed distances), with certified bounds.
 
@@ -139,7 +138,7 @@ def hausdorff_at_most(
     directed: bool = False,
     rtol: Numbers | None = None,
     atol: Numbers | None = None,
-    progress: Callable[[Progress], object] | None = None,
+    progress: Callback | None = None,
 ) -> Decision:
     """Whether the Hausdorff distance is at most a threshold: certified yes, certified no, or undecided.
 

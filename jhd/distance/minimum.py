@@ -1,6 +1,5 @@
 """Entry points for the minimum distance of two shapes."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -22,8 +21,9 @@ from jhd.distance.search.dispatch import diagonal_of
 from jhd.distance.search.implicit_minimum import with_surface
 from jhd.distance.search.nets import of_nets
 from jhd.distance.search.points import is_points, nearest_points, point_mesh
-from jhd.distance.search.search import Progress, Threshold
+from jhd.distance.search.search import Threshold
 from jhd.distance.witness.balance import apart
+from jhd.progress import Callback
 from jhd.shapes.as_shape import check_shape, taken_as
 from jhd.shapes.checks import Numbers, check_same_dim
 from jhd.shapes.curve import AbstractCurve, BezierSegments
@@ -44,7 +44,7 @@ def minimum_distance(
     rtol: Numbers | None = None,
     atol: Numbers | None = None,
     throw: bool = True,
-    progress: Callable[[Progress], object] | None = None,
+    progress: Callback | None = None,
 ) -> MinimumSolution:
     """Minimum distance of two shapes, min |p - q| over p in a and q in b, with certified bounds.
 
@@ -124,7 +124,7 @@ def minimum_at_most(
     *,
     rtol: Numbers | None = None,
     atol: Numbers | None = None,
-    progress: Callable[[Progress], object] | None = None,
+    progress: Callback | None = None,
 ) -> Decision:
     """Whether the minimum distance is at most a threshold: certified yes, certified no, or undecided.
 
@@ -160,7 +160,7 @@ def minimum_at_most(
     return decided(minimum_distance(a, b, method, throw=False, progress=hears), limit)
 
 
-def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None) -> MinimumSolution:
+def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
     if is_points(b) and not is_points(a):
         return _turned(_searched(b, a, method, progress))
     if is_points(a) and not is_tracing(undifferentiated((a, b)), method):
@@ -172,9 +172,7 @@ def _searched(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progre
     return _of_pieces(a, b, method, progress)
 
 
-def _of_pieces(
-    a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None
-) -> MinimumSolution:
+def _of_pieces(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
     """By the searches over pairs of pieces, one way round for both orders of the shapes: it is the same program."""
     if _order(a) > _order(b):
         return _turned(_of_pieces(b, a, method, progress))
@@ -194,9 +192,7 @@ def _turned(found: MinimumSolution) -> MinimumSolution:
     return replace(found, point_a=found.point_b, point_b=found.point_a)
 
 
-def _of_points(
-    a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None
-) -> MinimumSolution:
+def _of_points(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
     """Of known points: each by itself; among themselves and with meshes as a mesh of those that may be nearest."""
     large = [is_points(shape) and shape.count > _FEW for shape in (a, b)]
     first = _thinned(a, b) if large[0] else a

@@ -43,6 +43,7 @@ from jhd.distance.search.solutions import CoveredPair, target
 from jhd.distance.search.surface_candidates import looked_at
 from jhd.distance.witness.derivative import with_derivatives
 from jhd.distance.witness.mixed_derivatives import with_place_derivatives
+from jhd.progress import Callback
 from jhd.shapes.as_shape import check_shape, taken_as
 from jhd.shapes.checks import check_same_dim, empty_surface
 from jhd.shapes.curve import AbstractCurve, BezierSegments
@@ -50,7 +51,7 @@ from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.prepared import working
 
-Report = Callable[[Any], object] | None
+Report = Callback | None
 
 
 class AbstractPair(ABC):

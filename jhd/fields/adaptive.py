@@ -9,7 +9,7 @@ Rockwood, Jones, Adaptively sampled distance fields (2000).
 """
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +23,14 @@ from jhd._runtime.archives import read_arrays
 from jhd._runtime.arrays import is_traced, real_array
 from jhd._runtime.files import replace_file
 from jhd.arithmetic.scaling import common_exponent
-from jhd.fields.adaptive_build import DEEPEST, MODES, FieldProgress, Task, bounding_cube, build_octree, first_grid
+from jhd.fields.adaptive_build import DEEPEST, MODES, Task, bounding_cube, build_octree, first_grid
 from jhd.fields.adaptive_error import LeafBoxes, largest_error, meeting
 from jhd.fields.adaptive_evaluate import LeafCells, values_at
 from jhd.fields.adaptive_extract import Leaves, extracted
 from jhd.fields.adaptive_samples import PUBLISHED_SIGN, SIGNS, Surface, is_inner, surface_of
 from jhd.fields.adaptive_surfaces import MESH_SHARE, meshed
 from jhd.fields.checks import one_of, positive, whole
+from jhd.progress import Callback
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import Numbers
 from jhd.shapes.mesh import TriangleMesh, check_mesh
@@ -103,7 +104,7 @@ class AdaptiveDistanceField(eqx.Module):
         sign: str | None = None,
         max_depth: int = 12,
         max_cells: int = 1_500_000,
-        progress: Callable[[FieldProgress], object] | None = None,
+        progress: Callback | None = None,
         method: Any = None,
     ) -> "AdaptiveDistanceField":
         """The field of a surface, refined until the error is within `tolerance` at 19 points of each cell.
@@ -125,7 +126,7 @@ class AdaptiveDistanceField(eqx.Module):
                 cells along the longest side of the box.
             max_cells: number of cells beyond which no cell is split. A million cells take 1.3 GB during the
                 construction.
-            progress: callback that receives a FieldProgress after each level.
+            progress: callback that receives a Progress after each level.
             method: None computes exact distances. jhd.published.VertexVoxels(transform="vector_propagation") with
                 mode="full" gives algorithm 1 of Lin & Wang (2003) as published. It starts from one cube around the
                 mesh. Its distances come from the local search and can be too large; its signs come from averaged

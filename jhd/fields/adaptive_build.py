@@ -12,7 +12,6 @@ Source: "3-D signed Euclidean distance transform and its applications" (Lin03, 2
 cell; Frisken et al., Adaptively sampled distance fields (2000). The order by levels and the band are ours.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from jhd._runtime.arrays import joined
 from jhd.arithmetic.rounding import gamma
 from jhd.fields.adaptive_samples import CellNeighbors, Samples, Surface, decide, lift, spread, unsigned
 from jhd.fields.boxes import CORNERS, children
+from jhd.progress import Callback, Progress
 from jhd.shapes.mesh import TriangleMesh
 
 MODES = ("band", "full")
@@ -46,22 +46,6 @@ _CHILD = np.array([[int((child + corner) @ [9, 3, 1]) for corner in CORNERS] for
 _APART = np.linalg.norm(_POINTS[:, None] - _POINTS[None], axis=2)
 # Rounds in which points hand their sides to others of their cells; what is left then has its own winding numbers.
 _ROUNDS = 4
-
-
-class FieldProgress(NamedTuple):
-    """Progress of the construction of a field.
-
-    Args:
-        level: level of the octree that was processed, 0 for the first grid.
-        tested: number of cells of this level that were compared.
-        split: number of cells of this level that were split.
-        samples: number of points at which the distance is known.
-    """
-
-    level: int
-    tested: int
-    split: int
-    samples: int
 
 
 class Grid(NamedTuple):
@@ -141,7 +125,7 @@ class Task(NamedTuple):
     mode: str
     max_depth: int
     max_cells: int
-    progress: Callable[[FieldProgress], object] | None
+    progress: Callback | None
 
 
 def may_meet(distance: Float[np.ndarray, "cells 8"], side: float) -> Bool[np.ndarray, " cells"]:
@@ -173,7 +157,8 @@ def build_octree(task: Task) -> Octree:
         levels.append(level)
         split = level.split
         if task.progress is not None:
-            task.progress(FieldProgress(depth, len(index), int(split.sum()), len(samples.distance)))
+            details = {"tested": len(index), "split": int(split.sum()), "samples": len(samples.distance)}
+            task.progress(Progress("levels", depth, last, details=details))
         if not split.any():
             break
         level = _OctreeLevel(children(level.cells[split]), index[:, _CHILD].reshape(-1, 8), np.zeros(0, bool))

@@ -13,7 +13,7 @@ Source: AlgSurf, section 2, steps 1 to 3; the proofs are ours.
 """
 
 import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -29,6 +29,7 @@ from jhd._runtime.compiled import optimized
 from jhd._runtime.memory import check_memory
 from jhd.arithmetic import exact_polynomials, trivariate
 from jhd.fields.boxes import CORNERS, children
+from jhd.progress import Callback, Progress
 from jhd.shapes.checks import empty_surface
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 
@@ -81,27 +82,11 @@ class Voxels(eqx.Module):
         return self.lower + self.spacing * (self.cells + 0.5)
 
 
-class VoxelProgress(NamedTuple):
-    """Progress of a voxelization.
-
-    Args:
-        level: level of the octree in progress; the requested cells are at level `levels`.
-        levels: last level.
-        tested: number of cells tested so far, on all levels.
-        kept: number of cells kept so far on this level.
-    """
-
-    level: int
-    levels: int
-    tested: int
-    kept: int
-
-
 def voxelize(
     surface: ImplicitSurface,
     cells: int,
     ranges: str = "bernstein",
-    progress: Callable[[VoxelProgress], object] | None = None,
+    progress: Callback | None = None,
 ) -> Voxels:
     """Grid cells in the box of an implicit surface that may contain a point of the surface, by octree subdivision.
 
@@ -117,7 +102,7 @@ def voxelize(
         cells: number of cells along each axis, 1 to 2^20; not only powers of two.
         ranges: how the range of the polynomial over a cell is bounded: "bernstein" (the default, which keeps the fewest
             cells), "modified_affine" (as published), "interval", "horner" or "centered".
-        progress: callback that receives a VoxelProgress several times per level.
+        progress: callback that receives a Progress several times per level.
 
     Returns:
         The kept cells, and for each whether it is proven to contain a point of the surface.
@@ -200,7 +185,7 @@ def _grid(surface: ImplicitSurface, cells: int) -> _VoxelGrid:
     return _VoxelGrid(box, exact, jnp.asarray(exact_polynomials.floats(raised), float), cells, levels)
 
 
-def _descend(grid: _VoxelGrid, ranges: str, progress: Callable[[VoxelProgress], object] | None) -> np.ndarray:
+def _descend(grid: _VoxelGrid, ranges: str, progress: Callback | None) -> np.ndarray:
     """The cells that are left on the last level."""
     kept, tested = np.zeros((1, 3), np.int32), 0
     for level in range(grid.levels + 1):
@@ -216,7 +201,8 @@ def _descend(grid: _VoxelGrid, ranges: str, progress: Callable[[VoxelProgress], 
             left.append(boxes[_joined(masks, len(boxes))])
             tested += len(boxes)
             if progress is not None:
-                progress(VoxelProgress(level, grid.levels, tested, sum(map(len, left))))
+                details = {"tested": tested, "kept": sum(map(len, left))}
+                progress(Progress("levels", level, grid.levels, details=details))
         kept = np.concatenate(left)
         if not len(kept):
             break

@@ -47,22 +47,6 @@ _VALLEY_STEPS, _VALLEY = 10, 1e-3
 _SETTLED = 4
 
 
-class FitProgress(NamedTuple):
-    """Progress of a fit.
-
-    Args:
-        start: index of the start, from 0.
-        step: number of steps taken from this start.
-        value: largest distance of the critical pairs, in the unit of the coordinates.
-        optimality: length of sum mu_j g_j (zero at a stationary point); see FitSolution.
-    """
-
-    start: int
-    step: int
-    value: float
-    optimality: float
-
-
 class Ended(NamedTuple):
     """The end of an iteration."""
 

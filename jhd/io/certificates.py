@@ -1,15 +1,16 @@
 """Reading of certificate files: lines of strict JSON in which duplicate keys, NaN and infinity are errors."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from jhd.distance.certificate.certificate import Certificate
+from jhd.distance.certificate.certificate import Certificate, verify
 from jhd.distance.certificate.sides import plain_shape
-from jhd.distance.certificate.verification import CertificateError, Proven, digest, opened, verify
+from jhd.distance.certificate.verification import CertificateError, Proven, digest, opened
 from jhd.io.errors import ParseError
+from jhd.progress import Callback
 
 
 def load_certificate(file: str | Path) -> Certificate:
@@ -44,7 +45,7 @@ def verify_file(
     file: str | Path,
     max_seconds: float | None = None,
     shapes: Sequence[Any] = (),
-    progress: Callable[[str], object] | None = None,
+    progress: Callback | None = None,
 ) -> Proven:
     """The claim that the certificate in a file proves; cells are checked one by one as they are read.
 
@@ -52,7 +53,7 @@ def verify_file(
         file: name of a file written by `Certificate.save`.
         max_seconds: time limit in seconds; None means no limit.
         shapes: a and b, if the claim must be about these shapes; an empty sequence accepts any.
-        progress: called with the name of the part of the certificate that is checked next.
+        progress: called with a Progress, whose stage names the part of the certificate that is checked next.
 
     Raises:
         FileNotFoundError: the file does not exist.

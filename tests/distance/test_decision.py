@@ -7,7 +7,8 @@ import pytest
 import jhd
 from jhd._results.solution import name_of
 from jhd.decimals import lower_text
-from jhd.distance.search.search import Listener, Progress, Threshold
+from jhd.distance.search.search import Listener, Threshold
+from jhd.progress import Progress
 from tests.distance import pairs
 from tests.sweeps import swept
 
@@ -157,6 +158,6 @@ def test_a_threshold_ends_a_search_when_it_is_passed():
     heard = []
     ends = Threshold(1.0, heard.append)
     for lower, upper, passed in ((0.0, 2.0, False), (0.0, 1.0, True), (1.0, 2.0, False), (1.5, 2.0, True)):
-        ends(Progress(None, 0, 0, lower, upper))
+        ends(Progress("minimum", 0, 0, lower, upper))
         assert ends.passed == passed and Listener(ends).satisfied == passed
     assert len(heard) == 4 and not Listener(heard.append).satisfied

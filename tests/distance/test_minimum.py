@@ -211,8 +211,8 @@ def test_a_method_holds_the_options_and_not_both_are_given():
 def test_progress_is_reported():
     seen = []
     full = minimum_distance(BezierCurve(ARCH), BezierCurve(ARCH + [0.1, 2.0]), progress=seen.append)
-    assert seen and all(x.lower <= full.value <= x.upper and x.direction is None for x in seen)
-    assert seen[-1].steps == int(full.stats["steps"])
+    assert seen and all(x.lower <= full.value <= x.upper and x.stage == "minimum" for x in seen)
+    assert seen[-1].done == int(full.stats["steps"])
 
 
 def test_the_solution_prints_and_becomes_json():

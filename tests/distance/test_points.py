@@ -125,7 +125,7 @@ def test_an_interruption_in_one_direction_keeps_the_bounds_of_both(monkeypatch):
     points, calls = jhd.point_set(np.random.default_rng(6).normal(size=(400, 3)) + [1.5, 1.5, 0]), []
 
     def interrupt(progress):
-        calls.append(progress.direction)
+        calls.append(progress.stage)
         raise KeyboardInterrupt
 
     found = jhd.hausdorff(BUMPY, points, progress=interrupt, throw=False)

@@ -139,9 +139,9 @@ def test_few_winding_numbers_are_asked_for(monkeypatch):
     ask = samples_module.is_inside
     monkeypatch.setattr(samples_module, "is_inside", lambda m, p, f=None: asked.append(len(p)) or ask(m, p, f))
     AdaptiveDistanceField.build(torus(), 1e-2, progress=reports.append)
-    assert [r.level for r in reports] == list(range(len(reports))) and reports[-1].split == 0
-    first = reports[0].samples
-    assert sum(asked[1:]) < 0.02 * (reports[-1].samples - first)
+    assert [r.done for r in reports] == list(range(len(reports))) and reports[-1].details["split"] == 0
+    first = reports[0].details["samples"]
+    assert sum(asked[1:]) < 0.02 * (reports[-1].details["samples"] - first)
 
 
 def test_a_mesh_in_another_unit_gives_the_same_field(field):

@@ -9,7 +9,8 @@ import pytest
 
 from jhd.arithmetic.trivariate import RANGES
 from jhd.fields import octree
-from jhd.fields.octree import VoxelProgress, voxelize
+from jhd.fields.octree import voxelize
+from jhd.progress import Progress
 from jhd.shapes.implicit import ImplicitSurface
 from tests.sweeps import swept
 
@@ -185,11 +186,11 @@ def test_without_exact_signs_less_is_proven_and_nothing_else(monkeypatch):
 def test_progress_tells_the_level_and_the_counts():
     seen = []
     voxels = voxelize(parsed(CONES[0]), 32, progress=seen.append)
-    assert all(isinstance(x, VoxelProgress) for x in seen)
-    assert [x.level for x in seen] == list(range(6)) and {x.levels for x in seen} == {5}
-    assert seen[-1].kept == voxels.count
+    assert all(isinstance(x, Progress) for x in seen)
+    assert [x.done for x in seen] == list(range(6)) and {x.total for x in seen} == {5}
+    assert seen[-1].details["kept"] == voxels.count
     # Eight children for each cell that is kept on the level before.
-    assert seen[-1].tested == 1 + 8 * sum(x.kept for x in seen[:-1])
+    assert seen[-1].details["tested"] == 1 + 8 * sum(x.details["kept"] for x in seen[:-1])
 
 
 @pytest.mark.usefixtures("as_a_user")

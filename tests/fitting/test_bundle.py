@@ -28,7 +28,8 @@ def test_a_moved_mesh_finds_its_place():
     assert fit.result == jhd.RESULTS.successful
     assert float(fit.error.upper) <= 1e-3 + 1e-9
     assert np.max(np.abs(fit.parameters)) <= 2e-3
-    assert [p.step for p in seen] == sorted(p.step for p in seen) and seen[-1].value == float(fit.history[-1])
+    assert [p.done for p in seen] == sorted(p.done for p in seen)
+    assert seen[-1].details["value"] == float(fit.history[-1])
     assert np.all(np.diff(fit.history) <= 0) and int(fit.stats["evaluations"]) <= 61
 
 

@@ -7,8 +7,8 @@ again, with jhd.distance.certificate.verification alone.
 """
 
 import gzip
+import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,10 +21,12 @@ from jhd._runtime.files import replace_file
 from jhd.decimals import lower_text, upper_text
 from jhd.distance.certificate.mixes import Report, asked_of, default_atol, prove_largest, prove_minimum
 from jhd.distance.certificate.sides import plain_shape
-from jhd.distance.certificate.verification.proofs import NAMES, Proven, verify
+from jhd.distance.certificate.verification.proofs import NAMES, Proven
+from jhd.distance.certificate.verification.proofs import verify as checked
 from jhd.distance.certificate.verification.reading import lines_of
 from jhd.distance.certificate.verification.structure import FORMAT, VERSION, check_content, digest
 from jhd.distance.certificate.verification.surface_structure import LARGEST, LARGEST_IN_ALL
+from jhd.progress import Callback, Progress
 from jhd.shapes.as_shape import taken_as
 from jhd.shapes.checks import check_same_dim
 from jhd.shapes.curve import AbstractCurve
@@ -80,12 +82,12 @@ class Certificate:
         name = NAMES[self.content["claim"]["kind"]]
         return f"Certificate({lower_text(self.lower)} <= {name} <= {upper_text(self.upper)}, {self.cells} cells)"
 
-    def verify(self, max_seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:
+    def verify(self, max_seconds: float | None = None, progress: Callback | None = None) -> Proven:
         """Checks the whole proof in exact arithmetic, without any result of the search.
 
         Args:
             max_seconds: time limit in seconds; by default none.
-            progress: a function that is called with the name of the next part of the certificate.
+            progress: a function that is called with a Progress, whose stage names the next part of the certificate.
 
         Returns:
             A Proven: the bounds that are proven.
@@ -123,6 +125,34 @@ class Certificate:
         replace_file(file, gzip.compress(text.encode(), mtime=0) if str(file).endswith(".gz") else text)
 
 
+def verify(content: Any, max_seconds: float | None = None, progress: Callback | None = None) -> Proven:
+    """Checks a certificate completely in exact arithmetic, and returns the bounds that it proves.
+
+    >>> import jhd
+    >>> a, b = jhd.point_set([(0, 0), (4, 0)]), jhd.point_set([(0, 0)])
+    >>> proven = jhd.verify(jhd.certify(a, b, jhd.directed_hausdorff(a, b)))
+    >>> proven.kind, bool(proven.lower <= 4 <= proven.upper)
+    ('directed', True)
+
+    Args:
+        content: a Certificate, or the content of a certificate file as `opened` reads it. Its lists of cells may be any
+            iterables.
+        max_seconds: time limit in seconds; by default none. The check ends before the first cell if the number of cells
+            and the degrees show that it would take longer.
+        progress: a function that is called with a Progress, whose stage names the next part of the certificate.
+
+    Returns:
+        A Proven: the kind of distance, and its proven bounds.
+
+    Raises:
+        CertificateError: something is missing, invalid or not proven, or the check takes too long. The message names
+            it.
+    """
+    done = itertools.count()
+    told = None if progress is None else lambda place: progress(Progress(place, next(done)))
+    return checked(content, max_seconds, told)
+
+
 def certify(
     a: Any,
     b: Any,
@@ -131,7 +161,7 @@ def certify(
     directed: bool = False,
     slack: float | None = None,
     max_cells: int = 100_000,
-    progress: Callable[[dict[str, Any]], None] | None = None,
+    progress: Callback | None = None,
 ) -> Certificate:
     """A certificate of the bounds of a solution, which can be saved and checked independently.
 
@@ -160,8 +190,7 @@ def certify(
             diagonal of the joint bounding box.
         max_cells: largest number of cells in one direction, or of pairs of parts. A smooth piece needs a few, or more
             if `b` is not smooth.
-        progress: a function that is called from time to time with a dictionary of `direction` (or "apart"), `cells` and
-            `open`.
+        progress: a function that is called with a Progress from time to time; its items are cells.
 
     Returns:
         A Certificate, whose bounds have all been checked in exact arithmetic.
@@ -223,9 +252,9 @@ def _checked_slack(slack: object, a: Any, b: Any, sharp: bool) -> float:
     return float(slack)
 
 
-def _reporting(progress: Callable[[dict[str, Any]], None] | None) -> Report:
+def _reporting(progress: Callback | None) -> Report:
     def report(direction: str, proven: int, left: int) -> None:
         if progress is not None:
-            progress({"direction": direction, "cells": proven, "open": left})
+            progress(Progress(direction, proven, proven + left))
 
     return report

@@ -8,7 +8,7 @@ PivotDistances find the pairs that may be within a threshold without visiting al
 sorted, give each shape a window of candidates; in this window all points are compared.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -32,14 +32,15 @@ from jhd.distance.collections.pivots import (
 from jhd.distance.collections.shapes import Collection, both_collections
 from jhd.distance.collections.store import Store, fingerprint_of
 from jhd.distance.collections.table import DistanceTable
-from jhd.distance.collections.tasks import CollectionProgress, measured, pairs_between, workers
+from jhd.distance.collections.tasks import measured, pairs_between, workers
 from jhd.distance.decisions import checked_limit
 from jhd.distance.normalization.method import AbstractHausdorffMethod, check_serves
 from jhd.distance.pairs import METHODS
 from jhd.distance.search.branch_and_bound import BranchAndBound, chosen_method
+from jhd.progress import Callback, Progress
 from jhd.shapes.checks import Numbers
 
-Report = Callable[[CollectionProgress], object] | None
+Report = Callback | None
 
 # Pairs that are sent out before their results are put away.
 _PAIRS = 1 << 14
@@ -163,7 +164,7 @@ def pairwise(
         store: a folder that keeps finished parts, safe against kills and loss of power. A second call with the same
             shapes, options, versions and processor continues there and returns the same bits. Only one call may use it
             at a time.
-        progress: a function that is called with a CollectionProgress from time to time.
+        progress: a function that is called with a Progress from time to time.
 
     Returns:
         A Pairwise: tables of distances, bounds and results.
@@ -221,7 +222,7 @@ def nearest_shapes(
         rtol: tolerance on `upper - lower`, relative to `upper`; see `jhd.hausdorff`.
         atol: absolute tolerance on `upper - lower`, in the unit of the coordinates; see `jhd.hausdorff`.
         executor: any concurrent.futures.Executor; by default one thread for each processor.
-        progress: a function that is called with a CollectionProgress from time to time.
+        progress: a function that is called with a Progress from time to time.
 
     Returns:
         A Neighbors: indices, distances, bounds and ties.
@@ -282,7 +283,7 @@ def pairs_within(
         rtol: relative tolerance at which a search gives up; see `jhd.hausdorff`.
         atol: absolute tolerance at which a search gives up; see `jhd.hausdorff`.
         executor: any concurrent.futures.Executor; by default one thread for each processor.
-        progress: a function that is called with a CollectionProgress from time to time.
+        progress: a function that is called with a Progress from time to time.
 
     Returns:
         A PairsWithin: the pairs with their bounds, and the undecided pairs.
@@ -339,7 +340,7 @@ def pivot_distances(
         shapes: a sequence of shapes of any kinds and of one dimension, or of objects that `jhd.as_shape` accepts.
         points: the points, (points, dim); by default a lattice over the shapes.
         executor: any concurrent.futures.Executor; by default one thread for each processor.
-        progress: a function that is called with a CollectionProgress from time to time.
+        progress: a function that is called with a Progress from time to time.
 
     Returns:
         A PivotDistances: the points, and certified bounds of the distances.
@@ -388,7 +389,7 @@ def _signed(
 
 def _tell(progress: Report, stage: str, done: int, total: int) -> None:
     if progress is not None:
-        progress(CollectionProgress(stage, done, total))
+        progress(Progress(stage, done, total))
 
 
 def _results(numbers: np.ndarray) -> Any:

@@ -36,20 +36,6 @@ _LISTENING = 0.1
 _ALONE = 8
 
 
-class CollectionProgress(NamedTuple):
-    """Progress of a call on collections.
-
-    Args:
-        stage: the current stage: "pivot distances" (distances of all shapes from common points) or "distances".
-        done: number of shapes or pairs that are done.
-        total: number of shapes or pairs to do, as far as it is known.
-    """
-
-    stage: str
-    done: int
-    total: int
-
-
 class AskedPairs(NamedTuple):
     """Pairs of shapes, and the range in which each distance matters.
 

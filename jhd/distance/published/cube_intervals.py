@@ -20,7 +20,6 @@ Source: AlgSurf (modified affine arithmetic, octree, intervals of cubes), sectio
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -39,15 +38,14 @@ from jhd.arithmetic.rationals import float_above, float_below, root_between
 from jhd.distance.normalization.directions import larger
 from jhd.distance.normalization.method import AbstractHausdorffMethod
 from jhd.fields.boxes import squared_distances, squared_vertex_distances
-from jhd.fields.octree import VoxelProgress, Voxels, checked_cells, voxelize
+from jhd.fields.octree import Voxels, checked_cells, voxelize
+from jhd.progress import Callback
 from jhd.shapes.implicit import ImplicitSurface, check_surface
 
 # Cells of a that are compared at once with a tile of cells of b: 2 MB of numbers.
 _CHUNK, _TILE = 1024, 256
 # Largest grid whose cells are all held in one array, 64 MB; and cells of a whose lines are looked at together.
 _LARGEST_GRID, _PLACES = 256, 4096
-
-Progress = Callable[[VoxelProgress], object] | None
 
 
 class CubeIntervals(AbstractHausdorffMethod):
@@ -104,14 +102,14 @@ class CubeIntervals(AbstractHausdorffMethod):
         return isinstance(a, ImplicitSurface) and isinstance(b, ImplicitSurface)
 
     def directed_surfaces(
-        self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Progress = None
+        self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Callback | None = None
     ) -> HausdorffSolution:
         """The directed distance, max over a of min over b.
 
         Args:
             a: an implicit surface with a box, both concrete.
             b: an implicit surface; its box may differ from the box of `a`.
-            progress: a function that is called with a VoxelProgress while the surfaces are voxelized.
+            progress: a function that is called with a Progress while the surfaces are voxelized.
 
         Returns:
             A HausdorffSolution with the interval as its bounds.
@@ -122,13 +120,15 @@ class CubeIntervals(AbstractHausdorffMethod):
         """
         return self.measured(*self.cells_of(a, b, progress), DIRECTIONS.a_to_b)
 
-    def surfaces(self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Progress = None) -> HausdorffSolution:
+    def surfaces(
+        self, a: ImplicitSurface, b: ImplicitSurface, *, progress: Callback | None = None
+    ) -> HausdorffSolution:
         """The Hausdorff distance, the larger of both directed ones; each bound is the larger of both bounds.
 
         Args:
             a: an implicit surface with a box, both concrete.
             b: an implicit surface; its box may differ from the box of `a`.
-            progress: a function that is called with a VoxelProgress while the surfaces are voxelized.
+            progress: a function that is called with a Progress while the surfaces are voxelized.
 
         Returns:
             A HausdorffSolution with the interval as its bounds.
@@ -143,14 +143,14 @@ class CubeIntervals(AbstractHausdorffMethod):
         )
 
     def cells_of(
-        self, a: ImplicitSurface, b: ImplicitSurface, progress: Progress
+        self, a: ImplicitSurface, b: ImplicitSurface, progress: Callback | None
     ) -> tuple["_GridCells", "_GridCells", "_Scale"]:
         """The cells of both surfaces in common coordinates.
 
         Args:
             a: an implicit surface with a box, both concrete.
             b: an implicit surface; its box may differ from the box of `a`.
-            progress: a function that is called with a VoxelProgress while the surfaces are voxelized.
+            progress: a function that is called with a Progress while the surfaces are voxelized.
 
         Returns:
             The cells of `a`, the cells of `b`, and the scale of the common coordinates.

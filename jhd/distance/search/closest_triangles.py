@@ -7,7 +7,6 @@ The derivative is that of the distance of the features that hold the nearest poi
 point and a plane, or two lines. So it is right to any order wherever the points stay on these features.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -29,8 +28,9 @@ from jhd.distance.normalization.implicit_derivatives import MovingNumbers, Touch
 from jhd.distance.normalization.stopping import AllowedGap, default_tolerance
 from jhd.distance.search.branch_and_bound import BranchAndBound
 from jhd.distance.search.from_program import from_program
-from jhd.distance.search.search import AbstractSearch, Listener, Progress, Standing, drive
+from jhd.distance.search.search import AbstractSearch, Listener, Standing, drive
 from jhd.distance.search.tree_pairs import MeshBoxes, PairSearch, in_one_unit, mesh_boxes, stored_corners
+from jhd.progress import Callback
 from jhd.shapes.curve import AbstractCurve
 from jhd.shapes.mesh import TriangleMesh
 from jhd.shapes.prepared import prepared
@@ -52,9 +52,7 @@ def as_mesh(shape: Any) -> TriangleMesh | None:
     return TriangleMesh(points.reshape(-1, 3), corners)
 
 
-def of_meshes(
-    a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, progress: Callable[[Progress], object] | None
-) -> MinimumSolution:
+def of_meshes(a: TriangleMesh, b: TriangleMesh, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
     """Minimum distance of two meshes, with derivatives in both; under tracing it is searched from the host as well."""
     first, second = undifferentiated((a, b))
     # Inside jit all operations are traced, those on known numbers too.
@@ -73,7 +71,7 @@ def of_meshes(
 def _searched(
     meshes: tuple[TriangleMesh, TriangleMesh],
     method: BranchAndBound,
-    progress: Callable[[Progress], object] | None = None,
+    progress: Callback | None = None,
 ) -> "_FoundPair":
     return drive(TriangleSearch(*meshes, method), Listener(progress))
 

@@ -5,7 +5,6 @@ From the host the nearest points found are made sharp between the stretches of t
 about them, and signs in integers prove the surface to be within an ulp or two, where those of enclosures need hundreds.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -46,11 +45,12 @@ from jhd.distance.search.from_program import from_program
 from jhd.distance.search.isolated_pairs import isolated_pairs
 from jhd.distance.search.near_pairs import Crossing, NearPairs, around, crossing, near_pairs
 from jhd.distance.search.pair_queue import PART, QueuedSearch
-from jhd.distance.search.search import AbstractSearch, Listener, Progress, drive
+from jhd.distance.search.search import AbstractSearch, Listener, drive
 from jhd.distance.search.surface_candidates import looked_at
 from jhd.distance.search.targets import usable
 from jhd.distance.search.two_phase_minimum import InTurn, with_feet
 from jhd.distance.witness.mixed_derivatives import with_pair_derivatives
+from jhd.progress import Callback
 from jhd.shapes.checks import empty_surface
 from jhd.shapes.implicit import ImplicitSurface
 from jhd.shapes.mesh import TriangleMesh
@@ -68,9 +68,7 @@ _FIRST = 32
 _TIMES, _NEARER = 12, 0.99
 
 
-def with_surface(
-    a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None
-) -> MinimumSolution:
+def with_surface(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
     """Minimum distance of two shapes of which one at least is an implicit surface.
 
     Raises:
@@ -107,7 +105,7 @@ def _in_program(shapes: tuple[Any, Any], method: BranchAndBound) -> _FoundBoth:
 
 
 def _from_here(
-    shapes: tuple[Any, Any], method: BranchAndBound, is_mesh: bool, progress: Callable[[Progress], object] | None = None
+    shapes: tuple[Any, Any], method: BranchAndBound, is_mesh: bool, progress: Callback | None = None
 ) -> _FoundBoth:
     """The search from the host; see with_surface.
 

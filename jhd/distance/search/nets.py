@@ -1,6 +1,5 @@
 """Minimum distances of curves and parametric surfaces: in one program under tracing, from the host elsewhere."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -32,13 +31,14 @@ from jhd.distance.search.closest import (
     room_for,
     wanted_gap,
 )
-from jhd.distance.search.search import Listener, Progress, drive
+from jhd.distance.search.search import Listener, drive
 from jhd.distance.search.two_phase_minimum import InTurn, with_feet
 from jhd.distance.witness.mixed_derivatives import with_pair_derivatives
 from jhd.distance.witness.nets import polished
+from jhd.progress import Callback
 
 
-def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callable[[Progress], object] | None) -> MinimumSolution:
+def of_nets(a: Any, b: Any, method: BranchAndBound, progress: Callback | None) -> MinimumSolution:
     """Minimum distance of curves and parametric surfaces, in common coordinates, with derivatives in both."""
     nets = net_of(a), net_of(b)
     counts = nets[0].points.shape[0], nets[1].points.shape[0]

@@ -8,36 +8,18 @@ bounds.
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jhd._results.solution import RESULTS, name_of, with_result
 from jhd.distance.normalization.coordinates import Frame
+from jhd.progress import Callback, Progress
 
 # The seconds that stretches after the first two are made to last, and how much longer the next one may be.
 _SECONDS, _LONGER = 0.2, 4.0
 # What a stretch lasts at least: a coarse clock may not have moved in it.
 _TICK = 1e-9
-
-
-class Progress(NamedTuple):
-    """Progress of a search; bounds are in the unit of the coordinates.
-
-    Args:
-        direction: name of a member of DIRECTIONS; None for a minimum distance.
-        steps: number of steps done in this direction.
-        waiting: number of cells, or pairs of cells, in the queue.
-        lower: certified lower bound of the distance in this direction.
-        upper: certified upper bound of the distance in this direction.
-    """
-
-    direction: str | None
-    steps: int
-    waiting: int
-    lower: float
-    upper: float
 
 
 class Standing(NamedTuple):
@@ -96,12 +78,13 @@ class Threshold:
         progress: who else hears of the progress, or None.
     """
 
-    def __init__(self, limit: float, progress: Callable[[Progress], object] | None = None):
+    def __init__(self, limit: float, progress: Callback | None = None):
         self._limit, self._progress, self.passed = limit, progress, False
 
     def __call__(self, progress: Progress) -> None:
         """Takes note of the bounds."""
-        self.passed = progress.upper <= self._limit or progress.lower > self._limit
+        lower, upper = progress.lower or 0.0, np.inf if progress.upper is None else progress.upper
+        self.passed = upper <= self._limit or lower > self._limit
         if self._progress is not None:
             self._progress(progress)
 
@@ -112,10 +95,11 @@ class Listener:
     Args:
         progress: called with a Progress after each stretch, or None.
         frame: leads to the user's unit; None where lengths are in it.
+        stage: name of the stage of searches without a direction.
     """
 
-    def __init__(self, progress: Callable[[Progress], object] | None = None, frame: Frame | None = None):
-        self._progress, self._frame, self.interrupted = progress, frame, False
+    def __init__(self, progress: Callback | None = None, frame: Frame | None = None, stage: str = "minimum"):
+        self._progress, self._frame, self._stage, self.interrupted = progress, frame, stage, False
 
     @property
     def satisfied(self) -> bool:
@@ -129,8 +113,8 @@ class Listener:
         ends = standing.solution.lower, standing.solution.upper
         if self._frame is not None:
             ends = self._frame.length(ends[0], 0.0), self._frame.length(ends[1], np.inf)
-        name = None if direction is None else name_of(direction)
-        self._progress(Progress(name, int(standing.steps), int(standing.waiting), float(ends[0]), float(ends[1])))
+        stage, steps = self._stage if direction is None else name_of(direction), int(standing.steps)
+        self._progress(Progress(stage, steps, steps + int(standing.waiting), float(ends[0]), float(ends[1])))
 
 
 def drive(search: AbstractSearch, listener: Listener, direction: Any = None) -> Any:

@@ -116,10 +116,10 @@ def test_progress_counts_the_cells_of_each_direction(made):
     a, b, solution, certificate = made
     seen = []
     certify(a, b, solution, progress=seen.append)
-    assert [entry["direction"] for entry in seen] == sorted(entry["direction"] for entry in seen)
-    last = {entry["direction"]: entry for entry in seen}
-    assert sum(entry["cells"] for entry in last.values()) == certificate.cells
-    assert all(entry["open"] == 0 for entry in last.values())
+    assert [entry.stage for entry in seen] == sorted(entry.stage for entry in seen)
+    last = {entry.stage: entry for entry in seen}
+    assert sum(entry.done for entry in last.values()) == certificate.cells
+    assert all(entry.total == entry.done for entry in last.values())
 
 
 def test_arguments_of_another_kind_are_refused(made, as_a_user):

@@ -240,7 +240,7 @@ def test_a_surface_on_itself_has_lower_bound_zero():
 def test_progress_is_reported_for_both_surfaces():
     seen = []
     CubeIntervals(16).surfaces(*CONES, progress=seen.append)
-    assert [x.level for x in seen] == [0, 1, 2, 3, 4] * 2
+    assert [x.done for x in seen] == [0, 1, 2, 3, 4] * 2
 
 
 @pytest.mark.usefixtures("as_a_user")

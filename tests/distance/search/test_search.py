@@ -28,16 +28,16 @@ LINE, FOLDED = pairs.both(pairs.BY_NAME["segment_folded"])
 def test_progress_comes_with_shrinking_bounds_of_both_directions():
     seen = []
     solution = jhd.hausdorff(LINE, FOLDED, throw=False, progress=seen.append)
-    assert [p.direction for p in seen] == sorted(p.direction for p in seen)
-    assert {p.direction for p in seen} == {"a_to_b", "b_to_a"}
+    assert [p.stage for p in seen] == sorted(p.stage for p in seen)
+    assert {p.stage for p in seen} == {"a_to_b", "b_to_a"}
     for direction in ("a_to_b", "b_to_a"):
-        mine = [p for p in seen if p.direction == direction]
+        mine = [p for p in seen if p.stage == direction]
         steps = int(solution.stats[f"{direction}_steps"])
-        assert mine[-1].steps == steps
+        assert mine[-1].done == steps
         pairwise = list(zip(mine[:-1], mine[1:], strict=True))
-        assert all(p.steps <= q.steps and p.lower <= q.lower and q.upper <= p.upper for p, q in pairwise)
-        assert all(p.lower <= p.upper and p.waiting >= 0 for p in mine)
-    assert max(p.upper for p in seen if p.waiting == 0) >= float(solution.lower)
+        assert all(p.done <= q.done and p.lower <= q.lower and q.upper <= p.upper for p, q in pairwise)
+        assert all(p.lower <= p.upper and p.total >= p.done for p in mine)
+    assert max(p.upper for p in seen if p.total == p.done) >= float(solution.lower)
 
 
 @pytest.mark.slow
@@ -58,7 +58,7 @@ def test_stretches_of_steps_that_take_long_end_with_each_of_them(monkeypatch):
     whole, seen = jhd.directed_hausdorff(*shapes), []
     monkeypatch.setattr(farthest_place, "_SECONDS", 0.0)
     slow = jhd.directed_hausdorff(*shapes, progress=seen.append)
-    assert [p.steps for p in seen] == list(range(1, int(whole.stats["steps"]) + 1))
+    assert [p.done for p in seen] == list(range(1, int(whole.stats["steps"]) + 1))
     assert len(seen) > 2
     assert (float(slow.lower), float(slow.upper)) == (float(whole.lower), float(whole.upper))
 
@@ -190,7 +190,7 @@ def test_other_methods_report_once():
     seen = []
     a, b = pairs.both(pairs.BY_NAME["arch_and_wave"])
     jhd.directed_hausdorff(a, b, jhd.published.TwoStep(), progress=seen.append)
-    assert [p.direction for p in seen] == ["a_to_b"]
+    assert [p.stage for p in seen] == ["a_to_b"]
     assert seen[0].upper == np.inf
 
 

@@ -140,7 +140,7 @@ def test_far_from_the_origin_nothing_is_lost():
 def test_progress_is_reported_and_an_interruption_ends_with_true_bounds():
     seen = []
     jhd.directed_hausdorff(*CONES, progress=seen.append)
-    assert seen and seen[-1].direction == "a_to_b"
+    assert seen and seen[-1].stage == "a_to_b"
     assert seen[-1].lower <= EXACT_H12 <= seen[-1].upper
 
     def stop(_):

@@ -101,27 +101,10 @@ class _Deadline:
 
 
 def verify(content: Any, max_seconds: float | None = None, progress: Callable[[str], object] | None = None) -> Proven:
-    """Checks a certificate completely in exact arithmetic, and returns the bounds that it proves.
-
-    >>> import jhd
-    >>> a, b = jhd.point_set([(0, 0), (4, 0)]), jhd.point_set([(0, 0)])
-    >>> proven = jhd.verify(jhd.certify(a, b, jhd.directed_hausdorff(a, b)))
-    >>> proven.kind, bool(proven.lower <= 4 <= proven.upper)
-    ('directed', True)
-
-    Args:
-        content: a Certificate, or the content of a certificate file as `opened` reads it. Its lists of cells may be any
-            iterables.
-        max_seconds: time limit in seconds; by default none. The check ends before the first cell if the number of cells
-            and the degrees show that it would take longer.
-        progress: a function that is called with the name of the next part of the certificate.
-
-    Returns:
-        A Proven: the kind of distance, and its proven bounds.
+    """The bounds that a certificate proves; see jhd.verify. `progress` gets the name of the next part.
 
     Raises:
-        CertificateError: something is missing, invalid or not proven, or the check takes too long. The message names
-            it.
+        CertificateError: something is missing, invalid or not proven, or the check takes too long.
     """
     deadline, content = _Deadline(max_seconds, progress), getattr(content, "content", content)
     sizes = check_content(content)
