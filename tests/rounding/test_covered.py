@@ -116,7 +116,7 @@ NOT_COVERED = {
     ("distance/cells/tracked_feet_nets.py", "_powers", 1): _MINIMIZED,
     ("distance/cells/tracked_feet_nets.py", "_shifted", 1): _MINIMIZED,
     ("distance/cells/tracked_feet_nets.py", "square_to_net", 4): _MINIMIZED,
-    ("distance/cells/pairs.py", "_by_convexity", 5): _BALLS,
+    ("distance/cells/pairs.py", "_by_convexity", 8): _BALLS,
     ("distance/cells/pairs.py", "_by_convexity.taken", 1): _BALLS,
     ("distance/cells/pairs.py", "_by_gaps", 2): _TWICE,
     ("distance/cells/pairs.py", "_monotone", 4): _BALLS,

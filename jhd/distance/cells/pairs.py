@@ -5,9 +5,10 @@ parameters of one piece of each shape, x in [0, 1]^n over the box, with e(x) = a
 
 - the gap of the boxes of the control points, and the gap along one direction, that of the nearest pair found;
 - **convexity**: where the second derivatives of F over the cell are proven to be positive semidefinite,
-  F(x) >= F(z) + sum g_i (x_i - z_i) with the gradient g at any z; at the minimum z over the cell this is exact but for
-  the residual of z. The same holds of psi = n.(a - b) <= |e| with a fixed unit vector n, whose second derivatives do
-  not fade as the shapes come close;
+  F(x) >= F(z) + sum g_i (x_i - z_i) with the gradient g at any z. If a positive definite form bounds them from below,
+  half of its value at x - z is added. At the minimum z over the cell this is exact but for the residual of z. The
+  first bound holds of psi = n.(a - b) <= |e| too, with a fixed unit vector n; its second derivatives do not fade as the
+  shapes come close;
 - **exclusion**: where dF/dx_i > 0 over a cell that does not start at the border of its piece, the cell holds no
   minimum of the distance between the two pieces. Where it does, all of its minima are on that border, and the cell
   shrinks to it. So with dF/dx_i < 0 at the other end. What is left out holds no nearest pair of the two pieces, hence
@@ -25,7 +26,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arithmetic.balls import Ball, dot, factors, minus, plus, semidefinite
+from jhd.arithmetic.balls import Ball, dot, factors, minus, normalised, plus
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.scaling import length
 from jhd.distance.normalization.net_jets import Net, NetJet, enclosed, eta, jet, part_of, point_error, skew
@@ -264,28 +265,45 @@ def _by_gaps(sides: _Sides, at_z: _PairAt) -> Array:
 
 
 def _by_convexity(sides: _Sides, at_z: _PairAt) -> Array:
-    """The values of F and of psi at z less what the gradient may take off within the cell, where they are convex."""
+    """The values of F and of psi at z less what the gradient may take off within the cell, where they are convex.
+
+    With S and `least` from `normalised`, F(x) >= F(z) + g.(x - z) + least |S^-1 (x - z)|^2 / 2, which is at least
+    F(z) - |S^T g|^2 / (2 least). At a foot this takes off next to nothing, whatever the size of the cell.
+    """
     off, wrong, fixed = sides.off, sides.wrong, sides.fixed
     e, slopes, before, after = at_z
     distance, unit, dtype = length(e), _unit(e), e.dtype
     of_psi = bends(sides.ball_a.second, sides.ball_b.second, Ball(unit, jnp.zeros_like(unit)))
     both = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), sides.of_f, of_psi)
-    convex = jax.vmap(lambda h: semidefinite(h, fixed))(both)
+    roots, least = jax.vmap(lambda h: normalised(h, fixed))(both)
+    convex = least >= 0
     size = jnp.sum(jnp.abs(slopes), axis=-1) + wrong
     f_slope, psi_slope = jnp.sum(slopes * e, axis=-1), jnp.sum(slopes * unit, axis=-1)
     loose = wrong * (jnp.sum(jnp.abs(e)) + off) + off * size
 
-    def taken(slope: Array, loose: Array) -> Array:
-        up, down = jnp.maximum(slope + loose, 0.0) * before, jnp.maximum(-slope + loose, 0.0) * after
-        return jnp.sum(jnp.where(fixed, 0.0, jnp.maximum(up, down))) * (1 + gamma(12, dtype))
+    def falls(slope: Array, loose: Array) -> tuple[Array, Array]:
+        """How steeply the function may fall from z towards both ends of the parameters; zero where z is the end."""
+
+        def towards(room: Array, slope: Array) -> Array:
+            return jnp.where(fixed | (room <= 0), 0.0, jnp.maximum(slope + loose, 0.0))
+
+        return towards(before, slope), towards(after, -slope)
+
+    def taken(down: Array, up: Array) -> Array:
+        return jnp.sum(jnp.maximum(down * before, up * after)) * (1 + gamma(12, dtype))
 
     near = jnp.maximum(distance * (1 - gamma(24, dtype)) - off, 0.0)
     # |e|^2 >= near^2 - 2 t is |e| >= near - 2 t / (near + sqrt(near^2 - 2 t)): no cancellation of squares.
-    less = 2 * taken(f_slope, loose)
+    down, up = falls(f_slope, loose)
+    pulled = jnp.sum(jnp.abs(roots[0]) * (jnp.maximum(down, up) + smallest_normal(dtype)), axis=-1)
+    some = least[0] > 0
+    by_curvature = (jnp.sum(pulled * pulled) + 64 * smallest_normal(dtype)) / jnp.where(some, least[0], 1.0)
+    by_curvature = jnp.where(some, by_curvature * (1 + gamma(24, dtype)), jnp.inf)
+    less = jnp.minimum(2 * taken(down, up), by_curvature)
     rest = jnp.maximum(near * near * (1 - gamma(8, dtype)) - less, 0.0)
     divisor = near + jnp.sqrt(rest) * (1 - gamma(8, dtype))
     by_f = near - less / jnp.where(divisor > 0, divisor, 1.0) * (1 + gamma(12, dtype))
-    by_psi = near - off - taken(psi_slope, 2 * wrong) * (1 + gamma(12, dtype))
+    by_psi = near - off - taken(*falls(psi_slope, 2 * wrong)) * (1 + gamma(12, dtype))
     by_f = jnp.where(convex[0] & (rest > 0), by_f, 0.0)
     return jnp.maximum(by_f, jnp.where(convex[1] & (distance > 0), by_psi, 0.0))
 

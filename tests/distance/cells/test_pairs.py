@@ -47,3 +47,30 @@ def test_derivatives_over_cells_are_as_exact_as_their_bound_says_however_narrow_
     assert np.all(off <= wrong)
     # Relative to its bound the error is as large in narrow cells as in wide ones.
     assert np.quantile(off / wrong, 0.1) > 1e-6
+
+
+@jax.jit
+def bounds_by_convexity(point, plane, cells, x):
+    def one(k, x):
+        cell = Cell(0 * k, k, cells.low[k], cells.high[k])
+        sides = pairs._sides(point, plane, cell)
+        return pairs._by_convexity(sides, pairs._PairAt.at(sides, cell, x))
+
+    return jax.vmap(one)(cells.piece_b, x)
+
+
+def test_the_bound_by_convexity_is_the_distance_from_rectangles_wherever_it_is_taken():
+    rng = np.random.default_rng(6)
+    angle, height = rng.uniform(0, 2 * np.pi, CELLS), 0.75
+    along = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    across = np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=1)
+    # The point is above the middles, which all cells hold.
+    sides = rng.uniform(0.1, 0.5, (CELLS, 2, 1)) * np.stack([along, across], axis=1)
+    fractions = np.stack(np.meshgrid([-1, 1], [-1, 1], indexing="ij"), axis=-1) / 2
+    plane = Net(jnp.asarray(np.einsum("ijs,ksd->kijd", fractions, sides)), None)
+    point = Net(jnp.asarray(np.array([[[[0.0, 0.0, height]]]])), None)
+    low, high = rng.uniform(0, 0.4, (CELLS, 2)), rng.uniform(0.6, 1, (CELLS, 2))
+    x = low + (high - low) * rng.choice([0.0, 0.3, 0.5, 1.0], (CELLS, 2))
+    cells = Cell(jnp.arange(CELLS), jnp.arange(CELLS), jnp.asarray(low), jnp.asarray(high))
+    found = np.asarray(bounds_by_convexity(point, plane, cells, jnp.asarray(x)))
+    assert np.all(found <= height) and np.all(found >= height - 1e-9)
