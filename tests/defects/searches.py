@@ -214,6 +214,25 @@ DEFECTS = [
             "wrong = 0.0 * max(1,",
             "test_derivatives_over_cells_are_as_exact_as_their_bound_says_however_narrow_these_are",
         ),
+        (
+            "by_curvature = (jnp.sum(",
+            "by_curvature = 0.5 * (jnp.sum(",
+            "test_the_bound_by_convexity_is_the_distance_from_rectangles_wherever_it_is_taken",
+        ),
+    ),
+    *within(
+        "distance/search/patch_boxes.py",
+        "distance/search/test_patch_boxes.py",
+        (
+            "half = 0.5 * (high - low)",
+            "half = 0.4 * (high - low)",
+            "test_every_point_within_the_distance_is_in_a_part_that_is_found_or_settled",
+        ),
+        (
+            "(low[:, k] >= settled.low[who, k]) & ",
+            "",
+            "test_every_point_within_the_distance_is_in_a_part_that_is_found_or_settled",
+        ),
     ),
     *within(
         "distance/cells/squared_distance_bounds.py",

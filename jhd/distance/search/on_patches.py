@@ -1,14 +1,18 @@
 """Nearest points of parametric surfaces and curves in space, proven, for many queries at once.
 
-A query is a pair search of a point and a net (jhd.distance.cells.pairs). The cells of all queries wait in one list: a
-block of them is bounded by a compiled program, and the host cuts those that may still hold a nearer point. So the work
-is that of the cells alone, whichever query they belong to. The first feet come from samples of the surface and a few
-steps of Newton's method.
+The first feet come from samples of the surface and a few steps of Newton's method. Most of them are proven at once: the
+distance is convex over a part of the piece about the foot, and all parts that boxes do not rule out lie within it
+(jhd.distance.search.patch_boxes).
+
+For the rest a query is a pair search of a point and a net (jhd.distance.cells.pairs). The cells of all queries wait in
+one list: a block of them is bounded by a compiled program, and the host cuts those that may still hold a nearer point.
+So the work is that of the cells alone, whichever query they belong to.
 
 Rounding. The control points are taken relative to the query, which rounds each coordinate once, and scaled by a power
 of two to at most one, for each pair of query and piece: bounds of a cell are relative to how far away its piece is.
 """
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -26,6 +30,7 @@ from jhd.distance.cells.squared_distance_bounds import distances_by_squares
 from jhd.distance.nearest.target import AbstractTarget, Flats, FootRows, ProvenFeet
 from jhd.distance.normalization.curves import padded_count
 from jhd.distance.normalization.net_jets import Net, jet, point_error
+from jhd.distance.search.patch_boxes import PatchBoxes, PieceParts, SettledParts
 from jhd.distance.search.patch_samples import SampledStarts, samples_of, starts_among
 from jhd.distance.search.row_batches import BLOCK, each, in_blocks
 from jhd.triangles.closest_point import outward
@@ -39,28 +44,15 @@ _MENDING, _MENDED = 2, 1e-6
 # Cells of a query from which on squares bound them too: few queries need so many, as those about centers do. So many
 # more for each time that this was in vain, less the times that it was not.
 _HARD, _VAIN = 64, 16
-# Pairs of queries and boxes of pieces that are formed at once.
-_PAIRS = 1 << 20
+# Half sides of the parts about feet that are bounded first: the first serves nearly all points of smooth surfaces, the
+# last those near poles and centers of curvature.
+_REACHES = 2.0**-3, 2.0**-5, 2.0**-7
 # A query that needs more cells than this keeps the bounds it has; where there are few, those of all together.
 _MOST, _MOST_OF_ALL = 4096, 1 << 17
 # A query may be so many powers of two farther away than the surface is large before its coordinates would overflow.
 _FAR = {8: 900, 4: 90}
 # The gap at which a query is done, in units of roundoff of its distance and the size of the surface.
 _CLOSE = 512
-
-
-class _Cells(NamedTuple):
-    """Cells that wait: query, piece, ends of the parameters (cells, 2 parameters), proven lower bound."""
-
-    who: np.ndarray
-    piece: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    lower: np.ndarray
-
-    def take(self, rows: Any) -> "_Cells":
-        """Some of the cells."""
-        return _Cells(*(x[rows] for x in self))
 
 
 class _Feet(NamedTuple):
@@ -107,6 +99,10 @@ class NetTarget(AbstractTarget):
         self._samples = SampledStarts(samples.reshape(-1, 3)[found.rows])
         self._rows, self._beside = found
         self._off = float(np.ldexp(point_error(self.net), self.exponent))
+
+    @cached_property
+    def _boxes(self) -> PatchBoxes:
+        return PatchBoxes(self.net)
 
     @override
     def rounding(self, distance: float) -> float:
@@ -176,7 +172,7 @@ class NetTarget(AbstractTarget):
         with np.errstate(over="ignore"):
             far = float(np.ldexp(upper, -(self.exponent + shift))) * room + gamma(64, points.dtype)
         found = np.zeros(len(points), bool)
-        found[self._whole(scaled, self._shrunk(shift), np.full(len(points), far)).who] = True
+        found[self._boxes.near(scaled, np.full(len(points), far), shift).who] = True
         return found
 
     def _scaled(self, points: np.ndarray) -> tuple[np.ndarray, int]:
@@ -208,6 +204,23 @@ class NetTarget(AbstractTarget):
         upper, distance, x, point = in_blocks(_foot, self._shrunk(shift), points, piece, x)
         return _Feet(*(np.array(y) for y in (upper.astype(np.float64), distance, piece, x, point)))
 
+    def _settled_about(
+        self, feet: _Feet, points: np.ndarray, net: Net, goal: np.ndarray, settled: np.ndarray
+    ) -> SettledParts:
+        """Parts of pieces about the feet that are no nearer than `goal`; `settled` gets their lower bounds."""
+        about = SettledParts.nothing(points, self.net.parameters)
+        for reach in _REACHES:
+            rows = np.flatnonzero((goal > 0) & (about.piece < 0))
+            if not len(rows):
+                break
+            low, high = (np.clip(feet.x[rows] + x, 0, 1).astype(points.dtype) for x in (-reach, reach))
+            lower = in_blocks(_bounded, net, points[rows], feet.piece[rows], low, high)[0].astype(np.float64)
+            good = lower >= goal[rows]
+            rows = rows[good]
+            settled[rows], about.piece[rows] = lower[good], feet.piece[rows]
+            about.low[rows], about.high[rows] = low[good], high[good]
+        return about
+
     def _searched(
         self, points: np.ndarray, shift: int, enough: np.ndarray, apart: float
     ) -> tuple[_Feet, np.ndarray, np.ndarray]:
@@ -215,7 +228,6 @@ class NetTarget(AbstractTarget):
         feet, dtype = self._near(points, shift), points.dtype
         net, u = self._shrunk(shift), float(np.finfo(dtype).eps)
         settled, work, vain = np.full(len(points), np.inf), *(np.zeros(len(points), int) for _ in range(2))
-        most = max(_MOST, _MOST_OF_ALL // len(points))
         polished_at = feet.x.copy()
 
         def goal() -> np.ndarray:
@@ -224,7 +236,9 @@ class NetTarget(AbstractTarget):
             close = _CLOSE * u * np.minimum(feet.upper + size, np.maximum(64 * feet.upper, size))
             return np.where(feet.upper <= enough, -np.inf, feet.upper - np.maximum(close, apart))
 
-        stack = [self._whole(points, net, feet.upper)]
+        about = self._settled_about(feet, points, net, goal(), settled)
+        stack = [self._boxes.near(points, feet.upper, shift, about, goal())]
+        most = max(_MOST, _MOST_OF_ALL // max(1, len(np.unique(stack[0].who))))
         while stack:
             cells = stack.pop()
             stop = cells.lower >= goal()[cells.who]
@@ -252,7 +266,7 @@ class NetTarget(AbstractTarget):
                 axis = axis.copy()
                 axis[hard[better]] = across[better]
             np.minimum.at(settled, cells.who[thin], lower[thin])
-            stack.append(_halved(_Cells(cells.who, cells.piece, low, high, lower).take(~thin), axis[~thin]))
+            stack.append(_halved(PieceParts(cells.who, cells.piece, low, high, lower).take(~thin), axis[~thin]))
         lower = np.minimum(settled, feet.upper)
         closed = (lower >= goal()) | (feet.upper <= enough)
         new = np.flatnonzero(np.any(feet.x != polished_at, axis=1))
@@ -262,34 +276,14 @@ class NetTarget(AbstractTarget):
             feet.put(new[better], polished.take(better))
         return feet, np.minimum(lower, feet.upper), closed
 
-    def _whole(self, points: np.ndarray, net: Net, upper: np.ndarray) -> _Cells:
-        """Whole pieces whose boxes are not farther away than the feet; boxes of control points round three times."""
-        low, high = (f(net.points[: self.count], axis=(1, 2)).astype(np.float64) for f in (np.min, np.max))
-        rows, pieces, lowers = [], [], []
-        step = max(1, _PAIRS // self.count)
-        room = 1 - gamma(16, np.float64)
-        for start in range(0, len(points), step):
-            p = points[start : start + step, None].astype(np.float64)
-            apart = np.maximum(np.maximum(low - p, p - high), 0.0) * room
-            size = np.max(apart, axis=2, keepdims=True)
-            scaled = apart / np.where(size > 0, size, 1.0)
-            lower = size[..., 0] * np.sqrt(np.sum(scaled * scaled, axis=2)) * room
-            row, piece = np.nonzero(lower <= upper[start : start + step, None])
-            rows.append(row + start)
-            pieces.append(piece)
-            lowers.append(lower[row, piece])
-        who, piece = np.concatenate(rows), np.concatenate(pieces)
-        n, dtype = self.net.parameters, points.dtype
-        return _Cells(who, piece, np.zeros((len(who), n), dtype), np.ones((len(who), n), dtype), np.concatenate(lowers))
 
-
-def _halved(cells: _Cells, axis: np.ndarray) -> _Cells:
+def _halved(cells: PieceParts, axis: np.ndarray) -> PieceParts:
     """Both halves of every cell; one of what has shrunk to a point."""
     along = axis[:, None] == np.arange(cells.low.shape[1])
     middle = 0.5 * (cells.low + cells.high)
     first = cells._replace(high=np.where(along, middle, cells.high))
     second = cells._replace(low=np.where(along, middle, cells.low)).take(np.any(cells.low < cells.high, axis=1))
-    return _Cells(*(np.concatenate(x) for x in zip(first, second, strict=True)))
+    return PieceParts(*(np.concatenate(x) for x in zip(first, second, strict=True)))
 
 
 def _take_over(feet: _Feet, who: np.ndarray, found: _Feet) -> None:
