@@ -41,9 +41,9 @@ _SAMPLES, _FOOT_STEPS = 6, 10
 _LANES = 8
 # Newton steps that mend feet, and how much they may change parameters.
 _MENDING, _MENDED = 2, 1e-6
-# Cells of a query from which on squares bound them too: few queries need so many, as those about centers do. So many
-# more for each time that this was in vain, less the times that it was not.
-_HARD, _VAIN = 64, 16
+# Cells of a query from which on squares bound them too. They do from the first cell on for queries with no convex part,
+# such as those on an axis of revolution.
+_HARD = 64
 # Half sides of the parts about feet that are bounded first: the first serves nearly all points of smooth surfaces, the
 # last those near poles and centers of curvature.
 _REACHES = 2.0**-3, 2.0**-5, 2.0**-7
@@ -227,7 +227,7 @@ class NetTarget(AbstractTarget):
         """The best feet, proven lower bounds, and whether these are close enough."""
         feet, dtype = self._near(points, shift), points.dtype
         net, u = self._shrunk(shift), float(np.finfo(dtype).eps)
-        settled, work, vain = np.full(len(points), np.inf), *(np.zeros(len(points), int) for _ in range(2))
+        settled, work = np.full(len(points), np.inf), np.zeros(len(points), int)
         polished_at = feet.x.copy()
 
         def goal() -> np.ndarray:
@@ -256,15 +256,14 @@ class NetTarget(AbstractTarget):
             _take_over(feet, cells.who, _Feet(upper, found[2], cells.piece, *found[3:5]))
             lower = np.maximum(cells.lower, np.nan_to_num(found[0].astype(np.float64), nan=0.0, posinf=np.inf))
             low, high, axis, thin = found[5:]
-            hard = np.flatnonzero((work > _HARD + _VAIN * vain)[cells.who])
+            hard = (about.piece < 0) | (work > _HARD)
+            hard = np.flatnonzero(hard[cells.who] & (lower < goal()[cells.who]))
             if len(hard):
                 some = cells.take(hard)
                 squares, across = distances_by_squares(net, points[some.who], *some[1:4])
-                better = squares > lower[hard]
-                np.add.at(vain, some.who, np.where(better, -1, 1))
                 lower[hard] = np.maximum(lower[hard], squares)
                 axis = axis.copy()
-                axis[hard[better]] = across[better]
+                axis[hard] = across
             np.minimum.at(settled, cells.who[thin], lower[thin])
             stack.append(_halved(PieceParts(cells.who, cells.piece, low, high, lower).take(~thin), axis[~thin]))
         lower = np.minimum(settled, feet.upper)

@@ -23,7 +23,7 @@ from jhd.distance.normalization.net_jets import Net
 from jhd.triangles.box_tree import WIDTH, box_tree
 
 # Nodes are cut for at least this many pairs of points and nodes; for fewer the calls cost more than they save.
-_WORTH = 64
+_WORTH = 8
 # Parts are not cut below this size in a parameter: about a half of the smallest box that is settled about a foot.
 _SMALLEST = 2.0**-8
 # Largest number of nodes: 12 MB.
@@ -95,7 +95,8 @@ class PatchBoxes:
         self._off = off_by(net.degrees) + gamma(4, np.float64)
         order = box_tree(points.reshape(len(points), -1, 3)).order
         ends = np.zeros((len(points), net.parameters))
-        self._nodes, self._top = self._parts(order, ends, ends + 1), np.arange(len(points))
+        self._nodes = _uncut(order, ends, ends + 1, points[order], np.zeros(len(points)))
+        self._top = np.arange(len(points))
         low, high = (f(points, axis=(1, 2))[order] for f in (np.min, np.max))
         while len(self._top) > WIDTH:
             starts = np.arange(0, len(self._top), WIDTH)
@@ -129,7 +130,7 @@ class PatchBoxes:
         settled = SettledParts.nothing(points, self._nodes.low.shape[1]) if settled is None else settled
         goal = upper if goal is None else goal
         points = points.astype(np.float64)
-        off = 4 * _ROUNDINGS * (1 + np.max(np.abs(points), axis=1))
+        off = 2 * _ROUNDINGS * (1 + np.max(np.abs(points), axis=1))
         found = []
         for start in range(0, len(points), _TOGETHER):
             rows = slice(start, start + _TOGETHER)
@@ -186,14 +187,23 @@ class PatchBoxes:
         self._nodes = nodes
 
     def _parts(self, piece: np.ndarray, low: np.ndarray, high: np.ndarray) -> _PartNodes:
-        """Nodes without children; a part with a weight that rounding may have changed much has an infinite box."""
+        """The parts as nodes; one with a weight that rounding may have changed much has an infinite box."""
         rows = restricted(self._rows[piece], low, high)
         least = np.min(rows[..., 3], axis=(1, 2))
         good = least > 4 * self._off
         points = rows[..., :3] / np.where(good[:, None, None, None], rows[..., 3:], 1.0)
         off = np.where(good, 3 * self._off / np.where(good, least, 1.0), np.inf)
-        box = _boxes(points.reshape(len(piece), -1, 3), _axes(points), off)
-        return _PartNodes(piece, low, high, box, np.full(len(piece), -1), np.zeros(len(piece), int))
+        return _uncut(piece, low, high, points, off)
+
+
+def _uncut(piece: np.ndarray, low: np.ndarray, high: np.ndarray, points: np.ndarray, off: np.ndarray) -> _PartNodes:
+    """Nodes without children, from control points (parts, rows, columns, 3) with errors of at most `off` (parts,)."""
+    rows = points.reshape(len(points), -1, 3)
+    box, straight = (_boxes(rows, axes, off) for axes in (_axes(points), np.eye(3)[None]))
+    # Boxes along the coordinates fit parts that are symmetric in them, such as octants of spheres.
+    smaller = np.prod(straight[:, 12:], axis=1) < np.prod(box[:, 12:], axis=1)
+    box = np.where(smaller[:, None], straight, box)
+    return _PartNodes(piece, low, high, box, np.full(len(piece), -1), np.zeros(len(piece), int))
 
 
 def _axes(points: np.ndarray) -> np.ndarray:

@@ -136,20 +136,21 @@ def test_bounds_overlap_with_those_of_a_search_that_cuts_whole_pieces(name, monk
     assert np.all(quick.closed[slow.closed])
 
 
-@pytest.mark.parametrize(("name", "most"), [("bumpy", 6), ("sphere", 5), ("torus", 3), ("smooth", 1.2)])
-def test_nearly_all_points_need_few_parts_and_of_smooth_surfaces_that_about_their_foot_alone(name, most, monkeypatch):
+@pytest.mark.parametrize(("name", "most"), [("bumpy", 0.15), ("rational", 0.3), ("sphere", 0.1), ("smooth", 0.03)])
+def test_nearly_all_points_are_decided_by_the_part_about_their_foot_and_by_boxes(name, most, monkeypatch):
     net, rng = SURFACES[name], np.random.default_rng(3)
     points = queries(net, rng, 500)[125:]
     points += 0.01 * rng.normal(size=points.shape)
-    target, counted, in_blocks = NetTarget(net), [], on_patches.in_blocks
+    left, near = [], PatchBoxes.near
 
-    def counting(program, net, *rows):
-        counted.append(len(rows[0]) if program is on_patches._bounded else 0)
-        return in_blocks(program, net, *rows)
+    def counting(self, points, upper, power, settled, goal):
+        found = near(self, points, upper, power, settled, goal)
+        left.extend(np.unique(found.who[found.lower < goal[found.who]]))
+        return found
 
-    monkeypatch.setattr(on_patches, "in_blocks", counting)
-    assert np.all(target.nearest(points).closed)
-    assert sum(counted) <= most * len(points)
+    monkeypatch.setattr(PatchBoxes, "near", counting)
+    assert np.all(NetTarget(net).nearest(points).closed)
+    assert len(left) <= most * len(points)
 
 
 def test_about_a_center_boxes_are_not_cut_without_end():
