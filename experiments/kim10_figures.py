@@ -164,7 +164,7 @@ def _table(pairs: dict[str, dict[str, Any]]) -> str:
             kind,
             f"{float(found['solution'].value):.9f}",
             f"{found['lower']:.9f}",
-            f"{float(found['reach']):.6f}",
+            f"{float(found['max_error']):.6f}",
             f"{float(found['trimmed_reaches']):.9f}",
             *found["arcs"].values(),
             f"{100 * found['share_left']:.2f}",

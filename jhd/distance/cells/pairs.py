@@ -26,7 +26,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jhd.arithmetic.balls import Ball, dot, factors, minus, normalised, plus
+from jhd.arithmetic.balls import Ball, dot, factors, minus, normalized, plus
 from jhd.arithmetic.rounding import gamma, smallest_normal
 from jhd.arithmetic.scaling import length
 from jhd.distance.normalization.net_jets import Net, NetJet, enclosed, eta, jet, part_of, point_error, skew
@@ -267,7 +267,7 @@ def _by_gaps(sides: _Sides, at_z: _PairAt) -> Array:
 def _by_convexity(sides: _Sides, at_z: _PairAt) -> Array:
     """The values of F and of psi at z less what the gradient may take off within the cell, where they are convex.
 
-    With S and `least` from `normalised`, F(x) >= F(z) + g.(x - z) + least |S^-1 (x - z)|^2 / 2, which is at least
+    With S and `least` from `normalized`, F(x) >= F(z) + g.(x - z) + least |S^-1 (x - z)|^2 / 2, which is at least
     F(z) - |S^T g|^2 / (2 least). At a foot this takes off next to nothing, whatever the size of the cell.
     """
     off, wrong, fixed = sides.off, sides.wrong, sides.fixed
@@ -275,7 +275,7 @@ def _by_convexity(sides: _Sides, at_z: _PairAt) -> Array:
     distance, unit, dtype = length(e), _unit(e), e.dtype
     of_psi = bends(sides.ball_a.second, sides.ball_b.second, Ball(unit, jnp.zeros_like(unit)))
     both = jax.tree_util.tree_map(lambda x, y: jnp.stack([x, y]), sides.of_f, of_psi)
-    roots, least = jax.vmap(lambda h: normalised(h, fixed))(both)
+    roots, least = jax.vmap(lambda h: normalized(h, fixed))(both)
     convex = least >= 0
     size = jnp.sum(jnp.abs(slopes), axis=-1) + wrong
     f_slope, psi_slope = jnp.sum(slopes * e, axis=-1), jnp.sum(slopes * unit, axis=-1)
