@@ -22,8 +22,10 @@ import jhd
 from jhd._runtime import compiled as compiled_module
 from jhd._runtime import programs
 from jhd._runtime.compiled import asking, compiled
+from jhd._runtime.jax_internals import host_device
 from jhd._runtime.programs import NotKeptError, is_ours, name_of_program
 from jhd.distance.normalization import directions
+from jhd.distance.normalization.from_host import from_host
 from jhd.distance.witness import balance
 from tests.processes import at_once
 from tests.sweeps import CPU_ONLY
@@ -135,7 +137,7 @@ def test_a_program_that_does_not_run_is_compiled_again_and_replaced(folder, samp
 
     with monkeypatch.context() as patch:
         patch.setattr(
-            compiled_module, "load", lambda name: (failing, jax.tree_util.tree_structure({"square": 0, "twice": 0}))
+            compiled_module, "load", lambda *_: (failing, jax.tree_util.tree_structure({"square": 0, "twice": 0}))
         )
         assert in_a_new_process(module.square)(jnp.ones(3))["twice"][0] == 2.0
     assert len(module.traced) == 2
@@ -418,6 +420,38 @@ def test_programs_that_call_the_host_are_not_kept(folder, sample):
     assert files(folder) == []
 
 
+def _in_a_program(function, x):
+    """What a function of the host answers, called from a compiled function."""
+    return jax.jit(lambda x: from_host(function, jax.ShapeDtypeStruct(x.shape, x.dtype), x))(x)
+
+
+def test_a_program_is_read_in_a_call_of_the_host_as_well(folder, sample):
+    module, x = sample(SQUARE), jnp.linspace(0.0, 1.0, 7)
+    plain = in_a_new_process(module.square)(x)["square"]
+    again = in_a_new_process(module.square)
+    found = _in_a_program(lambda x: again(x)["square"], x)
+    assert len(files(folder)) == 1 and module.traced == [1]
+    np.testing.assert_array_equal(found, plain)
+    np.testing.assert_array_equal(again(x)["square"], plain)
+    assert module.traced == [1]
+
+
+def test_a_call_of_the_host_computes_on_a_device_that_no_program_occupies(folder, sample):
+    module, seen = sample(SQUARE), []
+    square = in_a_new_process(module.square)
+
+    def host(x):
+        seen.extend([jnp.sin(x), square(x)["square"]])
+        return x
+
+    _in_a_program(host, jnp.ones(3))
+    assert all(x.devices() == {host_device()} for x in seen)
+    assert host_device() not in jax.devices()
+    # What was made there serves elsewhere, without another program.
+    assert square(seen[0])["twice"].devices() == set(jax.devices()[:1])
+    assert module.traced == [1] and len(files(folder)) == 1
+
+
 def test_with_the_cache_off_nothing_is_kept_nor_read(folder, sample, monkeypatch):
     module = sample(SQUARE)
     in_a_new_process(module.square)(jnp.ones(3))
@@ -470,7 +504,7 @@ print(programs.store("svd", run, jax.tree_util.tree_structure([0])))
     load = """
 import jax, numpy as np
 from jhd._runtime import programs
-run, made = programs.load("svd")
+run, made = programs.load("svd", jax.devices()[0])
 print([float(x).hex() for x in run(np.array([[3.0, 1.0], [1.0, 2.0]]))[0]])
 """
     assert in_processes(1, store, tmp_path) == ["True\n"]

@@ -25,7 +25,7 @@ from jax.tree_util import tree_flatten, tree_unflatten
 
 from jhd._runtime.arrays import is_tracing
 from jhd._runtime.forks import check_process
-from jhd._runtime.jax_internals import count_executables, is_literal, trace_context
+from jhd._runtime.jax_internals import count_executables, host_device, is_literal, trace_context
 from jhd._runtime.memory import check_memory
 from jhd._runtime.programs import NotKeptError, is_ours, load, name_of_program, refused, short_name, store
 
@@ -171,7 +171,7 @@ class _Kept:
         self._function, self._static, self._level, self._plain = function, static, level, plain
         # By what is quickly told of the arguments, and by their names; two of the first may share one of the second.
         self._known: dict[Any, Any] = {}
-        self._named: dict[str, Any] = {}
+        self._named: dict[Any, Any] = {}
         self.last = 0
         self._lock = threading.RLock()
         with _changing:
@@ -188,6 +188,9 @@ class _Kept:
         found = self._known.get(key)
         if found is not None:
             return tree_unflatten(found[1], found[0](*leaves))
+        moved = [_moved(x) for x in leaves]
+        if any(x is not y for x, y in zip(moved, leaves, strict=True)):
+            return self(*_arguments(tree, moved, [(i, args[i]) for i in static]))
         if key in self._known or not _usual(leaves):
             self._known[key] = None
             return self._plain(*args)
@@ -205,26 +208,30 @@ class _Kept:
 
     def _first(self, key: Any, leaves: list[Any], args: tuple) -> Any:
         """The results, and from now on the program is known; None is, where it is left to jit."""
-        context, tree, fixed, _ = key
+        _, tree, fixed, _ = key
         like = [_like(x) for x in leaves]
         constants = [(i, x) for i, (_, x) in zip(self._static, fixed, strict=True)]
+        device = _device()
         try:
             kinds = [(x.shape, np.dtype(x.dtype), x.weak_type) for x in like]
-            name = name_of_program(self._function, tree, kinds, context, (constants, self._level))
+            # One name serves both devices.
+            with jax.default_device(None):
+                context: Any = trace_context()  # pyright: ignore[reportOptionalCall]
+                name = name_of_program(self._function, tree, kinds, context, (constants, self._level))
         except NotKeptError as error:
             refused[self._function.__qualname__] = str(error)
             self._known[key] = None
             return self._plain(*args)
         with self._lock:  # several threads may want one program, and none of them is to compile what another does
-            found, results = self._named.get(name), None
+            found, results = self._named.get((name, device)), None
             if found is None:
-                found, results = _tried(load(name), leaves)
+                found, results = _tried(load(name, device), leaves)
             if found is None:
                 _ask()
                 found = self._compiled(name, tree, constants, like)
                 store(name, *found)
                 _check_room(found[0])
-            self._known[key] = self._named[name] = found
+            self._known[key] = self._named[name, device] = found
             make_room()
         # Not within the lock: what is compiled here may call the host, and that this function again.
         return tree_unflatten(found[1], found[0](*leaves) if results is None else results)
@@ -234,10 +241,7 @@ class _Kept:
 
         def flat(*leaves: Any) -> list[Any]:
             nonlocal made
-            args = list(tree_unflatten(tree, leaves))
-            for i, x in constants:
-                args.insert(i, x)
-            results, made = tree_flatten(self._function(*args))
+            results, made = tree_flatten(self._function(*_arguments(tree, leaves, constants)))
             return results
 
         # A cache of JAX's that knows it by this name only has no older version, which could not be kept here.
@@ -245,6 +249,14 @@ class _Kept:
         program = jax.jit(flat, compiler_options=_options(self._level))
         with _uncollected():
             return program.lower(*like).compile(), made
+
+
+def _arguments(tree: Any, leaves: Any, constants: list[tuple[int, Any]]) -> list[Any]:
+    """The arguments of these leaves, with constants at their positions."""
+    args = list(tree_unflatten(tree, leaves))
+    for i, x in constants:
+        args.insert(i, x)
+    return args
 
 
 def _check_room(program: Any) -> None:
@@ -290,10 +302,28 @@ def _usual(leaves: list[Any]) -> bool:
     """Whether all are numbers on the one device that programs are kept for, and operations run as they always do."""
     if jax.default_backend() != "cpu" or jax.process_count() > 1:
         return False
-    if jax.config.jax_disable_jit or jax.config.jax_default_device is not None:  # pyright: ignore
+    if jax.config.jax_disable_jit or _chosen() not in (None, host_device()):  # pyright: ignore
         return False
-    home, alone = SingleDeviceSharding(jax.devices()[0]), jax.device_count() == 1
+    home, alone = SingleDeviceSharding(_device()), jax.device_count() == 1
     return all(_is_usual(x, home, alone) for x in leaves)
+
+
+def _chosen() -> Any:
+    """The device that is chosen for computations, if any."""
+    return jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _device() -> Any:
+    return _chosen() or jax.devices()[0]
+
+
+def _moved(x: Any) -> Any:
+    """The array as one of NumPy if it lies on the device for calls of the host and is used elsewhere, or vice versa."""
+    if not isinstance(x, jax.Array) or x.committed:
+        return x
+    ours = jax.devices()
+    there, here = x.sharding.device_set.isdisjoint(ours), _device() not in ours
+    return x if there == here else np.asarray(x)
 
 
 def _is_usual(x: Any, home: Any, alone: bool) -> bool:

@@ -6,6 +6,7 @@ these interfaces: only the cache between processes, and early refusals.
 
 import copyreg
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -15,6 +16,10 @@ from jax._src import core as _core
 from jax._src import layout as _layout
 from jax._src import xla_bridge as _bridge
 
+try:
+    from jaxlib.xla_client import make_cpu_client as _make_cpu_client
+except ImportError:
+    _make_cpu_client: Any = None
 try:
     from jaxlib import lapack as _lapack
 except ImportError:
@@ -66,6 +71,19 @@ def is_literal(x: Any) -> bool:
 def is_missing_field(x: Any) -> bool:
     """Return whether `x` is the single object by which equinox marks a field that has no value."""
     return type(x).__name__ == "_Missing" and type(x).__module__.startswith("equinox")
+
+
+@lru_cache(maxsize=1)
+def host_device() -> Any:
+    """Return a CPU device for computations inside a call of the host from a compiled function.
+
+    Such a function may occupy all threads of its device while it waits for the host. The device that is returned has
+    threads of its own, and computes on the calling thread. It is the first CPU device if JAX has no such interface, and
+    among several processes.
+    """
+    if _make_cpu_client is None or jax.process_count() > 1:
+        return jax.local_devices(backend="cpu")[0]
+    return _make_cpu_client(asynchronous=False, num_devices=1).devices()[0]
 
 
 def prepare_lapack() -> None:

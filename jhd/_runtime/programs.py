@@ -106,7 +106,7 @@ def name_of_program(function: Callable[..., Any], tree: Any, kinds: Any, context
     return "\n".join([*asked, *_surroundings(), _constants(function.__module__), *current])
 
 
-def load(name: str) -> tuple[Callable[..., Any], Any] | None:
+def load(name: str, device: Any) -> tuple[Callable[..., Any], Any] | None:
     """The program of a name, from flat arguments to flat results, and their structure; None where there is none."""
     folder = storage.programs_folder()
     body = None if folder is None else storage.read(folder, short_name(name))
@@ -124,7 +124,8 @@ def load(name: str) -> tuple[Callable[..., Any], Any] | None:
             payload,
             jax.tree_util.tree_structure(given),
             jax.tree_util.tree_structure([0] * made.num_leaves),
-            execution_devices=jax.devices()[:1],
+            backend=device.client,
+            execution_devices=[device],
         )
     except Exception:  # whatever keeps it from being read, it can be compiled
         return None

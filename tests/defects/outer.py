@@ -155,6 +155,29 @@ DEFECTS = [
         ),
     ),
     *within(
+        "_runtime/compiled.py",
+        "test_programs.py",
+        (
+            "_chosen() not in (None, host_device())",
+            "_chosen() is not None",
+            "test_a_program_is_read_in_a_call_of_the_host_as_well",
+        ),
+        (
+            "return x if there == here else np.asarray(x)",
+            "return x",
+            "test_a_call_of_the_host_computes_on_a_device_that_no_program_occupies",
+        ),
+    ),
+    *within(
+        "distance/normalization/from_host.py",
+        "test_programs.py",
+        (
+            "with jax.default_device(device):",
+            "with jax.default_device(None):",
+            "test_a_call_of_the_host_computes_on_a_device_that_no_program_occupies",
+        ),
+    ),
+    *within(
         "_results/batches.py",
         "test_solution.py",
         ("np.empty(shape, bool)[index]", "pass", "test_only_a_batch_has_an_index_and_only_within"),

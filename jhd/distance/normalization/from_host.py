@@ -2,6 +2,9 @@
 
 What is called is not differentiated; derivatives are attached to its answer outside, by the rules that serve known
 shapes. Of a batch the searches run one after the other.
+
+A search computes on a device of its own (`host_device`): the compiled function that waits for it may occupy all threads
+of its device. JAX would choose the function's device, and what runs on a chosen device is not kept on disk.
 """
 
 from collections.abc import Callable
@@ -9,6 +12,8 @@ from typing import Any
 
 import jax
 import numpy as np
+
+from jhd._runtime.jax_internals import host_device
 
 
 def from_host(function: Callable[..., Any], like: Any, *arguments: Any) -> Any:
@@ -19,9 +24,11 @@ def from_host(function: Callable[..., Any], like: Any, *arguments: Any) -> Any:
         like: shapes and types of its answer, as jax.ShapeDtypeStruct.
         arguments: pytrees of arrays.
     """
+    device = host_device()
 
     def known(*values: Any) -> Any:
-        found = function(*jax.tree_util.tree_map(np.asarray, values))
+        with jax.default_device(device):
+            found = function(*jax.tree_util.tree_map(np.asarray, values))
         return jax.tree_util.tree_map(lambda x, s: np.asarray(x, s.dtype).reshape(s.shape), found, like)
 
     return jax.pure_callback(known, like, *jax.lax.stop_gradient(arguments), vmap_method="sequential")
