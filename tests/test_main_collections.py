@@ -104,7 +104,7 @@ def test_what_is_refused_is_told_in_one_line(run):
         (("nearest", "x", "x**2", "--box", -2, 2, "--plot", "a.png"), "draw no implicit surfaces; leave them out."),
     ],
 )
-def test_bad_options_are_refused_in_one_line(run, arguments, message):
+def test_bad_options_are_refused_in_one_line(run, as_a_user, arguments, message):
     status, out, err = run(*arguments)
     assert (status, out, err.count("\n")) == (2, "", 1) and message in err
 

@@ -39,8 +39,8 @@ class BoxTree(NamedTuple):
     levels: tuple[Level, ...]
 
 
-def box_tree(corners: Float[np.ndarray, "triangles 3 3"]) -> BoxTree:
-    """The tree over triangles; boxes are exact."""
+def box_tree(corners: Float[np.ndarray, "triangles corners 3"]) -> BoxTree:
+    """The tree over triangles, or over other parts by their control points; boxes are exact."""
     lower, upper = corners.min(axis=1), corners.max(axis=1)
     order = _sorted(0.5 * lower + 0.5 * upper)
     ends = np.concatenate([lower, upper], axis=1)[order]

@@ -206,7 +206,7 @@ def test_steps_that_are_used_up_and_interruption_leave_true_bounds():
 
     def interrupting(report):
         reports.append(report)
-        if report.steps == 1:
+        if report.done == 1:
             raise KeyboardInterrupt
 
     reports = []
@@ -214,7 +214,7 @@ def test_steps_that_are_used_up_and_interruption_leave_true_bounds():
     assert stopped.result == RESULTS.interrupted
     for found in (few, stopped):
         assert float(found.lower) <= float(full.lower) <= float(full.upper) <= float(found.upper) + 1e-10
-    assert [report.steps for report in reports] == [0, 1]
+    assert [report.done for report in reports] == [0, 1]
     assert reports[1].lower <= float(full.upper) and reports[1].upper >= float(full.lower)
 
 
