@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+__all__ = ["Callback", "Progress"]
+
 
 class Progress(NamedTuple):
     """Progress of a call.
@@ -27,3 +29,4 @@ class Progress(NamedTuple):
 
 
 Callback = Callable[[Progress], object]
+"""A function that is called with a Progress from time to time."""

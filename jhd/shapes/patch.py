@@ -71,7 +71,7 @@ class PatchMesh(Approximation[TriangleMesh]):
     def on(self, surface: "AbstractPatch") -> TriangleMesh:
         """The same triangles with their corners at the same parameters of another surface; differentiable in it.
 
-        `deviation` holds only for the surface that the mesh was made for.
+        The deviation holds only for the surface that the mesh was made for.
 
         Args:
             surface: a parametric surface with at least as many patches as the original.
