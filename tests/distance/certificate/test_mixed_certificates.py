@@ -223,7 +223,7 @@ def test_pairs_of_every_kind_have_certificates_of_what_samples_say(first, second
     a, b = shape(first, 0), shape(second, 1, height=1.7)
     plain = [plain_shape(x) for x in (a, b)]
     value = sampled_distance({"claim": {"kind": "two_sided"}, "a": plain[0], "b": plain[1]}, (13, 25))
-    nowhere = dataclasses.replace(solutions[0].witness, segment=jnp.asarray(-1))
+    nowhere = dataclasses.replace(solutions[0].witness, element=jnp.asarray(-1))
     bounds = {name: jnp.asarray(value) for name in ("value", "lower", "upper")}
     found = certify(a, b, dataclasses.replace(solutions[0], witness=nowhere, **bounds), slack=SAMPLING)
     assert found.verify()[:3] == ("two_sided", value - SAMPLING, value + SAMPLING)
