@@ -10,7 +10,7 @@ from jhd.io.polygons import merged
 from jhd.shapes.mesh import TriangleMesh
 
 # A file of some kilobytes can place a mesh again and again.
-_MOST_PARTS, _MOST_TRIANGLES = 100_000, 20_000_000
+_MOST_PARTS, _MOST_TRIANGLES = 20_000, 20_000_000
 
 
 class ScenePart(NamedTuple):
