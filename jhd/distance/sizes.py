@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from jhd._results.unproven import NotProvenError
-from jhd._runtime.arrays import is_traced, real_array
+from jhd._runtime.arrays import check_scalar, check_whole, is_traced, real_array
 from jhd.decimals import interval_text
 from jhd.distance.cells.arc_length_area import FlatCells
 from jhd.distance.deviation import in_space, measured_in, user_measure
@@ -46,6 +46,7 @@ def arc_length(curve: Any, *, rtol: Numbers = 1e-6, atol: Numbers | None = None,
 
     Raises:
         TypeError: another shape than a curve, or a traced one.
+        ValueError: a tolerance that is negative or not one number, or `max_cells` below 16.
         NotProvenError: `max_cells` were not enough. The exception carries the bounds reached.
     """
     curve = taken_as("curve", curve)
@@ -78,11 +79,14 @@ def surface_area(
 
     Raises:
         TypeError: another shape than a mesh or a parametric surface, or a traced one.
+        ValueError: a tolerance that is negative or not one number, or `max_cells` below 16.
         NotProvenError: `max_cells` were not enough. The exception carries the bounds reached.
     """
     surface = taken_as("surface", surface)
     if not isinstance(surface, TriangleMesh | AbstractPatch):
         raise TypeError(f"surface is a {type(surface).__name__}; needs a mesh or a parametric surface.")
+    if isinstance(surface, AbstractPatch) and min(surface.patches().degrees) == 0:
+        return Bounds(0.0, 0.0)
     return _closed(surface, rtol, atol, max_cells)
 
 
@@ -90,13 +94,20 @@ def _closed(shape: Any, rtol: Any, atol: Any, max_cells: int) -> Bounds:
     """Cells are cut until the sum of their measures is known to a tolerance."""
     if is_traced(shape):
         raise TypeError("the shape is traced; its cells depend on its numbers, so these must be known.")
-    relative, shape = float(real_array("rtol", rtol)), in_space(shape)
+    given, relative = None if atol is None else real_array("atol", atol), real_array("rtol", rtol)
+    check_scalar("rtol", relative)
+    check_scalar("atol", given)
+    check_whole("max_cells", max_cells, 16)
+    relative, shape = float(relative), in_space(shape)
     pair = together(shape, shape)
     source = measured_in(shape, pair.a, pair.moved, None)
     diagonal = float(diagonal_of(shape))
     if diagonal == 0:  # all control points are one
         return Bounds(0.0, 0.0)
-    absolute = _SHARE * diagonal**source.dimension if atol is None else float(real_array("atol", atol))
+    with np.errstate(over="ignore", under="ignore"):
+        share = _SHARE * np.float64(diagonal) ** source.dimension
+    # Bounds of a measure below the normal numbers are one of these apart at least.
+    absolute = max(float(share), np.finfo(np.float64).tiny) if given is None else float(given)
     cells = source.cover()
     flat = source.flat(cells)
     while True:

@@ -1,6 +1,7 @@
 """Lengths and areas of closed forms lie between their bounds, at every size, and what has none is refused."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,6 +36,11 @@ def test_areas_of_a_cylinder_and_of_a_mesh_are_those_of_closed_forms():
     for surface, exact in ((CYLINDER, 1.5 * math.pi), (mesh, 3.0)):
         found = jhd.surface_area(surface)
         assert found.lower <= exact <= found.upper <= found.lower * (1 + 1.1e-4)
+    corners = np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]])
+    for scale in (2.0**-600, 2.0**600):  # the area underflows and overflows
+        found = jhd.surface_area(jhd.TriangleMesh(scale * corners, [[0, 1, 2]]))
+        assert found.lower <= 2 * min(scale, 1e154) * min(scale, 1e154) <= found.upper
+    assert float(jhd.surface_area(jhd.BezierPatch([[[0, 0, 0], [1, 0, 0]]]))) == 0
 
 
 def test_what_has_no_length_or_area_is_refused_and_an_open_gap_is_an_error():
@@ -44,6 +50,14 @@ def test_what_has_no_length_or_area_is_refused_and_an_open_gap_is_an_error():
         jhd.arc_length(jhd.point_set([(0, 0)]))
     with pytest.raises(TypeError, match="surface is a Bezier.*; needs a mesh or a parametric surface"):
         jhd.surface_area(jhd.circle((0, 0), 1.0))
+    refused: dict[str, Any] = {
+        "rtol is -1": {"rtol": -1},
+        "atol has shape": {"atol": [1, 2]},
+        "max_cells is 0": {"max_cells": 0},
+    }
+    for message, options in refused.items():
+        with pytest.raises(ValueError, match=message):
+            jhd.arc_length(jhd.circle((0, 0), 1.0), **options)
     with pytest.raises(jhd.NotProvenError, match="64 cells prove .* only") as caught:
         jhd.arc_length(jhd.circle((0, 0), 1.0), rtol=1e-12, max_cells=64)
     assert caught.value.solution.lower <= 2 * math.pi <= caught.value.solution.upper
